@@ -1,0 +1,55 @@
+"""fastcoil: closed-loop emulation of coil valves with backlash, thousands of loops at once.
+
+Names are loaded on first use: ``import fastcoil`` costs nothing but this file.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fastcoil.boundary import Boundary as Boundary
+    from fastcoil.days import constant_day as constant_day
+    from fastcoil.days import design_day as design_day
+    from fastcoil.days import paper_day as paper_day
+    from fastcoil.errors import InputError as InputError
+    from fastcoil.scenario import Loop as Loop
+    from fastcoil.simulate import simulate as simulate
+    from fastcoil.study.runner import open_study as open_study
+    from fastcoil.study.runner import run_study as run_study
+    from fastcoil.trends import weather_day as weather_day
+
+_HOME = {
+    "Boundary": "boundary",
+    "InputError": "errors",
+    "Loop": "scenario",
+    "constant_day": "days",
+    "design_day": "days",
+    "open_study": "study.runner",
+    "paper_day": "days",
+    "run_study": "study.runner",
+    "simulate": "simulate",
+    "weather_day": "trends",
+}
+
+__all__ = [*_HOME, "parameters"]  # noqa: PLE0604
+
+
+def parameters() -> dict[str, Any]:
+    """Every parameter of a loop by name: unit, bounds, default and meaning."""
+    from fastcoil.parameters import PARAMETERS
+
+    return dict(PARAMETERS)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'fastcoil' has no attribute {name!r}")
+    value = getattr(import_module(f"fastcoil.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,245 @@
+"""What acts on the loop from outside, second by second: entering air and water, set-point, recorded noise."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcoil.errors import InputError
+from fastcoil.series import DIFFERENCE, SERIES, Array, Given, Series, Values, read
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LARGEST_DAY_LABEL = 2**32 - 1
+
+
+class Boundary:
+    """The series that act on the loop, in 1-s samples, on one day or several; immutable.
+
+    Parameters
+    ----------
+    m_a, T_a_in, W_a_in, T_w_in, T_set
+        Air flow [kg/s], temperature [degC] and humidity ratio [kg/kg dry air] of the entering air,
+        temperature of the entering water [degC], set-point [degC].  ``W_a_in`` above saturation at ``T_a_in``
+        is legal (mist): sensors report it, and the coil model takes any humidity ratio.
+    noise
+        Recorded noise, added to the measured temperature every second [K]; none if left out.
+    enabled
+        1 where the loop is in operation, 0 where not; 1 throughout if left out.
+    day
+        Labels of the days: distinct whole numbers from 0 to 2**32 - 1; 0, 1, 2, ... if left out.  They, not
+        the order, seed the noise of a day.  One number labels a boundary without a dim ``day``.
+
+    Each series is a number, a 1-D array of 1-s samples, a 2-D array (day, second) or a DataArray with dims
+    ``elapsed_time`` and/or ``day``; at least one must have samples, and all of them equally many.  A
+    DataArray that declares ``units`` is converted from them.  All mistakes are raised together, in one
+    `InputError`.
+    """
+
+    def __init__(self, *, m_a: Values, T_a_in: Values, W_a_in: Values, T_w_in: Values, T_set: Values,
+                 noise: Values = None, enabled: Values = None, day: Values = None) -> None:
+        arguments = {"m_a": m_a, "T_a_in": T_a_in, "W_a_in": W_a_in, "T_w_in": T_w_in, "T_set": T_set,
+                     "noise": noise, "enabled": enabled}
+        problems: list[str] = []
+        given: dict[str, Given] = {}
+        for name, series in SERIES.items():
+            try:
+                given[name] = read(series, arguments[name])
+            except InputError as error:
+                problems += error.problems
+        n_steps = _size_of("elapsed_time", "samples", given, problems)
+        n_days = _size_of("day", "days", given, problems)
+        if n_steps is None and not problems:
+            problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
+        labels = _labels(given, problems) if day is None else _label_array(day, problems)
+        if labels is None:
+            labels = np.arange(n_days) if n_days else np.asarray(0)
+        elif n_days is not None and labels.size != n_days:
+            problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
+        for name, one in given.items():
+            problems += _value_problems(SERIES[name], one, labels)
+        if problems:
+            raise InputError(problems)
+        self._has_day_dim = bool(n_days or labels.ndim)
+        self._day = _frozen(np.atleast_1d(labels).astype(np.int64))
+        shape = self._day.size, n_steps or 0
+        self._series = {name: _frozen(one.spread(*shape)) for name, one in given.items()}
+
+    @property
+    def series(self) -> dict[str, Array]:
+        """All seven series by name, each float64 (n_days, n_steps), read-only."""
+        return dict(self._series)
+
+    @property
+    def day(self) -> NDArray[np.int64]:
+        """Labels of the days, (n_days,), read-only."""
+        return self._day
+
+    @property
+    def has_day_dim(self) -> bool:
+        """Whether results have a dim ``day``."""
+        return self._has_day_dim
+
+    @property
+    def n_days(self) -> int:
+        return self._day.size
+
+    @property
+    def n_steps(self) -> int:
+        """Number of 1-s steps."""
+        return int(self._series["m_a"].shape[1])
+
+    @property
+    def hours(self) -> float:
+        return self.n_steps / 3600
+
+    @functools.cached_property
+    def sha256(self) -> str:
+        """Digest of the day labels and of every name and sample."""
+        digest = hashlib.sha256(f"boundary 1 {self._has_day_dim} {self.n_days} {self.n_steps}".encode())
+        digest.update(self._day.astype("<i8").tobytes())
+        for name, values in self._series.items():
+            digest.update(name.encode())
+            digest.update(values.astype("<f8", copy=False).tobytes())
+        return digest.hexdigest()
+
+    def describe(self) -> str:
+        """One line: the length, the days, and the range of every series that is not at its default."""
+        ranges = []
+        for name, values in self._series.items():
+            low, high, unit = values.min(), values.max(), SERIES[name].unit
+            if not low == high == SERIES[name].default:
+                span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+                ranges.append(f"{name} {span}{'' if unit == '1' else ' ' + unit}")
+        return f"{self._extent}: {', '.join(ranges)}"
+
+    @property
+    def _extent(self) -> str:
+        return f"{self.hours:g} h" + (f" x {self.n_days} days" if self._has_day_dim else "")
+
+    def __repr__(self) -> str:
+        return f"<fastcoil.Boundary {self._extent}, sha256 {self.sha256[:8]}>"
+
+    def __eq__(self, other: object) -> bool:
+        return self.sha256 == other.sha256 if isinstance(other, Boundary) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
+    def __reduce__(self) -> tuple[Callable[[], Boundary], tuple[()]]:
+        # Through the constructor, because a pickled array comes back writeable.
+        return functools.partial(Boundary, **self._rows(), day=self._rows_of(self._day)), ()
+
+    def _rows_of(self, values: NDArray[Any]) -> NDArray[Any]:
+        return values if self._has_day_dim else values[0]
+
+    def _rows(self) -> dict[str, Array]:
+        return {name: self._rows_of(values) for name, values in self._series.items()}
+
+    def to_dataset(self) -> xr.Dataset:
+        """The series as a Dataset with dims (``day``,) ``elapsed_time``, units and long names."""
+        import xarray as xr
+
+        dims = ("day", "elapsed_time") if self._has_day_dim else ("elapsed_time",)
+        rows = self._rows().items()
+        variables = {name: (dims, values.copy(), _attributes(SERIES[name])) for name, values in rows}
+        seconds = np.arange(self.n_steps, dtype=np.float64)
+        return xr.Dataset(variables, {
+            "elapsed_time": ("elapsed_time", seconds, {"units": "s", "long_name": "time since the start"}),
+            "day": (dims[:-1], self._rows_of(self._day), {"long_name": "label of the day"}),
+        })
+
+    @classmethod
+    def from_dataset(cls, ds: xr.Dataset) -> Boundary:
+        """Inverse of `to_dataset`; variables of other names are left alone.
+
+        Strict: ``elapsed_time`` in steps of 1 s (from any start), and a ``units`` attribute on every series.
+        """
+        problems = [
+            f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})"
+            for name, series in SERIES.items() if name in ds and "units" not in ds[name].attrs
+        ]
+        if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
+            problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
+        try:
+            boundary = cls(**{name: ds.get(name) for name in SERIES})
+        except InputError as error:
+            problems += error.problems
+        if problems:
+            raise InputError(problems)
+        return boundary
+
+    @classmethod
+    def from_csv(cls, path: str | Path, **options: Any) -> Boundary:
+        """Read a trend log: see `fastcoil.trends.read_trend_log` for the format and the options."""
+        from fastcoil.trends import read_trend_log
+
+        return read_trend_log(path, **options)
+
+
+def _size_of(dim: str, word: str, given: dict[str, Given], problems: list[str]) -> int | None:
+    """Size of ``dim``, None if no series has it; series that differ from the first are problems."""
+    having = {name: one for name, one in given.items() if dim in one.dims}
+    sizes: dict[str, int] = {name: one.values.shape[one.dims.index(dim)] for name, one in having.items()}
+    if not sizes:
+        return None
+    first, size = next(iter(sizes.items()))
+    problems += [f"{name} has {other} {word} where {first} has {size}: give every series as many"
+                 for name, other in sizes.items() if other != size]
+    return size
+
+
+def _labels(given: dict[str, Given], problems: list[str]) -> NDArray[Any] | None:
+    """The day labels that the series themselves carry as a coordinate, None if none does."""
+    carried = {name: one.day for name, one in given.items() if one.day is not None}
+    carried = {name: day for name, day in carried.items() if day.ndim} or carried
+    if not carried:
+        return None
+    first, labels = next(iter(carried.items()))
+    problems += [f"{name} has day {day!s:.40} where {first} has {labels!s:.40}: align them, or give day=..."
+                 for name, day in carried.items() if not np.array_equal(day, labels)]
+    return _label_array(labels, problems)
+
+
+def _label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
+    labels = np.asarray(day)
+    numbers = labels.dtype.kind in "iuf" and labels.ndim < 2 and labels.size > 0
+    if not numbers or np.any((labels != np.rint(labels)) | (labels < 0) | (labels > LARGEST_DAY_LABEL)):
+        problems.append(f"day = {day!r:.60}: give whole numbers, 0 to {LARGEST_DAY_LABEL}, one for each day")
+        return None
+    values, counts = np.unique(labels, return_counts=True)
+    if counts.max() > 1:
+        problems.append(f"day label {values[counts.argmax()]} stands twice: give each day its own label")
+        return None
+    return labels
+
+
+def _value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
+    bad = series.is_bad(given.values)
+    if not bad.any():
+        return []
+    first = np.unravel_index(int(np.argmax(bad)), bad.shape)
+    where = dict(zip(given.dims, first, strict=True))
+    text = f" at second {where['elapsed_time']}" if "elapsed_time" in where else ""
+    if "day" in where:
+        i = where["day"]
+        text += f" of day {labels[i] if labels.ndim and i < labels.size else i}"
+    return [series.sentence(float(given.values[first]), text, int(bad.sum()))]
+
+
+def _attributes(series: Series) -> dict[str, str]:
+    attrs = {"units": series.unit, "long_name": series.long_name}
+    # CF-1.11: a difference in K is not a temperature in K.
+    return attrs | {"units_metadata": "temperature: difference"} if series.units is DIFFERENCE else attrs
+
+
+def _frozen(values: NDArray[Any]) -> NDArray[Any]:
+    values.flags.writeable = False
+    return values

@@ -1,0 +1,24 @@
+"""The PI law in front of the inverse (Fig 6): valve opening wanted for a temperature error."""
+
+from __future__ import annotations
+
+from fastcoil.numerics.jit import scalar
+
+
+@scalar
+def clipped(x):
+    """x limited to 0–1."""
+    x = 0.0 if x < 0.0 else x
+    return 1.0 if x > 1.0 else x
+
+
+@scalar
+def integrated(integral, e, ki):
+    """Integral part at a controller sample, 0–1; ki = K_p T_s / T_i, 1/K.  Added to before use."""
+    return clipped(integral + ki * e)
+
+
+@scalar
+def desired_opening(e, integral, kp):
+    """PI output u, 0–1.  e: T - T_set (cooling), T_set - T (heating), K."""
+    return clipped(kp * e + integral)

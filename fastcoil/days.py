@@ -1,0 +1,282 @@
+"""Ready-made days: the paper's kind of day, a constant day, and an ASHRAE design day."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.boundary import LARGEST_DAY_LABEL, Boundary
+from fastcoil.errors import InputError
+from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
+from fastcoil.parameters import PARAMETERS, Parameter
+from fastcoil.series import Array, Values
+
+MOST_SAMPLES = 50_000_000
+"""Most 1-s samples of one series over all days (3 GB for the seven series)."""
+
+_TABLE = (
+    Parameter("hours", "boundary", "h", 8.0, "length of the day", 0.0, 8760.0, open_lower=True),
+    Parameter("T_a_in", "boundary", "degC", 25.0, "entering air temperature", -40.0, 60.0),
+    Parameter("relative_humidity", "boundary", "1", 0.56, "relative humidity of the entering air", 0.0, 1.0),
+    Parameter("T_design", "boundary", "degC", None, "outdoor design temperature", -40.0, 60.0),
+    Parameter("T_daily_range", "boundary", "K", None, "daily range of the outdoor temperature", 0.0, 40.0),
+    Parameter("T_wet_bulb", "boundary", "degC", None, "wet bulb at the design temperature", -40.0, 40.0),
+    Parameter("outdoor_fraction", "boundary", "1", 0.3, "share of outdoor air in the dry air", 0.0, 1.0),
+    Parameter("T_return", "boundary", "degC", None, "return air temperature", -20.0, 60.0),
+    Parameter("RH_return", "boundary", "1", None, "relative humidity of the return air", 0.0, 1.0),
+    Parameter("W_return", "boundary", "1", None, "humidity ratio of the return air", 0.0, 0.1),
+    Parameter("start_hour", "boundary", "h", 9.0, "hour of the day at the start", 0.0, 24.0),
+    Parameter("start", "boundary", "h", 0.0, "hours from the first row of a log to the start", 0.0, 8784.0),
+    Parameter("max_gap", "boundary", "s", None, "longest step of a log that is bridged", 1.0),
+    PARAMETERS["pressure"],
+)
+CONDITIONS = {p.name: p for p in _TABLE}
+"""The numbers that describe a day, each with its unit and bounds."""
+
+
+def require(**values: object) -> None:
+    """Raise one `InputError` for all ``values`` that are not admissible; None passes."""
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
+    problems = [CONDITIONS[name].problem(value) for name, value in plain.items() if value is not None]
+    if any(problems):
+        raise InputError([problem for problem in problems if problem])
+
+
+def whole_seconds(hours: float) -> int:
+    """``hours`` in seconds, or an `InputError` if they are not a whole number of them."""
+    if hours is None:
+        raise InputError("hours is missing: give the length of the day in hours")
+    require(hours=hours)
+    seconds = round(hours * 3600)
+    if abs(hours * 3600 - seconds) > 1e-6 or seconds < 1:
+        raise InputError(f"hours = {hours:g}: give a whole number of seconds (n / 3600)")
+    return seconds
+
+
+# -------------------------------------------------------------------------------------------- the paper's day
+
+SET_POINTS = (14.0, 13.0, 15.0, 14.0, 12.5, 13.5, 15.5, 14.5, 13.0, 12.0, 14.0, 16.0, 15.0, 13.5, 12.5, 14.0)
+"""Set-points of `paper_day`, degC, each held for `SET_POINT_HOLD`, repeated."""
+SET_POINT_HOLD = 1800
+"""Seconds."""
+
+
+class Drift(NamedTuple):
+    """Slow smooth noise of a signal: standard deviation (unit of the signal) and time constant (s)."""
+
+    std: float
+    tau: int
+
+
+DRIFTS = {
+    "m_a": Drift(0.015, 60),
+    "T_a_in": Drift(0.10, 120),
+    "RH": Drift(0.005, 300),
+    "T_w_in": Drift(0.05, 120),
+}
+"""Noise of `paper_day`.  The order numbers the random streams: add at the end only."""
+
+
+def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
+    """A cooling day like those of the paper: set-point steps every half hour, slow swings, smooth noise.
+
+    Air 1.15 + 0.18 D kg/s, 25 + 1.5 D degC, relative humidity 0.56 - 0.05 D, with D(h) = sin(pi (h - 1)/9) up
+    to h = 8 hours from the start, mirrored there and at every further multiple of 8 h; water
+    7 + 0.4 sin(2 pi h/1.5) degC.  Each carries noise as in `DRIFTS`; the humidity ratio is that at 101325 Pa.
+    The paper publishes no series: this is a generic day.
+
+    Parameters
+    ----------
+    hours
+        Length, a whole number of seconds.  A shorter day is the beginning of a longer one, to the bit.
+    seed
+        Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
+    """
+    n_steps = whole_seconds(hours)
+    seeds = _distinct_seeds(seed, n_steps)
+    h = np.arange(n_steps) / 3600
+    D = np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)
+    noise = {name: np.array([smooth_noise(n_steps, drift, (s, i)) for s in seeds])
+             for i, (name, drift) in enumerate(DRIFTS.items())}
+    T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
+    several = not isinstance(seed, int | np.integer)
+    rows = slice(None) if several else 0
+    return Boundary(
+        m_a=(1.15 + 0.18 * D + noise["m_a"])[rows],
+        T_a_in=T_a_in[rows],
+        W_a_in=humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"])[rows],
+        T_w_in=(7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"])[rows],
+        T_set=np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)],
+        day=seeds if several else None,
+    )
+
+
+def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
+    """Gaussian noise through two equal first-order filters, 1-s samples, (n_steps,).
+
+    ``stream`` (seed, number of the signal) names the random stream.  The filters start 10 time constants
+    early, from zero; the scale is the theoretical standard deviation: that of the samples differs a little.
+    """
+    from scipy.signal import lfilter
+
+    seed, number = stream
+    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
+    lead = 10 * drift.tau
+    a = np.exp(-1.0 / drift.tau)
+    k = 1.0 - a
+    x = random.standard_normal(lead + n_steps)
+    for _ in range(2):
+        x = lfilter([k], [1.0, -a], x)
+    # The two filters' response to an impulse is k^2 (n + 1) a^n; the sum of its squares:
+    stationary_std = k**2 * np.sqrt((1.0 + a**2) / (1.0 - a**2) ** 3)
+    return np.asarray(x[lead:] * (drift.std / stationary_std))
+
+
+def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
+    wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
+    if isinstance(seed, str | bytes | float) or not isinstance(seed, int | np.integer | Iterable):
+        raise InputError(f"seed = {seed!r:.60}: {wanted}")
+    most = MOST_SAMPLES // n_steps
+    seeds: list[int] = []
+    for one in seed if isinstance(seed, Iterable) else (seed,):
+        whole = isinstance(one, int | np.integer) and not isinstance(one, bool)
+        if not whole or not 0 <= one <= LARGEST_DAY_LABEL:
+            raise InputError(f"seed = {one!r:.60}: {wanted}")
+        if len(seeds) == most:
+            raise InputError(f"seed gives more than {most} days of {n_steps} s: give fewer, or fewer hours")
+        seeds.append(int(one))
+    if not seeds or len(set(seeds)) < len(seeds):
+        twice = next((s for s in seeds if seeds.count(s) > 1), None)
+        raise InputError(f"seed {f'has {twice} twice' if seeds else 'is empty'}: {wanted}")
+    return seeds
+
+
+# --------------------------------------------------------------------------------------------- a constant day
+
+
+def constant_day(
+    hours: float = 8.0,
+    *,
+    m_a: Values = 1.15,
+    T_a_in: float = 25.0,
+    W_a_in: Values = None,
+    relative_humidity: float | None = None,
+    T_w_in: Values = 7.0,
+    T_set: Values = 14.0,
+    pressure: float = 101325.0,
+) -> Boundary:
+    """A day on which nothing happens; the defaults are the centre of `paper_day`.
+
+    The humidity is ``W_a_in`` [kg/kg] or ``relative_humidity`` at ``pressure`` [Pa], else 0.56.
+    ``m_a`` [kg/s], ``W_a_in``, ``T_w_in`` and ``T_set`` [degC] may also be series of 1-s samples.
+    """
+    n_steps = whole_seconds(hours)
+    if W_a_in is None:
+        relative_humidity = 0.56 if relative_humidity is None else relative_humidity
+        require(T_a_in=T_a_in, relative_humidity=relative_humidity, pressure=pressure)
+        W_a_in = humidity_ratio(T_a_in, relative_humidity, pressure)
+    elif relative_humidity is not None:
+        raise InputError("W_a_in and relative_humidity are both given: give one of them")
+    # The one series; it sets the length.
+    enabled = np.ones(n_steps)
+    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, enabled=enabled)
+
+
+# ----------------------------------------------------------------------------------------------- a design day
+
+RANGE_FRACTIONS = (
+    0.88, 0.92, 0.95, 0.98, 1.00, 0.98, 0.91, 0.74, 0.55, 0.38, 0.23, 0.13,
+    0.05, 0.00, 0.00, 0.06, 0.14, 0.24, 0.39, 0.50, 0.59, 0.68, 0.75, 0.82,
+)
+"""How far below the day's maximum the temperature lies at hours 1 ... 24, as a fraction of the daily range.
+
+ASHRAE Handbook - Fundamentals (2009), chapter 14, table 6 (from research project RP-1363).
+"""
+
+
+class Design(NamedTuple):
+    """Outdoor air (degC, K, degC), return air (degC, 1), entering water and set-point (degC)."""
+
+    T_design: float
+    T_daily_range: float
+    T_wet_bulb: float | None
+    T_return: float
+    RH_return: float
+    T_w_in: Values
+    T_set: Values
+
+
+DESIGNS = {
+    "cooling": Design(33.3, 10.5, 23.7, 24.0, 0.50, 7.0, 13.0),
+    "heating": Design(-20.0, 0.0, None, 21.0, 0.30, 60.0, 25.0),
+}
+"""Outdoor air of Chicago O'Hare (WMO 725300): annual design conditions, ASHRAE Fundamentals (2009).
+
+Cooling: 0.4 % dry bulb, mean coincident wet bulb, daily range of the hottest month.  Heating: 99.6 % dry
+bulb, all day, as is the convention for sizing.  Return air, water and set-points are usual values, not
+published ones.
+"""
+DESIGN_PRESSURE = 98934.0
+"""Standard pressure at the station, 201 m, Pa."""
+
+
+def design_day(
+    hours: float = 8.0,
+    mode: str = "cooling",
+    *,
+    start_hour: float = 9.0,
+    T_design: float | None = None,
+    T_daily_range: float | None = None,
+    T_wet_bulb: float | None = None,
+    outdoor_fraction: float = 0.3,
+    T_return: float | None = None,
+    RH_return: float | None = None,
+    m_a: Values = 1.15,
+    T_w_in: Values = None,
+    T_set: Values = None,
+    pressure: float = DESIGN_PRESSURE,
+) -> Boundary:
+    """A design day: outdoor air on ASHRAE's diurnal profile, mixed with return air.
+
+    The outdoor temperature follows `RANGE_FRACTIONS`, straight between the hours.  In cooling ``T_design`` is
+    its maximum (hours 14 and 15), in heating its minimum (hour 5).  The humidity ratio is constant, that of
+    ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but at most saturated.  What
+    is left out stands in `DESIGNS`; heating has no daily range there: give one for a day that varies.
+    Nothing here is faster than the hourly profile.
+
+    Parameters
+    ----------
+    hours, mode, start_hour
+        Length [h]; ``cooling`` or ``heating``; hour of the day (0 to 24, solar time) of the first sample.
+    T_design, T_daily_range, T_wet_bulb
+        Outdoor air: design temperature [degC], daily range [K], wet bulb at the design temperature [degC].
+    outdoor_fraction, T_return, RH_return
+        Share of outdoor air in the dry air of the mixture; return air [degC, 1].
+    m_a, T_w_in, T_set
+        Air flow [kg/s], entering water [degC] and set-point [degC]: numbers or series of 1-s samples.
+    pressure
+        Barometric pressure [Pa].
+    """
+    if mode not in DESIGNS:
+        raise InputError(f"mode = {mode!r}: choose {' or '.join(map(repr, DESIGNS))}")
+    n_steps = whole_seconds(hours)
+    given = {"T_design": T_design, "T_daily_range": T_daily_range, "T_wet_bulb": T_wet_bulb,
+             "T_return": T_return, "RH_return": RH_return, "T_w_in": T_w_in, "T_set": T_set}
+    d = DESIGNS[mode]._replace(**{name: value for name, value in given.items() if value is not None})
+    require(start_hour=start_hour, T_design=d.T_design, T_daily_range=d.T_daily_range,
+            T_wet_bulb=d.T_wet_bulb, outdoor_fraction=outdoor_fraction, T_return=d.T_return,
+            RH_return=d.RH_return, pressure=pressure)
+    wet_bulb = d.T_design if d.T_wet_bulb is None else d.T_wet_bulb
+    if wet_bulb > d.T_design:
+        raise InputError(f"T_wet_bulb = {wet_bulb:g} degC is above T_design = {d.T_design:g} degC: lower it")
+    clock = (start_hour + np.arange(n_steps) / 3600) % 24.0
+    below = np.interp(clock, np.arange(25), (RANGE_FRACTIONS[-1], *RANGE_FRACTIONS))
+    T_max = d.T_design if mode == "cooling" else d.T_design + d.T_daily_range
+    T_out = T_max - below * d.T_daily_range
+    W_design = humidity_ratio_from_wet_bulb(d.T_design, wet_bulb, pressure)
+    W_out = np.minimum(W_design, saturation_humidity_ratio(T_out, pressure))
+    W_return = humidity_ratio(d.T_return, d.RH_return, pressure)
+    T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, d.T_return, W_return)
+    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=d.T_w_in, T_set=d.T_set)

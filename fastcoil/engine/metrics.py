@@ -1,0 +1,127 @@
+"""The metrics of a run, summed while it goes: one number per scenario and metric, no traces.
+
+``account_*`` add what one second contributes; ``summarise`` turns the sums into the rows of ``METRICS``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.engine.lanes import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
+from fastcoil.engine.schedule import (
+    IN_ESTIMATE_WINDOW,
+    IN_PEAK_BLOCK,
+    PEAK_BLOCK_ENDS,
+    SETTLED,
+    WINDOW_ENDS,
+    WINDOW_STARTS,
+)
+from fastcoil.numerics.jit import scalar, section
+from fastcoil.outputs import METRICS, PEAK_BLOCK, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
+
+N_METRICS = len(METRICS)
+(
+    RMSE, RMSE_SETTLED, IAE, HUNTING_AMPLITUDE, HUNTING_PERIOD, SWITCH_FREQUENCY, STEM_TRAVEL, MOTOR_TRAVEL, REVERSALS,
+    ESTIMATE_FINAL, ESTIMATE_SETTLED, LEARN_TIME_REACHED, LEARN_TIME_CONFIRMED, LEARN_TIME_FIRST_DOWN,
+    ESTIMATE_FIRST_DOWN, COIL_ENERGY, COIL_PEAK_POWER, WATER_VOLUME, CONDENSATE,
+) = range(N_METRICS)  # fmt: skip
+
+MOVED = 1e-9
+"""Change of opening, fraction, that counts as a movement of the stem."""
+T_CENTRE, T_HALF_RANGE = 50.0, 100.0
+"""Temperatures outside -50…150 °C are out of range."""
+_WATER_DENSITY = 1000.0
+
+
+@section
+def account_travel(S, j, d_opening, d_position):
+    """Stem and motor travel and reversals of lane j from one second's movements, fractions of stroke."""
+    S[R.stem_travel + j] += abs(d_opening)
+    S[R.motor_travel + j] += abs(d_position)
+    moved = abs(d_opening) > MOVED
+    turn = 1.0 if d_opening > 0.0 else -1.0
+    S[R.reversals + j] += 1.0 if moved and turn * S[R.last_turn + j] < 0.0 else 0.0
+    S[R.last_turn + j] = turn if moved else S[R.last_turn + j]
+
+
+@section
+def account_second(S, V, flags, T_set, T_w_in, n_volumes):
+    """All that one counted second adds: control error, hunting, energy."""
+    first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
+    for j in range(LANES):
+        e = first[T_A + j] - T_set
+        S[R.sum_e2 + j] += e * e
+        S[R.sum_abs_e + j] += abs(e)
+        S[R.sum_m_w + j] += S[R.m_w + j]
+        S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (last[T_W + j] - T_w_in))
+        S[R.sum_power + j] += S[R.power + j]
+    if flags & WINDOW_STARTS:
+        for j in range(LANES):
+            S[R.highest + j] = first[T_A + j]
+            S[R.lowest + j] = first[T_A + j]
+            S[R.e_previous + j] = 0.0
+    if flags & SETTLED:
+        for j in range(LANES):
+            T = first[T_A + j]
+            e = T - T_set
+            S[R.sum_e2_settled + j] += e * e
+            S[R.crossings + j] += 1.0 if S[R.e_previous + j] < 0.0 and e >= 0.0 else 0.0
+            S[R.e_previous + j] = e
+            S[R.highest + j] = T if T > S[R.highest + j] else S[R.highest + j]
+            S[R.lowest + j] = T if T < S[R.lowest + j] else S[R.lowest + j]
+    if flags & WINDOW_ENDS:
+        for j in range(LANES):
+            S[R.sum_swing + j] += S[R.highest + j] - S[R.lowest + j]
+    if flags & IN_PEAK_BLOCK:
+        for j in range(LANES):
+            S[R.sum_power_block + j] += S[R.power + j]
+    if flags & PEAK_BLOCK_ENDS:
+        for j in range(LANES):
+            mean = S[R.sum_power_block + j] / PEAK_BLOCK
+            S[R.peak_power + j] = mean if mean > S[R.peak_power + j] else S[R.peak_power + j]
+            S[R.sum_power_block + j] = 0.0
+    if flags & IN_ESTIMATE_WINDOW:
+        for j in range(LANES):
+            S[R.sum_estimate + j] += S[R.estimate + j]
+
+
+@scalar
+def status_of(S, V, j, n_volumes):
+    """0 ok, 1 non-finite, 2 out of range.  A lane that has met inf or NaN never becomes finite again."""
+    total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j]
+    for i in range(1, n_volumes + 1):
+        v = i * VOLUME_STRIDE + j
+        total += V[v + T_W] + V[v + T_C] + V[v + T_A] + V[v + W_A]
+    if not np.isfinite(total):
+        return STATUS_NON_FINITE
+    return STATUS_OUT_OF_RANGE if S[R.farthest_T_c + j] > T_HALF_RANGE else STATUS_OK
+
+
+@section
+def summarise(S, V, n_volumes, schedule, metrics, status):
+    """Fill ``metrics`` (N_METRICS, LANES) and ``status`` (LANES,) at the end of a run; failed lanes are NaN."""
+    seconds, settled, blocks = schedule.n_counted, schedule.n_settled, schedule.n_switch_blocks
+    for j in range(LANES):
+        status[j] = status_of(S, V, j, n_volumes)
+        m = metrics[:, j]
+        m[RMSE] = np.sqrt(S[R.sum_e2 + j] / seconds)
+        m[RMSE_SETTLED] = np.sqrt(S[R.sum_e2_settled + j] / settled)
+        m[IAE] = S[R.sum_abs_e + j] / 3600.0
+        m[HUNTING_AMPLITUDE] = S[R.sum_swing + j] / schedule.n_windows
+        m[HUNTING_PERIOD] = settled / S[R.crossings + j] if S[R.crossings + j] >= 2.0 else np.nan
+        m[SWITCH_FREQUENCY] = S[R.sum_switches + j] / blocks
+        m[STEM_TRAVEL] = S[R.stem_travel + j]
+        m[MOTOR_TRAVEL] = S[R.motor_travel + j]
+        m[REVERSALS] = S[R.reversals + j]
+        m[ESTIMATE_FINAL] = S[R.estimate + j]
+        m[ESTIMATE_SETTLED] = S[R.sum_estimate + j] / schedule.n_estimate
+        m[LEARN_TIME_REACHED] = S[R.time_reached + j]
+        m[LEARN_TIME_CONFIRMED] = S[R.time_confirmed + j]
+        m[LEARN_TIME_FIRST_DOWN] = S[R.time_first_down + j]
+        m[ESTIMATE_FIRST_DOWN] = S[R.estimate_first_down + j]
+        m[COIL_ENERGY] = S[R.sum_power + j] / 3600.0
+        m[COIL_PEAK_POWER] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
+        m[WATER_VOLUME] = S[R.sum_m_w + j] / _WATER_DENSITY
+        m[CONDENSATE] = S[R.condensate + j]
+        if status[j] != STATUS_OK:
+            m[:] = np.nan

@@ -1,0 +1,72 @@
+"""Which metrics a second of a day counts towards.
+
+All lanes of a block live the same day, so the seconds that count, settle, or begin and end a block of the
+metrics are known before the loop runs.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.outputs import ESTIMATE_WINDOW, PEAK_BLOCK, SETTLING_TIME, SWITCH_BLOCK
+
+COUNTED = 1
+SETTLED = 2
+WINDOW_STARTS = 4
+WINDOW_ENDS = 8
+IN_SWITCH_BLOCK = 16
+IN_PEAK_BLOCK = 32
+PEAK_BLOCK_ENDS = 64
+IN_ESTIMATE_WINDOW = 128
+
+
+class Schedule(NamedTuple):
+    """``flags`` is (n_steps,) int64, a sum of the constants above; the others count flagged seconds or blocks."""
+
+    flags: np.ndarray
+    n_counted: int
+    n_settled: int
+    n_windows: int
+    n_switch_blocks: int
+    n_peak_blocks: int
+    n_estimate: int
+
+
+def whole_blocks(counted: np.ndarray, warm_up: int, length: int) -> np.ndarray:
+    """Seconds that lie in blocks of ``length`` s from ``warm_up`` on, all of whose seconds are counted."""
+    inside = np.zeros(counted.size, bool)
+    n_blocks = max((counted.size - warm_up) // length, 0)
+    whole = counted[warm_up : warm_up + n_blocks * length].reshape(n_blocks, length).all(axis=1)
+    inside[warm_up : warm_up + n_blocks * length] = np.repeat(whole, length)
+    return inside
+
+
+def schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int) -> Schedule:
+    """Flags of every second of a day.  T_set, °C, and enabled, 0/1: (n_steps,); warm_up: s."""
+    t = np.arange(T_set.size)
+    counted = (t >= warm_up) & (enabled != 0.0)
+    changed = np.diff(T_set, prepend=T_set[0]) != 0.0
+    last_change = np.maximum.accumulate(np.where(changed, t, 0))
+    settled = counted & (t - last_change >= SETTLING_TIME)
+    starts = settled & ~np.concatenate([[False], settled[:-1]])
+    ends = settled & ~np.concatenate([settled[1:], [False]])
+    in_switch_block = whole_blocks(counted, warm_up, SWITCH_BLOCK)
+    in_peak_block = whole_blocks(counted, warm_up, PEAK_BLOCK)
+    peak_ends = in_peak_block & ((t - warm_up) % PEAK_BLOCK == PEAK_BLOCK - 1)
+    in_estimate = counted & (t >= T_set.size - ESTIMATE_WINDOW)
+    flags = (
+        COUNTED * counted + SETTLED * settled + WINDOW_STARTS * starts + WINDOW_ENDS * ends
+        + IN_SWITCH_BLOCK * in_switch_block + IN_PEAK_BLOCK * in_peak_block + PEAK_BLOCK_ENDS * peak_ends
+        + IN_ESTIMATE_WINDOW * in_estimate
+    )  # fmt: skip
+    return Schedule(
+        flags=flags.astype(np.int64),
+        n_counted=int(counted.sum()),
+        n_settled=int(settled.sum()),
+        n_windows=int(starts.sum()),
+        n_switch_blocks=int(in_switch_block.sum()) // SWITCH_BLOCK,
+        n_peak_blocks=int(peak_ends.sum()),
+        n_estimate=int(in_estimate.sum()),
+    )

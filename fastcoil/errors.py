@@ -1,0 +1,49 @@
+"""What a user sees when something is wrong, and the exit codes of the command line."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+EXIT_OK = 0
+EXIT_BUG = 1
+EXIT_INPUT = 2
+EXIT_FAILED_SCENARIOS = 3
+EXIT_STORAGE = 4
+EXIT_LOCKED = 5
+EXIT_INTEGRITY = 6
+EXIT_INTERRUPTED = 130
+
+
+class FastcoilError(Exception):
+    """Base of every error fastcoil raises on purpose; its text is meant for the user."""
+
+    exit_code = EXIT_BUG
+
+
+class InputError(FastcoilError, ValueError):
+    """Bad input.  ``problems`` holds one sentence for each mistake: field, value and cure."""
+
+    exit_code = EXIT_INPUT
+
+    def __init__(self, problems: str | Iterable[str]) -> None:
+        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        super().__init__("\n".join(self.problems))
+
+
+class StorageError(FastcoilError):
+    """A result could not be read or written."""
+
+    exit_code = EXIT_STORAGE
+
+
+class LockedError(FastcoilError):
+    """Another run is writing to the same folder."""
+
+    exit_code = EXIT_LOCKED
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if nothing is near."""
+    match = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
+    return f", did you mean {match[0]!r}?" if match else ""

@@ -1,0 +1,91 @@
+"""The scenarios of a study in one flat order: every loop × day × replicate, made only when asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.boundary import Boundary
+from fastcoil.errors import InputError
+from fastcoil.parameters import PARAMETERS, Scalar
+from fastcoil.scenario import Loop
+
+
+class Layout:
+    """Dimensions of a study and the parameters of its scenarios by flat index (C order; the last dim is fastest).
+
+    The loop's own dimensions come first, then ``day`` if the boundary has that dimension, then ``replicate`` if
+    there are several.
+    """
+
+    def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
+        self.loop = loop
+        self.boundary = boundary
+        self.sizes = dict(loop.sizes)
+        if boundary.has_day_dim:
+            self.sizes["day"] = boundary.n_days
+        if replicates > 1:
+            self.sizes["replicate"] = replicates
+        self.size = math.prod(self.sizes.values())
+        self._swept = {n: (v.dims, v.values) for n, v in loop.swept.items()}
+        problems = list(self._cross_problems())
+        if problems:
+            raise InputError(problems)
+
+    def columns(self, index: np.ndarray) -> dict[str, np.ndarray]:
+        """Every parameter of the scenarios ``index``, (n,) each; NaN where a parameter is not given.
+
+        ``day`` is the position along that dimension, ``replicate`` the replicate's number.
+        """
+        place = dict(zip(self.sizes, np.unravel_index(index, tuple(self.sizes.values())), strict=True)) if self.sizes else {}
+        columns: dict[str, np.ndarray] = {}
+        for name in PARAMETERS:
+            if name in self._swept:
+                dims, values = self._swept[name]
+                columns[name] = values[tuple(place[str(d)] for d in dims)]
+            else:
+                value = self.loop[name]
+                columns[name] = np.full(index.size, math.nan if value is None else value)
+        for dim in ("day", "replicate"):
+            columns[dim] = place.get(dim, np.zeros(index.size, dtype=np.int64))
+        return columns
+
+    def describe(self, flat: int) -> str:
+        """One scenario in words: the labels of its place in the sweep."""
+        labels, swept = self.coordinates(), self.loop.swept
+        place = np.unravel_index(flat, tuple(self.sizes.values())) if self.sizes else ()
+        at = {d: labels[d].values[i] for d, i in zip(self.sizes, place, strict=True)}
+        named = [f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in at.items() if d in swept or d in labels]
+        return ", ".join(named) or "the only scenario"
+
+    def coordinates(self) -> dict[str, xr.DataArray]:
+        """Labels of every dimension and the swept parameters along them."""
+        coordinates = self.loop.coordinates()
+        if "day" in self.sizes:
+            coordinates["day"] = xr.DataArray(self.boundary.day, dims="day")
+        if "replicate" in self.sizes:
+            coordinates["replicate"] = xr.DataArray(np.arange(self.sizes["replicate"]), dims="replicate")
+        return coordinates
+
+    def _cross_problems(self) -> list[str]:
+        """What single parameters cannot show: an estimate of 1 or more, or a learner that starts above its cap."""
+        value: Mapping[str, Scalar | xr.DataArray | None] = {n: self.loop[n] for n in PARAMETERS}
+        problems = []
+        estimate = value["backlash_estimate"]
+        if value["estimate_ratio"] is not None:
+            estimate = value["estimate_ratio"] * value["backlash"]  # type: ignore[operator]
+            worst = float(np.max(estimate))  # type: ignore[arg-type]
+            if worst >= 1.0:
+                problems.append(
+                    f"estimate_ratio × backlash reaches {worst:g}: an estimate must stay below 1, lower estimate_ratio or backlash"
+                )
+        late = (value["learning_step"] > xr.DataArray(0.0)) & (estimate > xr.DataArray(value["learning_cap"]))  # type: ignore[operator]
+        if bool(np.any(late)):
+            problems.append(
+                f"backlash_estimate up to {float(np.max(estimate)):g} with learning_step > 0: the learner cannot start above "  # type: ignore[arg-type]
+                "learning_cap, lower the estimate or raise the cap"
+            )
+        return problems

@@ -1,0 +1,135 @@
+"""Every compiler flag, with its reason, and the cache of compiled kernels.  The only file that says njit.
+
+``scalar``  one formula: floats in, floats out, force-inlined into the loops that call it.
+``section`` a loop over the lanes of a block, force-inlined into its kernel.
+``kernel``  a loop over time and lanes: cached on disk, runs without the GIL.
+``fma``     a*b + c in one rounding, so that the order of roundings is ours and not the optimiser's.
+
+Flags:
+    error_model="numpy"  a division that checks for zero cannot be vectorised.
+    forceinline=True     a call in the loop over lanes keeps it scalar.
+    nogil=True           threads are the only parallelism: no ``parallel=True``, whose threading layers abort
+                         or oversubscribe inside a thread pool.
+    no fastmath          it deletes NaN tests and lets a lane's bits depend on its neighbours.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import sys
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import llvmlite.binding
+import numba
+import numpy as np
+from numba.core import config
+from numba.extending import intrinsic
+
+_FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+_KEPT_CACHES = 4
+JIT_ENABLED = not config.DISABLE_JIT
+
+
+def scalar(function: Callable[..., Any]) -> Any:
+    """Compile one formula, inlined wherever a kernel calls it."""
+    return numba.njit(**_FLAGS, forceinline=True)(function)
+
+
+section = scalar
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a loop, cached on disk under the fingerprint of everything it was compiled from."""
+    folder = cache_folder()
+    if folder is None:
+        return numba.njit(**_FLAGS)(function)
+    # the folder is read once, at decoration: the user's own cached functions keep theirs
+    previous, config.CACHE_DIR = config.CACHE_DIR, str(folder)
+    try:
+        return numba.njit(**_FLAGS, cache=True)(function)
+    finally:
+        config.CACHE_DIR = previous
+
+
+if JIT_ENABLED:
+
+    @intrinsic
+    def fma(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
+        """a*b + c, rounded once."""
+        float64 = numba.types.float64
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            args = [context.cast(builder, x, t, float64) for x, t in zip(args, signature.args, strict=True)]
+            return builder.fma(*args)
+
+        return float64(a, b, c), codegen
+
+else:
+
+    def fma(a: float, b: float, c: float) -> float:
+        """a*b + c, rounded twice: close enough for the interpreter, where no bits are promised."""
+        return a * b + c
+
+
+@cache
+def fingerprint() -> str:
+    """Hash of all that decides what a compiled kernel does.
+
+    Numba invalidates a cached kernel when its own file changes, not when a formula it calls does; a folder
+    named by this hash cannot hold stale physics.
+    """
+    digest = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    for part in ("parameters.py", "outputs.py", "numerics", "physics", "control", "engine"):
+        for source in sorted((package / part).rglob("*.py")) or [package / part]:
+            digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes())
+    settings = [numba.__version__, llvmlite.__version__, np.__version__, sys.version, platform.machine()]
+    settings += [llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()]
+    settings += [f"{k}={v}" for k, v in sorted(os.environ.items()) if k.startswith("NUMBA_") and k != "NUMBA_CACHE_DIR"]
+    digest.update("\n".join(settings).encode())
+    return digest.hexdigest()[:16]
+
+
+def cache_root() -> Path:
+    """Folder that holds one folder of compiled kernels per fingerprint."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "fastcoil" / "kernels"
+
+
+@cache
+def cache_folder() -> Path | None:
+    """The folder of this fingerprint, made if need be; ``None``, with a warning, where nothing can be written."""
+    folder = cache_root() / fingerprint()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / f".probe-{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        warnings.warn(f"kernels are compiled anew in every process: {folder} cannot be written ({error})", stacklevel=2)
+        return None
+    os.utime(folder)
+    _prune(folder)
+    return folder
+
+
+def _prune(current: Path) -> None:
+    """Remove all but the most recently used folders; one in use by another process is merely compiled again."""
+    folders = sorted((f for f in current.parent.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime)
+    for folder in folders[:-_KEPT_CACHES]:
+        if folder != current:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def is_compiled() -> bool:
+    """Whether compiled kernels of this fingerprint lie in the cache, so that nothing need be compiled."""
+    folder = cache_folder()
+    return folder is not None and any(folder.rglob("*.nbc"))

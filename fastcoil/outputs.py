@@ -1,0 +1,88 @@
+"""Every metric and trace once: name, unit, meaning.  The order is that of the kernel's output rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+METRIC_FAILED = float("nan")
+
+STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
+STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
+
+WARM_UP = 1800
+"""Default of the seconds left out of every metric, as in section 2.2 of the paper."""
+SETTLING_TIME = 600
+"""Seconds after a set-point change that the settled metrics leave out."""
+SWITCH_BLOCK = 600
+"""Block of the switch frequency (section 3.3 of the paper: 10-minute blocks), s."""
+PEAK_BLOCK = 900
+"""Averaging time of the peak power, s."""
+ESTIMATE_WINDOW = 7200
+"""Last part of a run over which the estimate is averaged, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """One result variable: ``difference`` marks temperature differences, ``per_volume`` a dim ``volume``."""
+
+    name: str
+    unit: str
+    long_name: str
+    comment: str = ""
+    difference: bool = False
+    per_volume: bool = False
+
+
+METRICS: dict[str, Output] = {
+    m.name: m
+    for m in (
+        Output("rmse", "K", "RMS control error", "sqrt of mean e^2, e = T_sup - T_set, true temperature", difference=True),
+        Output("rmse_settled", "K", "RMS control error, settled",
+               "as rmse, where 600 s have passed since the last set-point change", difference=True),
+        Output("iae", "K h", "integral of absolute control error", "sum of |e| dt / 3600"),
+        Output("hunting_amplitude", "K", "peak-to-peak supply temperature, settled",
+               "mean over settled windows of max - min of T_sup", difference=True),
+        Output("hunting_period", "s", "period of the control error",
+               "settled seconds per upward zero crossing of e; NaN below 2 crossings"),
+        Output("switch_frequency", "1", "mode switches per 10 min", "mean over whole 600-s blocks from the end of the warm-up"),
+        Output("stem_travel", "1", "travel of the valve stem", "sum of |change of opening|, strokes"),
+        Output("motor_travel", "1", "travel of the actuator motor", "sum of |change of position|, strokes"),
+        Output("reversals", "1", "reversals of the valve stem", "sign changes of successive opening changes above 1e-9"),
+        Output("estimate_final", "1", "backlash estimate at the end"),
+        Output("estimate_settled", "1", "mean backlash estimate of the last 7200 s"),
+        Output("learn_time_reached", "s", "time at which the estimate reached the backlash",
+               "first update with estimate >= backlash - step/2; NaN = never (censored)"),
+        Output("learn_time_confirmed", "s", "time at which the learned backlash was confirmed",
+               "first step down at or after learn_time_reached; NaN = never (censored)"),
+        Output("learn_time_first_down", "s", "time of the first step down", "NaN = never (censored)"),
+        Output("estimate_first_down", "1", "backlash estimate after the first step down", "NaN = never (censored)"),
+        Output("coil_energy", "kW h", "heat exchanged by the water", "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating"),
+        Output("coil_peak_power", "kW", "peak heat rate of the water", "largest mean over whole 900-s blocks"),
+        Output("water_volume", "m3", "water through the coil", "at 1000 kg/m3"),
+        Output("condensate", "kg", "condensate", "sum over the volumes of m_a (W_in - W_out) dt"),
+    )
+}
+
+TRACES: dict[str, Output] = {
+    t.name: t
+    for t in (
+        Output("T_sup", "degC", "supply air temperature", "leaves control volume 1"),
+        Output("T_measured", "degC", "measured supply air temperature", "sensor lag, noise and resolution applied"),
+        Output("u", "1", "PI output, desired opening"),
+        Output("integral", "1", "integral part of the PI output"),
+        Output("command", "1", "command to the actuator"),
+        Output("position", "1", "motor position"),
+        Output("opening", "1", "valve opening, Eq (1)"),
+        Output("m_w", "kg s-1", "water flow, Eq (2)"),
+        Output("estimate", "1", "backlash estimate of the inverse"),
+        Output("mode", "1", "mode of the inverse", "-1 falling, +1 rising, 0 open loop or failed"),
+        Output("T_w_out", "degC", "leaving water temperature"),
+        Output("W_sup", "1", "humidity ratio of the supply air", "kg/kg dry air"),
+        Output("wet_volumes", "1", "number of wet control volumes"),
+        Output("power", "kW", "heat rate of the water"),
+        Output("T_w", "degC", "water temperature", "leaving each control volume", per_volume=True),
+        Output("T_c", "degC", "coil material temperature", per_volume=True),
+        Output("T_a", "degC", "air temperature", "leaving each control volume", per_volume=True),
+        Output("W_a", "1", "humidity ratio of the air", "leaving each control volume, kg/kg dry air", per_volume=True),
+    )
+}

@@ -1,0 +1,24 @@
+"""The motor between the controller and the gearbox: input resolution and stroke time.
+
+The paper's actuator has neither (0 = off); real ones take 30 to 150 s for a stroke.
+"""
+
+from __future__ import annotations
+
+from fastcoil.numerics.jit import scalar
+from fastcoil.physics.sensor import quantised
+
+
+@scalar
+def accepted(command, resolution):
+    """Command as the actuator's input sees it, fraction of stroke, at most 1."""
+    target = quantised(command, resolution)
+    return 1.0 if target > 1.0 else target
+
+
+@scalar
+def motor(position, target, max_travel):
+    """Motor position one step on: ``target``, or as near as ``max_travel`` (inf: no limit) lets it come."""
+    low, high = position - max_travel, position + max_travel
+    reached = low if target < low else target
+    return high if reached > high else reached

@@ -1,0 +1,54 @@
+"""The valve: gearbox backlash, Eq (1), and flow curve, Eq (2).  Section 2.1 of the paper."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.numerics.elementary import exp, log, power
+from fastcoil.numerics.jit import scalar
+
+
+@scalar
+def backlash(q, position, x_bl):
+    """Stem position q behind the play of the gearbox, Eq (1).
+
+    The paper carries x, the place within the play, through three branches::
+
+        if   Δcmd >= x_BL - x[t-1]:   x = x_BL;           open = α (cmd - x_BL)            rising
+        elif Δcmd >= -x[t-1]:         x = x[t-1] + Δcmd;  open = α (cmd[t-1] - x[t-1])     in the gap: held
+        else:                         x = 0;              open = α cmd                     falling
+
+    With q = cmd - x all three are one clamp: the stem stays where it is unless a flank of the gear moves it.
+
+    q, position, x_bl: fractions of stroke; position is the motor's (the paper's cmd).
+    """
+    pushed = position - x_bl if q < position - x_bl else q
+    return position if pushed > position else pushed
+
+
+@scalar
+def opening(q, x_bl):
+    """Valve opening α q with α = 1/(1 - x_BL), so that a full command opens fully.  Eq (1)."""
+    return q / (1.0 - x_bl)
+
+
+@scalar
+def water_flow(open, m_max, a, b, c):
+    """Water flow m_w at an opening, Eq (2), kg/s.
+
+    open: fraction; m_max: kg/s, the asymptote; a: asymmetry; b: growth rate per unit opening; c: opening of
+    steepest growth.
+    """
+    return m_max * power(1.0 + a * exp(-b * (open - c)), -1.0 / a)
+
+
+@scalar
+def installed_valve(rangeability, authority, m_full):
+    """(m_max, a, b, c) of Eq (2) for an equal-percentage valve of given authority.
+
+    The installed flow m_full [(1 - N) + N R^(2(1 - open))]^(-1/2) at a constant total pressure difference
+    is Eq (2) with a = 2, exactly.  rangeability R > 1; authority 0 < N < 1; m_full: flow at full opening, kg/s.
+    """
+    b = 2.0 * log(rangeability)
+    c = 1.0 + log(authority / (2.0 * (1.0 - authority))) / b
+    return m_full / np.sqrt(1.0 - authority), 2.0, b, c

@@ -1,0 +1,169 @@
+"""Hourly weather, mixed with return air, as the air that enters the coil."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fastcoil.boundary import Boundary
+from fastcoil.days import require, whole_seconds
+from fastcoil.errors import InputError
+from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_dew_point, mix
+from fastcoil.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Array, Series, Values
+from fastcoil.table import Table
+
+WEATHER_COLUMNS = {
+    s.name: (s, header, unit)
+    for s, header, unit in (
+        (Series("hour_of_year", "hour of the year", NUMBER, 1, 8784, whole=True), "hour_of_year", "1"),
+        (Series("month", "month", NUMBER, 1, 12, whole=True), "month", "1"),
+        (Series("day", "day of the month", NUMBER, 1, 31, whole=True), "day", "1"),
+        (Series("hour", "hour of the day", NUMBER, 0, 24, whole=True), "hour", "1"),
+        (Series("T_drybulb", "outdoor temperature", TEMPERATURE, -40.0, 60.0), "T_drybulb_C", "degC"),
+        (Series("T_dewpoint", "outdoor dew point", TEMPERATURE, -60.0, 50.0), "T_dewpoint_C", "degC"),
+        (Series("RH", "outdoor relative humidity", FRACTION, 0.0, 1.0), "RH_pct", "percent"),
+        (Series("p", "barometric pressure", PRESSURE, 50e3, 110e3), "p_Pa", "Pa"),
+    )
+}
+"""What a column of a weather file may be, with its usual header and the unit of that."""
+
+
+def weather_day(
+    path: str | Path,
+    *,
+    m_a: Values,
+    T_w_in: Values,
+    T_set: Values,
+    outdoor_fraction: float,
+    T_return: float,
+    RH_return: float | None = None,
+    W_return: float | None = None,
+    hours: float = 8.0,
+    start_hour: int | None = None,
+    month: int | None = None,
+    day: int | None = None,
+    hour: int | None = None,
+    days: Sequence[int] | None = None,
+    pressure: float | None = None,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Boundary:
+    """Hourly weather, mixed with return air, as the air that enters the coil.
+
+    A row holds at the full hour it names (hour 1 is 01:00); between rows the values run straight, and a
+    warning says what this cannot show.  The humidity is that of the dew point if the file has one, else of
+    the relative humidity.  The mixture keeps dry air, water and enthalpy.
+
+    Parameters
+    ----------
+    m_a, T_w_in, T_set
+        Air flow [kg/s], entering water [degC] and set-point [degC]: numbers or series of 1-s samples.
+    outdoor_fraction
+        Share of outdoor air in the dry air of the mixture, 0 to 1.
+    T_return, RH_return, W_return
+        Return air: temperature [degC], and relative humidity [1] or humidity ratio [kg/kg].
+    hours
+        Length of the day [h].
+    start_hour
+        First hour as an hour of the year, from 1.  Or give ``month``, ``day`` and ``hour`` as the file has
+        them.  Or ``days``, several days of the year from 1, and ``hour``: a dim ``day`` with those labels.
+    pressure
+        Barometric pressure [Pa]; that of the file if left out, 101325 if it has none.
+    columns, units
+        Headers and units that differ from `WEATHER_COLUMNS`.
+    """
+    n_steps = whole_seconds(hours)
+    require(outdoor_fraction=outdoor_fraction, T_return=T_return, RH_return=RH_return, W_return=W_return,
+            pressure=pressure)
+    if (RH_return is None) == (W_return is None):
+        raise InputError("RH_return and W_return: give one of them")
+    weather = _weather(Table.read(path), columns, units)
+    p = weather.get("p", 101325.0) if pressure is None else pressure
+    if "T_dewpoint" in weather:
+        W_out = humidity_ratio_from_dew_point(weather["T_dewpoint"], p)
+    else:
+        W_out = humidity_ratio(weather["T_drybulb"], weather["RH"], p)
+    starts = _start_hours(weather, Path(path).name, n_steps, start_hour, month, day, hour, days)
+    at = np.add.outer(starts, np.arange(n_steps) / 3600)
+    T_out, W_out, p_at = (np.interp(at, weather["hour_of_year"], np.broadcast_to(values, W_out.shape))
+                          for values in (weather["T_drybulb"], W_out, p))
+    W_back: Values = W_return if RH_return is None else humidity_ratio(T_return, RH_return, p_at)
+    T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, T_return, W_back)
+    warnings.warn("hourly weather is interpolated to 1 s: it says nothing about disturbances faster than an "
+                  "hour", UserWarning, stacklevel=2)
+    rows = slice(None) if days is not None else 0
+    return Boundary(m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=days)
+
+
+def _weather(
+    table: Table, columns: Mapping[str, str] | None, units: Mapping[str, str] | None
+) -> dict[str, Array]:
+    """The columns of a weather file that there are, checked, by name."""
+    columns, units = dict(columns or {}), dict(units or {})
+    table.check_names("columns", columns, WEATHER_COLUMNS)
+    table.check_names("units", units, WEATHER_COLUMNS)
+    found = table.renamed(columns)
+    for name, (_, header, unit) in WEATHER_COLUMNS.items():
+        column = table.column(header)
+        if name not in columns and column is not None:
+            found[name] = column
+            units.setdefault(name, unit)
+    for name in ("hour_of_year", "T_drybulb"):
+        if name not in found and name not in columns:
+            header = WEATHER_COLUMNS[name][1]
+            table.problems.append(f"{name} is missing: add a column {header!r}, or name one in columns")
+    if not {"T_dewpoint", "RH"} & {*found, *columns}:
+        table.problems.append("T_dewpoint and RH are both missing: add or name a column for one of them")
+    table.stop_if_wrong()
+    weather = {name: table.numbers(WEATHER_COLUMNS[name][0], column, units.get(name))
+               for name, column in found.items()}
+    jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
+    if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
+        row = table.row_numbers[jump]
+        table.problems.append(f"hour_of_year does not rise by 1 from row {row} to the next: give every hour")
+    table.stop_if_wrong()
+    return weather
+
+
+def _start_hours(weather: Mapping[str, Array], file: str, n_steps: int, start_hour: int | None,
+                 month: int | None, day: int | None, hour: int | None, days: Sequence[int] | None) -> Array:
+    """Hours of the year at which the days start, (n_days,)."""
+    ways = {
+        "start_hour": start_hour is not None,
+        "month, day and hour": month is not None or day is not None,
+        "days and hour": days is not None,
+    }
+    if sum(ways.values()) != 1:
+        raise InputError(f"the start is given in {sum(ways.values())} ways: give one of {'; '.join(ways)}")
+    if start_hour is not None:
+        starts = [_whole("start_hour", start_hour, 1, 8784)]
+    elif days is not None:
+        first = _whole("hour", hour, 0, 24)
+        starts = [24 * (_whole("days", one, 1, 366) - 1) + first for one in days]
+    else:
+        date = {"month": _whole("month", month, 1, 12), "day": _whole("day", day, 1, 31),
+                "hour": _whole("hour", hour, 0, 24)}
+        absent = [name for name in date if name not in weather]
+        if absent:
+            raise InputError(f"{file} has no column {', '.join(absent)}: name it in columns or use start_hour")
+        rows = np.flatnonzero(np.all([weather[name] == value for name, value in date.items()], axis=0))
+        if rows.size != 1:
+            shown = ", ".join(f"{name} {value}" for name, value in date.items())
+            raise InputError(f"{file} has {rows.size} rows for {shown}: give one of the file's own dates")
+        starts = [int(weather["hour_of_year"][rows[0]])]
+    low, high = weather["hour_of_year"][[0, -1]]
+    for start in starts:
+        end = start + (n_steps - 1) / 3600
+        if start < low or end > high:
+            raise InputError(f"{file} holds hours of the year {low:g} to {high:g}, not {start} to {end:g}: "
+                             "start elsewhere, or take fewer hours")
+    return np.array(starts, dtype=np.float64)
+
+
+def _whole(name: str, value: object, low: int, high: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
+        raise InputError(f"{name} = {value!r}: give a whole number from {low} to {high}")
+    return int(value)
