@@ -66,7 +66,8 @@ class Boundary:
         for name, one in given.items():
             problems += _value_problems(SERIES[name], one, labels)
         if problems:
-            raise InputError(problems)
+            # Series that share a coordinate share its mistakes.
+            raise InputError(dict.fromkeys(problems))
         self._has_day_dim = bool(n_days or labels.ndim)
         self._day = _frozen(np.atleast_1d(labels).astype(np.int64))
         shape = self._day.size, n_steps or 0
@@ -212,7 +213,7 @@ def _label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
     labels = np.asarray(day)
     numbers = labels.dtype.kind in "iuf" and labels.ndim < 2 and labels.size > 0
     if not numbers or np.any((labels != np.rint(labels)) | (labels < 0) | (labels > LARGEST_DAY_LABEL)):
-        problems.append(f"day = {day!r:.60}: give whole numbers, 0 to {LARGEST_DAY_LABEL}, one for each day")
+        problems.append(f"day = {day!r:.60}: give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day")
         return None
     values, counts = np.unique(labels, return_counts=True)
     if counts.max() > 1:

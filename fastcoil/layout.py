@@ -54,12 +54,12 @@ class Layout:
         return columns
 
     def describe(self, flat: int) -> str:
-        """One scenario in words: the labels of its place in the sweep."""
+        """One scenario in words: the labels of its place in the sweep, empty if there is only one."""
         labels, swept = self.coordinates(), self.loop.swept
         place = np.unravel_index(flat, tuple(self.sizes.values())) if self.sizes else ()
         at = {d: labels[d].values[i] for d, i in zip(self.sizes, place, strict=True)}
         named = [f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in at.items() if d in swept or d in labels]
-        return ", ".join(named) or "the only scenario"
+        return ", ".join(named)
 
     def coordinates(self) -> dict[str, xr.DataArray]:
         """Labels of every dimension and the swept parameters along them."""

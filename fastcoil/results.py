@@ -23,7 +23,7 @@ from fastcoil.parameters import PARAMETERS
 
 VOLATILE = (
     "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",
-    "package_versions", "platform", "content_sha256", "kernel_fingerprint", "fastcoil_version",
+    "package_versions", "platform", "content_sha256", "model_sha256", "fastcoil_version",
 )  # fmt: skip
 """Attributes that may differ between two runs with the same content."""
 

@@ -149,10 +149,8 @@ def _read_labelled(series: Series, value: xr.DataArray) -> Given:
         steps = np.diff(seconds) / (np.timedelta64(1, "s") if seconds.dtype.kind == "m" else 1.0)
         wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
         if wrong.size:
-            raise InputError(
-                f"{series.name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]} of elapsed_time: "
-                "give 1-s steps (interpolate first)"
-            )
+            raise InputError(f"elapsed_time has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: "
+                             "give 1-s steps (interpolate first)")
     values = _numbers(series, value.transpose(*dims).values)
     values = series.convert(values, value.attrs.get("units", series.unit))
     return Given(dims, values, value.coords["day"].values if "day" in value.coords else None)

@@ -85,10 +85,11 @@ def _verdict(layout: Layout, coil: Layout, n_bad: int, flat: int, worst: tuple[f
     for name, number in (("C_w", gamma), ("C_c", lam)):
         if number > 1.0:
             cures.append(f"raise {name} from {float(columns[name][0]):g} to at least {_ceil3(float(columns[name][0]) * number):g} kJ/K")
+    place = ", ".join(filter(None, [coil.describe(flat), f"n_volumes={n_volumes}"]))
     share = n_bad * (layout.size // coil.size)
     return (
         f"unstable at dt = 1 s: {share:,} of {layout.size:,} scenarios have γ or λ above 1; worst: {' and '.join(what)} "
-        f"at {coil.describe(flat)}, n_volumes = {n_volumes}; {', or '.join(cures)}"
+        f"at {place}; cure: {', or '.join(cures)}"
     )
 
 

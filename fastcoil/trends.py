@@ -100,7 +100,7 @@ def _log_columns(table: Table, columns: Mapping[str, str] | None, units: Mapping
     table.check_names("units", units, LOG_COLUMNS)
     table.check_names("constants", constants, SERIES)
     table.problems += [f"constants has {name} = {value!r}: give a number" for name, value in constants.items()
-                       if isinstance(value, bool) or not isinstance(value, int | float)]
+                       if isinstance(value, bool) or not isinstance(value, int | float | np.number)]
     found = table.renamed(columns or {})
     for column, cell in enumerate(table.header):
         label = label_and_unit(cell)[0]
@@ -152,8 +152,8 @@ def _check_steps(table: Table, time: Array, max_gap: float | None) -> None:
         table.problems.append(f"the rows are {step:g} s apart: thin or average the log to 1 s or more")
     elif steps[longest] > (_LARGEST_STEP * step if max_gap is None else max_gap):
         gap, ends = f"{steps[longest]:g}", f"{rows[longest]} and {rows[longest + 1]}"
-        table.problems.append(f"rows {ends} are {gap} s apart, others {step:g} s: fill the gap, cut the log, or "
-                              f"pass max_gap={gap} to bridge it")
+        table.problems.append(f"rows {ends} are {gap} s apart, others {step:g} s: fill the gap, cut the log, "
+                              f"or pass max_gap={gap} to bridge it")
 
 
 def _wanted_seconds(table: Table, covered: float, start: float, hours: float | None) -> Array:

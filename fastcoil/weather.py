@@ -83,14 +83,14 @@ def weather_day(
     weather = _weather(Table.read(path), columns, units)
     p = weather.get("p", 101325.0) if pressure is None else pressure
     if "T_dewpoint" in weather:
-        W_out = humidity_ratio_from_dew_point(weather["T_dewpoint"], p)
+        W_hourly = humidity_ratio_from_dew_point(weather["T_dewpoint"], p)
     else:
-        W_out = humidity_ratio(weather["T_drybulb"], weather["RH"], p)
+        W_hourly = humidity_ratio(weather["T_drybulb"], weather["RH"], p)
     starts = _start_hours(weather, Path(path).name, n_steps, start_hour, month, day, hour, days)
     at = np.add.outer(starts, np.arange(n_steps) / 3600)
-    T_out, W_out, p_at = (np.interp(at, weather["hour_of_year"], np.broadcast_to(values, W_out.shape))
-                          for values in (weather["T_drybulb"], W_out, p))
-    W_back: Values = W_return if RH_return is None else humidity_ratio(T_return, RH_return, p_at)
+    T_out, W_out, p_out = (np.interp(at, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))
+                           for hourly in (weather["T_drybulb"], W_hourly, p))
+    W_back: Values = W_return if RH_return is None else humidity_ratio(T_return, RH_return, p_out)
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, T_return, W_back)
     warnings.warn("hourly weather is interpolated to 1 s: it says nothing about disturbances faster than an "
                   "hour", UserWarning, stacklevel=2)
@@ -118,6 +118,8 @@ def _weather(
     if not {"T_dewpoint", "RH"} & {*found, *columns}:
         table.problems.append("T_dewpoint and RH are both missing: add or name a column for one of them")
     table.stop_if_wrong()
+    if "T_dewpoint" in found:
+        found.pop("RH", None)
     weather = {name: table.numbers(WEATHER_COLUMNS[name][0], column, units.get(name))
                for name, column in found.items()}
     jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
@@ -136,19 +138,23 @@ def _start_hours(weather: Mapping[str, Array], file: str, n_steps: int, start_ho
         "month, day and hour": month is not None or day is not None,
         "days and hour": days is not None,
     }
-    if sum(ways.values()) != 1:
-        raise InputError(f"the start is given in {sum(ways.values())} ways: give one of {'; '.join(ways)}")
+    if sum(ways.values()) != 1 or (start_hour is not None and hour is not None):
+        given = [way for way, is_given in ways.items() if is_given]
+        raise InputError(f"the start is given as {given}: give start_hour, or month, day, hour, or days and "
+                         "hour")
     if start_hour is not None:
         starts = [_whole("start_hour", start_hour, 1, 8784)]
     elif days is not None:
         first = _whole("hour", hour, 0, 24)
+        if isinstance(days, int | np.integer):
+            raise InputError(f"days = {days}: give a list of days of the year, or start_hour")
         starts = [24 * (_whole("days", one, 1, 366) - 1) + first for one in days]
     else:
         date = {"month": _whole("month", month, 1, 12), "day": _whole("day", day, 1, 31),
                 "hour": _whole("hour", hour, 0, 24)}
         absent = [name for name in date if name not in weather]
         if absent:
-            raise InputError(f"{file} has no column {', '.join(absent)}: name it in columns or use start_hour")
+            raise InputError(f"{file} has no column {', '.join(absent)}: name it, or give start_hour")
         rows = np.flatnonzero(np.all([weather[name] == value for name, value in date.items()], axis=0))
         if rows.size != 1:
             shown = ", ".join(f"{name} {value}" for name, value in date.items())

@@ -80,22 +80,27 @@ else:
 
 
 @cache
+def model_sha256() -> str:
+    """Hash of the sources that decide what a simulation gives."""
+    digest = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    for part in ("parameters.py", "outputs.py", "numerics", "physics", "control", "engine"):
+        for source in sorted((package / part).rglob("*.py")) or [package / part]:
+            digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
 def fingerprint() -> str:
     """Hash of all that decides what a compiled kernel does.
 
     Numba invalidates a cached kernel when its own file changes, not when a formula it calls does; a folder
     named by this hash cannot hold stale physics.
     """
-    digest = hashlib.sha256()
-    package = Path(__file__).parents[1]
-    for part in ("parameters.py", "outputs.py", "numerics", "physics", "control", "engine"):
-        for source in sorted((package / part).rglob("*.py")) or [package / part]:
-            digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes())
-    settings = [numba.__version__, llvmlite.__version__, np.__version__, sys.version, platform.machine()]
+    settings = [model_sha256(), numba.__version__, llvmlite.__version__, np.__version__, sys.version, platform.machine()]
     settings += [llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()]
     settings += [f"{k}={v}" for k, v in sorted(os.environ.items()) if k.startswith("NUMBA_") and k != "NUMBA_CACHE_DIR"]
-    digest.update("\n".join(settings).encode())
-    return digest.hexdigest()[:16]
+    return hashlib.sha256("\n".join(settings).encode()).hexdigest()[:16]
 
 
 def cache_root() -> Path:

@@ -1,0 +1,192 @@
+"""A validated simulation: what will be run, how large it is, and whether it fits."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+
+from fastcoil.boundary import Boundary
+from fastcoil.engine.emulator import SERIES, Day, Traces
+from fastcoil.engine.lanes import LANES
+from fastcoil.engine.schedule import schedule
+from fastcoil.errors import InputError, nearest
+from fastcoil.layout import Layout
+from fastcoil.numerics.noise import RNG
+from fastcoil.outputs import METRICS, TRACES, WARM_UP
+from fastcoil.scenario import Loop
+from fastcoil.stability import check_stability
+
+_LANE_STEPS_PER_SHARD = 60e6
+"""About 1 to 2 s of work on one core."""
+_SHARDS_PER_WORKER = 4
+
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A validated simulation: everything a shard needs, and the size of what will come out."""
+
+    layout: Layout
+    traces: Traces
+    warm_up: int
+    seed: int
+    command: np.ndarray | None
+    days: tuple[Day, ...] = field(repr=False)
+
+    @property
+    def n_scenarios(self) -> int:
+        return self.layout.size
+
+    @property
+    def n_steps(self) -> int:
+        return self.layout.boundary.n_steps
+
+    @property
+    def n_volumes(self) -> int:
+        """Largest number of control volumes."""
+        return int(np.max(self.layout.loop["n_volumes"]))  # type: ignore[arg-type]
+
+    @property
+    def lane_steps(self) -> int:
+        return self.n_scenarios * self.n_steps
+
+    @property
+    def result_bytes(self) -> int:
+        """Size of the result in memory."""
+        rows = sum(self.n_volumes if TRACES[n].per_volume else 1 for n in self.traces.names)
+        return self.n_scenarios * (8 * len(METRICS) + 8 + 8 * rows * self.traces.n_points(self.n_steps))
+
+    def shards(self, n_jobs: int) -> list[range]:
+        """Cut the flat order: a whole number of blocks each, enough of them to keep all workers busy."""
+        by_work = _LANE_STEPS_PER_SHARD / self.n_steps
+        by_workers = self.n_scenarios / (n_jobs * _SHARDS_PER_WORKER)
+        size = max(1, round(min(by_work, by_workers) / LANES)) * LANES
+        return [range(a, min(a + size, self.n_scenarios)) for a in range(0, self.n_scenarios, size)]
+
+
+def prepare(
+    loop: Loop,
+    boundary: Boundary,
+    *,
+    command: Any = None,
+    traces: Sequence[str] = (),
+    trace_interval: int = 1,
+    warm_up: int = WARM_UP,
+    seed: int = 0,
+    replicates: int = 1,
+) -> Plan:
+    """Validate the arguments of ``simulate``; nothing is allocated and nothing run.  All mistakes at once."""
+    if not isinstance(loop, Loop):
+        raise InputError(f"loop is a {type(loop).__name__}: give a fastcoil.Loop")
+    if not isinstance(boundary, Boundary):
+        raise InputError(f"boundary is a {type(boundary).__name__}: give a fastcoil.Boundary, such as fastcoil.paper_day()")
+    problems = [
+        *whole_number_problems("trace_interval", trace_interval, 1, boundary.n_steps),
+        *whole_number_problems("warm_up", warm_up, 0, None),
+        *whole_number_problems("seed", seed, 0, 2**64 - 1),
+        *whole_number_problems("replicates", replicates, 1, 2**32),
+    ]
+    problems += [f"traces: {n!r} is not a trace{nearest(str(n), TRACES)}; known: {', '.join(TRACES)}" for n in traces if n not in TRACES]
+    problems += [f"traces: {n} is listed twice" for n in sorted(set(traces)) if list(traces).count(n) > 1]
+    if not problems and boundary.n_steps <= warm_up:
+        problems.append(f"the boundary lasts {boundary.n_steps} s, the warm-up {warm_up} s: nothing is left to count, give a longer boundary")
+    if problems:
+        raise InputError(problems)
+    layout = Layout(loop, boundary, replicates)
+    commands = _commands(command, boundary)
+    words = (seed & 0xFFFFFFFF, seed >> 32)
+    days = tuple(
+        Day(
+            series=np.stack([boundary.series[n][d] for n in SERIES], axis=1),
+            command=commands[d] if commands is not None else np.empty(0),
+            schedule=schedule(boundary.series["T_set"][d], boundary.series["enabled"][d], warm_up),
+            label=int(boundary.day[d]),
+            seed=words,
+        )
+        for d in range(boundary.n_days)
+    )
+    plan = Plan(layout, Traces(tuple(traces), trace_interval), warm_up, seed, commands, days)
+    _check_memory(plan)
+    check_stability(layout)
+    return plan
+
+
+def settings(plan: Plan) -> dict[str, Any]:
+    """The attributes that, with the coordinates, say what was simulated."""
+    attrs = {
+        "parameters": json.dumps(plan.layout.loop.constants),
+        "boundary": plan.layout.boundary.describe(),
+        "boundary_sha256": plan.layout.boundary.sha256,
+        "warm_up_s": plan.warm_up,
+        "seed": str(plan.seed),
+        "rng": RNG,
+    }
+    if plan.command is not None:
+        attrs["command_sha256"] = joblib.hash(plan.command, hash_name="sha1")
+    return attrs
+
+
+def available_memory() -> int:
+    """Bytes of memory that can be used without swapping."""
+    try:
+        fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+        return int(fields["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError):  # not Linux: take what the machine has
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def check_disk(plan: Plan, folder: Path) -> None:
+    """Refuse a result that cannot fit where it is to be written."""
+    nearest_existing = next(p for p in [folder, *folder.absolute().parents] if p.exists())
+    free = shutil.disk_usage(nearest_existing).free
+    if plan.result_bytes > free:
+        raise InputError(
+            f"the result needs up to {gib(plan.result_bytes)} on disk, {gib(free)} are free in {nearest_existing}: choose "
+            "another folder, or sweep fewer values, ask for fewer traces or a longer trace_interval"
+        )
+
+
+def gib(n_bytes: float) -> str:
+    """Bytes in words."""
+    return f"{n_bytes / 2**30:,.1f} GiB" if n_bytes >= 2**30 else f"{n_bytes / 2**20:,.1f} MiB"
+
+
+def _check_memory(plan: Plan) -> None:
+    available = available_memory()
+    # the result, its image on the way to disk, and a copy while it is put together
+    needed = 3 * plan.result_bytes
+    if needed > available:
+        raise InputError(
+            f"{plan.n_scenarios:,} scenarios need {gib(needed)} of memory for their results, {gib(available)} are available: "
+            "sweep fewer values, ask for fewer traces or a longer trace_interval"
+        )
+
+
+def whole_number_problems(name: str, value: object, low: int, high: int | None) -> list[str]:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        return [f"{name} = {value!r}: give a whole number"]
+    if value < low or (high is not None and value > high):
+        return [f"{name} = {value}: must be at least {low}" + (f" and at most {high}" if high is not None else "")]
+    return []
+
+
+def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:
+    """The open-loop command as (n_days, n_steps), or None in closed loop."""
+    if command is None:
+        return None
+    values = np.asarray(command, dtype=float)
+    shape = (boundary.n_days, boundary.n_steps)
+    if values.shape not in (shape, shape[1:]):
+        raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")
+    bad = np.argwhere(~((values >= 0.0) & (values <= 1.0)))
+    if bad.size:
+        raise InputError(f"command = {values[tuple(bad[0])]} at second {bad[0][-1]}: must be a fraction of stroke, 0 to 1")
+    return np.array(np.broadcast_to(values, shape), order="C")

@@ -1,0 +1,1 @@
+"""Studies: a TOML file in, a folder with one NetCDF file and figures out."""

@@ -1,0 +1,33 @@
+"""The study file that ``fastcoil init`` writes."""
+
+TEMPLATE = '''\
+# A fastcoil study: which loops, on which days.  `fastcoil plan FILE` checks it, `fastcoil run FILE` runs it.
+# All openings, commands and backlash are fractions of stroke; °C, kg/s, s.  `fastcoil parameters` lists the names.
+
+title = "Does a backlash inverse help this loop?"
+question = "How does the control error depend on the true backlash and on how well its size is known?"
+
+[loop]                                  # what all loops have in common
+preset = "lbnl"                         # paper_like, paper_like_fast, lbnl or g36
+# noise_std = 0.05                      # any parameter may be given here
+
+[sweep]                                 # each on its own axis; all combinations are run
+backlash = [0.02, 0.05, 0.07, 0.10, 0.15]
+estimate_ratio = { linspace = [0.0, 1.4, 15] }   # or { geomspace = [first, last, count] }
+
+[cases.tuning]                          # named alternatives: one more axis, called tuning
+as_found = { kp = 0.018, ti = 30 }
+faster = { kp = 0.03, ti = 15 }
+
+[boundary]                              # what acts on the coil, second by second
+kind = "paper_day"                      # or constant_day, design_day, csv, weather
+hours = 8
+seed = 1                                # [1, 2, 3] for three days: one more axis, called day
+
+[run]
+seed = 0                                # of the measurement noise
+replicates = 1                          # noise realisations: one more axis, called replicate
+warm_up = 1800                          # seconds left out of every metric
+traces = []                             # signals to keep, such as ["T_sup", "command"]
+trace_interval = 60                     # s between their samples
+'''

@@ -1,0 +1,112 @@
+"""Moist air against PsychroLib (an independent implementation of the same handbook) and closed forms."""
+
+import importlib
+import math
+
+import numpy as np
+import pytest
+
+from fastcoil import moist_air
+
+PRESSURES = (101325.0, 98934.0, 70e3)
+ABOVE_FREEZING = np.linspace(0.02, 50.0, 60)
+
+
+@pytest.fixture(scope="module")
+def psychrolib():
+    library = pytest.importorskip("psychrolib")
+    # It may have been imported, and its unit system set, by somebody else.
+    library = importlib.reload(library)
+    library.SetUnitSystem(library.SI)
+    return library
+
+
+def each(function, *arrays):
+    return np.array([function(*map(float, row)) for row in zip(*np.broadcast_arrays(*arrays), strict=True)])
+
+
+def test_saturation_pressure_is_hyland_wexler(psychrolib):
+    expected = each(psychrolib.GetSatVapPres, ABOVE_FREEZING)
+    np.testing.assert_allclose(moist_air.saturation_pressure(ABOVE_FREEZING), expected, rtol=1e-12)
+
+
+def test_saturation_below_freezing_is_over_supercooled_water():
+    """Murphy & Koop (2005), eq (10), is another correlation: they agree within 0.3 % down to -30 degC."""
+    T = np.linspace(-30.0, 0.0, 31)
+    K = T + 273.15
+    expected = np.exp(
+        54.842763 - 6763.22 / K - 4.210 * np.log(K) + 0.000367 * K
+        + np.tanh(0.0415 * (K - 218.8)) * (53.878 - 1331.22 / K - 9.44523 * np.log(K) + 0.014025 * K)
+    )
+    np.testing.assert_allclose(moist_air.saturation_pressure(T), expected, rtol=3e-3)
+
+
+@pytest.mark.parametrize("pressure", PRESSURES)
+def test_humidity_ratios_are_those_of_psychrolib(psychrolib, pressure):
+    T, rh = (grid.ravel() for grid in np.meshgrid(ABOVE_FREEZING, [0.05, 0.5, 1.0]))
+    lib = psychrolib
+    np.testing.assert_allclose(
+        moist_air.humidity_ratio(T, rh, pressure),
+        each(lambda t, r: lib.GetHumRatioFromRelHum(t, r, pressure), T, rh), rtol=1e-10)
+    np.testing.assert_allclose(
+        moist_air.saturation_humidity_ratio(T, pressure),
+        each(lambda t: lib.GetSatHumRatio(t, pressure), T), rtol=1e-10)
+    np.testing.assert_allclose(
+        moist_air.humidity_ratio_from_dew_point(T, pressure),
+        each(lambda t: lib.GetHumRatioFromTDewPoint(t, pressure), T), rtol=1e-10)
+    wet_bulb = T - 3.0 * (1.0 - rh)
+    kept = wet_bulb > 0.01
+    np.testing.assert_allclose(
+        moist_air.humidity_ratio_from_wet_bulb(T, wet_bulb, pressure)[kept],
+        each(lambda t, w: lib.GetHumRatioFromTWetBulb(t, w, pressure), T[kept], wet_bulb[kept]), rtol=1e-10)
+
+
+@pytest.mark.parametrize("pressure", PRESSURES)
+def test_dew_point_is_that_of_psychrolib_and_inverts_saturation(psychrolib, pressure):
+    W = moist_air.saturation_humidity_ratio(ABOVE_FREEZING, pressure)
+    dew_point = moist_air.dew_point(W, pressure)
+    np.testing.assert_allclose(dew_point, ABOVE_FREEZING, atol=1e-10)
+    # PsychroLib iterates to 1e-3 K only.
+    expected = each(lambda t, w: psychrolib.GetTDewPointFromHumRatio(t, w, pressure), ABOVE_FREEZING, W)
+    np.testing.assert_allclose(dew_point, expected, atol=2e-3)
+
+
+def test_dew_point_inverts_saturation_in_frost_and_in_dry_air():
+    T = np.linspace(-60.0, 0.0, 25)
+    np.testing.assert_allclose(moist_air.dew_point(moist_air.saturation_humidity_ratio(T)), T, atol=1e-9)
+    assert moist_air.dew_point(0.0) == moist_air.dew_point(1e-7) < -80.0
+
+
+def test_enthalpy_is_that_of_psychrolib_and_temperature_inverts_it(psychrolib):
+    T, W = (grid.ravel() for grid in np.meshgrid(np.linspace(-20.0, 60.0, 17), [0.0, 0.005, 0.02]))
+    h = moist_air.enthalpy(T, W)
+    np.testing.assert_allclose(h, each(psychrolib.GetMoistAirEnthalpy, T, W) / 1000, rtol=1e-6, atol=1e-3)
+    np.testing.assert_allclose(moist_air.temperature(h, W), T, atol=1e-11)
+
+
+@pytest.mark.parametrize("pressure", PRESSURES)
+def test_saturation_enthalpy_slope_is_the_derivative(pressure):
+    def h_s(T):
+        return moist_air.enthalpy(T, moist_air.saturation_humidity_ratio(T, pressure))
+
+    step = 1e-3
+    difference = (h_s(ABOVE_FREEZING + step) - h_s(ABOVE_FREEZING - step)) / (2 * step)
+    np.testing.assert_allclose(moist_air.saturation_enthalpy_slope(ABOVE_FREEZING, pressure), difference, rtol=1e-7)
+
+
+def test_mixing_keeps_water_and_enthalpy_and_its_ends():
+    T, W = moist_air.mix(0.25, -10.0, 0.001, 24.0, 0.009)
+    assert W == pytest.approx(0.25 * 0.001 + 0.75 * 0.009, rel=1e-14)
+    h = 0.25 * (1.006 * -10 + 0.001 * (2501 - 18.6)) + 0.75 * (1.006 * 24 + 0.009 * (2501 + 1.86 * 24))
+    assert 1.006 * T + W * (2501 + 1.86 * T) == pytest.approx(h, rel=1e-14)
+    # Moist air has a larger heat capacity, so the mixture lies a little to its side of the straight line.
+    assert 0.75 * 24 - 0.25 * 10 < T < 0.75 * 24 - 0.25 * 10 + 0.1
+    assert moist_air.mix(1.0, -10.0, 0.001, 24.0, 0.009) == pytest.approx((-10.0, 0.001), rel=1e-13)
+    assert moist_air.mix(0.0, -10.0, 0.001, 24.0, 0.009) == pytest.approx((24.0, 0.009), rel=1e-13)
+
+
+def test_printed_values_at_sea_level():
+    """W_s and h_s at 20 degC of the handbook's table, within its real-gas correction."""
+    assert moist_air.saturation_humidity_ratio(20.0) == pytest.approx(0.014761, rel=5e-3)
+    h_s = moist_air.enthalpy(20.0, moist_air.saturation_humidity_ratio(20.0))
+    assert math.isclose(float(h_s), 57.555, rel_tol=5e-3)
