@@ -43,10 +43,27 @@ class Boundary:
     `InputError`.
     """
 
-    def __init__(self, *, m_a: Values, T_a_in: Values, W_a_in: Values, T_w_in: Values, T_set: Values,
-                 noise: Values = None, enabled: Values = None, day: Values = None) -> None:
-        arguments = {"m_a": m_a, "T_a_in": T_a_in, "W_a_in": W_a_in, "T_w_in": T_w_in, "T_set": T_set,
-                     "noise": noise, "enabled": enabled}
+    def __init__(
+        self,
+        *,
+        m_a: Values,
+        T_a_in: Values,
+        W_a_in: Values,
+        T_w_in: Values,
+        T_set: Values,
+        noise: Values = None,
+        enabled: Values = None,
+        day: Values = None,
+    ) -> None:
+        arguments = {
+            "m_a": m_a,
+            "T_a_in": T_a_in,
+            "W_a_in": W_a_in,
+            "T_w_in": T_w_in,
+            "T_set": T_set,
+            "noise": noise,
+            "enabled": enabled,
+        }
         problems: list[str] = []
         given: dict[str, Given] = {}
         for name, series in SERIES.items():
@@ -152,10 +169,13 @@ class Boundary:
         rows = self._rows().items()
         variables = {name: (dims, values.copy(), _attributes(SERIES[name])) for name, values in rows}
         seconds = np.arange(self.n_steps, dtype=np.float64)
-        return xr.Dataset(variables, {
-            "elapsed_time": ("elapsed_time", seconds, {"units": "s", "long_name": "time since the start"}),
-            "day": (dims[:-1], self._rows_of(self._day), {"long_name": "label of the day"}),
-        })
+        return xr.Dataset(
+            variables,
+            {
+                "elapsed_time": ("elapsed_time", seconds, {"units": "s", "long_name": "time since the start"}),
+                "day": (dims[:-1], self._rows_of(self._day), {"long_name": "label of the day"}),
+            },
+        )
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Boundary:
@@ -165,7 +185,8 @@ class Boundary:
         """
         problems = [
             f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})"
-            for name, series in SERIES.items() if name in ds and "units" not in ds[name].attrs
+            for name, series in SERIES.items()
+            if name in ds and "units" not in ds[name].attrs
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
@@ -192,8 +213,11 @@ def _size_of(dim: str, word: str, given: dict[str, Given], problems: list[str]) 
     if not sizes:
         return None
     first, size = next(iter(sizes.items()))
-    problems += [f"{name} has {other} {word} where {first} has {size}: give every series as many"
-                 for name, other in sizes.items() if other != size]
+    problems += [
+        f"{name} has {other} {word} where {first} has {size}: give every series as many"
+        for name, other in sizes.items()
+        if other != size
+    ]
     return size
 
 
@@ -204,8 +228,11 @@ def _labels(given: dict[str, Given], problems: list[str]) -> NDArray[Any] | None
     if not carried:
         return None
     first, labels = next(iter(carried.items()))
-    problems += [f"{name} has day {day!s:.40} where {first} has {labels!s:.40}: align them, or give day=..."
-                 for name, day in carried.items() if not np.array_equal(day, labels)]
+    problems += [
+        f"{name} has day {day!s:.40} where {first} has {labels!s:.40}: align them, or give day=..."
+        for name, day in carried.items()
+        if not np.array_equal(day, labels)
+    ]
     return _label_array(labels, problems)
 
 

@@ -43,7 +43,7 @@ class _Commands(click.Group):
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="fastcoil")
 def main() -> None:
-    """Simulate coil valves with backlash under PI and backlash-inverse control, thousands of days at once.
+    r"""Simulate coil valves with backlash under PI and backlash-inverse control, thousands of days at once.
 
     \b
     A first study:
@@ -99,10 +99,14 @@ def plan(study: Path, jobs: int | None) -> None:
     seconds = planned.lane_steps * probe(planned) / n_jobs
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
     click.echo(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
-    click.echo(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in all, {len(planned.shards(n_jobs))} shards")
+    click.echo(
+        f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in all, {len(planned.shards(n_jobs))} shards"
+    )
     click.echo(f"Boundary:    {planned.layout.boundary.describe()}")
     click.echo(f"Time:        about {_duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
-    click.echo(f"Memory:      up to {gib(3 * planned.result_bytes)} for the results ({gib(available_memory())} available)")
+    click.echo(
+        f"Memory:      up to {gib(3 * planned.result_bytes)} for the results ({gib(available_memory())} available)"
+    )
     click.echo(f"Disk:        up to {gib(planned.result_bytes)}")
 
 
@@ -190,7 +194,14 @@ def _announced(study: Study) -> Progress:
 
 def _bar(n: int) -> Progress:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (
         BarColumn(), MofNCompleteColumn(), TextColumn("scenario-days"), TextColumn("{task.fields[rate]}"),

@@ -98,8 +98,10 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     seeds = _distinct_seeds(seed, n_steps)
     h = np.arange(n_steps) / 3600
     D = np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)
-    noise = {name: np.array([smooth_noise(n_steps, drift, (s, i)) for s in seeds])
-             for i, (name, drift) in enumerate(DRIFTS.items())}
+    noise = {
+        name: np.array([smooth_noise(n_steps, drift, (s, i)) for s in seeds])
+        for i, (name, drift) in enumerate(DRIFTS.items())
+    }
     T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
     several = not isinstance(seed, int | np.integer)
     rows = slice(None) if several else 0
@@ -186,10 +188,12 @@ def constant_day(
 
 # ----------------------------------------------------------------------------------------------- a design day
 
+# fmt: off
 RANGE_FRACTIONS = (
     0.88, 0.92, 0.95, 0.98, 1.00, 0.98, 0.91, 0.74, 0.55, 0.38, 0.23, 0.13,
     0.05, 0.00, 0.00, 0.06, 0.14, 0.24, 0.39, 0.50, 0.59, 0.68, 0.75, 0.82,
 )
+# fmt: on
 """How far below the day's maximum the temperature lies at hours 1 ... 24, as a fraction of the daily range.
 
 ASHRAE Handbook - Fundamentals (2009), chapter 14, table 6 (from research project RP-1363).
@@ -262,12 +266,26 @@ def design_day(
     if mode not in DESIGNS:
         raise InputError(f"mode = {mode!r}: choose {' or '.join(map(repr, DESIGNS))}")
     n_steps = whole_seconds(hours)
-    given = {"T_design": T_design, "T_daily_range": T_daily_range, "T_wet_bulb": T_wet_bulb,
-             "T_return": T_return, "RH_return": RH_return, "T_w_in": T_w_in, "T_set": T_set}
+    given = {
+        "T_design": T_design,
+        "T_daily_range": T_daily_range,
+        "T_wet_bulb": T_wet_bulb,
+        "T_return": T_return,
+        "RH_return": RH_return,
+        "T_w_in": T_w_in,
+        "T_set": T_set,
+    }
     d = DESIGNS[mode]._replace(**{name: value for name, value in given.items() if value is not None})
-    require(start_hour=start_hour, T_design=d.T_design, T_daily_range=d.T_daily_range,
-            T_wet_bulb=d.T_wet_bulb, outdoor_fraction=outdoor_fraction, T_return=d.T_return,
-            RH_return=d.RH_return, pressure=pressure)
+    require(
+        start_hour=start_hour,
+        T_design=d.T_design,
+        T_daily_range=d.T_daily_range,
+        T_wet_bulb=d.T_wet_bulb,
+        outdoor_fraction=outdoor_fraction,
+        T_return=d.T_return,
+        RH_return=d.RH_return,
+        pressure=pressure,
+    )
     wet_bulb = d.T_design if d.T_wet_bulb is None else d.T_wet_bulb
     if wet_bulb > d.T_design:
         raise InputError(f"T_wet_bulb = {wet_bulb:g} degC is above T_design = {d.T_design:g} degC: lower it")

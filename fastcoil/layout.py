@@ -40,7 +40,11 @@ class Layout:
 
         ``day`` is the position along that dimension, ``replicate`` the replicate's number.
         """
-        place = dict(zip(self.sizes, np.unravel_index(index, tuple(self.sizes.values())), strict=True)) if self.sizes else {}
+        place = (
+            dict(zip(self.sizes, np.unravel_index(index, tuple(self.sizes.values())), strict=True))
+            if self.sizes
+            else {}
+        )
         columns: dict[str, np.ndarray] = {}
         for name in PARAMETERS:
             if name in self._swept:
@@ -77,15 +81,16 @@ class Layout:
         estimate = value["backlash_estimate"]
         if value["estimate_ratio"] is not None:
             estimate = value["estimate_ratio"] * value["backlash"]  # type: ignore[operator]
-            worst = float(np.max(estimate))  # type: ignore[arg-type]
-            if worst >= 1.0:
-                problems.append(
-                    f"estimate_ratio × backlash reaches {worst:g}: an estimate must stay below 1, lower estimate_ratio or backlash"
-                )
-        late = (value["learning_step"] > xr.DataArray(0.0)) & (estimate > xr.DataArray(value["learning_cap"]))  # type: ignore[operator]
-        if bool(np.any(late)):
+        largest = float(np.max(estimate))  # type: ignore[arg-type]
+        if largest >= 1.0:
             problems.append(
-                f"backlash_estimate up to {float(np.max(estimate)):g} with learning_step > 0: the learner cannot start above "  # type: ignore[arg-type]
+                f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
+                "lower estimate_ratio or backlash"
+            )
+        step, cap = xr.DataArray(value["learning_step"]), xr.DataArray(value["learning_cap"])
+        if bool(((step > 0.0) & (xr.DataArray(estimate) > cap)).any()):
+            problems.append(
+                f"backlash_estimate up to {largest:g} with learning_step > 0: the learner cannot start above "
                 "learning_cap, lower the estimate or raise the cap"
             )
         return problems

@@ -26,16 +26,23 @@ LEAST_HUMIDITY_RATIO = 1e-7
 def saturation_pressure(T: ArrayLike) -> Array:
     """Saturation pressure over liquid water, eq (6) [Pa]; stated for 0 to 200 degC, continued below."""
     K = np.asarray(T, dtype=np.float64) + 273.15
-    log_p = (-5.8002206e3 / K + 1.3914993 - 4.8640239e-2 * K + 4.1764768e-5 * K**2 - 1.4452093e-8 * K**3
-             + 6.5459673 * np.log(K))
+    log_p = (
+        -5.8002206e3 / K
+        + 1.3914993
+        - 4.8640239e-2 * K
+        + 4.1764768e-5 * K**2
+        - 1.4452093e-8 * K**3
+        + 6.5459673 * np.log(K)
+    )
     return np.asarray(np.exp(log_p))
 
 
 def _log_saturation_slope(T: ArrayLike) -> Array:
     """Slope d(ln p_s)/dT of eq (6) [1/K]."""
     K = np.asarray(T, dtype=np.float64) + 273.15
-    return np.asarray(5.8002206e3 / K**2 - 4.8640239e-2 + 2 * 4.1764768e-5 * K - 3 * 1.4452093e-8 * K**2
-                      + 6.5459673 / K)
+    return np.asarray(
+        5.8002206e3 / K**2 - 4.8640239e-2 + 2 * 4.1764768e-5 * K - 3 * 1.4452093e-8 * K**2 + 6.5459673 / K
+    )
 
 
 def _from_vapour_pressure(p_w: Array, pressure: ArrayLike) -> Array:
@@ -58,9 +65,7 @@ def humidity_ratio_from_dew_point(T_dew: ArrayLike, pressure: ArrayLike = 101325
     return saturation_humidity_ratio(T_dew, pressure)
 
 
-def humidity_ratio_from_wet_bulb(
-    T: ArrayLike, T_wet_bulb: ArrayLike, pressure: ArrayLike = 101325.0
-) -> Array:
+def humidity_ratio_from_wet_bulb(T: ArrayLike, T_wet_bulb: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
     """Humidity ratio from temperature and wet bulb (wick wet, not iced), eq (33); not below 0 [kg/kg]."""
     T, T_wb = np.asarray(T, dtype=np.float64), np.asarray(T_wet_bulb, dtype=np.float64)
     W_s = saturation_humidity_ratio(T_wb, pressure)
@@ -101,9 +106,7 @@ def saturation_enthalpy_slope(T: ArrayLike, pressure: ArrayLike = 101325.0) -> A
     return np.asarray(1.006 + 1.86 * W_s + (2501.0 + 1.86 * T) * dW_s)
 
 
-def mix(
-    fraction: ArrayLike, T_1: ArrayLike, W_1: ArrayLike, T_2: ArrayLike, W_2: ArrayLike
-) -> tuple[Array, Array]:
+def mix(fraction: ArrayLike, T_1: ArrayLike, W_1: ArrayLike, T_2: ArrayLike, W_2: ArrayLike) -> tuple[Array, Array]:
     """Adiabatic mixture of air 1 (share ``fraction`` of the dry air) and air 2: (T [degC], W [kg/kg])."""
     x = np.asarray(fraction, dtype=np.float64)
     W = x * np.asarray(W_1, dtype=np.float64) + (1.0 - x) * np.asarray(W_2, dtype=np.float64)

@@ -36,27 +36,63 @@ class Output:
 METRICS: dict[str, Output] = {
     m.name: m
     for m in (
-        Output("rmse", "K", "RMS control error", "sqrt of mean e^2, e = T_sup - T_set, true temperature", difference=True),
-        Output("rmse_settled", "K", "RMS control error, settled",
-               "as rmse, where 600 s have passed since the last set-point change", difference=True),
+        Output(
+            "rmse", "K", "RMS control error", "sqrt of mean e^2, e = T_sup - T_set, true temperature", difference=True
+        ),
+        Output(
+            "rmse_settled",
+            "K",
+            "RMS control error, settled",
+            "as rmse, where 600 s have passed since the last set-point change",
+            difference=True,
+        ),
         Output("iae", "K h", "integral of absolute control error", "sum of |e| dt / 3600"),
-        Output("hunting_amplitude", "K", "peak-to-peak supply temperature, settled",
-               "mean over settled windows of max - min of T_sup", difference=True),
-        Output("hunting_period", "s", "period of the control error",
-               "settled seconds per upward zero crossing of e; NaN below 2 crossings"),
-        Output("switch_frequency", "1", "mode switches per 10 min", "mean over whole 600-s blocks from the end of the warm-up"),
+        Output(
+            "hunting_amplitude",
+            "K",
+            "peak-to-peak supply temperature, settled",
+            "mean over settled windows of max - min of T_sup",
+            difference=True,
+        ),
+        Output(
+            "hunting_period",
+            "s",
+            "period of the control error",
+            "settled seconds per upward zero crossing of e; NaN below 2 crossings",
+        ),
+        Output(
+            "switch_frequency",
+            "1",
+            "mode switches per 10 min",
+            "mean over whole 600-s blocks from the end of the warm-up",
+        ),
         Output("stem_travel", "1", "travel of the valve stem", "sum of |change of opening|, strokes"),
         Output("motor_travel", "1", "travel of the actuator motor", "sum of |change of position|, strokes"),
-        Output("reversals", "1", "reversals of the valve stem", "sign changes of successive opening changes above 1e-9"),
+        Output(
+            "reversals", "1", "reversals of the valve stem", "sign changes of successive opening changes above 1e-9"
+        ),
         Output("estimate_final", "1", "backlash estimate at the end"),
         Output("estimate_settled", "1", "mean backlash estimate of the last 7200 s"),
-        Output("learn_time_reached", "s", "time at which the estimate reached the backlash",
-               "first update with estimate >= backlash - step/2; NaN = never (censored)"),
-        Output("learn_time_confirmed", "s", "time at which the learned backlash was confirmed",
-               "first step down at or after learn_time_reached; NaN = never (censored)"),
+        Output(
+            "learn_time_reached",
+            "s",
+            "time at which the estimate reached the backlash",
+            "first update with estimate >= backlash - step/2; NaN = never (censored)",
+        ),
+        Output(
+            "learn_time_confirmed",
+            "s",
+            "time at which the learned backlash was confirmed",
+            "first step down at or after learn_time_reached; NaN = never (censored)",
+        ),
         Output("learn_time_first_down", "s", "time of the first step down", "NaN = never (censored)"),
         Output("estimate_first_down", "1", "backlash estimate after the first step down", "NaN = never (censored)"),
-        Output("coil_energy", "kW h", "heat exchanged by the water", "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating"),
+        Output(
+            "coil_energy",
+            "kW h",
+            "heat exchanged by the water",
+            "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating",
+        ),
         Output("coil_peak_power", "kW", "peak heat rate of the water", "largest mean over whole 900-s blocks"),
         Output("water_volume", "m3", "water through the coil", "at 1000 kg/m3"),
         Output("condensate", "kg", "condensate", "sum over the volumes of m_a (W_in - W_out) dt"),

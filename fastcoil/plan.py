@@ -14,8 +14,9 @@ import joblib
 import numpy as np
 
 from fastcoil.boundary import Boundary
-from fastcoil.engine.emulator import SERIES, Day, Traces
+from fastcoil.engine.emulator import SERIES, Day
 from fastcoil.engine.lanes import LANES
+from fastcoil.engine.run import Traces
 from fastcoil.engine.schedule import schedule
 from fastcoil.errors import InputError, nearest
 from fastcoil.layout import Layout
@@ -27,7 +28,6 @@ from fastcoil.stability import check_stability
 _LANE_STEPS_PER_SHARD = 60e6
 """About 1 to 2 s of work on one core."""
 _SHARDS_PER_WORKER = 4
-
 
 
 @dataclass(frozen=True)
@@ -87,17 +87,26 @@ def prepare(
     if not isinstance(loop, Loop):
         raise InputError(f"loop is a {type(loop).__name__}: give a fastcoil.Loop")
     if not isinstance(boundary, Boundary):
-        raise InputError(f"boundary is a {type(boundary).__name__}: give a fastcoil.Boundary, such as fastcoil.paper_day()")
+        raise InputError(
+            f"boundary is a {type(boundary).__name__}: give a fastcoil.Boundary, such as fastcoil.paper_day()"
+        )
     problems = [
         *whole_number_problems("trace_interval", trace_interval, 1, boundary.n_steps),
         *whole_number_problems("warm_up", warm_up, 0, None),
         *whole_number_problems("seed", seed, 0, 2**64 - 1),
         *whole_number_problems("replicates", replicates, 1, 2**32),
     ]
-    problems += [f"traces: {n!r} is not a trace{nearest(str(n), TRACES)}; known: {', '.join(TRACES)}" for n in traces if n not in TRACES]
+    problems += [
+        f"traces: {n!r} is not a trace{nearest(str(n), TRACES)}; known: {', '.join(TRACES)}"
+        for n in traces
+        if n not in TRACES
+    ]
     problems += [f"traces: {n} is listed twice" for n in sorted(set(traces)) if list(traces).count(n) > 1]
     if not problems and boundary.n_steps <= warm_up:
-        problems.append(f"the boundary lasts {boundary.n_steps} s, the warm-up {warm_up} s: nothing is left to count, give a longer boundary")
+        problems.append(
+            f"the boundary lasts {boundary.n_steps} s, the warm-up {warm_up} s: nothing is left to count, "
+            "give a longer boundary"
+        )
     if problems:
         raise InputError(problems)
     layout = Layout(loop, boundary, replicates)
@@ -149,8 +158,8 @@ def check_disk(plan: Plan, folder: Path) -> None:
     free = shutil.disk_usage(nearest_existing).free
     if plan.result_bytes > free:
         raise InputError(
-            f"the result needs up to {gib(plan.result_bytes)} on disk, {gib(free)} are free in {nearest_existing}: choose "
-            "another folder, or sweep fewer values, ask for fewer traces or a longer trace_interval"
+            f"the result needs up to {gib(plan.result_bytes)} on disk, {gib(free)} are free in {nearest_existing}: "
+            "choose another folder, or sweep fewer values, ask for fewer traces or a longer trace_interval"
         )
 
 
@@ -165,12 +174,13 @@ def _check_memory(plan: Plan) -> None:
     needed = 3 * plan.result_bytes
     if needed > available:
         raise InputError(
-            f"{plan.n_scenarios:,} scenarios need {gib(needed)} of memory for their results, {gib(available)} are available: "
-            "sweep fewer values, ask for fewer traces or a longer trace_interval"
+            f"{plan.n_scenarios:,} scenarios need {gib(needed)} of memory for their results, "
+            f"{gib(available)} are available: sweep fewer values, ask for fewer traces or a longer trace_interval"
         )
 
 
 def whole_number_problems(name: str, value: object, low: int, high: int | None) -> list[str]:
+    """A sentence if ``value`` is not a whole number from ``low`` to ``high``, else nothing."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         return [f"{name} = {value!r}: give a whole number"]
     if value < low or (high is not None and value > high):
@@ -188,5 +198,7 @@ def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:
         raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")
     bad = np.argwhere(~((values >= 0.0) & (values <= 1.0)))
     if bad.size:
-        raise InputError(f"command = {values[tuple(bad[0])]} at second {bad[0][-1]}: must be a fraction of stroke, 0 to 1")
+        raise InputError(
+            f"command = {values[tuple(bad[0])]} at second {bad[0][-1]}: must be a fraction of stroke, 0 to 1"
+        )
     return np.array(np.broadcast_to(values, shape), order="C")

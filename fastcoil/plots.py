@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
 _BAND = (0.1, 0.9)
 _CURVES = 3
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -166,14 +166,18 @@ def write(figures: dict[str, Figure], folder: Path) -> list[Path]:
 
 
 def _over(ds: xr.Dataset, *shown: str, band: bool = False) -> str:
-    others = [f"{ds.sizes[d]} {d}s" if not str(d).endswith("s") else str(d) for d in ds["status"].dims if d not in shown]
+    others = [
+        f"{ds.sizes[d]} {d}s" if not str(d).endswith("s") else str(d) for d in ds["status"].dims if d not in shown
+    ]
     if not others:
         return ""
     return f"median{' and 10–90 % band' if band else ''} over {' × '.join(others)}"
 
 
 def _check(ds: xr.Dataset, metrics: Sequence[str], *dims: str) -> None:
-    problems = [f"{m} is not a metric{nearest(m, METRICS)}; known: {', '.join(METRICS)}" for m in metrics if m not in METRICS]
+    problems = [
+        f"{m} is not a metric{nearest(m, METRICS)}; known: {', '.join(METRICS)}" for m in metrics if m not in METRICS
+    ]
     swept = numeric_dims(ds)
     problems += [
         f"{d} is not a swept number of this study{nearest(d, swept)}; its axes are: {', '.join(swept) or 'none'}"

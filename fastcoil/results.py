@@ -150,7 +150,9 @@ def save(ds: xr.Dataset, path: Path) -> None:
     StorageError
         If the file cannot be written; nothing half-written is left behind.
     """
-    encoding = {n: dict(_COMPRESSION) for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > 64}
+    encoding = {
+        n: dict(_COMPRESSION) for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > 64
+    }
     image = ds.to_netcdf(engine="netcdf4", encoding=encoding)  # in memory: a killed writer leaves no file that opens
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -161,7 +163,9 @@ def save(ds: xr.Dataset, path: Path) -> None:
         os.replace(temporary, path)
     except OSError as error:
         temporary.unlink(missing_ok=True)
-        raise StorageError(f"{path} cannot be written: {error.strerror}; free some space or choose another folder") from error
+        raise StorageError(
+            f"{path} cannot be written: {error.strerror}; free some space or choose another folder"
+        ) from error
 
 
 def load(path: Path) -> xr.Dataset:
@@ -182,5 +186,7 @@ def load(path: Path) -> xr.Dataset:
     except (OSError, ValueError, RuntimeError) as error:
         raise StorageError(f"{path} cannot be read as NetCDF ({error}); delete it and run the study again") from error
     if ds.attrs.get("content_sha256") != content_sha256(ds):
-        raise StorageError(f"{path} is not as it was written (content_sha256 differs); delete it and run the study again")
+        raise StorageError(
+            f"{path} is not as it was written (content_sha256 differs); delete it and run the study again"
+        )
     return ds

@@ -119,7 +119,9 @@ class Loop:
                 if dim in value.coords and name != dim:
                     index = value.coords[dim].reset_coords(drop=True)
                     if not labels.setdefault(str(dim), index).identical(index):
-                        raise InputError(f"the labels of dimension {dim!r} given with {name} differ from those given before")
+                        raise InputError(
+                            f"the labels of dimension {dim!r} given with {name} differ from those given before"
+                        )
         for dim, size in self.sizes.items():
             own = self._values.get(dim)
             if isinstance(own, xr.DataArray):
@@ -146,10 +148,7 @@ class Loop:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Loop) or self._values.keys() != other._values.keys():
             return False
-        return all(
-            a.identical(other._values[n]) if isinstance(a, xr.DataArray) else not isinstance(other._values[n], xr.DataArray) and a == other._values[n]
-            for n, a in self._values.items()
-        )
+        return all(xr.DataArray(v).identical(xr.DataArray(other._values[n])) for n, v in self._values.items())
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -169,7 +168,11 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
         except InputError as error:
             problems += error.problems
     for stand_in in STAND_INS.keys() & checked.keys():
-        problems += [f"{stand_in} and {n} are both given: {stand_in} stands for it, leave one out" for n in STAND_INS[stand_in] if n in checked]
+        problems += [
+            f"{stand_in} and {n} are both given: {stand_in} stands for it, leave one out"
+            for n in STAND_INS[stand_in]
+            if n in checked
+        ]
     if problems:
         raise InputError(sorted(set(problems), key=problems.index))
 
@@ -220,7 +223,9 @@ def _checked(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
 
 def _vector(parameter: Parameter, values: Any) -> np.ndarray:
     if np.ndim(values) != 1:
-        raise InputError(f"{parameter.name}: a sweep is a list of values; use an xarray.DataArray with named dims for more dimensions")
+        raise InputError(
+            f"{parameter.name}: a sweep is a list of values; give a DataArray with named dims for more dimensions"
+        )
     for value in values:
         if not isinstance(value, str if parameter.is_word else (int, float, np.number)) or isinstance(value, bool):
             raise InputError(parameter.problem(value) or f"{parameter.name} = {value!r}: give a number")

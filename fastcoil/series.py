@@ -32,8 +32,13 @@ _POUND, _FOOT = 0.45359237, 0.3048
 TEMPERATURE: Units = {"degC": (1.0, 0.0), "degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
 DIFFERENCE: Units = {"K": (1.0, 0.0), "degC": (1.0, 0.0), "degF": (5 / 9, 0.0)}
 AIR_FLOW: Units = {
-    "kg s-1": (1.0, 0.0), "kg/s": (1.0, 0.0), "kg/h": (1 / 3600, 0.0), "lb/h": (_POUND / 3600, 0.0),
-    "m3/s": (STANDARD_AIR, 0.0), "m3/h": (STANDARD_AIR / 3600, 0.0), "L/s": (STANDARD_AIR / 1000, 0.0),
+    "kg s-1": (1.0, 0.0),
+    "kg/s": (1.0, 0.0),
+    "kg/h": (1 / 3600, 0.0),
+    "lb/h": (_POUND / 3600, 0.0),
+    "m3/s": (STANDARD_AIR, 0.0),
+    "m3/h": (STANDARD_AIR / 3600, 0.0),
+    "L/s": (STANDARD_AIR / 1000, 0.0),
     "cfm": (STANDARD_AIR * _FOOT**3 / 60, 0.0),
 }
 HUMIDITY_RATIO: Units = {"1": (1.0, 0.0), "kg/kg": (1.0, 0.0), "g/kg": (1e-3, 0.0)}
@@ -104,8 +109,7 @@ SERIES: dict[str, Series] = {
         Series("T_w_in", "entering water temperature", TEMPERATURE, 0.5, 120.0),
         Series("T_set", "set-point of the supply air temperature", TEMPERATURE, -20.0, 80.0, hold=True),
         Series("noise", "recorded noise of the measured temperature", DIFFERENCE, -50.0, 50.0, default=0.0),
-        Series("enabled", "whether the loop is in operation", NUMBER, 0.0, 1.0,
-               hold=True, whole=True, default=1.0),
+        Series("enabled", "whether the loop is in operation", NUMBER, 0.0, 1.0, hold=True, whole=True, default=1.0),
     )
 }
 """Every series of a `Boundary` by name."""
@@ -135,22 +139,22 @@ def read(series: Series, value: Values) -> Given:
     values = _numbers(series, value)
     if values.ndim > 2:
         raise InputError(f"{series.name} has {values.ndim} dimensions: give (seconds) or (days, seconds)")
-    return Given(("day", "elapsed_time")[2 - values.ndim:], values)
+    return Given(("day", "elapsed_time")[2 - values.ndim :], values)
 
 
 def _read_labelled(series: Series, value: xr.DataArray) -> Given:
     dims = tuple(dim for dim in ("day", "elapsed_time") if dim in value.dims)
     if len(dims) != value.ndim:
-        raise InputError(
-            f"{series.name} has dims {value.dims}: name them elapsed_time and, for several days, day"
-        )
+        raise InputError(f"{series.name} has dims {value.dims}: name them elapsed_time and, for several days, day")
     if "elapsed_time" in dims and "elapsed_time" in value.coords:
         seconds = value.coords["elapsed_time"].values
         steps = np.diff(seconds) / (np.timedelta64(1, "s") if seconds.dtype.kind == "m" else 1.0)
         wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
         if wrong.size:
-            raise InputError(f"elapsed_time has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: "
-                             "give 1-s steps (interpolate first)")
+            raise InputError(
+                f"elapsed_time has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: "
+                "give 1-s steps (interpolate first)"
+            )
     values = _numbers(series, value.transpose(*dims).values)
     values = series.convert(values, value.attrs.get("units", series.unit))
     return Given(dims, values, value.coords["day"].values if "day" in value.coords else None)

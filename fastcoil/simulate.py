@@ -16,8 +16,8 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.boundary import Boundary
-from fastcoil.engine.emulator import run_block
 from fastcoil.engine.lanes import LANES, blocks
+from fastcoil.engine.run import run_block
 from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.plan import Plan, prepare, settings, whole_number_problems
@@ -140,7 +140,7 @@ def run_shard(plan: Plan, shard: range) -> ShardResult:
 def workers(n_jobs: int | None) -> int:
     """Return a number of threads: all cores by default."""
     if n_jobs is None:
-        return joblib.cpu_count()
+        return int(joblib.cpu_count())
     problems = whole_number_problems("n_jobs", n_jobs, 1, 1024)
     if problems:
         raise InputError(problems)

@@ -84,12 +84,13 @@ def _verdict(layout: Layout, coil: Layout, n_bad: int, flat: int, worst: tuple[f
     cures = [f"n_volumes = {stable} or less is stable"] if stable else []
     for name, number in (("C_w", gamma), ("C_c", lam)):
         if number > 1.0:
-            cures.append(f"raise {name} from {float(columns[name][0]):g} to at least {_ceil3(float(columns[name][0]) * number):g} kJ/K")
+            given = float(columns[name][0])
+            cures.append(f"raise {name} from {given:g} to at least {_ceil3(given * number):g} kJ/K")
     place = ", ".join(filter(None, [coil.describe(flat), f"n_volumes={n_volumes}"]))
     share = n_bad * (layout.size // coil.size)
     return (
-        f"unstable at dt = 1 s: {share:,} of {layout.size:,} scenarios have γ or λ above 1; worst: {' and '.join(what)} "
-        f"at {place}; cure: {', or '.join(cures)}"
+        f"unstable at dt = 1 s: {share:,} of {layout.size:,} scenarios have γ or λ above 1; "
+        f"worst: {' and '.join(what)} at {place}; cure: {', or '.join(cures)}"
     )
 
 

@@ -57,8 +57,11 @@ class Table:
         if len(data) < 2:
             have = "one row of data" if data else "a header but no data"
             raise InputError(f"{path} has {have}: give at least two rows, so that the step is known")
-        problems = [f"column {cell!r} stands twice in the header: rename or delete one"
-                    for cell in dict.fromkeys(header) if header.count(cell) > 1]
+        problems = [
+            f"column {cell!r} stands twice in the header: rename or delete one"
+            for cell in dict.fromkeys(header)
+            if header.count(cell) > 1
+        ]
         ragged = [(i, row) for i, row in data if len(row) != len(header)]
         if ragged:
             i, row = ragged[0]
@@ -83,14 +86,20 @@ class Table:
     def check_names(self, what: str, given: Iterable[str], known: Iterable[str]) -> None:
         """Make every name ``given`` in the argument ``what`` that is not ``known`` a problem."""
         known = list(known)
-        self.problems += [f"{what} has unknown {name!r}{nearest(name, known)}: use {', '.join(known)}"
-                          for name in given if name not in known]
+        self.problems += [
+            f"{what} has unknown {name!r}{nearest(name, known)}: use {', '.join(known)}"
+            for name in given
+            if name not in known
+        ]
 
     def renamed(self, columns: Mapping[str, str]) -> dict[str, int]:
         """Index by our name of what ``columns`` (our name: header) asks for; an absent one is a problem."""
         found = {name: self.column(header) for name, header in columns.items()}
-        self.problems += [f"{name}: there is no column {columns[name]!r}{nearest(columns[name], self.header)}"
-                          for name, column in found.items() if column is None]
+        self.problems += [
+            f"{name}: there is no column {columns[name]!r}{nearest(columns[name], self.header)}"
+            for name, column in found.items()
+            if column is None
+        ]
         return {name: column for name, column in found.items() if column is not None}
 
     def numbers(self, series: Series, column: int, unit: str | None = None) -> Array:
@@ -101,9 +110,7 @@ class Table:
         nothing = np.arange(len(self.rows), dtype=np.float64)
         declared = label_and_unit(self.header[column])[1]
         if declared and unit and declared != unit:
-            self.problems.append(
-                f"{series.name} is in {declared!r} by its header, in {unit!r} by units: drop one"
-            )
+            self.problems.append(f"{series.name} is in {declared!r} by its header, in {unit!r} by units: drop one")
             return nothing
         unit = declared or unit
         if not unit:

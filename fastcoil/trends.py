@@ -18,7 +18,9 @@ from fastcoil.errors import InputError, nearest
 from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 from fastcoil.series import FRACTION, SERIES, TEMPERATURE, TIME, Array, Series
 from fastcoil.table import Table, label_and_unit
-from fastcoil.weather import weather_day as weather_day
+from fastcoil.weather import weather_day
+
+__all__ = ["LOG_COLUMNS", "read_trend_log", "weather_day"]
 
 LOG_COLUMNS = SERIES | {
     s.name: s
@@ -73,8 +75,11 @@ def read_trend_log(
     table = Table.read(path)
     found = _log_columns(table, columns, units, constants)
     table.stop_if_wrong()
-    known = {name: table.numbers(LOG_COLUMNS[name], column, units.get(name))
-             for name, column in found.items() if name != "timestamp"}
+    known = {
+        name: table.numbers(LOG_COLUMNS[name], column, units.get(name))
+        for name, column in found.items()
+        if name != "timestamp"
+    }
     time = known.pop("elapsed_time") if "elapsed_time" in known else _seconds(table, found["timestamp"])
     _check_steps(table, time, max_gap)
     table.stop_if_wrong()
@@ -87,28 +92,35 @@ def read_trend_log(
     time = np.round(time - time[0], 6)
     wanted = _wanted_seconds(table, time[-1], start, hours)
     latest = np.searchsorted(time, wanted, side="right") - 1
-    sampled = {name: values[latest] if SERIES[name].hold else np.interp(wanted, time, values)
-               for name, values in known.items()}
+    sampled = {
+        name: values[latest] if SERIES[name].hold else np.interp(wanted, time, values) for name, values in known.items()
+    }
     return Boundary(**{name: sampled.get(name, constants.get(name)) for name in SERIES})
 
 
-def _log_columns(table: Table, columns: Mapping[str, str] | None, units: Mapping[str, str],
-                 constants: Mapping[str, float]) -> dict[str, int]:
+def _log_columns(
+    table: Table, columns: Mapping[str, str] | None, units: Mapping[str, str], constants: Mapping[str, float]
+) -> dict[str, int]:
     """Index of the column of each series; unknown, missing and doubled ones are problems."""
     names = [*LOG_COLUMNS, "timestamp"]
     table.check_names("columns", columns or {}, names)
     table.check_names("units", units, LOG_COLUMNS)
     table.check_names("constants", constants, SERIES)
-    table.problems += [f"constants has {name} = {value!r}: give a number" for name, value in constants.items()
-                       if isinstance(value, bool) or not isinstance(value, int | float | np.number)]
+    table.problems += [
+        f"constants has {name} = {value!r}: give a number"
+        for name, value in constants.items()
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number)
+    ]
     found = table.renamed(columns or {})
     for column, cell in enumerate(table.header):
         label = label_and_unit(cell)[0]
         if label in names:
             found.setdefault(label, column)
         elif columns is None:
-            table.problems.append(f"column {cell!r} is unknown{nearest(label, names)}: rename or delete it, "
-                                  "or say what to read by columns={'T_a_in': 'its header', ...}")
+            table.problems.append(
+                f"column {cell!r} is unknown{nearest(label, names)}: rename or delete it, "
+                "or say what to read by columns={'T_a_in': 'its header', ...}"
+            )
     named = {*(columns or {}), *found, *constants}
     for alternatives in _ALTERNATIVES:
         given = [name for name in alternatives if name in named]
@@ -152,8 +164,10 @@ def _check_steps(table: Table, time: Array, max_gap: float | None) -> None:
         table.problems.append(f"the rows are {step:g} s apart: thin or average the log to 1 s or more")
     elif steps[longest] > (_LARGEST_STEP * step if max_gap is None else max_gap):
         gap, ends = f"{steps[longest]:g}", f"{rows[longest]} and {rows[longest + 1]}"
-        table.problems.append(f"rows {ends} are {gap} s apart, others {step:g} s: fill the gap, cut the log, "
-                              f"or pass max_gap={gap} to bridge it")
+        table.problems.append(
+            f"rows {ends} are {gap} s apart, others {step:g} s: fill the gap, cut the log, "
+            f"or pass max_gap={gap} to bridge it"
+        )
 
 
 def _wanted_seconds(table: Table, covered: float, start: float, hours: float | None) -> Array:

@@ -76,8 +76,9 @@ def weather_day(
         Headers and units that differ from `WEATHER_COLUMNS`.
     """
     n_steps = whole_seconds(hours)
-    require(outdoor_fraction=outdoor_fraction, T_return=T_return, RH_return=RH_return, W_return=W_return,
-            pressure=pressure)
+    require(
+        outdoor_fraction=outdoor_fraction, T_return=T_return, RH_return=RH_return, W_return=W_return, pressure=pressure
+    )
     if (RH_return is None) == (W_return is None):
         raise InputError("RH_return and W_return: give one of them")
     weather = _weather(Table.read(path), columns, units)
@@ -88,19 +89,22 @@ def weather_day(
         W_hourly = humidity_ratio(weather["T_drybulb"], weather["RH"], p)
     starts = _start_hours(weather, Path(path).name, n_steps, start_hour, month, day, hour, days)
     at = np.add.outer(starts, np.arange(n_steps) / 3600)
-    T_out, W_out, p_out = (np.interp(at, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))
-                           for hourly in (weather["T_drybulb"], W_hourly, p))
+    T_out, W_out, p_out = (
+        np.interp(at, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))
+        for hourly in (weather["T_drybulb"], W_hourly, p)
+    )
     W_back: Values = W_return if RH_return is None else humidity_ratio(T_return, RH_return, p_out)
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, T_return, W_back)
-    warnings.warn("hourly weather is interpolated to 1 s: it says nothing about disturbances faster than an "
-                  "hour", UserWarning, stacklevel=2)
+    warnings.warn(
+        "hourly weather is interpolated to 1 s: it says nothing about disturbances faster than an hour",
+        UserWarning,
+        stacklevel=2,
+    )
     rows = slice(None) if days is not None else 0
     return Boundary(m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=days)
 
 
-def _weather(
-    table: Table, columns: Mapping[str, str] | None, units: Mapping[str, str] | None
-) -> dict[str, Array]:
+def _weather(table: Table, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> dict[str, Array]:
     """The columns of a weather file that there are, checked, by name."""
     columns, units = dict(columns or {}), dict(units or {})
     table.check_names("columns", columns, WEATHER_COLUMNS)
@@ -120,8 +124,7 @@ def _weather(
     table.stop_if_wrong()
     if "T_dewpoint" in found:
         found.pop("RH", None)
-    weather = {name: table.numbers(WEATHER_COLUMNS[name][0], column, units.get(name))
-               for name, column in found.items()}
+    weather = {name: table.numbers(WEATHER_COLUMNS[name][0], column, units.get(name)) for name, column in found.items()}
     jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
         row = table.row_numbers[jump]
@@ -130,8 +133,16 @@ def _weather(
     return weather
 
 
-def _start_hours(weather: Mapping[str, Array], file: str, n_steps: int, start_hour: int | None,
-                 month: int | None, day: int | None, hour: int | None, days: Sequence[int] | None) -> Array:
+def _start_hours(
+    weather: Mapping[str, Array],
+    file: str,
+    n_steps: int,
+    start_hour: int | None,
+    month: int | None,
+    day: int | None,
+    hour: int | None,
+    days: Sequence[int] | None,
+) -> Array:
     """Hours of the year at which the days start, (n_days,)."""
     ways = {
         "start_hour": start_hour is not None,
@@ -140,8 +151,7 @@ def _start_hours(weather: Mapping[str, Array], file: str, n_steps: int, start_ho
     }
     if sum(ways.values()) != 1 or (start_hour is not None and hour is not None):
         given = [way for way, is_given in ways.items() if is_given]
-        raise InputError(f"the start is given as {given}: give start_hour, or month, day, hour, or days and "
-                         "hour")
+        raise InputError(f"the start is given as {given}: give start_hour, or month, day, hour, or days and hour")
     if start_hour is not None:
         starts = [_whole("start_hour", start_hour, 1, 8784)]
     elif days is not None:
@@ -150,8 +160,11 @@ def _start_hours(weather: Mapping[str, Array], file: str, n_steps: int, start_ho
             raise InputError(f"days = {days}: give a list of days of the year, or start_hour")
         starts = [24 * (_whole("days", one, 1, 366) - 1) + first for one in days]
     else:
-        date = {"month": _whole("month", month, 1, 12), "day": _whole("day", day, 1, 31),
-                "hour": _whole("hour", hour, 0, 24)}
+        date = {
+            "month": _whole("month", month, 1, 12),
+            "day": _whole("day", day, 1, 31),
+            "hour": _whole("hour", hour, 0, 24),
+        }
         absent = [name for name in date if name not in weather]
         if absent:
             raise InputError(f"{file} has no column {', '.join(absent)}: name it, or give start_hour")
@@ -164,8 +177,10 @@ def _start_hours(weather: Mapping[str, Array], file: str, n_steps: int, start_ho
     for start in starts:
         end = start + (n_steps - 1) / 3600
         if start < low or end > high:
-            raise InputError(f"{file} holds hours of the year {low:g} to {high:g}, not {start} to {end:g}: "
-                             "start elsewhere, or take fewer hours")
+            raise InputError(
+                f"{file} holds hours of the year {low:g} to {high:g}, not {start} to {end:g}: "
+                "start elsewhere, or take fewer hours"
+            )
     return np.array(starts, dtype=np.float64)
 
 

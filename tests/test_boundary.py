@@ -140,8 +140,11 @@ def test_the_digest_is_the_same_in_another_process():
 @pytest.mark.parametrize("seed", [1, [5, 3]])
 def test_dataset_pickle_and_copy_round_trips(seed):
     boundary = paper_day(0.1, seed)
-    for other in (Boundary.from_dataset(boundary.to_dataset()), pickle.loads(pickle.dumps(boundary)),
-                  copy.deepcopy(boundary)):
+    for other in (
+        Boundary.from_dataset(boundary.to_dataset()),
+        pickle.loads(pickle.dumps(boundary)),
+        copy.deepcopy(boundary),
+    ):
         assert other == boundary
         np.testing.assert_array_equal(other.day, boundary.day)
         assert other.has_day_dim == boundary.has_day_dim
@@ -195,28 +198,31 @@ def test_describe_and_repr_are_one_short_line():
 # --------------------------------------------------------------------------------------------------- bad input
 
 
-@pytest.mark.parametrize(("name", "value", "words"), [
-    ("m_a", -0.1, ["m_a = -0.1 kg s-1", "from 0 to 200"]),
-    ("m_a", 1200.0, ["m_a = 1200 kg s-1", "unit"]),
-    ("T_a_in", 77.0, ["T_a_in = 77 degC", "from -40 to 60", "unit"]),
-    ("T_a_in", 298.15, ["T_a_in = 298.15 degC", "unit"]),
-    ("W_a_in", 9.3, ["W_a_in = 9.3", "from 0 to 0.1"]),
-    ("T_w_in", 0.0, ["T_w_in = 0 degC", "from 0.5 to 120"]),
-    ("T_set", np.full(60, 95.0), ["T_set = 95 degC at second 0", "from -20 to 80"]),
-    ("noise", -51.0, ["noise = -51 K", "from -50 to 50"]),
-    ("enabled", 0.5, ["enabled = 0.5", "whole, from 0 to 1"]),
-    ("T_a_in", float("nan"), ["T_a_in is nan", "fill or cut"]),
-    ("T_w_in", float("inf"), ["T_w_in is inf", "fill or cut"]),
-    ("T_w_in", -999.0, ["T_w_in = -999 degC", "missing value"]),
-    ("T_a_in", "25", ["T_a_in = '25'", "give numbers"]),
-    ("m_a", [[1.0], [1.0, 2.0]], ["m_a", "different length"]),
-    ("m_a", True, ["m_a = True", "bool", "give numbers"]),
-    ("m_a", [], ["m_a is empty", "at least one"]),
-    ("m_a", np.ones((1, 1, 60)), ["m_a has 3 dimensions", "(days, seconds)"]),
-    ("m_a", None, ["m_a is missing", "air flow", "kg s-1"]),
-    ("m_a", xr.DataArray(np.ones(60), dims="time"), ["m_a", "('time',)", "elapsed_time"]),
-    ("m_a", np.ones(59), ["T_set has 60 samples where m_a has 59", "as many"]),
-])
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("m_a", -0.1, ["m_a = -0.1 kg s-1", "from 0 to 200"]),
+        ("m_a", 1200.0, ["m_a = 1200 kg s-1", "unit"]),
+        ("T_a_in", 77.0, ["T_a_in = 77 degC", "from -40 to 60", "unit"]),
+        ("T_a_in", 298.15, ["T_a_in = 298.15 degC", "unit"]),
+        ("W_a_in", 9.3, ["W_a_in = 9.3", "from 0 to 0.1"]),
+        ("T_w_in", 0.0, ["T_w_in = 0 degC", "from 0.5 to 120"]),
+        ("T_set", np.full(60, 95.0), ["T_set = 95 degC at second 0", "from -20 to 80"]),
+        ("noise", -51.0, ["noise = -51 K", "from -50 to 50"]),
+        ("enabled", 0.5, ["enabled = 0.5", "whole, from 0 to 1"]),
+        ("T_a_in", float("nan"), ["T_a_in is nan", "fill or cut"]),
+        ("T_w_in", float("inf"), ["T_w_in is inf", "fill or cut"]),
+        ("T_w_in", -999.0, ["T_w_in = -999 degC", "missing value"]),
+        ("T_a_in", "25", ["T_a_in = '25'", "give numbers"]),
+        ("m_a", [[1.0], [1.0, 2.0]], ["m_a", "different length"]),
+        ("m_a", True, ["m_a = True", "bool", "give numbers"]),
+        ("m_a", [], ["m_a is empty", "at least one"]),
+        ("m_a", np.ones((1, 1, 60)), ["m_a has 3 dimensions", "(days, seconds)"]),
+        ("m_a", None, ["m_a is missing", "air flow", "kg s-1"]),
+        ("m_a", xr.DataArray(np.ones(60), dims="time"), ["m_a", "('time',)", "elapsed_time"]),
+        ("m_a", np.ones(59), ["T_set has 60 samples where m_a has 59", "as many"]),
+    ],
+)
 def test_a_bad_series_is_named_with_its_value_and_the_cure(name, value, words):
     message = only_problem(Boundary, **GOOD | {name: value})
     for word in words:
@@ -234,8 +240,9 @@ def test_the_first_offending_second_and_day_are_named():
 
 
 def test_all_mistakes_are_raised_at_once():
-    found = problems(Boundary, m_a=-1.0, T_a_in=np.full(60, np.nan), W_a_in=0.01, T_w_in=np.full(61, 7.0),
-                     T_set="x", day=[1, 1])
+    found = problems(
+        Boundary, m_a=-1.0, T_a_in=np.full(60, np.nan), W_a_in=0.01, T_w_in=np.full(61, 7.0), T_set="x", day=[1, 1]
+    )
     assert len(found) == 5
     for name, text in zip(("T_set", "T_w_in", "day label 1", "m_a", "T_a_in"), found, strict=True):
         assert name in text
@@ -245,16 +252,19 @@ def test_numbers_alone_are_refused():
     assert "constant_day" in only_problem(Boundary, **GOOD | {"T_set": 14.0})
 
 
-@pytest.mark.parametrize(("day", "words"), [
-    ([1, 1], ["day label 1", "twice"]),
-    ([-1, 2], ["day = [-1, 2]", "from 0 to 4294967295"]),
-    ([2**32, 2], ["4294967296", "from 0 to 4294967295"]),
-    ([0.5, 2], ["day = [0.5, 2]", "whole"]),
-    (["mon", "tue"], ["day = ['mon', 'tue']", "whole"]),
-    ([True, False], ["day = [True, False]", "whole"]),
-    ([1, 2, 3], ["3 labels for 2 days", "one label for each"]),
-    ([], ["day = []", "one a day"]),
-])
+@pytest.mark.parametrize(
+    ("day", "words"),
+    [
+        ([1, 1], ["day label 1", "twice"]),
+        ([-1, 2], ["day = [-1, 2]", "from 0 to 4294967295"]),
+        ([2**32, 2], ["4294967296", "from 0 to 4294967295"]),
+        ([0.5, 2], ["day = [0.5, 2]", "whole"]),
+        (["mon", "tue"], ["day = ['mon', 'tue']", "whole"]),
+        ([True, False], ["day = [True, False]", "whole"]),
+        ([1, 2, 3], ["3 labels for 2 days", "one label for each"]),
+        ([], ["day = []", "one a day"]),
+    ],
+)
 def test_bad_day_labels(day, words):
     message = only_problem(Boundary, **GOOD | {"m_a": np.ones((2, 60))}, day=day)
     for word in words:
@@ -294,7 +304,8 @@ def test_paper_day_follows_its_formula():
     h = np.arange(16 * 3600) / 3600
     D = np.array([np.sin(np.pi * ((x if x <= 8 else 16 - x) - 1) / 9) for x in h])
     expected = {
-        "m_a": (1.15 + 0.18 * D, 0.015), "T_a_in": (25 + 1.5 * D, 0.10),
+        "m_a": (1.15 + 0.18 * D, 0.015),
+        "T_a_in": (25 + 1.5 * D, 0.10),
         "T_w_in": (7 + 0.4 * np.sin(2 * np.pi * h / 1.5), 0.05),
     }
     for name, (formula, std) in expected.items():
@@ -376,27 +387,30 @@ def test_noise_of_two_series_and_of_two_seeds_is_uncorrelated():
     assert abs(np.mean(a * c)) < 0.04
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    ({"hours": 0}, ["hours = 0 h", "above 0"]),
-    ({"hours": -8}, ["hours = -8 h", "above 0"]),
-    ({"hours": float("nan")}, ["hours = nan", "finite"]),
-    ({"hours": "8"}, ["hours = '8'", "number"]),
-    ({"hours": True}, ["hours = True", "number"]),
-    ({"hours": None}, ["hours is missing"]),
-    ({"hours": 1e-5}, ["hours = 1e-05", "whole number of seconds"]),
-    ({"hours": 1 / 7000}, ["whole number of seconds"]),
-    ({"hours": 1e6}, ["hours = 1e+06 h", "8760"]),
-    ({"seed": -1}, ["seed = -1", "from 0 to 4294967295"]),
-    ({"seed": 2**32}, ["seed = 4294967296", "from 0 to 4294967295"]),
-    ({"seed": True}, ["seed = True", "whole number"]),
-    ({"seed": "1"}, ["seed = '1'", "whole number"]),
-    ({"seed": 1.0}, ["seed = 1.0", "whole number"]),
-    ({"seed": None}, ["seed = None", "whole number"]),
-    ({"seed": [1, 2.5]}, ["seed = 2.5", "whole number"]),
-    ({"seed": [4, 1, 4]}, ["seed", "4 twice", "distinct"]),
-    ({"seed": []}, ["seed is empty"]),
-    ({"seed": range(10**12)}, ["seed", "more than 1736 days", "give fewer"]),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"hours": 0}, ["hours = 0 h", "above 0"]),
+        ({"hours": -8}, ["hours = -8 h", "above 0"]),
+        ({"hours": float("nan")}, ["hours = nan", "finite"]),
+        ({"hours": "8"}, ["hours = '8'", "number"]),
+        ({"hours": True}, ["hours = True", "number"]),
+        ({"hours": None}, ["hours is missing"]),
+        ({"hours": 1e-5}, ["hours = 1e-05", "whole number of seconds"]),
+        ({"hours": 1 / 7000}, ["whole number of seconds"]),
+        ({"hours": 1e6}, ["hours = 1e+06 h", "8760"]),
+        ({"seed": -1}, ["seed = -1", "from 0 to 4294967295"]),
+        ({"seed": 2**32}, ["seed = 4294967296", "from 0 to 4294967295"]),
+        ({"seed": True}, ["seed = True", "whole number"]),
+        ({"seed": "1"}, ["seed = '1'", "whole number"]),
+        ({"seed": 1.0}, ["seed = 1.0", "whole number"]),
+        ({"seed": None}, ["seed = None", "whole number"]),
+        ({"seed": [1, 2.5]}, ["seed = 2.5", "whole number"]),
+        ({"seed": [4, 1, 4]}, ["seed", "4 twice", "distinct"]),
+        ({"seed": []}, ["seed is empty"]),
+        ({"seed": range(10**12)}, ["seed", "more than 1736 days", "give fewer"]),
+    ],
+)
 def test_paper_day_refuses(arguments, words):
     message = only_problem(paper_day, **arguments)
     for word in words:
@@ -411,8 +425,15 @@ def test_constant_day_is_constant_and_the_centre_of_paper_day():
     for values in boundary.series.values():
         assert np.ptp(values) == 0.0
     first = {name: values[0, 0] for name, values in boundary.series.items()}
-    assert first == {"m_a": 1.15, "T_a_in": 25.0, "W_a_in": float(moist_air.humidity_ratio(25.0, 0.56)),
-                     "T_w_in": 7.0, "T_set": 14.0, "noise": 0.0, "enabled": 1.0}
+    assert first == {
+        "m_a": 1.15,
+        "T_a_in": 25.0,
+        "W_a_in": float(moist_air.humidity_ratio(25.0, 0.56)),
+        "T_w_in": 7.0,
+        "T_set": 14.0,
+        "noise": 0.0,
+        "enabled": 1.0,
+    }
     assert constant_day(0.5, W_a_in=0.01).series["W_a_in"][0, 0] == 0.01
     assert constant_day(0.5, T_set=np.linspace(13, 14, 1800)).n_steps == 1800
 
@@ -466,17 +487,20 @@ def test_design_day_outdoor_air_is_at_most_saturated():
     assert (series["W_a_in"] > 0.999 * saturated).any()
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    ({"mode": "cool"}, ["mode = 'cool'", "'cooling' or 'heating'"]),
-    ({"hours": 0}, ["hours = 0 h"]),
-    ({"outdoor_fraction": 30}, ["outdoor_fraction = 30", "from 0 to 1"]),
-    ({"T_design": 92.0}, ["T_design = 92 degC", "from -40 to 60"]),
-    ({"T_wet_bulb": 35.0}, ["T_wet_bulb = 35 degC", "T_design = 33.3"]),
-    ({"start_hour": 25}, ["start_hour = 25 h", "from 0 to 24"]),
-    ({"RH_return": 50}, ["RH_return = 50", "from 0 to 1"]),
-    ({"pressure": 101.3}, ["pressure = 101.3 Pa"]),
-    ({"T_w_in": 44.6 + 273}, ["T_w_in = 317.6 degC"]),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"mode": "cool"}, ["mode = 'cool'", "'cooling' or 'heating'"]),
+        ({"hours": 0}, ["hours = 0 h"]),
+        ({"outdoor_fraction": 30}, ["outdoor_fraction = 30", "from 0 to 1"]),
+        ({"T_design": 92.0}, ["T_design = 92 degC", "from -40 to 60"]),
+        ({"T_wet_bulb": 35.0}, ["T_wet_bulb = 35 degC", "T_design = 33.3"]),
+        ({"start_hour": 25}, ["start_hour = 25 h", "from 0 to 24"]),
+        ({"RH_return": 50}, ["RH_return = 50", "from 0 to 1"]),
+        ({"pressure": 101.3}, ["pressure = 101.3 Pa"]),
+        ({"T_w_in": 44.6 + 273}, ["T_w_in = 317.6 degC"]),
+    ],
+)
 def test_design_day_refuses(arguments, words):
     message = only_problem(design_day, **arguments)
     for word in words:

@@ -35,7 +35,10 @@ def test_saturation_below_freezing_is_over_supercooled_water():
     T = np.linspace(-30.0, 0.0, 31)
     K = T + 273.15
     expected = np.exp(
-        54.842763 - 6763.22 / K - 4.210 * np.log(K) + 0.000367 * K
+        54.842763
+        - 6763.22 / K
+        - 4.210 * np.log(K)
+        + 0.000367 * K
         + np.tanh(0.0415 * (K - 218.8)) * (53.878 - 1331.22 / K - 9.44523 * np.log(K) + 0.014025 * K)
     )
     np.testing.assert_allclose(moist_air.saturation_pressure(T), expected, rtol=3e-3)
@@ -47,18 +50,24 @@ def test_humidity_ratios_are_those_of_psychrolib(psychrolib, pressure):
     lib = psychrolib
     np.testing.assert_allclose(
         moist_air.humidity_ratio(T, rh, pressure),
-        each(lambda t, r: lib.GetHumRatioFromRelHum(t, r, pressure), T, rh), rtol=1e-10)
+        each(lambda t, r: lib.GetHumRatioFromRelHum(t, r, pressure), T, rh),
+        rtol=1e-10,
+    )
     np.testing.assert_allclose(
-        moist_air.saturation_humidity_ratio(T, pressure),
-        each(lambda t: lib.GetSatHumRatio(t, pressure), T), rtol=1e-10)
+        moist_air.saturation_humidity_ratio(T, pressure), each(lambda t: lib.GetSatHumRatio(t, pressure), T), rtol=1e-10
+    )
     np.testing.assert_allclose(
         moist_air.humidity_ratio_from_dew_point(T, pressure),
-        each(lambda t: lib.GetHumRatioFromTDewPoint(t, pressure), T), rtol=1e-10)
+        each(lambda t: lib.GetHumRatioFromTDewPoint(t, pressure), T),
+        rtol=1e-10,
+    )
     wet_bulb = T - 3.0 * (1.0 - rh)
     kept = wet_bulb > 0.01
     np.testing.assert_allclose(
         moist_air.humidity_ratio_from_wet_bulb(T, wet_bulb, pressure)[kept],
-        each(lambda t, w: lib.GetHumRatioFromTWetBulb(t, w, pressure), T[kept], wet_bulb[kept]), rtol=1e-10)
+        each(lambda t, w: lib.GetHumRatioFromTWetBulb(t, w, pressure), T[kept], wet_bulb[kept]),
+        rtol=1e-10,
+    )
 
 
 @pytest.mark.parametrize("pressure", PRESSURES)
@@ -95,14 +104,13 @@ def test_saturation_enthalpy_slope_is_the_derivative(pressure):
 
 
 def test_mixing_keeps_water_and_enthalpy_and_its_ends():
-    T, W = moist_air.mix(0.25, -10.0, 0.001, 24.0, 0.009)
-    assert W == pytest.approx(0.25 * 0.001 + 0.75 * 0.009, rel=1e-14)
+    t, w = moist_air.mix(0.25, -10.0, 0.001, 24.0, 0.009)
+    assert w == pytest.approx(0.25 * 0.001 + 0.75 * 0.009, rel=1e-14)
     h = 0.25 * (1.006 * -10 + 0.001 * (2501 - 18.6)) + 0.75 * (1.006 * 24 + 0.009 * (2501 + 1.86 * 24))
-    assert 1.006 * T + W * (2501 + 1.86 * T) == pytest.approx(h, rel=1e-14)
-    # Moist air has a larger heat capacity, so the mixture lies a little to its side of the straight line.
-    assert 0.75 * 24 - 0.25 * 10 < T < 0.75 * 24 - 0.25 * 10 + 0.1
-    assert moist_air.mix(1.0, -10.0, 0.001, 24.0, 0.009) == pytest.approx((-10.0, 0.001), rel=1e-13)
-    assert moist_air.mix(0.0, -10.0, 0.001, 24.0, 0.009) == pytest.approx((24.0, 0.009), rel=1e-13)
+    assert 1.006 * t + w * (2501 + 1.86 * t) == pytest.approx(h, rel=1e-14)
+    # Moist air has the larger heat capacity, so the mixture lies a little to its side of the straight line.
+    assert 0.0 < t - (0.75 * 24 - 0.25 * 10) < 0.1
+    np.testing.assert_allclose(moist_air.mix([1.0, 0.0], -10.0, 0.001, 24.0, 0.009), [[-10, 24], [0.001, 0.009]])
 
 
 def test_printed_values_at_sea_level():

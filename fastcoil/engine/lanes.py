@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +41,7 @@ VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a")
 """Rows of each control volume; of volume 0 only T_w is used, for the entering water."""
 
 Rows = namedtuple("Rows", PARAMETER_ROWS + STATE_ROWS)  # type: ignore[misc]
-R = Rows(*(LANES * k for k in range(len(Rows._fields))))
+R: Any = Rows(*(LANES * k for k in range(len(Rows._fields))))
 """Offset of each row in the flat state S: constants to the compiler."""
 T_W, T_C, T_A, W_A = (LANES * k for k in range(len(VOLUME_ROWS)))
 """Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""

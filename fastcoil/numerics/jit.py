@@ -35,7 +35,7 @@ from numba.extending import intrinsic
 
 _FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _KEPT_CACHES = 4
-JIT_ENABLED = not config.DISABLE_JIT
+JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
 def scalar(function: Callable[..., Any]) -> Any:
@@ -52,11 +52,11 @@ def kernel(function: Callable[..., Any]) -> Any:
     if folder is None:
         return numba.njit(**_FLAGS)(function)
     # the folder is read once, at decoration: the user's own cached functions keep theirs
-    previous, config.CACHE_DIR = config.CACHE_DIR, str(folder)
+    previous, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # type: ignore[attr-defined]
     try:
         return numba.njit(**_FLAGS, cache=True)(function)
     finally:
-        config.CACHE_DIR = previous
+        config.CACHE_DIR = previous  # type: ignore[attr-defined]
 
 
 if JIT_ENABLED:
@@ -74,7 +74,7 @@ if JIT_ENABLED:
 
 else:
 
-    def fma(a: float, b: float, c: float) -> float:
+    def fma(a: float, b: float, c: float) -> float:  # type: ignore[misc]
         """a*b + c, rounded twice: close enough for the interpreter, where no bits are promised."""
         return a * b + c
 
@@ -97,7 +97,14 @@ def fingerprint() -> str:
     Numba invalidates a cached kernel when its own file changes, not when a formula it calls does; a folder
     named by this hash cannot hold stale physics.
     """
-    settings = [model_sha256(), numba.__version__, llvmlite.__version__, np.__version__, sys.version, platform.machine()]
+    settings = [
+        model_sha256(),
+        numba.__version__,
+        llvmlite.__version__,
+        np.__version__,
+        sys.version,
+        platform.machine(),
+    ]
     settings += [llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()]
     settings += [f"{k}={v}" for k, v in sorted(os.environ.items()) if k.startswith("NUMBA_") and k != "NUMBA_CACHE_DIR"]
     return hashlib.sha256("\n".join(settings).encode()).hexdigest()[:16]

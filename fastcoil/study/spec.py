@@ -11,6 +11,7 @@ import hashlib
 import inspect
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,13 +100,16 @@ def read_study(path: Path) -> Study:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {error}") from None
     file, problems = _shaped(tables)
-    loop = _collect(problems, lambda: study_loop(file))
-    boundary = _collect(problems, lambda: study_boundary(file.boundary, path.parent))
+    loop = boundary = plan = None
+    with _collecting(problems):
+        loop = study_loop(file)
+    with _collecting(problems):
+        boundary = study_boundary(file.boundary, path.parent)
     if loop is not None and boundary is not None:
-        plan = _collect(problems, lambda: prepare(loop, boundary, **file.run.model_dump()))
-    if problems:
+        with _collecting(problems):
+            plan = prepare(loop, boundary, **file.run.model_dump())
+    if problems or plan is None:
         raise InputError([f"{path}: {problem}" for problem in problems])
-    assert plan is not None
     return Study(text, file.title or path.stem, file.question, plan)
 
 
@@ -123,28 +127,33 @@ def study_loop(file: StudyFile) -> Loop:
     """Build the loop of a study: preset, constants, swept axes, named cases."""
     problems: list[str] = []
     constants = dict(file.loop)
-    preset = constants.pop("preset", "paper_like")
-    loop = _collect(problems, lambda: Loop.preset(str(preset)), "[loop] ") or Loop()
-    loop = _collect(problems, lambda: loop.assign(**constants), "[loop] ") or loop
-    axes = {}
+    preset = str(constants.pop("preset", "paper_like"))
+    loop, axes = Loop(), {}
+    with _collecting(problems, "[loop] "):
+        loop = Loop.preset(preset)
+    with _collecting(problems, "[loop] "):
+        loop = loop.assign(**constants)
     for name, axis in file.sweep.items():
-        values = _collect(problems, lambda name=name, axis=axis: axis_values(name, axis), "[sweep] ")  # type: ignore[misc]
-        if values is not None:
-            axes[name] = values
-        if name in constants:
-            problems.append(f"{name} stands in [loop] and in [sweep]: leave one out")
-    loop = _collect(problems, lambda: loop.assign(**axes), "[sweep] ") or loop
-    taken = {name: "[sweep]" for name in file.sweep}
+        with _collecting(problems, "[sweep] "):
+            axes[name] = axis_values(name, axis)
+    with _collecting(problems, "[sweep] "):
+        loop = loop.assign(**axes)
+    problems += [f"{n} stands in [loop] and in [sweep]: leave one out" for n in file.sweep if n in constants]
+    taken = dict.fromkeys(file.sweep, "[sweep]")
+    for place, names in [(f"[cases.{dim}]", _names(cases)) for dim, cases in file.cases.items()]:
+        problems += [f"{n} stands in {taken[n]} and in {place}: leave one out" for n in names if n in taken]
+        taken |= dict.fromkeys(names, place)
     for dim, cases in file.cases.items():
-        for name, place in [(n, taken[n]) for n in dict.fromkeys(n for case in cases.values() for n in case) if n in taken]:
-            problems.append(f"{name} stands in {place} and in [cases.{dim}]: leave one out")
-        taken |= {n: f"[cases.{dim}]" for case in cases.values() for n in case}
-        zipped = _collect(problems, lambda dim=dim, cases=cases: _zipped(dim, cases, loop), f"[cases.{dim}] ")  # type: ignore[misc]
-        if zipped:
-            loop = _collect(problems, lambda zipped=zipped: loop.assign(**zipped), f"[cases.{dim}] ") or loop  # type: ignore[misc]
+        with _collecting(problems, f"[cases.{dim}] "):
+            loop = loop.assign(**_zipped(dim, cases, loop))
     if problems:
         raise InputError(problems)
     return loop
+
+
+def _names(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Every parameter that one of the cases gives."""
+    return list(dict.fromkeys(name for case in cases.values() for name in case))
 
 
 def axis_values(name: str, axis: object) -> list[Any]:
@@ -158,7 +167,9 @@ def axis_values(name: str, axis: object) -> list[Any]:
             "or { geomspace = [first, last, count] }"
         )
     spec = axis[kind]
-    numbers = isinstance(spec, list) and len(spec) == 3 and all(type(v) in (int, float) and np.isfinite(v) for v in spec)
+    numbers = (
+        isinstance(spec, list) and len(spec) == 3 and all(type(v) in (int, float) and np.isfinite(v) for v in spec)
+    )
     if not numbers or type(spec[2]) is not int or not 1 <= spec[2] <= LONGEST_AXIS:
         raise InputError(
             f"{name} = {{ {kind} = {_shown(spec)} }}: give [first, last, count], two finite numbers and a whole "
@@ -176,7 +187,7 @@ def _zipped(dim: str, cases: Mapping[str, Mapping[str, float | str]], loop: Loop
     if dim in PARAMETERS:
         raise InputError(f"{dim} is a parameter: give the dimension another name, such as tuning or controller")
     zipped, problems = {}, []
-    for name in dict.fromkeys(n for case in cases.values() for n in case):
+    for name in _names(cases):
         try:
             default = loop[name]
         except InputError as error:
@@ -205,7 +216,8 @@ def study_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
     kind = arguments.pop("kind", "paper_day")
     if kind not in BOUNDARY_KINDS:
         raise InputError(
-            f"[boundary] kind = {kind!r}: unknown{nearest(str(kind), BOUNDARY_KINDS)}; choose one of {', '.join(BOUNDARY_KINDS)}"
+            f"[boundary] kind = {kind!r}: unknown{nearest(str(kind), BOUNDARY_KINDS)}; "
+            f"choose one of {', '.join(BOUNDARY_KINDS)}"
         )
     make = BOUNDARY_KINDS[kind]
     signature = inspect.signature(make).parameters
@@ -229,13 +241,13 @@ def study_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
         raise InputError([f"[boundary] {p}" for p in error.problems]) from None
 
 
-def _collect(problems: list[str], make: Callable[[], Any], prefix: str = "") -> Any:
-    """Return what ``make`` returns; if it is refused, ``None``, its sentences added to ``problems``."""
+@contextmanager
+def _collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
+    """Add the sentences of a refusal to ``problems`` and go on."""
     try:
-        return make()
+        yield
     except InputError as error:
         problems += [prefix + p for p in error.problems]
-        return None
 
 
 def _text(path: Path) -> str:

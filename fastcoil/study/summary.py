@@ -66,7 +66,9 @@ def _extremes(ds: xr.Dataset) -> list[str]:
     lines = [f"RMSE from {np.nanmin(flat):.3g} to {np.nanmax(flat):.3g} K, median {np.nanmedian(flat):.3g} K."]
     for dim in numeric_dims(ds):
         middle = rmse.median([d for d in rmse.dims if d != dim])
-        lines.append(f"Along {dim} the median RMSE is lowest at {float(middle.idxmin(dim)):g}: {float(middle.min()):.3g} K.")
+        lines.append(
+            f"Along {dim} the median RMSE is lowest at {float(middle.idxmin(dim)):g}: {float(middle.min()):.3g} K."
+        )
     return lines
 
 

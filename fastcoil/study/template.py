@@ -1,6 +1,6 @@
 """The study file that ``fastcoil init`` writes."""
 
-TEMPLATE = '''\
+TEMPLATE = """\
 # A fastcoil study: which loops, on which days.  `fastcoil plan FILE` checks it, `fastcoil run FILE` runs it.
 # All openings, commands and backlash are fractions of stroke; °C, kg/s, s.  `fastcoil parameters` lists the names.
 
@@ -30,4 +30,4 @@ replicates = 1                          # noise realisations: one more axis, cal
 warm_up = 1800                          # seconds left out of every metric
 traces = []                             # signals to keep, such as ["T_sup", "command"]
 trace_interval = 60                     # s between their samples
-'''
+"""

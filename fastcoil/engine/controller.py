@@ -1,0 +1,85 @@
+"""The controller of Fig 8 over a block of lanes: learner, noise on the sensor, PI, inverse."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.control.inverse import direction, extreme, inverse
+from fastcoil.control.learning import chatters, switch_frequency, updated
+from fastcoil.control.pi import desired_opening, integrated
+from fastcoil.engine.lanes import LANES, R
+from fastcoil.numerics.jit import section
+from fastcoil.numerics.noise import MEASUREMENT, normal_pair
+from fastcoil.physics.sensor import measured
+
+
+@section
+def learn(S, t):
+    """One update of the estimate where an interval ends, section 3.3."""
+    for j in range(LANES):
+        if S[R.learning + j] > 0.0 and S[R.next_update + j] == t:
+            step, interval = S[R.learning_step + j], S[R.learning_interval + j]
+            f = switch_frequency(S[R.switches + j], interval)
+            if S[R.reference + j] < 0.0:
+                S[R.reference + j] = f
+            down = chatters(f, S[R.reference + j], S[R.learning_ratio + j], S[R.learning_floor + j])
+            x_hat = updated(S[R.estimate + j], step, down, S[R.backlash_estimate + j], S[R.learning_cap + j])
+            S[R.estimate + j] = x_hat
+            S[R.switches + j] = 0.0
+            S[R.next_update + j] = t + interval
+            if np.isnan(S[R.time_reached + j]) and x_hat >= S[R.backlash + j] - 0.5 * step - 1e-12:
+                S[R.time_reached + j] = t
+            if down and np.isnan(S[R.time_confirmed + j]) and S[R.time_reached + j] <= t:
+                S[R.time_confirmed + j] = t
+            if down and np.isnan(S[R.time_first_down + j]):
+                S[R.time_first_down + j] = t
+                S[R.estimate_first_down + j] = x_hat
+                if S[R.learning_stop + j] > 0.0:
+                    S[R.learning + j] = 0.0
+
+
+@section
+def draw_noise(S, t, k, block, day):
+    """Hold a new normal in the lanes that sample now; k: index of the sample where all lanes sample together."""
+    if block.samples_together and k % 2 == 1:
+        for j in range(LANES):
+            S[R.noise + j] = S[R.noise_next + j]
+        return
+    k0, k1, label = np.uint64(day.seed[0]), np.uint64(day.seed[1]), np.uint64(day.label)
+    for j in range(LANES):
+        sample = np.int64(S[R.samples + j])
+        pair, replicate = np.uint64(sample >> 1), np.uint64(S[R.replicate + j])
+        even, odd = normal_pair(pair, np.uint64(MEASUREMENT), replicate, label, k0, k1)
+        due = S[R.next_sample + j] == t
+        z = odd if sample & 1 else even
+        S[R.noise + j] = S[R.noise_std + j] * z if due else S[R.noise + j]
+        S[R.noise_next + j] = S[R.noise_std + j] * odd
+
+
+@section
+def control(S, t, T_set, noise, enabled, counts_switches):
+    """PI and inverse of the lanes that sample now; the others hold u, and so their command."""
+    for j in range(LANES):
+        y = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
+        e = S[R.sign + j] * (y - T_set)
+        due = S[R.next_sample + j] == t
+        integral = integrated(S[R.integral + j], e, S[R.ki + j])
+        u = desired_opening(e, integral, S[R.kp + j])
+        integral = integral if due else S[R.integral + j]
+        u = u if due else S[R.u + j]
+        integral = integral if enabled else 0.0
+        u = u if enabled else 0.0
+        S[R.integral + j] = integral
+        S[R.u + j] = u
+        S[R.next_sample + j] += S[R.sample_time + j] if due else 0.0
+        S[R.samples + j] += 1.0 if due else 0.0
+
+        mode = direction(u, S[R.mode + j], S[R.u_ext + j], S[R.buffer + j])
+        turned = mode != S[R.mode + j]
+        u_ext = extreme(u, mode, S[R.u_ext + j], turned)
+        command = inverse(u_ext, mode, S[R.estimate + j])
+        S[R.command + j] = command if u_ext != S[R.u_ext + j] else S[R.command + j]
+        S[R.u_ext + j] = u_ext
+        S[R.mode + j] = mode
+        S[R.switches + j] += 1.0 if turned else 0.0
+        S[R.sum_switches + j] += counts_switches if turned else 0.0

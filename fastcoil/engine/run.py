@@ -1,0 +1,52 @@
+"""One block through the kernel, seen from the host: arrays out, traces by name."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.engine.emulator import Day, emulate
+from fastcoil.engine.lanes import LANES, VOLUME_ROWS, VOLUME_STRIDE, Block, R, trace_rows
+from fastcoil.engine.metrics import N_METRICS
+from fastcoil.outputs import STATUS_OK
+
+KNOWN_AFTER_MARCH = ("wet_volumes",)
+"""Traces of step t that only the march of step t finds out."""
+
+
+class Traces(NamedTuple):
+    """Which traces to record, every how many seconds."""
+
+    names: tuple[str, ...] = ()
+    interval: int = 1
+
+    def n_points(self, n_steps: int) -> int:
+        """Samples of a run of ``n_steps``: one at every ``interval``, from second 0 on."""
+        return -(-n_steps // self.interval) if self.names else 0
+
+
+def run_block(block: Block, day: Day, wanted: Traces) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Run one block.  Returns metrics (N_METRICS, LANES), status (LANES,) and traces by name.
+
+    A trace is (n_points, LANES), or (n_points, N, LANES) if it has volumes; those of failed lanes are NaN.
+    """
+    before = [n for n in wanted.names if n not in KNOWN_AFTER_MARCH]
+    after = [n for n in wanted.names if n in KNOWN_AFTER_MARCH]
+    rows, rows_after = trace_rows(before, block.n_volumes), trace_rows(after, block.n_volumes)
+    n_points = wanted.n_points(day.series.shape[0])
+    traces = np.empty((n_points, rows.size + rows_after.size, LANES))
+    metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
+    S, V = np.empty(len(R) * LANES), np.empty((block.n_volumes + 1) * VOLUME_STRIDE)
+    emulate(block, day, S, V, metrics, status, rows, rows_after, wanted.interval, traces)
+
+    traces[:, :, status != STATUS_OK] = np.nan
+    named, k = {}, 0
+    for name in before + after:
+        if name in VOLUME_ROWS:
+            named[name] = traces[:, k : k + block.n_volumes]
+            k += block.n_volumes
+        else:
+            named[name] = traces[:, k]
+            k += 1
+    return metrics, status, named

@@ -1,0 +1,103 @@
+"""Every trace and metric equals ``reference.py``, the paper in plain Python.
+
+With the package's saturation function handed to the reference only the logic is compared: 1e-9 in the unit of
+the trace.  With the reference's own Hyland-Wexler formula the approximation is compared too.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.outputs import METRICS, TRACES
+
+pytestmark = pytest.mark.kernel
+
+SECONDS = np.arange(3600)
+WARM_UP = 600
+SEED = 2**40 + 5
+
+
+class Case(NamedTuple):
+    """One run: parameters, series in place of those of the day, open-loop command."""
+
+    loop: dict[str, Any]
+    series: dict[str, Any] = {}
+    command: np.ndarray | None = None
+
+
+DRY = {"W_a_in": 0.004}
+WET = {"W_a_in": 0.017, "T_w_in": 5.0}
+HEATING = {"T_w_in": 55.0, "T_a_in": 12.0 + SECONDS / 1800, "T_set": np.where(SECONDS < 1800, 24.0, 20.0)}
+STEPS = np.repeat([0.0, 0.3, 1.0, 0.55, 0.5, 0.62, 0.0, 0.12, 0.9], 400)
+RING = np.clip(0.5 + 0.5 * np.sin(SECONDS / 90.0), 0.0, 1.0)
+RECORDED_NOISE = 0.1 * np.sin(SECONDS / 7.0) + 0.05 * np.sin(SECONDS**2 / 500.0)
+OFF_AND_ON = np.where((SECONDS % 1500 > 1000) & (SECONDS % 1500 < 1315), 0, 1)
+GENTLE = {"kp": 0.018, "ti": 30.0, "sample_time": 15.0}
+REAL = {**GENTLE, "C_c": 10.0, "sensor_time_constant": 30.0, "stroke_time": 90.0}
+LEARNER = {"learning_step": 0.007, "backlash_estimate": 0.007, "learning_interval": 600.0}
+
+CASES = {
+    "plain PI": Case({}),
+    "no backlash": Case({"backlash": 0.0}),
+    "inverse 60 %": Case({"backlash_estimate": 0.6 * 0.07}),
+    "inverse 95 %": Case({"backlash_estimate": 0.95 * 0.07}),
+    "inverse 100 %": Case({"estimate_ratio": 1.0}),
+    "inverse 120 %": Case({"estimate_ratio": 1.2}),
+    "dry": Case({}, DRY),
+    "wet": Case({}, WET),
+    "dry to wet and back": Case({}, {"W_a_in": 0.0105 + 0.003 * np.sin(SECONDS / 200.0)}),
+    "steps, dry": Case({}, DRY, STEPS),
+    "steps, wet": Case({}, WET, STEPS),
+    "steps, partly wet": Case({}, {}, STEPS),
+    "open loop, large backlash, rate limit": Case({"backlash": 0.3, "stroke_time": 90.0}, {}, RING),
+    "sample time 1 s": Case({"sample_time": 1.0}),
+    "stroke time 90 s": Case({"stroke_time": 90.0, **GENTLE}),
+    "sensor lag": Case({"sensor_time_constant": 30.0}),
+    "lagged sensor and slow actuator": Case(REAL),
+    "recorded noise": Case({}, {"noise": RECORDED_NOISE}),
+    "Gaussian noise": Case({"noise_std": 0.1, "sample_time": 5.0}),
+    "both noises, buffer": Case({"noise_std": 0.05, "buffer": 0.01, "estimate_ratio": 1.0}, {"noise": RECORDED_NOISE}),
+    "resolutions": Case({"sensor_resolution": 0.1, "command_resolution": 0.004, "sample_time": 7.0}),
+    "buffer 0": Case({"buffer": 0.0, "backlash_estimate": 0.05}),
+    "quasistatic": Case({"air_march": "quasistatic"}),
+    "quasistatic, wet": Case({"air_march": "quasistatic"}, WET),
+    "heating": Case({"action": "heating", "C_w": 9.5}, HEATING),
+    "5 volumes": Case({"n_volumes": 5, **GENTLE}),
+    "1 volume": Case({"n_volumes": 1}),
+    "12 volumes": Case({"n_volumes": 12, "C_w": 13.2}),
+    "valve of given authority": Case({"rangeability": 50.0, "authority": 0.3, "m_full": 1.8}),
+    "off and on": Case({"noise_std": 0.02}, {"enabled": OFF_AND_ON}),
+    "no air for a while": Case({}, {"m_a": np.where((SECONDS > 1200) & (SECONDS < 2000), 0.0, 1.15)}),
+    "98 kPa, other specific heats": Case({"pressure": 98000.0, "cp_w": 3.8, "cp_a": 1.006, "T_initial": 12.0}),
+    "learner": Case({**LEARNER, "noise_std": 0.02, "sample_time": 7.0}),
+    "learner that stops": Case({**LEARNER, "learning_ratio": 0.9, "learning_stop": "first_step_down"}),
+    "learner at its cap": Case({**LEARNER, "learning_floor": 50.0, "learning_cap": 0.02}),
+}
+
+
+class Run(NamedTuple):
+    """A case as the package, the reference, and the reference with exact saturation found it."""
+
+    ds: Any
+    traces: dict[str, np.ndarray]
+    metrics: dict[str, float]
+    exact_traces: dict[str, np.ndarray]
+
+
+def with_series(boundary, series):
+    return fc.Boundary(**{name: values[0] for name, values in boundary.series.items()} | series, day=boundary.day[0])
+
+
+def deviations(ds, traces):
+    return {name: float(np.nanmax(np.abs(ds[name].values - traces[name]), initial=0.0)) for name in TRACES}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request, hour, run_reference):
+    loop, series, command = CASES[request.param]
+    loop, day = fc.Loop(**loop), with_series(hour, series)
+    options = {"command": command, "warm_up": WARM_UP, "seed": SEED}
+    ds = fc.simulate(loop, day, traces=list(TRACES), **options)
+    return Run(ds, *run_reference(loop, day, **options), run_reference(loop, day, exact=True, **options)[0])
