@@ -186,8 +186,11 @@ def _announce_compilation() -> None:
 
 
 def _announced(study: Study) -> Progress:
-    """Progress of a study on the terminal, or a line every 10 s where there is none."""
+    """Compile what is not compiled, then tell of finished scenarios: a bar, or a line every 10 s off a terminal."""
+    from fastcoil.engine.run import compile_kernel
+
     _announce_compilation()
+    compile_kernel()
     n = study.plan.n_scenarios
     return _bar(n) if sys.stderr.isatty() else _lines(n)
 

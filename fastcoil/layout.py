@@ -17,16 +17,14 @@ from fastcoil.scenario import Loop
 class Layout:
     """Dimensions of a study and the parameters of its scenarios by flat index (C order; the last dim is fastest).
 
-    The loop's own dimensions come first, then ``day`` if the boundary has that dimension, then ``replicate`` if
-    there are several.
+    ``day`` comes first if the boundary has that dimension, so that neighbours share a day, then the loop's own
+    dimensions, then ``replicate`` if there are several.
     """
 
     def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
         self.loop = loop
         self.boundary = boundary
-        self.sizes = dict(loop.sizes)
-        if boundary.has_day_dim:
-            self.sizes["day"] = boundary.n_days
+        self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | loop.sizes
         if replicates > 1:
             self.sizes["replicate"] = replicates
         self.size = math.prod(self.sizes.values())

@@ -65,11 +65,13 @@ class Plan:
         return self.n_scenarios * (8 * len(METRICS) + 8 + 8 * rows * self.traces.n_points(self.n_steps))
 
     def shards(self, n_jobs: int) -> list[range]:
-        """Cut the flat order: a whole number of blocks each, enough of them to keep all workers busy."""
+        """Cut the flat order into whole blocks of one day each, enough of them to keep all workers busy."""
+        per_day = self.n_scenarios // len(self.days)
         by_work = _LANE_STEPS_PER_SHARD / self.n_steps
         by_workers = self.n_scenarios / (n_jobs * _SHARDS_PER_WORKER)
         size = max(1, round(min(by_work, by_workers) / LANES)) * LANES
-        return [range(a, min(a + size, self.n_scenarios)) for a in range(0, self.n_scenarios, size)]
+        days = [range(d * per_day, (d + 1) * per_day) for d in range(len(self.days))]
+        return [day[start : start + size] for day in days for start in range(0, per_day, size)]
 
 
 def prepare(

@@ -185,8 +185,8 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
         missing = [n for n in _VALVE_CURVE if n not in checked]
         if missing:
             raise InputError(
-                f"{', '.join(sorted(checked.keys() & set(_VALVE_CURVE)))}: the valve is given by rangeability, authority "
-                f"and m_full; give {', '.join(missing)} too to replace them"
+                f"{', '.join(sorted(checked.keys() & set(_VALVE_CURVE)))}: the valve is given by rangeability, "
+                f"authority and m_full; give {', '.join(missing)} too to replace them"
             )
         for n in INSTALLED_VALVE:
             result.pop(n, None)

@@ -114,7 +114,7 @@ def shard_results(plan: Plan, n_jobs: int) -> Iterator[ShardResult]:
 
 
 def run_shard(plan: Plan, shard: range) -> ShardResult:
-    """Run the scenarios of one shard, in blocks of lanes that share a day."""
+    """Run the scenarios of one shard, block by block."""
     index = np.arange(shard.start, shard.stop)
     columns = plan.layout.columns(index)
     metrics, status = np.empty((len(METRICS), index.size)), np.empty(index.size, dtype=np.int8)
@@ -123,17 +123,13 @@ def run_shard(plan: Plan, shard: range) -> ShardResult:
     for name in plan.traces.names:
         shape = (index.size, plan.n_volumes, n_points) if TRACES[name].per_volume else (index.size, n_points)
         traces[name] = np.full(shape, np.nan)
-    for day in np.unique(columns["day"]):
-        members = np.flatnonzero(columns["day"] == day)
-        for lanes, block in blocks({name: values[members] for name, values in columns.items()}):
-            found, flags, signals = run_block(block, plan.days[day], plan.traces)
-            at = members[lanes]
-            metrics[:, at], status[at] = found[:, : at.size], flags[: at.size]
-            for name, signal in signals.items():
-                if TRACES[name].per_volume:
-                    traces[name][at, : block.n_volumes] = signal[:, :, : at.size].T
-                else:
-                    traces[name][at] = signal[:, : at.size].T
+    day = plan.days[columns["day"][0]]
+    for members, block in blocks(columns):
+        found, flags, signals = run_block(block, day, plan.traces)
+        metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
+        for name, signal in signals.items():
+            volumes = (slice(block.n_volumes),) if TRACES[name].per_volume else ()
+            traces[name][members, *volumes] = signal[..., : members.size].T
     return ShardResult(shard, metrics, status, traces)
 
 
@@ -149,12 +145,11 @@ def workers(n_jobs: int | None) -> int:
 
 def probe(plan: Plan) -> float:
     """Seconds per lane and step on one thread, measured on one block from the middle of the plan, compiled before."""
-    first = max(0, min(plan.n_scenarios // 2, plan.n_scenarios - LANES))
-    index = np.arange(first, min(first + LANES, plan.n_scenarios))
-    columns = plan.layout.columns(index)
-    at_hand = {name: values[columns["day"] == columns["day"][0]] for name, values in columns.items()}
-    _, block = blocks(at_hand)[0]
-    day = plan.days[int(columns["day"][0])]
+    shards = plan.shards(1)
+    middle = shards[len(shards) // 2]
+    columns = plan.layout.columns(np.arange(middle.start, middle.stop)[:LANES])
+    _, block = blocks(columns)[0]
+    day = plan.days[columns["day"][0]]
     seconds = []
     for _ in range(2):
         start = time.perf_counter()

@@ -82,7 +82,7 @@ def test_time_units_and_an_arbitrary_first_time(write, unit, scale):
     """A set-point changes on the very second that is meant, though 0.1 h is not exact in binary."""
     header = [f"elapsed_time [{unit}]", *HEADER[1:]]
     seconds = 720 * np.arange(12)
-    rows = [row(1000.0 + t / scale, T_set=14.0 + i % 2) for i, t in enumerate(seconds)]
+    rows = [row(1000.1 + t / scale, T_set=14.0 + i % 2) for i, t in enumerate(seconds)]
     T_set = read_trend_log(write(header, rows)).series["T_set"][0]
     assert T_set.size == 720 * 11 + 1
     np.testing.assert_array_equal(np.flatnonzero(np.diff(T_set)) + 1, seconds[1:])
@@ -218,6 +218,7 @@ def test_a_byte_order_mark_spaces_windows_ends_and_empty_lines_are_harmless(writ
         ),
         (replaced(3, [0.01, 9.5, 9.5]), ["W_a_in = 9.5 in row 3", "from 0 to 0.1", "unit"]),
         (replaced(0, ["0", "1:00", "2:00"]), ["elapsed_time = '1:00' in row 3"]),
+        (replaced(0, [0, 60, "inf"]), ["elapsed_time is inf in row 4"]),
         ([ROWS[0], ROWS[1][:-1], ROWS[2]], ["row 3 has 5 cells where the header has 6"]),
         ([ROWS[0]], ["one row of data", "at least two"]),
         ([], ["header but no data", "at least two"]),

@@ -56,14 +56,15 @@ CASES = {
     "stroke time 90 s": Case({"stroke_time": 90.0, **GENTLE}),
     "sensor lag": Case({"sensor_time_constant": 30.0}),
     "lagged sensor and slow actuator": Case(REAL),
-    "recorded noise": Case({}, {"noise": RECORDED_NOISE}),
+    "recorded noise": Case(GENTLE, {"noise": RECORDED_NOISE}),
     "Gaussian noise": Case({"noise_std": 0.1, "sample_time": 5.0}),
     "both noises, buffer": Case({"noise_std": 0.05, "buffer": 0.01, "estimate_ratio": 1.0}, {"noise": RECORDED_NOISE}),
     "resolutions": Case({"sensor_resolution": 0.1, "command_resolution": 0.004, "sample_time": 7.0}),
     "buffer 0": Case({"buffer": 0.0, "backlash_estimate": 0.05}),
     "quasistatic": Case({"air_march": "quasistatic"}),
+    "quasistatic, dry": Case({"air_march": "quasistatic"}, DRY),
     "quasistatic, wet": Case({"air_march": "quasistatic"}, WET),
-    "heating": Case({"action": "heating", "C_w": 9.5}, HEATING),
+    "heating": Case({**REAL, "action": "heating", "kp": 0.01, "estimate_ratio": 0.6}, HEATING),
     "5 volumes": Case({"n_volumes": 5, **GENTLE}),
     "1 volume": Case({"n_volumes": 1}),
     "12 volumes": Case({"n_volumes": 12, "C_w": 13.2}),
@@ -77,8 +78,19 @@ CASES = {
 }
 
 
+WORKING_DAYS = {
+    "learner": {"learning_step": 0.007, "backlash_estimate": 0.007},
+    "learner on a real loop": {**REAL, "learning_step": 0.007, "noise_std": 0.02, "buffer": 0.005},
+}
+STRETCHING = {
+    "hunting heating coil": Case({"action": "heating"}, HEATING),
+    "hunting with recorded noise": Case({}, {"noise": RECORDED_NOISE}),
+}
+"""Hunting loops in which the reference itself moves by more than 1e-9 when its start moves by round-off."""
+
+
 class Run(NamedTuple):
-    """A case as the package, the reference, and the reference with exact saturation found it."""
+    """A loop as the package, the reference, and the reference with exact saturation saw it."""
 
     ds: Any
     traces: dict[str, np.ndarray]
@@ -87,17 +99,78 @@ class Run(NamedTuple):
 
 
 def with_series(boundary, series):
-    return fc.Boundary(**{name: values[0] for name, values in boundary.series.items()} | series, day=boundary.day[0])
+    return fc.Boundary(**{name: values[0] for name, values in boundary.series.items()} | series, day=7)
 
 
-def deviations(ds, traces):
-    return {name: float(np.nanmax(np.abs(ds[name].values - traces[name]), initial=0.0)) for name in TRACES}
+def run_all(run_reference, loop, day, **options):
+    ds = fc.simulate(loop, day, traces=list(TRACES), **options)
+    exact_traces, _ = run_reference(loop, day, exact=True, **options)
+    return Run(ds, *run_reference(loop, day, **options), exact_traces)
 
 
 @pytest.fixture(scope="module", params=CASES)
 def case(request, hour, run_reference):
     loop, series, command = CASES[request.param]
-    loop, day = fc.Loop(**loop), with_series(hour, series)
     options = {"command": command, "warm_up": WARM_UP, "seed": SEED}
-    ds = fc.simulate(loop, day, traces=list(TRACES), **options)
-    return Run(ds, *run_reference(loop, day, **options), run_reference(loop, day, exact=True, **options)[0])
+    return run_all(run_reference, fc.Loop(**loop), with_series(hour, series), **options)
+
+
+@pytest.fixture(scope="module", params=WORKING_DAYS)
+def eight_hours(request, working_day, run_reference):
+    return run_all(run_reference, fc.Loop(**WORKING_DAYS[request.param]), working_day, seed=SEED)
+
+
+def assert_traces_equal(ds, traces, tolerance):
+    for name in TRACES:
+        atol = 0.0 if name == "mode" else tolerance
+        np.testing.assert_allclose(ds[name].values, traces[name], rtol=0.0, atol=atol, err_msg=name)
+
+
+def assert_metrics_equal(ds, metrics):
+    assert int(ds.status) == metrics["status"] == 0
+    for name in METRICS:
+        np.testing.assert_allclose(ds[name].values, metrics[name], rtol=0.0, atol=1e-9, err_msg=name)
+
+
+def test_traces(case):
+    assert_traces_equal(case.ds, case.traces, 1e-9)
+
+
+def test_metrics(case):
+    assert_metrics_equal(case.ds, case.metrics)
+
+
+def test_traces_with_exact_saturation(case):
+    assert_traces_equal(case.ds, case.exact_traces, 1e-5)
+
+
+def test_traces_over_eight_hours(eight_hours):
+    assert_traces_equal(eight_hours.ds, eight_hours.traces, 1e-9)
+
+
+def test_metrics_over_eight_hours(eight_hours):
+    assert_metrics_equal(eight_hours.ds, eight_hours.metrics)
+
+
+def test_traces_over_eight_hours_with_exact_saturation(eight_hours):
+    assert_traces_equal(eight_hours.ds, eight_hours.exact_traces, 1e-4)
+
+
+@pytest.mark.parametrize("name", STRETCHING)
+def test_where_round_off_grows_the_package_differs_by_no_more(name, hour, run_reference):
+    loop, series, _ = STRETCHING[name]
+    day = with_series(hour, series)
+    nudged = fc.Loop(**loop, T_initial=20.0 * (1.0 + 1e-13))
+    ds = fc.simulate(fc.Loop(**loop), day, traces=["T_sup", "mode"], warm_up=WARM_UP)
+    traces, _ = run_reference(fc.Loop(**loop), day)
+    moved = np.abs(run_reference(nudged, day)[0]["T_sup"] - traces["T_sup"]).max()
+    assert moved > 1e-9
+    assert np.abs(ds.T_sup.values - traces["T_sup"]).max() < moved
+    np.testing.assert_array_equal(ds["mode"].values, traces["mode"])
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("dry", 0, 0), ("wet", 8, 8), ("dry to wet and back", 0, 8)])
+def test_cases_are_as_wet_as_they_say(name, least, most, hour):
+    loop, series, _ = CASES[name]
+    ds = fc.simulate(fc.Loop(**loop), with_series(hour, series), traces=["wet_volumes"], warm_up=WARM_UP)
+    assert (int(ds.wet_volumes.min()), int(ds.wet_volumes.max())) == (least, most)

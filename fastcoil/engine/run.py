@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.engine.emulator import Day, emulate
-from fastcoil.engine.lanes import LANES, VOLUME_ROWS, VOLUME_STRIDE, Block, R, trace_rows
+from fastcoil.engine.emulator import SERIES, Day, emulate
+from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, VOLUME_ROWS, VOLUME_STRIDE, Block, R, trace_rows
 from fastcoil.engine.metrics import N_METRICS
+from fastcoil.engine.schedule import schedule
 from fastcoil.outputs import STATUS_OK
 
 KNOWN_AFTER_MARCH = ("wet_volumes",)
@@ -50,3 +51,11 @@ def run_block(block: Block, day: Day, wanted: Traces) -> tuple[np.ndarray, np.nd
             named[name] = traces[:, k]
             k += 1
     return metrics, status, named
+
+
+def compile_kernel() -> None:
+    """Compile the kernel, or load it from the cache, by running it for no time at all."""
+    nothing = np.empty((0, len(SERIES)))
+    day = Day(nothing, np.empty(0), schedule(np.empty(0), np.empty(0), 0), 0, (0, 0))
+    block = Block(np.ones((len(PARAMETER_ROWS), LANES)), 1, True, 1, True, 0, False, True)
+    run_block(block, day, Traces())

@@ -47,7 +47,7 @@ def schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int) -> Schedule:
     """Flags of every second of a day.  T_set, °C, and enabled, 0/1: (n_steps,); warm_up: s."""
     t = np.arange(T_set.size)
     counted = (t >= warm_up) & (enabled != 0.0)
-    changed = np.diff(T_set, prepend=T_set[0]) != 0.0
+    changed = np.diff(T_set, prepend=T_set[:1]) != 0.0
     last_change = np.maximum.accumulate(np.where(changed, t, 0))
     settled = counted & (t - last_change >= SETTLING_TIME)
     starts = settled & ~np.concatenate([[False], settled[:-1]])

@@ -15,6 +15,7 @@ from pathlib import Path
 import xarray as xr
 from filelock import FileLock, Timeout
 
+from fastcoil.engine.run import compile_kernel
 from fastcoil.errors import InputError, LockedError, StorageError
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.plan import check_disk
@@ -82,8 +83,10 @@ def execute(
         if done is not None:
             return Finished(folder, done, ran=False)
         check_disk(study.plan, folder)
+        tell = progress(study) if progress else None
+        compile_kernel()
         start = time.monotonic()
-        ds = run(study.plan, n_jobs, progress(study) if progress else None)
+        ds = run(study.plan, n_jobs, tell)
         seconds = time.monotonic() - start
         ds.attrs |= {
             "title": study.title,

@@ -32,15 +32,17 @@ def summary(ds: xr.Dataset) -> list[str]:
 def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
     """The inverse against the plain PI of the same loop, estimate by estimate."""
     name = ratio.replace("_", " ")
+    if "backlash" in ds.coords:
+        ds = ds[["rmse", "rmse_settled", "switch_frequency"]].where(ds["backlash"] > 0.0)
     others = [d for d in ds["rmse"].dims if d != ratio]
     plain = ds["rmse"].sel({ratio: 0.0})
     relative = ds["rmse"] / plain
     middle = relative.median(others)
     best = float(middle.idxmin(ratio))
-    better = (ds["rmse"].sel({ratio: best}) < plain).where(plain.notnull()).mean()
+    better = _share(ds["rmse"].sel({ratio: best}) < plain, plain)
     lines = [
         f"Lowest error at {name} {best:g}: RMSE is {_percent(middle.sel({ratio: best}) - 1)} against the plain PI "
-        f"(median), and lower in {float(better):.0%} of the loops."
+        f"(median), and lower in {better:.0%} of the loops."
     ]
     settled = ds["rmse_settled"].sel({ratio: 0.0})
     if settled.notnull().any():
@@ -55,9 +57,14 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
         f"{float(switches.sel({ratio: last})):.1f} at {last:g}."
     )
     if ratio == "estimate_ratio" and last > 1.0:
-        worse = (ds["rmse"].sel({ratio: last}) > ds["rmse"].sel({ratio: 1.0}, method="nearest")).mean()
-        lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {float(worse):.0%} of the loops.")
+        worse = _share(ds["rmse"].sel({ratio: last}) > ds["rmse"].sel({ratio: 1.0}, method="nearest"), plain)
+        lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {worse:.0%} of the loops.")
     return lines
+
+
+def _share(holds: xr.DataArray, valid: xr.DataArray) -> float:
+    """Share of the valid loops in which something holds."""
+    return float(holds.where(valid.notnull()).mean())
 
 
 def _extremes(ds: xr.Dataset) -> list[str]:
