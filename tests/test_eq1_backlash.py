@@ -116,7 +116,3 @@ def test_order_and_distance_are_kept(pairs, x_bl):
     gap = play(high.tolist(), x_bl) - play(low.tolist(), x_bl)
     assert np.all(gap >= 0.0)
     assert np.all(gap <= np.max(high - low) + 1e-15)
-
-
-def test_nan_command_gives_nan():
-    assert np.isnan(opening(backlash(0.2, np.nan, 0.07), 0.07)) or backlash(0.2, np.nan, 0.07) == 0.2
