@@ -10,27 +10,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fastcoil.boundary import Boundary as Boundary
-    from fastcoil.days import constant_day as constant_day
-    from fastcoil.days import design_day as design_day
-    from fastcoil.days import paper_day as paper_day
+    from fastcoil.boundary.days import constant_day as constant_day
+    from fastcoil.boundary.days import design_day as design_day
+    from fastcoil.boundary.days import paper_day as paper_day
+    from fastcoil.boundary.weather import weather_day as weather_day
     from fastcoil.errors import InputError as InputError
     from fastcoil.scenario import Loop as Loop
     from fastcoil.simulate import simulate as simulate
     from fastcoil.study.runner import open_study as open_study
     from fastcoil.study.runner import run_study as run_study
-    from fastcoil.trends import weather_day as weather_day
 
 _HOME = {
     "Boundary": "boundary",
     "InputError": "errors",
     "Loop": "scenario",
-    "constant_day": "days",
-    "design_day": "days",
+    "constant_day": "boundary.days",
+    "design_day": "boundary.days",
     "open_study": "study.runner",
-    "paper_day": "days",
+    "paper_day": "boundary.days",
     "run_study": "study.runner",
     "simulate": "simulate",
-    "weather_day": "trends",
+    "weather_day": "boundary.weather",
 }
 
 __all__ = [*_HOME, "parameters"]  # noqa: PLE0604

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil import moist_air
-from fastcoil.boundary import Boundary
+from fastcoil.boundary import Boundary, moist_air
 from fastcoil.engine.lanes import PARAMETER_ROWS, parameter_matrix
 from fastcoil.engine.rates import worst_numbers
 from fastcoil.errors import InputError

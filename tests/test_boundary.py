@@ -11,11 +11,10 @@ import pytest
 import xarray as xr
 from scipy.signal import lfilter
 
-from fastcoil import days, moist_air
-from fastcoil.boundary import Boundary
-from fastcoil.days import constant_day, design_day, paper_day
+from fastcoil.boundary import Boundary, days, moist_air
+from fastcoil.boundary.days import constant_day, design_day, paper_day
+from fastcoil.boundary.series import SERIES
 from fastcoil.errors import InputError
-from fastcoil.series import SERIES
 
 DIGEST = "833d7cdae034ccc50d8af7c8ae5fe9cbcbc3e6d90c9daa8a685df525d604295a"
 GOOD = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.full(60, 14.0)}

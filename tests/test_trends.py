@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastcoil import moist_air
-from fastcoil.boundary import Boundary
-from fastcoil.days import paper_day
+from fastcoil.boundary import Boundary, moist_air
+from fastcoil.boundary.days import paper_day
+from fastcoil.boundary.series import AIR_FLOW, DIFFERENCE, TEMPERATURE
+from fastcoil.boundary.trends import read_trend_log
+from fastcoil.boundary.weather import weather_day
 from fastcoil.errors import InputError
-from fastcoil.series import AIR_FLOW, DIFFERENCE, TEMPERATURE
-from fastcoil.trends import read_trend_log, weather_day
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 HEADER = ["elapsed_time [s]", "m_a [kg/s]", "T_a_in [degC]", "W_a_in [1]", "T_w_in [degC]", "T_set [degC]"]

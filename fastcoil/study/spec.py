@@ -21,14 +21,14 @@ import xarray as xr
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fastcoil.boundary import Boundary
-from fastcoil.days import constant_day, design_day, paper_day
+from fastcoil.boundary.days import constant_day, design_day, paper_day
+from fastcoil.boundary.trends import read_trend_log
+from fastcoil.boundary.weather import weather_day
 from fastcoil.errors import InputError, nearest
 from fastcoil.outputs import WARM_UP
 from fastcoil.parameters import PARAMETERS
 from fastcoil.plan import Plan, prepare
 from fastcoil.scenario import Loop
-from fastcoil.trends import read_trend_log
-from fastcoil.weather import weather_day
 
 LARGEST_FILE = 2**20
 """Bytes: nobody writes a larger study by hand."""

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcoil.boundary.series import DIFFERENCE, SERIES, Array, Given, Series, Values, read
 from fastcoil.errors import InputError
-from fastcoil.series import DIFFERENCE, SERIES, Array, Given, Series, Values, read
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -200,8 +200,8 @@ class Boundary:
 
     @classmethod
     def from_csv(cls, path: str | Path, **options: Any) -> Boundary:
-        """Read a trend log: see `fastcoil.trends.read_trend_log` for the format and the options."""
-        from fastcoil.trends import read_trend_log
+        """Read a trend log: see `fastcoil.boundary.trends.read_trend_log` for the format and the options."""
+        from fastcoil.boundary.trends import read_trend_log
 
         return read_trend_log(path, **options)
 

@@ -1,4 +1,4 @@
-"""A boundary from the trend log of a building: a CSV file as `fastcoil.table` reads it.
+"""A boundary from the trend log of a building: a CSV file as `fastcoil.boundary.table` reads it.
 
 Every column needs a unit, in its header (``T_a_in [degC]``) or as an argument; a volume flow of air is taken
 at 1.2 kg/m3.  The mistakes of a file are raised together, in one `InputError`.
@@ -12,13 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fastcoil.boundary import Boundary
-from fastcoil.days import require, whole_seconds
+from fastcoil.boundary.days import require, whole_seconds
+from fastcoil.boundary.moist_air import humidity_ratio, humidity_ratio_from_dew_point
+from fastcoil.boundary.record import Boundary
+from fastcoil.boundary.series import FRACTION, SERIES, TEMPERATURE, TIME, Array, Series
+from fastcoil.boundary.table import Table, label_and_unit
 from fastcoil.errors import InputError, nearest
-from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_dew_point
-from fastcoil.series import FRACTION, SERIES, TEMPERATURE, TIME, Array, Series
-from fastcoil.table import Table, label_and_unit
-from fastcoil.weather import weather_day
 
 __all__ = ["LOG_COLUMNS", "read_trend_log", "weather_day"]
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from fastcoil.boundary.series import Array, Series
 from fastcoil.errors import InputError, nearest
-from fastcoil.series import Array, Series
 
 _HEADER = re.compile(r"\s*(?P<label>.*?)\s*(?:\[\s*(?P<unit>.*?)\s*\])?\s*")
 

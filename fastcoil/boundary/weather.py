@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fastcoil.boundary import Boundary
-from fastcoil.days import require, whole_seconds
+from fastcoil.boundary.days import require, whole_seconds
+from fastcoil.boundary.moist_air import humidity_ratio, humidity_ratio_from_dew_point, mix
+from fastcoil.boundary.record import Boundary
+from fastcoil.boundary.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Array, Series, Values
+from fastcoil.boundary.table import Table
 from fastcoil.errors import InputError
-from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_dew_point, mix
-from fastcoil.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Array, Series, Values
-from fastcoil.table import Table
 
 WEATHER_COLUMNS = {
     s.name: (s, header, unit)
