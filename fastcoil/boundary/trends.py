@@ -19,8 +19,6 @@ from fastcoil.boundary.series import FRACTION, SERIES, TEMPERATURE, TIME, Array,
 from fastcoil.boundary.table import Table, label_and_unit
 from fastcoil.errors import InputError, nearest
 
-__all__ = ["LOG_COLUMNS", "read_trend_log", "weather_day"]
-
 LOG_COLUMNS = SERIES | {
     s.name: s
     for s in (
