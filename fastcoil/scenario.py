@@ -29,6 +29,7 @@ appear; ``lbnl`` is the recorded tuning of LBNL building 33 AHU-2, ``g36`` the d
 in the Modelica Buildings library.  None is the paper's unpublished fit."""
 
 _VALVE_CURVE = STAND_INS["rangeability"]
+_ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
 _FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time"} | set(METRICS) | set(TRACES)
 
 
@@ -167,14 +168,12 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
             checked[name] = _checked(PARAMETERS[check_name(name)], value)
         except InputError as error:
             problems += error.problems
-    for stand_in in STAND_INS.keys() & checked.keys():
-        problems += [
-            f"{stand_in} and {n} are both given: {stand_in} stands for it, leave one out"
-            for n in STAND_INS[stand_in]
-            if n in checked
-        ]
+    for stand_ins, replaced in _ALTERNATIVES:
+        one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
+        if one and other:
+            problems.append(f"{' and '.join(one)} stand in for {' and '.join(other)}: give one or the other")
     if problems:
-        raise InputError(sorted(set(problems), key=problems.index))
+        raise InputError(problems)
 
     result = dict(values)
     if "backlash_estimate" in checked:
