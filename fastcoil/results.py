@@ -32,7 +32,7 @@ _DIM_ATTRS = {
     "replicate": {"long_name": "replicate: number of the noise realisation", "units": "1"},
     "sample": {"long_name": "sample of the parameter space", "units": "1"},
     "volume": {"long_name": "control volume, numbered along the water", "units": "1"},
-    "elapsed_time": {"long_name": "time since the start of the run", "units": "s"},
+    "elapsed_time": {"long_name": "elapsed time", "units": "s"},
 }
 _COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
 

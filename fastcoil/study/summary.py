@@ -33,7 +33,7 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
     """The inverse against the plain PI of the same loop, estimate by estimate."""
     name = ratio.replace("_", " ")
     if "backlash" in ds.coords:
-        ds = ds[["rmse", "rmse_settled", "switch_frequency"]].where(ds["backlash"] > 0.0)
+        ds = ds[["rmse", "rmse_settled", "switch_frequency", "motor_travel"]].where(ds["backlash"] > 0.0)
     others = [d for d in ds["rmse"].dims if d != ratio]
     plain = ds["rmse"].sel({ratio: 0.0})
     relative = ds["rmse"] / plain
@@ -56,6 +56,8 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
         f"at most {float(at_most):.1f} up to {name} {1.0 if ratio == 'estimate_ratio' else best:g}, "
         f"{float(switches.sel({ratio: last})):.1f} at {last:g}."
     )
+    travel = (ds["motor_travel"].sel({ratio: best}) / ds["motor_travel"].sel({ratio: 0.0})).median()
+    lines.append(f"The motor then travels {float(travel):.1f} times as far as with the plain PI (median).")
     if ratio == "estimate_ratio" and last > 1.0:
         worse = _share(ds["rmse"].sel({ratio: last}) > ds["rmse"].sel({ratio: 1.0}, method="nearest"), plain)
         lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {worse:.0%} of the loops.")

@@ -1,0 +1,125 @@
+"""The tables of ``studies/README.md``: what the studies found, from their results.
+
+Run with ``python studies/answers.py`` in the repository; studies that are not finished in ``results/`` are run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import xarray as xr
+
+import fastcoil as fc
+
+HERE = Path(__file__).parent
+
+
+def results(name: str) -> xr.Dataset:
+    """Open the results of a study of this folder, run first if need be."""
+    return fc.run_study(HERE / f"{name}.toml", HERE.parent / "results" / name)
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """Print a table in Markdown."""
+    head = list(head)
+    print("| " + " | ".join(head) + " |", "|---" * len(head) + "|", sep="\n")
+    for row in rows:
+        print("| " + " | ".join(row) + " |")
+    print()
+
+
+def change(values: xr.DataArray, reference: xr.DataArray) -> str:
+    """Median relative change in percent."""
+    return f"{100 * float((values / reference - 1).median()):+.0f} %"
+
+
+def share(holds: xr.DataArray) -> str:
+    """Share of the loops in which something holds."""
+    return f"{float(holds.mean()):.1%}"
+
+
+def robustness() -> None:
+    """Estimate by estimate against the plain PI of the same loop; then tuning by tuning at 95 %."""
+    ds = results("robustness")
+    plain = ds.sel(estimate_ratio=0.0)
+    print(f"### Robustness: {ds.rmse.size:,} days\n")
+    table(
+        ["estimate / backlash", "RMSE", "settled RMSE", "lower RMSE in", "switches per 10 min", "motor travel"],
+        (
+            [
+                f"{ratio:g}",
+                change(d.rmse, plain.rmse),
+                change(d.rmse_settled, plain.rmse_settled),
+                share(d.rmse < plain.rmse),
+                f"{float(d.switch_frequency.median()):.1f}",
+                f"× {float((d.motor_travel / plain.motor_travel).median()):.1f}",
+            ]
+            for ratio in (0.5, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2, 1.5)
+            for d in [ds.sel(estimate_ratio=ratio)]
+        ),
+    )
+    at, exact = ds.sel(estimate_ratio=0.95), ds.sel(estimate_ratio=1.0)
+    table(
+        ["backlash", "RMSE of the plain PI (median)", "RMSE at 95 %", "settled RMSE at 95 %", "RMSE at 100 %"],
+        (
+            [
+                f"{x:.0%}",
+                f"{float(plain.rmse.sel(backlash=x).median()):.3f} K",
+                change(at.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
+                change(at.rmse_settled.sel(backlash=x), plain.rmse_settled.sel(backlash=x)),
+                change(exact.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
+            ]
+            for x in (0.02, 0.05, 0.07, 0.1, 0.15)
+        ),
+    )
+
+
+def paper_like() -> None:
+    """Section 3 of the paper on one loop, median of ten days."""
+    ds = results("paper_like").median("day")
+    print("### The paper's phenomena on `paper_like`, backlash 7 %, median of ten days\n")
+    without = ds.sel(backlash=0.0, estimate_ratio=0.0)
+    columns = ("rmse", "rmse_settled", "hunting_amplitude", "switch_frequency")
+    rows = [["no backlash, plain PI", *(f"{float(without[c]):.3f}" for c in columns)]]
+    for ratio in (0.0, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.3, 1.5):
+        d = ds.sel(backlash=0.07, estimate_ratio=ratio)
+        rows.append([f"estimate {ratio:.0%}", *(f"{float(d[c]):.3f}" for c in columns)])
+    table(["", "RMSE, K", "settled RMSE, K", "peak to peak, K", "switches per 10 min"], rows)
+
+
+def learner() -> None:
+    """When the rule reaches the size, how often, and where it ends."""
+    ds = results("learner")
+    print("### The self-learning rule, backlash 7 %, ten days of 8 h\n")
+    rows = []
+    for rule in ds.rule.values:
+        for loop in ds.loop.values:
+            d = ds.sel(rule=rule, loop=loop)
+            reached, confirmed = d.learn_time_reached, d.learn_time_confirmed
+            rows.append(
+                [
+                    rule,
+                    loop,
+                    f"{int(reached.notnull().sum())} of 10",
+                    hours(reached),
+                    f"{int(confirmed.notnull().sum())} of 10",
+                    hours(confirmed),
+                    f"{float(d.estimate_first_down.median()):.3f}",
+                    f"{float(d.estimate_final.median()):.3f}",
+                ]
+            )
+    head = ["rule", "loop", "reached on", "after", "confirmed on", "after", "first step down to", "final estimate"]
+    table(head, rows)
+
+
+def hours(times: xr.DataArray) -> str:
+    """Median time in hours if at least half of the days have one: the others are censored, not missing."""
+    in_time = times.fillna(float("inf")).median()
+    return f"{float(in_time) / 3600:.2f} h" if float(in_time) < float("inf") else "—"
+
+
+if __name__ == "__main__":
+    robustness()
+    paper_like()
+    learner()
