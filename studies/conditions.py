@@ -1,4 +1,4 @@
-"""Under which conditions do the paper's observations hold?
+"""Under which conditions the observations of the paper hold.
 
 Does backlash alone make a loop hunt, does the error rise above the exact size, does the learner find it on a
 quiet day?  Run with ``python studies/conditions.py``; it prints the tables of ``studies/README.md``.  Plants are
