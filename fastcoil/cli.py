@@ -181,7 +181,7 @@ def _figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:
 def _announce_compilation() -> None:
     from fastcoil.numerics.jit import is_compiled
 
-    if not is_compiled():
+    if not is_compiled("emulate"):
         click.echo("Compiling the kernels, once per installation: about 10 s …", err=True)
 
 

@@ -6,6 +6,9 @@ from hypothesis import settings
 
 import reference
 
+# before a test imports the module of that name: test_simulate.py, test_fc_simulate_stays_a_function
+from fastcoil import simulate  # noqa: F401
+
 # compiling a formula inside an example takes longer than hypothesis' deadline
 settings.register_profile("fastcoil", deadline=None, derandomize=True, database=None)
 settings.load_profile("fastcoil")

@@ -141,7 +141,7 @@ def _prune(current: Path) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def is_compiled() -> bool:
-    """Whether compiled kernels of this fingerprint lie in the cache, so that nothing need be compiled."""
+def is_compiled(kernel_name: str) -> bool:
+    """Whether a kernel of this fingerprint lies in the cache, so that it need not be compiled."""
     folder = cache_folder()
-    return folder is not None and any(folder.rglob("*.nbc"))
+    return folder is not None and any(folder.rglob(f"*.{kernel_name}-*.nbc"))
