@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import settings
-
 import reference
+from hypothesis import settings
 
 # before a test imports the module of that name: test_simulate.py, test_fc_simulate_stays_a_function
 from fastcoil import simulate  # noqa: F401
@@ -69,7 +68,7 @@ def run_reference():
             given["backlash_estimate"] = given["estimate_ratio"] * given["backlash"]
         parameters = {name: given[name] for name in reference.PAPER_LIKE}
         series = {name: values[0].tolist() for name, values in boundary.series.items()}
-        saturation = None if exact else lambda T, pressure: saturation_humidity_ratio(T, pressure)
+        saturation = None if exact else saturation_humidity_ratio
         traces, metrics = reference.simulate(
             parameters, series, day=int(boundary.day[0]), saturation=saturation, **options
         )

@@ -100,7 +100,8 @@ def test_power_relative():
 
 
 @pytest.mark.parametrize(
-    ("x", "value"), [(0.0, 1.0), (-0.0, 1.0), (-INF, exp(-708.0)), (-1e300, exp(-708.0)), (1e300, exp(708.0)), (INF, exp(708.0))]
+    ("x", "value"),
+    [(0.0, 1.0), (-0.0, 1.0), (-INF, exp(-708.0)), (-1e300, exp(-708.0)), (1e300, exp(708.0)), (INF, exp(708.0))],
 )
 def test_exp_at_the_edges(x, value):
     assert exp(x) == value

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-import reference
 from fastcoil.physics.valve import backlash, opening
 
 FRACTION = st.floats(0.0, 1.0, allow_subnormal=False)

@@ -4,12 +4,18 @@ import math
 
 import numpy as np
 import pytest
-
 import reference
+
 from fastcoil.physics.valve import installed_valve, water_flow
 
 OPENINGS = np.linspace(0.0, 1.0, 201).tolist()
-CURVES = [(2.0, 0.7, 9.0, 0.38), (0.8, 2.0, 7.8, 0.535), (1.0, 1.0, 5.0, 0.5), (3.0, 0.05, 30.0, 0.9), (2.5, 6.0, 2.0, -0.5)]
+CURVES = [
+    (2.0, 0.7, 9.0, 0.38),
+    (0.8, 2.0, 7.8, 0.535),
+    (1.0, 1.0, 5.0, 0.5),
+    (3.0, 0.05, 30.0, 0.9),
+    (2.5, 6.0, 2.0, -0.5),
+]
 VALVES = [(50.0, 0.3, 1.8), (30.0, 0.9, 2.0), (50.0, 0.05, 0.4), (1.5, 0.5, 1.0), (500.0, 0.001, 3.0)]
 
 

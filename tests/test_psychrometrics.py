@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 import reference
+
 from fastcoil.numerics.jit import JIT_ENABLED
 from fastcoil.physics.psychrometrics import enthalpy, humidity_ratio, saturation_humidity_ratio, saturation_pressure
 
@@ -50,8 +50,15 @@ def test_saturation_humidity_ratio_rises_with_temperature():
 
 @pytest.mark.parametrize(
     ("T", "W_s", "h_s"),
-    [(5, 5.402, 18.590), (10, 7.630, 29.285), (15, 10.647, 42.016), (20, 14.695, 57.419), (25, 20.081, 76.307), (30, 27.203, 99.732)],
-)  # fmt: skip
+    [
+        (5, 5.402, 18.590),
+        (10, 7.630, 29.285),
+        (15, 10.647, 42.016),
+        (20, 14.695, 57.419),
+        (25, 20.081, 76.307),
+        (30, 27.203, 99.732),
+    ],
+)
 def test_published_saturation_values(T, W_s, h_s):
     found = saturation_humidity_ratio(float(T), 101325.0)
     assert round(1000.0 * found, 3) == W_s

@@ -52,6 +52,7 @@ CASES = {
     "steps, wet": Case({}, WET, STEPS),
     "steps, partly wet": Case({}, {}, STEPS),
     "open loop, large backlash, rate limit": Case({"backlash": 0.3, "stroke_time": 90.0}, {}, RING),
+    "open loop, actuator of four positions": Case({"command_resolution": 0.4}, {}, RING),
     "sample time 1 s": Case({"sample_time": 1.0}),
     "stroke time 90 s": Case({"stroke_time": 90.0, **GENTLE}),
     "sensor lag": Case({"sensor_time_constant": 30.0}),
