@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fastcoil.boundary.weather import weather_day as weather_day
     from fastcoil.errors import InputError as InputError
     from fastcoil.scenario import Loop as Loop
-    from fastcoil.simulate import simulate as simulate
+    from fastcoil.simulation import simulate as simulate
     from fastcoil.study.runner import open_study as open_study
     from fastcoil.study.runner import run_study as run_study
 
@@ -29,7 +29,7 @@ _HOME = {
     "open_study": "study.runner",
     "paper_day": "boundary.days",
     "run_study": "study.runner",
-    "simulate": "simulate",
+    "simulate": "simulation",
     "weather_day": "boundary.weather",
 }
 
@@ -38,7 +38,7 @@ __all__ = [*_HOME, "parameters"]  # noqa: PLE0604
 
 def parameters() -> dict[str, Any]:
     """Every parameter of a loop by name: unit, bounds, default and meaning."""
-    from fastcoil.parameters import PARAMETERS
+    from fastcoil.parameter_table import PARAMETERS
 
     return dict(PARAMETERS)
 

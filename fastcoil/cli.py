@@ -15,7 +15,7 @@ import click
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, EXIT_INTERRUPTED, FastcoilError, InputError
 
 if TYPE_CHECKING:
-    from fastcoil.simulate import Progress
+    from fastcoil.simulation import Progress
     from fastcoil.study.spec import Study
 
 _SECONDS_BETWEEN_LINES = 10.0
@@ -88,7 +88,7 @@ def run(study: Path, out: Path | None, jobs: int | None, figures: bool) -> None:
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and say how large it is and how long it will take; writes nothing."""
     from fastcoil.plan import available_memory, check_disk, gib
-    from fastcoil.simulate import probe, workers
+    from fastcoil.simulation import probe, workers
     from fastcoil.study.runner import default_folder
     from fastcoil.study.spec import read_study
 
@@ -156,7 +156,7 @@ def init(study: Path) -> None:
 @click.argument("names", nargs=-1)
 def parameters(names: tuple[str, ...]) -> None:
     """List the parameters of a loop (or only NAMES): default, unit, admissible values, meaning."""
-    from fastcoil.parameters import PARAMETERS, check_name
+    from fastcoil.parameter_table import PARAMETERS, check_name
 
     group = ""
     for p in [PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values():

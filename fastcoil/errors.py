@@ -45,5 +45,6 @@ class LockedError(FastcoilError):
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """A clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if nothing is near."""
-    match = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
-    return f", did you mean {match[0]!r}?" if match else ""
+    by_folded = {k.casefold(): k for k in known}
+    match = difflib.get_close_matches(name.casefold(), list(by_folded), n=1, cutoff=0.6)
+    return f", did you mean {by_folded[match[0]]!r}?" if match else ""

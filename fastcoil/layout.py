@@ -10,7 +10,7 @@ import xarray as xr
 
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError
-from fastcoil.parameters import PARAMETERS, Scalar
+from fastcoil.parameter_table import PARAMETERS, Scalar
 from fastcoil.scenario import Loop
 
 
@@ -29,9 +29,7 @@ class Layout:
             self.sizes["replicate"] = replicates
         self.size = math.prod(self.sizes.values())
         self._swept = {n: (v.dims, v.values) for n, v in loop.swept.items()}
-        problems = list(self._cross_problems())
-        if problems:
-            raise InputError(problems)
+        self._labels = loop.coordinates()
 
     def columns(self, index: np.ndarray) -> dict[str, np.ndarray]:
         """Every parameter of the scenarios ``index``, (n,) each; NaN where a parameter is not given.
@@ -65,15 +63,15 @@ class Layout:
 
     def coordinates(self) -> dict[str, xr.DataArray]:
         """Labels of every dimension and the swept parameters along them."""
-        coordinates = self.loop.coordinates()
+        coordinates = dict(self._labels)
         if "day" in self.sizes:
             coordinates["day"] = xr.DataArray(self.boundary.day, dims="day")
         if "replicate" in self.sizes:
             coordinates["replicate"] = xr.DataArray(np.arange(self.sizes["replicate"]), dims="replicate")
         return coordinates
 
-    def _cross_problems(self) -> list[str]:
-        """What single parameters cannot show: an estimate of 1 or more, or a learner that starts above its cap."""
+    def check_together(self) -> None:
+        """Refuse what no single parameter shows: an estimate of 1 or more, a learner that starts above its cap."""
         value: Mapping[str, Scalar | xr.DataArray | None] = {n: self.loop[n] for n in PARAMETERS}
         problems = []
         estimate = value["backlash_estimate"]
@@ -91,4 +89,5 @@ class Layout:
                 f"backlash_estimate up to {largest:g} with learning_step > 0: the learner cannot start above "
                 "learning_cap, lower the estimate or raise the cap"
             )
-        return problems
+        if problems:
+            raise InputError(problems)

@@ -98,12 +98,16 @@ def prepare(
         *whole_number_problems("seed", seed, 0, 2**64 - 1),
         *whole_number_problems("replicates", replicates, 1, 2**32),
     ]
+    if not isinstance(traces, (list, tuple)):
+        problems.append(f"traces = {traces!r}: give a list of names")
+        traces = ()
+    known = [n for n in traces if isinstance(n, str) and n in TRACES]
     problems += [
         f"traces: {n!r} is not a trace{nearest(str(n), TRACES)}; known: {', '.join(TRACES)}"
         for n in traces
-        if n not in TRACES
+        if n not in known
     ]
-    problems += [f"traces: {n} is listed twice" for n in sorted(set(traces)) if list(traces).count(n) > 1]
+    problems += [f"traces: {n} is listed twice" for n in sorted(set(known)) if known.count(n) > 1]
     if not problems and boundary.n_steps <= warm_up:
         problems.append(
             f"the boundary lasts {boundary.n_steps} s, the warm-up {warm_up} s: nothing is left to count, "
@@ -126,6 +130,7 @@ def prepare(
     )
     plan = Plan(layout, Traces(tuple(traces), trace_interval), warm_up, seed, commands, days)
     _check_memory(plan)
+    layout.check_together()
     check_stability(layout)
     return plan
 
@@ -194,7 +199,10 @@ def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:
     """The open-loop command as (n_days, n_steps), or None in closed loop."""
     if command is None:
         return None
-    values = np.asarray(command, dtype=float)
+    try:
+        values = np.asarray(command, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"command is a {type(command).__name__}: give 1-s samples, an array of numbers") from None
     shape = (boundary.n_days, boundary.n_steps)
     if values.shape not in (shape, shape[1:]):
         raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")

@@ -14,7 +14,7 @@ import xarray as xr
 
 from fastcoil.errors import InputError, nearest
 from fastcoil.outputs import METRICS
-from fastcoil.parameters import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

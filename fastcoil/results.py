@@ -19,7 +19,7 @@ import xarray as xr
 from fastcoil.errors import InputError, StorageError
 from fastcoil.layout import Layout
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, TRACES, Output
-from fastcoil.parameters import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS
 
 VOLATILE = (
     "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",

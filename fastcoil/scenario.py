@@ -15,7 +15,7 @@ import xarray as xr
 
 from fastcoil.errors import InputError, nearest
 from fastcoil.outputs import METRICS, TRACES
-from fastcoil.parameters import INSTALLED_VALVE, PARAMETERS, STAND_INS, Parameter, Scalar, check_name
+from fastcoil.parameter_table import INSTALLED_VALVE, LARGEST, PARAMETERS, STAND_INS, Parameter, Scalar, check_name
 
 _REAL_LOOP = {"C_c": 10.0, "sensor_time_constant": 30.0, "stroke_time": 90.0}
 PRESETS: dict[str, dict[str, Scalar]] = {
@@ -30,7 +30,7 @@ in the Modelica Buildings library.  None is the paper's unpublished fit."""
 
 _VALVE_CURVE = STAND_INS["rangeability"]
 _ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
-_FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time"} | set(METRICS) | set(TRACES)
+_FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time"} | {"status"} | set(METRICS) | set(TRACES)
 
 
 class Loop:
@@ -66,7 +66,10 @@ class Loop:
             raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil")
         loop = cls()
         loop._values = dict(json.loads(ds.attrs["parameters"]))
-        swept = {n: ds[n].reset_coords(drop=True) for n in ds.coords if n in PARAMETERS}
+        dims = list(ds["status"].dims)
+        names = [n for n in ds.coords if n in PARAMETERS]
+        names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
+        swept = {n: ds[n].reset_coords(drop=True) for n in names}
         return loop.assign(**{str(n): da.item() if da.ndim == 0 else da for n, da in swept.items()})
 
     def assign(self, **values: Any) -> Loop:
@@ -125,6 +128,8 @@ class Loop:
                         )
         for dim, size in self.sizes.items():
             own = self._values.get(dim)
+            if own is not None and not (isinstance(own, xr.DataArray) and own.dims == (dim,)):
+                raise InputError(f"{dim} is a parameter but not swept: give the dimension another name, such as tuning")
             if isinstance(own, xr.DataArray):
                 if dim in labels and not np.array_equal(labels[dim].values, own.values):
                     raise InputError(f"the labels of dimension {dim!r} differ from the values of the parameter {dim}")
@@ -143,7 +148,8 @@ class Loop:
             if isinstance(value, xr.DataArray):
                 differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_brief(value.values)}")
             elif value != default[name]:
-                differs.append(f"  {name} = {value} {PARAMETERS[name].unit.replace('1', '', 1)}".rstrip())
+                unit = PARAMETERS[name].unit
+                differs.append(f"  {name} = {value}" + ("" if unit in ("", "1") else f" {unit}"))
         return "\n".join(text + (["Differs from paper_like:", *differs] if differs else ["paper_like"]))
 
     def __eq__(self, other: object) -> bool:
@@ -210,7 +216,7 @@ def _checked(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
         return _checked_array(parameter, value)
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and not isinstance(value[1], str):
         return _checked_array(parameter, xr.DataArray(_vector(parameter, value[1]), dims=value[0]))
-    if isinstance(value, (list, tuple, range, np.ndarray)) and np.ndim(value):
+    if isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
         return _checked_array(parameter, xr.DataArray(_vector(parameter, value), dims=parameter.name))
     if isinstance(value, np.generic):
         value = value.item()
@@ -221,13 +227,20 @@ def _checked(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
 
 
 def _vector(parameter: Parameter, values: Any) -> np.ndarray:
-    if np.ndim(values) != 1:
+    if not isinstance(values, (list, tuple, range)) and np.ndim(values) != 1:
         raise InputError(
             f"{parameter.name}: a sweep is a list of values; give a DataArray with named dims for more dimensions"
         )
     for value in values:
-        if not isinstance(value, str if parameter.is_word else (int, float, np.number)) or isinstance(value, bool):
-            raise InputError(parameter.problem(value) or f"{parameter.name} = {value!r}: give a number")
+        plain = value.item() if isinstance(value, np.generic) else value
+        if np.ndim(plain) if isinstance(plain, np.ndarray) else isinstance(plain, (list, tuple)):
+            raise InputError(
+                f"{parameter.name} = {plain!r} in a list: give a DataArray with named dims for more dimensions"
+            )
+        fits = isinstance(plain, str) if parameter.is_word else type(plain) in (int, float) and abs(plain) <= LARGEST
+        problem = None if fits else parameter.problem(plain)
+        if problem:
+            raise InputError(problem)
     return np.asarray(values)
 
 

@@ -7,13 +7,14 @@ Every temperature stays a weighted mean of its neighbours, so that nothing overs
 from __future__ import annotations
 
 import numpy as np
+import xarray as xr
 
 from fastcoil.boundary import Boundary, moist_air
 from fastcoil.engine.lanes import PARAMETER_ROWS, parameter_matrix
 from fastcoil.engine.rates import worst_numbers
 from fastcoil.errors import InputError
 from fastcoil.layout import Layout
-from fastcoil.parameters import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS
 from fastcoil.scenario import Loop
 
 _CHUNK = 65536
@@ -53,6 +54,8 @@ def _coil_and_valve(layout: Layout) -> Layout:
     """The study with nothing swept but what stability depends on."""
     names = [p.name for p in PARAMETERS.values() if p.group in ("coil", "valve")]
     given = {n: v for n, v in layout.loop.items() if n in names}
+    axes = {d for v in given.values() if isinstance(v, xr.DataArray) for d in v.dims}
+    given |= {n: v for n, v in layout.loop.swept.items() if n in axes}
     if "rangeability" in given:
         given = {n: v for n, v in given.items() if n not in ("m_max", "valve_a", "valve_b", "valve_c")}
     return Layout(Loop(**given), layout.boundary)

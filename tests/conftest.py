@@ -5,9 +5,6 @@ import pytest
 import reference
 from hypothesis import settings
 
-# before a test imports the module of that name: test_simulate.py, test_fc_simulate_stays_a_function
-from fastcoil import simulate  # noqa: F401
-
 # compiling a formula inside an example takes longer than hypothesis' deadline
 settings.register_profile("fastcoil", deadline=None, derandomize=True, database=None)
 settings.load_profile("fastcoil")

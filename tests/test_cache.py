@@ -20,7 +20,7 @@ RUN = """
 import numpy as np
 from fastcoil.engine.lanes import PARAMETER_ROWS
 from fastcoil.engine.rates import step_numbers, worst_numbers
-from fastcoil.parameters import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS
 rows = [PARAMETERS[n].default if n in PARAMETERS and not PARAMETERS[n].is_word else 0.0 for n in PARAMETER_ROWS]
 matrix = np.array([[np.nan if value is None else value] for value in rows])
 gamma, _ = worst_numbers(matrix, np.array([1.0]), 0.0)
@@ -90,8 +90,8 @@ def test_the_users_own_numba_cache_keeps_its_place(copied):
         ("control/pi.py", True),
         ("engine/lanes.py", True),
         ("numerics/noise.py", True),
-        ("parameters.py", True),
-        ("simulate.py", False),
+        ("parameter_table.py", True),
+        ("simulation.py", False),
         ("plots.py", False),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from fastcoil.cli import main
-from fastcoil.parameters import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS
 
 SMALL = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.5, 1.2]\n[boundary]\nhours = 1\n"
 
@@ -92,9 +92,9 @@ def test_a_mistake_exits_with_2_and_one_sentence(fastcoil, tmp_path, words, sent
 
 
 def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
-    from fastcoil import simulate
+    from fastcoil import simulation
 
-    original = simulate.run_block
+    original = simulation.run_block
 
     def failing(*arguments):
         metrics, status, traces = original(*arguments)
@@ -102,7 +102,7 @@ def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
         metrics[:, 0] = float("nan")
         return metrics, status, traces
 
-    monkeypatch.setattr(simulate, "run_block", failing)
+    monkeypatch.setattr(simulation, "run_block", failing)
     result = fastcoil("run", "small.toml", "-j", "1")
     assert result.exit_code == 3
     assert "scenarios failed" in result.output

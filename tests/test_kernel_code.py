@@ -17,7 +17,7 @@ PACKAGE = Path(fc.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
     {"errors"},
-    {"parameters", "outputs"},
+    {"parameter_table", "outputs"},
     {"numerics"},
     {"physics", "control"},
     {"engine"},
@@ -25,7 +25,7 @@ LAYERS = [
     {"layout"},
     {"stability", "results"},
     {"plan"},
-    {"simulate"},
+    {"simulation"},
     {"plots"},
     {"study"},
     {"cli"},

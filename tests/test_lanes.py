@@ -12,7 +12,7 @@ from fastcoil.engine.lanes import LANES, blocks
 from fastcoil.engine.run import Traces, run_block
 from fastcoil.engine.schedule import schedule
 from fastcoil.outputs import METRICS, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
-from fastcoil.parameters import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS
 
 pytestmark = pytest.mark.kernel
 

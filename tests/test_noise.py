@@ -177,6 +177,5 @@ def test_noise_std_0_is_no_noise_to_the_bit(short):
 
 
 @pytest.mark.kernel
-@pytest.mark.xfail(reason="open loop: the kernel draws no noise, the reference does", strict=True)
 def test_an_open_loop_is_measured_with_noise_too(short):
     assert np.any(drawn(noisy(short, {"noise_std": 0.1}, command=np.full(short.n_steps, 0.4))) != 0.0)

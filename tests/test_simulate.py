@@ -17,7 +17,7 @@ from fastcoil import results
 from fastcoil.boundary import moist_air
 from fastcoil.errors import StorageError
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, TRACES
-from fastcoil.parameters import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS
 from fastcoil.stability import check_stability
 
 pytestmark = pytest.mark.kernel
@@ -165,9 +165,7 @@ def test_each_day_may_have_its_own_command(days):
         (np.r_[np.zeros(400), 1.1, np.zeros(499)], ["1.1 at second 400", "0 to 1"]),
         (np.r_[np.zeros(400), np.nan, np.zeros(499)], ["nan at second 400", "0 to 1"]),
         (np.full(900, -0.01), ["-0.01 at second 0", "0 to 1"]),
-        pytest.param(
-            "half", ["command"], marks=pytest.mark.xfail(reason="NumPy's own error reaches the user", strict=True)
-        ),
+        ("half", ["command"]),
     ],
 )
 def test_bad_command(days, command, words):
@@ -205,7 +203,6 @@ def test_bad_options_are_named_with_the_cure(days, options, words):
 
 
 @pytest.mark.parametrize("traces", [None, [["T_sup"]]])
-@pytest.mark.xfail(reason="Python's own error reaches the user", strict=True, raises=TypeError)
 def test_traces_that_are_no_list_of_names(days, traces):
     assert refused(fc.Loop(), days, traces=traces, warm_up=60)
 
@@ -256,7 +253,6 @@ TOGETHER = {
 
 
 @pytest.mark.parametrize("name", TOGETHER)
-@pytest.mark.xfail(reason="parameters are broadcast to be checked together, before the size is checked", strict=True)
 def test_nor_is_anything_allocated_to_check_parameters_together(name, days, monkeypatch):
     monkeypatch.setattr(plan_module, "available_memory", lambda: 10**6)
     loop = fc.Loop(**TOGETHER[name])
@@ -360,7 +356,6 @@ def test_one_unstable_scenario_refuses_the_study_and_is_counted(days):
     assert "C_w=1" in problem
 
 
-@pytest.mark.xfail(reason="the worst place is named by position where a coil parameter is zipped", strict=True)
 def test_the_unstable_place_is_named_by_its_label(days):
     (problem,) = refused(fc.Loop(C_c=("backlash", [9.0, 1.0]), backlash=[0.03, 0.15]), days, warm_up=60)
     assert "backlash=0.15" in problem
@@ -396,7 +391,6 @@ def test_adding_sweep_values_changes_no_scenario(days):
         np.testing.assert_array_equal(more[name].values, few[name].values, err_msg=name)
 
 
-@pytest.mark.xfail(reason="the day of a single seed is labelled 0, not by its seed", strict=True)
 def test_adding_a_day_changes_no_scenario():
     loop = fc.Loop(noise_std=0.05)
     one = fc.simulate(loop, fc.paper_day(hours=0.25, seed=1), warm_up=60)
@@ -476,13 +470,11 @@ def test_saving_over_a_result_leaves_one_of_the_two(tmp_path, swept):
 # What fails
 
 
-@pytest.mark.xfail(reason="u is NaN from the first sample on, the status is ok", strict=True)
 def test_a_controller_gone_nan_is_flagged(short):
     ds = fc.simulate(fc.Loop(ti=1e-320, sensor_resolution=0.5), short, traces=["u"], warm_up=60)
     assert int(ds.status) != 0
 
 
-@pytest.mark.xfail(reason="importing fastcoil.simulate puts the module in the place of the function", strict=True)
 def test_fc_simulate_stays_a_function():
     code = "import fastcoil as fc; fc.open_study; print(callable(fc.simulate))"
     command = [sys.executable, "-c", code]

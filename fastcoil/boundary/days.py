@@ -11,7 +11,7 @@ from fastcoil.boundary.moist_air import humidity_ratio, humidity_ratio_from_wet_
 from fastcoil.boundary.record import LARGEST_DAY_LABEL, Boundary
 from fastcoil.boundary.series import Array, Values
 from fastcoil.errors import InputError
-from fastcoil.parameters import PARAMETERS, Parameter
+from fastcoil.parameter_table import PARAMETERS, Parameter
 
 MOST_SAMPLES = 50_000_000
 """Most 1-s samples of one series over all days (3 GB for the seven series)."""
@@ -111,7 +111,7 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
         W_a_in=humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"])[rows],
         T_w_in=(7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"])[rows],
         T_set=np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)],
-        day=seeds if several else None,
+        day=seeds if several else seeds[0],
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fastcoil.numerics.jit import scalar
 
 
@@ -10,6 +12,12 @@ def clipped(x):
     """x limited to 0–1."""
     x = 0.0 if x < 0.0 else x
     return 1.0 if x > 1.0 else x
+
+
+@scalar
+def sample_number(t, sample_time):
+    """Number of the last controller sample at or before t: samples are taken where t mod sample_time = 0."""
+    return np.floor(t / sample_time)
 
 
 @scalar

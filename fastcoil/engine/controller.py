@@ -6,7 +6,7 @@ import numpy as np
 
 from fastcoil.control.inverse import direction, extreme, inverse
 from fastcoil.control.learning import chatters, switch_frequency, updated
-from fastcoil.control.pi import desired_opening, integrated
+from fastcoil.control.pi import desired_opening, integrated, sample_number
 from fastcoil.engine.lanes import LANES, R
 from fastcoil.numerics.jit import section
 from fastcoil.numerics.noise import MEASUREMENT, normal_pair
@@ -47,10 +47,10 @@ def draw_noise(S, t, k, block, day):
         return
     k0, k1, label = np.uint64(day.seed[0]), np.uint64(day.seed[1]), np.uint64(day.label)
     for j in range(LANES):
-        sample = np.int64(S[R.samples + j])
-        pair, replicate = np.uint64(sample >> 1), np.uint64(S[R.replicate + j])
-        even, odd = normal_pair(pair, np.uint64(MEASUREMENT), replicate, label, k0, k1)
-        due = S[R.next_sample + j] == t
+        last = sample_number(t, S[R.sample_time + j])
+        sample, replicate = np.int64(last), np.uint64(S[R.replicate + j])
+        even, odd = normal_pair(np.uint64(sample >> 1), np.uint64(MEASUREMENT), replicate, label, k0, k1)
+        due = last * S[R.sample_time + j] == t
         z = odd if sample & 1 else even
         S[R.noise + j] = S[R.noise_std + j] * z if due else S[R.noise + j]
         S[R.noise_next + j] = S[R.noise_std + j] * odd
@@ -62,7 +62,7 @@ def control(S, t, T_set, noise, enabled, counts_switches):
     for j in range(LANES):
         y = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
         e = S[R.sign + j] * (y - T_set)
-        due = S[R.next_sample + j] == t
+        due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
         integral = integrated(S[R.integral + j], e, S[R.ki + j])
         u = desired_opening(e, integral, S[R.kp + j])
         integral = integral if due else S[R.integral + j]
@@ -71,8 +71,6 @@ def control(S, t, T_set, noise, enabled, counts_switches):
         u = u if enabled else 0.0
         S[R.integral + j] = integral
         S[R.u + j] = u
-        S[R.next_sample + j] += S[R.sample_time + j] if due else 0.0
-        S[R.samples + j] += 1.0 if due else 0.0
 
         mode = direction(u, S[R.mode + j], S[R.u_ext + j], S[R.buffer + j])
         turned = mode != S[R.mode + j]

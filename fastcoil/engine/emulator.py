@@ -126,15 +126,15 @@ def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval,
 
         for j in range(LANES):
             S[R.y_s + j] = lagged(S[R.y_s + j], V[VOLUME_STRIDE + T_A + j], S[R.sensor_decay + j])
+        samples = t % block.control_period == 0
+        if samples and block.has_noise:
+            draw_noise(S, t, t // block.control_period, block, day)
         if open_loop:
             for j in range(LANES):
                 S[R.command + j] = day.command[t]
         else:
             if block.learning_period > 0 and t > 0 and t % block.learning_period == 0:
                 learn(S, t)
-            samples = t % block.control_period == 0
-            if samples and block.has_noise:
-                draw_noise(S, t, t // block.control_period, block, day)
             if samples or was_enabled != enabled:
                 control(S, t, T_set, noise, enabled, 1.0 if flags & IN_SWITCH_BLOCK else 0.0)
                 running = True

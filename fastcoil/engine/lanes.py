@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.parameters import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS
 
 LANES = 64
 
@@ -24,7 +24,7 @@ STATE_ROWS = (
     # what the parameters amount to per step: see emulator.prepare
     "dt_C_w", "dt_C_c", "eps_w_factor", "eps_a_factor", "eps_star_factor", "max_travel", "sensor_decay", "ki", "sign",
     # sensor, controller, inverse
-    "y_s", "noise", "noise_next", "measured", "next_sample", "samples", "u", "integral", "mode", "u_ext", "command",
+    "y_s", "noise", "noise_next", "measured", "u", "integral", "mode", "u_ext", "command",
     # learner
     "estimate", "start_estimate", "next_update", "switches", "reference", "learning",
     # actuator, valve

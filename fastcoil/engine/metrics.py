@@ -89,6 +89,7 @@ def account_second(S, V, flags, T_set, T_w_in, n_volumes):
 def status_of(S, V, j, n_volumes):
     """0 ok, 1 non-finite, 2 out of range.  A lane that has met inf or NaN never becomes finite again."""
     total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j]
+    total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j]  # there is none in open loop
     for i in range(1, n_volumes + 1):
         v = i * VOLUME_STRIDE + j
         total += V[v + T_W] + V[v + T_C] + V[v + T_A] + V[v + W_A]

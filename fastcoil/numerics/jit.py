@@ -84,7 +84,7 @@ def model_sha256() -> str:
     """Hash of the sources that decide what a simulation gives."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    for part in ("parameters.py", "outputs.py", "numerics", "physics", "control", "engine"):
+    for part in ("parameter_table.py", "outputs.py", "numerics", "physics", "control", "engine"):
         for source in sorted((package / part).rglob("*.py")) or [package / part]:
             digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()

@@ -20,7 +20,7 @@ from fastcoil.errors import InputError, LockedError, StorageError
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.plan import check_disk
 from fastcoil.results import content_sha256, load, save
-from fastcoil.simulate import Progress, run, workers
+from fastcoil.simulation import Progress, run, workers
 from fastcoil.study.spec import Study, read_study
 
 RESULTS = "results.nc"

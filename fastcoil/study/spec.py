@@ -26,7 +26,7 @@ from fastcoil.boundary.trends import read_trend_log
 from fastcoil.boundary.weather import weather_day
 from fastcoil.errors import InputError, nearest
 from fastcoil.outputs import WARM_UP
-from fastcoil.parameters import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS
 from fastcoil.plan import Plan, prepare
 from fastcoil.scenario import Loop
 

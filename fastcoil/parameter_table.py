@@ -8,11 +8,13 @@ preset ``paper_like``.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 
 from fastcoil.errors import InputError, nearest
 
 Scalar = float | int | str
+LARGEST = sys.float_info.max
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +64,9 @@ class Parameter:
             return f"{self.name} = {value!r}: choose {self.bounds}"
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return f"{self.name} = {value!r}: give a number ({self.bounds})"
-        if not math.isfinite(value):
-            return f"{self.name} = {value}: give a finite number ({self.bounds})"
+        if not -LARGEST <= value <= LARGEST:
+            shown = f"{value}" if isinstance(value, float) else "a number of too many digits"
+            return f"{self.name} = {shown}: give a finite number ({self.bounds})"
         too_low = value <= self.lower if self.open_lower else value < self.lower
         too_high = value >= self.upper if self.open_upper else value > self.upper
         if too_low or too_high or (self.whole and value != math.floor(value)):
