@@ -200,7 +200,10 @@ def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:
     if command is None:
         return None
     try:
-        values = np.asarray(command, dtype=float)
+        values = np.asarray(command)
+        if values.dtype.kind not in "iuf":
+            raise TypeError
+        values = values.astype(float)
     except (TypeError, ValueError):
         raise InputError(f"command is a {type(command).__name__}: give 1-s samples, an array of numbers") from None
     shape = (boundary.n_days, boundary.n_steps)

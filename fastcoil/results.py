@@ -183,7 +183,7 @@ def load(path: Path) -> xr.Dataset:
     try:
         with xr.open_dataset(path, engine="netcdf4", decode_times=False, decode_timedelta=False) as stored:
             ds = stored.load()
-    except (OSError, ValueError, RuntimeError) as error:
+    except Exception as error:  # whatever the library makes of a damaged file
         raise StorageError(f"{path} cannot be read as NetCDF ({error}); delete it and run the study again") from error
     if ds.attrs.get("content_sha256") != content_sha256(ds):
         raise StorageError(

@@ -55,8 +55,10 @@ class Loop:
     @classmethod
     def preset(cls, name: str) -> Loop:
         """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl`` or ``g36``."""
-        if name not in PRESETS:
-            raise InputError(f"preset = {name!r}: unknown{nearest(name, PRESETS)}; choose one of {', '.join(PRESETS)}")
+        if not isinstance(name, str) or name not in PRESETS:
+            raise InputError(
+                f"preset = {name!r}: unknown{nearest(str(name), PRESETS)}; choose one of {', '.join(PRESETS)}"
+            )
         return cls(**PRESETS[name])
 
     @classmethod
@@ -66,7 +68,7 @@ class Loop:
             raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil")
         loop = cls()
         loop._values = dict(json.loads(ds.attrs["parameters"]))
-        dims = list(ds["status"].dims)
+        dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
         names = [n for n in ds.coords if n in PARAMETERS]
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {n: ds[n].reset_coords(drop=True) for n in names}

@@ -85,7 +85,7 @@ def _verdict(layout: Layout, coil: Layout, n_bad: int, flat: int, worst: tuple[f
     what += [f"λ = dt (G_a + G_w)/C_c = {lam:.3g}"] if lam > 1.0 else []
     cures = [f"n_volumes = {stable} or less is stable"] if stable else []
     for name, number in (("C_w", gamma), ("C_c", lam)):
-        if number > 1.0:
+        if 1.0 < number < np.inf:
             given = float(columns[name][0])
             cures.append(f"raise {name} from {given:g} to at least {_ceil3(given * number):g} kJ/K")
     place = ", ".join(filter(None, [coil.describe(flat), f"n_volumes={n_volumes}"]))

@@ -11,6 +11,8 @@ from click.testing import CliRunner
 from fastcoil.cli import main
 from fastcoil.parameter_table import PARAMETERS
 
+pytestmark = pytest.mark.kernel
+
 SMALL = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.5, 1.2]\n[boundary]\nhours = 1\n"
 
 

@@ -241,6 +241,12 @@ def test_from_a_part_of_a_dataset_comes_the_loop_of_that_part(short):
     assert fc.Loop.from_dataset(ds.sel(backlash=0.02)).sizes == {"tuning": 2}
 
 
+@pytest.mark.kernel
+def test_one_metric_of_a_dataset_is_enough(short):
+    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
+    assert fc.Loop.from_dataset(ds[["rmse"]]).sizes == {"backlash": 2}
+
+
 def test_from_a_foreign_dataset_is_refused():
     with pytest.raises(fc.InputError, match="not made by fastcoil"):
         fc.Loop.from_dataset(xr.Dataset())
@@ -298,7 +304,7 @@ def test_repr_shows_units_whole():
         ("backlash", [0.05, 0.95, 1.5], ["backlash = 0.95", "0 to 0.9", "1 more"]),
         ("backlash", [0.05, "0.07"], ["backlash = '0.07'", "number"]),
         ("backlash", [0.05, True], ["backlash = True", "number"]),
-        ("backlash", [[0.05], [0.07]], ["backlash = [0.05]", "number"]),
+        ("backlash", [[0.05], [0.07]], ["backlash = [0.05]", "DataArray"]),
         ("backlash", np.array([[0.05], [0.07]]), ["backlash", "DataArray"]),
         ("kp", [0.05, True], ["kp = True", "number"]),
         ("backlash", ("size", 0.05), ["backlash", "list"]),
@@ -356,6 +362,12 @@ def test_an_unknown_name_like_no_other_is_answered_without_a_guess():
 def test_unknown_preset():
     with pytest.raises(fc.InputError, match=r"'paperlike'.*'paper_like'.*lbnl, g36"):
         fc.Loop.preset("paperlike")
+
+
+@pytest.mark.parametrize("name", [None, ["lbnl"]])
+def test_a_preset_is_a_word(name):
+    with pytest.raises(fc.InputError):
+        fc.Loop.preset(name)
 
 
 def test_all_mistakes_are_reported_at_once():

@@ -8,6 +8,8 @@ import pytest
 import fastcoil as fc
 from fastcoil import plots
 
+pytestmark = pytest.mark.kernel
+
 
 @pytest.fixture(scope="module")
 def swept():

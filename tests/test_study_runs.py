@@ -17,6 +17,8 @@ from fastcoil.results import content_sha256
 from fastcoil.study import runner
 from fastcoil.study.spec import read_study
 
+pytestmark = pytest.mark.kernel
+
 ROOT = Path(__file__).parents[1]
 SMALL = """
 title = "small"
