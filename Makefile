@@ -35,3 +35,11 @@ $(VENV)/.installed-test: $(VENV)/.installed
 $(VENV)/.installed-lint: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --group lint
 	@touch $@
+
+# the oldest versions pyproject.toml allows, in an environment of their own
+.PHONY: test-floors
+test-floors:
+	$(PYTHON) -m venv .venv-floors
+	.venv-floors/bin/python -m pip install --quiet uv
+	.venv-floors/bin/uv pip install --quiet --python .venv-floors --resolution lowest-direct --editable . --group test
+	.venv-floors/bin/python -m pytest
