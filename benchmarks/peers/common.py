@@ -1,0 +1,83 @@
+"""The work that the peers share with fastcoil, and the check that they do it.
+
+The common work, or bare loop: many scenarios that differ in ``SCENARIO``, everything else as in the preset
+``paper_like``, on one day; each peer returns ``rmse`` and ``switch_frequency`` as fastcoil defines them.
+
+Every peer exposes ``run(scenarios, series, warm_up)``: dicts of float64 arrays, one value per scenario and
+one per second, and returns a dict of the two metrics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+import fastcoil as fc
+
+Arrays = dict[str, np.ndarray]
+Run = Callable[[Arrays, Arrays, int], Arrays]
+
+SCENARIO = ("kp", "ti", "sample_time", "backlash", "estimate")
+SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
+WARM_UP = 1800
+SWITCH_BLOCK = 600
+
+_VALVE = ("m_max", "valve_a", "valve_b", "valve_c")
+_DEFAULT = {name: parameter.default for name, parameter in fc.parameters().items()}
+N = int(_DEFAULT["n_volumes"])
+C_W, C_C, CP_W, CP_A = (float(_DEFAULT[name]) for name in ("C_w", "C_c", "cp_w", "cp_a"))
+BETA1, BETA2, BETA3, BETA4, BETA5, BETA6 = (float(_DEFAULT[f"beta{k}"]) for k in range(1, 7))
+PRESSURE, T_INITIAL, BUFFER = (float(_DEFAULT[name]) for name in ("pressure", "T_initial", "buffer"))
+M_MAX, VALVE_A, VALVE_B, VALVE_C = (float(_DEFAULT[name]) for name in _VALVE)
+MASS_RATIO = 0.621945
+
+# saturation pressure, Pa, in s = (T - 25)/25, highest power first: the package's own, 3.3e-11 relative on
+# 0.01-50 degC, so that nobody is slower or faster for a better or worse steam table
+P_WS = (
+    6.0440527927853835e-05, 0.0018476855404687487, -0.008544918167897401, -0.18512738008059554,
+    0.6903322167840471, 27.588163854011352, 240.23428223667085, 1118.6402979145653, 3070.402066967956,
+    4723.276617581905, 3169.2164701436113,
+)  # fmt: skip
+
+
+def work(n: int, seconds: int, sample_time: float | list[float], seed: int = 1) -> tuple[Arrays, Arrays]:
+    """Scenarios, whose sample times take turns, and the first ``seconds`` of a paper day.
+
+    The tunings are slow enough for the loop to hunt regularly.  Faster ones (ti near 8 s at a sample time of
+    30 s) include chaotic loops, in which two exact programs part ways after their first differing round-off.
+    """
+    random = np.random.default_rng(seed)
+    scenarios = {
+        "kp": random.uniform(0.01, 0.03, n),
+        "ti": random.uniform(30.0, 90.0, n),
+        "sample_time": np.resize(np.asarray(sample_time, dtype=float), n),
+        "backlash": random.uniform(0.0, 0.15, n),
+        "estimate": random.uniform(0.0, 0.12, n),
+    }
+    day = fc.paper_day(hours=seconds / 3600, seed=seed)
+    return scenarios, {name: np.ascontiguousarray(day.series[name][0]) for name in SERIES}
+
+
+def switch_seconds(n_steps: int, warm_up: int) -> tuple[int, int]:
+    """Whole blocks of the switch frequency after the warm-up, and where the last one ends, s."""
+    n_blocks = max(n_steps - warm_up, 0) // SWITCH_BLOCK
+    return n_blocks, warm_up + n_blocks * SWITCH_BLOCK
+
+
+def fastcoil_run(scenarios: Arrays, series: Arrays, warm_up: int = WARM_UP, n_jobs: int = 1) -> Arrays:
+    """Do the common work with ``fastcoil.simulate``."""
+    names = {"estimate": "backlash_estimate"}
+    loop = fc.Loop().assign(**{names.get(k, k): ("case", scenarios[k]) for k in SCENARIO})
+    ds = fc.simulate(loop, fc.Boundary(**series), warm_up=warm_up, n_jobs=n_jobs)
+    return {name: ds[name].values for name in ("rmse", "switch_frequency")}
+
+
+def check(run: Run, n: int = 200, seconds: int = 7200, sample_time: float | list[float] = 30.0) -> None:
+    """Raise ``AssertionError`` unless ``run`` gives fastcoil's RMSE (1e-6 relative) and its switch counts."""
+    scenarios, series = work(n, seconds, sample_time)
+    expected, found = fastcoil_run(scenarios, series), run(scenarios, series, WARM_UP)
+    np.testing.assert_allclose(found["rmse"], expected["rmse"], rtol=1e-6, atol=0.0)
+    n_blocks = switch_seconds(seconds, WARM_UP)[0]
+    counts = (np.rint(metrics["switch_frequency"] * n_blocks) for metrics in (found, expected))
+    np.testing.assert_array_equal(*counts)
