@@ -147,5 +147,6 @@ def test_exp_of_log_is_identity():
     assert np.all(np.abs(back / x - 1.0) <= 2.0**-52 * (1.1 + 1.5 * np.abs(np.log(x))))
 
 
-def test_polynomial_is_horners_rule_from_the_highest_power():
-    assert polynomial(3.0, (2.0, -1.0, 5.0)) == 2.0 * 9.0 - 3.0 + 5.0
+def test_polynomial_takes_the_highest_power_first():
+    assert polynomial(3.0, (2.0, -1.0, 5.0, 7.0)) == 2.0 * 27.0 - 9.0 + 15.0 + 7.0
+    assert polynomial(3.0, (1.0, 2.0, -1.0, 5.0, 7.0)) == 81.0 + 2.0 * 27.0 - 9.0 + 15.0 + 7.0

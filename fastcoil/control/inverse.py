@@ -6,13 +6,13 @@ With an estimate of 0 it is the identity: the plain PI is the same law, and lane
 from __future__ import annotations
 
 from fastcoil.control.pi import clipped
-from fastcoil.numerics.jit import scalar
+from fastcoil.numerics.jit import exact
 
 RISING = 1.0
 FALLING = -1.0
 
 
-@scalar
+@exact
 def direction(u, mode, u_ext, buffer):
     """Mode after seeing u: it turns when u comes back from its extreme by more than ``buffer``.
 
@@ -25,14 +25,14 @@ def direction(u, mode, u_ext, buffer):
     return RISING if turned_up else mode
 
 
-@scalar
+@exact
 def extreme(u, mode, u_ext, turned):
     """u_ext after seeing u: u itself at a turn or further on, else held."""
     further = (mode > 0.0 and u > u_ext) or (mode < 0.0 and u < u_ext)
     return u if turned or further else u_ext
 
 
-@scalar
+@exact
 def inverse(u_ext, mode, x_hat):
     """Command that makes the opening u_ext behind a backlash x_hat: (1 - x̂) u, plus x̂ when rising."""
     return clipped((1.0 - x_hat) * u_ext + (x_hat if mode > 0.0 else 0.0))

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from fastcoil.numerics.jit import scalar
+from fastcoil.numerics.jit import exact
 
 
-@scalar
+@exact
 def switch_frequency(switches, interval):
     """Mode switches per 10 min over an interval in s."""
     return switches / (interval / 600.0)
 
 
-@scalar
+@exact
 def chatters(f, f_ref, ratio, floor):
     """Whether f exceeds ``ratio`` times the reference frequency; the paper's 200 % is ratio = 2, floor = 0."""
     reference = floor if f_ref < floor else f_ref
     return f > ratio * reference
 
 
-@scalar
+@exact
 def updated(x_hat, step, down, lower, cap):
     """Estimate after an update: one step down when it chatters, else one up, within lower–cap."""
     stepped = x_hat - step if down else x_hat + step

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.numerics.jit import scalar
+from fastcoil.numerics.jit import exact
 
 
-@scalar
+@exact
 def clipped(x):
     """x limited to 0–1."""
     x = 0.0 if x < 0.0 else x
     return 1.0 if x > 1.0 else x
 
 
-@scalar
+@exact
 def sample_number(t, sample_time):
     """Number of the last controller sample at or before t: samples are taken where t mod sample_time = 0."""
     return np.floor(t / sample_time)
 
 
-@scalar
+@exact
 def integrated(integral, e, ki):
     """Integral part at a controller sample, 0–1; ki = K_p T_s / T_i, 1/K.  Added to before use."""
     return clipped(integral + ki * e)
 
 
-@scalar
+@exact
 def desired_opening(e, integral, kp):
     """PI output u, 0–1.  e: T - T_set (cooling), T_set - T (heating), K."""
     return clipped(kp * e + integral)

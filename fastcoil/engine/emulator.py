@@ -16,10 +16,10 @@ import numpy as np
 from fastcoil.control.inverse import FALLING
 from fastcoil.engine.controller import control, draw_noise, learn
 from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
-from fastcoil.engine.metrics import account_second, summarise
-from fastcoil.engine.plant import actuate, air_side, deliver, march
+from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
+from fastcoil.engine.plant import actuate, air_side, deliver, enter, march, shared_air_side
 from fastcoil.engine.schedule import COUNTED, IN_SWITCH_BLOCK, Schedule
-from fastcoil.numerics.elementary import exp
+from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import kernel, section
 from fastcoil.physics.sensor import lagged, measured
 from fastcoil.physics.valve import installed_valve
@@ -50,9 +50,9 @@ def prepare(S, n_volumes, open_loop):
     for j in range(LANES):
         S[R.dt_C_w + j] = 1.0 / (per_volume * S[R.C_w + j])
         S[R.dt_C_c + j] = 1.0 / (per_volume * S[R.C_c + j])
-        S[R.eps_w_factor + j] = per_volume * S[R.beta1 + j]
-        S[R.eps_a_factor + j] = per_volume * S[R.beta3 + j]
-        S[R.eps_star_factor + j] = per_volume * S[R.beta5 + j]
+        S[R.ntu_w_factor + j] = per_volume * S[R.beta1 + j]
+        S[R.ntu_a_factor + j] = per_volume * S[R.beta3 + j]
+        S[R.ntu_star_factor + j] = per_volume * S[R.beta5 + j]
         S[R.max_travel + j] = 1.0 / S[R.stroke_time + j]
         tau = S[R.sensor_time_constant + j]
         S[R.sensor_decay + j] = exp(-1.0 / tau) if tau > 0.0 else 0.0
@@ -64,6 +64,7 @@ def prepare(S, n_volumes, open_loop):
             S[R.valve_a + j] = a
             S[R.valve_b + j] = b
             S[R.valve_c + j] = c
+        S[R.log_m_max + j] = log(S[R.m_max + j])
         if S[R.estimate_ratio + j] >= 0.0:
             S[R.backlash_estimate + j] = S[R.estimate_ratio + j] * S[R.backlash + j]
         S[R.y_s + j] = S[R.T_initial + j]
@@ -94,7 +95,7 @@ def record(S, V, rows, traces):
 def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval, traces):
     """Run the lanes of a block through a day.
 
-    block: Block; day: Day; S, V: work space, len(R) * LANES and (block.n_volumes + 1) * VOLUME_STRIDE.
+    block: Block; day: Day; S, V: work space, len(R) * LANES and (block.n_volumes + 2) * VOLUME_STRIDE.
     metrics: out, (N_METRICS, LANES); status: out, (LANES,).
     rows, rows_after: offsets of the traced rows known before, and only after, the march of step t.
     traces: out, (n_points, n_rows + n_rows_after, LANES), the sample at every ``trace_interval`` seconds.
@@ -114,6 +115,9 @@ def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval,
             V[v + T_A + j] = S[R.T_initial + j]
             V[v + W_A + j] = day.series[0, 2]
 
+    shared = block.shares_air_side
+    eps = np.empty((2, n_steps if shared else 0))
+    shared_air_side(S, day.series, eps)
     m_a_known = np.nan
     was_enabled = True
     running = False
@@ -143,8 +147,8 @@ def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval,
             moved, running = actuate(S, counted)
             if moved or t == 0:
                 deliver(S)
-        if m_a != m_a_known:
-            air_side(S, m_a, block.shares_air_side)
+        if m_a != m_a_known and not shared:
+            air_side(S, m_a)
             m_a_known = m_a
         if counted:
             account_second(S, V, flags, T_set, T_w_in, n_volumes)
@@ -156,8 +160,15 @@ def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval,
                 T_w_out = V[n_volumes * VOLUME_STRIDE + T_W + j]
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
             record(S, V, rows, traces[t // trace_interval])
-        march(S, V, n_volumes, block.lagged_air, T_a_in, W_a_in, T_w_in, m_a if counted else 0.0)
+        enter(S, V, n_volumes, T_a_in, W_a_in, T_w_in)
+        if shared:
+            march(S, V, n_volumes, block.lagged_air, True, eps[0, t], eps[1, t], m_a, counted)
+        else:
+            march(S, V, n_volumes, block.lagged_air, False, 0.0, 0.0, m_a, counted)
         if traced:
             record(S, V, rows_after, traces[t // trace_interval, rows.size :])
+
+        if t % WATCH_INTERVAL == 0 or t == n_steps - 1:
+            watch(S, V, n_volumes)
 
     summarise(S, V, n_volumes, day.schedule, metrics, status)

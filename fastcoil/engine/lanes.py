@@ -22,28 +22,32 @@ Columns = Mapping[str, np.ndarray]
 PARAMETER_ROWS = (*PARAMETERS, "replicate")
 STATE_ROWS = (
     # what the parameters amount to per step: see emulator.prepare
-    "dt_C_w", "dt_C_c", "eps_w_factor", "eps_a_factor", "eps_star_factor", "max_travel", "sensor_decay", "ki", "sign",
+    "dt_C_w", "dt_C_c", "ntu_w_factor", "ntu_a_factor", "ntu_star_factor", "log_m_max", "max_travel", "sensor_decay",
+    "ki", "sign",
     # sensor, controller, inverse
     "y_s", "noise", "noise_next", "measured", "u", "integral", "mode", "u_ext", "command",
     # learner
     "estimate", "start_estimate", "next_update", "switches", "reference", "learning",
     # actuator, valve
-    "position", "q", "opening", "m_w",
-    # coil: flows, conductances and effectiveness of this step; air on its way through the volumes
-    "C_flow", "G_w", "G_a", "G_star", "eps_a", "eps_star", "T_air", "W_air", "wet_volumes", "power",
+    "position", "q", "opening", "growth", "log_m_w", "m_w",
+    # coil: flow, conductance and effectiveness of this step
+    "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
     # sums of the metrics
     "sum_e2", "sum_e2_settled", "sum_abs_e", "e_previous", "crossings", "highest", "lowest", "sum_swing",
     "sum_switches", "stem_travel", "motor_travel", "last_turn", "reversals", "sum_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate", "farthest_T_c",
     "time_reached", "time_confirmed", "time_first_down", "estimate_first_down",
 )  # fmt: skip
-VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a")
-"""Rows of each control volume; of volume 0 only T_w is used, for the entering water."""
+VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "T_w_in", "W_s")
+"""Rows of each control volume: the states, the water that enters it and saturation at T_c.
+
+Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a and W_a.
+"""
 
 Rows = namedtuple("Rows", PARAMETER_ROWS + STATE_ROWS)  # type: ignore[misc]
 R: Any = Rows(*(LANES * k for k in range(len(Rows._fields))))
 """Offset of each row in the flat state S: constants to the compiler."""
-T_W, T_C, T_A, W_A = (LANES * k for k in range(len(VOLUME_ROWS)))
+T_W, T_C, T_A, W_A, T_W_IN, W_S = (LANES * k for k in range(len(VOLUME_ROWS)))
 """Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""
 VOLUME_STRIDE = LANES * len(VOLUME_ROWS)
 
@@ -117,7 +121,7 @@ def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
 
     Offsets of S as they are, offsets of V as -1 - offset.
     """
-    volume = dict(zip(VOLUME_ROWS, (T_W, T_C, T_A, W_A), strict=True))
+    volume = {"T_w": T_W, "T_c": T_C, "T_a": T_A, "W_a": W_A}
     ends = {"T_sup": T_A + VOLUME_STRIDE, "W_sup": W_A + VOLUME_STRIDE, "T_w_out": T_W + n_volumes * VOLUME_STRIDE}
     signal = R._asdict() | {"T_measured": R.measured}
     rows: list[int] = []

@@ -26,6 +26,8 @@ N_METRICS = len(METRICS)
     ESTIMATE_FIRST_DOWN, COIL_ENERGY, COIL_PEAK_POWER, WATER_VOLUME, CONDENSATE,
 ) = range(N_METRICS)  # fmt: skip
 
+WATCH_INTERVAL = 60
+"""Seconds between two looks at the range of temperatures: what leaves it does not come back."""
 MOVED = 1e-9
 """Change of opening, fraction, that counts as a movement of the stem."""
 T_CENTRE, T_HALF_RANGE = 50.0, 100.0
@@ -83,6 +85,19 @@ def account_second(S, V, flags, T_set, T_w_in, n_volumes):
     if flags & IN_ESTIMATE_WINDOW:
         for j in range(LANES):
             S[R.sum_estimate + j] += S[R.estimate + j]
+
+
+@section
+def watch(S, V, n_volumes):
+    """Keep how far the metal has been from the middle of the range of temperatures.
+
+    Water and air are weighted means of it and of what enters, so that nothing leaves the range before it does.
+    """
+    for i in range(1, n_volumes + 1):
+        cv = V[i * VOLUME_STRIDE :]
+        for j in range(LANES):
+            far = abs(cv[T_C + j] - T_CENTRE)
+            S[R.farthest_T_c + j] = far if far > S[R.farthest_T_c + j] else S[R.farthest_T_c + j]
 
 
 @scalar

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from fastcoil.engine.lanes import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
-from fastcoil.engine.metrics import T_CENTRE, account_travel
+from fastcoil.engine.lanes import LANES, T_A, T_C, T_W, T_W_IN, VOLUME_STRIDE, W_A, W_S, R
+from fastcoil.engine.metrics import account_travel
+from fastcoil.numerics.elementary import exp
 from fastcoil.numerics.jit import section
 from fastcoil.physics.actuator import accepted, motor
-from fastcoil.physics.coil import air_heat, effectiveness, metal, outlet, outlet_humidity, water
+from fastcoil.physics.coil import air_heat, effectiveness, exchanged, metal, outlet_humidity, transfer_units, water
 from fastcoil.physics.psychrometrics import enthalpy, saturation_humidity_ratio
-from fastcoil.physics.valve import backlash, opening, water_flow
+from fastcoil.physics.valve import backlash, growth, log_flow, opening
 
 
 @section
@@ -33,67 +34,83 @@ def actuate(S, counted):
 
 @section
 def deliver(S):
-    """Water flow, Eq (2), and water-side conductance, Eq (4)."""
+    """Water flow, Eq (2), and water-side conductance, Eq (4): a short loop for each exponential and logarithm."""
     for j in range(LANES):
-        m_w = water_flow(S[R.opening + j], S[R.m_max + j], S[R.valve_a + j], S[R.valve_b + j], S[R.valve_c + j])
-        C_flow = m_w * S[R.cp_w + j]
-        S[R.m_w + j] = m_w
-        S[R.C_flow + j] = C_flow
-        S[R.G_w + j] = effectiveness(S[R.eps_w_factor + j], S[R.beta2 + j], m_w) * C_flow
+        S[R.growth + j] = growth(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
+    for j in range(LANES):
+        S[R.log_m_w + j] = log_flow(S[R.log_m_max + j], S[R.valve_a + j], S[R.growth + j])
+    for j in range(LANES):
+        S[R.m_w + j] = exp(S[R.log_m_w + j])
+        S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
+    for j in range(LANES):
+        S[R.ntu_w + j] = transfer_units(S[R.ntu_w_factor + j], S[R.beta2 + j], S[R.log_m_w + j])
+    for j in range(LANES):
+        S[R.G_w + j] = exchanged(S[R.ntu_w + j]) * S[R.C_flow + j]
 
 
 @section
-def air_side(S, m_a, shared):
-    """Air-side effectiveness and conductances, Eq (4); ``shared``: β3…β6 are the same in all lanes."""
-    if shared:
-        eps_a = effectiveness(S[R.eps_a_factor], S[R.beta4], m_a)
-        eps_star = effectiveness(S[R.eps_star_factor], S[R.beta6], m_a)
-        for j in range(LANES):
-            S[R.eps_a + j] = eps_a
-            S[R.eps_star + j] = eps_star
-    else:
-        for j in range(LANES):
-            S[R.eps_a + j] = effectiveness(S[R.eps_a_factor + j], S[R.beta4 + j], m_a)
-            S[R.eps_star + j] = effectiveness(S[R.eps_star_factor + j], S[R.beta6 + j], m_a)
+def air_side(S, m_a):
+    """Air-side effectiveness of every lane, Eq (4)."""
     for j in range(LANES):
-        S[R.G_a + j] = S[R.eps_a + j] * m_a * S[R.cp_a + j]
-        S[R.G_star + j] = S[R.eps_star + j] * m_a
+        S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], m_a)
+        S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], m_a)
 
 
 @section
-def march(S, V, n_volumes, lagged_air, T_a_in, W_a_in, T_w_in, m_a_counted):
-    """Eq (3) for every volume, from the air's entrance to its exit: states[t] become states[t + 1].
+def shared_air_side(S, series, eps):
+    """Air-side effectiveness of the whole day, where β3…β6 are those of lane 0; eps: out, (2, n_steps)."""
+    for t in range(eps.shape[1]):
+        eps[0, t] = effectiveness(S[R.ntu_a_factor], S[R.beta4], series[t, 0])
+        eps[1, t] = effectiveness(S[R.ntu_star_factor], S[R.beta6], series[t, 0])
 
-    The air on its way, T_air and W_air, is what the next volume takes in: the state [t] of the volume passed
-    (lagged, as printed), or its outlet of this step (quasistatic).
+
+@section
+def enter(S, V, n_volumes, T_a_in, W_a_in, T_w_in):
+    """What this step's march reads besides the states: entering air and water, saturation at every T_c.
+
+    Saturation has loops of its own: two short chains of arithmetic overlap better than a long one.
     """
+    air = V[(n_volumes + 1) * VOLUME_STRIDE :]
     for j in range(LANES):
-        S[R.T_air + j] = T_a_in
-        S[R.W_air + j] = W_a_in
+        air[T_A + j] = T_a_in
+        air[W_A + j] = W_a_in
         V[T_W + j] = T_w_in
         S[R.wet_volumes + j] = 0.0
-    for i in range(n_volumes, 0, -1):
+    for i in range(1, n_volumes + 1):
         pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
         for j in range(LANES):
-            T_in, W_in = S[R.T_air + j], S[R.W_air + j]
-            T_c, T_w, T_w_in_i = pair[VOLUME_STRIDE + T_C + j], pair[VOLUME_STRIDE + T_W + j], pair[T_W + j]
+            own = VOLUME_STRIDE + j
+            pair[own + T_W_IN] = pair[T_W + j]
+            pair[own + W_S] = saturation_humidity_ratio(pair[own + T_C], S[R.pressure + j])
 
-            W_s = saturation_humidity_ratio(T_c, S[R.pressure + j])
+
+@section
+def march(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, counted):
+    """Eq (3) for every volume: states[t] become states[t + 1].
+
+    Volume i takes in the air that the row of volume i + 1 holds.  Taken from the water's entrance on, that is
+    still its state [t] (lagged, as printed); from the air's entrance on, its outlet of this step (quasistatic).
+    ``shared``: all lanes have the effectiveness eps_a, eps_star, else it stands in the rows of that name.
+    """
+    m_a_counted = m_a if counted else 0.0
+    for k in range(n_volumes):
+        i = k + 1 if lagged_air else n_volumes - k
+        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+        for j in range(LANES):
+            T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
+            T_c, T_w, T_w_in, W_s = pair[T_C + j], pair[T_W + j], pair[T_W_IN + j], pair[W_S + j]
+
             wet = W_in > W_s
             h_in, h_s = enthalpy(T_in, W_in), enthalpy(T_c, W_s)
-            Q_a = air_heat(wet, S[R.G_a + j], T_in, T_c, S[R.G_star + j], h_in, h_s)
-            T_c_next = metal(T_c, Q_a, S[R.G_w + j], T_w_in_i, S[R.dt_C_c + j])
-            T_w_next = water(T_w, T_w_in_i, T_c, S[R.C_flow + j], S[R.G_w + j], S[R.dt_C_w + j])
-            T_out = outlet(T_in, T_c, S[R.eps_a + j])
-            W_out = outlet_humidity(wet, W_in, outlet(h_in, h_s, S[R.eps_star + j]), T_out)
+            cooled = (eps_a if shared else S[R.eps_a + j]) * (T_in - T_c)
+            dried = (eps_star if shared else S[R.eps_star + j]) * (h_in - h_s)
+            Q_a = air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
+            T_out = T_in - cooled
+            W_out = outlet_humidity(wet, W_in, h_in - dried, T_out)
 
-            S[R.T_air + j] = pair[VOLUME_STRIDE + T_A + j] if lagged_air else T_out
-            S[R.W_air + j] = pair[VOLUME_STRIDE + W_A + j] if lagged_air else W_out
-            pair[VOLUME_STRIDE + T_C + j] = T_c_next
-            pair[VOLUME_STRIDE + T_W + j] = T_w_next
-            pair[VOLUME_STRIDE + T_A + j] = T_out
-            pair[VOLUME_STRIDE + W_A + j] = W_out
+            pair[T_C + j] = metal(T_c, Q_a, S[R.G_w + j], T_w_in, S[R.dt_C_c + j])
+            pair[T_W + j] = water(T_w, T_w_in, T_c, S[R.C_flow + j], S[R.G_w + j], S[R.dt_C_w + j])
+            pair[T_A + j] = T_out
+            pair[W_A + j] = W_out
             S[R.wet_volumes + j] += 1.0 if wet else 0.0
             S[R.condensate + j] += m_a_counted * (W_in - W_out)
-            far = abs(T_c_next - T_CENTRE)
-            S[R.farthest_T_c + j] = far if far > S[R.farthest_T_c + j] else S[R.farthest_T_c + j]

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from fastcoil.numerics.jit import fma, scalar
+from fastcoil.numerics.jit import exact, fma
 
 _LOG2_E = 1.0 / math.log(2.0)
 # ln 2 split so that n * LN2_HIGH is exact for |n| < 2**11 (21 trailing zero bits)
@@ -25,32 +25,49 @@ _SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)
 _ONE_BITS = np.int64(0x3FF0000000000000)
 _EXPONENT = np.int64(52)
 
-_EXP_TAYLOR = tuple(1.0 / math.factorial(k) for k in range(13, -1, -1))
-_ATANH_TAYLOR = tuple(1.0 / (2 * k + 1) for k in range(11, 0, -1))
+# Chebyshev interpolants of (e^r - 1 - r)/r^2 on |r| <= ln 2 / 2, which leaves 1.6e-17 in e^r, and of
+# (atanh(s)/s - 1)/s^2 in s^2, which leaves 5e-18 in atanh
+_EXP = (
+    2.51003767988125e-08, 2.762007713646922e-07, 2.7557268478279004e-06, 2.480152131972762e-05,
+    0.00019841269863041851, 0.0013888888917198419, 0.008333333333330065, 0.04166666666662416,
+    0.16666666666666669, 0.5,
+)  # fmt: skip
+_ATANH = (
+    0.07308292712444311, 0.07665855309105386, 0.09091444727837474, 0.11111105565129939, 0.14285714313001635,
+    0.19999999999949722, 0.3333333333333335,
+)  # fmt: skip
 _SIN_TAYLOR = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8, 0, -1))
 _COS_TAYLOR = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(8, 0, -1))
 
 
-@scalar
+@exact
 def polynomial(x, coefficients):
-    """Horner's rule; ``coefficients`` is a tuple, highest power first."""
-    p = coefficients[0]
-    for c in coefficients[1:]:
-        p = fma(p, x, c)
-    return p
+    """Value at x; ``coefficients`` is a tuple of at least four, highest power first.
+
+    Even and odd powers are summed apart: two chains of half the length, which the processor overlaps.
+    """
+    z = x * x
+    high, low = coefficients[0], coefficients[1]
+    for c in coefficients[2::2]:
+        high = fma(high, z, c)
+    for c in coefficients[3::2]:
+        low = fma(low, z, c)
+    if len(coefficients) % 2 == 0:
+        return fma(high, x, low)
+    return fma(low, x, high)
 
 
-@scalar
+@exact
 def _bits(x):
     return np.float64(x).view(np.int64)
 
 
-@scalar
+@exact
 def _from_bits(bits):
     return np.int64(bits).view(np.float64)
 
 
-@scalar
+@exact
 def exp(x):
     """e^x.  Arguments are clamped to ±708, so the result is never 0 nor inf; NaN stays NaN."""
     x = -708.0 if x < -708.0 else x
@@ -59,10 +76,10 @@ def exp(x):
     n = shifted - _ROUNDER
     r = fma(n, -_LN2_LOW, fma(n, -_LN2_HIGH, x))
     two_to_n = _from_bits((_bits(shifted) << _EXPONENT) + _ONE_BITS)
-    return polynomial(r, _EXP_TAYLOR) * two_to_n
+    return fma(r, fma(r, polynomial(r, _EXP), 1.0), 1.0) * two_to_n
 
 
-@scalar
+@exact
 def log(x):
     """ln x for normal positive x; -inf at 0, NaN below 0 and for NaN, inf stays inf."""
     bits = _bits(x)
@@ -74,20 +91,20 @@ def log(x):
     s = f / (2.0 + f)
     z = s * s
     # ln m = 2 atanh s = 2 s + 2 s z P(z), and 2 s = f - f s
-    tail = s * (2.0 * z * polynomial(z, _ATANH_TAYLOR) - f)
+    tail = s * (2.0 * z * polynomial(z, _ATANH) - f)
     result = fma(n, _LN2_HIGH, fma(n, _LN2_LOW, tail) + f)
     result = np.nan if not x >= 0.0 else result
     result = -np.inf if x == 0.0 else result
     return np.inf if x == np.inf else result
 
 
-@scalar
+@exact
 def power(x, y):
     """x^y for x > 0."""
     return exp(y * log(x))
 
 
-@scalar
+@exact
 def sincos_turns(u):
     """(sin 2πu, cos 2πu) for 0 <= u < 1."""
     quarter = (u * 4.0 + _ROUNDER) - _ROUNDER

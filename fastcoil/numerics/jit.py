@@ -1,6 +1,8 @@
 """Every compiler flag, with its reason, and the cache of compiled kernels.  The only file that says njit.
 
 ``scalar``  one formula: floats in, floats out, force-inlined into the loops that call it.
+``exact``   a scalar whose every rounding is as written: elementary functions, random numbers, and the controller,
+            whose decisions are the same in Python.
 ``section`` a loop over the lanes of a block, force-inlined into its kernel.
 ``kernel``  a loop over time and lanes: cached on disk, runs without the GIL.
 ``fma``     a*b + c in one rounding, so that the order of roundings is ours and not the optimiser's.
@@ -10,7 +12,9 @@ Flags:
     forceinline=True     a call in the loop over lanes keeps it scalar.
     nogil=True           threads are the only parallelism: no ``parallel=True``, whose threading layers abort
                          or oversubscribe inside a thread pool.
-    no fastmath          it deletes NaN tests and lets a lane's bits depend on its neighbours.
+    fastmath "contract"  a*b + c in one instruction: a third of the arithmetic of Eq (3).  All lanes run the same
+                         instructions, so they still get the same bits; ``tests/test_lanes.py`` would tell.
+    never more of it     it deletes NaN tests and lets a lane's bits depend on its neighbours.
 """
 
 from __future__ import annotations
@@ -40,7 +44,13 @@ JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 def scalar(function: Callable[..., Any]) -> Any:
     """Compile one formula, inlined wherever a kernel calls it."""
-    return numba.njit(**_FLAGS, forceinline=True)(function)
+    return numba.njit(**_FLAGS, forceinline=True, fastmath={"contract"})(function)
+
+
+def exact(function: Callable[..., Any]) -> Any:
+    """Compile one formula with its roundings as written."""
+    # said aloud: a function without flags takes those of whoever makes it compile first
+    return numba.njit(**_FLAGS, forceinline=True, fastmath=False)(function)
 
 
 section = scalar
@@ -50,11 +60,11 @@ def kernel(function: Callable[..., Any]) -> Any:
     """Compile a loop, cached on disk under the fingerprint of everything it was compiled from."""
     folder = cache_folder()
     if folder is None:
-        return numba.njit(**_FLAGS)(function)
+        return numba.njit(**_FLAGS, fastmath=False)(function)
     # the folder is read once, at decoration: the user's own cached functions keep theirs
     previous, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # type: ignore[attr-defined]
     try:
-        return numba.njit(**_FLAGS, cache=True)(function)
+        return numba.njit(**_FLAGS, fastmath=False, cache=True)(function)
     finally:
         config.CACHE_DIR = previous  # type: ignore[attr-defined]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.numerics.elementary import log, sincos_turns
-from fastcoil.numerics.jit import scalar
+from fastcoil.numerics.jit import exact
 
 RNG = "philox4x32-10;boxmuller;v1"
 MEASUREMENT = 0
@@ -25,7 +25,7 @@ _SIGNIFICAND_SHIFT = np.uint64(12)
 _ONE = np.uint64(0x3FF0000000000000)
 
 
-@scalar
+@exact
 def philox(c0, c1, c2, c3, k0, k1):
     """Four random 32-bit words of a counter c0–c3 and a key k0, k1, all held in uint64."""
     for _ in range(10):
@@ -42,14 +42,14 @@ def philox(c0, c1, c2, c3, k0, k1):
     return c0, c1, c2, c3
 
 
-@scalar
+@exact
 def uniform(low, high):
     """The top 52 of 64 random bits, centred in their cell: never 0 nor 1."""
     bits = ((low | (high << _SHIFT)) >> _SIGNIFICAND_SHIFT) | _ONE
     return np.uint64(bits).view(np.float64) - (1.0 - 2.0**-53)
 
 
-@scalar
+@exact
 def normal_pair(pair, channel, replicate, day, k0, k1):
     """Two independent standard normals: samples 2·pair and 2·pair + 1 of a channel."""
     r0, r1, r2, r3 = philox(pair, channel, replicate, day, k0, k1)

@@ -1,31 +1,43 @@
 """The coil, Eqs (3) and (4): one control volume over one time step.  Section 2.2 of the paper.
 
 CV i of N: water enters CV 1, air enters CV N; T_w_in = T_w^(i-1), T_in, W_in = T_a^(i+1), W^(i+1).
-Conductances stand in for the paper's resistances (G = 1/R), which are infinite without flow.
+Conductances stand in for the paper's water-side resistances (G = 1/R), which are infinite without flow.
 Units: °C, kg/s, kJ, kW, s; C in kJ/K per control volume.
 """
 
 from __future__ import annotations
 
-from fastcoil.numerics.elementary import exp, power
+from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import scalar
 from fastcoil.physics.psychrometrics import humidity_ratio
 
 
 @scalar
+def transfer_units(factor, exponent, log_m):
+    """Number of transfer units β m^β' of Eq (4), from ln m."""
+    return factor * exp(exponent * log_m)
+
+
+@scalar
+def exchanged(ntu):
+    """Effectiveness ε = 1 - e^(-NTU), Eq (4)."""
+    return 1.0 - exp(-ntu)
+
+
+@scalar
 def effectiveness(factor, exponent, m):
     """ε = 1 - exp(-β m^β'), Eq (4); 1 without flow, whatever the exponent."""
-    eps = 1.0 - exp(-factor * power(m, exponent))
+    eps = exchanged(transfer_units(factor, exponent, log(m)))
     return 1.0 if m <= 0.0 else eps
 
 
 @scalar
-def air_heat(wet, G_a, T_in, T_c, G_star, h_in, h_s):
-    """Heat from the air into the metal, kW: driven by temperature (Eq 3) or, when wet, by enthalpy.
+def air_heat(wet, m_a, cooled, dried, cp_a):
+    """Heat from the air into the metal, kW: by its fall in temperature (Eq 3) or, when wet, in enthalpy.
 
-    G_a = ε_a m_a c_p,a in kW/K; G_star = ε_a* m_a in kg/s; h_s: saturated at T_c.
+    cooled = ε_a (T_in - T_c), K; dried = ε_a* (h_in - h_s), kJ/kg, with h_s saturated at T_c.
     """
-    return G_star * (h_in - h_s) if wet else G_a * (T_in - T_c)
+    return m_a * dried if wet else m_a * (cp_a * cooled)
 
 
 @scalar
@@ -38,12 +50,6 @@ def metal(T_c, Q_a, G_w, T_w_in, dt_C_c):
 def water(T_w, T_w_in, T_c, C_flow, G_w, dt_C_w):
     """T_w[t+1], Eq (3), first line; C_flow = m_w c_p,w, kW/K."""
     return T_w + dt_C_w * (C_flow * (T_w_in - T_w) + G_w * (T_c - T_w_in))
-
-
-@scalar
-def outlet(x_in, x_coil, eps):
-    """What leaves the volume of a temperature or enthalpy that enters it: x_in + ε (x_coil - x_in)."""
-    return x_in + eps * (x_coil - x_in)
 
 
 @scalar

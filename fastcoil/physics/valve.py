@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.numerics.elementary import exp, log, power
+from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import scalar
 
 
@@ -33,13 +33,25 @@ def opening(q, x_bl):
 
 
 @scalar
+def growth(open, b, c):
+    """The exponential of Eq (2), e^(-b (open - c))."""
+    return exp(-b * (open - c))
+
+
+@scalar
+def log_flow(log_m_max, a, growth):
+    """Eq (2) as ln m_w, from which Eq (4) takes powers."""
+    return log_m_max - log(1.0 + a * growth) / a
+
+
+@scalar
 def water_flow(open, m_max, a, b, c):
-    """Water flow m_w at an opening, Eq (2), kg/s.
+    """Water flow m_w = m_max (1 + a e^(-b (open - c)))^(-1/a) at an opening, Eq (2), kg/s.
 
     open: fraction; m_max: kg/s, the asymptote; a: asymmetry; b: growth rate per unit opening; c: opening of
     steepest growth.
     """
-    return m_max * power(1.0 + a * exp(-b * (open - c)), -1.0 / a)
+    return exp(log_flow(log(m_max), a, growth(open, b, c)))
 
 
 @scalar
