@@ -75,7 +75,6 @@ def enter(S, V, n_volumes, T_a_in, W_a_in, T_w_in):
         air[T_A + j] = T_a_in
         air[W_A + j] = W_a_in
         V[T_W + j] = T_w_in
-        S[R.wet_volumes + j] = 0.0
     for i in range(1, n_volumes + 1):
         pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
         for j in range(LANES):
@@ -112,5 +111,15 @@ def march(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, counted):
             pair[T_W + j] = water(T_w, T_w_in, T_c, S[R.C_flow + j], S[R.G_w + j], S[R.dt_C_w + j])
             pair[T_A + j] = T_out
             pair[W_A + j] = W_out
-            S[R.wet_volumes + j] += 1.0 if wet else 0.0
             S[R.condensate + j] += m_a_counted * (W_in - W_out)
+
+
+@section
+def count_wet(S, V, n_volumes):
+    """Number of wet volumes: before a lagged march, or after a quasistatic one, the rows hold what it compared."""
+    for j in range(LANES):
+        S[R.wet_volumes + j] = 0.0
+    for i in range(1, n_volumes + 1):
+        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+        for j in range(LANES):
+            S[R.wet_volumes + j] += 1.0 if pair[VOLUME_STRIDE + W_A + j] > pair[W_S + j] else 0.0
