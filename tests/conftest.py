@@ -72,3 +72,41 @@ def run_reference():
         return {name: np.array(values, dtype=float).T for name, values in traces.items()}, metrics
 
     return run
+
+
+@pytest.fixture(scope="session")
+def days():
+    """Two quarters of an hour."""
+    import fastcoil as fc
+
+    return fc.paper_day(hours=0.25, seed=[4, 1])
+
+
+@pytest.fixture(scope="session")
+def sweep():
+    """Parameters with an axis of their own and zipped ones."""
+    return {"backlash": [0.0, 0.07, 0.15], "kp": ("tuning", [0.01, 0.03]), "ti": ("tuning", [20.0, 8.0])}
+
+
+@pytest.fixture(scope="session")
+def swept(days, sweep):
+    """A result with dims of every kind."""
+    import fastcoil as fc
+
+    loop = fc.Loop(**sweep, noise_std=0.02, n_volumes=[4, 8])
+    names = ["T_sup", "mode", "T_c"]
+    return fc.simulate(loop, days, traces=names, trace_interval=50, warm_up=100, replicates=2, seed=7)
+
+
+@pytest.fixture(scope="session")
+def refused():
+    """Return a function that gives the sentences with which ``simulate`` refuses its arguments."""
+    import fastcoil as fc
+
+    def refused(*args, **options):
+        with pytest.raises(fc.InputError) as caught:
+            fc.simulate(*args, **options)
+        assert caught.value.exit_code == 2
+        return caught.value.problems
+
+    return refused
