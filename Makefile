@@ -15,6 +15,21 @@ lint: $(VENV)/.installed-lint
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# RESULTS.md of this machine; JAX joins if it is in .venv, C if there is a gcc
+BENCH = $(BIN)/python -m pytest benchmarks -q -p no:cacheprovider -o python_files='bench_*.py'
+.PHONY: bench bench-quick
+bench: $(VENV)/.installed-test
+	$(BENCH) --benchmark-json=benchmarks/results.json
+	$(BIN)/python benchmarks/report.py benchmarks/results.json > benchmarks/RESULTS.md.new
+	mv benchmarks/RESULTS.md.new benchmarks/RESULTS.md
+
+# everything once on tiny sizes, so that it cannot rot; writes nothing here
+bench-quick: export FASTCOIL_BENCH = quick
+bench-quick: $(VENV)/.installed-test
+	out=$$(mktemp -d) && trap 'rm -rf "$$out"' EXIT && \
+	$(BENCH) --benchmark-columns=median --benchmark-json="$$out/results.json" && \
+	$(BIN)/python benchmarks/report.py "$$out/results.json"
+
 clean:
 	rm -rf $(VENV) results
 

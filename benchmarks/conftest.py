@@ -1,0 +1,42 @@
+"""Rounds, warm-up and what every benchmark writes down."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from suite import QUICK
+
+from fastcoil.engine.run import compile_kernel
+
+Timed = Callable[..., Any]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled() -> None:
+    """Load the kernel, or compile it, before anything is timed."""
+    compile_kernel()
+
+
+@pytest.fixture
+def timed(benchmark: Any) -> Timed:
+    """Time ``run`` after one call to warm up: ``timed(run, rounds, lane_steps=…, lanes=…, threads=…)``."""
+
+    def time(
+        run: Callable[..., Any],
+        rounds: int,
+        *,
+        lane_steps: int = 0,
+        lanes: int = 0,
+        threads: int = 1,
+        setup: Callable[[], Any] | None = None,
+        warm_up: bool = True,
+        **extra: Any,
+    ) -> Any:
+        benchmark.extra_info.update(lane_steps=lane_steps, lanes=lanes, threads=threads, **extra)
+        if warm_up and not QUICK:
+            run(*(setup()[0] if setup else ()))
+        return benchmark.pedantic(run, setup=setup, rounds=1 if QUICK else rounds, iterations=1)
+
+    return time

@@ -1,0 +1,162 @@
+"""Write the report: ratios from alternating runs, then every benchmark of a pytest-benchmark JSON file.
+
+``python benchmarks/report.py results.json > RESULTS.md``
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from llvmlite.binding import get_host_cpu_name
+from peers import common
+from suite import LANES, OPTIONS, QUICK, SAMPLE_TIMES, contenders, kernel, plan
+
+from fastcoil.numerics.jit import fingerprint
+
+LANES_IN_ALL, SECONDS, ROUNDS = (2 * LANES, 2400, 1) if QUICK else (1024, 7200, 9)
+WARM_UP_ROUNDS = 1
+PAUSE = 0.0 if QUICK else 0.1
+"""Before each run, s: idle threads of the one before stop spinning."""
+
+
+def alternate(runs: Mapping[Any, Callable[[], object]], rounds: int) -> dict[Any, np.ndarray]:
+    """Seconds of each run, (rounds,): A B C C B A A B C …, so that a slow moment of the machine meets all."""
+    seconds: dict[Any, list[float]] = {name: [] for name in runs}
+    for k in range(WARM_UP_ROUNDS + rounds):
+        for name, run in list(runs.items())[:: -1 if k % 2 else 1]:
+            time.sleep(PAUSE)
+            start = time.perf_counter()
+            run()
+            if k >= WARM_UP_ROUNDS:
+                seconds[name].append(time.perf_counter() - start)
+    return {name: np.array(s) for name, s in seconds.items()}
+
+
+def spread(values: np.ndarray, digits: int) -> str:
+    """Median (minimum–maximum)."""
+    return f"{np.median(values):.{digits}f} ({values.min():.{digits}f}–{values.max():.{digits}f})"
+
+
+def table(head: tuple[str, ...], rows: Iterator[tuple[object, ...]]) -> Iterator[str]:
+    yield "| " + " | ".join(head) + " |"
+    yield "|---|" + "---:|" * (len(head) - 1)
+    for row in rows:
+        yield "| " + " | ".join(map(str, row)) + " |"
+    yield ""
+
+
+def peers(sample_time: int) -> Iterator[tuple[object, ...]]:
+    """One row per contender, compared with the C on as many threads, or with fastcoil where there is no C."""
+    everybody = list(contenders())
+    for contender in everybody:
+        contender.check(sample_time)
+    work = common.work(LANES_IN_ALL, SECONDS, sample_time)
+    found = alternate({c[:2]: c.ready(*work) for c in everybody}, ROUNDS)
+    lane_steps = LANES_IN_ALL * SECONDS
+    for (name, threads), seconds in found.items():
+        yardstick = found.get(("C", threads), found["fastcoil, kernel", threads])
+        rate = lane_steps / np.median(seconds) / 1e6
+        yield name, threads, spread(1e9 * seconds / lane_steps, 1), f"{rate:.1f}", spread(seconds / yardstick, 2)
+
+
+def options(sample_time: int) -> Iterator[tuple[object, ...]]:
+    """One row per set of options, compared with the bare loop."""
+    lanes, seconds = (LANES, 2400) if QUICK else (4 * LANES, 7200)
+    works = {name: plan(lanes, seconds, sample_time, option) for name, option in OPTIONS.items()}
+    found = alternate({name: kernel(work) for name, work in works.items()}, ROUNDS)
+    for name, s in found.items():
+        yield name, spread(1e9 * s / (lanes * seconds), 1), spread(s / found["bare"], 2)
+
+
+def lanes(sample_time: int) -> Iterator[tuple[object, ...]]:
+    """One row per number of lanes, compared with one block."""
+    seconds = 2400 if QUICK else 7200
+    counts = (LANES, 4 * LANES, 16 * LANES)
+    found = alternate({n: kernel(plan(n, seconds, sample_time)) for n in counts}, ROUNDS)
+    cost = {n: 1e9 * s / (n * seconds) for n, s in found.items()}
+    for n in counts:
+        yield n, spread(cost[n], 1), spread(cost[n] / cost[LANES], 2)
+
+
+def everything(results: dict[str, Any]) -> Iterator[tuple[object, ...]]:
+    """One row per benchmark of the JSON file."""
+    for b in results["benchmarks"]:
+        info, stats = b["extra_info"], b["stats"]
+        n, median = info["lane_steps"], stats["median"]
+        yield (
+            f"{Path(b['fullname']).name.removeprefix('bench_').replace('.py::test_', ': ')}",
+            info["lanes"] or "",
+            info["threads"],
+            stats["rounds"],
+            f"{median:.4g} ({stats['min']:.4g}–{stats['max']:.4g})",
+            f"{1e9 * median / n:.1f}" if n else "",
+            f"{n / 28800 / median:,.0f}" if n else "",
+            info.get("peak_mib", ""),
+        )
+
+
+def first_line(*command: str) -> str:
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[0]
+    except (OSError, subprocess.CalledProcessError):
+        return "none"
+
+
+def versions() -> Iterator[str]:
+    yield f"Python {platform.python_version()}"
+    for name in ("numpy", "numba", "llvmlite", "jax"):
+        try:
+            yield f"{name} {version(name)}"
+        except PackageNotFoundError:
+            yield f"no {name}"
+    yield f"gcc: {first_line('gcc', '--version')}"
+
+
+def report(results: dict[str, Any]) -> Iterator[str]:
+    cpu = results["machine_info"].get("cpu", {})
+    brand, load = cpu.get("brand_raw", platform.processor()), f"{os.getloadavg()[1]:.1f} (the suite's own included)"
+    yield "# Results of the benchmarks\n"
+    yield "Written by `make bench`; what the rows mean is told in [README.md](README.md).\n"
+    yield f"- Machine: {brand}, {get_host_cpu_name()}, {os.cpu_count()} cores, {platform.system()}"
+    yield f"- Versions: {', '.join(versions())}"
+    yield f"- Date: {datetime.now(UTC):%Y-%m-%d}; kernel {fingerprint()}; load of the last 5 minutes {load}\n"
+    yield "Cells are medians (minimum–maximum).  A lane-step is one scenario for one second.\n"
+
+    yield "## Peers\n"
+    yield (
+        f"Alternating runs, {ROUNDS} rounds, {LANES_IN_ALL} scenarios × {SECONDS} s; the ratio is that of each round "
+        "to the C on as many threads in the same round.  Everybody gave the same RMSE and switches before.  C, "
+        "scalar Numba, NumPy and JAX keep two metrics, fastcoil all of them.  JAX chooses its threads itself.\n"
+    )
+    for sample_time in SAMPLE_TIMES:
+        yield f"Sample time {sample_time} s:\n"
+        head = ("", "threads", "ns per lane-step, wall", "10⁶ lane-steps/s", "time / C's")
+        yield from table(head, peers(sample_time))
+
+    yield "## Kernel\n"
+    yield "Alternating runs on one thread, ratios round by round.\n"
+    for sample_time in SAMPLE_TIMES:
+        yield f"Sample time {sample_time} s:\n"
+        yield from table(("options", "ns per lane-step", "time / bare"), options(sample_time))
+        yield from table(("lanes", "ns per lane-step", f"cost / {LANES} lanes"), lanes(sample_time))
+
+    yield "## Every benchmark\n"
+    yield "One after the other, by pytest-benchmark.  A scenario-day has 8 h; peak memory is that of a process alone.\n"
+    head = ("", "lanes", "threads", "rounds", "s", "ns per lane-step", "scenario-days/s", "peak, MiB")
+    yield from table(head, everything(results))
+
+
+if __name__ == "__main__":
+    for line in report(json.loads(Path(sys.argv[1]).read_text())):
+        print(line, flush=True)

@@ -1,0 +1,127 @@
+"""What the benchmarks have in common: sizes, contenders, and blocks ready for the kernel."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from peers import c_peer, common, numpy_lanes, scalar_numba
+
+import fastcoil as fc
+from fastcoil.engine.lanes import LANES, blocks
+from fastcoil.engine.run import run_block
+from fastcoil.outputs import METRICS
+from fastcoil.plan import Plan, prepare
+
+MODE = os.environ.get("FASTCOIL_BENCH", "")
+"""``quick``: everything once and tiny, to see that it runs; ``full``: 10⁶ scenarios besides."""
+QUICK = MODE == "quick"
+ALL = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+"""Cores this process may use."""
+THREADS = sorted({1, ALL})
+SAMPLE_TIMES = (30, 1)
+"""Of the controller, s."""
+
+
+class Options(NamedTuple):
+    """What sets a kernel benchmark apart from the bare loop of ``common``."""
+
+    loop: dict[str, Any] = {}
+    series: dict[str, float] = {}
+    traces: tuple[str, ...] = ()
+
+
+OPTIONS = {
+    "bare": Options(),
+    "all four": Options({"noise_std": 0.05, "stroke_time": 90.0, "sensor_time_constant": 20.0, "learning_step": 0.007}),
+    "dry": Options(series={"W_a_in": 0.003}),
+    "wet": Options(series={"W_a_in": 0.018}),
+    "quasistatic": Options({"air_march": "quasistatic"}),
+    "own air side": Options({"beta3": ("case", (0.38, 0.42))}),
+    "traces": Options(traces=("T_sup", "u", "command", "opening", "m_w", "power")),
+}
+"""``all four``: noise, stroke time, sensor lag and learning.  ``own air side``: lanes that differ in beta3.
+``traces``: six signals, every second."""
+
+
+def plan(lanes: int, seconds: int, sample_time: float, options: Options = OPTIONS["bare"]) -> Plan:
+    """Make the common work, changed by ``options``, ready to run."""
+    scenarios, series = common.work(lanes, seconds, sample_time)
+    swept = {{"estimate": "backlash_estimate"}.get(k, k): ("case", v) for k, v in scenarios.items()}
+    for name, value in options.loop.items():
+        swept[name] = (value[0], np.linspace(*value[1], lanes)) if isinstance(value, tuple) else value
+    series |= {name: np.full(seconds, value) for name, value in options.series.items()}
+    return prepare(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP, traces=options.traces)
+
+
+def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
+    """Return a function that runs all blocks of ``work`` through the kernel, and nothing else."""
+    cut = blocks(work.layout.columns(np.arange(work.n_scenarios)))
+    rows = {name: list(METRICS).index(name) for name in ("rmse", "switch_frequency")}
+
+    def one(entry: tuple[np.ndarray, Any]) -> tuple[np.ndarray, np.ndarray]:
+        return entry[0], run_block(entry[1], work.days[0], work.traces)[0]
+
+    def run() -> common.Arrays:
+        if threads == 1:
+            done = list(map(one, cut))
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                done = list(pool.map(one, cut))
+        found = {name: np.empty(work.n_scenarios) for name in rows}
+        for members, metrics in done:
+            for name, row in rows.items():
+                found[name][members] = metrics[row, : members.size]
+        return found
+
+    return run
+
+
+class Contender(NamedTuple):
+    """Somebody who does the common work: ``ready(scenarios, series)`` returns what is timed."""
+
+    name: str
+    threads: int
+    ready: Callable[[common.Arrays, common.Arrays], Callable[[], common.Arrays]]
+
+    def check(self, sample_time: float) -> None:
+        """Raise ``AssertionError`` unless the metrics are fastcoil's."""
+        n, seconds = (LANES, 3600) if QUICK else (200, 7200)
+        common.check(lambda scenarios, series, _: self.ready(scenarios, series)(), n, seconds, sample_time)
+
+
+def _peer(run: Callable[..., common.Arrays], **options: int) -> Callable[..., Callable[[], common.Arrays]]:
+    return lambda scenarios, series: partial(run, scenarios, series, common.WARM_UP, **options)
+
+
+def _kernel(threads: int) -> Callable[..., Callable[[], common.Arrays]]:
+    def ready(scenarios: common.Arrays, series: common.Arrays) -> Callable[[], common.Arrays]:
+        swept = {{"estimate": "backlash_estimate"}.get(k, k): ("case", v) for k, v in scenarios.items()}
+        return kernel(prepare(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP), threads)
+
+    return ready
+
+
+def contenders() -> Iterator[Contender]:
+    """Everybody who can run here; those that share a number of threads follow one another."""
+    has_c, has_jax = True, importlib.util.find_spec("jax") is not None
+    try:
+        c_peer.compiled()
+    except c_peer.Unavailable:
+        has_c = False
+    for n in THREADS:
+        if has_c:
+            yield Contender("C", n, _peer(c_peer.run, threads=n))
+        yield Contender("fastcoil, kernel", n, _kernel(n))
+        yield Contender("fastcoil, simulate", n, _peer(common.fastcoil_run, n_jobs=n))
+        yield Contender("scalar Numba", n, _peer(scalar_numba.run, threads=min(n, numba.config.NUMBA_NUM_THREADS)))
+    yield Contender("NumPy", 1, _peer(numpy_lanes.run))
+    if has_jax:
+        yield Contender("JAX", ALL, _peer(importlib.import_module("peers.jax_scan").run))
