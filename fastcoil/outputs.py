@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-METRIC_FAILED = float("nan")
-
 STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
 

@@ -1,4 +1,4 @@
-"""exp, log, power and sincos_turns against 40-digit arithmetic, in units in the last place, and at the edges."""
+"""exp, log and sincos_turns against 40-digit arithmetic, in units in the last place, and at the edges."""
 
 import math
 from decimal import Decimal, localcontext
@@ -6,7 +6,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from fastcoil.numerics.elementary import exp, log, polynomial, power, sincos_turns
+from fastcoil.numerics.elementary import exp, log, polynomial, sincos_turns
 from fastcoil.numerics.jit import JIT_ENABLED
 
 # without the compiler fma rounds twice
@@ -90,15 +90,6 @@ def test_sincos_turns_ulp():
     assert worst <= SINCOS_ULP
 
 
-def test_power_relative():
-    rng = np.random.default_rng(2)
-    for x, y in zip(10.0 ** rng.uniform(-8, 8, 5000), rng.uniform(-5, 5, 5000), strict=True):
-        true = Decimal(x) ** Decimal(y)
-        # the rounding of y log x is an absolute error of the exponent
-        tolerance = 2.0**-52 * (1.1 + 1.5 * abs(y * math.log(x)))
-        assert abs(Decimal(power(x, y)) / true - 1) <= tolerance
-
-
 @pytest.mark.parametrize(
     ("x", "value"),
     [(0.0, 1.0), (-0.0, 1.0), (-INF, exp(-708.0)), (-1e300, exp(-708.0)), (1e300, exp(708.0)), (INF, exp(708.0))],
@@ -124,14 +115,7 @@ def test_sincos_turns_of_whole_quarters_are_exact(u):
 def test_nan_stays_nan():
     assert math.isnan(exp(NAN))
     assert math.isnan(log(NAN))
-    assert math.isnan(power(NAN, 2.0))
-    assert math.isnan(power(2.0, NAN))
     assert all(map(math.isnan, sincos_turns(NAN)))
-
-
-def test_power_of_1_and_to_the_0():
-    assert all(power(x, 0.0) == 1.0 for x in (1e-300, 0.3, 1.0, 7.0, 1e300))
-    assert all(power(1.0, y) == 1.0 for y in (-5.0, -0.45, 0.0, 1e6))
 
 
 @pytest.mark.parametrize(("function", "arguments"), [(exp, EXP_ARGUMENTS), (log, LOG_ARGUMENTS)])

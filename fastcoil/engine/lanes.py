@@ -27,7 +27,7 @@ STATE_ROWS = (
     # sensor, controller, inverse
     "y_s", "noise", "noise_next", "measured", "u", "integral", "mode", "u_ext", "command",
     # learner
-    "estimate", "start_estimate", "next_update", "switches", "reference", "learning",
+    "estimate", "next_update", "switches", "reference", "learning",
     # actuator, valve
     "position", "q", "opening", "growth", "log_m_w", "m_w",
     # coil: flow, conductance and effectiveness of this step
