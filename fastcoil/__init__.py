@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fastcoil.errors import InputError as InputError
     from fastcoil.scenario import Loop as Loop
     from fastcoil.simulation import simulate as simulate
-    from fastcoil.study.runner import open_study as open_study
+    from fastcoil.study.contents import open_study as open_study
     from fastcoil.study.runner import run_study as run_study
 
 _HOME = {
@@ -26,7 +26,7 @@ _HOME = {
     "Loop": "scenario",
     "constant_day": "boundary.days",
     "design_day": "boundary.days",
-    "open_study": "study.runner",
+    "open_study": "study.contents",
     "paper_day": "boundary.days",
     "run_study": "study.runner",
     "simulate": "simulation",

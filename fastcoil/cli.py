@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import signal
 import sys
-import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,13 +12,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fastcoil.errors import EXIT_FAILED_SCENARIOS, EXIT_INTERRUPTED, FastcoilError, InputError
+from fastcoil.errors import (
+    EXIT_FAILED_SCENARIOS,
+    EXIT_INTERRUPTED,
+    EXIT_TERMINATED,
+    FastcoilError,
+    InputError,
+    IntegrityError,
+)
+from fastcoil.progress import announce_compilation, duration, told
 
 if TYPE_CHECKING:
-    from fastcoil.simulation import Progress
-    from fastcoil.study.spec import Study
-
-_SECONDS_BETWEEN_LINES = 10.0
+    from fastcoil.study.runner import Progress
 
 STUDY = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path)
@@ -35,9 +40,13 @@ class _Commands(click.Group):
             for line in str(error).splitlines():
                 click.echo(f"fastcoil: {line}", err=True)
             ctx.exit(error.exit_code)
-        except KeyboardInterrupt:
-            click.echo("fastcoil: interrupted, nothing was written", err=True)
-            ctx.exit(EXIT_INTERRUPTED)
+        except KeyboardInterrupt as interrupt:
+            click.echo(f"fastcoil: interrupted{interrupt}", err=True)
+            ctx.exit(EXIT_TERMINATED if isinstance(interrupt, _Terminated) else EXIT_INTERRUPTED)
+
+
+class _Terminated(KeyboardInterrupt):
+    """Interrupted by the system, as a batch scheduler does, and not by the user."""
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -56,27 +65,43 @@ def main() -> None:
 @main.command()
 @click.argument("study", type=STUDY)
 @click.option("-o", "--out", type=FOLDER, help="Folder of the results; results/NAME by default.")
-@click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
+@click.option("-j", "--jobs", type=int, help="Workers; all cores by default.  Results do not depend on it.")
+@click.option("--engine", default="threads", show_default=True, help="threads, loky (processes) or dask.")
+@click.option("--scheduler", help="Address of a dask scheduler; a cluster on this machine by default.")
+@click.option("--extend", is_flag=True, help="Add to a smaller version of the study: only what is new is run.")
 @click.option("--figures/--no-figures", default=True, help="Whether to draw the standard figures.")
-def run(study: Path, out: Path | None, jobs: int | None, figures: bool) -> None:
+def run(
+    study: Path, out: Path | None, jobs: int | None, engine: str, scheduler: str | None, extend: bool, figures: bool
+) -> None:
     """Run a STUDY file and summarise what was found.
 
-    A finished study run again does nothing and says so.
+    A study that was interrupted goes on where it was; a finished one run again does nothing and says so.
     """
     from fastcoil.outputs import STATUS_OK
-    from fastcoil.study.runner import RESULTS, default_folder, execute
+    from fastcoil.study.runner import default_folder, execute
     from fastcoil.study.spec import read_study
+    from fastcoil.study.store import RESULTS
     from fastcoil.study.summary import summary
 
     folder = out or default_folder(study)
-    finished = execute(read_study(study), folder, n_jobs=jobs, progress=_announced)
-    if not finished.ran:
+    asked = read_study(study)
+
+    def begins(n_todo: int) -> Progress:
+        announce_compilation()
+        n = asked.plan.n_scenarios
+        return told(n, n - n_todo)
+
+    with _interruptible(study, folder):
+        finished = execute(
+            asked, folder, n_jobs=jobs, engine=engine, scheduler=scheduler, extend=extend, progress=begins
+        )
+    if not finished.n_run:
         click.echo(f"{folder} holds this study, finished: nothing to do.")
     for line in summary(finished.results):
         click.echo(line)
     click.echo(f"Results: {folder / RESULTS}")
     if figures:
-        for path in _figures(folder, finished.results, redraw=finished.ran):
+        for path in _figures(folder, finished.results, redraw=finished.n_run > 0):
             click.echo(f"Figure:  {path}")
     if bool((finished.results["status"] != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
@@ -84,7 +109,7 @@ def run(study: Path, out: Path | None, jobs: int | None, figures: bool) -> None:
 
 @main.command()
 @click.argument("study", type=STUDY)
-@click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
+@click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and say how large it is and how long it will take; writes nothing."""
     from fastcoil.plan import available_memory, check_disk, gib
@@ -95,19 +120,57 @@ def plan(study: Path, jobs: int | None) -> None:
     n_jobs = workers(jobs)
     planned = read_study(study).plan
     check_disk(planned, default_folder(study))
-    _announce_compilation()
+    announce_compilation()
     seconds = planned.lane_steps * probe(planned) / n_jobs
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
+    memory = planned.memory_bytes(n_jobs, traces_on_disk=True)
     click.echo(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
     click.echo(
         f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in all, {len(planned.shards(n_jobs))} shards"
     )
     click.echo(f"Boundary:    {planned.layout.boundary.describe()}")
-    click.echo(f"Time:        about {_duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
-    click.echo(
-        f"Memory:      up to {gib(3 * planned.result_bytes)} for the results ({gib(available_memory())} available)"
-    )
-    click.echo(f"Disk:        up to {gib(planned.result_bytes)}")
+    click.echo(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
+    click.echo(f"Memory:      up to {gib(memory)} for results ({gib(available_memory())} available)")
+    click.echo(f"Disk:        up to {gib(planned.disk_bytes)} while it is merged")
+
+
+@main.command()
+@click.argument("folder", type=FOLDER)
+def status(folder: Path) -> None:
+    """Say how far the study in FOLDER is, and how to go on."""
+    from fastcoil.study.care import status
+
+    for line in status(folder):
+        click.echo(line)
+
+
+@main.command()
+@click.argument("folder", type=FOLDER)
+def verify(folder: Path) -> None:
+    """Check everything in the FOLDER of a study against its hashes; changes nothing."""
+    from fastcoil.study.care import verify
+
+    problems = verify(folder)
+    if problems:
+        raise IntegrityError("\n".join(problems))
+    click.echo(f"{folder} is sound.")
+
+
+@main.command()
+@click.argument("folder", type=FOLDER)
+@click.option("--at", default="", help="Which one: backlash=0.07,tuning=fast, for every dimension of the study.")
+def rerun(folder: Path, at: str) -> None:
+    """Run one scenario of the study in FOLDER again, with all traces at every second."""
+    from fastcoil.study.care import rerun
+
+    pairs = [item.split("=", 1) for item in at.split(",") if item]
+    if any(len(pair) != 2 for pair in pairs):
+        raise InputError(f"--at {at}: give dimension=label, more of them with commas between")
+    announce_compilation()
+    path, found = rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
+    for line in found:
+        click.echo(line)
+    click.echo(f"Traces:  {path}")
 
 
 @main.command()
@@ -119,7 +182,7 @@ def plan(study: Path, jobs: int | None) -> None:
 def plot(folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, by: str | None) -> None:
     """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
     from fastcoil import plots
-    from fastcoil.study.runner import open_study
+    from fastcoil.study.contents import open_study
 
     ds = open_study(folder)
     if x is None:
@@ -178,75 +241,22 @@ def _figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:
     return plots.write(plots.standard_figures(ds), folder / "figures")
 
 
-def _announce_compilation() -> None:
-    from fastcoil.numerics.jit import is_compiled
+@contextmanager
+def _interruptible(study: Path, folder: Path) -> Iterator[None]:
+    """End on SIGTERM and SIGHUP as on Ctrl-C, and say how to go on."""
 
-    if not is_compiled("emulate"):
-        click.echo("Compiling the kernels, once per installation: about 10 s …", err=True)
+    def terminate(*_: object) -> None:
+        raise _Terminated
 
-
-def _announced(study: Study) -> Progress:
-    """Compile what is not compiled, then tell of finished scenarios: a bar, or a line every 10 s off a terminal."""
-    from fastcoil.engine.run import compile_kernel
-
-    _announce_compilation()
-    compile_kernel()
-    n = study.plan.n_scenarios
-    return _bar(n) if sys.stderr.isatty() else _lines(n)
-
-
-def _bar(n: int) -> Progress:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        BarColumn(), MofNCompleteColumn(), TextColumn("scenario-days"), TextColumn("{task.fields[rate]}"),
-        TimeElapsedColumn(), TextColumn("ETA"), TimeRemainingColumn(),
-    )  # fmt: skip
-    bar = Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task("", total=n, rate="")
-    bar.start()
-    start, done = time.monotonic(), 0
-
-    def advance(finished: int) -> None:
-        nonlocal done
-        done += finished
-        bar.update(task, advance=finished, rate=f"{done / (time.monotonic() - start):,.0f}/s")
-        if done == n:
-            bar.stop()
-
-    return advance
-
-
-def _lines(n: int) -> Progress:
-    start = last = time.monotonic()
-    done = 0
-
-    def advance(finished: int) -> None:
-        nonlocal done, last
-        done += finished
-        now = time.monotonic()
-        if now - last >= _SECONDS_BETWEEN_LINES:
-            last = now
-            rate = done / (now - start)
-            eta = _duration((n - done) / rate)
-            click.echo(f"{done:,} of {n:,} scenario-days, {rate:,.0f}/s, {eta} to go", err=True)
-
-    return advance
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 100:
-        return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
-    minutes = seconds / 60
-    return f"{minutes:.0f} min" if minutes < 100 else f"{minutes / 60:.1f} h"
+    before = {number: signal.signal(number, terminate) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        advice = f"; what was finished is kept, to go on: fastcoil run {study} -o {folder}" if folder.exists() else ""
+        raise type(interrupt)(advice) from None
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ EXIT_STORAGE = 4
 EXIT_LOCKED = 5
 EXIT_INTEGRITY = 6
 EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
 
 
 class FastcoilError(Exception):
@@ -41,6 +42,12 @@ class LockedError(FastcoilError):
     """Another run is writing to the same folder."""
 
     exit_code = EXIT_LOCKED
+
+
+class IntegrityError(FastcoilError):
+    """What lies on the disk is not what was written, or does not belong together."""
+
+    exit_code = EXIT_INTEGRITY
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

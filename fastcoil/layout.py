@@ -28,30 +28,11 @@ class Layout:
         if replicates > 1:
             self.sizes["replicate"] = replicates
         self.size = math.prod(self.sizes.values())
-        self._swept = {n: (v.dims, v.values) for n, v in loop.swept.items()}
         self._labels = loop.coordinates()
 
     def columns(self, index: np.ndarray) -> dict[str, np.ndarray]:
-        """Every parameter of the scenarios ``index``, (n,) each; NaN where a parameter is not given.
-
-        ``day`` is the position along that dimension, ``replicate`` the replicate's number.
-        """
-        place = (
-            dict(zip(self.sizes, np.unravel_index(index, tuple(self.sizes.values())), strict=True))
-            if self.sizes
-            else {}
-        )
-        columns: dict[str, np.ndarray] = {}
-        for name in PARAMETERS:
-            if name in self._swept:
-                dims, values = self._swept[name]
-                columns[name] = values[tuple(place[str(d)] for d in dims)]
-            else:
-                value = self.loop[name]
-                columns[name] = np.full(index.size, math.nan if value is None else value)
-        for dim in ("day", "replicate"):
-            columns[dim] = place.get(dim, np.zeros(index.size, dtype=np.int64))
-        return columns
+        """Every parameter of the scenarios ``index``, see ``columns_of``."""
+        return columns_of(self.loop, self.sizes, index)
 
     def describe(self, flat: int) -> str:
         """One scenario in words: the labels of its place in the sweep, empty if there is only one."""
@@ -91,3 +72,21 @@ class Layout:
             )
         if problems:
             raise InputError(problems)
+
+
+def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:
+    """Every parameter of the scenarios ``index`` of a study with these sizes, (n,) each; NaN where one is not given.
+
+    ``day`` is the position along that dimension, ``replicate`` the replicate's number.
+    """
+    place = dict(zip(sizes, np.unravel_index(index, tuple(sizes.values())), strict=True)) if sizes else {}
+    columns: dict[str, np.ndarray] = {}
+    for name in PARAMETERS:
+        value = loop[name]
+        if isinstance(value, xr.DataArray):
+            columns[name] = value.values[tuple(place[str(d)] for d in value.dims)]
+        else:
+            columns[name] = np.full(index.size, math.nan if value is None else value)
+    for dim in ("day", "replicate"):
+        columns[dim] = place.get(dim, np.zeros(index.size, dtype=np.int64))
+    return columns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -28,6 +29,7 @@ from fastcoil.stability import check_stability
 _LANE_STEPS_PER_SHARD = 60e6
 """About 1 to 2 s of work on one core."""
 _SHARDS_PER_WORKER = 4
+_BYTES_PER_SHARD = 64 * 2**20
 
 
 @dataclass(frozen=True)
@@ -59,19 +61,48 @@ class Plan:
         return self.n_scenarios * self.n_steps
 
     @property
-    def result_bytes(self) -> int:
-        """Size of the result in memory."""
-        rows = sum(self.n_volumes if TRACES[n].per_volume else 1 for n in self.traces.names)
-        return self.n_scenarios * (8 * len(METRICS) + 8 + 8 * rows * self.traces.n_points(self.n_steps))
+    def metric_bytes(self) -> int:
+        """Size of metrics and status of all scenarios."""
+        return self.n_scenarios * 8 * (len(METRICS) + 1)
 
-    def shards(self, n_jobs: int) -> list[range]:
-        """Cut the flat order into whole blocks of one day each, enough of them to keep all workers busy."""
-        per_day = self.n_scenarios // len(self.days)
+    @property
+    def trace_bytes(self) -> int:
+        """Size of the traces of all scenarios."""
+        rows = sum(self.n_volumes if TRACES[n].per_volume else 1 for n in self.traces.names)
+        return self.n_scenarios * 8 * rows * self.traces.n_points(self.n_steps)
+
+    def memory_bytes(self, n_jobs: int, *, traces_on_disk: bool) -> int:
+        """Memory that the run takes at most: the result, its image on the way to disk, a copy while it is put together.
+
+        Traces on the disk are only in memory by the shard.
+        """
+        if not traces_on_disk:
+            return 3 * (self.metric_bytes + self.trace_bytes)
+        of_shard = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios) * self.shard_size(n_jobs)
+        return 3 * self.metric_bytes + 3 * (n_jobs + 1) * of_shard
+
+    @property
+    def disk_bytes(self) -> int:
+        """Room that a study takes at most on the disk while it is merged."""
+        return 2 * self.metric_bytes + 3 * self.trace_bytes
+
+    def shard_size(self, n_jobs: int, n_scenarios: int | None = None) -> int:
+        """Scenarios of a shard where ``n_scenarios`` (all) are to be run: whole blocks."""
         by_work = _LANE_STEPS_PER_SHARD / self.n_steps
-        by_workers = self.n_scenarios / (n_jobs * _SHARDS_PER_WORKER)
-        size = max(1, round(min(by_work, by_workers) / LANES)) * LANES
-        days = [range(d * per_day, (d + 1) * per_day) for d in range(len(self.days))]
-        return [day[start : start + size] for day in days for start in range(0, per_day, size)]
+        by_workers = (n_scenarios or self.n_scenarios) / (n_jobs * _SHARDS_PER_WORKER)
+        by_size = _BYTES_PER_SHARD * self.n_scenarios / (self.metric_bytes + self.trace_bytes)
+        return max(1, round(min(by_work, by_workers, by_size) / LANES)) * LANES
+
+    def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
+        """Cut the scenarios ``todo``, all by default, into whole blocks of one day: enough to keep all workers busy.
+
+        Returns flat indices, ascending.
+        """
+        todo = np.arange(self.n_scenarios) if todo is None else todo
+        size = self.shard_size(n_jobs, todo.size)
+        per_day = self.n_scenarios // len(self.days)
+        of_days = np.split(todo, np.searchsorted(todo, np.arange(1, len(self.days)) * per_day))
+        return [day[start : start + size] for day in of_days for start in range(0, day.size, size)]
 
 
 def prepare(
@@ -84,6 +115,7 @@ def prepare(
     warm_up: int = WARM_UP,
     seed: int = 0,
     replicates: int = 1,
+    traces_on_disk: bool = False,
 ) -> Plan:
     """Validate the arguments of ``simulate``; nothing is allocated and nothing run.  All mistakes at once."""
     if not isinstance(loop, Loop):
@@ -129,7 +161,7 @@ def prepare(
         for d in range(boundary.n_days)
     )
     plan = Plan(layout, Traces(tuple(traces), trace_interval), warm_up, seed, commands, days)
-    _check_memory(plan)
+    _check_memory(plan, traces_on_disk)
     layout.check_together()
     check_stability(layout)
     return plan
@@ -141,6 +173,7 @@ def settings(plan: Plan) -> dict[str, Any]:
         "parameters": json.dumps(plan.layout.loop.constants),
         "boundary": plan.layout.boundary.describe(),
         "boundary_sha256": plan.layout.boundary.sha256,
+        "day_sha256": json.dumps([day_sha256(day) for day in plan.days]),
         "warm_up_s": plan.warm_up,
         "seed": str(plan.seed),
         "rng": RNG,
@@ -148,6 +181,11 @@ def settings(plan: Plan) -> dict[str, Any]:
     if plan.command is not None:
         attrs["command_sha256"] = joblib.hash(plan.command, hash_name="sha1")
     return attrs
+
+
+def day_sha256(day: Day) -> str:
+    """Hash of all that a scenario meets on a day, its label included: that keys the noise."""
+    return hashlib.sha256(f"{day.label} ".encode() + day.series.tobytes() + day.command.tobytes()).hexdigest()
 
 
 def available_memory() -> int:
@@ -163,9 +201,9 @@ def check_disk(plan: Plan, folder: Path) -> None:
     """Refuse a result that cannot fit where it is to be written."""
     nearest_existing = next(p for p in [folder, *folder.absolute().parents] if p.exists())
     free = shutil.disk_usage(nearest_existing).free
-    if plan.result_bytes > free:
+    if plan.disk_bytes > free:
         raise InputError(
-            f"the result needs up to {gib(plan.result_bytes)} on disk, {gib(free)} are free in {nearest_existing}: "
+            f"the study needs up to {gib(plan.disk_bytes)} on disk, {gib(free)} are free in {nearest_existing}: "
             "choose another folder, or sweep fewer values, ask for fewer traces or a longer trace_interval"
         )
 
@@ -175,10 +213,8 @@ def gib(n_bytes: float) -> str:
     return f"{n_bytes / 2**30:,.1f} GiB" if n_bytes >= 2**30 else f"{n_bytes / 2**20:,.1f} MiB"
 
 
-def _check_memory(plan: Plan) -> None:
-    available = available_memory()
-    # the result, its image on the way to disk, and a copy while it is put together
-    needed = 3 * plan.result_bytes
+def _check_memory(plan: Plan, traces_on_disk: bool) -> None:
+    needed, available = plan.memory_bytes(1, traces_on_disk=traces_on_disk), available_memory()
     if needed > available:
         raise InputError(
             f"{plan.n_scenarios:,} scenarios need {gib(needed)} of memory for their results, "

@@ -4,26 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import platform
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import InputError, StorageError
+from fastcoil.errors import InputError, IntegrityError, StorageError
+from fastcoil.files import commit
 from fastcoil.layout import Layout
-from fastcoil.outputs import METRICS, STATUS_MEANINGS, TRACES, Output
+from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.parameter_table import PARAMETERS
 
 VOLATILE = (
     "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",
     "package_versions", "platform", "content_sha256", "model_sha256", "fastcoil_version",
+    "trace_sha256", "trace_file", "engine",
 )  # fmt: skip
 """Attributes that may differ between two runs with the same content."""
 
@@ -34,35 +35,79 @@ _DIM_ATTRS = {
     "volume": {"long_name": "control volume, numbered along the water", "units": "1"},
     "elapsed_time": {"long_name": "elapsed time", "units": "s"},
 }
+_HASHED_AT_ONCE = 2**20
+"""Values; bounds the memory that hashing takes."""
 _COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
 
 
-def wrap(
-    layout: Layout, metrics: np.ndarray, status: np.ndarray, traces: Mapping[str, np.ndarray], trace_interval: int
+def flat(
+    index: np.ndarray, metrics: np.ndarray, status: np.ndarray, traces: Mapping[str, np.ndarray], trace_interval: int
 ) -> xr.Dataset:
-    """Name everything.
+    """Name what was found for some scenarios, along the dim ``scenario``.
 
-    metrics: (len(METRICS), n) and status: (n,) by flat scenario index; traces: name → (n, n_points) or
+    index: (n,) flat indices; metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or
     (n, N, n_points).
     """
-    shape, dims = tuple(layout.sizes.values()), tuple(layout.sizes)
-    ds = xr.Dataset(coords={n: c.assign_attrs(coordinate_attrs(n)) for n, c in layout.coordinates().items()})
+    ds = xr.Dataset(coords={"scenario": index})
     for k, output in enumerate(METRICS.values()):
-        ds[output.name] = (dims, metrics[k].reshape(shape), attributes(output))
+        ds[output.name] = ("scenario", metrics[k], attributes(output))
     flags = {"flag_values": np.arange(len(STATUS_MEANINGS), dtype=np.int8), "flag_meanings": " ".join(STATUS_MEANINGS)}
-    ds["status"] = (dims, status.astype(np.int8).reshape(shape), {"long_name": "status of the scenario", **flags})
+    ds["status"] = ("scenario", status.astype(np.int8), {"long_name": "status of the scenario", **flags})
     for name, values in traces.items():
         output = TRACES[name]
-        trace_dims = (*dims, "volume", "elapsed_time") if output.per_volume else (*dims, "elapsed_time")
-        data = values.reshape(*shape, *values.shape[1:])
-        if name == "mode":
-            data = np.nan_to_num(data, nan=0.0).astype(np.int8)
-        ds[name] = (trace_dims, data, attributes(output))
+        data = np.nan_to_num(values, nan=0.0).astype(np.int8) if name == "mode" else values
+        dims = ("scenario", "volume", "elapsed_time") if output.per_volume else ("scenario", "elapsed_time")
+        ds[name] = (dims, data, attributes(output))
     if traces:
-        points = trace_interval * np.arange(next(iter(traces.values())).shape[-1], dtype=float)
+        points = trace_interval * np.arange(ds.sizes["elapsed_time"], dtype=float)
         ds = ds.assign_coords(elapsed_time=("elapsed_time", points, coordinate_attrs("elapsed_time")))
     if "volume" in ds.dims:
         ds = ds.assign_coords(volume=("volume", np.arange(1, ds.sizes["volume"] + 1), coordinate_attrs("volume")))
+    return ds
+
+
+def gather(
+    n_scenarios: int,
+    parts: Iterable[xr.Dataset],
+    names: Collection[str] | None = None,
+    allocate: Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray] = np.full,
+) -> xr.Dataset:
+    """Put flat parts (see ``flat``) in their places.
+
+    names: of the variables, all by default.  allocate: makes an array of a shape, value and type.
+    A scenario that is in no part has the status ``not_run`` and results of NaN.
+
+    Raises
+    ------
+    IntegrityError
+        If a scenario is in two parts.
+    """
+    whole = xr.Dataset()
+    seen = np.zeros(n_scenarios, dtype=bool)
+    for part in parts:
+        index = part["scenario"].values
+        if seen[index].any():
+            raise IntegrityError(f"scenario {index[seen[index]][0]} was found twice: delete the folder and run again")
+        seen[index] = True
+        for name in part.data_vars if names is None else names:
+            values = part[name].values
+            if name not in whole:
+                nothing = STATUS_NOT_RUN if name == "status" else np.nan if values.dtype.kind == "f" else 0
+                data = allocate((n_scenarios, *values.shape[1:]), nothing, values.dtype)
+                whole[name] = (part[name].dims, data, part[name].attrs)
+                others = {k: c for k, c in part[name].coords.items() if "scenario" not in c.dims}
+                whole = whole.assign_coords(others)
+            whole[name].values[index] = values
+    return whole
+
+
+def unflattened(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
+    """Give flat results of all scenarios the dims and coordinates of the study."""
+    ds = xr.Dataset(coords={n: c.assign_attrs(coordinate_attrs(n)) for n, c in layout.coordinates().items()})
+    ds = ds.assign_coords(whole.coords)
+    for name, variable in whole.data_vars.items():
+        data = variable.values.reshape((*layout.sizes.values(), *variable.shape[1:]))
+        ds[name] = ((*layout.sizes, *variable.dims[1:]), data, variable.attrs)
     return ds
 
 
@@ -120,18 +165,34 @@ def content_sha256(ds: xr.Dataset) -> str:
 
     It survives a round trip through NetCDF, where strings and attributes change their types.
     """
+    return combined_sha256(ds, {str(n): variable_sha256(v) for n, v in ds.variables.items()})
+
+
+def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) -> str:
+    """The same from the hashes of variables, those of ``ds`` and of its traces elsewhere by default."""
+    if variables is None:
+        elsewhere = json.loads(ds.attrs.get("trace_sha256", "{}"))
+        variables = elsewhere | {str(n): variable_sha256(v) for n, v in ds.variables.items()}
     digest = hashlib.sha256()
-    for name in sorted(map(str, ds.variables)):
-        variable = ds.variables[name]
-        values = np.ascontiguousarray(variable.values)
-        digest.update(f"{name} {variable.dims} {variable.shape}\n".encode())
+    for name in sorted(variables):
+        digest.update(f"{name} {variables[name]}\n".encode())
+    _hash_attrs(digest, {k: v for k, v in ds.attrs.items() if k not in VOLATILE})
+    return digest.hexdigest()
+
+
+def variable_sha256(variable: xr.Variable) -> str:
+    """Hash of a variable's dims, values and attributes; read piece by piece if it is on the disk."""
+    digest = hashlib.sha256(f"{variable.dims} {variable.shape}\n".encode())
+    rows = variable.shape[0] if variable.ndim else 1
+    step = max(1, _HASHED_AT_ONCE * rows // max(1, variable.size))
+    for start in range(0, rows, step):
+        values = (variable[start : start + step] if variable.ndim else variable).values
         if values.dtype.kind in "OUS":
-            digest.update("\0".join(map(str, values.ravel())).encode())
+            digest.update("".join(f"{v}\0" for v in values.ravel()).encode())
         else:
             # one NaN is as good as another, and integers may come back in another width
             digest.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
-        _hash_attrs(digest, variable.attrs)
-    _hash_attrs(digest, {k: v for k, v in ds.attrs.items() if k not in VOLATILE})
+    _hash_attrs(digest, variable.attrs)
     return digest.hexdigest()
 
 
@@ -142,6 +203,11 @@ def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
         digest.update(f"{key}={text}\n".encode())
 
 
+def image(ds: xr.Dataset) -> bytes:
+    """The Dataset as a NetCDF file in memory: a writer that is killed leaves no file that opens."""
+    return bytes(ds.to_netcdf(engine="netcdf4", encoding=_encoding(ds)))
+
+
 def save(ds: xr.Dataset, path: Path) -> None:
     """Write a Dataset as NetCDF so that ``path`` is either the whole new file or what it was before.
 
@@ -150,22 +216,16 @@ def save(ds: xr.Dataset, path: Path) -> None:
     StorageError
         If the file cannot be written; nothing half-written is left behind.
     """
-    encoding = {
-        n: dict(_COMPRESSION) for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > 64
-    }
-    image = ds.to_netcdf(engine="netcdf4", encoding=encoding)  # in memory: a killed writer leaves no file that opens
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("xb") as file:
-            file.write(image)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise StorageError(
-            f"{path} cannot be written: {error.strerror}; free some space or choose another folder"
-        ) from error
+    commit(path, image(ds))
+
+
+def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
+    """Write or append to a file that nobody else knows of, without an image of it in memory."""
+    ds.to_netcdf(path, mode=mode, engine="netcdf4", encoding=_encoding(ds))
+
+
+def _encoding(ds: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
+    return {n: dict(_COMPRESSION) for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > 64}
 
 
 def load(path: Path) -> xr.Dataset:
@@ -185,7 +245,7 @@ def load(path: Path) -> xr.Dataset:
             ds = stored.load()
     except Exception as error:  # whatever the library makes of a damaged file
         raise StorageError(f"{path} cannot be read as NetCDF ({error}); delete it and run the study again") from error
-    if ds.attrs.get("content_sha256") != content_sha256(ds):
+    if ds.attrs.get("content_sha256") != combined_sha256(ds):
         raise StorageError(
             f"{path} is not as it was written (content_sha256 differs); delete it and run the study again"
         )

@@ -7,8 +7,7 @@ progress, and its parameters exist only while it runs.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import joblib
@@ -21,21 +20,8 @@ from fastcoil.engine.run import run_block
 from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.plan import Plan, prepare, settings, whole_number_problems
-from fastcoil.results import content_sha256, provenance, wrap
+from fastcoil.results import content_sha256, flat, gather, provenance, unflattened
 from fastcoil.scenario import Loop
-
-Progress = Callable[[int], None]
-"""Called with the number of scenarios finished since the last call."""
-
-
-@dataclass(frozen=True)
-class ShardResult:
-    """What a shard found: metrics (len(METRICS), n), status (n,), traces name → (n, [N,] n_points)."""
-
-    shard: range
-    metrics: np.ndarray
-    status: np.ndarray
-    traces: dict[str, np.ndarray]
 
 
 def simulate(
@@ -87,35 +73,18 @@ def simulate(
     return run(plan, workers(n_jobs))
 
 
-def run(plan: Plan, n_jobs: int, progress: Progress | None = None) -> xr.Dataset:
-    """Run all shards of a plan and put the pieces together."""
-    metrics = np.full((len(METRICS), plan.n_scenarios), np.nan)
-    status = np.zeros(plan.n_scenarios, dtype=np.int8)
-    traces: dict[str, np.ndarray] = {}
-    for result in shard_results(plan, n_jobs):
-        at = slice(result.shard.start, result.shard.stop)
-        metrics[:, at], status[at] = result.metrics, result.status
-        for name, values in result.traces.items():
-            if name not in traces:
-                traces[name] = np.full((plan.n_scenarios, *values.shape[1:]), np.nan)
-            traces[name][at] = values
-        if progress:
-            progress(len(result.shard))
-    ds = wrap(plan.layout, metrics, status, {n: traces[n] for n in plan.traces.names}, plan.traces.interval)
+def run(plan: Plan, n_jobs: int) -> xr.Dataset:
+    """Run all shards of a plan on threads and put the pieces together."""
+    tasks = (joblib.delayed(run_shard)(plan, shard) for shard in plan.shards(n_jobs))
+    found = joblib.Parallel(n_jobs=n_jobs, backend="threading", batch_size=1, return_as="generator_unordered")(tasks)
+    ds = unflattened(gather(plan.n_scenarios, found), plan.layout)
     ds.attrs = {"title": "fastcoil simulation", **provenance(), **settings(plan)}
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
 
 
-def shard_results(plan: Plan, n_jobs: int) -> Iterator[ShardResult]:
-    """Results in the order in which they get ready."""
-    tasks = (joblib.delayed(run_shard)(plan, shard) for shard in plan.shards(n_jobs))
-    yield from joblib.Parallel(n_jobs=n_jobs, backend="threading", batch_size=1, return_as="generator_unordered")(tasks)
-
-
-def run_shard(plan: Plan, shard: range) -> ShardResult:
-    """Run the scenarios of one shard, block by block."""
-    index = np.arange(shard.start, shard.stop)
+def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
+    """Run the scenarios ``index``, which share a day, block by block.  Returns a flat Dataset, see ``results.flat``."""
     columns = plan.layout.columns(index)
     metrics, status = np.empty((len(METRICS), index.size)), np.empty(index.size, dtype=np.int8)
     traces: dict[str, np.ndarray] = {}
@@ -130,7 +99,7 @@ def run_shard(plan: Plan, shard: range) -> ShardResult:
         for name, signal in signals.items():
             volumes = (slice(block.n_volumes),) if TRACES[name].per_volume else ()
             traces[name][members, *volumes] = signal[..., : members.size].T
-    return ShardResult(shard, metrics, status, traces)
+    return flat(index, metrics, status, traces, plan.traces.interval)
 
 
 def workers(n_jobs: int | None) -> int:
@@ -147,7 +116,7 @@ def probe(plan: Plan) -> float:
     """Seconds per lane and step on one thread, measured on one block from the middle of the plan, compiled before."""
     shards = plan.shards(1)
     middle = shards[len(shards) // 2]
-    columns = plan.layout.columns(np.arange(middle.start, middle.stop)[:LANES])
+    columns = plan.layout.columns(middle[:LANES])
     _, block = blocks(columns)[0]
     day = plan.days[columns["day"][0]]
     seconds = []

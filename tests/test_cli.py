@@ -81,7 +81,7 @@ def test_parameters_lists_every_one_with_unit_and_bounds(fastcoil):
         (("run", "small.toml", "-j", "0"), "n_jobs = 0"),
         (("run", "small.toml", "-o", "small.toml"), "small.toml is a file"),
         (("plan", "."), ". is a folder"),
-        (("plot", "nowhere"), "run the study first"),
+        (("plot", "nowhere"), "nowhere holds no study: run one first"),
         (("plot", "nowhere", "--by", "kp"), "nowhere"),
     ],
 )
@@ -114,7 +114,7 @@ def test_an_interrupt_exits_with_130(fastcoil, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("fastcoil.study.runner.run", interrupted)
+    monkeypatch.setattr("fastcoil.study.runner.make_pool", interrupted)
     result = fastcoil("run", "small.toml")
     assert result.exit_code == 130
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]

@@ -17,7 +17,7 @@ PACKAGE = Path(fc.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
     {"errors"},
-    {"parameter_table", "outputs"},
+    {"parameter_table", "outputs", "files"},
     {"numerics"},
     {"physics", "control"},
     {"engine"},
@@ -28,6 +28,7 @@ LAYERS = [
     {"simulation"},
     {"plots"},
     {"study"},
+    {"progress"},
     {"cli"},
     {"__main__", "__init__"},
 ]

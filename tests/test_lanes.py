@@ -226,8 +226,8 @@ def test_shards_hold_whole_blocks_of_one_day_and_every_scenario_once(sweep, days
     assert [k for shard in shards for k in shard] == list(range(plan.n_scenarios))
     assert len({len(shard) for shard in shards}) > 1
     for shard in shards:
-        assert len(np.unique(plan.layout.columns(np.array(shard))["day"])) == 1
-        assert len(shard) % LANES == 0 or shard.stop % (plan.n_scenarios // 2) == 0
+        assert len(np.unique(plan.layout.columns(shard)["day"])) == 1
+        assert len(shard) % LANES == 0 or (shard[-1] + 1) % (plan.n_scenarios // 2) == 0
 
 
 def test_a_scenario_of_a_sweep_is_the_scenario_alone(sweep, days):

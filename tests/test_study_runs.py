@@ -48,7 +48,8 @@ def study(tmp_path):
 
 def test_a_study_leaves_its_text_and_one_file_of_results(study, tmp_path):
     ds = fc.run_study(study, tmp_path / "out")
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["results.nc", "study.toml"]
+    names = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert names == [".lock", "results.nc", "run.json", "study.toml", ds.attrs["trace_file"]]
     assert (tmp_path / "out" / "study.toml").read_text() == SMALL
     opened = fc.open_study(tmp_path / "out")
     assert opened.identical(ds.assign_attrs(opened.attrs))
@@ -72,7 +73,7 @@ def test_results_are_labelled_as_an_xarray_user_expects(study, tmp_path):
 def test_a_finished_study_run_again_is_only_opened(study, tmp_path, monkeypatch):
     first = fc.run_study(study, tmp_path / "out")
     written = (tmp_path / "out" / "results.nc").stat().st_mtime_ns
-    monkeypatch.setattr(runner, "run", None)
+    monkeypatch.setattr(runner, "make_pool", None)
     again = fc.run_study(study, tmp_path / "out")
     assert again.attrs["content_sha256"] == first.attrs["content_sha256"]
     assert (tmp_path / "out" / "results.nc").stat().st_mtime_ns == written
@@ -81,8 +82,9 @@ def test_a_finished_study_run_again_is_only_opened(study, tmp_path, monkeypatch)
 def test_results_of_other_physics_are_run_again(study, tmp_path, monkeypatch):
     fc.run_study(study, tmp_path / "out")
     monkeypatch.setattr(runner, "model_sha256", lambda: "another model")
-    finished = runner.execute(read_study(study), tmp_path / "out")
-    assert finished.ran
+    with pytest.warns(UserWarning, match="other sources of the model: all is computed again"):
+        finished = runner.execute(read_study(study), tmp_path / "out")
+    assert finished.n_run == 16
     assert finished.results.attrs["model_sha256"] == "another model"
 
 
@@ -106,7 +108,7 @@ def test_a_run_that_breaks_off_leaves_no_folder(study, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(runner, "run", interrupted)
+    monkeypatch.setattr(runner, "make_pool", interrupted)
     with pytest.raises(KeyboardInterrupt):
         fc.run_study(study, tmp_path / "deep" / "out")
     assert not (tmp_path / "deep").exists()
@@ -124,7 +126,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing_half_written(study, tmp_path
 
 def test_a_result_too_large_for_the_disk_is_refused_before_it_runs(study, tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("usage", (), {"free": 1000})())
-    monkeypatch.setattr(runner, "run", None)
+    monkeypatch.setattr(runner, "make_pool", None)
     with pytest.raises(InputError, match=r"on disk, 0\.0 MiB are free"):
         fc.run_study(study, tmp_path / "out")
 
@@ -159,7 +161,7 @@ def test_a_damaged_result_is_told_from_a_good_one(study, tmp_path, damage):
 
 
 def test_opening_what_is_not_there_says_so(tmp_path):
-    with pytest.raises(InputError, match="does not exist: run the study first"):
+    with pytest.raises(InputError, match="holds no study: run one first"):
         fc.open_study(tmp_path)
 
 

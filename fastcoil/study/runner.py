@@ -1,44 +1,57 @@
-"""Run a study file into a folder, and open what lies there.
-
-The folder holds ``study.toml`` (the text that was run), ``results.nc`` and ``figures/``.  Until the study is
-finished nothing but a lock is written.
-"""
+"""Run a study file into a folder: begin, go on, extend, or find it finished."""
 
 from __future__ import annotations
 
+import difflib
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import warnings
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
-from filelock import FileLock, Timeout
 
 from fastcoil.engine.run import compile_kernel
-from fastcoil.errors import InputError, LockedError, StorageError
+from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.plan import check_disk
-from fastcoil.results import content_sha256, load, save
-from fastcoil.simulation import Progress, run, workers
+from fastcoil.simulation import workers
+from fastcoil.study.contents import Earlier, attributes, begun_study, is_current, open_study
+from fastcoil.study.merge import merge, opened
+from fastcoil.study.pools import engine_problems, make_pool
+from fastcoil.study.reuse import reusable
+from fastcoil.study.rounds import Rounds
 from fastcoil.study.spec import Study, read_study
+from fastcoil.study.store import RESULTS, STUDY, Begun, begin, begun, commit_shard, committed, discard_shards, locked
+from fastcoil.study.worker import Job
 
-RESULTS = "results.nc"
-STUDY = "study.toml"
-_LOCK = ".lock"
+Progress = Callable[[int], None]
+"""Called with the number of scenarios finished since the last call."""
 
 
 @dataclass(frozen=True)
 class Finished:
-    """A finished study: where, what, and whether this call ran it."""
+    """A finished study: where, what, and how many scenarios this call ran."""
 
     folder: Path
     results: xr.Dataset
-    ran: bool
+    n_run: int
 
 
-def run_study(path: str | Path, out: str | Path | None = None, *, n_jobs: int | None = None) -> xr.Dataset:
-    """Run a study file and return its results; a study that is finished in ``out`` is only opened.
+def run_study(
+    path: str | Path,
+    out: str | Path | None = None,
+    *,
+    n_jobs: int | None = None,
+    engine: str = "threads",
+    scheduler: str | None = None,
+    extend: bool = False,
+) -> xr.Dataset:
+    """Run a study file and return its results.
+
+    A study that is finished in ``out`` is only opened; one that was interrupted goes on where it was.
 
     Parameters
     ----------
@@ -47,17 +60,30 @@ def run_study(path: str | Path, out: str | Path | None = None, *, n_jobs: int | 
     out
         Folder of the results; ``results/NAME`` by default, with the name of the file.
     n_jobs
-        Threads; all cores by default.
+        Workers; all cores by default.  Results do not depend on it.
+    engine
+        ``threads``, ``loky`` (processes: one that crashes takes nothing else down) or ``dask``.  Nor on this.
+    scheduler
+        Address of a dask scheduler, such as ``tcp://host:8786``; a cluster on this machine by default.
+    extend
+        Whether ``out`` may hold a smaller version of the study, of which everything is kept.
+
+    Returns
+    -------
+    xarray.Dataset
+        As of ``simulate``; traces stay on the disk until they are asked for.
 
     Raises
     ------
     InputError
-        For any mistake in the file; nothing is written.
-    LockedError, StorageError
-        If another run writes to the folder, or it cannot be written.
+        For any mistake in the file, or if ``out`` holds another study; nothing is changed.
+    LockedError, StorageError, IntegrityError
+        If another run writes to ``out``; if it cannot be written; if what lies there is damaged.
     """
     path = Path(path)
-    return execute(read_study(path), default_folder(path) if out is None else Path(out), n_jobs=n_jobs).results
+    folder = default_folder(path) if out is None else Path(out)
+    options = {"n_jobs": n_jobs, "engine": engine, "scheduler": scheduler, "extend": extend}
+    return execute(read_study(path), folder, **options).results  # type: ignore[arg-type]
 
 
 def default_folder(path: Path) -> Path:
@@ -65,81 +91,105 @@ def default_folder(path: Path) -> Path:
     return Path("results") / path.stem
 
 
-def open_study(folder: str | Path) -> xr.Dataset:
-    """Open the results of a study by its folder, in memory, checked against their hash."""
-    return load(Path(folder) / RESULTS)
-
-
 def execute(
-    study: Study, folder: Path, *, n_jobs: int | None = None, progress: Callable[[Study], Progress] | None = None
+    study: Study,
+    folder: Path,
+    *,
+    n_jobs: int | None = None,
+    engine: str = "threads",
+    scheduler: str | None = None,
+    extend: bool = False,
+    progress: Callable[[int], Progress] | None = None,
 ) -> Finished:
-    """Run a study into ``folder``, or find it finished there.
+    """Run a study into ``folder``, go on with it, or find it finished there; see ``run_study``.
 
-    ``progress`` is called when there is work to do, with the study, and returns what is told of finished scenarios.
+    ``progress`` is called when there is work to do, with the number of scenarios to run, and returns what is told of
+    finished ones.
     """
     n_jobs = workers(n_jobs)
-    with _locked(folder):
-        done = _finished(study, folder)
-        if done is not None:
-            return Finished(folder, done, ran=False)
-        check_disk(study.plan, folder)
-        tell = progress(study) if progress else None
-        compile_kernel()
+    problems = engine_problems(engine, scheduler)
+    if problems:
+        raise InputError(problems)
+    plan = study.plan
+    run = Begun(study.sha256, plan.layout.boundary.sha256, model_sha256(), str(study.folder.absolute()))
+    with locked(folder):
+        there = begun(folder)
+        if there is not None and there.study_sha256 != run.study_sha256:
+            _check_may_change(folder, study, there, run, extend)
+        elif (folder / RESULTS).exists():
+            ds = opened(folder)
+            if is_current(ds, run):
+                discard_shards(folder)
+                return Finished(folder, ds, 0)
+        if there is not None and there.model_sha256 != run.model_sha256:
+            warnings.warn(f"{folder} was computed with other sources of the model: all is computed again", stacklevel=2)
+        earlier = Earlier.of(folder, study, run)
+        done = np.zeros(plan.n_scenarios, dtype=bool)
+        if earlier.new is not None:
+            done[earlier.new] = True
+        for part in committed(folder, run.key):
+            done[part["scenario"].values] = True
+        todo = np.flatnonzero(~done)
+        check_disk(plan, folder)
         start = time.monotonic()
-        ds = run(study.plan, n_jobs, tell)
+        if todo.size:
+            tell = progress(todo.size) if progress else None
+            compile_kernel()
+            job = Job(run.key, plan, study.reduction)
+            with closing(make_pool(engine, job, n_jobs, scheduler)) as pool:
+                for part in Rounds(pool, job).results(plan.shards(pool.n_workers, todo)):
+                    if there != run:
+                        begin(folder, run, study.text)
+                        there = run
+                    commit_shard(folder, part, run.key)
+                    if tell:
+                        tell(part.sizes["scenario"])
+        elif there != run:
+            begin(folder, run, study.text)
         seconds = time.monotonic() - start
-        ds.attrs |= {
-            "title": study.title,
-            "summary": study.question,
-            "study_toml": study.text,
-            "study_sha256": study.sha256,
-            "model_sha256": model_sha256(),
-            "wall_time_s": round(seconds, 3),
-            "n_jobs": n_jobs,
-            "scenario_days_per_s": round(study.plan.n_scenarios / seconds, 1),
-        }
-        ds.attrs["content_sha256"] = content_sha256(ds)
-        save(ds, folder / RESULTS)
-        (folder / STUDY).write_text(study.text, encoding="utf-8")
-    return Finished(folder, ds, ran=True)
+        speed = {"wall_time_s": round(seconds, 3), "scenario_days_per_s": round(todo.size / max(seconds, 1e-9), 1)}
+        attrs = attributes(study, run.model_sha256) | speed | {"n_jobs": n_jobs, "engine": engine}
+        ds = merge(folder, plan, lambda traces: earlier.parts(committed(folder, run.key), traces), attrs, run.key)
+        discard_shards(folder)
+    return Finished(folder, ds, todo.size)
 
 
-def _finished(study: Study, folder: Path) -> xr.Dataset | None:
-    """The results in ``folder`` if they are this study's; ``None`` if it is to be run (again)."""
-    if not (folder / RESULTS).exists():
-        return None
-    ds = load(folder / RESULTS)
-    if ds.attrs.get("study_sha256") != study.sha256:
+def _check_may_change(folder: Path, study: Study, there: Begun, run: Begun, extend: bool) -> None:
+    """Refuse another study than the one that lies in the folder, unless it is extended."""
+    text = (folder / STUDY).read_text(encoding="utf-8")
+    if not extend:
+        changes = [
+            line
+            for line in difflib.unified_diff(text.splitlines(), study.text.splitlines(), "there", "given", lineterm="")
+            if line[:1] in "+-" and line[:3] not in ("+++", "---")
+        ]
+        differs = changes[:10] + ["…"] * (len(changes) > 10)
+        if not changes:
+            raise IntegrityError(
+                f"{folder}: a file that the study reads changed since the run was begun: bring it back, or choose "
+                "another folder with -o"
+            )
         raise InputError(
-            f"{folder} holds the results of another study, or of another version of this one: choose another folder "
-            "with -o, or delete this one"
+            "\n".join(
+                [
+                    f"{folder} holds another study, or another version of this one; give --extend if values were only "
+                    "added, else choose another folder with -o.  It differs in:",
+                    *differs,
+                ]
+            )
         )
-    # results of other physics are no answer to this study
-    return ds if ds.attrs.get("model_sha256") == model_sha256() else None
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder for this run; one that was made for a run that failed is removed again."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file: choose another folder with -o")
-    made = [p for p in (folder, *folder.parents) if not p.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StorageError(f"{folder} cannot be made: {error.strerror}; choose another folder with -o") from error
-    lock = FileLock(folder / _LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise LockedError(f"{folder} is in use by another run: wait for it, or choose another folder with -o") from None
-    except OSError as error:
-        raise StorageError(f"{folder} cannot be written: {error.strerror}; choose another folder with -o") from error
-    try:
-        yield
-    finally:
-        lock.release()
-        (folder / _LOCK).unlink(missing_ok=True)
-        for path in made:
-            if path.is_dir() and not any(path.iterdir()):
-                path.rmdir()
+    before = begun_study(folder, there)
+    if (folder / RESULTS).exists() and is_current(opened(folder), there):
+        return
+    # what an unfinished run has becomes a result with scenarios that were not run, to be extended like any other
+    if there.model_sha256 == run.model_sha256:
+        earlier = Earlier.of(folder, before, there)
+        reusable(study.plan, attributes(study, run.model_sha256), open_study(folder))
+        merge(
+            folder,
+            before.plan,
+            lambda traces: earlier.parts(committed(folder, there.key), traces),
+            attributes(before, there.model_sha256),
+            there.key,
+        )
+        discard_shards(folder)

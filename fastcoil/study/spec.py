@@ -79,6 +79,9 @@ class Study:
     title: str
     question: str
     plan: Plan
+    folder: Path = Path()
+    reduction: Any = None
+    sample_method: Any = None
 
     @property
     def sha256(self) -> str:
@@ -86,7 +89,7 @@ class Study:
         return hashlib.sha256(f"{self.text}\0{self.plan.layout.boundary.sha256}".encode()).hexdigest()
 
 
-def read_study(path: Path) -> Study:
+def read_study(path: Path, folder: Path | None = None) -> Study:
     """Read and validate a study file.  Relative paths in ``[boundary]`` start from the file's folder.
 
     Raises
@@ -104,13 +107,13 @@ def read_study(path: Path) -> Study:
     with _collecting(problems):
         loop = study_loop(file)
     with _collecting(problems):
-        boundary = study_boundary(file.boundary, path.parent)
+        boundary = study_boundary(file.boundary, folder or path.parent)
     if loop is not None and boundary is not None:
         with _collecting(problems):
-            plan = prepare(loop, boundary, **file.run.model_dump())
+            plan = prepare(loop, boundary, **file.run.model_dump(), traces_on_disk=True)
     if problems or plan is None:
         raise InputError([f"{path}: {problem}" for problem in problems])
-    return Study(text, file.title or path.stem, file.question, plan)
+    return Study(text, file.title or path.stem, file.question, plan, path.parent)
 
 
 def _shaped(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:

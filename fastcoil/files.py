@@ -1,0 +1,67 @@
+"""Files that are either whole or not there: bytes are on the disk before a name points to them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from fastcoil.errors import StorageError
+
+UNFINISHED = ".tmp"
+"""Suffix of a file that is being written."""
+
+
+def commit(path: Path, data: bytes) -> None:
+    """Write ``data`` so that ``path`` is, at any moment, the whole new file or what it was before.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written; nothing half-written is left behind.
+    """
+    commit_written(path, lambda unfinished: _write(unfinished, data))
+
+
+def commit_written(path: Path, write: Callable[[Path], object]) -> None:
+    """As ``commit``, for a library that wants to write the file by its name."""
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
+    try:
+        write(unfinished)
+        _synced(unfinished, os.O_RDWR)
+        os.replace(unfinished, path)
+        _synced(path.parent, os.O_RDONLY)
+    except (OSError, RuntimeError) as error:  # netCDF4 hides a full disk in a RuntimeError
+        _forget(unfinished)
+        reason = getattr(error, "strerror", None) or error
+        raise StorageError(
+            f"{path} cannot be written: {reason}; free some space or mend the folder, then run the same command again"
+        ) from error
+    except BaseException:
+        _forget(unfinished)
+        raise
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what a killed writer left in a folder; nobody else may be writing there."""
+    for path in folder.glob(f".*{UNFINISHED}"):
+        path.unlink(missing_ok=True)
+
+
+def _write(path: Path, data: bytes) -> None:
+    with path.open("xb") as file:
+        file.write(data)
+
+
+def _synced(path: Path, flags: int) -> None:
+    descriptor = os.open(path, flags)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _forget(unfinished: Path) -> None:
+    with contextlib.suppress(OSError):  # the first error is the one to tell
+        unfinished.unlink(missing_ok=True)

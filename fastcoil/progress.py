@@ -1,0 +1,84 @@
+"""Telling of a running study: a bar on a terminal, else a line every 10 s; nothing of it goes to stdout."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from fastcoil.study.runner import Progress
+
+_SECONDS_BETWEEN_LINES = 10.0
+
+
+def announce_compilation() -> None:
+    """Say that a wait is coming, where the kernels are not compiled yet."""
+    from fastcoil.numerics.jit import is_compiled
+
+    if not is_compiled("emulate"):
+        click.echo("Compiling the kernels, once per installation: about 10 s …", err=True)
+
+
+def told(n: int, done: int = 0) -> Progress:
+    """Return what is to be called with finished scenarios, of ``n`` in all and ``done`` before."""
+    if done:
+        click.echo(f"Going on: {done:,} of {n:,} scenario-days are there.", err=True)
+    return _bar(n, done) if sys.stderr.isatty() else _lines(n, done)
+
+
+def duration(seconds: float) -> str:
+    """Seconds in words."""
+    if seconds < 100:
+        return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
+    minutes = seconds / 60
+    return f"{minutes:.0f} min" if minutes < 100 else f"{minutes / 60:.1f} h"
+
+
+def _bar(n: int, before: int) -> Progress:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        BarColumn(), MofNCompleteColumn(), TextColumn("scenario-days"), TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(), TextColumn("ETA"), TimeRemainingColumn(),
+    )  # fmt: skip
+    bar = Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task("", total=n, completed=before, rate="")
+    bar.start()
+    start, done = time.monotonic(), 0
+
+    def advance(finished: int) -> None:
+        nonlocal done
+        done += finished
+        bar.update(task, advance=finished, rate=f"{done / (time.monotonic() - start):,.0f}/s")
+        if before + done == n:
+            bar.stop()
+
+    return advance
+
+
+def _lines(n: int, before: int) -> Progress:
+    start = last = time.monotonic()
+    done = 0
+
+    def advance(finished: int) -> None:
+        nonlocal done, last
+        done += finished
+        now = time.monotonic()
+        if now - last >= _SECONDS_BETWEEN_LINES:
+            last = now
+            rate = done / (now - start)
+            eta = duration((n - before - done) / rate)
+            click.echo(f"{before + done:,} of {n:,} scenario-days, {rate:,.0f}/s, {eta} to go", err=True)
+
+    return advance

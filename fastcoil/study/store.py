@@ -1,0 +1,232 @@
+"""The folder of a study: one writer at a time, and shards that are either whole or not there.
+
+::
+
+    study.toml     the text that is run, verbatim
+    run.json       what the run was begun with: hashes, and where relative paths start
+    shards/        FIRST-HASH.nc, a file for each finished shard, until all of them are in results.nc
+    quarantine/    files that were not what they should be
+    results.nc     metrics and status, named and labelled
+    traces-ID.nc   the traces, if any are asked for; ``trace_file`` in the attributes of results.nc names it
+    figures/
+
+The name of a shard carries the SHA-256 of its bytes, so there is no list of shards that could be torn, lost or
+disagree with them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import netCDF4
+import xarray as xr
+from filelock import FileLock, Timeout
+
+from fastcoil.errors import InputError, IntegrityError, LockedError, StorageError
+from fastcoil.files import commit, remove_unfinished
+from fastcoil.results import image
+
+RESULTS, STUDY, BEGUN = "results.nc", "study.toml", "run.json"
+SHARDS, QUARANTINE = "shards", "quarantine"
+_LOCK, _HOLDER = ".lock", ".holder"
+_SHARD_NAME = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
+
+FORMAT = 1
+"""Of the folder; another one is refused."""
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What a run was begun with.  ``relative_to``: folder from which the study's relative paths start."""
+
+    study_sha256: str
+    boundary_sha256: str
+    model_sha256: str
+    relative_to: str
+    format: int = FORMAT
+
+    @property
+    def key(self) -> str:
+        """Of the shards that belong to this run."""
+        return hashlib.sha256(f"{self.format} {self.study_sha256} {self.model_sha256}".encode()).hexdigest()
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold the folder for one writer; one that was made and stayed empty is removed again.
+
+    Raises
+    ------
+    LockedError
+        If another process holds it; the operating system frees it when that process ends, however it ends.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file: choose another folder with -o")
+    made = [p for p in (folder, *folder.parents) if not p.exists()]
+    lock = FileLock(folder / _LOCK)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise LockedError(
+            f"{folder} is in use by {_holder(folder)}: wait for it, or choose another folder with -o"
+        ) from None
+    except OSError as error:
+        raise StorageError(f"{folder} cannot be written: {error.strerror}; choose another folder with -o") from error
+    try:
+        _tell_holder(folder)
+        remove_unfinished(folder)
+        yield
+    finally:
+        (folder / _HOLDER).unlink(missing_ok=True)
+        lock.release()
+        if made and folder.is_dir() and [p.name for p in folder.iterdir()] == [_LOCK]:
+            (folder / _LOCK).unlink()
+            for path in made:
+                path.rmdir() if not any(path.iterdir()) else None
+
+
+def in_use(folder: Path) -> str | None:
+    """Who is writing to the folder, in words, or ``None``."""
+    if not (folder / _LOCK).exists():
+        return None
+    lock = FileLock(folder / _LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        return _holder(folder)
+    except OSError:  # nobody can write here
+        return None
+    lock.release()
+    return None
+
+
+def _tell_holder(folder: Path) -> None:
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    try:
+        (folder / _HOLDER).write_text(f"process {os.getpid()} on {platform.node()} since {now}", encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"{folder} cannot be written: {error.strerror}; free some space") from error
+
+
+def _holder(folder: Path) -> str:
+    try:
+        return f"another run ({(folder / _HOLDER).read_text(encoding='utf-8')})"
+    except OSError:
+        return "another run"
+
+
+def begun(folder: Path) -> Begun | None:
+    """What lies in ``run.json``, or ``None`` if nothing was begun here.
+
+    Raises
+    ------
+    IntegrityError
+        If it cannot be understood.
+    """
+    path = folder / BEGUN
+    if not path.exists():
+        return None
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found.get("format", 0) != FORMAT:
+            raise IntegrityError(
+                f"{folder} was written by another version of fastcoil (format {found.get('format')}, this one writes "
+                f"{FORMAT}): use that version, or choose another folder with -o"
+            )
+        return Begun(**found)
+    except (OSError, ValueError, TypeError, AttributeError) as error:
+        raise IntegrityError(f"{path} is damaged ({error}): choose another folder with -o, or delete it") from error
+
+
+def begin(folder: Path, run: Begun, text: str) -> None:
+    """Write what is begun, before its first shard."""
+    commit(folder / STUDY, text.encode())
+    commit(folder / BEGUN, (json.dumps(asdict(run), indent=1) + "\n").encode())
+
+
+def commit_shard(folder: Path, part: xr.Dataset, key: str) -> None:
+    """Keep the results of a shard (flat, see ``results.flat``) for good."""
+    data = image(part.assign_attrs(study=key))
+    shards = folder / SHARDS
+    try:
+        shards.mkdir(exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"{shards} cannot be made: {error.strerror}; mend the folder and run again") from error
+    name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
+    commit(shards / name, data)
+
+
+def committed(folder: Path, key: str, *, mend: bool = True) -> Iterator[xr.Dataset]:
+    """The shards of a run, one by one.
+
+    A file that is damaged, or not of this run, is moved to ``quarantine/`` with a warning, so that its scenarios are
+    computed again; where ``mend`` is false it is only warned of.
+    """
+    if mend and (folder / SHARDS).is_dir():
+        remove_unfinished(folder / SHARDS)
+    for path, part in inspected(folder, key):
+        if isinstance(part, xr.Dataset):
+            yield part
+        elif mend:
+            _set_aside(folder, path)
+            warnings.warn(f"{path} {part}: moved to {QUARANTINE}/, its scenarios are computed again", stacklevel=2)
+        else:
+            warnings.warn(f"{path} {part}: its scenarios would be computed again", stacklevel=2)
+
+
+def inspected(folder: Path, key: str) -> Iterator[tuple[Path, xr.Dataset | str]]:
+    """Every file among the shards: its content, or what is wrong with it."""
+    for path in sorted((folder / SHARDS).glob("*")):
+        yield path, _opened(path, key)
+
+
+def discard_shards(folder: Path) -> None:
+    """Remove the shards: all of them are in ``results.nc``."""
+    shards = folder / SHARDS
+    if not shards.is_dir():
+        return
+    try:
+        for path in shards.iterdir():
+            path.unlink()
+        shards.rmdir()
+    except OSError as error:
+        raise StorageError(f"{shards} cannot be removed: {error.strerror}; the results are complete") from error
+
+
+def _opened(path: Path, key: str) -> xr.Dataset | str:
+    """A shard, or what is wrong with it."""
+    named = _SHARD_NAME.fullmatch(path.name)
+    if not named or not path.is_file():
+        return "is no shard"
+    data = path.read_bytes()
+    # before anything else: the HDF5 library may crash on damaged bytes
+    if hashlib.sha256(data).hexdigest()[:32] != named[2]:
+        return "is not as it was written"
+    with netCDF4.Dataset(path.name, memory=data) as file:
+        stored = xr.backends.NetCDF4DataStore(file)  # type: ignore[no-untyped-call]
+        part = xr.open_dataset(stored, decode_times=False, decode_timedelta=False).load()
+    if part.attrs.get("study") != key:
+        return "belongs to another study or another version of the model"
+    if part["scenario"].values[0] != int(named[1]):
+        return "is not what its name says"
+    return part
+
+
+def _set_aside(folder: Path, path: Path) -> None:
+    quarantine = folder / QUARANTINE
+    try:
+        quarantine.mkdir(exist_ok=True)
+        os.replace(path, quarantine / path.name)
+    except OSError as error:
+        raise StorageError(f"{path} cannot be moved to {quarantine}: {error.strerror}; mend the folder") from error
