@@ -203,9 +203,9 @@ def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
         digest.update(f"{key}={text}\n".encode())
 
 
-def image(ds: xr.Dataset) -> bytes:
+def image(ds: xr.Dataset, *, compressed: bool = True) -> bytes:
     """The Dataset as a NetCDF file in memory: a writer that is killed leaves no file that opens."""
-    return bytes(ds.to_netcdf(engine="netcdf4", encoding=_encoding(ds)))
+    return bytes(ds.to_netcdf(engine="netcdf4", encoding=_encoding(ds) if compressed else {}))
 
 
 def save(ds: xr.Dataset, path: Path) -> None:

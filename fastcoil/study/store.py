@@ -157,7 +157,7 @@ def begin(folder: Path, run: Begun, text: str) -> None:
 
 def commit_shard(folder: Path, part: xr.Dataset, key: str) -> None:
     """Keep the results of a shard (flat, see ``results.flat``) for good."""
-    data = image(part.assign_attrs(study=key))
+    data = image(part.assign_attrs(study=key), compressed=False)  # it does not live long
     shards = folder / SHARDS
     try:
         shards.mkdir(exist_ok=True)
