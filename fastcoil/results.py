@@ -21,6 +21,8 @@ from fastcoil.layout import Layout
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.parameter_table import PARAMETERS
 
+FORMAT = 1
+"""Of results on disk; a file of a later one is refused."""
 VOLATILE = (
     "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",
     "package_versions", "platform", "content_sha256", "model_sha256", "fastcoil_version",
@@ -129,7 +131,7 @@ def coordinate_attrs(name: str) -> dict[str, str]:
     return dict(_DIM_ATTRS.get(name, {"long_name": name}))
 
 
-def provenance() -> dict[str, str]:
+def provenance() -> dict[str, Any]:
     """What made a result: versions and machine, no user and no path."""
     packages = {}
     for package in ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4"):
@@ -140,6 +142,7 @@ def provenance() -> dict[str, str]:
     now = datetime.now(UTC).isoformat(timespec="seconds")
     return {
         "Conventions": "CF-1.11",
+        "fastcoil_format": FORMAT,
         "source": "fastcoil: closed-loop emulation of a coil valve with backlash",
         "references": "Cai, J. and Braun, J. E. (2016), Int. Refrigeration and Air Conditioning Conference, Purdue, "
         "paper 1801, https://docs.lib.purdue.edu/iracc/1801",
@@ -225,7 +228,13 @@ def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
 
 
 def _encoding(ds: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
-    return {n: dict(_COMPRESSION) for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > 64}
+    large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > 64}
+    # CF 2.5.1: nothing is missing in a coordinate
+    complete = {n for n in ds.coords if ds[n].dtype.kind == "f"}
+    return {
+        n: (_COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
+        for n in large | complete
+    }
 
 
 def load(path: Path) -> xr.Dataset:
@@ -245,6 +254,8 @@ def load(path: Path) -> xr.Dataset:
             ds = stored.load()
     except Exception as error:  # whatever the library makes of a damaged file
         raise StorageError(f"{path} cannot be read as NetCDF ({error}); delete it and run the study again") from error
+    if ds.attrs.get("fastcoil_format", 0) > FORMAT:
+        raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
     if ds.attrs.get("content_sha256") != combined_sha256(ds):
         raise StorageError(
             f"{path} is not as it was written (content_sha256 differs); delete it and run the study again"

@@ -1,5 +1,6 @@
 """Results on disk: what was written comes back, and what was damaged is told."""
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -36,6 +37,19 @@ def test_words_and_open_loops_survive_netcdf(tmp_path, days):
     back = results.load(tmp_path / "results.nc")
     assert back.case.values.tolist() == ["a", "ß"]
     assert back.content_sha256 == ds.content_sha256
+
+
+def test_no_coordinate_is_said_to_have_missing_values(tmp_path, swept):
+    results.save(swept, tmp_path / "results.nc")
+    with netCDF4.Dataset(tmp_path / "results.nc") as file:
+        assert not [n for n in map(str, swept.coords) if "_FillValue" in file[n].ncattrs()]
+        assert "_FillValue" in file["rmse"].ncattrs()
+
+
+def test_a_file_of_a_later_version_is_refused(tmp_path, swept):
+    results.save(swept.assign_attrs(fastcoil_format=99), tmp_path / "results.nc")
+    with pytest.raises(fc.InputError, match="later version"):
+        results.load(tmp_path / "results.nc")
 
 
 def damaged_value(ds):
