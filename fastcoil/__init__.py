@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fastcoil.boundary.days import paper_day as paper_day
     from fastcoil.boundary.weather import weather_day as weather_day
     from fastcoil.errors import InputError as InputError
+    from fastcoil.pairing import compare as compare
     from fastcoil.scenario import Loop as Loop
     from fastcoil.simulation import simulate as simulate
     from fastcoil.study.contents import open_study as open_study
@@ -24,6 +25,7 @@ _HOME = {
     "Boundary": "boundary",
     "InputError": "errors",
     "Loop": "scenario",
+    "compare": "pairing",
     "constant_day": "boundary.days",
     "design_day": "boundary.days",
     "open_study": "study.contents",

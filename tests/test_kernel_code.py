@@ -26,7 +26,7 @@ LAYERS = [
     {"stability", "results"},
     {"plan"},
     {"simulation"},
-    {"plots"},
+    {"plots", "pairing"},
     {"study"},
     {"progress"},
     {"cli"},
