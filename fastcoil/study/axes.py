@@ -1,0 +1,104 @@
+"""From the tables ``[loop]``, ``[sweep]`` and ``[cases.NAME]`` to the ``Loop`` of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.errors import InputError, collecting, shown
+from fastcoil.parameter_table import PARAMETERS
+from fastcoil.scenario import Loop
+from fastcoil.study.tables import StudyFile
+
+LONGEST_AXIS = 10_000_000
+_SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
+
+
+def study_loop(file: StudyFile) -> Loop:
+    """Build the loop of a study: preset, constants, swept axes, named cases."""
+    problems: list[str] = []
+    constants = dict(file.loop)
+    preset = str(constants.pop("preset", "paper_like"))
+    loop, axes = Loop(), {}
+    with collecting(problems, "[loop] "):
+        loop = Loop.preset(preset)
+    with collecting(problems, "[loop] "):
+        loop = loop.assign(**constants)
+    for name, axis in file.sweep.items():
+        with collecting(problems, "[sweep] "):
+            axes[name] = axis_values(name, axis)
+    with collecting(problems, "[sweep] "):
+        loop = loop.assign(**axes)
+    problems += [f"{n} stands in [loop] and in [sweep]: leave one out" for n in file.sweep if n in constants]
+    taken = dict.fromkeys(file.sweep, "[sweep]")
+    for place, names in [(f"[cases.{dim}]", _names(cases)) for dim, cases in file.cases.items()]:
+        problems += [f"{n} stands in {taken[n]} and in {place}: leave one out" for n in names if n in taken]
+        taken |= dict.fromkeys(names, place)
+    for dim, cases in file.cases.items():
+        with collecting(problems, f"[cases.{dim}] "):
+            loop = loop.assign(**_zipped(dim, cases, loop))
+    if problems:
+        raise InputError(problems)
+    return loop
+
+
+def _names(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Every parameter that one of the cases gives."""
+    return list(dict.fromkeys(name for case in cases.values() for name in case))
+
+
+def axis_values(name: str, axis: object) -> list[Any]:
+    """Values of a swept axis: a list, ``{ linspace = [first, last, count] }`` or ``{ geomspace = […] }``."""
+    if isinstance(axis, list):
+        return axis
+    kind = next(iter(axis), None) if isinstance(axis, dict) and len(axis) == 1 else None
+    if kind not in _SPACINGS or not isinstance(axis, dict):
+        raise InputError(
+            f"{name} = {shown(axis)}: give a list of values, {{ linspace = [first, last, count] }} "
+            "or { geomspace = [first, last, count] }"
+        )
+    spec = axis[kind]
+    numbers = (
+        isinstance(spec, list) and len(spec) == 3 and all(type(v) in (int, float) and np.isfinite(v) for v in spec)
+    )
+    if not numbers or type(spec[2]) is not int or not 1 <= spec[2] <= LONGEST_AXIS:
+        raise InputError(
+            f"{name} = {{ {kind} = {shown(spec)} }}: give [first, last, count], two finite numbers and a whole "
+            f"number from 1 to {LONGEST_AXIS:,}"
+        )
+    if kind == "geomspace" and min(spec[:2]) <= 0.0:
+        raise InputError(f"{name} = {{ geomspace = {spec} }}: first and last must be above 0")
+    return list(_SPACINGS[kind](*spec).tolist())
+
+
+def _zipped(dim: str, cases: Mapping[str, Mapping[str, float | str]], loop: Loop) -> dict[str, xr.DataArray]:
+    """The parameters of named cases along the dimension ``dim``; one that a case leaves out is the loop's."""
+    if not cases:
+        raise InputError("no case: give at least one, such as fast = { kp = 0.05, ti = 5 }")
+    if dim in PARAMETERS:
+        raise InputError(f"{dim} is a parameter: give the dimension another name, such as tuning or controller")
+    zipped, problems = {}, []
+    for name in _names(cases):
+        try:
+            default = loop[name]
+        except InputError as error:
+            problems += error.problems
+            continue
+        without = [label for label, case in cases.items() if name not in case]
+        if without and (default is None or isinstance(default, xr.DataArray)):
+            problems.append(f"{name} is missing in {', '.join(without)}: give it in every case")
+            continue
+        values = [case.get(name, default) for case in cases.values()]
+        wrong = [p for p in map(PARAMETERS[name].problem, values) if p]
+        if wrong:
+            problems += wrong
+            continue
+        zipped[name] = xr.DataArray(values, dims=dim, coords={dim: list(cases)})
+    if problems:
+        raise InputError(problems)
+    if not zipped:
+        raise InputError("its cases are empty: give each the parameters that make it differ")
+    return zipped
