@@ -132,6 +132,8 @@ def test_all_mistakes_are_named_at_once(read):
         ("[loop]\n[run]\ntraces = ['T_supp']", "did you mean 'T_sup'?"),
         ("[loop]\n[run]\nseed = -1", "seed = -1: must be at least 0"),
         ("[loop]\n[run]\nreplicates = 0", "replicates = 0: must be at least 1"),
+        ("[loop]\n[sweep]\nkp = { linspace = [0, 1" + 400 * "0" + ", 3] }", "two finite numbers"),
+        ("[loop]\nkp = 1" + 5000 * "0", "not valid TOML"),
         ("[loop\n", "not valid TOML"),
         ("[sweep]\nkp = [1]", "[loop] is missing"),
         ("loop = 3", "loop = 3: give a table"),

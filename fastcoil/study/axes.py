@@ -11,7 +11,7 @@ import xarray as xr
 from fastcoil.errors import InputError, collecting, shown
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.scenario import Loop
-from fastcoil.study.tables import StudyFile
+from fastcoil.study.tables import StudyFile, are_numbers
 
 LONGEST_AXIS = 10_000_000
 _SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
@@ -61,10 +61,7 @@ def axis_values(name: str, axis: object) -> list[Any]:
             "or { geomspace = [first, last, count] }"
         )
     spec = axis[kind]
-    numbers = (
-        isinstance(spec, list) and len(spec) == 3 and all(type(v) in (int, float) and np.isfinite(v) for v in spec)
-    )
-    if not numbers or type(spec[2]) is not int or not 1 <= spec[2] <= LONGEST_AXIS:
+    if not are_numbers(spec, 3) or type(spec[2]) is not int or not 1 <= spec[2] <= LONGEST_AXIS:
         raise InputError(
             f"{name} = {{ {kind} = {shown(spec)} }}: give [first, last, count], two finite numbers and a whole "
             f"number from 1 to {LONGEST_AXIS:,}"

@@ -48,7 +48,7 @@ def read_study(path: Path) -> Study:
     text = _text(path)
     try:
         tables = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also of a number with more digits than Python reads
         raise InputError(f"{path} is not valid TOML: {error}") from None
     file, problems = shaped(tables)
     loop = boundary = plan = None

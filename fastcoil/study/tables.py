@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fastcoil.errors import nearest, shown
 from fastcoil.outputs import WARM_UP
+from fastcoil.parameter_table import LARGEST
 
 
 class _Strict(BaseModel):
@@ -45,6 +46,13 @@ def shaped(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
         wrong = {str(detail["loc"][0]) for detail in error.errors()}
         rest = {name: table for name, table in tables.items() if name not in wrong}
         return StudyFile.model_validate({"loop": {}, **rest}), list(_sentences(error))
+
+
+def are_numbers(values: object, count: int) -> bool:
+    """Whether ``values`` is a list of ``count`` finite numbers; TOML has whole ones of any size."""
+    if not isinstance(values, list) or len(values) != count:
+        return False
+    return all(type(v) in (int, float) and -LARGEST <= v <= LARGEST for v in values)
 
 
 def _sentences(error: ValidationError) -> Iterator[str]:
