@@ -1,8 +1,8 @@
 """The strict reader of study files (TOML): every mistake is reported, all at once, and nothing is guessed.
 
 A study has the tables ``[loop]`` (constants, ``preset``), ``[sweep]`` (a parameter on its own axis),
-``[cases.NAME]`` (named alternatives along a dimension NAME), ``[boundary]`` (``kind`` and its arguments) and
-``[run]``; all but ``[loop]`` may be absent.
+``[cases.NAME]`` (named alternatives along a dimension NAME), ``[sample]`` (parameters drawn from distributions),
+``[boundary]`` (``kind`` and its arguments) and ``[run]``; all but ``[loop]`` may be absent.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ LARGEST_FILE = 2**20
 
 @dataclass(frozen=True)
 class Study:
-    """A study that can be run: its text, what it asks, and the validated plan."""
+    """A study that can be run: its text, what it asks, the validated plan, and how it was sampled, if it was."""
 
     text: str
     title: str
     question: str
     plan: Plan
+    sample_method: str | None
 
     @property
     def sha256(self) -> str:
@@ -61,7 +62,7 @@ def read_study(path: Path) -> Study:
             plan = prepare(loop, boundary, **file.run.model_dump())
     if problems or plan is None:
         raise InputError([f"{path}: {problem}" for problem in problems])
-    return Study(text, file.title or path.stem, file.question, plan)
+    return Study(text, file.title or path.stem, file.question, plan, file.sample["method"] if file.sample else None)
 
 
 def _text(path: Path) -> str:

@@ -34,6 +34,7 @@ class StudyFile(_Strict):
     loop: dict[str, Any]
     sweep: dict[str, Any] = Field(default_factory=dict)
     cases: dict[str, dict[str, dict[str, Any]]] = Field(default_factory=dict)
+    sample: dict[str, Any] | None = None
     boundary: dict[str, Any] = Field(default_factory=dict)
     run: RunTable = Field(default_factory=RunTable)
 
