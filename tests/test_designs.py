@@ -140,6 +140,9 @@ def test_values_lie_strictly_inside_even_at_the_ends_of_the_unit_cube(kind, shar
     assert value == pytest.approx(end, abs=2e-5)
     assert value < end if share else value > end
     assert draw(size=1, sample_time={"choice": [5, 10]})["sample_time"] == [10 if share else 5]
+    assert draw(size=1, ti={"uniform": [0.0, 1.0]})["ti"] >= 2.0**-32, (
+        "not a number next to 0 that nothing can divide by"
+    )
 
 
 def test_values_lie_strictly_inside_a_range_of_three_numbers():

@@ -8,14 +8,18 @@ A study has the tables ``[loop]`` (constants, ``preset``), ``[sweep]`` (a parame
 from __future__ import annotations
 
 import hashlib
+import json
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from fastcoil.errors import InputError, collecting
 from fastcoil.plan import Plan, prepare
 from fastcoil.study.axes import study_loop
 from fastcoil.study.days import study_boundary
+from fastcoil.study.reduction import Reduction, find_reduction
 from fastcoil.study.tables import shaped
 
 LARGEST_FILE = 2**20
@@ -24,22 +28,42 @@ LARGEST_FILE = 2**20
 
 @dataclass(frozen=True)
 class Study:
-    """A study that can be run: its text, what it asks, the validated plan, and how it was sampled, if it was."""
+    """A study that can be run: its text and tables, what it asks, and the validated plan.
+
+    ``sample_method`` is how ``[sample]`` was drawn, ``reduction`` what ``[run] reduce`` names; ``None`` without.
+    """
 
     text: str
+    tables: Mapping[str, Any] = field(repr=False)
     title: str
     question: str
     plan: Plan
     sample_method: str | None
+    reduction: Reduction | None
 
     @property
     def sha256(self) -> str:
-        """Hash of everything that decides the result: the text and the boundary's samples."""
-        return hashlib.sha256(f"{self.text}\0{self.plan.layout.boundary.sha256}".encode()).hexdigest()
+        """Hash of everything that decides the result: values and order of the tables, the boundary, the reduction.
+
+        Title, question, comments and spelling do not.
+        """
+        decisive = {name: table for name, table in self.tables.items() if name not in ("title", "question")}
+        # dates and times, which TOML has and JSON has not, are as good as their text
+        parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
+        parts += [self.reduction.sha256] if self.reduction else []
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
-def read_study(path: Path) -> Study:
-    """Read and validate a study file.  Relative paths in ``[boundary]`` start from the file's folder.
+def read_study(path: Path, folder: Path | None = None) -> Study:
+    """Read and validate a study file.
+
+    Parameters
+    ----------
+    path
+        The TOML file.
+    folder
+        Where relative paths in ``[boundary]`` and the module of ``[run] reduce`` start from; the file's folder by
+        default.
 
     Raises
     ------
@@ -47,22 +71,32 @@ def read_study(path: Path) -> Study:
         With one sentence for each mistake in the file.
     """
     text = _text(path)
+    folder = path.parent if folder is None else folder
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of a number with more digits than Python reads
         raise InputError(f"{path} is not valid TOML: {error}") from None
     file, problems = shaped(tables)
-    loop = boundary = plan = None
+    loop = boundary = plan = reduction = None
     with collecting(problems):
         loop = study_loop(file)
     with collecting(problems):
-        boundary = study_boundary(file.boundary, path.parent)
+        boundary = study_boundary(file.boundary, folder)
     if loop is not None and boundary is not None:
         with collecting(problems):
-            plan = prepare(loop, boundary, **file.run.model_dump())
+            plan = prepare(loop, boundary, **file.run.model_dump(exclude={"reduce"}))
+    if file.run.reduce is not None:
+        with collecting(problems, "[run] "):
+            reduction = find_reduction(file.run.reduce, folder)
+        if not file.run.traces:
+            problems.append(
+                f"[run] reduce = {file.run.reduce!r} without traces: list those that it needs, such as "
+                'traces = ["T_sup"]'
+            )
     if problems or plan is None:
         raise InputError([f"{path}: {problem}" for problem in problems])
-    return Study(text, file.title or path.stem, file.question, plan, file.sample["method"] if file.sample else None)
+    method = file.sample["method"] if file.sample else None
+    return Study(text, tables, file.title or path.stem, file.question, plan, method, reduction)
 
 
 def _text(path: Path) -> str:

@@ -24,6 +24,7 @@ class RunTable(_Strict):
     replicates: int = 1
     traces: list[str] = Field(default_factory=list)
     trace_interval: int = 60
+    reduce: str | None = None
 
 
 class StudyFile(_Strict):
