@@ -168,6 +168,16 @@ def parameters(names: tuple[str, ...]) -> None:
         click.echo(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
 
 
+@main.command()
+def schema() -> None:
+    """Print the JSON Schema of study files, for editors that complete and check TOML."""
+    import json
+
+    from fastcoil.study.schema import study_schema
+
+    click.echo(json.dumps(study_schema(), indent=2, ensure_ascii=False))
+
+
 def _figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:
     """The standard figures of a study: drawn, or those that lie there already."""
     there = sorted((folder / "figures").glob("*.png"))

@@ -25,6 +25,14 @@ from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.scenario import Loop
 from fastcoil.stability import check_stability
 
+RUN_LIMITS: dict[str, tuple[int, int | None]] = {
+    "trace_interval": (1, None),
+    "warm_up": (0, None),
+    "seed": (0, 2**64 - 1),
+    "replicates": (1, 2**32),
+}
+"""Least and largest value of the whole numbers that say how to run; a boundary may limit them further."""
+
 _LANE_STEPS_PER_SHARD = 60e6
 """About 1 to 2 s of work on one core."""
 _SHARDS_PER_WORKER = 4
@@ -92,12 +100,9 @@ def prepare(
         raise InputError(
             f"boundary is a {type(boundary).__name__}: give a fastcoil.Boundary, such as fastcoil.paper_day()"
         )
-    problems = [
-        *whole_number_problems("trace_interval", trace_interval, 1, boundary.n_steps),
-        *whole_number_problems("warm_up", warm_up, 0, None),
-        *whole_number_problems("seed", seed, 0, 2**64 - 1),
-        *whole_number_problems("replicates", replicates, 1, 2**32),
-    ]
+    given = {"trace_interval": trace_interval, "warm_up": warm_up, "seed": seed, "replicates": replicates}
+    limits = RUN_LIMITS | {"trace_interval": (1, boundary.n_steps)}
+    problems = [p for name, value in given.items() for p in whole_number_problems(name, value, *limits[name])]
     if not isinstance(traces, (list, tuple)):
         problems.append(f"traces = {traces!r}: give a list of names")
         traces = ()

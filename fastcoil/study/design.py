@@ -15,7 +15,7 @@ import numpy as np
 
 from fastcoil.errors import InputError, collecting, nearest, shown
 from fastcoil.parameter_table import PARAMETERS, Parameter, check_name
-from fastcoil.plan import whole_number_problems
+from fastcoil.plan import RUN_LIMITS, whole_number_problems
 from fastcoil.study.tables import are_numbers
 
 SAMPLE = "sample"
@@ -24,7 +24,6 @@ SETTINGS = ("method", "size", "seed")
 """Keys of ``[sample]`` that are not parameters."""
 METHODS = ("latin_hypercube", "sobol", "random")
 LARGEST_SAMPLE = 10_000_000
-LARGEST_SEED = 2**64 - 1
 CHOICE = "choice"
 _SMALLEST_SHARE = 2.0**-32
 """A coordinate of the unit cube may be 0 or round to it; half a cell of the Sobol lattice is the least one used."""
@@ -141,7 +140,7 @@ def _setting_problems(table: Mapping[str, Any]) -> list[str]:
         below = 1 << (size.bit_length() - 1)
         fitting = [str(power) for power in (below, 2 * below) if power <= LARGEST_SAMPLE]
         wrong = [f"size = {size}: a Sobol design is even only in powers of two, give {' or '.join(fitting)}"]
-    return problems + wrong + whole_number_problems("seed", table.get("seed", 0), 0, LARGEST_SEED)
+    return problems + wrong + whole_number_problems("seed", table.get("seed", 0), *RUN_LIMITS["seed"])
 
 
 def _check_shape(parameter: Parameter, shape: object) -> None:
