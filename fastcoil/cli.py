@@ -118,8 +118,9 @@ def plan(study: Path, jobs: int | None) -> None:
     from fastcoil.study.spec import read_study
 
     n_jobs = workers(jobs)
-    planned = read_study(study).plan
-    check_disk(planned, default_folder(study))
+    asked = read_study(study)
+    planned, traces_kept = asked.plan, asked.reduction is None
+    check_disk(planned, default_folder(study), traces_kept=traces_kept)
     announce_compilation()
     seconds = planned.lane_steps * probe(planned) / n_jobs
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
@@ -131,7 +132,7 @@ def plan(study: Path, jobs: int | None) -> None:
     click.echo(f"Boundary:    {planned.layout.boundary.describe()}")
     click.echo(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
     click.echo(f"Memory:      up to {gib(memory)} for results ({gib(available_memory())} available)")
-    click.echo(f"Disk:        up to {gib(planned.disk_bytes)} while it is merged")
+    click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} while it is merged")
 
 
 @main.command()
@@ -229,6 +230,16 @@ def parameters(names: tuple[str, ...]) -> None:
         default = "-" if p.default is None else f"{p.default}"
         unit = "" if p.unit == "1" else p.unit
         click.echo(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
+
+
+@main.command()
+def schema() -> None:
+    """Print the JSON Schema of study files, for editors that complete and check TOML."""
+    import json
+
+    from fastcoil.study.schema import study_schema
+
+    click.echo(json.dumps(study_schema(), indent=2, ensure_ascii=False))
 
 
 def _figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 EXIT_OK = 0
 EXIT_BUG = 1
@@ -55,3 +56,18 @@ def nearest(name: str, known: Iterable[str]) -> str:
     by_folded = {k.casefold(): k for k in known}
     match = difflib.get_close_matches(name.casefold(), list(by_folded), n=1, cutoff=0.6)
     return f", did you mean {by_folded[match[0]]!r}?" if match else ""
+
+
+@contextmanager
+def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
+    """Add the sentences of a refusal to ``problems`` and go on."""
+    try:
+        yield
+    except InputError as error:
+        problems += [prefix + p for p in error.problems]
+
+
+def shown(value: object) -> str:
+    """A value as it is repeated in a message: cut short if it is long."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -26,6 +26,14 @@ from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.scenario import Loop
 from fastcoil.stability import check_stability
 
+RUN_LIMITS: dict[str, tuple[int, int | None]] = {
+    "trace_interval": (1, None),
+    "warm_up": (0, None),
+    "seed": (0, 2**64 - 1),
+    "replicates": (1, 2**32),
+}
+"""Least and largest value of the whole numbers that say how to run; a boundary may limit them further."""
+
 _LANE_STEPS_PER_SHARD = 60e6
 """About 1 to 2 s of work on one core."""
 _SHARDS_PER_WORKER = 4
@@ -81,10 +89,9 @@ class Plan:
         of_shard = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios) * self.shard_size(n_jobs)
         return 3 * self.metric_bytes + 3 * (n_jobs + 1) * of_shard
 
-    @property
-    def disk_bytes(self) -> int:
+    def disk_bytes(self, *, traces_kept: bool = True) -> int:
         """Room that a study takes at most on the disk while it is merged."""
-        return 2 * self.metric_bytes + 3 * self.trace_bytes
+        return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept
 
     def shard_size(self, n_jobs: int, n_scenarios: int | None = None) -> int:
         """Scenarios of a shard where ``n_scenarios`` (all) are to be run: whole blocks."""
@@ -124,12 +131,9 @@ def prepare(
         raise InputError(
             f"boundary is a {type(boundary).__name__}: give a fastcoil.Boundary, such as fastcoil.paper_day()"
         )
-    problems = [
-        *whole_number_problems("trace_interval", trace_interval, 1, boundary.n_steps),
-        *whole_number_problems("warm_up", warm_up, 0, None),
-        *whole_number_problems("seed", seed, 0, 2**64 - 1),
-        *whole_number_problems("replicates", replicates, 1, 2**32),
-    ]
+    given = {"trace_interval": trace_interval, "warm_up": warm_up, "seed": seed, "replicates": replicates}
+    limits = RUN_LIMITS | {"trace_interval": (1, boundary.n_steps)}
+    problems = [p for name, value in given.items() for p in whole_number_problems(name, value, *limits[name])]
     if not isinstance(traces, (list, tuple)):
         problems.append(f"traces = {traces!r}: give a list of names")
         traces = ()
@@ -197,13 +201,14 @@ def available_memory() -> int:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def check_disk(plan: Plan, folder: Path) -> None:
+def check_disk(plan: Plan, folder: Path, *, traces_kept: bool = True) -> None:
     """Refuse a result that cannot fit where it is to be written."""
     nearest_existing = next(p for p in [folder, *folder.absolute().parents] if p.exists())
     free = shutil.disk_usage(nearest_existing).free
-    if plan.disk_bytes > free:
+    needed = plan.disk_bytes(traces_kept=traces_kept)
+    if needed > free:
         raise InputError(
-            f"the study needs up to {gib(plan.disk_bytes)} on disk, {gib(free)} are free in {nearest_existing}: "
+            f"the study needs up to {gib(needed)} on disk, {gib(free)} are free in {nearest_existing}: "
             "choose another folder, or sweep fewer values, ask for fewer traces or a longer trace_interval"
         )
 

@@ -30,7 +30,8 @@ in the Modelica Buildings library.  None is the paper's unpublished fit."""
 
 _VALVE_CURVE = STAND_INS["rangeability"]
 _ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
-_FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time"} | {"status"} | set(METRICS) | set(TRACES)
+FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time"} | {"status"} | set(METRICS) | set(TRACES)
+"""Dimensions that a sweep cannot have: those of a result, and the names of its variables."""
 
 
 class Loop:
@@ -283,7 +284,7 @@ def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
 
 
 def _check_dim(name: str, dim: Hashable, ndim: int) -> None:
-    if not isinstance(dim, str) or dim in _FORBIDDEN_DIMS:
+    if not isinstance(dim, str) or dim in FORBIDDEN_DIMS:
         raise InputError(f"{name}: {dim!r} cannot be the name of a swept dimension, it is taken; choose another")
     if not dim.isidentifier() or dim in ("method", "tolerance", "drop", "indexers", "missing_dims"):
         raise InputError(f"{name}: {dim!r} cannot be the name of a dimension; use letters, digits and _")

@@ -132,6 +132,8 @@ def test_all_mistakes_are_named_at_once(read):
         ("[loop]\n[run]\ntraces = ['T_supp']", "did you mean 'T_sup'?"),
         ("[loop]\n[run]\nseed = -1", "seed = -1: must be at least 0"),
         ("[loop]\n[run]\nreplicates = 0", "replicates = 0: must be at least 1"),
+        ("[loop]\n[sweep]\nkp = { linspace = [0, 1" + 400 * "0" + ", 3] }", "two finite numbers"),
+        ("[loop]\nkp = 1" + 5000 * "0", "not valid TOML"),
         ("[loop\n", "not valid TOML"),
         ("[sweep]\nkp = [1]", "[loop] is missing"),
         ("loop = 3", "loop = 3: give a table"),
@@ -156,10 +158,35 @@ def test_windows_line_ends_and_a_byte_order_mark_change_nothing(read):
     assert read("﻿[loop]\r\nkp = 0.04\r\n".encode()).sha256 == plain.sha256
 
 
-def test_the_hash_tells_studies_apart(read):
-    one = read("[loop]\nkp = 0.04").sha256
-    assert read("[loop]\nkp = 0.05").sha256 != one
-    assert read("[loop]\nkp = 0.04").sha256 == one
+@pytest.mark.parametrize(
+    "other",
+    [
+        "[loop]\nkp = 0.05\n[sweep]\nti = [5, 9]\nbacklash = [0.1]",
+        "[loop]\nkp = 0.04\n[sweep]\nti = [9, 5]\nbacklash = [0.1]",
+        "[loop]\nkp = 0.04\n[sweep]\nbacklash = [0.1]\nti = [5, 9]",
+        "[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]\n[run]\nseed = 1",
+        "[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]\n[boundary]\nseed = 2",
+    ],
+)
+def test_the_hash_tells_studies_apart(read, other):
+    assert read("[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]").sha256 != read(other).sha256
+
+
+def test_the_hash_is_of_values_and_not_of_their_spelling(read):
+    plain = read("[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]")
+    same = read("# why\ntitle = 'x'\nquestion = 'y?'\nloop.kp = 4.0e-2  # 1/K\n\n\n[ sweep ]\nti = [\n  5,\n  9,\n]\n")
+    assert same.sha256 == plain.sha256
+    assert "# why" in same.text, "the text is kept as it was written"
+
+
+def test_the_hash_is_also_of_what_lies_in_other_files(read, tmp_path):
+    def day(T_set):
+        log = "elapsed_time [s],m_a [kg/s],T_a_in [degC],W_a_in [g/kg],T_w_in [degC],T_set [degC]\n"
+        (tmp_path / "log.csv").write_text(log + "".join(f"{t},1.2,25,10,7,{T_set}\n" for t in range(0, 7260, 60)))
+        return read("[loop]\n[boundary]\nkind = 'csv'\npath = 'log.csv'").sha256
+
+    assert day(14) == day(14)
+    assert day(14) != day(15)
 
 
 def test_the_template_is_a_valid_study(read):
@@ -173,3 +200,5 @@ def test_a_relative_path_starts_from_the_study_file(tmp_path):
     (tmp_path / "sub" / "study.toml").write_text("[loop]\n[boundary]\nkind = 'csv'\npath = 'log.csv'")
     boundary = read_study(tmp_path / "sub" / "study.toml").plan.layout.boundary
     assert boundary.series["W_a_in"][0, 0] == pytest.approx(0.010)
+    (tmp_path / "study.toml").write_text((tmp_path / "sub" / "study.toml").read_text())
+    assert read_study(tmp_path / "study.toml", tmp_path / "sub").plan.layout.boundary == boundary

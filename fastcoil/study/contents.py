@@ -35,7 +35,7 @@ def open_study(folder: str | Path) -> xr.Dataset:
             return ds
     study = begun_study(folder, run)
     earlier = Earlier.of(folder, study, run)
-    parts = earlier.parts(committed(folder, run.key, mend=False), study.plan.traces.names)
+    parts = earlier.parts(committed(folder, run.key, mend=False), study.kept_traces)
     ds = partial(study.plan, parts, attributes(study, run.model_sha256))
     if not ds.data_vars:
         raise InputError(f"{folder} has no finished scenario yet: wait, or run the study")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,8 @@ Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
 memory together."""
 
 
-def merge(folder: Path, plan: Plan, parts: Parts, attrs: dict[str, Any], key: str) -> xr.Dataset:
-    """Write all parts as one result, labelled; traces in a file of their own, named after ``key``.
+def merge(folder: Path, plan: Plan, parts: Parts, traces: Sequence[str], attrs: dict[str, Any], key: str) -> xr.Dataset:
+    """Write all parts as one result, labelled; ``traces`` in a file of their own, named after ``key``.
 
     Returns it as ``opened`` does.
     """
@@ -32,9 +32,10 @@ def merge(folder: Path, plan: Plan, parts: Parts, attrs: dict[str, Any], key: st
     ds = unflattened(gather(plan.n_scenarios, _without_traces(parts([]))), plan.layout)
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
     ds.attrs = attrs
-    if plan.traces.names:
-        ds.attrs["trace_file"] = f"traces-{key[:8]}.nc"
-        ds.attrs["trace_sha256"] = json.dumps(_merge_traces(folder / ds.attrs["trace_file"], plan, parts, attrs))
+    if traces:
+        file = f"traces-{key[:8]}.nc"
+        hashes = _merge_traces(folder / file, plan, parts, traces, attrs)
+        ds.attrs |= {"trace_file": file, "trace_sha256": json.dumps(hashes)}
     ds.attrs["content_sha256"] = combined_sha256(ds)
     save(ds, folder / RESULTS)
     for path in folder.glob("traces-*.nc"):
@@ -66,13 +67,13 @@ def _with_traces(folder: Path, ds: xr.Dataset) -> xr.Dataset:
     return ds.assign(traces.data_vars).assign_coords(traces.coords)
 
 
-def _merge_traces(path: Path, plan: Plan, parts: Parts, attrs: dict[str, Any]) -> dict[str, str]:
+def _merge_traces(path: Path, plan: Plan, parts: Parts, traces: Sequence[str], attrs: dict[str, Any]) -> dict[str, str]:
     """Write the traces one by one.  Returns the hash of everything that is only in their file."""
     found: dict[str, str] = {}
     scratch = path.with_name(f".{path.name}.scratch{UNFINISHED}")
 
     def write_all(unfinished: Path) -> None:
-        for k, name in enumerate(plan.traces.names):
+        for k, name in enumerate(traces):
             ds = unflattened(gather(plan.n_scenarios, parts([name]), [name], _on_disk(scratch)), plan.layout)
             found.update({n: variable_sha256(ds[n].variable) for n in (name, *_own_coordinates(ds))})
             ds.attrs = attrs

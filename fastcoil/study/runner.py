@@ -130,7 +130,7 @@ def execute(
         for part in committed(folder, run.key):
             done[part["scenario"].values] = True
         todo = np.flatnonzero(~done)
-        check_disk(plan, folder)
+        check_disk(plan, folder, traces_kept=study.reduction is None)
         start = time.monotonic()
         if todo.size:
             tell = progress(todo.size) if progress else None
@@ -149,7 +149,14 @@ def execute(
         seconds = time.monotonic() - start
         speed = {"wall_time_s": round(seconds, 3), "scenario_days_per_s": round(todo.size / max(seconds, 1e-9), 1)}
         attrs = attributes(study, run.model_sha256) | speed | {"n_jobs": n_jobs, "engine": engine}
-        ds = merge(folder, plan, lambda traces: earlier.parts(committed(folder, run.key), traces), attrs, run.key)
+        ds = merge(
+            folder,
+            plan,
+            lambda traces: earlier.parts(committed(folder, run.key), traces),
+            study.kept_traces,
+            attrs,
+            run.key,
+        )
         discard_shards(folder)
     return Finished(folder, ds, todo.size)
 
@@ -189,6 +196,7 @@ def _check_may_change(folder: Path, study: Study, there: Begun, run: Begun, exte
             folder,
             before.plan,
             lambda traces: earlier.parts(committed(folder, there.key), traces),
+            before.kept_traces,
             attributes(before, there.model_sha256),
             there.key,
         )

@@ -19,6 +19,15 @@ estimate_ratio = { linspace = [0.0, 1.4, 15] }   # or { geomspace = [first, last
 as_found = { kp = 0.018, ti = 30 }
 faster = { kp = 0.03, ti = 15 }
 
+# [sample]                              # drawn together: one more axis, called sample
+# method = "sobol"                      # latin_hypercube, sobol (size a power of two) or random
+# size = 1024
+# seed = 0
+# sensor_time_constant = { uniform = [10.0, 60.0] }      # lowest, highest; loguniform likewise
+# C_c = { triangular = [10.0, 30.0, 50.0] }              # lowest, most likely, highest
+# buffer = { truncnorm = [0.01, 0.005, 0.0, 0.02] }      # mean, standard deviation, lowest, highest
+# sample_time = { choice = [5, 10, 30] }                 # numbers or words, equally likely
+
 [boundary]                              # what acts on the coil, second by second
 kind = "paper_day"                      # or constant_day, design_day, csv, weather
 hours = 8
@@ -30,4 +39,5 @@ replicates = 1                          # noise realisations: one more axis, cal
 warm_up = 1800                          # seconds left out of every metric
 traces = []                             # signals to keep, such as ["T_sup", "command"]
 trace_interval = 60                     # s between their samples
+# reduce = "mine:overshoot"             # your function overshoot in mine.py beside this file: numbers from the traces
 """

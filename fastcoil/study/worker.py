@@ -59,8 +59,12 @@ def computed(job: Job, index: np.ndarray) -> xr.Dataset:
         return part
     columns = job.plan.layout.columns(index)
     swept = {name: ("scenario", columns[name]) for name in job.plan.layout.loop.swept}
-    traces = part[list(job.plan.traces.names)]
-    return part.drop_dims("elapsed_time").merge(job.reduction.apply(traces.assign_coords(swept)))
+    traces = part[list(job.plan.traces.names)].assign_coords(swept)
+    return (
+        part[[*METRICS, "status"]]
+        .drop_vars(["elapsed_time", "volume"], errors="ignore")
+        .merge(job.reduction.apply(traces))
+    )
 
 
 def crashed(job: Job, index: np.ndarray) -> xr.Dataset:

@@ -1,0 +1,53 @@
+"""From the table ``[boundary]`` to the day or days on which a study is run."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fastcoil.boundary import Boundary
+from fastcoil.boundary.days import constant_day, design_day, paper_day
+from fastcoil.boundary.trends import read_trend_log
+from fastcoil.boundary.weather import weather_day
+from fastcoil.errors import InputError, nearest
+
+BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
+    "paper_day": paper_day,
+    "constant_day": constant_day,
+    "design_day": design_day,
+    "csv": read_trend_log,
+    "weather": weather_day,
+}
+
+
+def study_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
+    """Build the boundary of a study; ``paper_day`` of 8 h with seed 1 where the table is absent."""
+    arguments = dict(table)
+    kind = arguments.pop("kind", "paper_day")
+    if kind not in BOUNDARY_KINDS:
+        raise InputError(
+            f"[boundary] kind = {kind!r}: unknown{nearest(str(kind), BOUNDARY_KINDS)}; "
+            f"choose one of {', '.join(BOUNDARY_KINDS)}"
+        )
+    make = BOUNDARY_KINDS[kind]
+    signature = inspect.signature(make).parameters
+    problems = [
+        f"[boundary] {name} is not an argument of {kind}{nearest(name, signature)}; it takes {', '.join(signature)}"
+        for name in arguments
+        if name not in signature
+    ]
+    problems += [
+        f"[boundary] {name} is missing: {kind} needs it"
+        for name, p in signature.items()
+        if p.default is p.empty and name not in arguments
+    ]
+    if problems:
+        raise InputError(problems)
+    if "path" in arguments:
+        arguments["path"] = folder / str(arguments["path"])
+    try:
+        return make(**arguments)
+    except InputError as error:
+        raise InputError([f"[boundary] {p}" for p in error.problems]) from None
