@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.engine.run import Traces, compile_kernel
-from fastcoil.errors import InputError, IntegrityError, StorageError, nearest
+from fastcoil.errors import FastcoilError, InputError, IntegrityError, nearest
 from fastcoil.files import reported
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
@@ -55,7 +55,7 @@ def verify(folder: Path) -> list[str]:
     if (folder / RESULTS).exists():
         try:
             problems += trace_problems(folder, opened(folder))
-        except (StorageError, IntegrityError) as error:
+        except FastcoilError as error:
             problems.append(str(error))
     return problems + [f"{path} {part}" for path, part in inspected(folder, run.key) if isinstance(part, str)]
 

@@ -166,8 +166,8 @@ def _check_may_change(folder: Path, study: Study, there: Begun, run: Begun, exte
         text = begun_text(folder)
         if text is None:
             raise IntegrityError(
-                f"{folder}: study.toml is missing or damaged, and another study was begun than this one: bring it back, or "
-                "choose another folder with -o"
+                f"{folder}: study.toml is missing or damaged, and another study was begun than this one: bring it "
+                "back, or choose another folder with -o"
             )
         changes = [
             line

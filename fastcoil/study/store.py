@@ -75,6 +75,10 @@ def locked(folder: Path) -> Iterator[None]:
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: choose another folder with -o")
+    try:
+        str(folder.absolute()).encode()
+    except UnicodeEncodeError:  # the NetCDF library refuses it, after everything was run
+        raise InputError(f"{str(folder)!r} is not UTF-8: choose another folder with -o") from None
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     lock = FileLock(folder / _LOCK)
     try:
