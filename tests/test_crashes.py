@@ -15,7 +15,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from faults import DAYS, PLAIN, TRACED, golden, interrupted, larger, ran, shards, studied, unfinished
+from faults import DAYS, PLAIN, TRACED, golden, interrupted, larger, ran, shards, unfinished
 
 from fastcoil.study import care
 
@@ -25,7 +25,7 @@ HERE = Path(__file__).parent
 ENVIRONMENT = os.environ | {
     "PYTHONPATH": os.pathsep.join([str(HERE.parent), str(HERE), os.environ.get("PYTHONPATH", "")])
 }
-LONG = PLAIN.replace("hours = 0.25", "hours = 8").replace("[0.0, 0.9]", "{ linspace = [0.0, 1.5, 2000] }")
+LONG = PLAIN.replace("hours = 0.25", "hours = 8").replace("[0.0, 0.9]", "{ linspace = [0.0, 1.5, 6000] }")
 """Seconds of work in several shards a day."""
 
 
@@ -92,7 +92,7 @@ def killed_before_each(harness, tmp_path, situation, stride=1):
     return n
 
 
-@pytest.mark.parametrize(("situation", "stride"), [("plain", 1), ("traced", 4), ("extended, unfinished", 8)])
+@pytest.mark.parametrize(("situation", "stride"), [("plain", 2), ("traced", 7), ("extended, unfinished", 13)])
 def test_a_run_killed_at_any_step_is_completed_by_the_next(harness, tmp_path, situation, stride):
     assert killed_before_each(harness, tmp_path, situation, stride) > 60
 
@@ -130,7 +130,7 @@ def test_a_run_killed_at_any_time_of_very_many(harness, tmp_path):
 # --- limits -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("limit", [0, 1000, 30_000, 66_000])
+@pytest.mark.parametrize("limit", [1000, 30_000, 66_000])
 def test_a_limit_on_the_size_of_files_ends_a_run_with_4(harness, tmp_path, limit):
     out = tmp_path / "out"
     # Python ignores the signal, so that a write fails with EFBIG
@@ -189,25 +189,32 @@ def small_disk(tmp_path):
         subprocess.run(["umount", "-l", str(place)], check=True, timeout=60)
 
 
-@pytest.mark.parametrize("free_kib", range(8, 800, 60))
-def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(harness, small_disk, tmp_path, free_kib):
-    out = small_disk / "out"
-    out.mkdir()
-    study = studied(TRACED, out)
+def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(harness, small_disk):
+    codes, kept = [], set()
     ballast = small_disk / "ballast"
-    room = shutil.disk_usage(small_disk).free - 1024 * free_kib
-    with ballast.open("wb") as file:
-        os.posix_fallocate(file.fileno(), 0, room)
-    assert study.plan.disk_bytes < shutil.disk_usage(small_disk).free or free_kib < 300
-    code, _, said = harness(TRACED, out)
-    assert code in ((2, 4) if free_kib < 300 else (0, 4)), said  # 2: known before
-    assert not code or re.search("No space left on device|HDF error|are free in", said), said
-    assert "Traceback" not in said
-    assert unfinished(out) == []
-    kept = {p.name: p.read_bytes() for p in shards(out)}
-    ballast.unlink()
-    assert all(p.read_bytes() == kept[p.name] for p in shards(out))
-    resumed(out, TRACED)
+    for free_kib in range(8, 1000, 20):
+        out = small_disk / f"out{free_kib}"
+        room = shutil.disk_usage(small_disk).free - 1024 * free_kib
+        with ballast.open("wb") as file:
+            os.posix_fallocate(file.fileno(), 0, room)
+        code, _, said = harness(TRACED, out)
+        codes.append(code)
+        assert code in (0, 2, 4), said  # 2: known before
+        assert not code or re.search("No space left on device|HDF error|are free in", said), said
+        assert "Traceback" not in said
+        if out.exists():
+            assert unfinished(out) == []
+        before = {p.name: p.read_bytes() for p in shards(out)}
+        kept.add(len(before))
+        ballast.unlink()
+        assert {p.name: p.read_bytes() for p in shards(out)} == before
+        resumed(out, TRACED)
+        shutil.rmtree(out)
+        if code == 0:
+            break
+    assert {2, 4, 0} == set(codes)
+    # it was full before, among and after the shards: while they were merged
+    assert kept >= {0, DAYS}
 
 
 # --- signals, locks, pipes --------------------------------------------------------------------------------------------
@@ -243,7 +250,7 @@ def wait_for_shards(process, folder, n=1):
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)], ids=lambda v: str(v)
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)], ids=str
 )
 def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(command, tmp_path, number, code):
     process = command()
@@ -269,12 +276,9 @@ def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(comm
     assert "Traceback" not in said
     first.kill()
     first.wait(timeout=60)
-    had = len([p for p in shards(tmp_path / "out") if not p.name.startswith(".")])
     third = command()
-    wait_for_shards(third, tmp_path / "out", had + 1)
-    third.send_signal(signal.SIGINT)
-    _, said = third.communicate(timeout=5)
-    assert "Going on:" in said
+    assert any("Going on:" in line for line in third.stderr)
+    assert f"process {third.pid} " in (tmp_path / "out" / ".holder").read_text()
 
 
 def test_ctrl_c_before_the_first_shard_leaves_no_folder(command, tmp_path):
