@@ -278,6 +278,15 @@ def test_without_run_json_the_shards_are_found_by_their_key(broken_off, monkeypa
     assert verified(broken_off) == []
 
 
+@pytest.mark.parametrize("name", ["run.json", "study.toml"])
+def test_what_was_begun_is_written_again_for_a_finished_study(out, name):
+    ran(PLAIN, out)
+    good = (out / name).read_bytes()
+    (out / name).unlink()
+    resumed(out)
+    assert (out / name).read_bytes() == good
+
+
 @pytest.mark.parametrize("data", [None, b"", b"[loop", b"\xff", b"[loop]\n"], ids=str)
 def test_a_damaged_study_toml_is_told_and_written_again(broken_off, data):
     path = broken_off / "study.toml"

@@ -114,11 +114,14 @@ def execute(
     run = Begun(study.sha256, plan.layout.boundary.sha256, model_sha256(), str(study.folder.absolute()))
     with locked(folder):
         there = begun(folder)
+        begins = there != run or begun_text(folder) != study.text
         if there is not None and there.study_sha256 != run.study_sha256:
             _check_may_change(folder, study, there, run, extend)
         elif (folder / RESULTS).exists():
             ds = opened(folder)
             if is_current(ds, run):
+                if begins:  # what was begun was lost
+                    begin(folder, run, study.text)
                 return Finished(folder, tidied(folder, ds), 0)
         if there is not None and there.model_sha256 != run.model_sha256:
             warnings.warn(f"{folder} was computed with other sources of the model: all is computed again", stacklevel=2)
@@ -130,7 +133,6 @@ def execute(
             done[part["scenario"].values] = True
         todo = np.flatnonzero(~done)
         check_disk(plan, folder, traces_kept=study.reduction is None)
-        begins = there != run or begun_text(folder) != study.text
         start = time.monotonic()
         if todo.size:
             tell = progress(todo.size) if progress else None
@@ -189,9 +191,9 @@ def _check_may_change(folder: Path, study: Study, there: Begun, run: Begun, exte
                 ]
             )
         )
-    before = begun_study(folder, there)
     if (folder / RESULTS).exists() and is_current(opened(folder), there):
         return
+    before = begun_study(folder, there)
     if there.model_sha256 != run.model_sha256:
         return
     # what an unfinished run has becomes a result with scenarios that were not run, to be extended like any other
