@@ -36,6 +36,8 @@ def child(order: dict, counted: int) -> int:
         resource.setrlimit(getattr(resource, name), (limit, limit))
     if order.get("user"):
         os.setuid(order["user"])
+    if order.get("unchecked"):  # as if others filled the disk meanwhile
+        runner.check_disk = lambda *_, **__: None
     nth = Nth(order.get("kill_before") or 0, lambda: os.kill(os.getpid(), signal.SIGKILL))
 
     def before(name: str) -> None:

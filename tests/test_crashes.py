@@ -189,18 +189,19 @@ def small_disk(tmp_path):
         subprocess.run(["umount", "-l", str(place)], check=True, timeout=60)
 
 
-def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(harness, small_disk):
-    codes, kept = [], set()
+@pytest.mark.parametrize("interval", [50, 1])
+def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(harness, small_disk, interval):
+    codes, kept, text = set(), set(), TRACED.replace("interval = 50", f"interval = {interval}")
     ballast = small_disk / "ballast"
-    for free_kib in range(8, 1000, 20):
+    for free_kib in range(8, 1400, 20 if interval > 1 else 60):
         out = small_disk / f"out{free_kib}"
         room = shutil.disk_usage(small_disk).free - 1024 * free_kib
         with ballast.open("wb") as file:
             os.posix_fallocate(file.fileno(), 0, room)
-        code, _, said = harness(TRACED, out)
-        codes.append(code)
-        assert code in (0, 2, 4), said  # 2: known before
-        assert not code or re.search("No space left on device|HDF error|are free in", said), said
+        code, _, said = harness(text, out, unchecked=True)
+        codes.add(code)
+        assert code in (0, 4), said
+        assert not code or re.search("No space left on device|HDF error", said), said
         assert "Traceback" not in said
         if out.exists():
             assert unfinished(out) == []
@@ -208,11 +209,11 @@ def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(harness, 
         kept.add(len(before))
         ballast.unlink()
         assert {p.name: p.read_bytes() for p in shards(out)} == before
-        resumed(out, TRACED)
+        resumed(out, text)
         shutil.rmtree(out)
         if code == 0:
             break
-    assert {2, 4, 0} == set(codes)
+    assert codes == {0, 4}
     # it was full before, among and after the shards: while they were merged
     assert kept >= {0, DAYS}
 
