@@ -202,7 +202,8 @@ def _check_may_change(folder: Path, study: Study, there: Begun, run: Begun, exte
     def parts(traces: Collection[str]) -> Iterator[xr.Dataset]:
         return earlier.parts(committed(folder, there.key), traces)
 
-    if any(part.sizes["scenario"] for part in parts([])):
+    # all of them, so that what is damaged is set aside before it is opened
+    if sum(part.sizes["scenario"] for part in parts([])):
         reusable(study.plan, attributes(study, run.model_sha256), open_study(folder))
         attrs = attributes(before, there.model_sha256)
         merge(folder, before.plan, parts, before.kept_traces, attrs, there.key, complete=False)
