@@ -24,6 +24,9 @@ def pytest_collection_modifyitems(config, items):
         long = [item for item in items if item.get_closest_marker("full")]
         config.hook.pytest_deselected(items=long)
         items[:] = [item for item in items if item not in long]
+    else:
+        for item in items:
+            item.add_marker(pytest.mark.timeout(3600))
     if not JIT_ENABLED:
         skip = pytest.mark.skip(reason="the lane kernel is too slow without the compiler (NUMBA_DISABLE_JIT=1)")
         for item in items:
