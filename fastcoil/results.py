@@ -206,9 +206,9 @@ def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
         digest.update(f"{key}={text}\n".encode())
 
 
-def image(ds: xr.Dataset, *, compressed: bool = True) -> bytes:
+def image(ds: xr.Dataset, *, compressed: bool = True) -> bytes | memoryview:
     """The Dataset as a NetCDF file in memory: a writer that is killed leaves no file that opens."""
-    return bytes(ds.to_netcdf(engine="netcdf4", encoding=_encoding(ds) if compressed else {}))
+    return ds.to_netcdf(engine="netcdf4", encoding=_encoding(ds) if compressed else {})
 
 
 def save(ds: xr.Dataset, path: Path) -> None:
