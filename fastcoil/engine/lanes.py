@@ -38,8 +38,8 @@ STATE_ROWS = (
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate", "farthest_T_c",
     "time_reached", "time_confirmed", "time_first_down", "estimate_first_down",
 )  # fmt: skip
-VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "T_w_in", "W_s")
-"""Rows of each control volume: the states, the water that enters it and saturation at T_c.
+VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")
+"""Rows of each control volume: the states, heat from the metal into the water, and saturation at T_c.
 
 Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a and W_a.
 """
@@ -47,7 +47,7 @@ Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a
 Rows = namedtuple("Rows", PARAMETER_ROWS + STATE_ROWS)  # type: ignore[misc]
 R: Any = Rows(*(LANES * k for k in range(len(Rows._fields))))
 """Offset of each row in the flat state S: constants to the compiler."""
-T_W, T_C, T_A, W_A, T_W_IN, W_S = (LANES * k for k in range(len(VOLUME_ROWS)))
+T_W, T_C, T_A, W_A, Q_W, W_S = (LANES * k for k in range(len(VOLUME_ROWS)))
 """Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""
 VOLUME_STRIDE = LANES * len(VOLUME_ROWS)
 
