@@ -113,9 +113,11 @@ def unflattened(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
     return ds
 
 
-def attributes(output: Output) -> dict[str, str]:
+def attributes(output: Output) -> dict[str, Any]:
     """CF attributes of a result variable."""
-    attrs = {"long_name": output.long_name, "units": output.unit}
+    attrs: dict[str, Any] = {"long_name": output.long_name, "units": output.unit}
+    if output.flags:
+        attrs |= {"flag_values": np.arange(len(output.flags), dtype=float), "flag_meanings": " ".join(output.flags)}
     if output.difference:
         attrs["units_metadata"] = "temperature: difference"
     if output.comment:

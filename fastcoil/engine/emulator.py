@@ -75,6 +75,7 @@ def prepare(S, n_volumes, open_loop):
         S[R.mode + j] = 0.0 if open_loop else FALLING
         S[R.next_update + j] = S[R.learning_interval + j]
         S[R.learning + j] = 1.0 if S[R.learning_step + j] > 0.0 else 0.0
+        S[R.step + j] = S[R.learning_step + j] / S[R.learning_growth + j]  # as if one had gone up before
         S[R.reference + j] = -1.0
         S[R.time_reached + j] = np.nan
         S[R.time_confirmed + j] = np.nan

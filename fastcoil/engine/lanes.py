@@ -27,7 +27,7 @@ STATE_ROWS = (
     # sensor, controller, inverse
     "y_s", "noise", "noise_next", "measured", "u", "integral", "mode", "u_ext", "command",
     # learner
-    "estimate", "next_update", "switches", "reference", "learning",
+    "estimate", "next_update", "switches", "reference", "learning", "step", "evidence",
     # actuator, valve
     "position", "q", "opening", "growth", "log_m_w", "m_w",
     # coil: flow, conductance and effectiveness of this step
@@ -110,10 +110,17 @@ def _block(rows: np.ndarray) -> Block:
         lagged_air=bool(row["air_march"][0] == 0.0),
         control_period=int(np.gcd.reduce(row["sample_time"].astype(np.int64))),
         samples_together=bool(np.ptp(row["sample_time"]) == 0.0),
-        learning_period=int(np.gcd.reduce(row["learning_interval"][learners].astype(np.int64), initial=0)),
+        learning_period=_learning_period(row, learners),
         has_noise=bool(np.any(row["noise_std"] > 0.0)),
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
     )
+
+
+def _learning_period(row: Mapping[str, np.ndarray], learners: np.ndarray) -> int:
+    """Seconds between two looks at the learners: intervals end at multiples of it, early trips come at samples."""
+    early = learners & (row["learning_early_trip"] > 0.0)
+    seconds = np.concatenate([row["learning_interval"][learners], row["sample_time"][early]])
+    return int(np.gcd.reduce(seconds.astype(np.int64), initial=0))
 
 
 def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
