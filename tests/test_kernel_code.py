@@ -26,7 +26,7 @@ LAYERS = [
     {"stability", "results"},
     {"plan"},
     {"simulation"},
-    {"plots", "pairing"},
+    {"plots", "pairing", "variance"},
     {"study"},
     {"progress"},
     {"cli"},
