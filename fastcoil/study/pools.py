@@ -18,7 +18,7 @@ import numpy as np
 
 from fastcoil.errors import FastcoilError, InputError
 from fastcoil.numerics.jit import model_sha256
-from fastcoil.study.worker import Job, computed, forget, identity, receive, receive_in_child, work
+from fastcoil.study.worker import Job, computed, forget, identity, leave_interrupts, receive, receive_in_child, work
 
 ENGINES = ("threads", "loky", "dask")
 _WAIT_FOR_SCHEDULER, _WAIT_FOR_WORKERS = 10.0, 60.0
@@ -124,7 +124,7 @@ class Dask:
             self._client = _connected(self._cluster or self._scheduler)
             self._wait_for_workers(1 if self._scheduler else self._n_asked)
             self._identity = self._checked_identity()
-            self._client.register_plugin(_plugin(self._job))
+            self._client.register_plugin(_plugin(self._job, ours=self._cluster is not None))
         except BaseException:
             self.close()
             raise
@@ -246,14 +246,19 @@ def _plugin_name(job: Job) -> str:
     return f"fastcoil-{job.key}"
 
 
-def _plugin(job: Job) -> Any:
-    """Hands the job to every worker of a cluster, also to those that join later."""
+def _plugin(job: Job, *, ours: bool) -> Any:
+    """Hands the job to every worker of a cluster, also to those that join later.
+
+    ours: whether the workers are children of this process, and in the foreground of the same terminal.
+    """
     from distributed import WorkerPlugin
 
     class Receive(WorkerPlugin):  # type: ignore[misc]
         name = _plugin_name(job)
 
         def setup(self, worker: object) -> None:
+            if ours:
+                leave_interrupts()
             receive(job)
 
         def teardown(self, worker: object) -> None:

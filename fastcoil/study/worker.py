@@ -37,7 +37,7 @@ def receive(job: Job) -> None:
 
 def receive_in_child(job: Job, parent: int) -> None:
     """Keep a job in a process that lives no longer than its parent and leaves Ctrl-C to it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_interrupts()
 
     def follow() -> None:
         while os.getppid() == parent:
@@ -46,6 +46,12 @@ def receive_in_child(job: Job, parent: int) -> None:
 
     threading.Thread(target=follow, daemon=True).start()
     receive(job)
+
+
+def leave_interrupts() -> None:
+    """Leave Ctrl-C to the parent, which gets it too."""
+    if threading.current_thread() is threading.main_thread():  # no other may say so
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def forget(key: str) -> None:
