@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import os
+import resource
 import signal
 import time
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from fastcoil.errors import InputError
 from fastcoil.layout import Layout
@@ -39,6 +42,17 @@ def stops():
 
 def refuses():
     raise InputError("this reduction cannot be applied: give another")
+
+
+def starves():
+    """Leave this process little memory, then ask for much."""
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + 2**20, resource.RLIM_INFINITY))
+    np.ones(2**26)
+
+
+def does_not_start(*_):
+    os._exit(1)
 
 
 def works_slowly():

@@ -72,8 +72,11 @@ def wait_for(condition, within=30.0, every=0.02):
     raise AssertionError("waited in vain")
 
 
-def cut(monkeypatch, size, seed=None):
-    """Have studies cut into shards of ``size`` scenarios, or of random sizes up to it and in random order."""
+def cut(monkeypatch, size, seed=None, alone=None):
+    """Have studies cut into shards of ``size`` scenarios, or of random sizes up to it and in random order.
+
+    alone: a scenario that is a shard of its own.
+    """
 
     def shards(plan, n_jobs, todo=None):
         todo = np.arange(plan.n_scenarios) if todo is None else todo
@@ -82,6 +85,9 @@ def cut(monkeypatch, size, seed=None):
         found = []
         for day in range(len(plan.days)):
             rest = todo[(todo >= day * per_day) & (todo < (day + 1) * per_day)]
+            if alone in rest:
+                found.append(np.array([alone]))
+                rest = rest[rest != alone]
             while rest.size:
                 n = size if seed is None else dice.randint(1, size)
                 found.append(rest[:n])
