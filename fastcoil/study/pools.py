@@ -10,8 +10,10 @@ import concurrent.futures as cf
 import contextlib
 import logging
 import os
+import threading
 import uuid
 import warnings
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -122,22 +124,24 @@ class Dask:
             if self._scheduler is None:
                 self._cluster = _cluster_here(self._n_asked)
             self._client = _connected(self._cluster or self._scheduler)
-            self._wait_for_workers(1 if self._scheduler else self._n_asked)
-            self._identity = self._checked_identity()
-            self._client.register_plugin(_plugin(self._job, ours=self._cluster is not None))
+            self._equip_workers()
         except BaseException:
             self.close()
             raise
         self.n_workers = sum(self._client.nthreads().values())
         self._executor = self._client.get_executor(pure=False)
 
-    def _wait_for_workers(self, n: int) -> None:
+    def _equip_workers(self) -> None:
+        plugin = _plugin(self._job, ours=self._cluster is not None)
         try:
-            self._client.wait_for_workers(n, timeout=_WAIT_FOR_WORKERS)
-        except (TimeoutError, cf.TimeoutError):
+            self._client.wait_for_workers(1 if self._scheduler else self._n_asked, timeout=_WAIT_FOR_WORKERS)
+            self._identity = _within(_WAIT_FOR_WORKERS, self._checked_identity)
+            _within(_WAIT_FOR_WORKERS, lambda: self._client.register_plugin(plugin))
+        except TimeoutError:
             at = f" at {self._scheduler}" if self._scheduler else ""
             raise InputError(
-                f"the dask scheduler{at} has no workers: start one with `dask worker {self._scheduler or ''}`"
+                f"the dask scheduler{at} has no workers, or one that does not answer: start one with "
+                f"`dask worker {self._scheduler or ''}`"
             ) from None
 
     def _checked_identity(self) -> tuple[str, str]:
@@ -174,7 +178,7 @@ class Dask:
             if self._client is not None:
                 if self._cluster is None and self._client.status == "running":
                     with contextlib.suppress(Exception):  # what is left there is only memory
-                        self._client.unregister_worker_plugin(_plugin_name(self._job))
+                        _within(5.0, lambda: self._client.unregister_worker_plugin(_plugin_name(self._job)))
                 self._client.close(timeout=5)
             if self._cluster is not None:
                 self._cluster.close(timeout=5)
@@ -214,6 +218,20 @@ def _connected(address: Any) -> Any:
             f"no dask scheduler answers at {address!r} ({reason}): give the address it printed when it started, "
             "such as tcp://host:8786"
         ) from None
+
+
+def _within(seconds: float, call: Callable[[], Any]) -> Any:
+    """What a call gives; a TimeoutError if it takes longer, as one to a worker that was stopped."""
+    found: cf.Future[Any] = cf.Future()
+
+    def run() -> None:
+        try:
+            found.set_result(call())
+        except BaseException as error:
+            found.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return found.result(seconds)
 
 
 async def _answers(address: str) -> None:
