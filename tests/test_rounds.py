@@ -92,12 +92,12 @@ def job(small_study):
     return Job("key", read_study(small_study).plan, None)
 
 
-def found(pool, job, shards, **options):
-    """Status of every scenario that was yielded; none is yielded twice."""
+def found(pool, job, shards, status=None, **options):
+    """Status of every scenario that was yielded, also put into ``status``; none is yielded twice."""
+    status = {} if status is None else status
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rounds, "cf", SimpleNamespace(wait=pool.wait, FIRST_COMPLETED=cf.FIRST_COMPLETED))
         patch.setattr(rounds, "time", SimpleNamespace(monotonic=lambda: pool.now))
-        status = {}
         for part in Rounds(pool, job, **options).results(shards):
             for k, flag in zip(part["scenario"].values.tolist(), part["status"].values.tolist(), strict=True):
                 assert k not in status, "a scenario is found twice"
@@ -147,9 +147,9 @@ def test_workers_that_die_by_chance_lose_no_scenario(job, n_workers, falls_toget
 @pytest.mark.parametrize("size", [1, 7, N])
 def test_workers_that_all_die_end_in_a_sentence_and_no_mark(job, falls_together, size):
     pool = Pool(2, falls_together=falls_together, culprits=range(N))
-    yielded = []
+    yielded = {}
     with pytest.raises(FastcoilError, match="40 workers died in a row"):
-        yielded += found(pool, job, in_shards(size)).items()
+        found(pool, job, in_shards(size), yielded)
     assert not yielded
     assert not pool.runs
 
