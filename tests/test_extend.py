@@ -132,7 +132,7 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tm
     assert execute(study(larger), tmp_path / "out", extend=True).n_run == 0
 
 
-@pytest.mark.parametrize("n_shards", [1, 3])
+@pytest.mark.parametrize("n_shards", [1, pytest.param(3, marks=pytest.mark.full)])
 @pytest.mark.parametrize("name", ["middle", "a constant that is swept", "all at once"])
 def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name, n_shards):
     cut(monkeypatch, 5)
@@ -192,10 +192,17 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("other", "sentence"), REFUSED.values(), ids=REFUSED)
-@pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
-def test_what_is_no_extension_is_refused_and_nothing_touched(
-    study, tmp_path, monkeypatch, request, other, sentence, n_shards
-):
+@pytest.mark.parametrize("n_shards", [None, pytest.param(2, marks=pytest.mark.full)], ids=["finished", "unfinished"])
+def test_what_is_no_extension_is_refused_and_nothing_touched(study, tmp_path, monkeypatch, other, sentence, n_shards):
+    check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards)
+
+
+@pytest.mark.parametrize("name", ["a removed day", "another seed"])
+def test_an_unfinished_study_is_not_touched_by_what_is_no_extension(study, tmp_path, monkeypatch, name):
+    check_refused(study, tmp_path, monkeypatch, *REFUSED[name], n_shards=2)
+
+
+def check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards):
     cut(monkeypatch, 6)
     if n_shards is None:
         execute(study(BASE), tmp_path / "out")
