@@ -273,6 +273,7 @@ def test_the_environment_does_not_show(small_study, golden, tmp_path, engine, en
     env |= {"OMP_NUM_THREADS": "99", "TZ": "Asia/Kathmandu", "DASK_TEMPORARY_DIRECTORY": str(tmp_path)}
     code, _, err = ended(started(*words, cwd=tmp_path, **env))
     assert code == 0, err
+    assert (tmp_path / "out" / "study.toml").read_bytes() == small_study.read_bytes()
     with xr.open_dataset(tmp_path / "out" / "results.nc") as ds:
         assert hash_of(ds) == golden
 
@@ -287,6 +288,7 @@ def script_without_a_guard(folder, study, engine):
     return ended(started(script, cwd=folder, DASK_TEMPORARY_DIRECTORY=str(folder)))
 
 
+@pytest.mark.full
 def test_a_script_with_processes_needs_no_guard_around_its_main_part(small_study, golden, tmp_path):
     code, out, err = script_without_a_guard(tmp_path, small_study, "loky")
     assert code == 0, err

@@ -133,7 +133,9 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tm
 
 
 @pytest.mark.parametrize("n_shards", [1, pytest.param(3, marks=pytest.mark.full)])
-@pytest.mark.parametrize("name", ["middle", "a constant that is swept", "all at once"])
+@pytest.mark.parametrize(
+    "name", ["a constant that is swept", *(pytest.param(n, marks=pytest.mark.full) for n in ("middle", "all at once"))]
+)
 def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name, n_shards):
     cut(monkeypatch, 5)
     done = interrupted(study(BASE), tmp_path / "out", n_shards)
@@ -143,8 +145,8 @@ def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name,
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
 
 
-@pytest.mark.parametrize("again", [True, False], ids=["with --extend again", "without"])
-@pytest.mark.parametrize("before", [0, 2], ids=["finished before", "unfinished before"])
+@pytest.mark.parametrize("again", [True, pytest.param(False, marks=pytest.mark.full)])
+@pytest.mark.parametrize("before", [2, pytest.param(0, marks=pytest.mark.full)])
 def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, before, again):
     cut(monkeypatch, 5)
     if before:
@@ -318,7 +320,7 @@ def versions(draw):
     return small, large
 
 
-@pytest.mark.parametrize("n", [8, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("n", [4, pytest.param(200, marks=pytest.mark.full)])
 def test_any_sweep_can_grow(tmp_path_factory, n):
     @settings(max_examples=n)
     @given(versions=versions(), n_shards=st.integers(0, 3))

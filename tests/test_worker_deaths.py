@@ -253,7 +253,7 @@ def test_a_cluster_that_loses_all_its_workers_is_told_and_no_scenario_blamed(
     assert finished.results.attrs["content_sha256"] == golden
 
 
-@pytest.mark.parametrize("n_before", [10, 38], ids=["with shards waiting", "with none waiting"])
+@pytest.mark.parametrize("n_before", [pytest.param(10, marks=pytest.mark.full), 38])
 def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(small_study, golden, tmp_path, monkeypatch, n_before):
     cut(monkeypatch, 4)
     with cluster(tmp_path / "cluster", 1, "--no-nanny") as found:
