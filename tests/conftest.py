@@ -1,5 +1,7 @@
 """What several test files share: ready-made days, one way to run the reference, and what the interpreter skips."""
 
+import os
+
 import numpy as np
 import pytest
 import reference
@@ -12,6 +14,7 @@ settings.load_profile("fastcoil")
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
+    config.addinivalue_line("markers", "full: long loops, only with FASTCOIL_FULL=1")
 
 
 def pytest_collection_modifyitems(items):
@@ -21,6 +24,11 @@ def pytest_collection_modifyitems(items):
         skip = pytest.mark.skip(reason="the lane kernel is too slow without the compiler (NUMBA_DISABLE_JIT=1)")
         for item in items:
             if item.get_closest_marker("kernel"):
+                item.add_marker(skip)
+    if os.environ.get("FASTCOIL_FULL") != "1":
+        skip = pytest.mark.skip(reason="a long loop (FASTCOIL_FULL=1)")
+        for item in items:
+            if item.get_closest_marker("full"):
                 item.add_marker(skip)
 
 
@@ -110,3 +118,45 @@ def refused():
         return caught.value.problems
 
     return refused
+
+
+@pytest.fixture
+def leaves_nothing(tmp_path):
+    """Check that no process outlives the test, and have dask put its files into the test's folder."""
+    import processes
+
+    dask = pytest.importorskip("dask")
+    before = processes.children()
+    with dask.config.set({"temporary-directory": str(tmp_path / "dask")}):
+        yield
+    left = [p for pid, p in processes.children().items() if pid not in before]
+    alive = [p for p in left if not processes.gone([p], 3.0)]
+    assert not alive, [p.cmdline() for p in alive]
+
+
+@pytest.fixture(scope="session")
+def small_study(tmp_path_factory):
+    """A study file of 160 scenarios on two days, with traces."""
+    import processes
+
+    path = tmp_path_factory.mktemp("studies") / "small.toml"
+    path.write_text(processes.STUDY, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="session")
+def golden(small_study, tmp_path_factory):
+    """The hash of that study, from one thread."""
+    import fastcoil as fc
+
+    return fc.run_study(small_study, tmp_path_factory.mktemp("golden") / "out", n_jobs=1).attrs["content_sha256"]
+
+
+@pytest.fixture(scope="session")
+def two_workers(tmp_path_factory):
+    """A dask scheduler and two workers, as a user starts them."""
+    import processes
+
+    pytest.importorskip("distributed")
+    with processes.cluster(tmp_path_factory.mktemp("cluster"), 2, "--no-nanny") as found:
+        yield found

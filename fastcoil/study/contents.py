@@ -74,6 +74,7 @@ class Earlier:
     results: xr.Dataset | None = None
     old: np.ndarray | None = None
     new: np.ndarray | None = None
+    n_volumes: int = 0
 
     @classmethod
     def of(cls, folder: Path, study: Study, run: Begun) -> Earlier:
@@ -84,14 +85,14 @@ class Earlier:
         if results.attrs.get("model_sha256") != run.model_sha256:
             return cls()
         old, new = reusable(study.plan, attributes(study, run.model_sha256), results)
-        return cls(results, old, new)
+        return cls(results, old, new, study.plan.n_volumes)
 
     def parts(self, shards: Iterable[xr.Dataset], traces: Collection[str]) -> Iterator[xr.Dataset]:
         """All parts of the study: what was there before, with these traces only, and the shards."""
         if self.results is None or self.old is None or self.new is None or not self.new.size:
             return iter(shards)
         names = [n for n in self.results.data_vars if n not in TRACES or n in traces]
-        return chain([as_part(self.results[names], self.old, self.new)], shards)
+        return chain([as_part(self.results[names], self.old, self.new, self.n_volumes)], shards)
 
 
 def attributes(study: Study, model: str) -> dict[str, Any]:
