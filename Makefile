@@ -3,12 +3,16 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: study test lint clean
+.PHONY: study test test-full lint clean
 study: $(VENV)/.installed
 	$(BIN)/fastcoil run studies/robustness.toml -o results/robustness
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest
+
+# also what takes minutes
+test-full: export FASTCOIL_FULL = 1
+test-full: test
 
 lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .

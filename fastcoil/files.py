@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from fastcoil.errors import StorageError
@@ -28,25 +29,38 @@ def commit_written(path: Path, write: Callable[[Path], object]) -> None:
     """As ``commit``, for a library that wants to write the file by its name."""
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     try:
-        write(unfinished)
-        _synced(unfinished, os.O_RDWR)
-        os.replace(unfinished, path)
-        _synced(path.parent, os.O_RDONLY)
-    except (OSError, RuntimeError) as error:  # netCDF4 hides a full disk in a RuntimeError
-        _forget(unfinished)
-        reason = getattr(error, "strerror", None) or error
-        raise StorageError(
-            f"{path} cannot be written: {reason}; free some space or mend the folder, then run the same command again"
-        ) from error
+        with reported(path, "written"):
+            write(unfinished)
+            _synced(unfinished, os.O_RDWR)
+            os.replace(unfinished, path)
+            _synced(path.parent, os.O_RDONLY)
     except BaseException:
         _forget(unfinished)
         raise
 
 
+@contextmanager
+def reported(path: Path, done: str) -> Iterator[None]:
+    """Tell what the operating system refuses as a ``StorageError``: that ``path`` cannot be ``done``, and why."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # netCDF4 hides a full disk in a RuntimeError
+        reason = getattr(error, "strerror", None) or error
+        raise StorageError(
+            f"{path} cannot be {done}: {reason}; free some space or mend the folder, then run the same command again"
+        ) from error
+
+
+def is_unfinished(path: Path) -> bool:
+    """Whether a file is being written, or was left by a writer that was killed."""
+    return path.name.startswith(".") and path.name.endswith(UNFINISHED)
+
+
 def remove_unfinished(folder: Path) -> None:
     """Remove what a killed writer left in a folder; nobody else may be writing there."""
-    for path in folder.glob(f".*{UNFINISHED}"):
-        path.unlink(missing_ok=True)
+    with reported(folder, "tidied"):
+        for path in filter(is_unfinished, list(folder.iterdir())):
+            path.unlink(missing_ok=True)
 
 
 def _write(path: Path, data: bytes | memoryview) -> None:

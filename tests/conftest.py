@@ -14,21 +14,23 @@ settings.load_profile("fastcoil")
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
-    config.addinivalue_line("markers", "full: long loops, only with FASTCOIL_FULL=1")
+    config.addinivalue_line("markers", "full: takes minutes; run by `make test-full`")
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     from fastcoil.numerics.jit import JIT_ENABLED
 
+    if not os.environ.get("FASTCOIL_FULL"):
+        long = [item for item in items if item.get_closest_marker("full")]
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if item not in long]
+    else:
+        for item in items:
+            item.add_marker(pytest.mark.timeout(3600))
     if not JIT_ENABLED:
         skip = pytest.mark.skip(reason="the lane kernel is too slow without the compiler (NUMBA_DISABLE_JIT=1)")
         for item in items:
             if item.get_closest_marker("kernel"):
-                item.add_marker(skip)
-    if os.environ.get("FASTCOIL_FULL") != "1":
-        skip = pytest.mark.skip(reason="a long loop (FASTCOIL_FULL=1)")
-        for item in items:
-            if item.get_closest_marker("full"):
                 item.add_marker(skip)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,14 +11,15 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.engine.run import Traces, compile_kernel
-from fastcoil.errors import InputError, IntegrityError, StorageError, nearest
+from fastcoil.errors import FastcoilError, InputError, IntegrityError, nearest
+from fastcoil.files import reported
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
 from fastcoil.plan import settings
-from fastcoil.results import coordinate_attrs, provenance, save, variable_sha256
+from fastcoil.results import coordinate_attrs, provenance, save
 from fastcoil.simulation import run_shard
 from fastcoil.study.contents import begun_study, is_current, open_study
-from fastcoil.study.merge import opened
+from fastcoil.study.merge import opened, trace_problems
 from fastcoil.study.store import RESULTS, Begun, begun, in_use, inspected
 
 RERUNS = "reruns"
@@ -54,8 +54,8 @@ def verify(folder: Path) -> list[str]:
         problems += [f"{line}" for line in str(error).splitlines()]
     if (folder / RESULTS).exists():
         try:
-            problems += _trace_problems(folder, opened(folder))
-        except (StorageError, IntegrityError) as error:
+            problems += trace_problems(folder, opened(folder))
+        except FastcoilError as error:
             problems.append(str(error))
     return problems + [f"{path} {part}" for path, part in inspected(folder, run.key) if isinstance(part, str)]
 
@@ -93,10 +93,8 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **settings(plan)}
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in place.items()) or "scenario"
     path = folder / RERUNS / (re.sub(r"[^\w.=+-]", "-", name) + ".nc")
-    try:
+    with reported(path.parent, "made"):
         path.parent.mkdir(exist_ok=True)
-    except OSError as error:
-        raise StorageError(f"{path.parent} cannot be made: {error.strerror}; mend the folder") from error
     save(ds, path)
     return path, _against_stored(folder, ds, place)
 
@@ -111,19 +109,6 @@ def _begun(folder: Path) -> Begun:
 def _who(folder: Path) -> list[str]:
     holder = in_use(folder)
     return [f"It is being run by {holder}."] if holder else []
-
-
-def _trace_problems(folder: Path, ds: xr.Dataset) -> list[str]:
-    stored = json.loads(ds.attrs.get("trace_sha256", "{}"))
-    wrong = []
-    for name, digest in stored.items():
-        try:
-            same = name in ds.variables and variable_sha256(ds[name].variable) == digest
-        except (OSError, RuntimeError):  # whatever the library makes of damaged bytes
-            same = False
-        if not same:
-            wrong.append(f"{folder / ds.attrs['trace_file']}: {name} is not as it was written")
-    return wrong
 
 
 def _place(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:

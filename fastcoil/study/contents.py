@@ -13,10 +13,10 @@ import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.outputs import STATUS_NOT_RUN, TRACES
-from fastcoil.study.merge import opened, partial
+from fastcoil.study.merge import opened, partial, trace_problems
 from fastcoil.study.reuse import as_part, reusable
 from fastcoil.study.spec import Study, read_study
-from fastcoil.study.store import RESULTS, STUDY, Begun, begun, committed
+from fastcoil.study.store import RESULTS, STUDY, Begun, begun, begun_text, committed
 
 
 def open_study(folder: str | Path) -> xr.Dataset:
@@ -50,7 +50,12 @@ def begun_study(folder: Path, run: Begun) -> Study:
     IntegrityError
         If a file it reads is not what it was.
     """
-    study = read_study(folder / STUDY, Path(run.relative_to))
+    if begun_text(folder) is None:
+        raise IntegrityError(f"{folder / STUDY} is missing or damaged: bring it back, or run the study again")
+    try:
+        study = read_study(folder / STUDY, Path(run.relative_to))
+    except InputError as error:
+        raise IntegrityError(f"{folder}: what was begun cannot be read any more: bring it back\n{error}") from None
     if study.sha256 != run.study_sha256:
         what = (
             "the series of its [boundary]"
@@ -71,6 +76,7 @@ def is_current(ds: xr.Dataset, run: Begun) -> bool:
 class Earlier:
     """What a folder has of a smaller version of the study: its results, and where they are in both."""
 
+    n_scenarios: int
     results: xr.Dataset | None = None
     old: np.ndarray | None = None
     new: np.ndarray | None = None
@@ -79,20 +85,34 @@ class Earlier:
     @classmethod
     def of(cls, folder: Path, study: Study, run: Begun) -> Earlier:
         """Find it; nothing where there are no results, or only those of another model."""
+        n = study.plan.n_scenarios
         if not (folder / RESULTS).exists():
-            return cls()
+            return cls(n)
         results = opened(folder)
         if results.attrs.get("model_sha256") != run.model_sha256:
-            return cls()
+            return cls(n)
         old, new = reusable(study.plan, attributes(study, run.model_sha256), results)
-        return cls(results, old, new, study.plan.n_volumes)
+        # what is damaged must not be written again with a hash of its own
+        problems = trace_problems(folder, results)
+        if problems:
+            cure = f"delete {folder / RESULTS} and run the study again"
+            raise IntegrityError("\n".join(f"{problem}: {cure}" for problem in problems))
+        return cls(n, results, old, new, study.plan.n_volumes)
 
     def parts(self, shards: Iterable[xr.Dataset], traces: Collection[str]) -> Iterator[xr.Dataset]:
-        """All parts of the study: what was there before, with these traces only, and the shards."""
-        if self.results is None or self.old is None or self.new is None or not self.new.size:
-            return iter(shards)
-        names = [n for n in self.results.data_vars if n not in TRACES or n in traces]
-        return chain([as_part(self.results[names], self.old, self.new, self.n_volumes)], shards)
+        """All parts of the study: what was there before, with these traces only, and the shards.
+
+        Each scenario once: after a merge that was killed before it removed the shards, it is in both.
+        """
+        parts = shards
+        if self.results is not None and self.old is not None and self.new is not None and self.new.size:
+            names = [n for n in self.results.data_vars if n not in TRACES or n in traces]
+            parts = chain([as_part(self.results[names], self.old, self.new, self.n_volumes)], shards)
+        seen = np.zeros(self.n_scenarios, dtype=bool)
+        for part in parts:
+            index = part["scenario"].values
+            yield part.isel(scenario=~seen[index]) if seen[index].any() else part
+            seen[index] = True
 
 
 def attributes(study: Study, model: str) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,36 +13,67 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import IntegrityError
-from fastcoil.files import UNFINISHED, commit_written
-from fastcoil.outputs import METRICS, TRACES
+from fastcoil.files import UNFINISHED, commit_written, reported
+from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.plan import Plan, settings
 from fastcoil.results import combined_sha256, gather, load, provenance, save, unflattened, variable_sha256, write
-from fastcoil.study.store import RESULTS
+from fastcoil.study.store import RESULTS, discard_shards
 
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
 """Reads the parts of the study anew at every call, the named traces and all that is no trace: they need not fit in
 memory together."""
 
 
-def merge(folder: Path, plan: Plan, parts: Parts, traces: Sequence[str], attrs: dict[str, Any], key: str) -> xr.Dataset:
+def merge(
+    folder: Path,
+    plan: Plan,
+    parts: Parts,
+    traces: Sequence[str],
+    attrs: dict[str, Any],
+    key: str,
+    *,
+    complete: bool = True,
+) -> xr.Dataset:
     """Write all parts as one result, labelled; ``traces`` in a file of their own, named after ``key``.
 
     Returns it as ``opened`` does.
+
+    Raises
+    ------
+    IntegrityError
+        If parts were lost since they were written; unless ``complete``, only if they are lost in between.
     """
+
+    def found(names: Collection[str], n: int) -> Iterator[xr.Dataset]:
+        for part in parts(names):
+            n -= part.sizes["scenario"]
+            yield part
+        if n > 0:
+            raise IntegrityError(f"{folder}: {n:,} scenarios were lost after they had been run: run the study again")
+
     attrs = {"title": "", **provenance(), **settings(plan), **attrs}
-    ds = unflattened(gather(plan.n_scenarios, _without_traces(parts([]))), plan.layout)
+    everything = found([], plan.n_scenarios if complete else 0)
+    ds = unflattened(gather(plan.n_scenarios, _without_traces(everything)), plan.layout)
+    n_run = int((ds["status"] != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
     ds.attrs = attrs
     if traces:
         file = f"traces-{key[:8]}.nc"
-        hashes = _merge_traces(folder / file, plan, parts, traces, attrs)
+        hashes = _merge_traces(folder / file, plan, lambda names: found(names, n_run), traces, attrs)
         ds.attrs |= {"trace_file": file, "trace_sha256": json.dumps(hashes)}
     ds.attrs["content_sha256"] = combined_sha256(ds)
     save(ds, folder / RESULTS)
+    return tidied(folder, _with_traces(folder, ds))
+
+
+def tidied(folder: Path, ds: xr.Dataset) -> xr.Dataset:
+    """Remove shards and traces that the results made superfluous.  Returns the results."""
     for path in folder.glob("traces-*.nc"):
         if path.name != ds.attrs.get("trace_file"):
-            path.unlink()
-    return _with_traces(folder, ds)
+            with reported(path, "removed"):
+                path.unlink()
+    discard_shards(folder)
+    return ds
 
 
 def partial(plan: Plan, parts: Iterable[xr.Dataset], attrs: dict[str, Any]) -> xr.Dataset:
@@ -56,13 +88,27 @@ def opened(folder: Path) -> xr.Dataset:
     return _with_traces(folder, load(folder / RESULTS))
 
 
+def trace_problems(folder: Path, ds: xr.Dataset) -> list[str]:
+    """What is wrong with the traces of a result, a sentence each; reads all of them."""
+    stored = json.loads(ds.attrs.get("trace_sha256", "{}"))
+    wrong = []
+    for name, digest in stored.items():
+        try:
+            same = name in ds.variables and variable_sha256(ds[name].variable) == digest
+        except Exception:  # whatever the library makes of damaged bytes
+            same = False
+        if not same:
+            wrong.append(f"{folder / ds.attrs['trace_file']}: {name} is not as it was written")
+    return wrong
+
+
 def _with_traces(folder: Path, ds: xr.Dataset) -> xr.Dataset:
     if "trace_file" not in ds.attrs:
         return ds
     path = folder / ds.attrs["trace_file"]
     try:
         traces = xr.open_dataset(path, engine="netcdf4", decode_times=False, decode_timedelta=False)
-    except OSError as error:
+    except Exception as error:  # whatever the library makes of a damaged file
         raise IntegrityError(f"{path} cannot be read ({error}): delete {folder} and run the study again") from error
     return ds.assign(traces.data_vars).assign_coords(traces.coords)
 
@@ -83,7 +129,8 @@ def _merge_traces(path: Path, plan: Plan, parts: Parts, traces: Sequence[str], a
     try:
         commit_written(path, write_all)
     finally:
-        scratch.unlink(missing_ok=True)
+        with suppress(OSError):  # the next run removes it
+            scratch.unlink(missing_ok=True)
     return found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,12 +19,12 @@ from fastcoil.numerics.jit import model_sha256
 from fastcoil.plan import check_disk
 from fastcoil.simulation import workers
 from fastcoil.study.contents import Earlier, attributes, begun_study, is_current, open_study
-from fastcoil.study.merge import merge, opened
+from fastcoil.study.merge import merge, opened, tidied
 from fastcoil.study.pools import engine_problems, make_pool
 from fastcoil.study.reuse import reusable
 from fastcoil.study.rounds import Rounds
 from fastcoil.study.spec import Study, read_study
-from fastcoil.study.store import RESULTS, STUDY, Begun, begin, begun, commit_shard, committed, discard_shards, locked
+from fastcoil.study.store import RESULTS, Begun, begin, begun, begun_text, commit_shard, committed, locked
 from fastcoil.study.worker import Job
 
 Progress = Callable[[int], None]
@@ -114,13 +114,15 @@ def execute(
     run = Begun(study.sha256, plan.layout.boundary.sha256, model_sha256(), str(study.folder.absolute()))
     with locked(folder):
         there = begun(folder)
+        begins = there != run or begun_text(folder) != study.text
         if there is not None and there.study_sha256 != run.study_sha256:
             _check_may_change(folder, study, there, run, extend)
         elif (folder / RESULTS).exists():
             ds = opened(folder)
             if is_current(ds, run):
-                discard_shards(folder)
-                return Finished(folder, ds, 0)
+                if begins:  # what was begun was lost
+                    begin(folder, run, study.text)
+                return Finished(folder, tidied(folder, ds), 0)
         if there is not None and there.model_sha256 != run.model_sha256:
             warnings.warn(f"{folder} was computed with other sources of the model: all is computed again", stacklevel=2)
         earlier = Earlier.of(folder, study, run)
@@ -138,13 +140,13 @@ def execute(
             job = Job(run.key, plan, study.reduction)
             with closing(make_pool(engine, job, n_jobs, scheduler)) as pool:
                 for part in Rounds(pool, job).results(plan.shards(pool.n_workers, todo)):
-                    if there != run:
+                    if begins:
                         begin(folder, run, study.text)
-                        there = run
+                        begins = False
                     commit_shard(folder, part, run.key)
                     if tell:
                         tell(part.sizes["scenario"])
-        elif there != run:
+        elif begins:
             begin(folder, run, study.text)
         seconds = time.monotonic() - start
         speed = {"wall_time_s": round(seconds, 3), "scenario_days_per_s": round(todo.size / max(seconds, 1e-9), 1)}
@@ -157,14 +159,18 @@ def execute(
             attrs,
             run.key,
         )
-        discard_shards(folder)
     return Finished(folder, ds, todo.size)
 
 
 def _check_may_change(folder: Path, study: Study, there: Begun, run: Begun, extend: bool) -> None:
     """Refuse another study than the one that lies in the folder, unless it is extended."""
-    text = (folder / STUDY).read_text(encoding="utf-8")
     if not extend:
+        text = begun_text(folder)
+        if text is None:
+            raise IntegrityError(
+                f"{folder}: study.toml is missing or damaged, and another study was begun than this one: bring it "
+                "back, or choose another folder with -o"
+            )
         changes = [
             line
             for line in difflib.unified_diff(text.splitlines(), study.text.splitlines(), "there", "given", lineterm="")
@@ -185,19 +191,19 @@ def _check_may_change(folder: Path, study: Study, there: Begun, run: Begun, exte
                 ]
             )
         )
-    before = begun_study(folder, there)
     if (folder / RESULTS).exists() and is_current(opened(folder), there):
         return
+    before = begun_study(folder, there)
+    if there.model_sha256 != run.model_sha256:
+        return
     # what an unfinished run has becomes a result with scenarios that were not run, to be extended like any other
-    if there.model_sha256 == run.model_sha256:
-        earlier = Earlier.of(folder, before, there)
+    earlier = Earlier.of(folder, before, there)
+
+    def parts(traces: Collection[str]) -> Iterator[xr.Dataset]:
+        return earlier.parts(committed(folder, there.key), traces)
+
+    # all of them, so that what is damaged is set aside before it is opened
+    if sum(part.sizes["scenario"] for part in parts([])):
         reusable(study.plan, attributes(study, run.model_sha256), open_study(folder))
-        merge(
-            folder,
-            before.plan,
-            lambda traces: earlier.parts(committed(folder, there.key), traces),
-            before.kept_traces,
-            attributes(before, there.model_sha256),
-            there.key,
-        )
-        discard_shards(folder)
+        attrs = attributes(before, there.model_sha256)
+        merge(folder, before.plan, parts, before.kept_traces, attrs, there.key, complete=False)

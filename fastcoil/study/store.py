@@ -23,17 +23,20 @@ import platform
 import re
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from itertools import chain, count
 from pathlib import Path
 
 import netCDF4
+import numpy as np
 import xarray as xr
 from filelock import FileLock, Timeout
 
 from fastcoil.errors import InputError, IntegrityError, LockedError, StorageError
-from fastcoil.files import commit, remove_unfinished
+from fastcoil.files import commit, is_unfinished, remove_unfinished, reported
+from fastcoil.outputs import STATUS_MEANINGS, STATUS_NOT_RUN
 from fastcoil.results import image
 
 RESULTS, STUDY, BEGUN = "results.nc", "study.toml", "run.json"
@@ -72,28 +75,42 @@ def locked(folder: Path) -> Iterator[None]:
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: choose another folder with -o")
+    try:
+        str(folder.absolute()).encode()
+    except UnicodeEncodeError:  # the NetCDF library refuses it, after everything was run
+        raise InputError(f"{str(folder)!r} is not UTF-8: choose another folder with -o") from None
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     lock = FileLock(folder / _LOCK)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        with reported(folder, "written"):
+            folder.mkdir(parents=True, exist_ok=True)
+            _acquire(lock, folder)
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            holder = f"process {os.getpid()} on {platform.node()} since {now}"
+            (folder / _HOLDER).write_text(holder, encoding="utf-8")
+        remove_unfinished(folder)
+        yield
+    finally:
+        if lock.is_locked:
+            with suppress(OSError):  # whatever is left is in nobody's way
+                (folder / _HOLDER).unlink(missing_ok=True)
+                if made and [p.name for p in folder.iterdir()] == [_LOCK]:
+                    (folder / _LOCK).unlink()
+            lock.release()
+        with suppress(OSError):  # one that is not empty stays
+            for path in made:
+                path.rmdir()
+
+
+def _acquire(lock: FileLock, folder: Path) -> None:
+    try:
         lock.acquire(timeout=0)
     except Timeout:
         raise LockedError(
             f"{folder} is in use by {_holder(folder)}: wait for it, or choose another folder with -o"
         ) from None
-    except OSError as error:
-        raise StorageError(f"{folder} cannot be written: {error.strerror}; choose another folder with -o") from error
-    try:
-        _tell_holder(folder)
-        remove_unfinished(folder)
-        yield
-    finally:
-        (folder / _HOLDER).unlink(missing_ok=True)
-        lock.release()
-        if made and folder.is_dir() and [p.name for p in folder.iterdir()] == [_LOCK]:
-            (folder / _LOCK).unlink()
-            for path in made:
-                path.rmdir() if not any(path.iterdir()) else None
+    except NotImplementedError:
+        raise StorageError(f"{folder} is on a file system without locks: choose another folder with -o") from None
 
 
 def in_use(folder: Path) -> str | None:
@@ -105,18 +122,10 @@ def in_use(folder: Path) -> str | None:
         lock.acquire(timeout=0)
     except Timeout:
         return _holder(folder)
-    except OSError:  # nobody can write here
+    except (OSError, NotImplementedError):  # nobody can write here
         return None
     lock.release()
     return None
-
-
-def _tell_holder(folder: Path) -> None:
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    try:
-        (folder / _HOLDER).write_text(f"process {os.getpid()} on {platform.node()} since {now}", encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"{folder} cannot be written: {error.strerror}; free some space") from error
 
 
 def _holder(folder: Path) -> str:
@@ -138,31 +147,45 @@ def begun(folder: Path) -> Begun | None:
     if not path.exists():
         return None
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        with reported(path, "read"):
+            text = path.read_bytes()
+        found = json.loads(text)
         if found.get("format", 0) != FORMAT:
             raise IntegrityError(
                 f"{folder} was written by another version of fastcoil (format {found.get('format')}, this one writes "
                 f"{FORMAT}): use that version, or choose another folder with -o"
             )
         return Begun(**found)
-    except (OSError, ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise IntegrityError(f"{path} is damaged ({error}): choose another folder with -o, or delete it") from error
 
 
 def begin(folder: Path, run: Begun, text: str) -> None:
     """Write what is begun, before its first shard."""
-    commit(folder / STUDY, text.encode())
+    # in this order: if it is killed in between, the same command finds its own run, and writes the text again
     commit(folder / BEGUN, (json.dumps(asdict(run), indent=1) + "\n").encode())
+    commit(folder / STUDY, text.encode())
+
+
+def begun_text(folder: Path) -> str | None:
+    """The text that was begun, or ``None`` where it is missing or cannot be understood."""
+    try:
+        with reported(folder / STUDY, "read"):
+            return (folder / STUDY).read_bytes().decode()
+    except UnicodeDecodeError:
+        return None
+    except StorageError:
+        if (folder / STUDY).exists():
+            raise
+        return None
 
 
 def commit_shard(folder: Path, part: xr.Dataset, key: str) -> None:
     """Keep the results of a shard (flat, see ``results.flat``) for good."""
     data = image(part.assign_attrs(study=key), compressed=False)  # it does not live long
     shards = folder / SHARDS
-    try:
+    with reported(shards, "made"):
         shards.mkdir(exist_ok=True)
-    except OSError as error:
-        raise StorageError(f"{shards} cannot be made: {error.strerror}; mend the folder and run again") from error
     name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
     commit(shards / name, data)
 
@@ -188,7 +211,15 @@ def committed(folder: Path, key: str, *, mend: bool = True) -> Iterator[xr.Datas
 def inspected(folder: Path, key: str) -> Iterator[tuple[Path, xr.Dataset | str]]:
     """Every file among the shards: its content, or what is wrong with it."""
     for path in sorted((folder / SHARDS).glob("*")):
-        yield path, _opened(path, key)
+        if is_unfinished(path):
+            continue
+        try:
+            part = _opened(path, key)
+        except StorageError:
+            if path.exists():
+                raise
+            continue  # the run that is going on here has finished meanwhile
+        yield path, part
 
 
 def discard_shards(folder: Path) -> None:
@@ -196,37 +227,44 @@ def discard_shards(folder: Path) -> None:
     shards = folder / SHARDS
     if not shards.is_dir():
         return
-    try:
-        for path in shards.iterdir():
-            path.unlink()
+    remove_unfinished(shards)
+    with reported(shards, "removed"):
+        for path in list(shards.iterdir()):
+            path.unlink() if _SHARD_NAME.fullmatch(path.name) else _set_aside(folder, path)
         shards.rmdir()
-    except OSError as error:
-        raise StorageError(f"{shards} cannot be removed: {error.strerror}; the results are complete") from error
 
 
 def _opened(path: Path, key: str) -> xr.Dataset | str:
     """A shard, or what is wrong with it."""
     named = _SHARD_NAME.fullmatch(path.name)
-    if not named or not path.is_file():
+    if not named or path.is_dir():
         return "is no shard"
-    data = path.read_bytes()
+    with reported(path, "read"):
+        data = path.read_bytes()
     # before anything else: the HDF5 library may crash on damaged bytes
     if hashlib.sha256(data).hexdigest()[:32] != named[2]:
         return "is not as it was written"
-    with netCDF4.Dataset(path.name, memory=data) as file:
-        stored = xr.backends.NetCDF4DataStore(file)  # type: ignore[no-untyped-call]
-        part = xr.open_dataset(stored, decode_times=False, decode_timedelta=False).load()
+    try:
+        with netCDF4.Dataset(path.name, memory=data) as file:
+            stored = xr.backends.NetCDF4DataStore(file)  # type: ignore[no-untyped-call]
+            part = xr.open_dataset(stored, decode_times=False, decode_timedelta=False).load()
+    except (OSError, RuntimeError, ValueError):  # whatever the library makes of something else
+        return "is no NetCDF file"
+    return _problem(part, key, int(named[1])) or part
+
+
+def _problem(part: xr.Dataset, key: str, first: int) -> str | None:
     if part.attrs.get("study") != key:
         return "belongs to another study or another version of the model"
-    if part["scenario"].values[0] != int(named[1]):
+    if not {"scenario", "status"} <= part.variables.keys() or part["scenario"].values[:1] != first:
         return "is not what its name says"
-    return part
+    were_run = np.delete(np.arange(len(STATUS_MEANINGS)), STATUS_NOT_RUN)
+    return None if np.isin(part["status"], were_run).all() else "was never filled"
 
 
 def _set_aside(folder: Path, path: Path) -> None:
     quarantine = folder / QUARANTINE
-    try:
+    with reported(path, f"moved to {quarantine}"):
         quarantine.mkdir(exist_ok=True)
-        os.replace(path, quarantine / path.name)
-    except OSError as error:
-        raise StorageError(f"{path} cannot be moved to {quarantine}: {error.strerror}; mend the folder") from error
+        names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
+        os.replace(path, next(quarantine / name for name in names if not (quarantine / name).exists()))
