@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fastcoil.simulation import simulate as simulate
     from fastcoil.study.contents import open_study as open_study
     from fastcoil.study.runner import run_study as run_study
+    from fastcoil.variance import sobol_indices as sobol_indices
 
 _HOME = {
     "Boundary": "boundary",
@@ -32,6 +33,7 @@ _HOME = {
     "paper_day": "boundary.days",
     "run_study": "study.runner",
     "simulate": "simulation",
+    "sobol_indices": "variance",
     "weather_day": "boundary.weather",
 }
 

@@ -14,7 +14,7 @@ UNFINISHED = ".tmp"
 """Suffix of a file that is being written."""
 
 
-def commit(path: Path, data: bytes) -> None:
+def commit(path: Path, data: bytes | memoryview) -> None:
     """Write ``data`` so that ``path`` is, at any moment, the whole new file or what it was before.
 
     Raises
@@ -63,7 +63,7 @@ def remove_unfinished(folder: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _write(path: Path, data: bytes) -> None:
+def _write(path: Path, data: bytes | memoryview) -> None:
     with path.open("xb") as file:
         file.write(data)
 

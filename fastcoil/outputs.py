@@ -7,6 +7,9 @@ from dataclasses import dataclass
 STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
 
+LEARNING_STATUS = ("off", "learning", "stepped_down", "stopped", "no_evidence", "not_identifiable")
+"""Flags of ``learning_status``."""
+
 WARM_UP = 1800
 """Default of the seconds left out of every metric, as in section 2.2 of the paper."""
 SETTLING_TIME = 600
@@ -21,7 +24,11 @@ ESTIMATE_WINDOW = 7200
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """One result variable: ``difference`` marks temperature differences, ``per_volume`` a dim ``volume``."""
+    """One result variable.
+
+    ``difference`` marks temperature differences, ``per_volume`` a dim ``volume``; ``flags`` are the meanings of a
+    variable that is 0, 1, ….
+    """
 
     name: str
     unit: str
@@ -29,6 +36,7 @@ class Output:
     comment: str = ""
     difference: bool = False
     per_volume: bool = False
+    flags: tuple[str, ...] = ()
 
 
 METRICS: dict[str, Output] = {
@@ -85,6 +93,14 @@ METRICS: dict[str, Output] = {
         ),
         Output("learn_time_first_down", "s", "time of the first step down", "NaN = never (censored)"),
         Output("estimate_first_down", "1", "backlash estimate after the first step down", "NaN = never (censored)"),
+        Output(
+            "learning_status",
+            "1",
+            "what became of the learner",
+            "no_evidence, not_identifiable: no interval could serve as reference, the last one for lack or excess of "
+            "switches",
+            flags=LEARNING_STATUS,
+        ),
         Output(
             "coil_energy",
             "kW h",

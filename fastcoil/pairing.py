@@ -67,7 +67,11 @@ def compare(
         For a dim, label or metric that ``ds`` does not have.
     """
     over = [over] if isinstance(over, str) else list(over)
-    names = list(metrics) if metrics is not None else [str(n) for n in ds.data_vars if n in METRICS]
+    names = (
+        list(metrics)
+        if metrics is not None
+        else [str(n) for n in ds.data_vars if n in METRICS and not METRICS[str(n)].flags]
+    )
     _check(ds, baseline, over, names, level)
     ok = ds["status"] == STATUS_OK
     weights = _weights([ds.sizes[d] for d in over])

@@ -173,6 +173,41 @@ _TABLE = (
         "learning_cap", "learner", "1", 0.25, "largest estimate the learner may reach", 0.0, 0.9, open_lower=True
     ),
     Parameter(
+        "learning_min_switches",
+        "learner",
+        "1",
+        0.0,
+        "mode switches below which an interval is no evidence: no step",
+        0.0,
+    ),
+    Parameter(
+        "learning_max_reference",
+        "learner",
+        "1",
+        1.0,
+        "share of samples with a switch above which the first interval is no reference: no step",
+        0.0,
+        1.0,
+        open_lower=True,
+    ),
+    Parameter(
+        "learning_early_trip",
+        "learner",
+        "1",
+        0.0,
+        "1 = step down as soon as the switches exceed those of a whole interval, 0 = at its end",
+        0.0,
+        1.0,
+        whole=True,
+    ),
+    Parameter(
+        "learning_growth", "learner", "1", 1.0, "factor of each step up over the last, until one goes down", 1.0, 10.0
+    ),
+    Parameter("learning_shrink", "learner", "1", 1.0, "factor of all steps after one down", 0.0, 1.0, open_lower=True),
+    Parameter(
+        "learning_final", "learner", "1", 1.0, "factor of the estimate where learning stops", 0.0, 1.0, open_lower=True
+    ),
+    Parameter(
         "learning_stop",
         "learner",
         "",

@@ -113,9 +113,11 @@ def unflattened(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
     return ds
 
 
-def attributes(output: Output) -> dict[str, str]:
+def attributes(output: Output) -> dict[str, Any]:
     """CF attributes of a result variable."""
-    attrs = {"long_name": output.long_name, "units": output.unit}
+    attrs: dict[str, Any] = {"long_name": output.long_name, "units": output.unit}
+    if output.flags:
+        attrs |= {"flag_values": np.arange(len(output.flags), dtype=float), "flag_meanings": " ".join(output.flags)}
     if output.difference:
         attrs["units_metadata"] = "temperature: difference"
     if output.comment:
@@ -206,9 +208,9 @@ def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
         digest.update(f"{key}={text}\n".encode())
 
 
-def image(ds: xr.Dataset, *, compressed: bool = True) -> bytes:
+def image(ds: xr.Dataset, *, compressed: bool = True) -> bytes | memoryview:
     """The Dataset as a NetCDF file in memory: a writer that is killed leaves no file that opens."""
-    return bytes(ds.to_netcdf(engine="netcdf4", encoding=_encoding(ds) if compressed else {}))
+    return ds.to_netcdf(engine="netcdf4", encoding=_encoding(ds) if compressed else {})
 
 
 def save(ds: xr.Dataset, path: Path) -> None:

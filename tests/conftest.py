@@ -120,3 +120,45 @@ def refused():
         return caught.value.problems
 
     return refused
+
+
+@pytest.fixture
+def leaves_nothing(tmp_path):
+    """Check that no process outlives the test, and have dask put its files into the test's folder."""
+    import processes
+
+    dask = pytest.importorskip("dask")
+    before = processes.children()
+    with dask.config.set({"temporary-directory": str(tmp_path / "dask")}):
+        yield
+    left = [p for pid, p in processes.children().items() if pid not in before]
+    alive = [p for p in left if not processes.gone([p], 3.0)]
+    assert not alive, [p.cmdline() for p in alive]
+
+
+@pytest.fixture(scope="session")
+def small_study(tmp_path_factory):
+    """A study file of 160 scenarios on two days, with traces."""
+    import processes
+
+    path = tmp_path_factory.mktemp("studies") / "small.toml"
+    path.write_text(processes.STUDY, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="session")
+def golden(small_study, tmp_path_factory):
+    """The hash of that study, from one thread."""
+    import fastcoil as fc
+
+    return fc.run_study(small_study, tmp_path_factory.mktemp("golden") / "out", n_jobs=1).attrs["content_sha256"]
+
+
+@pytest.fixture(scope="session")
+def two_workers(tmp_path_factory):
+    """A dask scheduler and two workers, as a user starts them."""
+    import processes
+
+    pytest.importorskip("distributed")
+    with processes.cluster(tmp_path_factory.mktemp("cluster"), 2, "--no-nanny") as found:
+        yield found

@@ -59,6 +59,12 @@ PAPER_LIKE = {
     "learning_ratio": 2.0,
     "learning_floor": 0.0,
     "learning_cap": 0.25,
+    "learning_min_switches": 0.0,
+    "learning_max_reference": 1.0,
+    "learning_early_trip": 0,
+    "learning_growth": 1.0,
+    "learning_shrink": 1.0,
+    "learning_final": 1.0,
     "learning_stop": "never",
 }
 
@@ -95,6 +101,7 @@ METRICS = (
     "learn_time_confirmed",
     "learn_time_first_down",
     "estimate_first_down",
+    "learning_status",
     "coil_energy",
     "coil_peak_power",
     "water_volume",
@@ -385,48 +392,111 @@ def backlash_inverse(u, estimate, buffer, mode, u_extreme, command):
 
 
 class Learner:
-    """The self-learning rule of section 3.3 of the paper: the estimate [strokes] and when it got where."""
+    """The self-learning rule of section 3.3 of the paper, and what can be changed in it.
 
-    def __init__(self, parameters):
+    An interval that is no evidence is as if it had not been: no step, and no reference frequency from it.
+    """
+
+    def __init__(self, parameters, open_loop):
         p = parameters
-        self.step = p["learning_step"]
+        self.is_off = p["learning_step"] <= 0.0 or open_loop
+        self.growth = p["learning_growth"]
+        self.step = p["learning_step"] / self.growth  # as if one step up had been made before
         self.interval = int(p["learning_interval"])
+        self.interval_end = self.interval
         self.ratio = p["learning_ratio"]
         self.floor = p["learning_floor"]
+        self.least_switches = p["learning_min_switches"]
+        self.highest_reference = p["learning_max_reference"] * 600.0 / p["sample_time"]
+        self.trips_early = p["learning_early_trip"] == 1
+        self.sample_time = int(p["sample_time"])
+        self.shrink = p["learning_shrink"]
+        self.final = p["learning_final"]
         self.lowest = p["backlash_estimate"]
         self.highest = p["learning_cap"]
         self.stops_at_first_down = p["learning_stop"] == "first_step_down"
-        self.reached_from = p["backlash"] - self.step / 2.0 - 1e-12
+        self.reached_from = p["backlash"] - p["learning_step"] / 2.0 - 1e-12
         self.estimate = p["backlash_estimate"]
         self.reference_frequency = None
+        self.missing = None
         self.time_reached = math.nan
         self.time_confirmed = math.nan
         self.time_first_down = math.nan
         self.estimate_first_down = math.nan
 
-    def is_due(self, t):
-        """Whether the estimate is updated at second t."""
-        if self.step <= 0.0 or t == 0 or t % self.interval != 0:
+    @property
+    def has_stopped(self):
+        """Whether learning is over."""
+        return self.stops_at_first_down and not math.isnan(self.time_first_down)
+
+    @property
+    def status(self):
+        """What became of the learner: its number among the flags of learning_status."""
+        if self.is_off:
+            return 0.0
+        if self.has_stopped:
+            return 3.0
+        if not math.isnan(self.time_first_down):
+            return 2.0
+        if self.reference_frequency is None and self.missing is not None:
+            return {"no_evidence": 4.0, "not_identifiable": 5.0}[self.missing]
+        return 1.0
+
+    def is_due(self, t, switches):
+        """Whether the estimate is looked at in second t, after so many mode switches in the interval so far."""
+        if self.is_off or self.has_stopped or t == 0:
             return False
-        return not (self.stops_at_first_down and not math.isnan(self.time_first_down))
+        if t == self.interval_end:
+            return True
+        may_trip = self.trips_early and t % self.sample_time == 0 and self.reference_frequency is not None
+        return may_trip and self.is_chatter(switches)
+
+    def is_chatter(self, switches):
+        """Whether so many switches are too many for a whole interval."""
+        threshold = self.ratio * max(self.reference_frequency, self.floor)
+        return switches / (self.interval / 600.0) > threshold
 
     def update(self, t, switches):
-        """Step the estimate at second t, given the mode switches of the interval that ends there."""
+        """End the interval at second t, given its mode switches; the next one begins there."""
+        self.interval_end = t + self.interval
         frequency = switches / (self.interval / 600.0)
+        if switches < self.least_switches:
+            self.missing = "no_evidence"
+            return
         if self.reference_frequency is None:
+            if frequency > self.highest_reference:
+                self.missing = "not_identifiable"
+                return
             self.reference_frequency = frequency
-        threshold = self.ratio * max(self.reference_frequency, self.floor)
-        down = not frequency <= threshold
-        self.estimate += -self.step if down else self.step
-        self.estimate = clip(self.estimate, self.lowest, self.highest)
+        self.missing = None
+        if self.is_chatter(switches):
+            self.step_down(t)
+        else:
+            self.step_up(t)
 
-        if math.isnan(self.time_reached) and self.estimate >= self.reached_from:
-            self.time_reached = float(t)
-        if down and math.isnan(self.time_confirmed) and not math.isnan(self.time_reached):
+    def step_up(self, t):
+        """One step up, longer than the last one if none went down yet."""
+        if math.isnan(self.time_first_down):
+            self.step *= self.growth
+        self.move_by(self.step, t)
+
+    def step_down(self, t):
+        """One step down, as long as the last one up, and shorter ones after it; the first one may be the end."""
+        self.move_by(-self.step, t)
+        self.step *= self.shrink
+        if math.isnan(self.time_confirmed) and not math.isnan(self.time_reached):
             self.time_confirmed = float(t)
-        if down and math.isnan(self.time_first_down):
+        if math.isnan(self.time_first_down):
             self.time_first_down = float(t)
             self.estimate_first_down = self.estimate
+            if self.stops_at_first_down:
+                self.estimate = max(self.estimate * self.final, self.lowest)
+
+    def move_by(self, distance, t):
+        """Move the estimate within its limits."""
+        self.estimate = clip(self.estimate + distance, self.lowest, self.highest)
+        if math.isnan(self.time_reached) and self.estimate >= self.reached_from:
+            self.time_reached = float(t)
 
 
 # The loop
@@ -477,7 +547,7 @@ def simulate(
     T_a = [p["T_initial"]] * n_volumes
     W_a = [W_a_in[0]] * n_volumes
     T_sensor = drawn_noise = 0.0
-    learner = Learner(p)
+    learner = Learner(p, open_loop)
     switches_in_interval = 0
     u = integral = u_extreme = cmd = 0.0
     mode = FALLING
@@ -505,7 +575,7 @@ def simulate(
             cmd = commands[t]
         else:
             # Learner
-            if learner.is_due(t):
+            if learner.is_due(t, switches_in_interval):
                 learner.update(t, switches_in_interval)
                 switches_in_interval = 0
 
@@ -626,6 +696,7 @@ def switching_metrics(switches, estimate, learner, counted, warm_up, open_loop):
         "learn_time_confirmed": learner.time_confirmed,
         "learn_time_first_down": learner.time_first_down,
         "estimate_first_down": learner.estimate_first_down,
+        "learning_status": learner.status,
     }
 
 

@@ -16,7 +16,9 @@ UNIFORM = {"backlash": {"uniform": [0.02, 0.15]}, "kp": {"uniform": [0.01, 0.05]
 
 
 def draw(method="latin_hypercube", size=SIZE, seed=0, **shapes):
-    return sample_values({"method": method, "size": size, "seed": seed} | (shapes or UNIFORM))
+    """Values by name; of the two samples of a saltelli design the first."""
+    drawn = sample_values({"method": method, "size": size, "seed": seed} | (shapes or UNIFORM))
+    return {name: (v.sel(design="A") if "design" in v.dims else v).values for name, v in drawn.items()}
 
 
 @pytest.fixture

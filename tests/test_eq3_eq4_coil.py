@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import reference
 
-from fastcoil.physics.coil import air_heat, effectiveness, metal, outlet_humidity, water
-from fastcoil.physics.psychrometrics import enthalpy, humidity_ratio, saturation_humidity_ratio
+from fastcoil.physics.coil import air_heat, condensed, effectiveness, metal, water, water_heat
+from fastcoil.physics.psychrometrics import enthalpy_difference, saturation_humidity_ratio
 
 CP_W, CP_A = 4.186, 1.02
 EXPONENTS = [-5.0, -0.45, -0.2, 0.0, 0.3, 5.0]
@@ -50,28 +50,31 @@ def test_one_volume_stores_what_air_and_water_bring(wet):
     for T_w, T_w_in, T_c, T_in, W_in, m_w, m_a in random_volumes():
         G_w = effectiveness(0.32, -0.2, m_w) * m_w * CP_W
         eps_a, eps_star = effectiveness(0.40, -0.45, m_a), effectiveness(0.42, -0.42, m_a)
-        h_in, h_s = enthalpy(T_in, W_in), enthalpy(T_c, saturation_humidity_ratio(T_c, 101325.0))
-        cooled, dried = eps_a * (T_in - T_c), eps_star * (h_in - h_s)
-        Q_a = air_heat(wet, m_a, cooled, dried, CP_A)
-        stored = C_c * (metal(T_c, Q_a, G_w, T_w_in, 1.0 / C_c) - T_c)
-        stored += C_w * (water(T_w, T_w_in, T_c, m_w * CP_W, G_w, 1.0 / C_w) - T_w)
+        W_s = saturation_humidity_ratio(T_c, 101325.0)
+        cooled, dried = eps_a * (T_in - T_c), eps_star * enthalpy_difference(T_in, W_in, T_c, W_s)
+        Q_a, Q_w = air_heat(wet, m_a, cooled, dried, CP_A), water_heat(G_w, T_c, T_w_in)
+        stored = C_c * (metal(T_c, Q_a, Q_w, 1.0 / C_c) - T_c)
+        stored += C_w * (water(T_w, T_w_in, Q_w, m_w * CP_W, 1.0 / C_w) - T_w)
         lost_by_air = m_a * dried if wet else m_a * CP_A * cooled
         assert stored == pytest.approx(lost_by_air + m_w * CP_W * (T_w_in - T_w), abs=1e-11)
 
 
 def test_without_water_flow_the_water_stands_still_to_the_bit():
     for T_w, T_w_in, T_c, *_ in random_volumes():
-        assert water(T_w, T_w_in, T_c, 0.0, effectiveness(0.32, -0.2, 0.0) * 0.0, 1.0 / 8.8) == T_w
+        Q_w = water_heat(effectiveness(0.32, -0.2, 0.0) * 0.0, T_c, T_w_in)
+        assert water(T_w, T_w_in, Q_w, 0.0, 1.0 / 8.8) == T_w
 
 
 def test_dry_air_keeps_its_humidity_and_wet_air_gains_none():
     for *_, T_c, T_in, W_in, _, m_a in random_volumes():
-        h_in = enthalpy(T_in, W_in)
-        h_s = enthalpy(T_c, saturation_humidity_ratio(T_c, 101325.0))
-        h_out = h_in - effectiveness(0.42, -0.42, m_a) * (h_in - h_s)
-        T_out = T_in - effectiveness(0.4, -0.45, m_a) * (T_in - T_c)
-        assert outlet_humidity(False, W_in, h_out, T_out) == W_in
-        assert outlet_humidity(True, W_in, h_out, T_out) == min(humidity_ratio(h_out, T_out), W_in)
+        h_in = reference.enthalpy(T_in, W_in)
+        h_s = reference.enthalpy(T_c, saturation_humidity_ratio(T_c, 101325.0))
+        cooled = effectiveness(0.4, -0.45, m_a) * (T_in - T_c)
+        dried = effectiveness(0.42, -0.42, m_a) * (h_in - h_s)
+        T_out = T_in - cooled
+        W_out = min(reference.humidity_ratio(h_in - dried, T_out), W_in)
+        assert condensed(False, W_in, cooled, dried, T_out) == 0.0
+        assert W_in - condensed(True, W_in, cooled, dried, T_out) == pytest.approx(W_out, abs=1e-16)
 
 
 # The whole coil

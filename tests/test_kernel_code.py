@@ -26,7 +26,7 @@ LAYERS = [
     {"stability", "results"},
     {"plan"},
     {"simulation"},
-    {"plots", "pairing"},
+    {"plots", "pairing", "variance"},
     {"study"},
     {"progress"},
     {"cli"},
@@ -123,8 +123,8 @@ SCALAR_SHARE = {
     "actuate": 0,
     "deliver": 0,
     "air_side": 0.3,
-    "enter": 0.3,
-    "march": 1.1,
+    "march_water": 1.1,
+    "march_air": 1.1,
     "account_second": 1.1,
 }
 
@@ -142,8 +142,8 @@ def assembly_of(name):
         "actuate": (plant.actuate, (A, b)),
         "deliver": (plant.deliver, (A,)),
         "air_side": (plant.air_side, (A, f)),
-        "enter": (plant.enter, (A, A, i, f, f, f)),
-        "march": (plant.march, (A, A, i, b, b, f, f, f, b)),
+        "march_water": (plant.march_water, (A, A, i)),
+        "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
         "account_second": (metrics.account_second, (A, A, i, f, f, i)),
     }[name]
     return next(iter(numba.njit(signature, **_FLAGS)(section.py_func).inspect_asm().values()))

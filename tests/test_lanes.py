@@ -65,6 +65,9 @@ def mixed():
     columns["beta3"] = rng.choice([0.38, 0.40], N)
     columns["rangeability"] = rng.choice([math.nan, 40.0], N)
     columns["authority"], columns["m_full"] = np.full(N, 0.4), np.full(N, 1.7)
+    columns["learning_early_trip"] = rng.choice([0.0, 1.0], N)
+    columns["learning_ratio"] = rng.choice([0.5, 2.0], N)
+    columns["learning_growth"] = rng.choice([1.0, 2.0], N)
     return columns
 
 

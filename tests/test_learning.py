@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from fastcoil.control.learning import chatters, switch_frequency, updated
+from fastcoil.control.learning import (
+    ENOUGH,
+    QUIET,
+    UNMEASURABLE,
+    chatters,
+    evidence,
+    final_estimate,
+    step_size,
+    switch_frequency,
+    updated,
+)
+from fastcoil.outputs import LEARNING_STATUS
 
 STEP = 0.007
 RESTLESS = {"learning_step": STEP, "learning_interval": 600.0}
@@ -151,3 +162,127 @@ def test_a_learner_that_may_not_step_is_the_fixed_inverse(hour):
         fc.Loop(**RESTLESS, backlash_estimate=0.04, learning_cap=0.04), hour, traces=["T_sup"], warm_up=600
     )
     np.testing.assert_array_equal(fixed.T_sup.values, capped.T_sup.values)
+
+
+@pytest.mark.parametrize(
+    ("switches", "f", "f_ref", "min_switches", "max_reference", "expected"),
+    [
+        (0.0, 0.0, -1.0, 0.0, 1.0, ENOUGH),
+        (0.0, 0.0, -1.0, 1.0, 1.0, QUIET),
+        (0.0, 0.0, 3.0, 1.0, 1.0, QUIET),
+        (1.0, 0.3, -1.0, 1.0, 1.0, ENOUGH),
+        # at a sample time of 30 s there are 20 samples, and at most 20 switches, in 10 min
+        (60.0, 20.0, -1.0, 0.0, 1.0, ENOUGH),
+        (24.0, 8.0, -1.0, 0.0, 0.4, ENOUGH),
+        (25.0, 8.4, -1.0, 0.0, 0.4, UNMEASURABLE),
+        (25.0, 8.4, 2.0, 0.0, 0.4, ENOUGH),
+    ],
+)
+def test_an_interval_is_evidence_unless_it_is_quiet_or_no_reference(
+    switches, f, f_ref, min_switches, max_reference, expected
+):
+    assert evidence(switches, f, f_ref, 30.0, min_switches, max_reference) == expected
+
+
+@pytest.mark.parametrize(
+    ("down", "climbing", "expected"), [(False, True, 0.02), (False, False, 0.01), (True, True, 0.01)]
+)
+def test_steps_grow_on_the_first_climb_and_one_down_undoes_the_last(down, climbing, expected):
+    assert step_size(0.01, down, climbing, 2.0) == expected
+
+
+def test_the_final_estimate_is_a_share_of_the_last_but_not_below_the_start():
+    assert final_estimate(0.07, 0.95, 0.0) == pytest.approx(0.0665, abs=1e-16)
+    assert final_estimate(0.07, 0.95, 0.069) == 0.069
+
+
+@pytest.mark.kernel
+def test_numbers_at_their_defaults_are_the_rule_of_the_paper(paper_staircase, working_day):
+    ds, stairs = learned(
+        {
+            "learning_step": STEP,
+            "backlash_estimate": STEP,
+            "learning_min_switches": 0.0,
+            "learning_max_reference": 1.0,
+            "learning_early_trip": 0,
+            "learning_growth": 1.0,
+            "learning_shrink": 1.0,
+        },
+        working_day,
+    )
+    np.testing.assert_array_equal(stairs, paper_staircase[1])
+    assert LEARNING_STATUS[int(ds.learning_status)] == "stepped_down"
+
+
+@pytest.mark.kernel
+def test_with_a_hold_a_quiet_loop_stays_where_it_is_and_says_so():
+    import fastcoil as fc
+
+    quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **RESTLESS, "learning_min_switches": 1.0}
+    # switches on the way to the set point are over after ten minutes
+    ds, stairs = learned(quiet, fc.constant_day(hours=2))
+    assert stairs[-1] <= 3 * STEP
+    assert np.all(stairs[4:] == stairs[4])
+    still, stairs = learned({**quiet, "learning_min_switches": 1e6}, fc.constant_day(hours=2))
+    assert np.all(stairs == 0.0)
+    assert LEARNING_STATUS[int(still.learning_status)] == "no_evidence"
+    assert int(still.status) == 0
+
+
+@pytest.mark.kernel
+def test_noise_that_switches_at_nearly_every_sample_is_not_identifiable(hour):
+    noisy = {**RESTLESS, "noise_std": 0.5, "sample_time": 5.0, "learning_max_reference": 0.3}
+    ds, stairs = learned(noisy, hour)
+    assert np.all(stairs == 0.0)
+    assert LEARNING_STATUS[int(ds.learning_status)] == "not_identifiable"
+    assert np.isfinite(ds.rmse)
+
+
+@pytest.mark.kernel
+def test_an_early_trip_does_not_wait_for_the_end_of_the_interval(working_day):
+    import fastcoil as fc
+
+    slow = {"learning_step": 0.02, "backlash_estimate": 0.02, "learning_interval": 3600.0}
+    late, early = (fc.simulate(fc.Loop(**slow, learning_early_trip=k), working_day) for k in (0, 1))
+    assert float(late.learn_time_first_down) % 3600 == 0
+    assert float(early.learn_time_first_down) % 3600 != 0
+    assert float(early.learn_time_first_down) % 30 == 0
+    assert float(early.learn_time_first_down) < float(late.learn_time_first_down)
+    assert float(early.estimate_first_down) == float(late.estimate_first_down)
+
+
+@pytest.mark.kernel
+def test_a_growing_step_climbs_in_powers_of_two_and_then_halves(working_day):
+    import fastcoil as fc
+
+    loop = {"learning_step": 0.005, "learning_interval": 600.0, "learning_growth": 2.0, "learning_shrink": 0.5}
+    ds = fc.simulate(fc.Loop(**loop), working_day, traces=["estimate"], trace_interval=600)
+    moves = np.diff(ds.estimate.values)
+    first_down = int(np.argmax(moves < 0.0))
+    np.testing.assert_allclose(moves[:first_down], 0.005 * 2.0 ** np.arange(first_down), atol=1e-15)
+    assert -moves[first_down] == pytest.approx(moves[first_down - 1])
+    downs = -moves[moves < -1e-12]
+    np.testing.assert_allclose(downs, downs[0] * 0.5 ** np.arange(downs.size), rtol=1e-6)
+    assert abs(float(ds.estimate_final) - 0.07) < 0.01
+
+
+@pytest.mark.kernel
+def test_the_final_factor_acts_once_where_learning_stops(working_day):
+    import fastcoil as fc
+
+    loop = fc.Loop(learning_step=STEP, backlash_estimate=STEP, learning_stop="first_step_down", learning_final=0.95)
+    ds = fc.simulate(loop, working_day)
+    assert float(ds.estimate_final) == 0.95 * float(ds.estimate_first_down)
+    assert LEARNING_STATUS[int(ds.learning_status)] == "stopped"
+
+
+@pytest.mark.kernel
+def test_the_status_of_learning_has_cf_flags_and_is_off_without_it(hour):
+    import fastcoil as fc
+
+    ds = fc.simulate(fc.Loop(), hour)
+    assert ds.learning_status.attrs["flag_meanings"].split() == list(LEARNING_STATUS)
+    assert ds.learning_status.attrs["flag_values"].tolist() == list(range(len(LEARNING_STATUS)))
+    assert float(ds.learning_status) == 0.0
+    learner = fc.simulate(fc.Loop(**RESTLESS), hour, command=np.full(3600, 0.5))
+    assert float(learner.learning_status) == 0.0

@@ -37,6 +37,10 @@ OFF_AND_ON = np.where((SECONDS % 1500 > 1000) & (SECONDS % 1500 < 1315), 0, 1)
 GENTLE = {"kp": 0.018, "ti": 30.0, "sample_time": 15.0}
 REAL = {**GENTLE, "C_c": 10.0, "sensor_time_constant": 30.0, "stroke_time": 90.0}
 LEARNER = {"learning_step": 0.007, "backlash_estimate": 0.007, "learning_interval": 600.0}
+BOLD = {
+    "learning_early_trip": 1, "learning_ratio": 1.5, "learning_growth": 2.0, "learning_shrink": 0.5,
+    "learning_interval": 700.0,
+}  # fmt: skip
 
 CASES = {
     "plain PI": Case({}),
@@ -77,12 +81,19 @@ CASES = {
     "learner": Case({**LEARNER, "noise_std": 0.02, "sample_time": 7.0}),
     "learner that stops": Case({**LEARNER, "learning_ratio": 0.9, "learning_stop": "first_step_down"}),
     "learner at its cap": Case({**LEARNER, "learning_floor": 50.0, "learning_cap": 0.02}),
+    "learner that trips early": Case({**LEARNER, **BOLD, "noise_std": 0.03, "sample_time": 7.0}),
+    "learner that trips early and stops": Case(
+        {**LEARNER, **BOLD, "learning_stop": "first_step_down", "learning_final": 0.95, "noise_std": 0.02}
+    ),
+    "learner without evidence": Case({**LEARNER, "learning_min_switches": 12.0, "noise_std": 0.01}),
+    "learner without a reference": Case({**LEARNER, "learning_max_reference": 0.25, "noise_std": 0.1}),
 }
 
 
 WORKING_DAYS = {
     "learner": {"learning_step": 0.007, "backlash_estimate": 0.007},
     "learner on a real loop": {**REAL, "learning_step": 0.007, "noise_std": 0.02, "buffer": 0.005},
+    "bold learner": {**LEARNER, **BOLD, "learning_min_switches": 3.0, "noise_std": 0.005, "sample_time": 25.0},
 }
 STRETCHING = {
     "hunting heating coil": Case({"action": "heating"}, HEATING),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from fastcoil.numerics.jit import exact
 
+ENOUGH, QUIET, UNMEASURABLE = 0.0, 1.0, 2.0
+
 
 @exact
 def switch_frequency(switches, interval):
@@ -19,8 +21,34 @@ def chatters(f, f_ref, ratio, floor):
 
 
 @exact
+def evidence(switches, f, f_ref, sample_time, min_switches, max_reference):
+    """What an interval is good for: ENOUGH, or nothing, because it is too QUIET or an UNMEASURABLE reference.
+
+    f_ref: negative until an interval has served as reference.  A controller switches at most once a sample: a
+    reference near that cannot be exceeded ``ratio`` times, whatever the backlash.  With ``min_switches`` 0 and
+    ``max_reference`` 1 every interval is good, as in the paper.
+    """
+    unmeasurable = f_ref < 0.0 and f > max_reference * 600.0 / sample_time
+    reason = UNMEASURABLE if unmeasurable else ENOUGH
+    return QUIET if switches < min_switches else reason
+
+
+@exact
 def updated(x_hat, step, down, lower, cap):
     """Estimate after an update: one step down when it chatters, else one up, within lower–cap."""
     stepped = x_hat - step if down else x_hat + step
     stepped = lower if stepped < lower else stepped
     return cap if stepped > cap else stepped
+
+
+@exact
+def step_size(last, down, climbing, growth):
+    """Size of a step: it grows while the estimate climbs for the first time, and one down undoes the last one up."""
+    return last * growth if climbing and not down else last
+
+
+@exact
+def final_estimate(x_hat, factor, lower):
+    """Estimate that is kept where learning stops: a little less is safer than a little more."""
+    kept = x_hat * factor
+    return lower if kept < lower else kept

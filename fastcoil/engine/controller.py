@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.control.inverse import direction, extreme, inverse
-from fastcoil.control.learning import chatters, switch_frequency, updated
+from fastcoil.control.learning import ENOUGH, chatters, evidence, final_estimate, step_size, switch_frequency, updated
 from fastcoil.control.pi import desired_opening, integrated, sample_number
 from fastcoil.engine.lanes import LANES, R
 from fastcoil.numerics.jit import section
@@ -15,27 +15,52 @@ from fastcoil.physics.sensor import measured
 
 @section
 def learn(S, t):
-    """One update of the estimate where an interval ends, section 3.3."""
+    """Updates of the estimate, section 3.3: where an interval ends, or, with an early trip, as soon as it chatters."""
     for j in range(LANES):
-        if S[R.learning + j] > 0.0 and S[R.next_update + j] == t:
-            step, interval = S[R.learning_step + j], S[R.learning_interval + j]
-            f = switch_frequency(S[R.switches + j], interval)
-            if S[R.reference + j] < 0.0:
+        if S[R.learning + j] > 0.0:
+            interval, sample_time = S[R.learning_interval + j], S[R.sample_time + j]
+            ends = S[R.next_update + j] == t
+            f, f_ref = switch_frequency(S[R.switches + j], interval), S[R.reference + j]
+            good = evidence(
+                S[R.switches + j],
+                f,
+                f_ref,
+                sample_time,
+                S[R.learning_min_switches + j],
+                S[R.learning_max_reference + j],
+            )
+            if ends and f_ref < 0.0 and good == ENOUGH:
                 S[R.reference + j] = f
             down = chatters(f, S[R.reference + j], S[R.learning_ratio + j], S[R.learning_floor + j])
-            x_hat = updated(S[R.estimate + j], step, down, S[R.backlash_estimate + j], S[R.learning_cap + j])
-            S[R.estimate + j] = x_hat
-            S[R.switches + j] = 0.0
-            S[R.next_update + j] = t + interval
-            if np.isnan(S[R.time_reached + j]) and x_hat >= S[R.backlash + j] - 0.5 * step - 1e-12:
-                S[R.time_reached + j] = t
-            if down and np.isnan(S[R.time_confirmed + j]) and S[R.time_reached + j] <= t:
-                S[R.time_confirmed + j] = t
-            if down and np.isnan(S[R.time_first_down + j]):
-                S[R.time_first_down + j] = t
-                S[R.estimate_first_down + j] = x_hat
-                if S[R.learning_stop + j] > 0.0:
-                    S[R.learning + j] = 0.0
+            # other lanes of the block may be looked at more often than this one samples
+            samples = sample_number(t, sample_time) * sample_time == t
+            trips = S[R.learning_early_trip + j] > 0.0 and S[R.reference + j] >= 0.0 and down and samples
+            if ends or trips:
+                S[R.evidence + j] = good
+                S[R.switches + j] = 0.0
+                S[R.next_update + j] = t + interval
+                if good == ENOUGH:
+                    step_estimate(S, j, t, down)
+
+
+@section
+def step_estimate(S, j, t, down):
+    """One step of lane j's estimate, and what the metrics keep of it."""
+    lower, cap = S[R.backlash_estimate + j], S[R.learning_cap + j]
+    step = step_size(S[R.step + j], down, np.isnan(S[R.time_first_down + j]), S[R.learning_growth + j])
+    x_hat = updated(S[R.estimate + j], step, down, lower, cap)
+    if np.isnan(S[R.time_reached + j]) and x_hat >= S[R.backlash + j] - 0.5 * S[R.learning_step + j] - 1e-12:
+        S[R.time_reached + j] = t
+    if down and np.isnan(S[R.time_confirmed + j]) and S[R.time_reached + j] <= t:
+        S[R.time_confirmed + j] = t
+    if down and np.isnan(S[R.time_first_down + j]):
+        S[R.time_first_down + j] = t
+        S[R.estimate_first_down + j] = x_hat
+        if S[R.learning_stop + j] > 0.0:
+            S[R.learning + j] = 0.0
+            x_hat = final_estimate(x_hat, S[R.learning_final + j], lower)
+    S[R.estimate + j] = x_hat
+    S[R.step + j] = step * S[R.learning_shrink + j] if down else step
 
 
 @section

@@ -17,7 +17,7 @@ from fastcoil.control.inverse import FALLING
 from fastcoil.engine.controller import control, draw_noise, learn
 from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
-from fastcoil.engine.plant import actuate, air_side, count_wet, deliver, enter, march, shared_air_side
+from fastcoil.engine.plant import actuate, air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
 from fastcoil.engine.schedule import COUNTED, IN_SWITCH_BLOCK, Schedule
 from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import kernel, section
@@ -75,6 +75,7 @@ def prepare(S, n_volumes, open_loop):
         S[R.mode + j] = 0.0 if open_loop else FALLING
         S[R.next_update + j] = S[R.learning_interval + j]
         S[R.learning + j] = 1.0 if S[R.learning_step + j] > 0.0 else 0.0
+        S[R.step + j] = S[R.learning_step + j] / S[R.learning_growth + j]  # as if one had gone up before
         S[R.reference + j] = -1.0
         S[R.time_reached + j] = np.nan
         S[R.time_confirmed + j] = np.nan
@@ -160,13 +161,14 @@ def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval,
                 T_w_out = V[n_volumes * VOLUME_STRIDE + T_W + j]
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
             record(S, V, rows, traces[t // trace_interval])
-        enter(S, V, n_volumes, T_a_in, W_a_in, T_w_in)
+        enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
+        march_water(S, V, n_volumes)
         if traced and block.lagged_air:
             count_wet(S, V, n_volumes)
         if shared:
-            march(S, V, n_volumes, block.lagged_air, True, eps[0, t], eps[1, t], m_a, counted)
+            march_air(S, V, n_volumes, block.lagged_air, True, eps[0, t], eps[1, t], m_a, counted)
         else:
-            march(S, V, n_volumes, block.lagged_air, False, 0.0, 0.0, m_a, counted)
+            march_air(S, V, n_volumes, block.lagged_air, False, 0.0, 0.0, m_a, counted)
         if traced:
             if not block.lagged_air:
                 count_wet(S, V, n_volumes)

@@ -27,7 +27,7 @@ STATE_ROWS = (
     # sensor, controller, inverse
     "y_s", "noise", "noise_next", "measured", "u", "integral", "mode", "u_ext", "command",
     # learner
-    "estimate", "next_update", "switches", "reference", "learning",
+    "estimate", "next_update", "switches", "reference", "learning", "step", "evidence",
     # actuator, valve
     "position", "q", "opening", "growth", "log_m_w", "m_w",
     # coil: flow, conductance and effectiveness of this step
@@ -38,8 +38,8 @@ STATE_ROWS = (
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate", "farthest_T_c",
     "time_reached", "time_confirmed", "time_first_down", "estimate_first_down",
 )  # fmt: skip
-VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "T_w_in", "W_s")
-"""Rows of each control volume: the states, the water that enters it and saturation at T_c.
+VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")
+"""Rows of each control volume: the states, heat from the metal into the water, and saturation at T_c.
 
 Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a and W_a.
 """
@@ -47,7 +47,7 @@ Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a
 Rows = namedtuple("Rows", PARAMETER_ROWS + STATE_ROWS)  # type: ignore[misc]
 R: Any = Rows(*(LANES * k for k in range(len(Rows._fields))))
 """Offset of each row in the flat state S: constants to the compiler."""
-T_W, T_C, T_A, W_A, T_W_IN, W_S = (LANES * k for k in range(len(VOLUME_ROWS)))
+T_W, T_C, T_A, W_A, Q_W, W_S = (LANES * k for k in range(len(VOLUME_ROWS)))
 """Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""
 VOLUME_STRIDE = LANES * len(VOLUME_ROWS)
 
@@ -110,10 +110,17 @@ def _block(rows: np.ndarray) -> Block:
         lagged_air=bool(row["air_march"][0] == 0.0),
         control_period=int(np.gcd.reduce(row["sample_time"].astype(np.int64))),
         samples_together=bool(np.ptp(row["sample_time"]) == 0.0),
-        learning_period=int(np.gcd.reduce(row["learning_interval"][learners].astype(np.int64), initial=0)),
+        learning_period=_learning_period(row, learners),
         has_noise=bool(np.any(row["noise_std"] > 0.0)),
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
     )
+
+
+def _learning_period(row: Mapping[str, np.ndarray], learners: np.ndarray) -> int:
+    """Seconds between two looks at the learners: intervals end at multiples of it, early trips come at samples."""
+    early = learners & (row["learning_early_trip"] > 0.0)
+    seconds = np.concatenate([row["learning_interval"][learners], row["sample_time"][early]])
+    return int(np.gcd.reduce(seconds.astype(np.int64), initial=0))
 
 
 def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fastcoil.control.learning import ENOUGH
 from fastcoil.engine.lanes import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.engine.schedule import (
     IN_ESTIMATE_WINDOW,
@@ -23,7 +24,7 @@ N_METRICS = len(METRICS)
 (
     RMSE, RMSE_SETTLED, IAE, HUNTING_AMPLITUDE, HUNTING_PERIOD, SWITCH_FREQUENCY, STEM_TRAVEL, MOTOR_TRAVEL, REVERSALS,
     ESTIMATE_FINAL, ESTIMATE_SETTLED, LEARN_TIME_REACHED, LEARN_TIME_CONFIRMED, LEARN_TIME_FIRST_DOWN,
-    ESTIMATE_FIRST_DOWN, COIL_ENERGY, COIL_PEAK_POWER, WATER_VOLUME, CONDENSATE,
+    ESTIMATE_FIRST_DOWN, LEARNING_STATUS, COIL_ENERGY, COIL_PEAK_POWER, WATER_VOLUME, CONDENSATE,
 ) = range(N_METRICS)  # fmt: skip
 
 WATCH_INTERVAL = 60
@@ -113,6 +114,16 @@ def status_of(S, V, j, n_volumes):
     return STATUS_OUT_OF_RANGE if S[R.farthest_T_c + j] > T_HALF_RANGE else STATUS_OK
 
 
+@scalar
+def learning_status_of(S, j):
+    """Position in ``outputs.LEARNING_STATUS``."""
+    if S[R.learning_step + j] <= 0.0 or S[R.mode + j] == 0.0:  # a mode of 0 is open loop
+        return 0.0
+    if not np.isnan(S[R.time_first_down + j]):
+        return 2.0 if S[R.learning + j] > 0.0 else 3.0
+    return 1.0 if S[R.reference + j] >= 0.0 or S[R.evidence + j] == ENOUGH else 3.0 + S[R.evidence + j]
+
+
 @section
 def summarise(S, V, n_volumes, schedule, metrics, status):
     """Fill ``metrics`` (N_METRICS, LANES) and ``status`` (LANES,) at the end of a run; failed lanes are NaN."""
@@ -135,6 +146,7 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[LEARN_TIME_CONFIRMED] = S[R.time_confirmed + j]
         m[LEARN_TIME_FIRST_DOWN] = S[R.time_first_down + j]
         m[ESTIMATE_FIRST_DOWN] = S[R.estimate_first_down + j]
+        m[LEARNING_STATUS] = learning_status_of(S, j)
         m[COIL_ENERGY] = S[R.sum_power + j] / 3600.0
         m[COIL_PEAK_POWER] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
         m[WATER_VOLUME] = S[R.sum_m_w + j] / _WATER_DENSITY

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from fastcoil.engine.lanes import LANES, T_A, T_C, T_W, T_W_IN, VOLUME_STRIDE, W_A, W_S, R
+from fastcoil.engine.lanes import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
 from fastcoil.engine.metrics import account_travel
 from fastcoil.numerics.elementary import exp
 from fastcoil.numerics.jit import section
 from fastcoil.physics.actuator import accepted, motor
-from fastcoil.physics.coil import air_heat, effectiveness, exchanged, metal, outlet_humidity, transfer_units, water
-from fastcoil.physics.psychrometrics import enthalpy, saturation_humidity_ratio
+from fastcoil.physics.coil import (
+    air_heat,
+    condensed,
+    effectiveness,
+    exchanged,
+    metal,
+    transfer_units,
+    water,
+    water_heat,
+)
+from fastcoil.physics.psychrometrics import enthalpy_difference, saturation_humidity_ratio
 from fastcoil.physics.valve import backlash, growth, log_flow, opening
 
 
@@ -65,27 +74,37 @@ def shared_air_side(S, series, eps):
 
 
 @section
-def enter(S, V, n_volumes, T_a_in, W_a_in, T_w_in):
-    """What this step's march reads besides the states: entering air and water, saturation at every T_c.
-
-    Saturation has loops of its own: two short chains of arithmetic overlap better than a long one.
-    """
+def enter(V, n_volumes, T_a_in, W_a_in, T_w_in):
+    """The air and the water that enter the coil in this step."""
     air = V[(n_volumes + 1) * VOLUME_STRIDE :]
     for j in range(LANES):
         air[T_A + j] = T_a_in
         air[W_A + j] = W_a_in
         V[T_W + j] = T_w_in
-    for i in range(1, n_volumes + 1):
-        pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
-        for j in range(LANES):
-            own = VOLUME_STRIDE + j
-            pair[own + T_W_IN] = pair[T_W + j]
-            pair[own + W_S] = saturation_humidity_ratio(pair[own + T_C], S[R.pressure + j])
 
 
 @section
-def march(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, counted):
-    """Eq (3) for every volume: states[t] become states[t + 1].
+def march_water(S, V, n_volumes):
+    """Eq (3) for the water of every volume; what the air's march reads besides: heat into the water, saturation.
+
+    Taken from the water's exit on, so that what enters a volume is still its state [t].  It stands apart from the
+    air's because two short chains of arithmetic overlap better than a long one.
+    """
+    for k in range(n_volumes):
+        i = n_volumes - k
+        pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
+        for j in range(LANES):
+            own = VOLUME_STRIDE + j
+            T_w, T_w_in, T_c = pair[own + T_W], pair[T_W + j], pair[own + T_C]
+            Q_w = water_heat(S[R.G_w + j], T_c, T_w_in)
+            pair[own + T_W] = water(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.dt_C_w + j])
+            pair[own + Q_W] = Q_w
+            pair[own + W_S] = saturation_humidity_ratio(T_c, S[R.pressure + j])
+
+
+@section
+def march_air(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, counted):
+    """Eq (3) for the air and the metal of every volume: states[t] become states[t + 1].
 
     Volume i takes in the air that the row of volume i + 1 holds.  Taken from the water's entrance on, that is
     still its state [t] (lagged, as printed); from the air's entrance on, its outlet of this step (quasistatic).
@@ -97,21 +116,19 @@ def march(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, counted):
         pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
         for j in range(LANES):
             T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
-            T_c, T_w, T_w_in, W_s = pair[T_C + j], pair[T_W + j], pair[T_W_IN + j], pair[W_S + j]
+            T_c, W_s, Q_w = pair[T_C + j], pair[W_S + j], pair[Q_W + j]
 
             wet = W_in > W_s
-            h_in, h_s = enthalpy(T_in, W_in), enthalpy(T_c, W_s)
             cooled = (eps_a if shared else S[R.eps_a + j]) * (T_in - T_c)
-            dried = (eps_star if shared else S[R.eps_star + j]) * (h_in - h_s)
-            Q_a = air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
+            dried = (eps_star if shared else S[R.eps_star + j]) * enthalpy_difference(T_in, W_in, T_c, W_s)
             T_out = T_in - cooled
-            W_out = outlet_humidity(wet, W_in, h_in - dried, T_out)
+            dW = condensed(wet, W_in, cooled, dried, T_out)
 
-            pair[T_C + j] = metal(T_c, Q_a, S[R.G_w + j], T_w_in, S[R.dt_C_c + j])
-            pair[T_W + j] = water(T_w, T_w_in, T_c, S[R.C_flow + j], S[R.G_w + j], S[R.dt_C_w + j])
+            Q_a = air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
+            pair[T_C + j] = metal(T_c, Q_a, Q_w, S[R.dt_C_c + j])
             pair[T_A + j] = T_out
-            pair[W_A + j] = W_out
-            S[R.condensate + j] += m_a_counted * (W_in - W_out)
+            pair[W_A + j] = W_in - dW
+            S[R.condensate + j] += m_a_counted * dW
 
 
 @section

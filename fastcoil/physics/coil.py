@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import scalar
-from fastcoil.physics.psychrometrics import humidity_ratio
+from fastcoil.physics.psychrometrics import heat_capacity, vapour_enthalpy
 
 
 @scalar
@@ -37,27 +37,33 @@ def air_heat(wet, m_a, cooled, dried, cp_a):
 
     cooled = ε_a (T_in - T_c), K; dried = ε_a* (h_in - h_s), kJ/kg, with h_s saturated at T_c.
     """
-    return m_a * dried if wet else m_a * (cp_a * cooled)
+    return m_a * (dried if wet else cp_a * cooled)
 
 
 @scalar
-def metal(T_c, Q_a, G_w, T_w_in, dt_C_c):
-    """T_c[t+1], Eq (3), second line and its wet form; Q_a: heat from the air, kW; G_w = ε_w m_w c_p,w."""
-    return T_c + dt_C_c * (Q_a - G_w * (T_c - T_w_in))
+def condensed(wet, W_in, cooled, dried, T_out):
+    """Water that the air loses, W_in - W_out: its fall in enthalpy less that of cooling, as vapour at T_out.
 
-
-@scalar
-def water(T_w, T_w_in, T_c, C_flow, G_w, dt_C_w):
-    """T_w[t+1], Eq (3), first line; C_flow = m_w c_p,w, kW/K."""
-    return T_w + dt_C_w * (C_flow * (T_w_in - T_w) + G_w * (T_c - T_w_in))
-
-
-@scalar
-def outlet_humidity(wet, W_in, h_out, T_out):
-    """W of the leaving air: unchanged when dry, else from h_out and T_out.
-
-    ε_a* and ε_a are fitted apart, so a barely wet volume could add moisture: it is limited to W_in.
+    ε_a* and ε_a are fitted apart, so a barely wet volume could add moisture: it then condenses nothing.
     """
-    W_out = humidity_ratio(h_out, T_out)
-    W_out = W_in if W_out > W_in else W_out
-    return W_out if wet else W_in
+    dW = (dried - heat_capacity(W_in) * cooled) / vapour_enthalpy(T_out)
+    dW = 0.0 if dW < 0.0 else dW
+    return dW if wet else 0.0
+
+
+@scalar
+def water_heat(G_w, T_c, T_w_in):
+    """Heat from the metal into the water, kW; G_w = ε_w m_w c_p,w."""
+    return G_w * (T_c - T_w_in)
+
+
+@scalar
+def metal(T_c, Q_a, Q_w, dt_C_c):
+    """T_c[t+1], Eq (3), second line and its wet form, from the heats of air and water, kW."""
+    return T_c + dt_C_c * (Q_a - Q_w)
+
+
+@scalar
+def water(T_w, T_w_in, Q_w, C_flow, dt_C_w):
+    """T_w[t+1], Eq (3), first line; C_flow = m_w c_p,w, kW/K."""
+    return T_w + dt_C_w * (C_flow * (T_w_in - T_w) + Q_w)

@@ -11,7 +11,7 @@ import xarray as xr
 from fastcoil.errors import InputError, collecting, shown
 from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS
 from fastcoil.scenario import Loop
-from fastcoil.study.design import SAMPLE, sample_values, sampled
+from fastcoil.study.design import DESIGN, SAMPLE, sample_values, sampled
 from fastcoil.study.tables import StudyFile, are_numbers
 
 LONGEST_AXIS = 10_000_000
@@ -54,7 +54,7 @@ def study_loop(file: StudyFile) -> Loop:
     if file.sample is not None:
         with collecting(problems, "[sample] "):
             # in one call, since some parameters are only admissible together
-            loop = loop.assign(**{n: xr.DataArray(v, dims=SAMPLE) for n, v in sample_values(file.sample).items()})
+            loop = loop.assign(**sample_values(file.sample))
     if problems:
         raise InputError(problems)
     return loop
@@ -102,7 +102,7 @@ def _zipped(
         raise InputError("no case: give at least one, such as fast = { kp = 0.05, ti = 5 }")
     if dim in PARAMETERS:
         raise InputError(f"{dim} is a parameter: give the dimension another name, such as tuning or controller")
-    if dim == SAMPLE:
+    if dim in (SAMPLE, DESIGN):
         raise InputError(
             f"{dim} is the dimension of [sample]: give this one another name, such as tuning or controller"
         )

@@ -80,6 +80,7 @@ class Earlier:
     results: xr.Dataset | None = None
     old: np.ndarray | None = None
     new: np.ndarray | None = None
+    n_volumes: int = 0
 
     @classmethod
     def of(cls, folder: Path, study: Study, run: Begun) -> Earlier:
@@ -96,7 +97,7 @@ class Earlier:
         if problems:
             cure = f"delete {folder / RESULTS} and run the study again"
             raise IntegrityError("\n".join(f"{problem}: {cure}" for problem in problems))
-        return cls(n, results, old, new)
+        return cls(n, results, old, new, study.plan.n_volumes)
 
     def parts(self, shards: Iterable[xr.Dataset], traces: Collection[str]) -> Iterator[xr.Dataset]:
         """All parts of the study: what was there before, with these traces only, and the shards.
@@ -106,7 +107,7 @@ class Earlier:
         parts = shards
         if self.results is not None and self.old is not None and self.new is not None and self.new.size:
             names = [n for n in self.results.data_vars if n not in TRACES or n in traces]
-            parts = chain([as_part(self.results[names], self.old, self.new)], shards)
+            parts = chain([as_part(self.results[names], self.old, self.new, self.n_volumes)], shards)
         seen = np.zeros(self.n_scenarios, dtype=bool)
         for part in parts:
             index = part["scenario"].values

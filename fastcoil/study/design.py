@@ -12,17 +12,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from fastcoil.errors import InputError, collecting, nearest, shown
 from fastcoil.parameter_table import PARAMETERS, Parameter, check_name
 from fastcoil.plan import RUN_LIMITS, whole_number_problems
 from fastcoil.study.tables import are_numbers
 
-SAMPLE = "sample"
-"""The dimension of a design."""
+SAMPLE, DESIGN = "sample", "design"
+"""The dimensions of a design; the second one of ``saltelli`` only."""
 SETTINGS = ("method", "size", "seed")
 """Keys of ``[sample]`` that are not parameters."""
-METHODS = ("latin_hypercube", "sobol", "random")
+SALTELLI = "saltelli"
+METHODS = ("latin_hypercube", "sobol", "random", SALTELLI)
+POWERS_OF_TWO = ("sobol", SALTELLI)
 LARGEST_SAMPLE = 10_000_000
 CHOICE = "choice"
 _SMALLEST_SHARE = 2.0**-32
@@ -99,11 +102,13 @@ def sampled(table: Mapping[str, Any] | None) -> list[str]:
     return [name for name in table or {} if name not in SETTINGS]
 
 
-def sample_values(table: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Draw the parameters of ``[sample]``: name → (size,), numbers in the parameter's unit, or words.
+def sample_values(table: Mapping[str, Any]) -> dict[str, xr.DataArray]:
+    """Draw the parameters of ``[sample]``: name → numbers in the parameter's unit, or words, along ``sample``.
 
-    The same table always gives the same values; those of the methods ``sobol`` and ``random`` are the first ones of
-    a larger ``size``.
+    The same table always gives the same values; those of the methods ``sobol``, ``saltelli`` and ``random`` are the
+    first ones of a larger ``size``.  ``saltelli`` makes what Sobol' indices need: two independent samples, ``A`` and
+    ``B`` along a dimension ``design``, and for each parameter ``A`` with only that parameter taken from ``B``
+    (Saltelli et al. 2010, doi:10.1016/j.cpc.2009.09.018).
 
     Raises
     ------
@@ -119,8 +124,21 @@ def sample_values(table: Mapping[str, Any]) -> dict[str, np.ndarray]:
         problems.append("no parameter is given: give at least one, such as backlash = { uniform = [0.02, 0.15] }")
     if problems:
         raise InputError(problems)
-    points = _points(table["method"], table["size"], len(names), table.get("seed", 0))
-    return {name: _quantiles(table[name], points[:, k]) for k, name in enumerate(names)}
+    method, both = table["method"], table["method"] == SALTELLI
+    points = _points(method, table["size"], len(names) * (2 if both else 1), table.get("seed", 0))
+    values = {name: _quantiles(table[name], points[:, k]) for k, name in enumerate(names)}
+    if not both:
+        return {name: xr.DataArray(v, dims=SAMPLE) for name, v in values.items()}
+    others = {name: _quantiles(table[name], points[:, len(names) + k]) for k, name in enumerate(names)}
+    labels = ["A", "B", *names]
+    return {
+        name: xr.DataArray(
+            np.stack([others[name] if label in ("B", name) else values[name] for label in labels], axis=-1),
+            dims=(SAMPLE, DESIGN),
+            coords={DESIGN: labels},
+        )
+        for name in names
+    }
 
 
 def _setting_problems(table: Mapping[str, Any]) -> list[str]:
@@ -136,7 +154,7 @@ def _setting_problems(table: Mapping[str, Any]) -> list[str]:
         )
     size = table.get("size", 1)
     wrong = whole_number_problems("size", size, 1, LARGEST_SAMPLE)
-    if not wrong and method == "sobol" and size & (size - 1):
+    if not wrong and method in POWERS_OF_TWO and size & (size - 1):
         below = 1 << (size.bit_length() - 1)
         fitting = [str(power) for power in (below, 2 * below) if power <= LARGEST_SAMPLE]
         wrong = [f"size = {size}: a Sobol design is even only in powers of two, give {' or '.join(fitting)}"]
@@ -185,7 +203,7 @@ def _points(method: str, size: int, dims: int, seed: int) -> np.ndarray:
         return np.random.Generator(np.random.PCG64(seed)).random((size, dims))
     from scipy.stats import qmc
 
-    engine = qmc.Sobol if method == "sobol" else qmc.LatinHypercube
+    engine = qmc.Sobol if method in POWERS_OF_TWO else qmc.LatinHypercube
     return np.asarray(engine(dims, rng=seed).random(size))
 
 

@@ -59,14 +59,20 @@ def reusable(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> tuple[np
     return run, place[run]
 
 
-def as_part(earlier: xr.Dataset, old: np.ndarray, new: np.ndarray) -> xr.Dataset:
-    """The scenarios ``old`` of an earlier result as a flat part of a study in which they are ``new``."""
+def as_part(earlier: xr.Dataset, old: np.ndarray, new: np.ndarray, n_volumes: int) -> xr.Dataset:
+    """The scenarios ``old`` of an earlier result as a flat part of a study in which they are ``new``.
+
+    n_volumes: the largest number of volumes there; the earlier result may have had only smaller coils.
+    """
     dims = earlier["status"].dims
     part = xr.Dataset(coords={"scenario": new})
     for name, variable in earlier.data_vars.items():
         values = variable.values.reshape(-1, *variable.shape[len(dims) :])
         part[name] = (("scenario", *variable.dims[len(dims) :]), values[old], variable.attrs)
-    return part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
+    part = part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
+    if "volume" in part.dims and part.sizes["volume"] < n_volumes:
+        part = part.reindex(volume=np.arange(1, n_volumes + 1))
+    return part
 
 
 def _keys(loop: Loop, sizes: dict[str, int], days: list[str]) -> list[bytes]:

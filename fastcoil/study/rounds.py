@@ -23,7 +23,8 @@ class Rounds:
     """Runs the shards of a job.
 
     Shards that were in flight when a worker died are suspects: each is run again alone, and one that takes its
-    worker down once more is halved, until single scenarios are found guilty; these get the status ``crashed``.
+    worker down once more is halved, until single scenarios are found guilty; these get the status ``crashed``, but
+    not before another result has shown that the workers are not to blame.
 
     time_limit: seconds after which a shard counts as hanging; by default 20 times the longest so far, at least 60 s.
     """
@@ -32,6 +33,7 @@ class Rounds:
         self._pool, self._job = pool, job
         self._given_limit, self._longest = time_limit, 0.0
         self._deaths = 0
+        self._guilty: list[np.ndarray] = []
 
     def results(self, shards: Sequence[np.ndarray]) -> Iterator[xr.Dataset]:
         """Flat results of every shard (see ``results.flat``), in the order in which they get ready.
@@ -41,10 +43,20 @@ class Rounds:
         FastcoilError
             If workers die again and again without a result in between.
         """
+        for part in self._survivors(shards):
+            yield from self._crashed()
+            yield part
+        yield from self._crashed()
+
+    def _survivors(self, shards: Sequence[np.ndarray]) -> Iterator[xr.Dataset]:
         suspects: list[np.ndarray] = []
         yield from self._flown(shards, suspects)
         for index in suspects:
             yield from self._alone(index)
+
+    def _crashed(self) -> Iterator[xr.Dataset]:
+        while self._guilty:
+            yield crashed(self._job, self._guilty.pop(0))
 
     def _alone(self, index: np.ndarray, attempts: int = 1) -> Iterator[xr.Dataset]:
         suspects: list[np.ndarray] = []
@@ -55,7 +67,7 @@ class Rounds:
             for half in np.array_split(index, 2):
                 yield from self._alone(half)
         elif attempts > 1:
-            yield crashed(self._job, index)
+            self._guilty.append(index)
         else:
             yield from self._alone(index, attempts + 1)
 
@@ -64,12 +76,15 @@ class Rounds:
         waiting, pool = deque(shards), self._pool
         flying: dict[cf.Future[xr.Dataset], tuple[np.ndarray, float]] = {}
         while waiting or flying:
-            # one more than there are workers, so that none waits for this thread to write
-            while waiting and len(flying) <= pool.n_workers:
-                index = waiting.popleft()
-                flying[pool.submit(index)] = index, time.monotonic()
-            done, _ = cf.wait(flying, timeout=1.0, return_when=cf.FIRST_COMPLETED)
             died = False
+            # one more than there are workers, so that none waits for this thread to write
+            while waiting and len(flying) <= pool.n_workers and not died:
+                try:
+                    flying[pool.submit(waiting[0])] = waiting[0], time.monotonic()
+                    waiting.popleft()
+                except pool.deaths:  # since this thread last looked
+                    died = True
+            done, _ = cf.wait(flying, timeout=1.0, return_when=cf.FIRST_COMPLETED)
             for future in done:
                 index, start = flying.pop(future)
                 try:
@@ -81,7 +96,8 @@ class Rounds:
                     self._deaths = 0
                     self._longest = max(self._longest, time.monotonic() - start)
                     yield part
-            overdue = pool.can_kill and any(time.monotonic() - s > self._limit for _, s in flying.values())
+            now = time.monotonic()
+            overdue = pool.can_kill and any(not f.done() and now - s > self._limit for f, (_, s) in flying.items())
             if died or overdue:
                 self._count_death()
                 if pool.falls_together or overdue:

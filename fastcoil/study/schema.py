@@ -21,7 +21,7 @@ from fastcoil.plan import RUN_LIMITS
 from fastcoil.scenario import FORBIDDEN_DIMS, PRESETS
 from fastcoil.study.axes import LONGEST_AXIS
 from fastcoil.study.days import BOUNDARY_KINDS
-from fastcoil.study.design import CHOICE, DISTRIBUTIONS, LARGEST_SAMPLE, METHODS, SAMPLE
+from fastcoil.study.design import CHOICE, DESIGN, DISTRIBUTIONS, LARGEST_SAMPLE, METHODS, POWERS_OF_TWO, SAMPLE
 from fastcoil.study.tables import RunTable, StudyFile
 
 Schema = dict[str, Any]
@@ -114,7 +114,7 @@ def _spacing(kind: str) -> Schema:
 
 def _cases() -> Schema:
     case = _object(_parameters())
-    taken = sorted({SAMPLE, *PARAMETERS, *FORBIDDEN_DIMS})
+    taken = sorted({SAMPLE, DESIGN, *PARAMETERS, *FORBIDDEN_DIMS})
     return {
         "type": "object",
         "description": "named alternatives along dimensions of their own",
@@ -135,7 +135,10 @@ def _sample() -> Schema:
         required=["method", "size"],
         description=f"parameters drawn together along the dimension {SAMPLE}",
         anyOf=[{"required": [name]} for name in PARAMETERS],
-        **{"if": {"properties": {"method": {"const": "sobol"}}}, "then": {"properties": {"size": {"enum": powers}}}},
+        **{
+            "if": {"properties": {"method": {"enum": list(POWERS_OF_TWO)}}},
+            "then": {"properties": {"size": {"enum": powers}}},
+        },
     )
 
 

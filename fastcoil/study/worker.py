@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.errors import InputError
+from fastcoil.numerics.jit import fingerprint, model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.plan import Plan
 from fastcoil.results import flat
@@ -33,10 +35,9 @@ def receive(job: Job) -> None:
     _jobs[job.key] = job
 
 
-def receive_in_child(job: Job) -> None:
+def receive_in_child(job: Job, parent: int) -> None:
     """Keep a job in a process that lives no longer than its parent and leaves Ctrl-C to it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = os.getppid()
+    leave_interrupts()
 
     def follow() -> None:
         while os.getppid() == parent:
@@ -47,8 +48,32 @@ def receive_in_child(job: Job) -> None:
     receive(job)
 
 
-def work(key: str, index: np.ndarray) -> xr.Dataset:
-    """Run the scenarios ``index`` of a job that was received.  Returns a flat Dataset, see ``results.flat``."""
+def leave_interrupts() -> None:
+    """Leave Ctrl-C to the parent, which gets it too."""
+    if threading.current_thread() is threading.main_thread():  # no other may say so
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def forget(key: str) -> None:
+    """Let go of a job."""
+    _jobs.pop(key, None)
+
+
+def identity() -> tuple[str, str]:
+    """What the bits of a result depend on: the model's sources; CPU, Python and libraries."""
+    return model_sha256(), fingerprint()
+
+
+def work(key: str, index: np.ndarray, expected: tuple[str, str] | None = None) -> xr.Dataset:
+    """Run the scenarios ``index`` of a job that was received.  Returns a flat Dataset, see ``results.flat``.
+
+    expected: the identity that this worker must have, which may have joined after the others were asked.
+    """
+    if expected is not None and identity() != expected:
+        raise InputError(
+            "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
+            "libraries: use workers of one kind; what was computed is kept, run the same command again to go on"
+        )
     return computed(_jobs[key], index)
 
 
