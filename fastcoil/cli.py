@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
 import sys
 import warnings
@@ -263,7 +264,8 @@ def _interruptible(study: Path, folder: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as interrupt:
-        advice = f"; what was finished is kept, to go on: fastcoil run {study} -o {folder}" if folder.exists() else ""
+        command = shlex.join(["fastcoil", "run", str(study), "-o", str(folder)])
+        advice = f"; what was finished is kept, to go on: {command}" if folder.exists() else ""
         raise type(interrupt)(advice) from None
     finally:
         for number, handler in before.items():

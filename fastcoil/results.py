@@ -247,7 +247,9 @@ def load(path: Path) -> xr.Dataset:
     InputError
         If there is no such file.
     StorageError
-        If it cannot be read or is not what was written.
+        If it cannot be read.
+    IntegrityError
+        If it is not what was written.
     """
     if not path.is_file():
         raise InputError(f"{path} does not exist: run the study first")
@@ -255,11 +257,13 @@ def load(path: Path) -> xr.Dataset:
         with xr.open_dataset(path, engine="netcdf4", decode_times=False, decode_timedelta=False) as stored:
             ds = stored.load()
     except Exception as error:  # whatever the library makes of a damaged file
-        raise StorageError(f"{path} cannot be read as NetCDF ({error}); delete it and run the study again") from error
+        if isinstance(error, OSError) and (error.errno or 0) > 0:  # those of the NetCDF library are negative
+            raise StorageError(f"{path} cannot be read: {error.strerror}; mend that and try again") from error
+        raise IntegrityError(f"{path} cannot be read as NetCDF ({error}); delete it and run the study again") from error
     if ds.attrs.get("fastcoil_format", 0) > FORMAT:
         raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
     if ds.attrs.get("content_sha256") != combined_sha256(ds):
-        raise StorageError(
+        raise IntegrityError(
             f"{path} is not as it was written (content_sha256 differs); delete it and run the study again"
         )
     return ds

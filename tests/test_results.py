@@ -7,7 +7,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil import results
-from fastcoil.errors import StorageError
+from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.outputs import METRICS
 
 pytestmark = pytest.mark.kernel
@@ -73,7 +73,7 @@ def test_a_changed_file_is_detected(tmp_path, swept, damage):
     changed = swept.copy(deep=True)
     damage(changed)
     results.save(changed, tmp_path / "results.nc")
-    with pytest.raises(StorageError, match="not as it was written"):
+    with pytest.raises(IntegrityError, match="not as it was written"):
         results.load(tmp_path / "results.nc")
 
 
@@ -83,7 +83,7 @@ def test_a_cut_file_is_detected(tmp_path, swept, keep):
     results.save(swept, path)
     image = path.read_bytes()
     path.write_bytes(image[: int(keep * len(image))])
-    with pytest.raises(StorageError, match=r"results\.nc"):
+    with pytest.raises(IntegrityError, match=r"results\.nc"):
         results.load(path)
 
 

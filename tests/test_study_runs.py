@@ -12,7 +12,7 @@ import pytest
 from filelock import FileLock
 
 import fastcoil as fc
-from fastcoil.errors import InputError, LockedError, StorageError
+from fastcoil.errors import InputError, IntegrityError, LockedError, StorageError
 from fastcoil.results import content_sha256
 from fastcoil.study import runner
 from fastcoil.study.spec import read_study
@@ -156,7 +156,7 @@ def test_a_damaged_result_is_told_from_a_good_one(study, tmp_path, damage):
     ds = fc.run_study(study, tmp_path / "out")
     path = tmp_path / "out" / "results.nc"
     path.write_bytes(damage(path.read_bytes(), ds))
-    with pytest.raises(StorageError, match="run the study again"):
+    with pytest.raises(IntegrityError, match="run the study again"):
         fc.open_study(tmp_path / "out")
 
 
