@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError, StorageError
-from fastcoil.files import commit
+from fastcoil.files import commit_written
 from fastcoil.layout import Layout
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.parameter_table import PARAMETERS
@@ -221,11 +221,11 @@ def save(ds: xr.Dataset, path: Path) -> None:
     StorageError
         If the file cannot be written; nothing half-written is left behind.
     """
-    commit(path, image(ds))
+    commit_written(path, lambda unfinished: write(ds, unfinished, mode="w"))
 
 
 def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
-    """Write or append to a file that nobody else knows of, without an image of it in memory."""
+    """Write or append to a file that nobody relies on yet, without an image of it in memory."""
     ds.to_netcdf(path, mode=mode, engine="netcdf4", encoding=_encoding(ds))
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import IntegrityError
-from fastcoil.files import UNFINISHED, commit_written, reported
+from fastcoil.files import commit_written, reported
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.plan import Plan, settings
 from fastcoil.results import combined_sha256, gather, load, provenance, save, unflattened, variable_sha256, write
@@ -22,6 +22,8 @@ from fastcoil.study.store import RESULTS, discard_shards
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
 """Reads the parts of the study anew at every call, the named traces and all that is no trace: they need not fit in
 memory together."""
+_LARGE = 2**24
+"""Bytes."""
 
 
 def merge(
@@ -53,7 +55,9 @@ def merge(
 
     attrs = {"title": "", **provenance(), **settings(plan), **attrs}
     everything = found([], plan.n_scenarios if complete else 0)
-    ds = unflattened(gather(plan.n_scenarios, _without_traces(everything)), plan.layout)
+    with reported(folder / RESULTS, "written"):
+        whole = gather(plan.n_scenarios, _without_traces(everything), allocate=_allocated(folder))
+    ds = unflattened(whole, plan.layout)
     n_run = int((ds["status"] != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
     ds.attrs = attrs
@@ -68,9 +72,9 @@ def merge(
 
 def tidied(folder: Path, ds: xr.Dataset) -> xr.Dataset:
     """Remove shards and traces that the results made superfluous.  Returns the results."""
-    for path in folder.glob("traces-*.nc"):
-        if path.name != ds.attrs.get("trace_file"):
-            with reported(path, "removed"):
+    with reported(folder, "tidied"):
+        for path in folder.glob("traces-*.nc"):
+            if path.name != ds.attrs.get("trace_file"):
                 path.unlink()
     discard_shards(folder)
     return ds
@@ -116,21 +120,15 @@ def _with_traces(folder: Path, ds: xr.Dataset) -> xr.Dataset:
 def _merge_traces(path: Path, plan: Plan, parts: Parts, traces: Sequence[str], attrs: dict[str, Any]) -> dict[str, str]:
     """Write the traces one by one.  Returns the hash of everything that is only in their file."""
     found: dict[str, str] = {}
-    scratch = path.with_name(f".{path.name}.scratch{UNFINISHED}")
 
     def write_all(unfinished: Path) -> None:
         for k, name in enumerate(traces):
-            ds = unflattened(gather(plan.n_scenarios, parts([name]), [name], _on_disk(scratch)), plan.layout)
+            ds = unflattened(gather(plan.n_scenarios, parts([name]), [name], _allocated(path.parent)), plan.layout)
             found.update({n: variable_sha256(ds[n].variable) for n in (name, *_own_coordinates(ds))})
             ds.attrs = attrs
             write(ds, unfinished, mode="a" if k else "w")
-            scratch.unlink()
 
-    try:
-        commit_written(path, write_all)
-    finally:
-        with suppress(OSError):  # the next run removes it
-            scratch.unlink(missing_ok=True)
+    commit_written(path, write_all)
     return found
 
 
@@ -143,17 +141,20 @@ def _without_traces(parts: Iterable[xr.Dataset]) -> Iterator[xr.Dataset]:
         yield part.drop_vars([n for n in part.data_vars if n in TRACES]).drop_vars(_own_coordinates(part))
 
 
-def _on_disk(scratch: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray]:
-    """An array in a file, whose space is taken now: a full disk would kill whoever writes to the array later."""
+def _allocated(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray]:
+    """Makes arrays; large ones lie in nameless files, so that a study may be larger than the memory."""
 
     def allocate(shape: tuple[int, ...], value: Any, dtype: np.dtype[Any]) -> np.ndarray:
-        with scratch.open("wb") as file:
-            size = dtype.itemsize * int(np.prod(shape))
+        size = dtype.itemsize * int(np.prod(shape))
+        if size < _LARGE:
+            return np.full(shape, value, dtype)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            # taken now: a full disk would kill whoever writes to the array later
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(file.fileno(), 0, size)
             else:
                 file.truncate(size)
-        array = np.memmap(scratch, dtype, "r+", shape=shape)
+            array: np.ndarray = np.memmap(file, dtype, "r+", shape=shape)
         if value != 0:
             array[:] = value
         return array
