@@ -34,7 +34,7 @@ from faults import (
 import fastcoil as fc
 from fastcoil.errors import FastcoilError, InputError, IntegrityError, LockedError, StorageError
 from fastcoil.results import image
-from fastcoil.study import care, runner, store
+from fastcoil.study import care, merge, runner, store
 from fastcoil.study.contents import open_study
 from fastcoil.study.spec import read_study
 
@@ -655,3 +655,34 @@ def test_an_extension_that_was_begun_and_cut_off_goes_on_and_keeps_what_was_ther
 def test_run_json_is_valid_json_for_others(broken_off):
     found = json.loads((broken_off / "run.json").read_text())
     assert set(found) == {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
+
+
+# --- arrays in files --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
+def test_a_study_merged_on_the_disk_is_the_one_merged_in_memory(out, text, monkeypatch):
+    monkeypatch.setattr(merge, "_LARGE", 0)
+    before = set(os.listdir("/proc/self/fd"))
+    assert ran(text, out) == golden(text)
+    # nameless files are gone with their arrays; the traces stay open with the results
+    assert {p.name for p in out.iterdir()} <= {".lock", "results.nc", "run.json", "study.toml"} | {
+        p.name for p in out.glob("traces-*.nc")
+    }
+    assert len(set(os.listdir("/proc/self/fd")) - before) <= 1
+    assert ran(larger(text), out, extend=True) == golden(larger(text))
+
+
+@pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
+def test_room_for_the_merge_is_taken_before_it_is_used(out, text, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(merge, "_LARGE", 0)
+        patched.setattr(os, "posix_fallocate", full)
+        with pytest.raises(StorageError, match="No space left on device"):
+            ran(text, out)
+    assert unfinished(out) == []
+    assert len(shards(out)) == DAYS
+    resumed(out, text)
