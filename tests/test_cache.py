@@ -64,6 +64,19 @@ def test_a_second_process_takes_the_kernel_from_the_cache_until_a_formula_change
     assert len(list((root / "cache" / "fastcoil" / "kernels").iterdir())) == 2
 
 
+@pytest.mark.parametrize("kept", [0, 10, 2000], ids=["empty", "torn", "half"])
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+def test_a_damaged_cache_is_compiled_again(copied, suffix, kept):
+    root, env = copied
+    gamma, _ = gamma_and_hits(env)
+    files = [p for p in (root / "cache").rglob(f"*.{suffix}") if "step_numbers" in p.name]
+    assert files
+    for path in files:
+        os.truncate(path, min(kept, path.stat().st_size - 1))
+    assert gamma_and_hits(env) == (gamma, 0)
+    assert gamma_and_hits(env) == (gamma, 1)
+
+
 def test_a_cache_that_cannot_be_written_is_a_warning_and_no_more(copied):
     root, env = copied
     expected = gamma_and_hits(env)

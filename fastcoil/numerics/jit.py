@@ -35,6 +35,7 @@ import llvmlite.binding
 import numba
 import numpy as np
 from numba.core import config
+from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
 
 _FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
@@ -56,15 +57,28 @@ def exact(function: Callable[..., Any]) -> Any:
 section = scalar
 
 
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """Numba's cache on disk, in which a damaged file is as good as none."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # whatever unpickling makes of damaged bytes
+            self.flush()
+            return None
+
+
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a loop, cached on disk under the fingerprint of everything it was compiled from."""
     folder = cache_folder()
-    if folder is None:
-        return numba.njit(**_FLAGS, fastmath=False)(function)
-    # the folder is read once, at decoration: the user's own cached functions keep theirs
+    compiled = numba.njit(**_FLAGS, fastmath=False)(function)
+    if folder is None or not JIT_ENABLED:
+        return compiled
+    # the folder is read once, here: the user's own cached functions keep theirs
     previous, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # type: ignore[attr-defined]
     try:
-        return numba.njit(**_FLAGS, fastmath=False, cache=True)(function)
+        compiled._cache = _Cache(function)
+        return compiled
     finally:
         config.CACHE_DIR = previous  # type: ignore[attr-defined]
 
