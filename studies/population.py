@@ -1,0 +1,85 @@
+"""Valve populations: how the benefit of an inverse is distributed, and what it depends on.
+
+Run with ``python studies/population.py`` in the repository: runs ``valve_population.toml`` and
+``valve_sensitivity.toml`` where they are not finished in ``results/``, and prints the tables of ``studies/README.md``.
+"""
+
+from __future__ import annotations
+
+import xarray as xr
+from answers import results, table
+
+import fastcoil as fc
+
+METRICS = {"rmse": "RMSE", "rmse_settled": "settled RMSE", "motor_travel": "motor travel"}
+
+
+def benefit() -> None:
+    """Every controller against the plain PI of the same valve, day and noise."""
+    ds = results("valve_population")
+    pairs = fc.compare(ds, baseline={"controller": "pi"}, over="sample")
+    relative = ds[list(METRICS)] / ds[list(METRICS)].sel(controller="pi", drop=True) - 1.0
+    failed = int((ds.status > 0).sum())
+    print(f"### A population of {ds.sizes['sample']:,} valves and loops ({failed} of {ds.status.size:,} days failed)\n")
+    table(
+        ["controller", "RMSE, mean difference in K (95 % interval)", "RMSE: 5 %, median, 95 % of the valves",
+         "settled RMSE, median", "lower RMSE in", "motor travel, median"],
+        (
+            [
+                name,
+                f"{float(p.sel(statistic='mean')):+.4f} ({float(p.sel(statistic='low')):+.4f} to "
+                f"{float(p.sel(statistic='high')):+.4f})",
+                ", ".join(f"{100 * float(relative.rmse.sel(controller=name).quantile(q)):+.0f} %"
+                          for q in (0.05, 0.5, 0.95)),
+                f"{100 * float(relative.rmse_settled.sel(controller=name).median()):+.0f} %",
+                f"{100 * float(p.sel(statistic='share_lower')):.0f} %",
+                f"× {1 + float(relative.motor_travel.sel(controller=name).median()):.2f}",
+            ]
+            for name in ds.controller.values[1:]
+            for p in [pairs.rmse.sel(controller=name)]
+        ),
+    )  # fmt: skip
+    learner = ds.sel(controller="learner")
+    meanings = learner.learning_status.attrs["flag_meanings"].split()
+    words = {m: int((learner.learning_status == k).sum()) for k, m in enumerate(meanings)}
+    print("What became of the learner: " + ", ".join(f"{n:,} {m}" for m, n in words.items() if n) + ".")
+    learned = learner.estimate_final / learner.backlash
+    for name, part in (
+        ("all", learned),
+        ("stopped", learned.where(learner.learning_status == meanings.index("stopped"))),
+    ):
+        q = [float(part.quantile(q)) for q in (0.05, 0.25, 0.5, 0.75, 0.95)]
+        print(f"Learned size over true size, {name}: " + ", ".join(f"{v:.2f}" for v in q) + " (5, 25, 50, 75, 95 %).")
+    print()
+
+
+def dependence() -> None:
+    """First-order and total indices of the relative change of RMSE against the plain PI."""
+    ds = results("valve_sensitivity")
+    benefit = (ds.rmse / ds.rmse.sel(controller="pi", drop=True) - 1.0).sel(controller=["fixed_95", "fixed_120"])
+    given = xr.Dataset({"benefit": benefit, "status": ds.status.sel(controller=["fixed_95", "fixed_120"])})
+    found = fc.sobol_indices(given, ["benefit"], drop_failed=True)
+    n = int(found.benefit_n_samples.min())
+    print(f"### What the change of RMSE depends on: Sobol' indices from {n:,} base samples\n")
+
+    def cell(at: xr.DataArray) -> str:
+        return "{:.2f} ({:.2f} to {:.2f})".format(*(float(at.sel(edge=e)) for e in ("value", "low", "high")))
+
+    largest = found.benefit.sel(edge="value", index="total", controller="fixed_95")
+    table(
+        ["parameter", *(f"{c}, {i}" for c in ("95 %", "120 %") for i in ("first order", "total"))],
+        (
+            [str(name)]
+            + [
+                cell(found.benefit.sel(parameter=name, controller=c, index=i))
+                for c in ("fixed_95", "fixed_120")
+                for i in ("first_order", "total")
+            ]
+            for name in largest.sortby(-largest).parameter.values
+        ),
+    )
+
+
+if __name__ == "__main__":
+    benefit()
+    dependence()
