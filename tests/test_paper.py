@@ -228,6 +228,10 @@ MADE_UP = {
     "rises": (
         by_case("rmse", **{"100pct": 0.100, "120pct": 0.102}), by_case("rmse", **{"100pct": 0.100, "120pct": 0.1005})
     ),
+    "rises, settled": (
+        by_case("rmse_settled", **{"100pct": 0.100, "120pct": 0.102}),
+        by_case("rmse_settled", **{"100pct": 0.100, "120pct": 0.1005}),
+    ),
     "best": (ratios("rmse", *FALLING, 0.06, 0.2, 0.3, 0.4), ratios("rmse", *FALLING, 0.06, 0.04, 0.3, 0.4)),
     "finds": (learned("literal", 0.077, 5.5 * H), learned("literal", 0.056, 5.5 * H)),
     "three hours": (learned("literal", 0.07, 2.9 * H), learned("literal", 0.07, 3.0 * H)),

@@ -102,14 +102,12 @@ def tracking(ds: xr.Dataset, other: str) -> Figure:
     figure, axes = _figure(2, ds.sizes["preset"], 4.4, sharex=True, sharey="row")
     part = ds.sel(elapsed_time=slice(_WINDOW_H[0] * _HOUR, _WINDOW_H[1] * _HOUR))
     hours = part["elapsed_time"] / _HOUR
-    hunts, calm = (COLOURS[0], "-"), (COLOURS[2], "--")
-    looks = {"plain PI": hunts, other: calm} if other == "no backlash" else {"plain PI": ("0.7", "-"), other: hunts}
     for column, preset in enumerate(ds["preset"].values):
         above, below = axes[:, column]
-        for case, (colour, style) in looks.items():
+        for case, colour in (("plain PI", "0.65"), (other, COLOURS[0])):
             of_case = part.sel(preset=preset, case=case)
-            above.plot(hours, of_case["T_sup"], color=colour, ls=style, label=_named(case))
-            below.plot(hours, 100 * of_case["opening"], color=colour, ls=style)
+            above.plot(hours, of_case["T_sup"], color=colour, label=_named(case))
+            below.plot(hours, 100 * of_case["opening"], color=colour)
         above.plot(hours, part["T_set"], color="black", ls=":", lw=1.0, label="set-point")
         below.set_xlabel("time [h]")
     axes[0, 0].set_ylabel("supply temperature [°C]")
@@ -169,6 +167,7 @@ def staircases(ds: xr.Dataset) -> Figure:
         for panel in axes[:, column]:
             panel.axvline(THREE_HOURS / _HOUR, color="black", lw=0.8, ls=(0, (1, 3)), label="3 h")
             panel.set(xlabel="time [h]", xlim=(0, 8))
+        axes[2, column].set_xlim(0, 6)
     for row, label in enumerate(("estimate [%]", "switches per 10 min", "estimate [%]")):
         axes[row, 0].set_ylabel(label)
         axes[row, 0].set_ylim(bottom=0)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 CAPTIONS = {
     "fig01": "**Fig 1.** (a) Backlash, Eq (1): opening over command, driven open and closed, with a small loop inside. "
     "(b) Valve curve, Eq (2).",
-    "fig07": "**Fig 7.** A conventional PI controller with 7 % backlash (solid) and without (dashed): it hunts with "
+    "fig07": "**Fig 7.** A conventional PI controller with 7 % backlash (grey) and without (dark): it hunts with "
     "backlash, and does not without.",
     "fig09": "**Fig 9.** An inverse with 60 % of the backlash (dark) against the plain PI (grey).",
     "fig10": "**Fig 10.** An inverse with 95 % of the backlash (dark) against the plain PI (grey).",
