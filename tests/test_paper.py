@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import fastcoil as fc
 from fastcoil.cli import main
-from fastcoil.paper import grid, runs, verdicts
+from fastcoil.paper import figures, grid, runs, verdicts
 from fastcoil.paper.claims import CLAIMS
 from fastcoil.results import load
 from fastcoil.scenario import PRESETS
@@ -40,7 +40,7 @@ CLAIM_SCHEMA = {
         "n_days": {"type": "integer", "minimum": 1},
         "share_of_days": {"required": list(PRESETS), "additionalProperties": NUMBER},
         "measured": {
-            "required": list(PRESETS),
+            "required": [*PRESETS, "grid"],
             "additionalProperties": {"minProperties": 1, "additionalProperties": {"type": ["number", "null"]}},
         },
     },
@@ -115,6 +115,12 @@ def test_switches_of_the_figure_are_those_of_the_metric(folder):
     ds = load(folder / "fig12.nc")
     counted = ds.switches.sel(block_start=slice(1800, None)).mean("block_start")
     np.testing.assert_allclose(counted.transpose(*ds.switch_frequency.dims), ds.switch_frequency)
+
+
+def test_a_figure_drawn_again_is_the_same_file(folder):
+    figure = figures.valve_curves(load(folder / "fig01.nc"))
+    for suffix in ("png", "svg"):
+        assert figures.image(figure, suffix) == (folder / f"fig01.{suffix}").read_bytes()
 
 
 def test_results_do_not_depend_on_the_number_of_threads():

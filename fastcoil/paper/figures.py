@@ -5,6 +5,7 @@ One style for all; every curve has a line style of its own, so that a grey print
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Mapping, Sequence
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -223,3 +224,14 @@ def shares(card: Mapping[str, Any]) -> Figure:
     panel.set(xlabel="share in which it holds [%]", xlim=(0, 106))
     _legend_above(figure, panel, 3)
     return figure
+
+
+def image(figure: Figure, suffix: str) -> bytes:
+    """The figure as a file, ``png`` or ``svg``; the same bytes every time."""
+    from matplotlib import rc_context
+
+    metadata = {"png": {"Software": "fastcoil"}, "svg": {"Date": None, "Creator": "fastcoil"}}[suffix]
+    data = io.BytesIO()
+    with rc_context(_STYLE):
+        figure.savefig(data, format=suffix, metadata=metadata)
+    return data.getvalue()

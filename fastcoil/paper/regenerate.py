@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -64,11 +63,9 @@ def regenerate(
         return ds
 
     def draw(name: str, figure: Figure) -> None:
-        for suffix, metadata in (("png", {"Software": "fastcoil"}), ("svg", {"Date": None, "Creator": "fastcoil"})):
-            image = io.BytesIO()
-            figure.savefig(image, format=suffix, metadata=metadata)
+        for suffix in ("png", "svg"):
             written.append(folder / f"{name}.{suffix}")
-            commit(written[-1], image.getvalue())
+            commit(written[-1], figures.image(figure, suffix))
 
     tell("Figures …")
     draw("fig01", figures.valve_curves(keep("fig01", runs.valve_curves())))

@@ -77,12 +77,13 @@ def assessed(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
         "n_tunings": int(judged.sizes["tuning"]),
         "n_days": int(judged.sizes.get("day", 1)),
         "share_of_days": {p: float(holds.sel(tuning=p).mean()) for p in presets},
-        "measured": {p: {n: _median(v.sel(tuning=p)) for n, v in numbers.items()} for p in presets},
+        "measured": {p: {n: _median(v.sel(tuning=p)) for n, v in numbers.items()} for p in presets}
+        | {"grid": {n: _median(v.sel(tuning=judged["tuning"])) for n, v in numbers.items()}},
     }
 
 
 def _median(values: xr.DataArray) -> float | None:
-    """Median over the days; None where it never came within the run, or is no number."""
+    """Median over all that there is; None where it never came within the run, or is no number."""
     value = float(values.median())
     return value if math.isfinite(value) else None
 
@@ -129,8 +130,8 @@ def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
         lines += [f"Counts as holding: {c['counts_as_holding']}  {c['note']}".rstrip(), ""]
         lines += [f"**{verdict}**: {percent(c['share'], 1)} of {c['n_tunings']} × {c['n_days']}.", ""]
         names = list(next(iter(c["measured"].values())))
-        rows = ([n, *(_number(c["measured"][p][n]) for p in presets)] for n in names)
-        lines += [*_table(["median over days", *(f"`{p}`" for p in presets)], rows), ""]
+        rows = ([n, *(_number(c["measured"][p][n]) for p in (*presets, "grid"))] for n in names)
+        lines += [*_table(["median over days", *(f"`{p}`" for p in presets), "grid"], rows), ""]
     lines += ["## Figures", "", card["caveat"], ""]
     for name, caption in captions.items():
         lines += [f"![{name}]({name}.png)", "", caption, ""]
