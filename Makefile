@@ -1,11 +1,15 @@
-# `make study` runs the main study, `make test` the tests; both set up everything they need in .venv.
+# `make study` runs the main study, `make paper` the paper's figures, `make test` the tests; all set up what they need
+# in .venv.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: study test test-full lint clean
+.PHONY: study paper test test-full lint clean
 study: $(VENV)/.installed
 	$(BIN)/fastcoil run studies/robustness.toml -o results/robustness
+
+paper: $(VENV)/.installed
+	$(BIN)/fastcoil paper -o results/paper
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest

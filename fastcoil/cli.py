@@ -202,6 +202,21 @@ def plot(folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, b
 
 
 @main.command()
+@click.option("-o", "--out", type=FOLDER, default="results/paper", show_default=True, help="Folder of the results.")
+@click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
+@click.option("--quick", is_flag=True, help="A few tunings and days only: to try it, not to quote it.")
+def paper(out: Path, jobs: int | None, quick: bool) -> None:
+    """Regenerate the paper's simulated figures, and a scorecard of where its claims hold."""
+    from fastcoil.paper.regenerate import regenerate
+
+    announce_compilation()
+    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, tell=lambda line: click.echo(line, err=True))
+    for line in verdicts:
+        click.echo(line)
+    click.echo(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")
+
+
+@main.command()
 @click.argument("study", type=STUDY, default="study.toml")
 def init(study: Path) -> None:
     """Write a commented STUDY file to start from."""

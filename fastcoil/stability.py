@@ -35,7 +35,7 @@ def check_stability(layout: Layout) -> None:
     """
     coil = _coil_and_valve(layout)
     boundary = layout.boundary
-    m_a = np.linspace(boundary.series["m_a"].min(), boundary.series["m_a"].max(), _AIR_FLOWS)
+    m_a = _air_flows(boundary)
     n_bad, worst_flat, worst = 0, 0, (0.0, 0.0)
     for start in range(0, coil.size, _CHUNK):
         index = np.arange(start, min(start + _CHUNK, coil.size))
@@ -48,6 +48,19 @@ def check_stability(layout: Layout) -> None:
             worst_flat, worst = start + k, (float(gamma[k]), float(lam[k]))
     if n_bad:
         raise InputError(_verdict(layout, coil, n_bad, worst_flat, worst, m_a))
+
+
+def stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
+    """Whether γ ≤ 1 and λ ≤ 1, over the dims of ``loop``: what ``check_stability`` asks, without a refusal."""
+    layout = Layout(loop, boundary)
+    columns = layout.columns(np.arange(layout.size))
+    gamma, lam = worst_numbers(parameter_matrix(columns), _air_flows(boundary), _wet_slope(boundary, columns))
+    holds = (np.maximum(gamma, lam) <= 1.0).reshape(tuple(loop.sizes.values()))
+    return xr.DataArray(holds, dims=tuple(loop.sizes), coords=layout.coordinates())
+
+
+def _air_flows(boundary: Boundary) -> np.ndarray:
+    return np.linspace(boundary.series["m_a"].min(), boundary.series["m_a"].max(), _AIR_FLOWS)
 
 
 def _coil_and_valve(layout: Layout) -> Layout:

@@ -28,6 +28,7 @@ LAYERS = [
     {"simulation"},
     {"plots", "pairing", "variance"},
     {"study"},
+    {"paper"},
     {"progress"},
     {"cli"},
     {"__main__", "__init__"},

@@ -1,0 +1,1 @@
+"""The paper, figure by figure and claim by claim: ``fastcoil paper``."""

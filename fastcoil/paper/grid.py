@@ -1,0 +1,138 @@
+"""The grid of tunings on which the paper's claims are judged: gains × sample times × ideal and real loops.
+
+Every simulation has the dim ``tuning``, with the presets first, by name.  A loop that hunts without any backlash is
+nobody's tuning: such ones are tried and counted, but left out of the shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.boundary.days import constant_day, paper_day
+from fastcoil.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, buffers, percent, rehashed
+from fastcoil.physics.valve import water_flow
+from fastcoil.results import provenance
+from fastcoil.scenario import PRESETS, Loop
+from fastcoil.simulation import simulate
+from fastcoil.stability import stable
+
+REAL_LOOP = {n: Loop.preset("lbnl")[n] for n in ("C_c", "sensor_time_constant", "stroke_time")}
+DAYS = range(2010, 2016)
+LONG_DAYS = range(2016, 2018)
+"""Seeds of the days, fresh ones."""
+RATIOS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0, 1.1, 1.2, 1.5)
+"""Estimates relative to the backlash."""
+STARTS_AND_STEPS = ((0.001, 0.0035), (0.007, 0.007), (0.02, 0.007), (0.001, 0.014), (0.028, 0.028))
+"""Initial guess and step of the learner; the first needs 10 h to arrive."""
+LONG_HOURS = 24
+QUIET_HOURS = 6
+STEP_AT = 3 * 3600
+T_BEFORE, T_AFTER = 14.0, 15.0
+"""Of the quiet day, on which nothing happens but one set-point step, s and degC."""
+HUNTS = 0.1
+"""Peak-to-peak supply temperature, K, in the last hour of the quiet day that counts as hunting, if it crosses the
+set-point."""
+MOST_VOLUMES = 30
+
+
+def tunings(*, quick: bool = False) -> Loop:
+    """The presets, then the grid, along the dim ``tuning``."""
+    n = 2 if quick else 8
+    varied = sorted({name for preset in PRESETS.values() for name in preset})
+    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in varied} for p in PRESETS}
+    sample_times = (5.0, 30.0) if quick else (1.0, 5.0, 10.0, 15.0, 30.0, 60.0)
+    kp, ti = np.geomspace(0.005, 0.08, n), np.geomspace(5.0, 600.0, n)
+    for (kind, plant), Ts, K, T in product((("ideal", {}), ("real", REAL_LOOP)), sample_times, kp, ti):
+        values = {"sample_time": Ts, "kp": float(f"{K:.3g}"), "ti": float(f"{T:.3g}")}
+        name = f"{kind} loop, kp={values['kp']:g}, ti={values['ti']:g}, sample_time={Ts:g}"
+        cases[name] = values | plant
+    return Loop(**along("tuning", cases))
+
+
+def named(tuning: xr.DataArray) -> list[str]:
+    """The presets among the labels of ``tuning``."""
+    return [name for name in PRESETS if name in tuning.values]
+
+
+def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
+    """Overshoot of a set-point step without backlash, and whether the loop hunts by itself, without and with it."""
+    T_set = np.full(QUIET_HOURS * 3600, T_BEFORE)
+    T_set[STEP_AT:] = T_AFTER
+    day = constant_day(hours=QUIET_HOURS, T_set=T_set)
+    swept = loop.assign(**along("case", {"no backlash": {"backlash": 0.0}, "plain PI": {"backlash": BACKLASH}}))
+    ds = simulate(swept, day, traces=["T_sup"], trace_interval=5, n_jobs=n_jobs)
+    peak = ds["T_sup"].sel(case="no backlash", elapsed_time=slice(STEP_AT, None)).max("elapsed_time")
+    late = ds["T_sup"].sel(elapsed_time=slice((QUIET_HOURS - 1) * 3600, None))
+    low, high = late.min("elapsed_time"), late.max("elapsed_time")
+    percent = {"long_name": "overshoot of a set-point step without backlash", "units": "1"}
+    ds["overshoot"] = ((peak - T_AFTER) / (T_AFTER - T_BEFORE)).drop_vars("case").assign_attrs(percent)
+    ds["swing"] = (high - low).assign_attrs(long_name="peak-to-peak T_sup in the last hour", units="K")
+    crosses = (low < T_AFTER) & (high > T_AFTER)
+    ds["hunts"] = ((high - low > HUNTS) & crosses).assign_attrs(
+        long_name="hunts by itself", units="1", comment=f"swing above {HUNTS} K across the set-point"
+    )
+    return rehashed(ds.drop_vars(["T_sup", "elapsed_time"]))
+
+
+def on_days(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
+    """Without backlash, with the plain PI, with inverses of all sizes, with noise and buffer, on paper days."""
+    cases: dict[str, dict[str, float]] = {"no backlash": {"backlash": 0.0}}
+    cases |= {case(ratio): {"backlash": BACKLASH, "backlash_estimate": ratio * BACKLASH} for ratio in RATIOS}
+    with_noise = ("plain PI, noise", 0.0), ("95 %, noise", 0.95), ("95 %, noise, buffer", 0.95)
+    for name, ratio in with_noise:
+        cases[name] = {"backlash": BACKLASH, "backlash_estimate": ratio * BACKLASH, "noise_std": NOISE}
+    swept = loop.assign(**along("case", cases), buffer=_buffers(loop, cases))
+    return simulate(swept, paper_day(hours=8, seed=DAYS[:2] if quick else DAYS), seed=SEED, n_jobs=n_jobs)
+
+
+def case(ratio: float) -> str:
+    """Label of an estimate without noise."""
+    return percent(ratio) if ratio else "plain PI"
+
+
+def learning(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
+    """The learning rule as printed, faster variants, and the printed one with noise and with a buffer."""
+    cases = {name: LITERAL | rule for name, rule in RULES.items()}
+    cases |= {name: LITERAL | {"noise_std": NOISE} for name in ("noise", "noise, buffer")}
+    swept = loop.assign(backlash=BACKLASH, **along("case", cases), buffer=_buffers(loop, cases))
+    return simulate(swept, paper_day(hours=8, seed=DAYS[:2] if quick else DAYS), seed=SEED, n_jobs=n_jobs)
+
+
+def starts(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
+    """The printed rule from several initial guesses with several steps, on a day long enough for all."""
+    pairs = STARTS_AND_STEPS[1:3] if quick else STARTS_AND_STEPS
+    cases = {
+        f"from {percent(start, 1)} by {percent(step, 2)}": LITERAL | {"backlash_estimate": start, "learning_step": step}
+        for start, step in pairs
+    }
+    days = paper_day(hours=12 if quick else LONG_HOURS, seed=LONG_DAYS)
+    return simulate(loop.assign(backlash=BACKLASH, **along("case", cases)), days, n_jobs=n_jobs)
+
+
+def _buffers(loop: Loop, cases: Mapping[str, Any]) -> xr.DataArray:
+    labels = {"case": np.array(list(cases))}
+    is_buffered = xr.DataArray([float(name.endswith("buffer")) for name in cases], dims="case", coords=labels)
+    return buffers(is_buffered, loop)
+
+
+def coils(*, quick: bool = False) -> xr.Dataset:
+    """Whether a coil is stable at 1 s with 1, 2, … control volumes: the presets, then water contents × flows."""
+    n = 3 if quick else 24
+    names = ("C_w", "C_c", "m_max")
+    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in names} for p in PRESETS}
+    for C_w, m_max in product(np.geomspace(4.0, 20.0, n), np.geomspace(1.0, 4.0, n)):
+        cases[f"C_w={C_w:.3g}, m_max={m_max:.3g}"] = {"C_w": float(C_w), "m_max": float(m_max)}
+    loop = Loop(**along("tuning", cases), n_volumes=list(range(1, MOST_VOLUMES + 1)))
+    ds = stable(loop, paper_day(hours=8, seed=DAYS[0])).to_dataset(name="stable")
+    ds["stable"].attrs = {"long_name": "γ ≤ 1 and λ ≤ 1 at dt = 1 s", "units": "1"}
+    largest = ds["n_volumes"].where(ds["stable"]).max("n_volumes")
+    a, b, c = (loop[n] for n in ("valve_a", "valve_b", "valve_c"))
+    flow = [water_flow(1.0, m_max, a, b, c) for m_max in ds["m_max"].values]
+    ds["full_flow"] = ("tuning", flow, {"long_name": "water flow of the open valve, Eq (2)", "units": "kg s-1"})
+    ds["largest"] = largest.assign_attrs(long_name="largest stable number of control volumes", units="1")
+    return rehashed(ds, title="largest stable numbers of control volumes", **provenance())

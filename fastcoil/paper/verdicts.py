@@ -1,0 +1,124 @@
+"""From booleans over the grid to a verdict: the share in which a claim holds, and where it does.
+
+The rule: a claim *holds* in at least 95 % of the tunings and days, *does not hold* in at most 5 %; between, it *holds
+only if* the tuning lies in the region, of those in ``REGIONS`` and their pairs, that tells best where it holds (by
+Youden's index: share of the cases with it that lie inside, less that of the cases without).  The shares inside and
+elsewhere say how sharply it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.paper.runs import BACKLASH, percent
+from fastcoil.parameter_table import PARAMETERS
+
+HOLDS, ONLY_IF, DOES_NOT_HOLD = "holds", "holds only if", "does not hold"
+SURELY = 0.95
+TELLS = 0.3
+"""Least Youden index of a region that is worth naming."""
+PAIR_GAIN = 0.1
+"""What a pair of regions must tell more than the better one of them."""
+
+
+def _above(name: str, limit: float) -> Callable[[xr.Dataset], xr.DataArray]:
+    return lambda features: features[name] >= limit
+
+
+def _below(name: str, limit: float) -> Callable[[xr.Dataset], xr.DataArray]:
+    return lambda features: features[name] <= limit
+
+
+REGIONS: dict[str, tuple[str, Callable[[xr.Dataset], xr.DataArray]]] = {
+    f"the loop hunts by itself with {percent(BACKLASH)} backlash": ("hunts", lambda f: f["hunts"]),
+    "the loop does not hunt by itself": ("hunts", lambda f: ~f["hunts"]),
+    "sensor and actuator are ideal": ("ideal", lambda f: f["ideal"]),
+    "the sensor lags and the actuator takes its time": ("ideal", lambda f: ~f["ideal"]),
+    **{f"the overshoot is {percent(x)} or more": ("overshoot", _above("overshoot", x)) for x in (0.05, 0.2, 0.4)},
+    **{f"the overshoot is {percent(x)} or less": ("overshoot", _below("overshoot", x)) for x in (0.05, 0.2, 0.4)},
+    **{f"the sample time is {x} s or more": ("sample_time", _above("sample_time", x)) for x in (10, 15, 30)},
+    **{f"the sample time is {x} s or less": ("sample_time", _below("sample_time", x)) for x in (5, 10, 15)},
+    **{f"Ti is {x} s or more": ("ti", _above("ti", x)) for x in (20, 60, 150)},
+    **{f"Ti is {x} s or less": ("ti", _below("ti", x)) for x in (20, 60, 150)},
+    **{f"Kp is {x}/K or more": ("kp", _above("kp", x)) for x in (0.01, 0.02, 0.04)},
+    **{f"Kp is {x}/K or less": ("kp", _below("kp", x)) for x in (0.01, 0.02, 0.04)},
+    "at full flow the water of one of eight volumes is renewed in 1 to 1.125 s": (
+        "renewal",
+        lambda f: (f["renewal"] >= 1.0) & (f["renewal"] < 9 / 8),
+    ),
+}
+"""Words → the feature of a tuning that it is about, and the region."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """``condition`` and the shares inside and elsewhere only where the claim holds in a part of the grid."""
+
+    word: str
+    share: float
+    condition: str | None = None
+    inside: float | None = None
+    elsewhere: float | None = None
+
+    @property
+    def text(self) -> str:
+        """The verdict in one line."""
+        if self.word != ONLY_IF:
+            return self.word
+        if self.condition is None:
+            return f"{self.word} … (no region tried tells where)"
+        inside, elsewhere = percent(self.inside or 0.0), percent(self.elsewhere or 0.0)
+        return f"{self.word} {self.condition} ({inside} there, {elsewhere} elsewhere)"
+
+
+def features(quiet: xr.Dataset) -> xr.Dataset:
+    """What is known of every tuning: gains, sample time, overshoot, whether it hunts with backlash."""
+    known = {name: quiet[name] for name in ("kp", "ti", "sample_time", "overshoot")}
+    known["hunts"] = quiet["hunts"].sel(case="plain PI", drop=True)
+    known["ideal"] = quiet["stroke_time"] == 0.0
+    return xr.Dataset(known)
+
+
+def coil_features(coils: xr.Dataset) -> xr.Dataset:
+    """Seconds in which the water of one of eight volumes is renewed at full flow."""
+    return xr.Dataset({"renewal": coils["C_w"] / (coils["full_flow"] * float(str(PARAMETERS["cp_w"].default)))})
+
+
+def sound(quiet: xr.Dataset) -> xr.DataArray:
+    """The tunings that do not hunt without backlash."""
+    return ~quiet["hunts"].sel(case="no backlash", drop=True)
+
+
+def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
+    """Verdict on ``holds``, over ``tuning`` and perhaps ``day``; regions about the feature ``about`` are not tried."""
+    share = float(holds.mean())
+    if share >= SURELY or share <= 1.0 - SURELY:
+        return Verdict(HOLDS if share >= SURELY else DOES_NOT_HOLD, share)
+    rate = holds.mean([d for d in holds.dims if d != "tuning"]).values
+    best, gained, chosen = "", TELLS, np.zeros(rate.size, dtype=bool)
+    for words, region, margin in _regions(known, about):
+        gain = rate[region].sum() / rate.sum() - (1 - rate)[region].sum() / (1 - rate).sum()
+        if gain - margin > gained:
+            best, gained, chosen = words, gain - margin, region
+    if not best:
+        return Verdict(ONLY_IF, share)
+    return Verdict(ONLY_IF, share, best, float(rate[chosen].mean()), float(rate[~chosen].mean()))
+
+
+def _regions(known: xr.Dataset, about: str) -> Iterator[tuple[str, np.ndarray, float]]:
+    """Words, region (tuning,), and what it must gain more than others to be named."""
+    single = [
+        (words, feature, region(known).values)
+        for words, (feature, region) in REGIONS.items()
+        if feature in known and feature != about
+    ]
+    single = [(words, feature, region) for words, feature, region in single if 0 < region.sum() < region.size]
+    yield from ((words, region, 0.0) for words, _, region in single)
+    for (one, of_one, a), (other, of_other, b) in combinations(single, 2):
+        if of_one != of_other and (a & b).any():
+            yield f"{one} and {other}", a & b, PAIR_GAIN
