@@ -26,7 +26,7 @@ NUMBER = {"type": "number", "minimum": 0, "maximum": 1}
 CLAIM_SCHEMA = {
     "type": "object",
     "required": ["name", "section", "claim", "counts_as_holding", "measured", "verdict", "condition", "share",
-                 "share_of_days", "n_tunings", "n_days"],
+                 "share_of_hunting", "share_of_days", "n_tunings", "n_days"],
     "properties": {
         "section": {"type": "string", "pattern": "^[0-9]"},
         "claim": {"type": "string", "minLength": 10},
@@ -35,6 +35,7 @@ CLAIM_SCHEMA = {
         "condition": {"type": ["string", "null"]},
         "share": NUMBER,
         "share_where_condition": NUMBER | {"type": ["number", "null"]},
+        "share_of_hunting": NUMBER | {"type": ["number", "null"]},
         "share_elsewhere": NUMBER | {"type": ["number", "null"]},
         "n_tunings": {"type": "integer", "minimum": 1},
         "n_days": {"type": "integer", "minimum": 1},
@@ -86,6 +87,8 @@ def test_the_scorecard_has_every_claim_with_all_fields(card):
         jsonschema.validate(claim, CLAIM_SCHEMA)
     assert "digitised" in card["caveat"]
     assert "Quick mode" in card["caveat"]
+    of_hunting = {claim["name"]: claim["share_of_hunting"] for claim in card["claims"]}
+    assert {name for name, share in of_hunting.items() if share is None} == {"hunts", "volumes"}
 
 
 def test_the_scorecard_to_read_and_the_screen_say_the_same(folder, card):
@@ -94,6 +97,8 @@ def test_the_scorecard_to_read_and_the_screen_say_the_same(folder, card):
         assert claim["claim"] in said
         assert f"| {claim['claim']} | {claim['verdict_text']} | {runs.percent(claim['share'])} |" in text
     assert runs.arithmetic() in text
+    for table in text.split("\n\n"):
+        assert len({line.count(" | ") for line in table.splitlines() if line.startswith("|")}) <= 1
     assert len(said.splitlines()) < 60
     assert "scorecard.md" in said
 

@@ -39,6 +39,7 @@ def scorecard(evidence: Mapping[str, xr.Dataset], *, quick: bool = False) -> dic
             "n_tunings_tried": int(keep.size),
             "n_left_out": int((~keep).sum()),
             "n_tunings": int(keep.sum()),
+            "n_hunting": int(features(quiet)["hunts"].sel(tuning=keep.values).sum()),
             "presets": named(quiet["tuning"]),
             **{name: sorted({float(x) for x in quiet[name].values}) for name in ("kp", "ti", "sample_time")},
             "backlash": BACKLASH,
@@ -59,7 +60,8 @@ def assessed(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
     of_coils = claim.evidence == "coils"
     judged = holds if of_coils else holds.sel(tuning=sound(quiet).values)
     known = coil_features(ds) if of_coils else features(quiet).sel(tuning=judged["tuning"])
-    verdict = judge(judged, known, about="hunts" if claim.name == "hunts" else "")
+    about = "hunts" if claim.name == "hunts" else ""
+    verdict = judge(judged, known, about)
     presets = named(holds["tuning"])
     return {
         "name": claim.name,
@@ -71,6 +73,7 @@ def assessed(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
         "verdict": verdict.word,
         "condition": verdict.condition,
         "share": verdict.share,
+        "share_of_hunting": None if about == "hunts" else _share_of_hunting(judged, known),
         "share_where_condition": verdict.inside,
         "share_elsewhere": verdict.elsewhere,
         "verdict_text": verdict.text,
@@ -82,6 +85,13 @@ def assessed(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
     }
 
 
+def _share_of_hunting(holds: xr.DataArray, known: xr.Dataset) -> float | None:
+    """Share among the tunings that hunt with the backlash, as the paper's does; None where there is none."""
+    if "hunts" not in known or not known["hunts"].any():
+        return None
+    return float(holds.sel(tuning=known["hunts"].values).mean())
+
+
 def _median(values: xr.DataArray) -> float | None:
     """Median over all that there is; None where it never came within the run, or is no number."""
     value = float(values.median())
@@ -91,6 +101,10 @@ def _median(values: xr.DataArray) -> float | None:
 def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     head = list(head)
     return ["| " + " | ".join(r) + " |" for r in (head, ["---"] * len(head), *map(list, rows))]
+
+
+def _percent(share: float | None) -> str:
+    return "—" if share is None else percent(share)
 
 
 def _number(value: float | None) -> str:
@@ -115,14 +129,15 @@ def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
         "tuning lies in the region that tells best, of those tried, where it holds.  The two shares behind a region "
         "say how sharply it tells.", "",
         *_table(
-            ["section", "claim", "verdict", "share", *(f"`{p}`" for p in presets)],
+            ["section", "claim", "verdict", "share", "hunting", *(f"`{p}`" for p in presets)],
             (
-                [c["section"], c["claim"], c["verdict_text"], percent(c['share']),
+                [c["section"], c["claim"], c["verdict_text"], percent(c["share"]), _percent(c["share_of_hunting"]),
                  *(f"{c['share_of_days'][p] * c['n_days']:.0f} of {c['n_days']}" for p in presets)]
                 for c in claims
             ),
         ),
-        "", "Under the presets: days on which it holds.", "", "## Claim by claim", "",
+        "", f"Under *hunting*: the share among the {grid['n_hunting']} tunings that, as the paper's, hunt by "
+        "themselves with the backlash.  Under the presets: days on which it holds.", "", "## Claim by claim", "",
     ]  # fmt: skip
     for c in claims:
         verdict = c["verdict_text"][0].upper() + c["verdict_text"][1:]
@@ -144,10 +159,13 @@ def screen(card: Mapping[str, Any]) -> list[str]:
     grid = card["grid"]
     lines = [
         f"{card['title']}: {grid['n_tunings']} tunings × {len(grid['day_seeds'])} days "
-        f"({grid['n_left_out']} of {grid['n_tunings_tried']} left out, they hunt without backlash)"
+        f"({grid['n_left_out']} of {grid['n_tunings_tried']} left out, they hunt without backlash)",
+        f"Share, and share among the {grid['n_hunting']} tunings that hunt with it:",
     ]
     for c in card["claims"]:
-        lines.append(f"{percent(c['share']):>5}  {c['verdict']:<13}  {c['claim']}")
+        lines.append(
+            f"{percent(c['share']):>5}  {_percent(c['share_of_hunting']):>5}  {c['verdict']:<13}  {c['claim']}"
+        )
         if c["verdict"] == ONLY_IF:
-            lines.append(f"{'':>20}… {c['verdict_text'].removeprefix(ONLY_IF).strip(' …')}")
+            lines.append(f"{'':>27}… {c['verdict_text'].removeprefix(ONLY_IF).strip(' …')}")
     return lines
