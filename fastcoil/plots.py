@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
 _BAND = (0.1, 0.9)
 _CURVES = 3
-_STYLE: Any = {
+STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -36,7 +36,7 @@ _STYLE: Any = {
 }
 _LINE_STYLES = ("-", "--", ":")
 # dark to light in print, too
-_COLOURS = ("#1b3a5c", "#2a7f62", "#d9822b")
+COLOURS = ("#1b3a5c", "#2a7f62", "#d9822b")
 
 
 def numeric_dims(ds: xr.Dataset) -> list[str]:
@@ -66,7 +66,7 @@ def maps(ds: xr.Dataset, x: str, y: str, metrics: Sequence[str] = STANDARD_METRI
     from matplotlib.figure import Figure
 
     _check(ds, metrics, x, y)
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = Figure(figsize=(4.2 * len(metrics), 3.6), layout="constrained")
         for axes, metric in zip(np.atleast_1d(figure.subplots(1, len(metrics), sharey=True)), metrics, strict=True):
             others = [d for d in ds[metric].dims if d not in (x, y)]
@@ -95,7 +95,7 @@ def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] 
 
     _check(ds, metrics, x, *([by] if by else []))
     picked = np.unique(np.linspace(0, ds.sizes[by] - 1, _CURVES).round().astype(int)) if by else [None]
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = Figure(figsize=(4.2 * len(metrics), 3.4), layout="constrained")
         for axes, metric in zip(np.atleast_1d(figure.subplots(1, len(metrics))), metrics, strict=True):
             for k, index in enumerate(picked):
@@ -114,7 +114,7 @@ def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] 
 
 def _band(axes: Axes, part: xr.DataArray, x: str, name: str | None, k: int) -> None:
     others = [d for d in part.dims if d != x]
-    colour = _COLOURS[k % len(_COLOURS)]
+    colour = COLOURS[k % len(COLOURS)]
     if others:
         low, high = part.quantile(_BAND[0], others), part.quantile(_BAND[1], others)
         axes.fill_between(part[x], low, high, color=colour, alpha=0.18, lw=0)
@@ -126,14 +126,14 @@ def alternatives(ds: xr.Dataset, dim: str, metrics: Sequence[str] = STANDARD_MET
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = Figure(figsize=(4.2 * len(metrics), 1.2 + 0.25 * ds.sizes[dim]), layout="constrained")
         rows = np.arange(ds.sizes[dim])
         for axes, metric in zip(np.atleast_1d(figure.subplots(1, len(metrics), sharey=True)), metrics, strict=True):
             others = [d for d in ds[metric].dims if d != dim]
             middle = ds[metric].median(others)
             spread = abs(ds[metric].quantile(list(_BAND), others) - middle)
-            axes.errorbar(middle, rows, xerr=spread, fmt="o", color=_COLOURS[0], ms=4, lw=1)
+            axes.errorbar(middle, rows, xerr=spread, fmt="o", color=COLOURS[0], ms=4, lw=1)
             axes.set(xlabel=label(metric), title=METRICS[metric].long_name)
         figure.axes[0].set_yticks(rows, [str(v) for v in ds[dim].values])
         figure.axes[0].invert_yaxis()

@@ -27,6 +27,7 @@ LAYERS = [
     {"plan"},
     {"simulation"},
     {"plots", "pairing"},
+    {"calibrate"},
     {"study"},
     {"progress"},
     {"cli"},
