@@ -1,5 +1,7 @@
 """What several test files share: ready-made days, one way to run the reference, and what the interpreter skips."""
 
+import os
+
 import numpy as np
 import pytest
 import reference
@@ -12,11 +14,17 @@ settings.load_profile("fastcoil")
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
+    config.addinivalue_line("markers", "full: long loops, only with FASTCOIL_FULL=1")
 
 
 def pytest_collection_modifyitems(items):
     from fastcoil.numerics.jit import JIT_ENABLED
 
+    if os.environ.get("FASTCOIL_FULL") != "1":
+        skip = pytest.mark.skip(reason="long loops, only with FASTCOIL_FULL=1")
+        for item in items:
+            if item.get_closest_marker("full"):
+                item.add_marker(skip)
     if not JIT_ENABLED:
         skip = pytest.mark.skip(reason="the lane kernel is too slow without the compiler (NUMBA_DISABLE_JIT=1)")
         for item in items:

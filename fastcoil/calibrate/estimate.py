@@ -7,7 +7,7 @@ screened as lanes; covariance by SVD, widened by what the autocorrelation of the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ _RANK_TOLERANCE = 1e-8
 _MAX_LAG_SHARE = 4
 """Autocorrelation is estimated to lags of this part of a segment."""
 _REFINED = 4
+_POLISH = 20.0
 _SCREENED_AT_ONCE = 64
 _TINY = 1e-300
 FORBIDDEN = 1e6
@@ -103,7 +104,12 @@ def minimise(
     """The best minimum found from the best of ``starts`` (p, sets); parameters in ``fixed`` stay where they start."""
     order = np.argsort(screen(model, starts))[:refined] if starts.shape[1] > 1 else np.array([0])
     found = [_descend(model, starts[:, k], fixed, max_steps) for k in order]
-    return min(found, key=lambda one: one.rss)
+    best = min(found, key=lambda one: one.rss)
+    if starts.shape[1] == 1:
+        return best
+    # long steps see past the kinks of Eq (1), short ones end nearer to the minimum
+    polished = _descend(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)
+    return min(best, polished, key=lambda one: one.rss)
 
 
 def _descend(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> Estimate:
@@ -251,8 +257,10 @@ def _lagged_products(Z: Array, segment: NDArray[np.int64], rho: Array) -> Array:
     return total
 
 
-def profile(model: Model, best: Estimate, k: int, grid: Array, max_steps: int = 30) -> tuple[Array, list[Estimate]]:
-    """Least residual sum of squares with parameter k held at each value of ``grid`` (ascending), all others free.
+def profile(
+    model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = (), max_steps: int = 30
+) -> tuple[Array, list[Estimate]]:
+    """Least residual sum of squares with parameter k held at each value of ``grid`` (ascending).
 
     Walks outward from the minimum, each value starting where its neighbour ended.
     """
@@ -263,7 +271,7 @@ def profile(model: Model, best: Estimate, k: int, grid: Array, max_steps: int = 
         for i in way:
             start = x.copy()
             start[k] = grid[i]
-            found[i] = minimise(model, start[:, None], fixed=[k], max_steps=max_steps)
+            found[i] = minimise(model, start[:, None], fixed=[*fixed, k], max_steps=max_steps)
             x = found[i].x
     estimates = [found[i] for i in range(grid.size)]
     return np.array([one.rss for one in estimates]), estimates

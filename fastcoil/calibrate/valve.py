@@ -89,10 +89,10 @@ def fit_valve(
     for _ in range(2):
         spread = uncertainty(model, best, fixed)
         grid = _grid(best, spread)
-        sums, others = profile(model, best, X_BL, grid)
+        sums, others = profile(model, best, X_BL, grid, fixed)
         if sums.min() > best.rss * (1.0 - 1e-6):
             break
-        best = minimise(model, others[int(sums.argmin())].x[:, None], fixed=fixed)
+        best = minimise(model, np.stack([best.x, others[int(sums.argmin())].x], axis=1), fixed=fixed)
     limit = best.rss * (1.0 + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance / best.rss)
     interval = _interval(grid, sums, best, limit)
     return problem.result(model, best, spread, (grid, sums, limit, interval), others[0], fixed, began)

@@ -40,8 +40,8 @@ class ValveProblem:
         if off.any():
             row = data.rows[int(np.argmax(off))]
             self.notes.append(
-                f"{int(off.sum())} flows left out: none is measured though the valve is open, or below the meter's floor: "
-                f"sensor or pump off (first in row {row})"
+                f"{int(off.sum())} flows left out, sensor or pump off: 0, or the meter's floor with the valve open "
+                f"(first in row {row})"
             )
         settled = compared(data, settle, self.notes)
         self.good = np.isfinite(self.flow) & ~off & settled
@@ -60,7 +60,7 @@ class ValveProblem:
     def flows(self, sets: Array, start: Array, n: int) -> tuple[Array, Array]:
         """Openings and flows of parameter sets (5, sets) over the first n samples, the meter's floor included."""
         openings, flows = np.empty((n, sets.shape[1])), np.empty((n, sets.shape[1]))
-        rows = np.ascontiguousarray(sets)
+        rows = sets.copy()
         rows[list(_LOGS)] = np.exp(rows[list(_LOGS)])
         valve_flows(self.command[:n], self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
         return openings, np.maximum(flows, self.floor)
