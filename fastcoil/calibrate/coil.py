@@ -93,5 +93,7 @@ def fit_coil(
         constants=constants, drop=drop, max_gap=max_gap,
     )  # fmt: skip
     held_series = tuple("W_a_in" if n in HUMIDITY else n for n in holds)
-    problem = CoilProblem(data, record_of(data, loop, held_series), OUTPUTS[minimise_on], warm_up, split, fit_until)
+    problem = CoilProblem(
+        data, record_of(data, loop, held_series), OUTPUTS[minimise_on], warm_up, split, fit_until, held_series
+    )
     return problem.solve(began)

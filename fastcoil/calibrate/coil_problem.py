@@ -37,7 +37,11 @@ _UNKNOWN = {True: 0.7, False: 0.5}
 _CONSTANT = 0.02
 """A flow that varies by less than this share is constant."""
 _N_STARTS = 256
+_STEP = 2e-3
+"""Of the differences: long against the jumps where a volume turns wet."""
 _FEWEST_SAMPLES = 16
+_COARSE = 10.0
+"""Samples further apart than this leave open what happens between them, s."""
 _COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
 
 
@@ -52,6 +56,7 @@ class CoilProblem:
         warm_up: float,
         split: float,
         fit_until: float | None,
+        holds: tuple[str, ...] = (),
     ) -> None:
         self.data, self.record, self.outputs = data, record, outputs
         self.notes = list(data.notes)
@@ -68,6 +73,10 @@ class CoilProblem:
         T_sup = data.values["T_sup"][compared]
         if np.ptp(T_sup) == 0.0:
             raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor")
+        if data.step > _COARSE and not holds:
+            self.notes.append(
+                f"between samples {data.step:g} s apart the inputs run straight: name in holds those that step"
+            )
         self.prior = self._prior()
         self.held: dict[int, str] = {}
         for flow, exponents, what in (("m_a", (BETA4, BETA6), "air"), ("m_w", (BETA2,), "water")):
@@ -113,7 +122,7 @@ class CoilProblem:
         lower = np.array([low, low - 5.0, -5.0, -2.0, -5.0, -2.0, -5.0, -2.0])
         upper = np.array([low + 4.0, low + 8.0, 3.0, 1.0, 3.0, 1.0, 3.0, 1.0])
         segment = np.repeat(np.arange(len(measured)), n)
-        return Model(residuals, lower, upper, np.full(8, 1e-4), segment, np.concatenate(used))
+        return Model(residuals, lower, upper, np.full(8, _STEP), segment, np.concatenate(used))
 
     def starts(self) -> Array:
         """A space-filling set of physical guesses, (8, sets)."""
@@ -139,18 +148,24 @@ class CoilProblem:
             self.held |= {k: "as that of heat alone: the coil is never wet" for k in _COUPLED}
             best = minimise(model, best.x[:, None], fixed=list(self.held))
         spread = uncertainty(model, best, list(self.held))
-        while (k := self._least_known(model, best, spread)) is not None:
+        needed: set[int] = set()
+        while (k := self._least_known(model, best, spread, needed)) is not None:
             x = best.x.copy()
             x[k] = self.prior[k]
             if k in _COUPLED:
                 self.held[k] = "as that of heat alone: the data do not tell them apart"
             else:
                 self.held[k] = "held at a prior: the data do not identify it"
-            best = minimise(model, x[:, None], fixed=list(self.held))
+            tried = minimise(model, x[:, None], fixed=list(self.held))
+            if tried.rss - best.rss > spread.quantile() ** 2 * spread.variance * spread.inflation[k]:
+                del self.held[k]  # little is known of it, but the prior it is not
+                needed.add(k)
+                continue
+            best, needed = tried, set()
             spread = uncertainty(model, best, list(self.held))
         return self.result(best, spread, wet, began)
 
-    def _least_known(self, model: Model, best: Estimate, spread: Uncertainty) -> int | None:
+    def _least_known(self, model: Model, best: Estimate, spread: Uncertainty, needed: set[int]) -> int | None:
         """The free parameter that the data say least of, if that is nothing."""
         error = np.sqrt(np.diag(spread.covariance)) / np.where(LOGS, _UNKNOWN[True], _UNKNOWN[False])
         span = model.upper - model.lower
@@ -159,7 +174,7 @@ class CoilProblem:
         error = np.where(far | np.isin(np.arange(8), spread.dead), np.inf, np.nan_to_num(error, posinf=np.inf))
         # a factor is the last thing to give up: without it nothing is exchanged
         rank = np.where(np.isin(np.arange(8), (LN_NTU_W, LN_NTU_A)), error / 10.0, error)
-        rank[list(self.held)] = 0.0
+        rank[[*self.held, *needed]] = 0.0
         k = int(np.argmax(rank))
         return k if error[k] > 1.0 and rank[k] > 0.0 else None
 

@@ -109,7 +109,9 @@ def minimise(
         return best
     # long steps see past the kinks of Eq (1), short ones end nearer to the minimum
     polished = _descend(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)
-    return min(best, polished, key=lambda one: one.rss)
+    x = min(best, polished, key=lambda one: one.rss).x
+    r, J = evaluate(model, x)  # short steps take a kink for a slope
+    return Estimate(x, r, J, float(r @ r))
 
 
 def _descend(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> Estimate:
