@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fastcoil.boundary.days import paper_day as paper_day
     from fastcoil.boundary.weather import weather_day as weather_day
     from fastcoil.calibrate.coil import fit_coil as fit_coil
+    from fastcoil.calibrate.shadow import replay as replay
     from fastcoil.calibrate.valve import fit_valve as fit_valve
     from fastcoil.errors import InputError as InputError
     from fastcoil.pairing import compare as compare
@@ -34,6 +35,7 @@ _HOME = {
     "fit_valve": "calibrate.valve",
     "open_study": "study.contents",
     "paper_day": "boundary.days",
+    "replay": "calibrate.shadow",
     "run_study": "study.runner",
     "simulate": "simulation",
     "weather_day": "boundary.weather",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fastcoil.cli_fit import fit
 from fastcoil.errors import (
     EXIT_FAILED_SCENARIOS,
     EXIT_INTERRUPTED,
@@ -133,6 +134,9 @@ def plan(study: Path, jobs: int | None) -> None:
     click.echo(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
     click.echo(f"Memory:      up to {gib(memory)} for results ({gib(available_memory())} available)")
     click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} while it is merged")
+
+
+main.add_command(fit)
 
 
 @main.command()

@@ -30,6 +30,7 @@ LAYERS = [
     {"calibrate"},
     {"study"},
     {"progress"},
+    {"cli_fit"},
     {"cli"},
     {"__main__", "__init__"},
 ]

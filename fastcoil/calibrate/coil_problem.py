@@ -40,6 +40,7 @@ _N_STARTS = 256
 _STEP = 2e-3
 """Of the differences: long against the jumps where a volume turns wet."""
 _FEWEST_SAMPLES = 16
+_POOR = 0.8
 _COARSE = 10.0
 """Samples further apart than this leave open what happens between them, s."""
 _COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
@@ -200,6 +201,12 @@ class CoilProblem:
             low, high = y[k] - half[k], y[k] + half[k]
             intervals[COIL[k]] = (math.exp(low), math.exp(high)) if LOGS[k] else (low, high)
         residuals, rmse = self._residuals(x)
+        explained = 1.0 - (rmse[FITTING] / float(np.nanstd(self.data.values["T_sup"][self.warm & self.fitting]))) ** 2
+        if explained < _POOR:
+            self.notes.append(
+                f"the model explains only {max(explained, 0.0):.0%} of the variance of T_sup: check units, columns and "
+                "how the inputs run between samples"
+            )
         n_volumes = int(self.record.loop["n_volumes"])  # type: ignore[arg-type]
         self.notes.append(f"{(wet > 0).mean():.0%} of the fitted samples have wet volumes, {wet.mean():.1f} on average")
         self.notes.append(

@@ -198,7 +198,7 @@ def uncertainty(model: Model, estimate: Estimate, fixed: Sequence[int] = ()) -> 
     live = norms > 1e-12 * max(float(norms.max()), 1e-300)
     free = np.flatnonzero(inner & live & ~np.isin(np.arange(p), np.asarray(fixed, dtype=int)))
     rho = autocorrelation(r, model.segment, model.used)
-    n_effective = max(n / (1.0 + 2.0 * float(rho.sum())), 1.0)
+    n_effective = min(max(n / max(1.0 + 2.0 * float(rho.sum()), 1.0), 1.0), n)
     freedom = max(n_effective - free.size, 1.0)
     variance = estimate.rss / n * n_effective / freedom
     _, s, Vt = np.linalg.svd(estimate.J[:, free] / norms[free], full_matrices=False)
