@@ -92,7 +92,7 @@ def test_batches_start_anywhere_in_their_gap():
     flow = np.concatenate([flows(c, start=s) for c, s in zip(parts, np.linspace(0, 1, 8), strict=True)])
     batch = np.repeat(np.arange(8.0), 60)
     log = log_of(np.concatenate(parts), noisy(rng, flow, 0.01), batch=batch)
-    fit = fc.fit_valve(log, split=0.75)
+    fit = fc.fit_valve(log, split=0.7)
     assert_covered(fit, TRUTH)
     assert fit.rmse["fit"] == pytest.approx(0.01, rel=0.2)
     here = fit.residuals["part"] == "validation"
@@ -188,6 +188,17 @@ def test_noise_larger_than_the_effect_of_the_gap_gives_no_backlash():
     assert "backlash" not in fit.parameters
     assert "noise of the flow is larger" in fit.held["backlash"]
     assert "not identified" in fit.plot().axes[2].get_title()
+
+
+def test_two_positions_tell_neither_the_gap_nor_the_curve():
+    rng = np.random.default_rng(18)
+    command = np.where(np.arange(300) // 20 % 2, 0.8, 0.2)
+    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.02)), split=1.0)
+    assert "backlash" not in fit.parameters
+    assert "the most that is tried" in fit.held["backlash"]
+    assert any("one of many that fit as well" in why for why in fit.held.values())
+    assert np.isfinite(list(fit.intervals.values())).all()
+    tomllib.loads(fit.to_toml())
 
 
 # ------------------------------------------------------------------------------------------------- how it is computed

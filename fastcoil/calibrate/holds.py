@@ -99,8 +99,10 @@ def gaps_unknown(n_reversals: int, interval: tuple[float, float], most: float, s
             "reversal shows a gap; give a log in which it goes up and down"
         )
     if high >= most or (low <= 0.0 and high > small):
+        tried = " (the most that is tried)" if high >= most else ""
         return (
-            f"not identified: anything from {low:.3g} to {high:.3g} fits as well (95 %), for the noise of the flow is "
-            "larger than the gap's effect; give a longer log, or larger reversals where the curve is steep"
+            f"not identified: anything from {low:.3g} to {high:.3g}{tried} fits as well (95 %): the flow's noise is "
+            "larger than the gap's effect, or no reversal ends within the gap; give a longer log, with small reversals "
+            "too, where the curve is steep"
         )
     return ""

@@ -122,6 +122,8 @@ class ValveProblem:
         for name, variance in zip(VALVE_ROWS[1:], np.diag(spread.covariance)[1:5], strict=True):
             if math.isnan(variance) and name not in held:
                 held[name] = "at the bound of its range: the data do not limit it"
+            elif math.isinf(variance) and name not in held:
+                held[name] = "one of many that fit as well: the data do not identify it"
         parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
         estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
         half = spread.quantile() * np.sqrt(np.diag(spread.covariance)[:5])
