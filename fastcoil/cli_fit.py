@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fastcoil.errors import InputError
+from fastcoil.progress import announce_compilation
 
 if TYPE_CHECKING:
     from fastcoil.calibrate.result import Fit
@@ -59,6 +60,7 @@ def valve(data: Path, out: Path, columns: Sequence[str], units: Sequence[str], *
     from fastcoil.calibrate.valve import fit_valve
 
     _written(out)
+    announce_compilation("valve_flows")
     _tell(fit_valve(data, columns=_pairs("--column", columns), units=_pairs("--unit", units), **options), out)
 
 
@@ -90,6 +92,7 @@ def coil(
     from fastcoil.calibrate.coil import fit_coil
 
     _written(out)
+    announce_compilation("march_coil")
     numbers = {}
     for name, text in (_pairs("--constant", constants) or {}).items():
         try:
