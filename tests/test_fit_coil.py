@@ -148,6 +148,14 @@ def test_a_slow_log_holds_the_heat_capacity_of_the_water():
     assert any("1200 s apart the inputs run straight" in note for note in fit.notes)
 
 
+def test_zeros_of_a_sensor_that_is_off_are_left_out_and_counted():
+    log = twin(hours=2, seed=15)
+    log["T_sup"][3000:3050] = 0.0
+    fit = fc.fit_coil(log, split=1.0)
+    assert fit.rmse["fit"] == pytest.approx(0.05, rel=0.1)
+    assert "50 values left out: T_sup is 0, sensor off (first in row 3000)" in fit.notes
+
+
 def test_a_log_that_the_model_cannot_explain_is_noted():
     log = twin(seed=14)
     rng = np.random.default_rng(14)
@@ -197,7 +205,7 @@ def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not()
     problem = problem_of(twin(hours=0.5))
     model = problem.model()
     good = searched(problem, TRUTH)
-    bad = searched(problem, TRUTH | {"C_c": 0.3})
+    bad = searched(problem, TRUTH | {"C_c": 1.5})
     r = model.residuals(np.stack([good, bad, good], axis=1))
     assert (np.abs(r[model.used, 1]) == FORBIDDEN).all()
     np.testing.assert_array_equal(r[:, 0], r[:, 2])

@@ -41,6 +41,7 @@ _STEP = 2e-3
 """Of the differences: long against the jumps where a volume turns wet."""
 _FEWEST_SAMPLES = 16
 _POOR = 0.8
+_WARM = 5.0
 _COARSE = 10.0
 """Samples further apart than this leave open what happens between them, s."""
 _COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
@@ -61,6 +62,7 @@ class CoilProblem:
     ) -> None:
         self.data, self.record, self.outputs = data, record, outputs
         self.notes = list(data.notes)
+        self._leave_out_zeros()
         self.warm = data.time >= warm_up
         self.fitting = fitted_part(data, split, fit_until)
         self.n_fit = int(self.fitting.sum())
@@ -84,6 +86,15 @@ class CoilProblem:
             values = data.values[flow][compared]
             if np.ptp(values) < _CONSTANT * values.mean():
                 self.held |= {k: f"held at a prior: the {what} flow is constant" for k in exponents}
+
+    def _leave_out_zeros(self) -> None:
+        """A temperature of exactly 0 among far warmer ones is a sensor that is off."""
+        for name in ("T_sup", "T_w_out"):
+            values = self.data.values.get(name)
+            if values is not None and np.nanmedian(values) > _WARM and (off := values == 0.0).any():
+                row = self.data.rows[int(np.argmax(off))]
+                self.notes.append(f"{int(off.sum())} values left out: {name} is 0, sensor off (first in row {row})")
+                self.data.values[name] = np.where(off, np.nan, values)
 
     def _prior(self) -> Array:
         """What is taken for a parameter that the data do not identify."""

@@ -29,6 +29,11 @@ def valve_flows(command, batch, sets, start, openings, flows):
         if t == 0 or batch[t] != batch[t - 1]:
             for j in range(n_sets):
                 q[j] = started(command[t], sets[0, j], start[batch[t], j])
+        elif command[t] == command[t - 1]:
+            for j in range(n_sets):
+                openings[t, j] = openings[t - 1, j]
+                flows[t, j] = flows[t - 1, j]
+            continue
         for j in range(n_sets):
             q[j] = backlash(q[j], command[t], sets[0, j])
             openings[t, j] = opening(q[j], sets[0, j])
