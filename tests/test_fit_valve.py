@@ -149,6 +149,9 @@ def test_a_known_asymptotic_flow_is_held():
     assert "m_max" not in fit.intervals
     assert_covered(fit, TRUTH, ["backlash", "valve_a", "valve_b", "valve_c"])
     assert any("commands reach 0.5: beyond it" in note for note in fit.notes)
+    wrong = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.005)), m_max=2.5)
+    assert wrong.parameters["m_max"] == 2.5
+    assert float(wrong.profile["rmse"].min()) > (1.0 - 1e-6) * wrong.rmse["fit"]
 
 
 @pytest.mark.full

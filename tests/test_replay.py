@@ -50,14 +50,14 @@ def test_heating_is_replayed_too():
 def test_times_without_operation_reset_the_controller():
     day = fc.paper_day(hours=0.5, seed=1)
     enabled = np.ones(1800)
-    enabled[600:907] = 0.0
+    enabled[617:907] = 0.0  # between samples, too
     series = {name: values[0] for name, values in day.series.items()} | {"enabled": enabled}
     day = fc.Boundary(**series)
     loop = fc.Loop()
     ds = fc.simulate(loop, day, traces=["T_measured", *SIGNALS], warm_up=0)
     found = fc.replay(loop, recorded(ds, day))
     np.testing.assert_array_equal(found["command"], ds["command"])
-    assert (found["u"][600:907] == 0.0).all()
+    assert (found["u"][617:907] == 0.0).all()
 
 
 def test_a_sweep_is_replayed_at_once(hour):
