@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from fastcoil.boundary.days import design_day as design_day
     from fastcoil.boundary.days import paper_day as paper_day
     from fastcoil.boundary.weather import weather_day as weather_day
+    from fastcoil.calibrate.coil import fit_coil as fit_coil
+    from fastcoil.calibrate.shadow import replay as replay
+    from fastcoil.calibrate.valve import fit_valve as fit_valve
     from fastcoil.errors import InputError as InputError
     from fastcoil.pairing import compare as compare
     from fastcoil.scenario import Loop as Loop
@@ -29,8 +32,11 @@ _HOME = {
     "compare": "pairing",
     "constant_day": "boundary.days",
     "design_day": "boundary.days",
+    "fit_coil": "calibrate.coil",
+    "fit_valve": "calibrate.valve",
     "open_study": "study.contents",
     "paper_day": "boundary.days",
+    "replay": "calibrate.shadow",
     "run_study": "study.runner",
     "simulate": "simulation",
     "sobol_indices": "variance",

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
-import signal
 import sys
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fastcoil.errors import (
-    EXIT_FAILED_SCENARIOS,
-    EXIT_INTERRUPTED,
-    EXIT_TERMINATED,
-    FastcoilError,
-    InputError,
-    IntegrityError,
-)
+from fastcoil.cli_fit import fit
+from fastcoil.endings import Commands, interruptible
+from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 from fastcoil.progress import announce_compilation, duration, told
 
 if TYPE_CHECKING:
@@ -30,27 +20,7 @@ STUDY = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path)
 
 
-class _Commands(click.Group):
-    """Ends every mistake of the user with its sentences and an exit code, not with a traceback."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        try:
-            with _plain_warnings():
-                return super().invoke(ctx)
-        except FastcoilError as error:
-            for line in str(error).splitlines():
-                click.echo(f"fastcoil: {line}", err=True)
-            ctx.exit(error.exit_code)
-        except KeyboardInterrupt as interrupt:
-            click.echo(f"fastcoil: interrupted{interrupt}", err=True)
-            ctx.exit(EXIT_TERMINATED if isinstance(interrupt, _Terminated) else EXIT_INTERRUPTED)
-
-
-class _Terminated(KeyboardInterrupt):
-    """Interrupted by the system, as a batch scheduler does, and not by the user."""
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="fastcoil")
 def main() -> None:
     r"""Simulate coil valves with backlash under PI and backlash-inverse control, thousands of days at once.
@@ -92,7 +62,7 @@ def run(
         n = asked.plan.n_scenarios
         return told(n, n - n_todo)
 
-    with _interruptible(study, folder):
+    with interruptible(study, folder):
         finished = execute(
             asked, folder, n_jobs=jobs, engine=engine, scheduler=scheduler, extend=extend, progress=begins
         )
@@ -134,6 +104,9 @@ def plan(study: Path, jobs: int | None) -> None:
     click.echo(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
     click.echo(f"Memory:      up to {gib(memory)} for results ({gib(available_memory())} available)")
     click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} while it is merged")
+
+
+main.add_command(fit)
 
 
 @main.command()
@@ -266,34 +239,3 @@ def _figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:
     from fastcoil import plots
 
     return plots.write(plots.standard_figures(ds), folder / "figures")
-
-
-@contextmanager
-def _interruptible(study: Path, folder: Path) -> Iterator[None]:
-    """End on SIGTERM and SIGHUP as on Ctrl-C, and say how to go on."""
-
-    def terminate(*_: object) -> None:
-        raise _Terminated
-
-    before = {number: signal.signal(number, terminate) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    except KeyboardInterrupt as interrupt:
-        command = shlex.join(["fastcoil", "run", str(study), "-o", str(folder)])
-        advice = f"; what was finished is kept, to go on: {command}" if folder.exists() else ""
-        raise type(interrupt)(advice) from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
-def _plain_warnings() -> Iterator[None]:
-    """Show a warning as one line of text."""
-
-    def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        click.echo(f"fastcoil: note: {message}", err=True)
-
-    with warnings.catch_warnings():
-        warnings.showwarning = show  # type: ignore[assignment]
-        yield

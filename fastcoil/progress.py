@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 _SECONDS_BETWEEN_LINES = 10.0
 
 
-def announce_compilation() -> None:
-    """Say that a wait is coming, where the kernels are not compiled yet."""
+def announce_compilation(kernel: str = "emulate") -> None:
+    """Say that a wait is coming, where a kernel is not compiled yet."""
     from fastcoil.numerics.jit import is_compiled
 
-    if not is_compiled("emulate"):
+    if not is_compiled(kernel):
         click.echo("Compiling the kernels, once per installation: about 10 s …", err=True)
 
 

@@ -27,9 +27,11 @@ LAYERS = [
     {"plan"},
     {"simulation"},
     {"plots", "pairing", "variance"},
+    {"calibrate"},
     {"study"},
     {"paper"},
-    {"progress"},
+    {"progress", "endings"},
+    {"cli_fit"},
     {"cli"},
     {"__main__", "__init__"},
 ]

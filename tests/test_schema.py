@@ -107,6 +107,8 @@ def test_the_template_is_valid_also_with_all_that_it_shows_as_comments(tmp_path)
     text = uncommented(TEMPLATE)
     assert mistakes(text) == []
     (tmp_path / "mine.py").write_text("def overshoot(traces): ...")
+    (tmp_path / "valve.toml").write_text("[loop]\nvalve_a = 0.6")
+    (tmp_path / "coil.toml").write_text("[loop]\nbeta2 = -0.3")
     (tmp_path / "study.toml").write_text(text.replace("size = 1024", "size = 4"))
     study = read_study(tmp_path / "study.toml")
     assert study.plan.layout.sizes["sample"] == 4

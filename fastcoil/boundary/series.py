@@ -26,7 +26,10 @@ Values: TypeAlias = Any
 STANDARD_AIR = 1.2
 """Density that turns a volume flow of air into a mass flow, kg/m3 (ASHRAE standard air)."""
 
-_POUND, _FOOT = 0.45359237, 0.3048
+WATER = 1000.0
+"""Density that turns a volume flow of water into a mass flow, kg/m3."""
+
+_POUND, _FOOT, _GALLON = 0.45359237, 0.3048, 3.785411784e-3
 
 # Each unit's (scale, offset) into the first of its family, which is the unit used inside fastcoil.
 TEMPERATURE: Units = {"degC": (1.0, 0.0), "degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
@@ -41,8 +44,22 @@ AIR_FLOW: Units = {
     "L/s": (STANDARD_AIR / 1000, 0.0),
     "cfm": (STANDARD_AIR * _FOOT**3 / 60, 0.0),
 }
+WATER_FLOW: Units = {
+    "kg s-1": (1.0, 0.0),
+    "kg/s": (1.0, 0.0),
+    "kg/h": (1 / 3600, 0.0),
+    "lb/h": (_POUND / 3600, 0.0),
+    "m3/s": (WATER, 0.0),
+    "m3/h": (WATER / 3600, 0.0),
+    "L/s": (WATER / 1000, 0.0),
+    "L/min": (WATER / 60e3, 0.0),
+    "L/h": (WATER / 3600e3, 0.0),
+    "gpm": (WATER * _GALLON / 60, 0.0),
+}
 HUMIDITY_RATIO: Units = {"1": (1.0, 0.0), "kg/kg": (1.0, 0.0), "g/kg": (1e-3, 0.0)}
 FRACTION: Units = {"1": (1.0, 0.0), "percent": (0.01, 0.0), "%": (0.01, 0.0)}
+TRAVEL: Units = {**FRACTION, "deg": (1 / 90, 0.0), "V": (0.1, 0.0)}
+"""Travel of a valve; degrees of a quarter turn, volts of 0–10."""
 PRESSURE: Units = {"Pa": (1.0, 0.0), "hPa": (100.0, 0.0), "kPa": (1000.0, 0.0)}
 TIME: Units = {"s": (1.0, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0)}
 NUMBER: Units = {"1": (1.0, 0.0)}

@@ -77,8 +77,8 @@ def read_trend_log(
         for name, column in found.items()
         if name != "timestamp"
     }
-    time = known.pop("elapsed_time") if "elapsed_time" in known else _seconds(table, found["timestamp"])
-    _check_steps(table, time, max_gap)
+    time = known.pop("elapsed_time") if "elapsed_time" in known else seconds_since_first(table, found["timestamp"])
+    check_steps(table, time, max_gap)
     table.stop_if_wrong()
     if "RH_a_in" in known:
         T_a_in = known["T_a_in"] if "T_a_in" in known else constants["T_a_in"]
@@ -132,7 +132,7 @@ def _log_columns(
     return found
 
 
-def _seconds(table: Table, column: int) -> Array:
+def seconds_since_first(table: Table, column: int) -> Array:
     """Timestamps as seconds since the first row."""
     times: list[datetime] = []
     for row, number in zip(table.rows, table.row_numbers, strict=True):
@@ -149,7 +149,7 @@ def _seconds(table: Table, column: int) -> Array:
     return np.array([(time - times[0]).total_seconds() for time in times])
 
 
-def _check_steps(table: Table, time: Array, max_gap: float | None) -> None:
+def check_steps(table: Table, time: Array, max_gap: float | None) -> None:
     """Time must rise, by at least a second, without gaps."""
     steps = np.diff(time)
     step, rows = float(np.median(steps)), table.row_numbers

@@ -51,6 +51,12 @@ def deliver(S):
     for j in range(LANES):
         S[R.m_w + j] = exp(S[R.log_m_w + j])
         S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
+    water_side(S)
+
+
+@section
+def water_side(S):
+    """Water-side conductance of every lane, Eq (4)."""
     for j in range(LANES):
         S[R.ntu_w + j] = transfer_units(S[R.ntu_w_factor + j], S[R.beta2 + j], S[R.log_m_w + j])
     for j in range(LANES):

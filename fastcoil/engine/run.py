@@ -40,7 +40,7 @@ def run_block(block: Block, day: Day, wanted: Traces) -> tuple[np.ndarray, np.nd
     n_points = wanted.n_points(day.series.shape[0])
     traces = np.empty((n_points, rows.size + rows_after.size, LANES))
     metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
-    S, V = _aligned(len(R) * LANES), _aligned((block.n_volumes + 2) * VOLUME_STRIDE)
+    S, V = aligned(len(R) * LANES), aligned((block.n_volumes + 2) * VOLUME_STRIDE)
     emulate(block, day, S, V, metrics, status, rows, rows_after, wanted.interval, traces)
 
     traces[:, :, status != STATUS_OK] = np.nan
@@ -55,7 +55,7 @@ def run_block(block: Block, day: Day, wanted: Traces) -> tuple[np.ndarray, np.nd
     return metrics, status, named
 
 
-def _aligned(size: int) -> np.ndarray:
+def aligned(size: int) -> np.ndarray:
     """Work space from a cache line's edge on: a vector across two lines costs twice."""
     space = np.empty(size + _CACHE_LINE)
     start = -space.ctypes.data // space.itemsize % _CACHE_LINE

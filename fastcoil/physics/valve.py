@@ -27,6 +27,17 @@ def backlash(q, position, x_bl):
 
 
 @scalar
+def started(position, x_bl, x):
+    """Stem position q of a gearbox first seen at ``position``, Eq (1): x = 0 on the falling flank, 1 on the rising.
+
+    Of the gap only what leaves the opening within 0–1 can be met: the stem ends where the valve does.
+    """
+    highest = 1.0 - x_bl if position > 1.0 - x_bl else position
+    lowest = 0.0 if position < x_bl else position - x_bl
+    return highest - x * (highest - lowest)
+
+
+@scalar
 def opening(q, x_bl):
     """Valve opening α q with α = 1/(1 - x_BL), so that a full command opens fully.  Eq (1)."""
     return q / (1.0 - x_bl)

@@ -18,14 +18,15 @@ LONGEST_AXIS = 10_000_000
 _SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
 
-def study_loop(file: StudyFile) -> Loop:
-    """Build the loop of a study: preset, constants, swept axes, named cases, the sample."""
+def study_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Loop:
+    """Build the loop of a study: preset, what it includes, constants, swept axes, named cases, the sample."""
     problems: list[str] = []
     constants = dict(file.loop)
     preset = str(constants.pop("preset", "paper_like"))
+    constants.pop("include", None)
     loop, axes = Loop(), {}
     with collecting(problems, "[loop] "):
-        loop = Loop.preset(preset)
+        loop = Loop.preset(preset).assign(**(included or {}))
     valve = _valve_of_several_tables(file)
     if valve:
         # any installed valve, so that each table can change its part of it

@@ -60,7 +60,7 @@ def begun_study(folder: Path, run: Begun) -> Study:
         what = (
             "the series of its [boundary]"
             if study.plan.layout.boundary.sha256 != run.boundary_sha256
-            else f"{STUDY} or its reduction"
+            else f"{STUDY}, a file that it includes, or its reduction"
         )
         raise IntegrityError(f"{folder}: {what} changed since the run was begun: bring it back, or run it elsewhere")
     return study

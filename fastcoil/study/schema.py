@@ -92,7 +92,9 @@ def _reference(name: str) -> Schema:
 
 
 def _preset() -> dict[str, Schema]:
-    return {"preset": {"enum": list(PRESETS), "default": "paper_like", "description": "where the defaults come from"}}
+    files = {"type": "array", "items": {"type": "string"}, "description": "files that `fastcoil fit` wrote"}
+    preset = {"enum": list(PRESETS), "default": "paper_like", "description": "where the defaults come from"}
+    return {"preset": preset, "include": files}
 
 
 def _values(name: str) -> Schema:

@@ -1,6 +1,6 @@
 """The strict reader of study files (TOML): every mistake is reported, all at once, and nothing is guessed.
 
-A study has the tables ``[loop]`` (constants, ``preset``), ``[sweep]`` (a parameter on its own axis),
+A study has the tables ``[loop]`` (constants, ``preset``, ``include``), ``[sweep]`` (a parameter on its own axis),
 ``[cases.NAME]`` (named alternatives along a dimension NAME), ``[sample]`` (parameters drawn from distributions),
 ``[boundary]`` (``kind`` and its arguments) and ``[run]``; all but ``[loop]`` may be absent.
 """
@@ -19,6 +19,7 @@ from fastcoil.errors import InputError, collecting
 from fastcoil.plan import Plan, prepare
 from fastcoil.study.axes import study_loop
 from fastcoil.study.days import study_boundary
+from fastcoil.study.include import included
 from fastcoil.study.reduction import Reduction, find_reduction
 from fastcoil.study.tables import shaped
 
@@ -31,7 +32,7 @@ class Study:
     """A study that can be run: its text and tables, what it asks, and the validated plan.
 
     ``folder`` is where its relative paths start, ``sample_method`` how ``[sample]`` was drawn, ``reduction`` what
-    ``[run] reduce`` names; ``None`` without.
+    ``[run] reduce`` names; ``None`` without.  ``included`` holds the parameters from the files in ``[loop] include``.
     """
 
     text: str
@@ -42,6 +43,7 @@ class Study:
     folder: Path
     sample_method: str | None
     reduction: Reduction | None
+    included: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def kept_traces(self) -> tuple[str, ...]:
@@ -50,7 +52,7 @@ class Study:
 
     @property
     def sha256(self) -> str:
-        """Hash of everything that decides the result: values and order of the tables, the boundary, the reduction.
+        """Hash of everything that decides the result: the tables, what they include, the boundary, the reduction.
 
         Title, question, comments and spelling do not.
         """
@@ -58,6 +60,7 @@ class Study:
         # dates and times, which TOML has and JSON has not, are as good as their text
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
         parts += [self.reduction.sha256] if self.reduction else []
+        parts += [json.dumps(self.included)] if self.included else []
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
@@ -69,8 +72,8 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
     path
         The TOML file.
     folder
-        Where relative paths in ``[boundary]`` and the module of ``[run] reduce`` start from; the file's folder by
-        default.
+        Where relative paths in ``[boundary]`` and ``include`` and the module of ``[run] reduce`` start from; the
+        file's folder by default.
 
     Raises
     ------
@@ -85,8 +88,11 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
         raise InputError(f"{path} is not valid TOML: {error}") from None
     file, problems = shaped(tables)
     loop = boundary = plan = reduction = None
+    from_files: dict[str, Any] = {}
+    with collecting(problems, "[loop] "):
+        from_files = included(file.loop, folder)
     with collecting(problems):
-        loop = study_loop(file)
+        loop = study_loop(file, from_files)
     with collecting(problems):
         boundary = study_boundary(file.boundary, folder)
     if loop is not None and boundary is not None:
@@ -103,7 +109,7 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
     if problems or plan is None:
         raise InputError([f"{path}: {problem}" for problem in problems])
     method = file.sample["method"] if file.sample else None
-    return Study(text, tables, file.title or path.stem, file.question, plan, folder, method, reduction)
+    return Study(text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files)
 
 
 def _text(path: Path) -> str:

@@ -9,6 +9,7 @@ question = "How does the control error depend on the true backlash and on how we
 
 [loop]                                  # what all loops have in common
 preset = "lbnl"                         # paper_like, paper_like_fast, lbnl or g36
+# include = ["valve.toml", "coil.toml"] # your own AHU: files that `fastcoil fit valve|coil data.csv` wrote
 # noise_std = 0.05                      # any parameter may be given here
 
 [sweep]                                 # each on its own axis; all combinations are run

@@ -1,0 +1,108 @@
+"""What a log of commands and flows tells before anything is fitted: holds, reversals, the flow meter's floor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcoil.boundary.series import Array
+from fastcoil.calibrate.data import Log
+
+_STILL = 2e-3
+"""Commands within this of each other are one hold, fraction of stroke."""
+_TURN = 0.01
+"""A reversal is a way back of more than this, fraction of stroke."""
+_HOLD_SAMPLES = 4
+"""A typical hold of at least so many samples makes the log one of holds."""
+_FLOOR_SHARE, _FLOOR_SAMPLES = 0.02, 5
+_SURELY_OPEN = 0.25
+"""A valve that is by this further open than one that lets water through lets water through, whatever its gap."""
+_BIN, _BIN_SAMPLES = 0.05, 3
+_FEWEST_REVERSALS = 2
+
+
+def compared(data: Log, settle: float | None, notes: list[str]) -> NDArray[np.bool_]:
+    """Where the flow has settled after the last change of the command, (n,)."""
+    command = data.values["command"]
+    since, lengths, began, held = np.zeros(command.size), [], 0, command[0]
+    for t in range(1, command.size):
+        if abs(command[t] - held) > _STILL or data.batch[t] != data.batch[t - 1]:
+            lengths.append(t - began)
+            began, held = t, command[t]
+        since[t] = data.time[t] - data.time[began]
+    lengths.append(command.size - began)
+    typical = float(np.median(lengths))
+    if settle is None and typical < _HOLD_SAMPLES:
+        return np.ones(command.size, dtype=bool)
+    wait = settle if settle is not None else 0.5 * typical * data.step
+    good = since >= wait
+    good[:1] = wait == 0.0
+    if not good.all():
+        notes.append(
+            f"{int((~good).sum()):,} of {good.size:,} flows not compared: less than {wait:g} s after the command "
+            f"changed ({len(lengths):,} holds, typically {typical * data.step:g} s)"
+        )
+    return np.asarray(good)
+
+
+def reversals(command: Array, batch: NDArray[np.int64]) -> int:
+    """How often the command turns by more than 1 % of stroke."""
+    n, extreme, way = 0, command[0], 0
+    for t in range(1, command.size):
+        if batch[t] != batch[t - 1]:
+            extreme, way = command[t], 0
+        moved = command[t] - extreme
+        if way * moved > 0.0:
+            extreme = command[t]
+        elif abs(moved) > _TURN:
+            n += way != 0
+            way, extreme = int(np.sign(moved)), command[t]
+    return n
+
+
+def lowest_reading(flow: Array, notes: list[str]) -> float:
+    """The flow meter's floor: its lowest reading above 0 if that comes again and again, else 0."""
+    above = flow[np.isfinite(flow) & (flow > 0.0)]
+    if above.size == 0:
+        return 0.0
+    lowest = float(above.min())
+    times = int((above == lowest).sum())
+    if times < max(_FLOOR_SAMPLES, _FLOOR_SHARE * above.size):
+        return 0.0
+    notes.append(f"the flow meter reads {lowest:.4g} kg/s {times:,} times and never less: taken for its floor")
+    return lowest
+
+
+def sensor_off(command: Array, flow: Array, floor: float) -> NDArray[np.bool_]:
+    """Where no flow is measured that cannot be the valve's doing: the sensor or the pump is off.
+
+    That is 0 below the meter's floor; and 0, or the floor, with the valve much further open than where most samples
+    begin to flow.
+    """
+    still = flow <= floor
+    begins = 1.0
+    for low in np.arange(0.0, 1.0, _BIN):
+        here = (command >= low) & (command < low + _BIN) & np.isfinite(flow)
+        if here.sum() >= _BIN_SAMPLES and still[here].mean() < 0.5:
+            begins = low
+            break
+    off = still & (command > begins + _SURELY_OPEN)
+    return np.asarray(off | (flow == 0.0) if floor > 0.0 else off)
+
+
+def gaps_unknown(n_reversals: int, interval: tuple[float, float], most: float, small: float) -> str:
+    """Why the data cannot tell the backlash; empty if they can."""
+    low, high = interval
+    if n_reversals < _FEWEST_REVERSALS:
+        return (
+            f"not identified: the command turns {n_reversals} times by more than {_TURN:.0%} of stroke, and only a "
+            "reversal shows a gap; give a log in which it goes up and down"
+        )
+    if high >= most or (low <= 0.0 and high > small):
+        tried = " (the most that is tried)" if high >= most else ""
+        return (
+            f"not identified: anything from {low:.3g} to {high:.3g}{tried} fits as well (95 %): the flow's noise is "
+            "larger than the gap's effect, or no reversal ends within the gap; give a longer log, with small reversals "
+            "too, where the curve is steep"
+        )
+    return ""

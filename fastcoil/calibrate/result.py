@@ -1,0 +1,161 @@
+"""What a fit gives back: parameters, how well they are known, residuals; in words, as TOML, as a figure."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.errors import InputError
+from fastcoil.files import commit
+from fastcoil.parameter_table import PARAMETERS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fastcoil.boundary.series import Array
+
+FITTING, VALIDATION, UNUSED = "fit", "validation", "unused"
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted valve or coil.
+
+    Attributes
+    ----------
+    parameters
+        Name → value, ready for ``loop.assign(**fit.parameters)``; held ones are there, unidentified ones without a
+        prior are not.
+    standard_errors, intervals
+        Standard error and 95 % interval by name, of the estimated ones; residuals that go together are allowed for.
+    covariance, correlation
+        DataArrays (``parameter``, ``parameter_2``) of the estimated ones.
+    profile
+        Dataset over ``backlash``: least RMSE of the fitted part with the backlash held there, and the ``limit`` that
+        the 95 % interval stays below.  None for a coil.
+    residuals
+        Dataset over ``elapsed_time``: measured and modelled values, their difference, the ``part`` (fit, validation,
+        unused), and the row of the file.
+    rmse
+        By part, and besides those of other models to compare with.
+    held
+        Name → why the data do not give it and what is taken instead.
+    notes
+        What was left out of the log, and what to know of the result.
+    """
+
+    kind: str
+    source: str
+    parameters: dict[str, float]
+    standard_errors: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    covariance: xr.DataArray
+    profile: xr.Dataset | None
+    residuals: xr.Dataset
+    rmse: dict[str, float]
+    unit: str
+    n_used: int
+    n_effective: float
+    held: dict[str, str]
+    notes: list[str]
+    seconds: float
+    extras: Mapping[str, Array] = field(default_factory=dict, repr=False)
+
+    @property
+    def correlation(self) -> xr.DataArray:
+        """Correlations of the estimates."""
+        s = np.sqrt(np.diag(self.covariance))
+        with np.errstate(invalid="ignore"):
+            return self.covariance / np.outer(s, s)
+
+    def plot(self) -> Figure:
+        """Figs 2 (valve) or 4 and 5 (coil) of the paper for this fit, as a matplotlib ``Figure``."""
+        from fastcoil.calibrate.report import figure
+
+        return figure(self)
+
+    def summary(self) -> list[str]:
+        """The fit in words, a line each."""
+        lines = [
+            f"{self.source}: {self.n_used:,} samples compared, worth {self.n_effective:,.0f} independent ones; "
+            f"{self.seconds:.1f} s"
+        ]
+        for name, value in self.parameters.items():
+            unit = "" if PARAMETERS[name].unit == "1" else f" {PARAMETERS[name].unit}"
+            if name in self.intervals:
+                low, high = self.intervals[name]
+                error = self.standard_errors[name]
+                lines.append(f"{name} = {value:.4g}{unit} ± {error:.2g} (95 %: {low:.4g} to {high:.4g})")
+            else:
+                lines.append(f"{name} = {value:.4g}{unit}, {self.held[name]}")
+        lines += [f"{name}: {why}" for name, why in self.held.items() if name not in self.parameters]
+        correlation = self.correlation.values
+        for i, j in zip(*np.nonzero(np.triu(np.abs(np.nan_to_num(correlation)) > 0.95, 1)), strict=True):
+            names = self.covariance["parameter"].values
+            lines.append(
+                f"{names[i]} and {names[j]} are only known together (correlation {correlation[i, j]:.3f}): "
+                "keep them as a pair"
+            )
+        lines += [f"RMSE, {part.replace('_', ' ')}: {value:.4g} {self.unit}" for part, value in self.rmse.items()]
+        return lines + [f"Note: {note}" for note in self.notes]
+
+    def to_toml(self, path: str | Path | None = None) -> str:
+        """The fit as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
+
+        ``[loop]`` holds the parameters; ``[fit]`` and what is below it is for readers.
+        """
+        lines = [f"# {self.kind} fitted to {self.source} by fastcoil"]
+        lines += [f"# {line}" for line in self.summary()[1:]]
+        lines += ["", "[loop]"] + [f"{name} = {value!r}" for name, value in self.parameters.items()]
+        lines += ["", "[fit]", f"kind = {_text(self.kind)}", f"source = {_text(self.source)}"]
+        lines += [f"samples = {self.n_used}", f"effective_samples = {self.n_effective:.1f}"]
+        lines += [f"held = {_list(f'{name}: {why}' for name, why in self.held.items())}"]
+        lines += [f"notes = {_list(self.notes)}", "", f"[fit.rmse]  # {self.unit}"]
+        lines += [f"{name} = {_number(value)}" for name, value in self.rmse.items()]
+        lines += ["", "[fit.standard_error]"]
+        lines += [f"{name} = {_number(value)}" for name, value in self.standard_errors.items()]
+        lines += ["", "[fit.interval_95]"]
+        lines += [f"{name} = [{_number(low)}, {_number(high)}]" for name, (low, high) in self.intervals.items()]
+        lines += ["", "[fit.correlation]"]
+        names = [str(name) for name in self.covariance["parameter"].values]
+        for name, row in zip(names, self.correlation.values, strict=True):
+            cells = (f"{other} = {value:.4f}" for other, value in zip(names, row, strict=True))
+            lines.append(f"{name} = {{ {', '.join(cells)} }}")
+        text = "\n".join(lines) + "\n"
+        if path is not None:
+            path = Path(path)
+            if path.is_dir() or not path.parent.is_dir():
+                raise InputError(f"{path} cannot be written: give a file in a folder that exists")
+            commit(path, text.encode())
+        return text
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _list(texts: object) -> str:
+    return "[" + ", ".join(map(_text, texts)) + "]"  # type: ignore[call-overload]
+
+
+def _number(value: float) -> str:
+    return repr(float(value)) if math.isfinite(value) else ("nan" if math.isnan(value) else "inf")
+
+
+def labelled(covariance: Array, names: list[str]) -> xr.DataArray:
+    """A covariance matrix with its names."""
+    return xr.DataArray(
+        covariance, dims=("parameter", "parameter_2"), coords={"parameter": names, "parameter_2": names}
+    )
+
+
+def rms(r: Array) -> float:
+    """Root mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(r**2))) if r.size else math.nan

@@ -1,0 +1,193 @@
+"""The least-squares problem of a valve: what of a log is compared, the model over it, and the fit in full."""
+
+from __future__ import annotations
+
+import math
+import time
+from itertools import product
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.boundary.series import Array
+from fastcoil.calibrate.data import Log
+from fastcoil.calibrate.estimate import Estimate, Model, Uncertainty
+from fastcoil.calibrate.holds import compared, gaps_unknown, lowest_reading, reversals, sensor_off
+from fastcoil.calibrate.parts import fitted_part
+from fastcoil.calibrate.result import FITTING, UNUSED, VALIDATION, Fit, labelled, rms
+from fastcoil.engine.valve_loop import VALVE_ROWS, valve_flows
+from fastcoil.errors import InputError
+
+FEWEST_SAMPLES = 20
+LARGEST_BACKLASH = 0.5
+_SMALL = 0.02
+"""An interval that starts at 0 and ends below this says that there is no backlash."""
+X_BL, _M_MAX, _A, _B, _C = range(5)
+_LOGS = (_M_MAX, _A, _B)
+
+
+class ValveProblem:
+    """The log, what of it is compared, and the model over it."""
+
+    def __init__(
+        self, data: Log, floor: float | None, settle: float | None, split: float, fit_until: float | None
+    ) -> None:
+        self.data = data
+        self.command, self.flow = data.values["command"], data.values["m_w"]
+        self.notes = list(data.notes)
+        self.floor = lowest_reading(self.flow, self.notes) if floor is None else floor
+        off = sensor_off(self.command, self.flow, self.floor)
+        if off.any():
+            row = data.rows[int(np.argmax(off))]
+            self.notes.append(
+                f"{int(off.sum())} flows left out, sensor or pump off: 0, or the meter's floor with the valve open "
+                f"(first in row {row})"
+            )
+        settled = compared(data, settle, self.notes)
+        self.good = np.isfinite(self.flow) & ~off & settled
+        self.fitting = fitted_part(data, split, fit_until)
+        if (self.good & self.fitting).sum() < FEWEST_SAMPLES:
+            raise InputError(
+                f"{data.name}: {int((self.good & self.fitting).sum())} flows are left to fit: "
+                "lower settle, raise split, or give a longer log"
+            )
+        last = int(np.flatnonzero(self.fitting)[-1]) + 1
+        self.n_fit = last
+        self.batch = data.batch
+        self.top = float(np.nanmax(self.flow))
+        self.n_reversals = reversals(self.command[self.fitting], self.batch[self.fitting])
+
+    def flows(self, sets: Array, start: Array, n: int) -> tuple[Array, Array]:
+        """Openings and flows of parameter sets (5, sets) over the first n samples, the meter's floor included."""
+        openings, flows = np.empty((n, sets.shape[1])), np.empty((n, sets.shape[1]))
+        rows = sets.copy()
+        rows[list(_LOGS)] = np.exp(rows[list(_LOGS)])
+        valve_flows(self.command[:n], self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
+        return openings, np.maximum(flows, self.floor)
+
+    def model(self, m_max: float | None, initial: str) -> tuple[Model, list[int]]:
+        """The least-squares problem of the part to fit, and the index of what is held in it."""
+        n, n_batches = self.n_fit, int(self.batch[self.n_fit - 1]) + 1
+        used = self.good[:n] & self.fitting[:n]
+        measured = np.where(used, self.flow[:n], 0.0)[:, None]
+
+        def residuals(sets: Array) -> Array:
+            return np.where(used[:, None], self.flows(sets[:5], sets[5:], n)[1] - measured, 0.0)
+
+        top = math.log(self.top)
+        lower = np.array([0.0, top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_batches])
+        upper = np.array([LARGEST_BACKLASH, top + 3.0, math.log(20.0), math.log(200.0), 3.0, *[1.0] * n_batches])
+        if m_max is not None:
+            lower[_M_MAX] = min(lower[_M_MAX], math.log(m_max) - 1.0)
+            upper[_M_MAX] = max(upper[_M_MAX], math.log(m_max) + 1.0)
+        step = np.array([1e-3, 1e-4, 1e-4, 1e-4, 1e-4, *[0.02] * n_batches])
+        fixed = [] if m_max is None else [_M_MAX]
+        fixed += [] if initial == "unknown" else list(range(5, 5 + n_batches))
+        return Model(residuals, lower, upper, step, self.batch[:n], used, n_batches, self.batch[:n]), fixed
+
+    def starts(self, m_max: float | None, initial: str) -> Array:
+        """Parameter sets to start from, (p, sets): shapes of curve by sizes of backlash."""
+        place = {"unknown": 0.5, "rising": 1.0, "falling": 0.0}[initial]
+        n_batches = int(self.batch[self.n_fit - 1]) + 1
+        flows = [math.log(m_max)] if m_max else [math.log(self.top * f) for f in (1.03, 1.5)]
+        shapes = product(
+            (0.0, 0.02, 0.04, 0.06, 0.09, 0.13, 0.18, 0.25),
+            flows,
+            (math.log(0.5), math.log(2.0)),
+            (math.log(5.0), math.log(8.0), math.log(14.0)),
+            (0.2, 0.4, 0.6, 0.85),
+        )
+        return np.array([[*shape, *[place] * n_batches] for shape in shapes]).T
+
+    def result(
+        self,
+        model: Model,
+        best: Estimate,
+        spread: Uncertainty,
+        found: tuple[Array, Array, float, tuple[float, float]],
+        without: Estimate,
+        fixed: list[int],
+        began: float,
+    ) -> Fit:
+        """The fit with everything a user may ask of it."""
+        grid, sums, limit, interval = found
+        natural = best.x[:5].copy()
+        natural[list(_LOGS)] = np.exp(natural[list(_LOGS)])
+        slope = np.where(np.isin(np.arange(5), _LOGS), natural, 1.0)
+        covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
+        why = gaps_unknown(self.n_reversals, interval, grid[-1], _SMALL)
+        held = {"backlash": why} if why else {}
+        if _M_MAX in fixed:
+            held["m_max"] = "given"
+        for name, variance in zip(VALVE_ROWS[1:], np.diag(spread.covariance)[1:5], strict=True):
+            if math.isnan(variance) and name not in held:
+                held[name] = "at the bound of its range: the data do not limit it"
+            elif math.isinf(variance) and name not in held:
+                held[name] = "one of many that fit as well: the data do not identify it"
+        parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
+        estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
+        half = spread.quantile() * np.sqrt(np.diag(spread.covariance)[:5])
+        bounds = [(best.x[k] - half[k], best.x[k] + half[k]) for k in range(5)]
+        bounds = [(math.exp(a), math.exp(min(b, 700.0))) if k in _LOGS else (a, b) for k, (a, b) in enumerate(bounds)]
+        bounds[X_BL] = interval
+        intervals = {VALVE_ROWS[k]: bounds[k] for k in estimated}
+        if why:
+            del parameters["backlash"]
+            self.notes.append(f"the curve goes with a backlash of {natural[X_BL]:.3g}, which is not known")
+        reach = float(self.command[: self.n_fit].max())
+        if reach < 0.9:
+            self.notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
+        sums_of_squares = model.used.sum()
+        residuals, rmse, extras = self._residuals(best, without)
+        errors = np.sqrt(np.diag(covariance))
+        return Fit(
+            kind="valve",
+            source=self.data.name,
+            parameters=parameters,
+            standard_errors={VALVE_ROWS[k]: float(errors[k]) for k in estimated},
+            intervals=intervals,
+            covariance=labelled(covariance[np.ix_(estimated, estimated)], [VALVE_ROWS[k] for k in estimated]),
+            profile=xr.Dataset(
+                {"rmse": ("backlash", np.sqrt(sums / sums_of_squares), {"units": "kg s-1"})},
+                {"backlash": ("backlash", grid, {"units": "1"})},
+                {"limit": math.sqrt(limit / sums_of_squares), "interval_95": list(interval)},
+            ),
+            residuals=residuals,
+            rmse=rmse,
+            unit="kg/s",
+            n_used=spread.n_used,
+            n_effective=spread.n_effective,
+            held=held,
+            notes=self.notes,
+            seconds=time.perf_counter() - began,
+            extras=extras | {"curve": natural},
+        )
+
+    def _residuals(self, best: Estimate, without: Estimate) -> tuple[xr.Dataset, dict[str, float], dict[str, Array]]:
+        """Measured and modelled flows over the whole log, RMSE by part, openings; without backlash besides."""
+        n, n_batches = self.command.size, int(self.batch[-1]) + 1
+        modelled = []
+        for one in (best, without):
+            start = np.full((n_batches, 1), 0.5)  # of a batch held back nothing is known
+            start[: one.x.size - 5, 0] = one.x[5:]
+            modelled.append([a[:, 0] for a in self.flows(one.x[:5, None], start, n)])
+        (openings, flow), (_, plain) = modelled
+        part = np.where(self.good, np.where(self.fitting, FITTING, VALIDATION), UNUSED)
+        rmse = {}
+        for name in (FITTING, VALIDATION):
+            here = part == name
+            if here.any():
+                rmse[name] = rms((flow - self.flow)[here])
+                rmse[f"{name}_without_backlash"] = rms((plain - self.flow)[here])
+        names = ("m_w", "modelled", "modelled_without_backlash", "residual", "command", "opening")
+        values = (self.flow, flow, plain, self.flow - flow, self.command, openings)
+        ds = xr.Dataset(
+            {
+                name: ("elapsed_time", v, {"units": "1" if name in ("command", "opening") else "kg s-1"})
+                for name, v in zip(names, values, strict=True)
+            }
+            | {"part": ("elapsed_time", part), "row": ("elapsed_time", self.data.rows)}
+            | {"batch": ("elapsed_time", self.batch)},
+            {"elapsed_time": ("elapsed_time", self.data.time, {"units": "s"})},
+        )
+        return ds, rmse, {"floor": np.array(self.floor)}

@@ -1,0 +1,83 @@
+"""The coil alone, Eqs (3) and (4): recorded flows and entering states in, leaving temperatures out.
+
+The same march as in ``emulator``; only the water flow comes from a record instead of a valve.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.engine.emulator import prepare
+from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, Block, R
+from fastcoil.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
+from fastcoil.engine.run import aligned
+from fastcoil.numerics.elementary import log
+from fastcoil.numerics.jit import kernel
+
+COIL_SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
+"""Columns of what enters the coil."""
+NO_FLOW = 1e-9
+"""Water flow, kg/s, below which there is none: the conductance is then 0 whatever the exponent."""
+
+
+@kernel
+def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
+    """March the coils of a block through a record.
+
+    series: (n_steps, 5), columns as in COIL_SERIES, 1-s samples.  at: (n,), ascending seconds to look at.
+    S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): states at those seconds, °C, and
+    the number of wet volumes.
+    """
+    n_volumes, n_steps = block.n_volumes, series.shape[0]
+    S[:] = 0.0
+    for k in range(len(PARAMETER_ROWS)):
+        for j in range(LANES):
+            S[k * LANES + j] = block.rows[k, j]
+    prepare(S, n_volumes, False)
+    for i in range(1, n_volumes + 1):
+        v = i * VOLUME_STRIDE
+        for j in range(LANES):
+            V[v + T_W + j] = S[R.T_initial + j]
+            V[v + T_C + j] = S[R.T_initial + j]
+            V[v + T_A + j] = S[R.T_initial + j]
+            V[v + W_A + j] = series[0, 2]
+
+    first, last = VOLUME_STRIDE, n_volumes * VOLUME_STRIDE
+    m_a_known, m_w_known = np.nan, np.nan
+    k = 0
+    for t in range(n_steps):
+        m_a, T_a_in, W_a_in, T_w_in, m_w = series[t, 0], series[t, 1], series[t, 2], series[t, 3], series[t, 4]
+        looked_at = k < at.size and at[k] == t
+        if looked_at:
+            for j in range(LANES):
+                T_sup[k, j] = V[first + T_A + j]
+                T_w_out[k, j] = V[last + T_W + j]
+        if m_a != m_a_known:
+            air_side(S, m_a)
+            m_a_known = m_a
+        if m_w != m_w_known:
+            log_m_w = log(max(m_w, NO_FLOW))
+            for j in range(LANES):
+                S[R.log_m_w + j] = log_m_w
+                S[R.C_flow + j] = m_w * S[R.cp_w + j]
+            water_side(S)
+            m_w_known = m_w
+        enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
+        march_water(S, V, n_volumes)
+        if looked_at and block.lagged_air:
+            count_wet(S, V, n_volumes)
+        march_air(S, V, n_volumes, block.lagged_air, False, 0.0, 0.0, m_a, False)
+        if looked_at:
+            if not block.lagged_air:
+                count_wet(S, V, n_volumes)
+            for j in range(LANES):
+                wet[k, j] = S[R.wet_volumes + j]
+            k += 1
+
+
+def run_coil(block: Block, series: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """March one block through a record.  Returns T_sup, T_w_out and wet volumes at the seconds ``at``, (n, LANES)."""
+    T_sup, T_w_out, wet = (np.empty((at.size, LANES)) for _ in range(3))
+    S, V = aligned(len(R) * LANES), aligned((block.n_volumes + 2) * VOLUME_STRIDE)
+    march_coil(block, series, at, S, V, T_sup, T_w_out, wet)
+    return T_sup, T_w_out, wet

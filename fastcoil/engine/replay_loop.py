@@ -1,0 +1,52 @@
+"""The controller alone, Fig 8 without its plant: recorded temperatures in, commands out.
+
+The same learner, PI and inverse, at the same seconds, as in ``emulator``; only the temperature comes from a record.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.engine.controller import control, learn
+from fastcoil.engine.emulator import prepare, record
+from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, Block, R, trace_rows
+from fastcoil.engine.run import aligned
+from fastcoil.numerics.jit import kernel
+
+REPLAY_SERIES = ("T_sup", "T_set", "enabled")
+"""Columns of what the controller sees."""
+REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
+
+
+@kernel
+def command_of(block, series, S, V, rows, interval, traces):
+    """What the controllers of a block command on a record.
+
+    series: (n_steps, 3), columns as in REPLAY_SERIES, 1-s samples.  S, V: work space as for ``emulate``; V is not
+    read.  rows: offsets of the traced rows.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
+    """
+    S[:] = 0.0
+    for k in range(len(PARAMETER_ROWS)):
+        for j in range(LANES):
+            S[k * LANES + j] = block.rows[k, j]
+    prepare(S, block.n_volumes, False)
+    was_enabled = True
+    for t in range(series.shape[0]):
+        enabled = series[t, 2] != 0.0
+        for j in range(LANES):
+            S[R.y_s + j] = series[t, 0]
+        if block.learning_period > 0 and t > 0 and t % block.learning_period == 0:
+            learn(S, t)
+        if t % block.control_period == 0 or was_enabled != enabled:
+            control(S, t, series[t, 1], 0.0, enabled, 0.0)
+        was_enabled = enabled
+        if t % interval == 0:
+            record(S, V, rows, traces[t // interval])
+
+
+def run_replay(block: Block, series: np.ndarray, interval: int) -> dict[str, np.ndarray]:
+    """Replay one block.  Returns each of REPLAY_TRACES, (n_points, LANES)."""
+    rows = trace_rows(REPLAY_TRACES, block.n_volumes)
+    traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
+    command_of(block, series, aligned(len(R) * LANES), aligned(LANES), rows, interval, traces)
+    return {name: traces[:, k] for k, name in enumerate(REPLAY_TRACES)}
