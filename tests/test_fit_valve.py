@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import reference
 import xarray as xr
 
 import fastcoil as fc
@@ -214,7 +213,6 @@ def test_the_loop_is_that_of_the_emulator():
     day = fc.paper_day(hours=1, seed=1)
     ds = fc.simulate(fc.Loop(), day, command=command, traces=["m_w", "opening"], warm_up=0)
     sets = np.array([[TRUTH[n] for n in ("backlash", "m_max", "valve_a", "valve_b", "valve_c")]]).T
-    openings, found = np.empty((3600, 1)), np.empty((3600, 1))
     # the emulator starts with the gear at 0
     command0 = np.concatenate([[0.0], command])
     openings, found = np.empty((3601, 1)), np.empty((3601, 1))
@@ -222,7 +220,6 @@ def test_the_loop_is_that_of_the_emulator():
     np.testing.assert_allclose(found[1:, 0], ds["m_w"], rtol=1e-13)
     np.testing.assert_allclose(openings[1:, 0], ds["opening"], atol=1e-15)
     assert np.allclose(flows(command0), found[:, 0], rtol=1e-13)
-    assert reference is not None
 
 
 def test_the_jacobian_of_lanes_is_that_of_single_runs():
@@ -406,4 +403,4 @@ def test_on_a_hospitals_ahu_the_backlash_model_beats_the_one_without():
     )
     assert fit.rmse["validation"] < 0.9 * fit.rmse["validation_without_backlash"]
     assert 0.12 < fit.parameters["backlash"] < 0.18
-    assert float(fit.residuals.attrs.get("floor", 6.26 / 60)) == pytest.approx(6.26 / 60)
+    assert any("0.1043 kg/s" in note and "floor" in note for note in fit.notes)
