@@ -2,6 +2,7 @@
 
 import os
 import sys
+import threading
 
 from fastcoil.cli import main
 from fastcoil.errors import EXIT_INTERRUPTED, EXIT_TERMINATED
@@ -12,7 +13,8 @@ def run() -> None:
     try:
         main()
     except SystemExit as end:
-        if end.code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
+        waited_for = any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread())
+        if waited_for and end.code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(end.code)

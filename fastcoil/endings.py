@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import signal
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +15,9 @@ from typing import Any
 import click
 
 from fastcoil.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, FastcoilError
+
+_PATIENCE = 4.0
+"""Seconds from an interruption to the end, whatever hangs."""
 
 
 class Commands(click.Group):
@@ -37,18 +42,32 @@ class Terminated(KeyboardInterrupt):
 
 @contextmanager
 def interruptible(study: Path, folder: Path) -> Iterator[None]:
-    """End on SIGTERM and SIGHUP as on Ctrl-C, and say how to go on."""
+    """End on SIGTERM and SIGHUP as on Ctrl-C, say how to go on, and wait for nobody longer than a few seconds."""
+    command = shlex.join(["fastcoil", "run", str(study), "-o", str(folder)])
 
-    def terminate(*_: object) -> None:
-        raise Terminated
+    def advice() -> str:
+        return f"; what was finished is kept, to go on: {command}" if folder.exists() else ""
 
-    before = {number: signal.signal(number, terminate) for number in (signal.SIGTERM, signal.SIGHUP)}
+    def give_up(code: int) -> None:
+        click.echo(f"fastcoil: interrupted{advice()}", err=True)
+        os._exit(code)
+
+    def stop(number: int, _: object) -> None:
+        # a thread within a long shard, or workers that do not answer, would be waited for
+        interrupted = number == signal.SIGINT
+        timer = threading.Timer(_PATIENCE, give_up, [EXIT_INTERRUPTED if interrupted else EXIT_TERMINATED])
+        timer.daemon = True
+        timer.start()
+        raise KeyboardInterrupt if interrupted else Terminated
+
+    numbers = [signal.SIGTERM, signal.SIGHUP]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # in the background it is ignored, and stays so
+        numbers.append(signal.SIGINT)
+    before = {number: signal.signal(number, stop) for number in numbers}
     try:
         yield
     except KeyboardInterrupt as interrupt:
-        command = shlex.join(["fastcoil", "run", str(study), "-o", str(folder)])
-        advice = f"; what was finished is kept, to go on: {command}" if folder.exists() else ""
-        raise type(interrupt)(advice) from None
+        raise type(interrupt)(advice()) from None
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,6 +1,7 @@
 """What several test files share: ready-made days, one way to run the reference, and what the interpreter skips."""
 
 import os
+import signal
 
 import numpy as np
 import pytest
@@ -13,6 +14,9 @@ settings.load_profile("fastcoil")
 
 
 def pytest_configure(config):
+    # started in the background of a script, it would be ignored by all processes that the tests interrupt
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
     config.addinivalue_line("markers", "full: takes minutes; run by `make test-full`")
 

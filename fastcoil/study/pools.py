@@ -10,6 +10,7 @@ import concurrent.futures as cf
 import contextlib
 import logging
 import os
+import queue
 import threading
 import uuid
 import warnings
@@ -95,6 +96,10 @@ class Loky:
         self._executor = self._started()
 
     def close(self) -> None:
+        # it forgets what is pending, but not the numbers of it, which it then looks for in vain
+        with contextlib.suppress(queue.Empty, AttributeError):
+            while True:
+                self._executor._work_ids.get_nowait()
         self._executor.shutdown(wait=True, kill_workers=True)
 
 
