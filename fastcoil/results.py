@@ -50,16 +50,17 @@ def flat(
     index: (n,) flat indices; metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or
     (n, N, n_points).
     """
-    ds = xr.Dataset(coords={"scenario": index})
-    for k, output in enumerate(METRICS.values()):
-        ds[output.name] = ("scenario", metrics[k], attributes(output))
+    variables: dict[str, Any] = {
+        output.name: ("scenario", metrics[k], attributes(output)) for k, output in enumerate(METRICS.values())
+    }
     flags = {"flag_values": np.arange(len(STATUS_MEANINGS), dtype=np.int8), "flag_meanings": " ".join(STATUS_MEANINGS)}
-    ds["status"] = ("scenario", status.astype(np.int8), {"long_name": "status of the scenario", **flags})
+    variables["status"] = ("scenario", status.astype(np.int8), {"long_name": "status of the scenario", **flags})
     for name, values in traces.items():
         output = TRACES[name]
         data = np.nan_to_num(values, nan=0.0).astype(np.int8) if name == "mode" else values
         dims = ("scenario", "volume", "elapsed_time") if output.per_volume else ("scenario", "elapsed_time")
-        ds[name] = (dims, data, attributes(output))
+        variables[name] = (dims, data, attributes(output))
+    ds = xr.Dataset(variables, coords={"scenario": index})
     if traces:
         points = trace_interval * np.arange(ds.sizes["elapsed_time"], dtype=float)
         ds = ds.assign_coords(elapsed_time=("elapsed_time", points, coordinate_attrs("elapsed_time")))
