@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.engine.emulator import prepare
-from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, Block, R
+from fastcoil.engine.lanes import LANES, T_A, T_W, VOLUME_STRIDE, Block, R
 from fastcoil.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
 from fastcoil.engine.run import aligned
+from fastcoil.engine.start import fill_coil, prepare
 from fastcoil.numerics.elementary import log
 from fastcoil.numerics.jit import kernel
 
@@ -29,18 +29,8 @@ def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
     the number of wet volumes.
     """
     n_volumes, n_steps = block.n_volumes, series.shape[0]
-    S[:] = 0.0
-    for k in range(len(PARAMETER_ROWS)):
-        for j in range(LANES):
-            S[k * LANES + j] = block.rows[k, j]
-    prepare(S, n_volumes, False)
-    for i in range(1, n_volumes + 1):
-        v = i * VOLUME_STRIDE
-        for j in range(LANES):
-            V[v + T_W + j] = S[R.T_initial + j]
-            V[v + T_C + j] = S[R.T_initial + j]
-            V[v + T_A + j] = S[R.T_initial + j]
-            V[v + W_A + j] = series[0, 2]
+    prepare(S, block, False)
+    fill_coil(S, V, n_volumes, series[0, 2])
 
     first, last = VOLUME_STRIDE, n_volumes * VOLUME_STRIDE
     m_a_known, m_w_known = np.nan, np.nan

@@ -13,16 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.control.inverse import FALLING
 from fastcoil.engine.controller import control, draw_noise, learn
-from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
+from fastcoil.engine.lanes import LANES, T_A, T_W, VOLUME_STRIDE, R
 from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
 from fastcoil.engine.plant import actuate, air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
 from fastcoil.engine.schedule import COUNTED, IN_SWITCH_BLOCK, Schedule
-from fastcoil.numerics.elementary import exp, log
+from fastcoil.engine.start import fill_coil, prepare
 from fastcoil.numerics.jit import kernel, section
 from fastcoil.physics.sensor import lagged, measured
-from fastcoil.physics.valve import installed_valve
 
 SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled")
 """Columns of ``Day.series``."""
@@ -40,48 +38,6 @@ class Day(NamedTuple):
     schedule: Schedule
     label: int
     seed: tuple[int, int]
-
-
-@section
-def prepare(S, n_volumes, open_loop):
-    """Initial state, and what the parameters amount to per step and per volume (they are given for 8)."""
-    per_volume = 8.0 / n_volumes
-    nothing = np.nan if open_loop else 0.0
-    for j in range(LANES):
-        S[R.dt_C_w + j] = 1.0 / (per_volume * S[R.C_w + j])
-        S[R.dt_C_c + j] = 1.0 / (per_volume * S[R.C_c + j])
-        S[R.ntu_w_factor + j] = per_volume * S[R.beta1 + j]
-        S[R.ntu_a_factor + j] = per_volume * S[R.beta3 + j]
-        S[R.ntu_star_factor + j] = per_volume * S[R.beta5 + j]
-        S[R.max_travel + j] = 1.0 / S[R.stroke_time + j]
-        tau = S[R.sensor_time_constant + j]
-        S[R.sensor_decay + j] = exp(-1.0 / tau) if tau > 0.0 else 0.0
-        S[R.ki + j] = S[R.kp + j] * S[R.sample_time + j] / S[R.ti + j]
-        S[R.sign + j] = 1.0 - 2.0 * S[R.action + j]
-        if S[R.rangeability + j] > 0.0:
-            m_max, a, b, c = installed_valve(S[R.rangeability + j], S[R.authority + j], S[R.m_full + j])
-            S[R.m_max + j] = m_max
-            S[R.valve_a + j] = a
-            S[R.valve_b + j] = b
-            S[R.valve_c + j] = c
-        S[R.log_m_max + j] = log(S[R.m_max + j])
-        if S[R.estimate_ratio + j] >= 0.0:
-            S[R.backlash_estimate + j] = S[R.estimate_ratio + j] * S[R.backlash + j]
-        S[R.y_s + j] = S[R.T_initial + j]
-        S[R.u + j] = nothing
-        S[R.integral + j] = nothing
-        S[R.sum_switches + j] = nothing
-        S[R.estimate + j] = np.nan if open_loop else S[R.backlash_estimate + j]
-        S[R.mode + j] = 0.0 if open_loop else FALLING
-        S[R.next_update + j] = S[R.learning_interval + j]
-        S[R.learning + j] = 1.0 if S[R.learning_step + j] > 0.0 else 0.0
-        S[R.step + j] = S[R.learning_step + j] / S[R.learning_growth + j]  # as if one had gone up before
-        S[R.reference + j] = -1.0
-        S[R.time_reached + j] = np.nan
-        S[R.time_confirmed + j] = np.nan
-        S[R.time_first_down + j] = np.nan
-        S[R.estimate_first_down + j] = np.nan
-        S[R.peak_power + j] = -np.inf
 
 
 @section
@@ -103,18 +59,8 @@ def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval,
     """
     n_volumes, n_steps = block.n_volumes, day.series.shape[0]
     open_loop = day.command.size > 0
-    S[:] = 0.0
-    for k in range(len(PARAMETER_ROWS)):
-        for j in range(LANES):
-            S[k * LANES + j] = block.rows[k, j]
-    prepare(S, n_volumes, open_loop)
-    for i in range(1, n_volumes + 1):
-        v = i * VOLUME_STRIDE
-        for j in range(LANES):
-            V[v + T_W + j] = S[R.T_initial + j]
-            V[v + T_C + j] = S[R.T_initial + j]
-            V[v + T_A + j] = S[R.T_initial + j]
-            V[v + W_A + j] = day.series[0, 2]
+    prepare(S, block, open_loop)
+    fill_coil(S, V, n_volumes, day.series[0, 2])
 
     shared = block.shares_air_side
     eps = np.empty((2, n_steps if shared else 0))

@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.engine.controller import control, learn
-from fastcoil.engine.emulator import prepare, record
-from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, Block, R, trace_rows
+from fastcoil.engine.emulator import record
+from fastcoil.engine.lanes import LANES, Block, R, trace_rows
 from fastcoil.engine.run import aligned
+from fastcoil.engine.start import prepare
 from fastcoil.numerics.jit import kernel
 
 REPLAY_SERIES = ("T_sup", "T_set", "enabled")
@@ -25,11 +26,7 @@ def command_of(block, series, S, V, rows, interval, traces):
     series: (n_steps, 3), columns as in REPLAY_SERIES, 1-s samples.  S, V: work space as for ``emulate``; V is not
     read.  rows: offsets of the traced rows.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
     """
-    S[:] = 0.0
-    for k in range(len(PARAMETER_ROWS)):
-        for j in range(LANES):
-            S[k * LANES + j] = block.rows[k, j]
-    prepare(S, block.n_volumes, False)
+    prepare(S, block, False)
     was_enabled = True
     for t in range(series.shape[0]):
         enabled = series[t, 2] != 0.0
