@@ -102,6 +102,21 @@ class Table:
         ]
         return {name: column for name, column in found.items() if column is not None}
 
+    def found(self, columns: Mapping[str, str] | None, names: Iterable[str], cure: str) -> dict[str, int]:
+        """Index of each of our ``names`` in the header, or where ``columns`` (our name: header) says.
+
+        Other columns are problems where no ``columns`` say what to read; ``cure`` tells how.
+        """
+        names = list(names)
+        found = self.renamed(columns or {})
+        for column, cell in enumerate(self.header):
+            label = label_and_unit(cell)[0]
+            if label in names:
+                found.setdefault(label, column)
+            elif columns is None:
+                self.problems.append(f"column {cell!r} is unknown{nearest(label, names)}: rename or delete it, {cure}")
+        return found
+
     def numbers(self, series: Series, column: int, unit: str | None = None) -> Array:
         """A column as checked numbers in our unit, (n_rows,); ``unit`` is for a header that declares none.
 

@@ -16,8 +16,8 @@ from fastcoil.boundary.days import require, whole_seconds
 from fastcoil.boundary.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import FRACTION, SERIES, TEMPERATURE, TIME, Array, Series
-from fastcoil.boundary.table import Table, label_and_unit
-from fastcoil.errors import InputError, nearest
+from fastcoil.boundary.table import Table
+from fastcoil.errors import InputError
 
 LOG_COLUMNS = SERIES | {
     s.name: s
@@ -108,16 +108,7 @@ def _log_columns(
         for name, value in constants.items()
         if isinstance(value, bool) or not isinstance(value, int | float | np.number)
     ]
-    found = table.renamed(columns or {})
-    for column, cell in enumerate(table.header):
-        label = label_and_unit(cell)[0]
-        if label in names:
-            found.setdefault(label, column)
-        elif columns is None:
-            table.problems.append(
-                f"column {cell!r} is unknown{nearest(label, names)}: rename or delete it, "
-                "or say what to read by columns={'T_a_in': 'its header', ...}"
-            )
+    found = table.found(columns, names, "or say what to read by columns={'T_a_in': 'its header', ...}")
     named = {*(columns or {}), *found, *constants}
     for alternatives in _ALTERNATIVES:
         given = [name for name in alternatives if name in named]

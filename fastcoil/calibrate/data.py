@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fastcoil.boundary.series import TEMPERATURE, TRAVEL, WATER_FLOW, Array, Series
 from fastcoil.boundary.table import Table, label_and_unit
 from fastcoil.boundary.trends import LOG_COLUMNS, seconds_since_first
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -165,16 +165,8 @@ def _columns(
     table.check_names("columns", columns or {}, names)
     table.check_names("units", units, COLUMNS)
     table.check_names("constants", constants, COLUMNS)
-    found = table.renamed(columns or {})
-    for column, cell in enumerate(table.header):
-        label = label_and_unit(cell)[0]
-        if label in names:
-            found.setdefault(label, column)
-        elif columns is None:
-            table.problems.append(
-                f"column {cell!r} is unknown{nearest(label, names)}: rename or delete it, or say what to read: "
-                "columns={'m_w': 'its header', ...}, --column m_w='its header'"
-            )
+    cure = "or say what to read: columns={'m_w': 'its header', ...}, --column m_w='its header'"
+    found = table.found(columns, names, cure)
     for one in [*needed, ("elapsed_time", "timestamp")]:
         choices = (one,) if isinstance(one, str) else one
         given = [name for name in choices if name in found or name in constants]
