@@ -85,7 +85,8 @@ def gather(
     IntegrityError
         If a scenario is in two parts.
     """
-    whole = xr.Dataset()
+    whole: dict[Hashable, tuple[Any, np.ndarray, dict[Any, Any]]] = {}
+    coordinates: dict[Hashable, Any] = {}
     seen = np.zeros(n_scenarios, dtype=bool)
     for part in parts:
         index = part["scenario"].values
@@ -93,25 +94,26 @@ def gather(
             raise IntegrityError(f"scenario {index[seen[index]][0]} was found twice: delete the folder and run again")
         seen[index] = True
         for name in part.data_vars if names is None else names:
-            values = part[name].values
+            variable = part.variables[name]
+            values = variable.values
             if name not in whole:
                 nothing = STATUS_NOT_RUN if name == "status" else np.nan if values.dtype.kind == "f" else 0
                 data = allocate((n_scenarios, *values.shape[1:]), nothing, values.dtype)
-                whole[name] = (part[name].dims, data, part[name].attrs)
-                others = {k: c for k, c in part[name].coords.items() if "scenario" not in c.dims}
-                whole = whole.assign_coords(others)
-            whole[name].values[index] = values
-    return whole
+                whole[name] = (variable.dims, data, variable.attrs)
+                coordinates |= {d: part.variables[d] for d in variable.dims[1:] if d in part.coords}
+            whole[name][1][index] = values
+    return xr.Dataset(whole, coords=coordinates)
 
 
 def unflattened(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
     """Give flat results of all scenarios the dims and coordinates of the study."""
-    ds = xr.Dataset(coords={n: c.assign_attrs(coordinate_attrs(n)) for n, c in layout.coordinates().items()})
-    ds = ds.assign_coords(whole.coords)
-    for name, variable in whole.data_vars.items():
-        data = variable.values.reshape((*layout.sizes.values(), *variable.shape[1:]))
-        ds[name] = ((*layout.sizes, *variable.dims[1:]), data, variable.attrs)
-    return ds
+    dims, shape = tuple(layout.sizes), tuple(layout.sizes.values())
+    variables = {
+        name: ((*dims, *v.dims[1:]), v.values.reshape((*shape, *v.shape[1:])), v.attrs)
+        for name, v in whole.data_vars.items()
+    }
+    labels = {n: c.assign_attrs(coordinate_attrs(n)) for n, c in layout.coordinates().items()}
+    return xr.Dataset(variables, coords=labels | dict(whole.coords))
 
 
 def attributes(output: Output) -> dict[str, Any]:
