@@ -12,6 +12,8 @@ from fastcoil.errors import StorageError
 
 UNFINISHED = ".tmp"
 """Suffix of a file that is being written."""
+_PROBE = 1 << 20
+"""Bytes that a full disk does not take."""
 
 
 def commit(path: Path, data: bytes | memoryview) -> None:
@@ -30,7 +32,8 @@ def commit_written(path: Path, write: Callable[[Path], object]) -> None:
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     try:
         with reported(path, "written"):
-            write(unfinished)
+            with _reason_found(unfinished):
+                write(unfinished)
             _synced(unfinished, os.O_RDWR)
             os.replace(unfinished, path)
             _synced(path.parent, os.O_RDONLY)
@@ -44,7 +47,7 @@ def reported(path: Path, done: str) -> Iterator[None]:
     """Tell what the operating system refuses as a ``StorageError``: that ``path`` cannot be ``done``, and why."""
     try:
         yield
-    except (OSError, RuntimeError) as error:  # netCDF4 hides a full disk in a RuntimeError
+    except (OSError, RuntimeError) as error:  # netCDF4 reports errors of HDF5 as RuntimeError
         reason = getattr(error, "strerror", None) or error
         raise StorageError(
             f"{path} cannot be {done}: {reason}; free some space or mend the folder, then run the same command again"
@@ -66,6 +69,17 @@ def remove_unfinished(folder: Path) -> None:
 def _write(path: Path, data: bytes | memoryview) -> None:
     with path.open("xb") as file:
         file.write(data)
+
+
+@contextmanager
+def _reason_found(path: Path) -> Iterator[None]:
+    """Let the operating system say why a library could not write: HDF5 calls a full disk "Permission denied"."""
+    try:
+        yield
+    except (OSError, RuntimeError):
+        with path.open("ab") as file:
+            file.write(bytes(_PROBE))
+        raise
 
 
 def _synced(path: Path, flags: int) -> None:
