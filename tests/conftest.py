@@ -64,9 +64,9 @@ def short():
 
 @pytest.fixture(scope="session")
 def run_reference():
-    """Return a function that runs one loop through ``reference.py``: (traces as arrays like the package's, metrics).
+    """Return a function that runs one loop through ``reference``: (traces as arrays like the package's, metrics).
 
-    ``exact`` takes reference.py's own Hyland-Wexler saturation instead of the package's.
+    ``exact`` takes the reference's own Hyland-Wexler saturation instead of the package's.
     """
     from fastcoil.physics.psychrometrics import saturation_humidity_ratio
 
