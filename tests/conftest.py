@@ -1,12 +1,17 @@
 """What several test files share: ready-made days, one way to run the reference, and what the interpreter skips."""
 
+import csv
 import os
 import signal
+from functools import partial
 
 import numpy as np
 import pytest
 import reference
 from hypothesis import settings
+
+# a failed assertion tells in them what it found, as it does in a test
+pytest.register_assert_rewrite("faults", "processes", "refusals")
 
 # compiling a formula inside an example takes longer than hypothesis' deadline
 settings.register_profile("fastcoil", deadline=None, derandomize=True, database=None)
@@ -115,15 +120,24 @@ def swept(days, sweep):
 @pytest.fixture(scope="session")
 def refused():
     """Return a function that gives the sentences with which ``simulate`` refuses its arguments."""
+    from refusals import problems
+
     import fastcoil as fc
 
-    def refused(*args, **options):
-        with pytest.raises(fc.InputError) as caught:
-            fc.simulate(*args, **options)
-        assert caught.value.exit_code == 2
-        return caught.value.problems
+    return partial(problems, fc.simulate)
 
-    return refused
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes a CSV file."""
+
+    def write_csv(header, rows, name="log.csv"):
+        path = tmp_path / name
+        with path.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([header, *rows])
+        return path
+
+    return write_csv
 
 
 @pytest.fixture
