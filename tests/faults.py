@@ -57,21 +57,25 @@ def golden(text: str) -> str:
         return ran(text, Path(folder) / "golden")
 
 
-def interrupted(text: str, folder: Path, after: int, **options: Any) -> None:
-    """Run a study until some shards are committed, then interrupt it as Ctrl-C does."""
-    left = after
+def stopped(study: Study, folder: Path, after: int, **options: Any) -> int:
+    """Run a study until some shards are committed, then interrupt it as Ctrl-C does.  Returns how much was run."""
+    done: list[int] = []
 
-    def advance(_: int) -> None:
-        nonlocal left
-        left -= 1
-        if not left:
+    def advance(n_scenarios: int) -> None:
+        done.append(n_scenarios)
+        if len(done) == after:
             raise KeyboardInterrupt
 
     try:
-        runner.execute(studied(text, folder), folder, n_jobs=1, progress=lambda _: advance, **options)
+        runner.execute(study, folder, n_jobs=1, progress=lambda _: advance, **options)
     except KeyboardInterrupt:
-        return
+        return sum(done)
     raise AssertionError("the study was finished before it was interrupted")
+
+
+def interrupted(text: str, folder: Path, after: int, **options: Any) -> None:
+    """Run the study of a text until some shards are committed, then interrupt it."""
+    stopped(studied(text, folder), folder, after, **options)
 
 
 def shards(folder: Path) -> list[Path]:
