@@ -172,6 +172,22 @@ def golden(small_study, tmp_path_factory):
     return fc.run_study(small_study, tmp_path_factory.mktemp("golden") / "out", n_jobs=1).attrs["content_sha256"]
 
 
+@pytest.fixture
+def out(tmp_path):
+    """The folder of a study."""
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def broken_off(out):
+    """The folder of a study that was interrupted with one shard to go."""
+    from faults import DAYS, PLAIN, interrupted, shards
+
+    interrupted(PLAIN, out, DAYS - 1)
+    assert len(shards(out)) == DAYS - 1
+    return out
+
+
 @pytest.fixture(scope="session")
 def two_workers(tmp_path_factory):
     """A dask scheduler and two workers, as a user starts them."""

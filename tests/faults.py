@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from fastcoil.study import runner
+from fastcoil.study import care, runner
 from fastcoil.study.spec import Study, read_study
 
 # a shard never holds scenarios of two days: as many shards as days
@@ -94,6 +95,30 @@ def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
 def unfinished(folder: Path) -> list[Path]:
     """What a writer left behind half-written."""
     return [p for p in folder.rglob("*") if p.name.endswith(".tmp")]
+
+
+def quarantined(folder: Path) -> list[str]:
+    """The names of what was set aside."""
+    return sorted(p.name for p in (folder / "quarantine").glob("*"))
+
+
+def verified(folder: Path) -> list[str]:
+    """What ``verify`` finds; it changes nothing."""
+    before = contents(folder)
+    problems = care.verify(folder)
+    assert contents(folder) == before
+    return problems
+
+
+def resumed(folder: Path, text: str = PLAIN, **options: Any) -> list[str]:
+    """Go on with a study, to the end, and find what an undisturbed run finds.  Returns the warnings."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        assert ran(text, folder, **options) == golden(text)
+    assert verified(folder) == []
+    assert unfinished(folder) == []
+    assert shards(folder) == []
+    return [str(w.message) for w in told]
 
 
 @contextmanager
