@@ -164,6 +164,22 @@ def small_study(tmp_path_factory):
     return path
 
 
+@pytest.fixture
+def study(small_study):
+    """That study, read."""
+    from fastcoil.study.spec import read_study
+
+    return read_study(small_study)
+
+
+@pytest.fixture(scope="session")
+def healthy(small_study, tmp_path_factory):
+    """The results of that study, when nothing happens to a worker."""
+    import fastcoil as fc
+
+    return fc.run_study(small_study, tmp_path_factory.mktemp("healthy") / "out", n_jobs=1).load()
+
+
 @pytest.fixture(scope="session")
 def golden(small_study, tmp_path_factory):
     """The hash of that study, from one thread."""
