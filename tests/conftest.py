@@ -1,6 +1,7 @@
-"""What several test files share: ready-made days, one way to run the reference, and what the interpreter skips."""
+"""What several test files share: days, studies and their folders, the references, and what the interpreter skips."""
 
 import csv
+import importlib
 import os
 import signal
 from functools import partial
@@ -91,6 +92,21 @@ def run_reference():
         return {name: np.array(values, dtype=float).T for name, values in traces.items()}, metrics
 
     return run
+
+
+@pytest.fixture(scope="module")
+def psychrolib():
+    """PsychroLib in SI units."""
+    from fastcoil.numerics.jit import JIT_ENABLED
+
+    if not JIT_ENABLED:
+        pytest.skip("PsychroLib, where it finds Numba, needs the compiler to change its units")
+    import psychrolib
+
+    # it may have been imported, and its unit system set, by somebody else
+    library = importlib.reload(psychrolib)
+    library.SetUnitSystem(library.SI)
+    return library
 
 
 @pytest.fixture(scope="session")

@@ -121,6 +121,15 @@ def resumed(folder: Path, text: str = PLAIN, **options: Any) -> list[str]:
     return [str(w.message) for w in told]
 
 
+SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "plain": (PLAIN, lambda folder: None),
+    "traced": (TRACED, lambda folder: None),
+    "extended": (larger(TRACED), lambda folder: ran(TRACED, folder)),
+    "extended, unfinished": (larger(TRACED), lambda folder: interrupted(TRACED, folder, DAYS - 1)),
+}
+"""What is run, and in what state of its folder."""
+
+
 @contextmanager
 def operations(folder: Path, before: Callable[[str], None]) -> Iterator[None]:
     """Call ``before`` with the name of each operation on files in ``folder``, before it is done.

@@ -10,11 +10,11 @@ import pytest
 from faults import (
     DAYS,
     PLAIN,
+    SITUATIONS,
     TRACED,
     Nth,
     golden,
     interrupted,
-    larger,
     operations,
     ran,
     resumed,
@@ -27,13 +27,6 @@ from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.study import runner, store
 
 pytestmark = pytest.mark.kernel
-
-SITUATIONS = {
-    "plain": (PLAIN, lambda folder: None),
-    "traced": (TRACED, lambda folder: None),
-    "extended": (larger(TRACED), lambda folder: ran(TRACED, folder)),
-    "extended, unfinished": (larger(TRACED), lambda folder: interrupted(TRACED, folder, DAYS - 1)),
-}
 
 
 def sweep(tmp_path, situation, *, lasting=False, stride=1):
