@@ -1,12 +1,18 @@
-"""What several test files share: ready-made days, one way to run the reference, and what the interpreter skips."""
+"""What several test files share: days, studies and their folders, the references, and what the interpreter skips."""
 
+import csv
+import importlib
 import os
 import signal
+from functools import partial
 
 import numpy as np
 import pytest
 import reference
 from hypothesis import settings
+
+# a failed assertion tells in them what it found, as it does in a test
+pytest.register_assert_rewrite("faults", "processes", "refusals")
 
 # compiling a formula inside an example takes longer than hypothesis' deadline
 settings.register_profile("fastcoil", deadline=None, derandomize=True, database=None)
@@ -64,9 +70,9 @@ def short():
 
 @pytest.fixture(scope="session")
 def run_reference():
-    """Return a function that runs one loop through ``reference.py``: (traces as arrays like the package's, metrics).
+    """Return a function that runs one loop through ``reference``: (traces as arrays like the package's, metrics).
 
-    ``exact`` takes reference.py's own Hyland-Wexler saturation instead of the package's.
+    ``exact`` takes the reference's own Hyland-Wexler saturation instead of the package's.
     """
     from fastcoil.physics.psychrometrics import saturation_humidity_ratio
 
@@ -86,6 +92,21 @@ def run_reference():
         return {name: np.array(values, dtype=float).T for name, values in traces.items()}, metrics
 
     return run
+
+
+@pytest.fixture(scope="module")
+def psychrolib():
+    """PsychroLib in SI units."""
+    from fastcoil.numerics.jit import JIT_ENABLED
+
+    if not JIT_ENABLED:
+        pytest.skip("PsychroLib, where it finds Numba, needs the compiler to change its units")
+    import psychrolib
+
+    # it may have been imported, and its unit system set, by somebody else
+    library = importlib.reload(psychrolib)
+    library.SetUnitSystem(library.SI)
+    return library
 
 
 @pytest.fixture(scope="session")
@@ -115,15 +136,24 @@ def swept(days, sweep):
 @pytest.fixture(scope="session")
 def refused():
     """Return a function that gives the sentences with which ``simulate`` refuses its arguments."""
+    from refusals import problems
+
     import fastcoil as fc
 
-    def refused(*args, **options):
-        with pytest.raises(fc.InputError) as caught:
-            fc.simulate(*args, **options)
-        assert caught.value.exit_code == 2
-        return caught.value.problems
+    return partial(problems, fc.simulate)
 
-    return refused
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes a CSV file."""
+
+    def write_csv(header, rows, name="log.csv"):
+        path = tmp_path / name
+        with path.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([header, *rows])
+        return path
+
+    return write_csv
 
 
 @pytest.fixture
@@ -150,12 +180,44 @@ def small_study(tmp_path_factory):
     return path
 
 
+@pytest.fixture
+def study(small_study):
+    """That study, read."""
+    from fastcoil.study.spec import read_study
+
+    return read_study(small_study)
+
+
+@pytest.fixture(scope="session")
+def healthy(small_study, tmp_path_factory):
+    """The results of that study, when nothing happens to a worker."""
+    import fastcoil as fc
+
+    return fc.run_study(small_study, tmp_path_factory.mktemp("healthy") / "out", n_jobs=1).load()
+
+
 @pytest.fixture(scope="session")
 def golden(small_study, tmp_path_factory):
     """The hash of that study, from one thread."""
     import fastcoil as fc
 
     return fc.run_study(small_study, tmp_path_factory.mktemp("golden") / "out", n_jobs=1).attrs["content_sha256"]
+
+
+@pytest.fixture
+def out(tmp_path):
+    """The folder of a study."""
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def broken_off(out):
+    """The folder of a study that was interrupted with one shard to go."""
+    from faults import DAYS, PLAIN, interrupted, shards
+
+    interrupted(PLAIN, out, DAYS - 1)
+    assert len(shards(out)) == DAYS - 1
+    return out
 
 
 @pytest.fixture(scope="session")

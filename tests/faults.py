@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from fastcoil.study import runner
+from fastcoil.study import care, runner
 from fastcoil.study.spec import Study, read_study
 
 # a shard never holds scenarios of two days: as many shards as days
@@ -57,21 +58,25 @@ def golden(text: str) -> str:
         return ran(text, Path(folder) / "golden")
 
 
-def interrupted(text: str, folder: Path, after: int, **options: Any) -> None:
-    """Run a study until some shards are committed, then interrupt it as Ctrl-C does."""
-    left = after
+def stopped(study: Study, folder: Path, after: int, **options: Any) -> int:
+    """Run a study until some shards are committed, then interrupt it as Ctrl-C does.  Returns how much was run."""
+    done: list[int] = []
 
-    def advance(_: int) -> None:
-        nonlocal left
-        left -= 1
-        if not left:
+    def advance(n_scenarios: int) -> None:
+        done.append(n_scenarios)
+        if len(done) == after:
             raise KeyboardInterrupt
 
     try:
-        runner.execute(studied(text, folder), folder, n_jobs=1, progress=lambda _: advance, **options)
+        runner.execute(study, folder, n_jobs=1, progress=lambda _: advance, **options)
     except KeyboardInterrupt:
-        return
+        return sum(done)
     raise AssertionError("the study was finished before it was interrupted")
+
+
+def interrupted(text: str, folder: Path, after: int, **options: Any) -> None:
+    """Run the study of a text until some shards are committed, then interrupt it."""
+    stopped(studied(text, folder), folder, after, **options)
 
 
 def shards(folder: Path) -> list[Path]:
@@ -90,6 +95,39 @@ def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
 def unfinished(folder: Path) -> list[Path]:
     """What a writer left behind half-written."""
     return [p for p in folder.rglob("*") if p.name.endswith(".tmp")]
+
+
+def quarantined(folder: Path) -> list[str]:
+    """The names of what was set aside."""
+    return sorted(p.name for p in (folder / "quarantine").glob("*"))
+
+
+def verified(folder: Path) -> list[str]:
+    """What ``verify`` finds; it changes nothing."""
+    before = contents(folder)
+    problems = care.verify(folder)
+    assert contents(folder) == before
+    return problems
+
+
+def resumed(folder: Path, text: str = PLAIN, **options: Any) -> list[str]:
+    """Go on with a study, to the end, and find what an undisturbed run finds.  Returns the warnings."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        assert ran(text, folder, **options) == golden(text)
+    assert verified(folder) == []
+    assert unfinished(folder) == []
+    assert shards(folder) == []
+    return [str(w.message) for w in told]
+
+
+SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "plain": (PLAIN, lambda folder: None),
+    "traced": (TRACED, lambda folder: None),
+    "extended": (larger(TRACED), lambda folder: ran(TRACED, folder)),
+    "extended, unfinished": (larger(TRACED), lambda folder: interrupted(TRACED, folder, DAYS - 1)),
+}
+"""What is run, and in what state of its folder."""
 
 
 @contextmanager

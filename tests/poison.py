@@ -91,3 +91,11 @@ class Harmful(Layout):
 def harmful(study, *how, **options):
     """The study with a layout that is ``Harmful``."""
     return replace(study, plan=replace(study.plan, layout=Harmful(study.plan.layout, *how, **options)))
+
+
+def harms(monkeypatch, *how, **options):
+    """Have every study that is read harm its workers."""
+    from fastcoil.study import spec
+
+    read = spec.read_study
+    monkeypatch.setattr(spec, "read_study", lambda *words: harmful(read(*words), *how, **options))

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_OK
 from fastcoil.plan import Plan
 
 ROOT = Path(__file__).parents[1]
@@ -97,6 +98,19 @@ def cut(monkeypatch, size, seed=None, alone=None):
         return found
 
     monkeypatch.setattr(Plan, "shards", shards)
+
+
+def check_crashed(found, healthy, culprits):
+    """Exactly the culprits are crashed and empty, all others as in a healthy run."""
+    crashed = np.flatnonzero(found["status"].values == STATUS_CRASHED)
+    assert crashed.tolist() == sorted(culprits)
+    others = np.setdiff1d(np.arange(N_SCENARIOS), crashed)
+    for name in (*METRICS, "T_sup"):
+        values = found[name].values.reshape(N_SCENARIOS, -1)
+        expected = healthy[name].values.reshape(N_SCENARIOS, -1)
+        assert np.isnan(values[crashed]).all(), name
+        np.testing.assert_array_equal(values[others], expected[others], err_msg=name)
+    assert (found["status"].values.ravel()[others] == STATUS_OK).all()
 
 
 def environment(**more):

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import copy
-import json
 
 import numpy as np
 import poison
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from faults import stopped
 from processes import cut
+from versions import begun, fresh, toml
 
 import fastcoil as fc
 from fastcoil.cli import main
@@ -30,23 +29,6 @@ BASE = {
     "run": {"warm_up": 100, "traces": ["T_sup", "mode"], "trace_interval": 100},
 }
 N = 24
-
-
-def toml(tables):
-    """The text of a study file."""
-
-    def shown(value):
-        if isinstance(value, dict):
-            return "{ " + ", ".join(f"{k} = {shown(v)}" for k, v in value.items()) + " }"
-        return json.dumps(value)
-
-    lines = []
-    for name, table in tables.items():
-        nested = name == "cases"
-        for part, values in table.items() if nested else [(None, table)]:
-            lines.append(f"[{name}.{part}]" if part else f"[{name}]")
-            lines += [f"{k} = {shown(v)}" for k, v in values.items()]
-    return "\n".join(lines) + "\n"
 
 
 def changed(**parts):
@@ -68,11 +50,6 @@ def study(tmp_path):
     return read
 
 
-def fresh(study, folder):
-    """The hash of a study that is run at once, in a folder of its own."""
-    return execute(study, folder / "fresh").results.attrs["content_sha256"]
-
-
 def image(folder):
     """Every file in a folder with its bytes, and when it was written."""
     found = {}
@@ -80,20 +57,6 @@ def image(folder):
         if path.is_file() and path.name != ".lock":
             found[path.relative_to(folder).as_posix()] = (path.read_bytes(), path.stat().st_mtime_ns)
     return found
-
-
-def interrupted(study, folder, n_shards, **options):
-    """Run a study and press Ctrl-C after some shards."""
-    done = []
-
-    def tell(n):
-        done.append(n)
-        if len(done) == n_shards:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        execute(study, folder, n_jobs=1, progress=lambda _: tell, **options)
-    return sum(done)
 
 
 EXTENSIONS = {
@@ -138,7 +101,7 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tm
 )
 def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name, n_shards):
     cut(monkeypatch, 5)
-    done = interrupted(study(BASE), tmp_path / "out", n_shards)
+    done = stopped(study(BASE), tmp_path / "out", n_shards)
     asked = study(EXTENSIONS[name])
     finished = execute(asked, tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - done
@@ -149,13 +112,10 @@ def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name,
 @pytest.mark.parametrize("before", [2, pytest.param(0, marks=pytest.mark.full)])
 def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, before, again):
     cut(monkeypatch, 5)
-    if before:
-        done = interrupted(study(BASE), tmp_path / "out", before)
-    else:
-        done = execute(study(BASE), tmp_path / "out").n_run
+    done = begun(study(BASE), tmp_path / "out", before)
     asked = study(EXTENSIONS["all at once"])
     for _ in range(3):
-        done += interrupted(asked, tmp_path / "out", 2, extend=again or done <= N)
+        done += stopped(asked, tmp_path / "out", 2, extend=again or done <= N)
         partly = fc.open_study(tmp_path / "out")
         assert int((partly["status"] == 0).sum()) == done
         partly.close()
@@ -166,8 +126,8 @@ def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, 
 
 def test_an_extension_of_an_extension_that_was_interrupted_keeps_all(study, tmp_path, monkeypatch):
     cut(monkeypatch, 5)
-    done = interrupted(study(BASE), tmp_path / "out", 2)
-    done += interrupted(study(EXTENSIONS["middle"]), tmp_path / "out", 2, extend=True)
+    done = stopped(study(BASE), tmp_path / "out", 2)
+    done += stopped(study(EXTENSIONS["middle"]), tmp_path / "out", 2, extend=True)
     asked = study(changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09, 0.11]}, run={"replicates": 2}))
     finished = execute(asked, tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - done
@@ -206,10 +166,7 @@ def test_an_unfinished_study_is_not_touched_by_what_is_no_extension(study, tmp_p
 
 def check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards):
     cut(monkeypatch, 6)
-    if n_shards is None:
-        execute(study(BASE), tmp_path / "out")
-    else:
-        interrupted(study(BASE), tmp_path / "out", n_shards)
+    begun(study(BASE), tmp_path / "out", n_shards)
     before = image(tmp_path / "out")
     if n_shards and "scenarios" in sentence:
         sentence = "of the 24 scenarios"
@@ -221,10 +178,7 @@ def check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards):
 @pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
 def test_without_extend_another_version_is_refused_with_what_differs(study, tmp_path, monkeypatch, n_shards):
     cut(monkeypatch, 6)
-    if n_shards is None:
-        execute(study(BASE), tmp_path / "out")
-    else:
-        interrupted(study(BASE), tmp_path / "out", n_shards)
+    begun(study(BASE), tmp_path / "out", n_shards)
     before = image(tmp_path / "out")
     study(EXTENSIONS["end"])
     words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
@@ -287,59 +241,3 @@ def test_values_of_old_scenarios_do_not_change(study, tmp_path):
     for name in ("rmse", "status", "T_sup", "mode"):
         same = new[name].sel(backlash=old.backlash, estimate_ratio=old.estimate_ratio, tuning=old.tuning, day=old.day)
         np.testing.assert_array_equal(same.transpose(*old[name].dims).values, old[name].values, err_msg=name)
-
-
-AXES = {
-    "backlash": [0.0, 0.01, 0.03, 0.08, 0.12],
-    "estimate_ratio": [0.0, 0.4, 0.9, 1.3],
-    "kp": [0.01, 0.02, 0.05],
-    "noise_std": [0.0, 0.02],
-}
-
-
-@st.composite
-def versions(draw):
-    """A study and a larger version of it, as tables."""
-    small, large = ({"loop": {}, "sweep": {}, "boundary": {"hours": 0.1}, "run": {"warm_up": 60}} for _ in range(2))
-    for name, known in AXES.items():
-        values = draw(st.lists(st.sampled_from(known), min_size=1, max_size=3, unique=True))
-        kept = draw(st.lists(st.sampled_from(values), min_size=1, max_size=2, unique=True))
-        for tables, chosen in ((small, kept), (large, values)):
-            if len(chosen) == 1 and draw(st.booleans()):
-                tables["loop"][name] = chosen[0]
-            else:
-                tables["sweep"][name] = chosen
-    days = draw(st.permutations([1, 2, 3]))
-    kept = draw(st.lists(st.sampled_from(days[:2]), min_size=1, unique=True))
-    small["boundary"]["seed"], large["boundary"]["seed"] = kept, days[: draw(st.integers(2, 3))]
-    small["run"]["replicates"] = draw(st.integers(1, 2))
-    large["run"]["replicates"] = draw(st.integers(small["run"]["replicates"], 3))
-    traces = draw(st.sampled_from([[], ["u"]]))
-    for tables in (small, large):
-        tables["run"] |= {"traces": traces, "trace_interval": 60}
-    return small, large
-
-
-@pytest.mark.parametrize("n", [4, pytest.param(200, marks=pytest.mark.full)])
-def test_any_sweep_can_grow(tmp_path_factory, n):
-    @settings(max_examples=n)
-    @given(versions=versions(), n_shards=st.integers(0, 3))
-    def grows(versions, n_shards):
-        folder = tmp_path_factory.mktemp("grown")
-        path = folder / "study.toml"
-        with pytest.MonkeyPatch.context() as patch:
-            cut(patch, 7, seed=n_shards)
-            path.write_text(toml(versions[0]), encoding="utf-8")
-            small = read_study(path)
-            if 0 < n_shards < len(small.plan.shards(1)):
-                done = interrupted(small, folder / "out", n_shards)
-            else:
-                done = execute(small, folder / "out").n_run
-            path.write_text(toml(versions[1]), encoding="utf-8")
-            large = read_study(path)
-            finished = execute(large, folder / "out", extend=True)
-            if large.text != small.text:
-                assert finished.n_run == large.plan.n_scenarios - done
-            assert finished.results.attrs["content_sha256"] == fresh(large, folder)
-
-    grows()

@@ -1,27 +1,14 @@
 """Moist air against PsychroLib (an independent implementation of the same handbook) and closed forms."""
 
-import importlib
 import math
 
 import numpy as np
 import pytest
 
 from fastcoil.boundary import moist_air
-from fastcoil.numerics.jit import JIT_ENABLED
 
 PRESSURES = (101325.0, 98934.0, 70e3)
 ABOVE_FREEZING = np.linspace(0.02, 50.0, 60)
-
-
-@pytest.fixture(scope="module")
-def psychrolib():
-    if not JIT_ENABLED:
-        pytest.skip("PsychroLib, where it finds Numba, needs the compiler to change its units")
-    library = pytest.importorskip("psychrolib")
-    # It may have been imported, and its unit system set, by somebody else.
-    library = importlib.reload(library)
-    library.SetUnitSystem(library.SI)
-    return library
 
 
 def each(function, *arrays):

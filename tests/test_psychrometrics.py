@@ -4,21 +4,10 @@ import numpy as np
 import pytest
 import reference
 
-from fastcoil.numerics.jit import JIT_ENABLED
 from fastcoil.physics.psychrometrics import enthalpy_difference, saturation_humidity_ratio, saturation_pressure
 
 TEMPERATURES = np.concatenate([np.linspace(0.01, 50.0, 5003), [0.0101, 49.9999]]).tolist()
 PRESSURES = [60e3, 80e3, 98e3, 101325.0, 108e3]
-
-
-@pytest.fixture(scope="module")
-def psychrolib():
-    if not JIT_ENABLED:
-        pytest.skip("PsychroLib, where it finds Numba, needs the compiler to change its units")
-    import psychrolib
-
-    psychrolib.SetUnitSystem(psychrolib.SI)
-    return psychrolib
 
 
 def test_saturation_pressure_is_hyland_wexlers():

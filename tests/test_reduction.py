@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 import xarray as xr
+from refusals import only_problem, problems
 
 from fastcoil.errors import InputError
 from fastcoil.study.reduction import Reduction, find_reduction
@@ -44,12 +45,6 @@ def traces():
 
 def reducing(body, name="mine:f"):
     return Reduction(name, f"import numpy as np\nimport xarray as xr\ndef f(t):\n    {body}\n")
-
-
-def problems_of(reduction, traces):
-    with pytest.raises(InputError) as refused:
-        reduction.apply(traces)
-    return refused.value.problems
 
 
 # What a function is handed, what it may return
@@ -96,7 +91,7 @@ def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
     before = traces.copy(deep=True)
     reducing("t['more'] = t.T_sup + 1\n    return xr.Dataset({'x': t.more.max('elapsed_time')})").apply(traces)
     for name in ("T_sup", "kp"):
-        (problem,) = problems_of(reducing(f"t.{name}.values[:] = 0\n    return t"), traces)
+        problem = only_problem(reducing(f"t.{name}.values[:] = 0\n    return t").apply, traces)
         assert problem == "reduce = 'mine:f' raised ValueError: assignment destination is read-only"
     assert traces.identical(before)
     traces.T_sup.values[0] = 0.0
@@ -115,7 +110,7 @@ def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
     ],
 )
 def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
-    (problem,) = problems_of(reducing(body), traces)
+    problem = only_problem(reducing(body).apply, traces)
     assert problem == (
         "reduce = 'mine:f' gives another x for a scenario alone than among others: treat each scenario by itself, to "
         "the last bit"
@@ -160,7 +155,7 @@ def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
     ],
 )
 def test_a_wrong_answer_is_refused_with_one_sentence(traces, body, sentence):
-    (problem,) = problems_of(reducing(body), traces)
+    problem = only_problem(reducing(body).apply, traces)
     assert problem.startswith(f"reduce = 'mine:f' {sentence}")
     assert "\n" not in problem
 
@@ -173,7 +168,7 @@ def test_the_exception_of_the_function_is_the_cause(traces):
 
 def test_all_that_is_wrong_is_named(traces):
     body = "return xr.Dataset({'rmse': t.T_sup.max(), 'x': t.tuning.expand_dims(day=2)})"
-    assert len(problems_of(reducing(body), traces)) == 4
+    assert len(problems(reducing(body).apply, traces)) == 4
 
 
 # Where a function is found

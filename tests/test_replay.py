@@ -1,14 +1,12 @@
 """replay: the simulation's own commands from its own temperatures, and a building's from its record."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from measured import measured
 
 import fastcoil as fc
 from fastcoil.control.pi import clipped, desired_opening, integrated
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 SIGNALS = ["u", "integral", "command", "estimate", "mode"]
 pytestmark = pytest.mark.kernel
 
@@ -100,14 +98,13 @@ def test_bad_logs_are_refused(tmp_path, text, words):
         assert word in str(caught.value)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the measured series are not beside this checkout")
 def test_our_pi_replays_the_recorded_command_of_a_building():
     """LBNL building 33, AHU-2: within 0.29 % of stroke, the RMSE of a Modelica model of the same controller.
 
     P acts at every sample (5 s), the integral is summed every 15 s; enabled above 15 % of fan feedback (off below 5 %)
     and 50 °F outside (off below 48 °F); a low limit closes the valve between 50 and 42 °F of supply air.
     """
-    log = np.genfromtxt(DATA / "b33_ahu2_5s.csv", delimiter=",", names=True)
+    log = np.genfromtxt(measured("b33_ahu2_5s.csv"), delimiter=",", names=True)
     kp, ti, n = 0.018, 30.0, log.size
     integral, hot, fan, was = 0.0, False, False, False
     command = np.empty(n)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from refusals import only_problem, problems
 
-from fastcoil.errors import InputError
 from fastcoil.study.spec import read_study
 from fastcoil.study.template import TEMPLATE
 
@@ -18,12 +18,6 @@ def read(tmp_path):
         return read_study(path)
 
     return read
-
-
-def problems_of(read, text):
-    with pytest.raises(InputError) as refused:
-        read(text)
-    return refused.value.problems
 
 
 def test_axes_cases_and_constants_become_the_loop(read):
@@ -64,7 +58,7 @@ def test_run_table_reaches_the_plan(read):
 
 
 def test_all_mistakes_are_named_at_once(read):
-    problems = problems_of(
+    found = problems(
         read,
         """
         titel = "x"
@@ -93,8 +87,8 @@ def test_all_mistakes_are_named_at_once(read):
         "[boundary] hourss is not an argument of paper_day, did you mean 'hours'?",
         "[run] seed = 1.5: give a whole number",
     ):
-        assert any(part in p for p in problems), part
-    assert all("study.toml" in p for p in problems)
+        assert any(part in p for p in found), part
+    assert all("study.toml" in p for p in found)
 
 
 @pytest.mark.parametrize(
@@ -141,14 +135,12 @@ def test_all_mistakes_are_named_at_once(read):
     ],
 )
 def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, text, sentence):
-    problems = problems_of(read, text)
-    assert len(problems) == 1
-    assert sentence in problems[0]
+    assert sentence in only_problem(read, text)
 
 
 def test_a_sweep_too_large_for_memory_is_counted_and_refused_before_anything_is_made(read):
     axes = "\n".join(f"{n} = {{ linspace = [0.01, 0.5, 1000] }}" for n in ("backlash", "kp", "noise_std", "buffer"))
-    (problem,) = problems_of(read, f"[loop]\n[sweep]\n{axes}")
+    problem = only_problem(read, f"[loop]\n[sweep]\n{axes}")
     assert "1,000,000,000,000 scenarios need" in problem
     assert "sweep fewer values" in problem
 

@@ -1,4 +1,4 @@
-"""Every trace and metric equals ``reference.py``, the paper in plain Python.
+"""Every trace and metric equals ``reference``, the paper in plain Python.
 
 With the package's saturation function handed to the reference only the logic is compared: 1e-9 in the unit of
 the trace.  With the reference's own Hyland-Wexler formula the approximation is compared too.

@@ -1,0 +1,113 @@
+"""The self-learning of the backlash estimate."""
+
+import math
+
+from reference.rounding import clip
+
+
+class Learner:
+    """The self-learning rule of section 3.3 of the paper, and what can be changed in it.
+
+    An interval that is no evidence is as if it had not been: no step, and no reference frequency from it.
+    """
+
+    def __init__(self, parameters, open_loop):
+        p = parameters
+        self.is_off = p["learning_step"] <= 0.0 or open_loop
+        self.growth = p["learning_growth"]
+        self.step = p["learning_step"] / self.growth  # as if one step up had been made before
+        self.interval = int(p["learning_interval"])
+        self.interval_end = self.interval
+        self.ratio = p["learning_ratio"]
+        self.floor = p["learning_floor"]
+        self.least_switches = p["learning_min_switches"]
+        self.highest_reference = p["learning_max_reference"] * 600.0 / p["sample_time"]
+        self.trips_early = p["learning_early_trip"] == 1
+        self.sample_time = int(p["sample_time"])
+        self.shrink = p["learning_shrink"]
+        self.final = p["learning_final"]
+        self.lowest = p["backlash_estimate"]
+        self.highest = p["learning_cap"]
+        self.stops_at_first_down = p["learning_stop"] == "first_step_down"
+        self.reached_from = p["backlash"] - p["learning_step"] / 2.0 - 1e-12
+        self.estimate = p["backlash_estimate"]
+        self.reference_frequency = None
+        self.missing = None
+        self.time_reached = math.nan
+        self.time_confirmed = math.nan
+        self.time_first_down = math.nan
+        self.estimate_first_down = math.nan
+
+    @property
+    def has_stopped(self):
+        """Whether learning is over."""
+        return self.stops_at_first_down and not math.isnan(self.time_first_down)
+
+    @property
+    def status(self):
+        """What became of the learner: its number among the flags of learning_status."""
+        if self.is_off:
+            return 0.0
+        if self.has_stopped:
+            return 3.0
+        if not math.isnan(self.time_first_down):
+            return 2.0
+        if self.reference_frequency is None and self.missing is not None:
+            return {"no_evidence": 4.0, "not_identifiable": 5.0}[self.missing]
+        return 1.0
+
+    def is_due(self, t, switches):
+        """Whether the estimate is looked at in second t, after so many mode switches in the interval so far."""
+        if self.is_off or self.has_stopped or t == 0:
+            return False
+        if t == self.interval_end:
+            return True
+        may_trip = self.trips_early and t % self.sample_time == 0 and self.reference_frequency is not None
+        return may_trip and self.is_chatter(switches)
+
+    def is_chatter(self, switches):
+        """Whether so many switches are too many for a whole interval."""
+        threshold = self.ratio * max(self.reference_frequency, self.floor)
+        return switches / (self.interval / 600.0) > threshold
+
+    def update(self, t, switches):
+        """End the interval at second t, given its mode switches; the next one begins there."""
+        self.interval_end = t + self.interval
+        frequency = switches / (self.interval / 600.0)
+        if switches < self.least_switches:
+            self.missing = "no_evidence"
+            return
+        if self.reference_frequency is None:
+            if frequency > self.highest_reference:
+                self.missing = "not_identifiable"
+                return
+            self.reference_frequency = frequency
+        self.missing = None
+        if self.is_chatter(switches):
+            self.step_down(t)
+        else:
+            self.step_up(t)
+
+    def step_up(self, t):
+        """One step up, longer than the last one if none went down yet."""
+        if math.isnan(self.time_first_down):
+            self.step *= self.growth
+        self.move_by(self.step, t)
+
+    def step_down(self, t):
+        """One step down, as long as the last one up, and shorter ones after it; the first one may be the end."""
+        self.move_by(-self.step, t)
+        self.step *= self.shrink
+        if math.isnan(self.time_confirmed) and not math.isnan(self.time_reached):
+            self.time_confirmed = float(t)
+        if math.isnan(self.time_first_down):
+            self.time_first_down = float(t)
+            self.estimate_first_down = self.estimate
+            if self.stops_at_first_down:
+                self.estimate = max(self.estimate * self.final, self.lowest)
+
+    def move_by(self, distance, t):
+        """Move the estimate within its limits."""
+        self.estimate = clip(self.estimate + distance, self.lowest, self.highest)
+        if math.isnan(self.time_reached) and self.estimate >= self.reached_from:
+            self.time_reached = float(t)

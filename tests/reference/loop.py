@@ -1,0 +1,179 @@
+"""The closed loop over time."""
+
+import math
+
+from reference.coil import coil_step
+from reference.control import FALLING, backlash_inverse, pi_controller
+from reference.learner import Learner
+from reference.metrics import METRICS, coil_metrics, movement_metrics, switching_metrics, tracking_metrics
+from reference.noise import standard_normal
+from reference.rounding import round_half_up
+from reference.valve import actuator_position, backlash, richards_valve
+
+SCALAR_TRACES = (
+    "T_sup",
+    "T_measured",
+    "u",
+    "integral",
+    "command",
+    "position",
+    "opening",
+    "m_w",
+    "estimate",
+    "mode",
+    "T_w_out",
+    "W_sup",
+    "wet_volumes",
+    "power",
+)
+VOLUME_TRACES = ("T_w", "T_c", "T_a", "W_a")
+
+
+def simulate(
+    parameters,
+    boundary,
+    *,
+    command=None,
+    warm_up=1800,
+    seed=0,
+    replicate=0,
+    day=0,
+    saturation=None,
+):
+    """Run one scenario; returns (traces, metrics).
+
+    parameters: a dict with the keys and units of PAPER_LIKE.
+    boundary: 1-s series of one length, m_a [kg/s], T_a_in [degC], W_a_in [kg/kg], T_w_in [degC], T_set [degC]
+    and, if wanted, noise [K] and enabled [0 or 1].
+    command: an open-loop command series [strokes] in place of the controller.
+    warm_up: seconds left out of the metrics; seed, replicate, day: select the noise.
+    saturation: a function (T [degC], pressure [Pa]) -> W_s [kg/kg] in place of saturation_humidity_ratio.
+
+    traces: lists with one entry per second; for T_w, T_c, T_a and W_a each entry is a list over volumes.
+    metrics: floats, and the integer status (0 ok, 1 non-finite, 2 out of range); unless it is 0 they are NaN.
+    """
+    p = parameters
+    n_volumes = p["n_volumes"]
+    m_a = floats(boundary["m_a"])
+    T_a_in = floats(boundary["T_a_in"])
+    W_a_in = floats(boundary["W_a_in"])
+    T_w_in = floats(boundary["T_w_in"])
+    T_set = floats(boundary["T_set"])
+    n_steps = len(T_set)
+    recorded_noise = floats(boundary.get("noise", [0.0] * n_steps))
+    enabled = [value != 0 for value in boundary.get("enabled", [1] * n_steps)]
+    open_loop = command is not None
+    commands = floats(command) if open_loop else None
+
+    sample_time = int(p["sample_time"])
+    sign = -1.0 if p["action"] == "heating" else 1.0
+    tau = p["sensor_time_constant"]
+
+    T_w = [p["T_initial"]] * n_volumes
+    T_c = [p["T_initial"]] * n_volumes
+    T_a = [p["T_initial"]] * n_volumes
+    W_a = [W_a_in[0]] * n_volumes
+    T_sensor = drawn_noise = 0.0
+    learner = Learner(p, open_loop)
+    switches_in_interval = 0
+    u = integral = u_extreme = cmd = 0.0
+    mode = FALLING
+    position = x = 0.0
+
+    traces = {name: [] for name in SCALAR_TRACES + VOLUME_TRACES}
+    switches = []
+    condensates = []
+    out_of_range = not temperatures_in_range(T_w, T_c, T_a)
+
+    for t in range(n_steps):
+        # Measure
+        if t == 0 or tau <= 0.0:
+            T_sensor = T_a[0]
+        else:
+            T_sensor += (1.0 - math.exp(-1.0 / tau)) * (T_a[0] - T_sensor)
+        if p["noise_std"] > 0.0 and t % sample_time == 0:
+            drawn_noise = p["noise_std"] * standard_normal(seed, t // sample_time, 0, replicate, day)
+        T_measured = T_sensor + drawn_noise + recorded_noise[t]
+        if p["sensor_resolution"] > 0.0:
+            T_measured = round_half_up(T_measured, p["sensor_resolution"])
+
+        switched = False
+        if open_loop:
+            cmd = commands[t]
+        else:
+            # Learner
+            if learner.is_due(t, switches_in_interval):
+                learner.update(t, switches_in_interval)
+                switches_in_interval = 0
+
+            # PI
+            if not enabled[t]:
+                u = integral = 0.0
+            elif t % sample_time == 0:
+                error = sign * (T_measured - T_set[t])
+                u, integral = pi_controller(error, integral, p["kp"], p["ti"], sample_time)
+
+            # Inverse
+            mode_previous = mode
+            cmd, mode, u_extreme = backlash_inverse(u, learner.estimate, p["buffer"], mode, u_extreme, cmd)
+            switched = mode != mode_previous
+            switches_in_interval += switched
+
+        # Actuator, Eq (1), Eq (2)
+        position_previous = position
+        position = actuator_position(cmd, position, p["command_resolution"], p["stroke_time"])
+        x, opening = backlash(position, position_previous, x, p["backlash"])
+        m_w = richards_valve(opening, p["m_max"], p["valve_a"], p["valve_b"], p["valve_c"])
+
+        # Eqs (3) and (4)
+        T_w_next, T_c_next, T_a_next, W_a_next, wet_volumes, condensate = coil_step(
+            p, T_w, T_c, T_a, W_a, m_w, m_a[t], T_w_in[t], T_a_in[t], W_a_in[t], saturation
+        )
+
+        # Record the states the step started from, beside the signals of the step
+        traces["T_sup"].append(T_a[0])
+        traces["T_measured"].append(T_measured)
+        traces["u"].append(math.nan if open_loop else u)
+        traces["integral"].append(math.nan if open_loop else integral)
+        traces["command"].append(cmd)
+        traces["position"].append(position)
+        traces["opening"].append(opening)
+        traces["m_w"].append(m_w)
+        traces["estimate"].append(math.nan if open_loop else learner.estimate)
+        traces["mode"].append(0 if open_loop else mode)
+        traces["T_w_out"].append(T_w[-1])
+        traces["W_sup"].append(W_a[0])
+        traces["wet_volumes"].append(wet_volumes)
+        traces["power"].append(sign * m_w * p["cp_w"] * (T_w[-1] - T_w_in[t]))
+        traces["T_w"].append(T_w)
+        traces["T_c"].append(T_c)
+        traces["T_a"].append(T_a)
+        traces["W_a"].append(W_a)
+        switches.append(int(switched))
+        condensates.append(condensate)
+
+        T_w, T_c, T_a, W_a = T_w_next, T_c_next, T_a_next, W_a_next
+        out_of_range = out_of_range or not temperatures_in_range(T_w, T_c, T_a)
+
+    finite = all(math.isfinite(value) for state in (T_w, T_c, T_a, W_a) for value in state)
+    status = 1 if not finite else 2 if out_of_range else 0
+    if status != 0:
+        return traces, dict.fromkeys(METRICS, math.nan) | {"status": status}
+
+    counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
+    metrics = tracking_metrics(traces["T_sup"], T_set, counted)
+    metrics.update(movement_metrics(traces["opening"], traces["position"], counted))
+    metrics.update(switching_metrics(switches, traces["estimate"], learner, counted, warm_up, open_loop))
+    metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
+    metrics["status"] = status
+    return traces, metrics
+
+
+def floats(series):
+    """The series as a list of Python floats."""
+    return [float(value) for value in series]
+
+
+def temperatures_in_range(*states):
+    """Whether every temperature [degC] of the per-volume lists lies in -50..150 degC."""
+    return all(min(state) >= -50.0 and max(state) <= 150.0 for state in states)

@@ -1,0 +1,134 @@
+"""The metrics, from the whole recorded run."""
+
+import math
+from itertools import pairwise
+
+METRICS = (
+    "rmse",
+    "rmse_settled",
+    "iae",
+    "hunting_amplitude",
+    "hunting_period",
+    "stem_travel",
+    "motor_travel",
+    "reversals",
+    "switch_frequency",
+    "estimate_final",
+    "estimate_settled",
+    "learn_time_reached",
+    "learn_time_confirmed",
+    "learn_time_first_down",
+    "estimate_first_down",
+    "learning_status",
+    "coil_energy",
+    "coil_peak_power",
+    "water_volume",
+    "condensate",
+)
+
+SETTLING_TIME = 600  # s since the last set-point change
+SWITCH_BLOCK = 600  # s
+POWER_BLOCK = 900  # s
+ESTIMATE_WINDOW = 7200  # s
+MOVEMENT_THRESHOLD = 1e-9  # strokes
+
+
+def tracking_metrics(T_sup, T_set, counted):
+    """Tracking of the set point [degC] by the true supply temperature [degC], over counted seconds."""
+    n_steps = len(T_sup)
+    error = [T_sup[t] - T_set[t] for t in range(n_steps)]
+    settled = []
+    last_change = 0
+    for t in range(n_steps):
+        if t > 0 and T_set[t] != T_set[t - 1]:
+            last_change = t
+        settled.append(counted[t] and t - last_change >= SETTLING_TIME)
+
+    ranges = []
+    crossings = 0
+    for start, stop in windows(settled):
+        ranges.append(max(T_sup[start:stop]) - min(T_sup[start:stop]))
+        crossings += sum(error[t - 1] < 0.0 <= error[t] for t in range(start + 1, stop))
+
+    return {
+        "rmse": math.sqrt(mean([e * e for e in select(error, counted)])),
+        "rmse_settled": math.sqrt(mean([e * e for e in select(error, settled)])),
+        "iae": math.fsum(abs(e) for e in select(error, counted)) / 3600.0,
+        "hunting_amplitude": mean(ranges),
+        "hunting_period": sum(settled) / crossings if crossings >= 2 else math.nan,
+    }
+
+
+def movement_metrics(opening, position, counted):
+    """Travel [strokes] of stem and motor and reversals of the stem, over counted seconds."""
+    stem_moves = select(moves(opening), counted)
+    motor_moves = select(moves(position), counted)
+    directions = [move > 0.0 for move in stem_moves if abs(move) > MOVEMENT_THRESHOLD]
+    return {
+        "stem_travel": math.fsum(abs(move) for move in stem_moves),
+        "motor_travel": math.fsum(abs(move) for move in motor_moves),
+        "reversals": float(sum(now != before for before, now in pairwise(directions))),
+    }
+
+
+def switching_metrics(switches, estimate, learner, counted, warm_up, open_loop):
+    """Mode switches per 10 min, the estimate [strokes] and the learning times [s]; NaN in open loop."""
+    n_steps = len(estimate)
+    recent = [counted[t] and t >= n_steps - ESTIMATE_WINDOW for t in range(n_steps)]
+    switches_per_block = [] if open_loop else block_sums(switches, counted, warm_up, SWITCH_BLOCK)
+    return {
+        "switch_frequency": mean(switches_per_block),
+        "estimate_final": estimate[-1],
+        "estimate_settled": mean(select(estimate, recent)),
+        "learn_time_reached": learner.time_reached,
+        "learn_time_confirmed": learner.time_confirmed,
+        "learn_time_first_down": learner.time_first_down,
+        "estimate_first_down": learner.estimate_first_down,
+        "learning_status": learner.status,
+    }
+
+
+def coil_metrics(power, m_w, condensates, counted, warm_up):
+    """Energy [kWh], peak power [kW], water [m3] and condensate [kg], over counted seconds."""
+    peaks = [total / POWER_BLOCK for total in block_sums(power, counted, warm_up, POWER_BLOCK)]
+    return {
+        "coil_energy": math.fsum(select(power, counted)) / 3600.0,
+        "coil_peak_power": max(peaks, default=math.nan),
+        "water_volume": math.fsum(select(m_w, counted)) / 1000.0,
+        "condensate": math.fsum(select(condensates, counted)),
+    }
+
+
+def mean(values):
+    """Arithmetic mean; NaN of nothing."""
+    return math.fsum(values) / len(values) if values else math.nan
+
+
+def select(values, flags):
+    """The values whose flag is set."""
+    return [value for value, flag in zip(values, flags, strict=True) if flag]
+
+
+def moves(positions):
+    """Change of each second against the one before; everything stands at 0 before the run."""
+    return [now - before for before, now in pairwise([0.0, *positions])]
+
+
+def windows(flags):
+    """Maximal runs of set flags, as (start, stop) with stop excluded."""
+    runs = []
+    start = None
+    for t, flag in enumerate([*flags, False]):
+        if flag and start is None:
+            start = t
+        elif not flag and start is not None:
+            runs.append((start, t))
+            start = None
+    return runs
+
+
+def block_sums(values, counted, first, length):
+    """Sums over the blocks of `length` seconds aligned at `first` that fit the run and count throughout."""
+    starts = range(first, len(values) - length + 1, length)
+    blocks = [slice(start, start + length) for start in starts]
+    return [math.fsum(values[block]) for block in blocks if all(counted[block])]
