@@ -1,6 +1,7 @@
 """``fastcoil`` and ``python -m fastcoil``."""
 
 import os
+import signal
 import sys
 import threading
 
@@ -13,11 +14,13 @@ def run() -> None:
     try:
         main()
     except SystemExit as end:
-        waited_for = any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread())
-        if waited_for and end.code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(end.code)
+        if end.code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left to interrupt but the interpreter's end
+            others = [thread for thread in threading.enumerate() if thread is not threading.main_thread()]
+            if not all(thread.daemon for thread in others):
+                sys.stdout.flush()
+                sys.stderr.flush()
+                os._exit(end.code)
         raise
 
 

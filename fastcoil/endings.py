@@ -53,6 +53,8 @@ def interruptible(study: Path, folder: Path) -> Iterator[None]:
         os._exit(code)
 
     def stop(number: int, _: object) -> None:
+        for each in numbers:  # it is on its way: an impatient user must not stop it from tidying up
+            signal.signal(each, signal.SIG_IGN)
         # a thread within a long shard, or workers that do not answer, would be waited for
         interrupted = number == signal.SIGINT
         timer = threading.Timer(_PATIENCE, give_up, [EXIT_INTERRUPTED if interrupted else EXIT_TERMINATED])
