@@ -104,13 +104,13 @@ def settings(of: xr.Dataset, rules: Sequence[str], hours: float, safe: float, sm
     return figure
 
 
-LINES = (
-    {"color": COLOURS[0], "ls": "-", "lw": 1.2},
-    {"color": "0.55", "ls": "--", "lw": 1.2},
-    {"color": "0.3", "ls": ":", "lw": 1.4},
-    {"color": COLOURS[2], "ls": "-", "lw": 2.4},
-    {"color": COLOURS[1], "ls": "-.", "lw": 1.2},
-)
+LINES = {
+    "literal": {"color": COLOURS[0], "ls": "-", "lw": 1.2},
+    "hold": {"color": "0.55", "ls": "--", "lw": 1.2},
+    "early": {"color": "0.3", "ls": ":", "lw": 1.4},
+    "growing": {"color": COLOURS[2], "ls": "-", "lw": 2.4},
+    "stopping": {"color": COLOURS[1], "ls": "-.", "lw": 1.2},
+}
 
 
 def front(of: xr.Dataset, hours: float, small_print: str) -> Figure:
@@ -120,12 +120,12 @@ def front(of: xr.Dataset, hours: float, small_print: str) -> Figure:
         figure, axes = _figure(of.sizes["noise_std"], of.sizes["tuning"], 1.6 * of.sizes["noise_std"] + 1, small_print)
         for row, noise in zip(axes, of.noise_std.values, strict=True):
             for panel, tuning in zip(row, of.tuning.values, strict=True):
-                for rule, look in zip(of.rule.values, LINES, strict=True):
+                for rule in map(str, of.rule.values):
                     cell = of.sel(tuning=tuning, noise_std=noise, rule=rule).stack(choice=choices)
                     cell = cell.isel(choice=np.isfinite(cell.confirmed.values)).sortby("confirmed")
                     least = np.minimum.accumulate(100 * cell.failed.values)
                     end = [*cell.confirmed.values, hours], [*least, *least[-1:]]
-                    panel.step(*(end if least.size else ([], [])), where="post", label=str(rule), **look)
+                    panel.step(*(end if least.size else ([], [])), where="post", label=rule, **LINES[rule])
             row[0].set_ylabel(f"noise {noise:g} K\nfailures [% of days]")
         _name(axes, of.tuning.values, "confirmed after [h]")
         axes[0, 0].set(xscale="log", xlim=(SHORTEST, hours), ylim=(-3, 100))
