@@ -246,6 +246,11 @@ def test_answers_print_what_plain_python_finds(small, capsys, monkeypatch):
         assert (after == "—") == (n < 2)
 
 
+def test_times_that_never_came_count_as_later_than_all_others():
+    assert answers.hours(xr.DataArray([3600.0, np.nan, 7200.0])) == "2.00 h"
+    assert answers.hours(xr.DataArray([3600.0, np.nan, np.nan])) == "—"
+
+
 def test_conditions_count_what_plain_python_counts():
     ds = conditions.tunings(n=2)
     counted = [row.strip("|").split("|")[1:] for row in conditions.hunting_table(ds)[2:]]
