@@ -77,8 +77,9 @@ def robustness() -> None:
 
 def paper_like() -> None:
     """Section 3 of the paper on one loop, median of ten days."""
-    ds = results("paper_like").median("day")
-    print("### The paper's phenomena on `paper_like`, backlash 7 %, median of ten days\n")
+    days = results("paper_like")
+    ds = days.median("day")
+    print(f"### The paper's phenomena on `paper_like`, backlash 7 %, median of {days.sizes['day']} days\n")
     without = ds.sel(backlash=0.0, estimate_ratio=0.0)
     columns = ("rmse", "rmse_settled", "hunting_amplitude", "switch_frequency")
     rows = [["no backlash, plain PI", *(f"{float(without[c]):.3f}" for c in columns)]]
@@ -91,7 +92,8 @@ def paper_like() -> None:
 def learner() -> None:
     """When the rule reaches the size, how often, and where it ends."""
     ds = results("learner")
-    print("### The self-learning rule, backlash 7 %, ten days of 8 h\n")
+    n_days = ds.sizes["day"]
+    print(f"### The self-learning rule, backlash 7 %, {n_days} days of 8 h\n")
     rows = []
     for rule in ds.rule.values:
         for loop in ds.loop.values:
@@ -101,9 +103,9 @@ def learner() -> None:
                 [
                     rule,
                     loop,
-                    f"{int(reached.notnull().sum())} of 10",
+                    f"{int(reached.notnull().sum())} of {n_days}",
                     hours(reached),
-                    f"{int(confirmed.notnull().sum())} of 10",
+                    f"{int(confirmed.notnull().sum())} of {n_days}",
                     hours(confirmed),
                     f"{float(d.estimate_first_down.median()):.3f}",
                     f"{float(d.estimate_final.median()):.3f}",
@@ -119,7 +121,12 @@ def hours(times: xr.DataArray) -> str:
     return f"{float(in_time) / 3600:.2f} h" if float(in_time) < float("inf") else "—"
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Print every table."""
     robustness()
     paper_like()
     learner()
+
+
+if __name__ == "__main__":
+    main()

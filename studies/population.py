@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import xarray as xr
 from answers import results, table
+from learning import TOO_HIGH, TOO_LOW
 
 import fastcoil as fc
 
@@ -39,18 +40,22 @@ def benefit() -> None:
             for p in [pairs.rmse.sel(controller=name)]
         ),
     )  # fmt: skip
-    learner = ds.sel(controller="learner")
-    meanings = learner.learning_status.attrs["flag_meanings"].split()
-    words = {m: int((learner.learning_status == k).sum()) for k, m in enumerate(meanings)}
-    print("What became of the learner: " + ", ".join(f"{n:,} {m}" for m, n in words.items() if n) + ".")
-    learned = learner.estimate_final / learner.backlash
-    for name, part in (
-        ("all", learned),
-        ("stopped", learned.where(learner.learning_status == meanings.index("stopped"))),
-    ):
-        q = [float(part.quantile(q)) for q in (0.05, 0.25, 0.5, 0.75, 0.95)]
-        print(f"Learned size over true size, {name}: " + ", ".join(f"{v:.2f}" for v in q) + " (5, 25, 50, 75, 95 %).")
-    print()
+    print("### What became of the learners: share of the valves, and learned size over true size\n")
+    meanings = ds.learning_status.attrs["flag_meanings"].split()
+    rows = []
+    for name in (str(c) for c in ds.controller.values if str(c).startswith("learner")):
+        learner = ds.sel(controller=name)
+        ended = {m: int((learner.learning_status == k).sum()) for k, m in enumerate(meanings)}
+        learned = learner.estimate_final / learner.backlash
+        rows.append(
+            [
+                name,
+                ", ".join(f"{n:,} {m}" for m, n in ended.items() if n),
+                ", ".join(f"{float(learned.quantile(q)):.2f}" for q in (0.05, 0.25, 0.5, 0.75, 0.95)),
+                f"{100 * float(((learned >= TOO_LOW) & (learned <= TOO_HIGH)).mean()):.0f} %",
+            ]
+        )
+    table(["controller", "valves", "5, 25, 50, 75, 95 % of the valves", "within 80 to 120 %"], rows)
 
 
 def dependence() -> None:
@@ -80,6 +85,11 @@ def dependence() -> None:
     )
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Print every table."""
     benefit()
     dependence()
+
+
+if __name__ == "__main__":
+    main()

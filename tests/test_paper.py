@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
+from scipy import stats
 
 import fastcoil as fc
 from fastcoil.cli import main
@@ -23,10 +24,12 @@ pytestmark = pytest.mark.kernel
 FIGURES = ("fig01", "fig07", "fig09", "fig10", "fig11", "fig12")
 GRIDS = ("quiet", "days", "learning", "starts", "coils")
 NUMBER = {"type": "number", "minimum": 0, "maximum": 1}
+INTERVAL = {"type": ["array", "null"], "items": NUMBER, "minItems": 2, "maxItems": 2}
 CLAIM_SCHEMA = {
     "type": "object",
     "required": ["name", "section", "claim", "counts_as_holding", "measured", "verdict", "condition", "share",
-                 "share_of_hunting", "share_of_days", "n_tunings", "n_days"],
+                 "share_interval", "share_of_hunting", "share_of_hunting_interval", "share_of_days", "n_tunings",
+                 "n_days"],
     "properties": {
         "section": {"type": "string", "pattern": "^[0-9]"},
         "claim": {"type": "string", "minLength": 10},
@@ -34,6 +37,8 @@ CLAIM_SCHEMA = {
         "verdict": {"enum": ["holds", "holds only if", "does not hold"]},
         "condition": {"type": ["string", "null"]},
         "share": NUMBER,
+        "share_interval": INTERVAL,
+        "share_of_hunting_interval": INTERVAL,
         "share_where_condition": NUMBER | {"type": ["number", "null"]},
         "share_of_hunting": NUMBER | {"type": ["number", "null"]},
         "share_elsewhere": NUMBER | {"type": ["number", "null"]},
@@ -95,7 +100,10 @@ def test_the_scorecard_to_read_and_the_screen_say_the_same(folder, card):
     text, said = (folder / "scorecard.md").read_text(), (folder / "said.txt").read_text()
     for claim in card["claims"]:
         assert claim["claim"] in said
-        assert f"| {claim['claim']} | {claim['verdict_text']} | {runs.percent(claim['share'])} |" in text
+        within = (
+            "" if claim["n_days"] == 1 else " ({:.0f} to {:.0f})".format(*(100 * x for x in claim["share_interval"]))
+        )
+        assert f"| {claim['claim']} | {claim['verdict_text']} | {runs.percent(claim['share'])}{within} |" in text
     assert runs.arithmetic() in text
     for table in text.split("\n\n"):
         assert len({line.count(" | ") for line in table.splitlines() if line.startswith("|")}) <= 1
@@ -310,6 +318,27 @@ TUNINGS = xr.Dataset(
 def test_the_share_decides(n, word):
     verdict = verdicts.judge(xr.DataArray(np.arange(100) < n, dims="tuning"), TUNINGS)
     assert (verdict.word, verdict.share) == (word, n / 100)
+
+
+def test_an_interval_covers_the_share_of_other_days_as_often_as_it_says():
+    """Days are alike for all tunings, so that a thousand tunings tell no more than a few."""
+    rng = np.random.default_rng(1)
+    n_studies, n_days, n_tunings = 400, 6, 1000
+    of_day = rng.normal(0.5, 0.1, (n_studies, n_days, 1))
+    holds = xr.DataArray(rng.random((n_studies, n_days, n_tunings)) < of_day, dims=("study", "day", "tuning"))
+    found = [verdicts.interval(study) for study in holds]
+    assert np.mean([low <= 0.5 <= high for low, high in found]) == pytest.approx(0.95, abs=0.03)
+    expected = stats.ttest_1samp(holds[0].mean("tuning"), 0.0).confidence_interval(0.95)
+    np.testing.assert_allclose(found[0], expected)
+
+
+def test_an_interval_stays_within_0_and_1_and_needs_days():
+    holds = xr.DataArray([[True, True], [True, True], [True, False]], dims=("day", "tuning"))
+    low, high = verdicts.interval(holds)
+    assert 0.0 <= low < 5 / 6 < high == 1.0
+    np.testing.assert_allclose(verdicts.interval(~holds), (0.0, 1.0 - low))
+    assert verdicts.interval(holds.isel(day=0)) is None
+    assert verdicts.interval(holds.isel(day=[0])) is None
 
 
 def test_a_condition_is_found_with_its_shares():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -179,11 +180,12 @@ def test_a_cell_of_the_result_gives_back_its_loop(study, tmp_path):
 
 @pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "studies").glob("*.toml") if p.name != "weather.toml"))
 def test_every_study_of_the_repository_runs(name, tmp_path):
-    text = (ROOT / "studies" / name).read_text().replace("hours = 8", "hours = 0.6")
-    text = text.replace("[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]", "[1, 2]").replace("15, 15]", "15, 2]").replace("31]", "3]")
-    text = (
-        text.replace("hours = 16", "hours = 0.6").replace("size = 4096", "size = 64").replace("size = 1024", "size = 4")
-    )
+    text = (ROOT / "studies" / name).read_text()
+    for long, short in (
+        (r"hours = \d+", "hours = 0.6"), (r"(seed = \[\d+).*\]", r"\1]"), (r", (15|31)\]", ", 3]"),
+        ("size = 4096", "size = 64"), ("size = 1024", "size = 4"),
+    ):  # fmt: skip
+        text = re.sub(long, short, text)
     (tmp_path / name).write_text(text)
     ds = fc.run_study(tmp_path / name, tmp_path / "out")
     assert int(ds.status.max()) == 0

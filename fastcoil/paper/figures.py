@@ -215,13 +215,16 @@ def shares(card: Mapping[str, Any]) -> Figure:
         widths = [100 * claims[k]["share"] for k in chosen]
         panel.barh(chosen, widths, color=colour, hatch=hatch, edgecolor="0.3", lw=0.6, label=word)
         for k, width in zip(chosen, widths, strict=True):
-            panel.text(width + 1, k, f"{width:.0f}", va="center", fontsize=7)
+            low, high = claims[k]["share_interval"] or (width / 100, width / 100)
+            for shade, lw in (("white", 3.0), ("black", 1.0)):  # seen on dark bars, too
+                panel.plot([100 * low, 100 * high], [k, k], color=shade, lw=lw, solid_capstyle="butt")
+            panel.text(100 * high + 1, k, f"{width:.0f}", va="center", fontsize=7)
     for limit in (100 * SURELY, 100 * (1 - SURELY)):
         panel.axvline(limit, color=_GREY, lw=0.8, ls=(0, (1, 3)))
     panel.set_yticks(rows, [fill(c["claim"], 58) for c in claims], fontsize=6.5)
     panel.set_ylim(len(claims) - 0.4, -0.6)
     panel.grid(visible=False, axis="y")
-    panel.set(xlabel="share in which it holds [%]", xlim=(0, 106))
+    panel.set(xlabel="share in which it holds [%], line: its 95 % interval over days", xlim=(0, 106))
     _legend_above(figure, panel, 3)
     return figure
 

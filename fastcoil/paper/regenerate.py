@@ -32,7 +32,7 @@ CAPTIONS = {
     "fig12": "**Fig 12.** (a, b) The learned estimate with the rule as printed. (c, d) The mode switches that it saw. "
     "(e, f) Variants, each until its first step down, which the dot marks.  Why the rule as printed cannot keep the "
     "paper's three hours: " + runs.arithmetic(),
-    "scorecard": "**Scorecard.** Share of the grid in which each claim of the paper holds.",
+    "scorecard": "**Scorecard.** Share of the grid in which each claim holds, and its 95 % interval over days.",
 }
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import xarray as xr
 
 from fastcoil.paper.claims import CLAIMS, Claim
-from fastcoil.paper.grid import DAYS, LONG_DAYS, named
+from fastcoil.paper.grid import named
 from fastcoil.paper.runs import BACKLASH, SEED, percent
-from fastcoil.paper.verdicts import ONLY_IF, coil_features, features, judge, sound
+from fastcoil.paper.verdicts import ONLY_IF, coil_features, features, interval, judge, sound
 from fastcoil.results import package_version
 
 CAVEAT = (
@@ -62,6 +62,7 @@ def assessed(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
     known = coil_features(ds) if of_coils else features(quiet).sel(tuning=judged["tuning"])
     about = "hunts" if claim.name == "hunts" else ""
     verdict = judge(judged, known, about)
+    hunting = None if about == "hunts" else _of_hunting(judged, known)
     presets = named(holds["tuning"])
     return {
         "name": claim.name,
@@ -73,7 +74,9 @@ def assessed(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
         "verdict": verdict.word,
         "condition": verdict.condition,
         "share": verdict.share,
-        "share_of_hunting": None if about == "hunts" else _share_of_hunting(judged, known),
+        "share_interval": interval(judged),
+        "share_of_hunting": None if hunting is None else float(hunting.mean()),
+        "share_of_hunting_interval": None if hunting is None else interval(hunting),
         "share_where_condition": verdict.inside,
         "share_elsewhere": verdict.elsewhere,
         "verdict_text": verdict.text,
@@ -85,11 +88,11 @@ def assessed(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def _share_of_hunting(holds: xr.DataArray, known: xr.Dataset) -> float | None:
-    """Share among the tunings that hunt with the backlash, as the paper's does; None where there is none."""
+def _of_hunting(holds: xr.DataArray, known: xr.Dataset) -> xr.DataArray | None:
+    """The tunings that hunt with the backlash, as the paper's does; None where there is none."""
     if "hunts" not in known or not known["hunts"].any():
         return None
-    return float(holds.sel(tuning=known["hunts"].values).mean())
+    return holds.sel(tuning=known["hunts"].values)
 
 
 def _median(values: xr.DataArray) -> float | None:
@@ -103,8 +106,10 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     return ["| " + " | ".join(r) + " |" for r in (head, ["---"] * len(head), *map(list, rows))]
 
 
-def _percent(share: float | None) -> str:
-    return "—" if share is None else percent(share)
+def _percent(share: float | None, limits: tuple[float, float] | None = None) -> str:
+    """A share, with its interval where there is one."""
+    within = f" ({100 * limits[0]:.0f} to {100 * limits[1]:.0f})" if limits else ""
+    return "—" if share is None else percent(share) + within
 
 
 def _number(value: float | None) -> str:
@@ -114,24 +119,25 @@ def _number(value: float | None) -> str:
 def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
     """The scorecard to read: a table of verdicts, then every claim with its numbers, then the figures."""
     grid, claims = card["grid"], card["claims"]
-    days, presets = f"{DAYS[0]} to {DAYS[-1]}", grid["presets"]
-    if len(grid["day_seeds"]) < len(DAYS):
-        days = " and ".join(map(str, grid["day_seeds"]))
+    presets = grid["presets"]
+    days, long_days = (f"seeds {grid[n][0]} to {grid[n][-1]}" for n in ("day_seeds", "long_day_seeds"))
     lines = [
         f"# {card['title']}", "",
         f"Made by `{card['command']}`, every number by simulation.  {card['caveat']}", "",
         f"The grid: {grid['n_tunings_tried']} tunings ({', '.join(presets)}, and gains × sample times × an ideal loop "
         f"and one with sensor lag and stroke time), of which {grid['n_left_out']} hunt without any backlash and are "
-        f"left out.  The other {grid['n_tunings']} meet {len(grid['day_seeds'])} days of 8 h (seeds {days}; learner's "
-        f"start and step: {len(LONG_DAYS)} long days, seeds {LONG_DAYS[0]} and {LONG_DAYS[-1]}), noise seed "
-        f"{grid['noise_seed']}, backlash {percent(grid['backlash'])}.  The share is that of tunings × days.", "",
+        f"left out.  The other {grid['n_tunings']} meet {len(grid['day_seeds'])} days of 8 h ({days}; with start and "
+        f"step of the learner {len(grid['long_day_seeds'])} long ones, {long_days}), noise seed {grid['noise_seed']}, "
+        f"backlash {percent(grid['backlash'])}.  The share is that of tunings × days; in brackets its 95 % interval "
+        "over other such days with the same tunings, where days are involved.", "",
         "A claim *holds* at a share of 95 % or more, *does not hold* at 5 % or less; between, it *holds only if* the "
         "tuning lies in the region that tells best, of those tried, where it holds.  The two shares behind a region "
         "say how sharply it tells.", "",
         *_table(
             ["section", "claim", "verdict", "share", "hunting", *(f"`{p}`" for p in presets)],
             (
-                [c["section"], c["claim"], c["verdict_text"], percent(c["share"]), _percent(c["share_of_hunting"]),
+                [c["section"], c["claim"], c["verdict_text"], _percent(c["share"], c["share_interval"]),
+                 _percent(c["share_of_hunting"], c["share_of_hunting_interval"]),
                  *(f"{c['share_of_days'][p] * c['n_days']:.0f} of {c['n_days']}" for p in presets)]
                 for c in claims
             ),

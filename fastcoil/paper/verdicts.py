@@ -20,6 +20,8 @@ from fastcoil.parameter_table import PARAMETERS
 
 HOLDS, ONLY_IF, DOES_NOT_HOLD = "holds", "holds only if", "does not hold"
 SURELY = 0.95
+LEVEL = 0.95
+"""Of the intervals of shares."""
 TELLS = 0.3
 """Least Youden index of a region that is worth naming."""
 PAIR_GAIN = 0.1
@@ -92,6 +94,23 @@ def coil_features(coils: xr.Dataset) -> xr.Dataset:
 def sound(quiet: xr.Dataset) -> xr.DataArray:
     """The tunings that do not hunt without backlash."""
     return ~quiet["hunts"].sel(case="no backlash", drop=True)
+
+
+def interval(holds: xr.DataArray) -> tuple[float, float] | None:
+    """95 % interval of the share that other days would give on the same tunings; None where there is one day only.
+
+    Tunings are a design and stay; days are drawn, and all tunings share them.  So it is Student's interval of the mean
+    of the days' shares, within 0 and 1: few days make it wide, however many tunings there are.
+    """
+    n_days = holds.sizes.get("day", 1)
+    if n_days < 2:
+        return None
+    from scipy.stats import t
+
+    of_day = holds.mean([d for d in holds.dims if d != "day"])
+    half = float(t.ppf(0.5 + 0.5 * LEVEL, n_days - 1) * of_day.std(ddof=1) / n_days**0.5)
+    share = float(of_day.mean())
+    return max(share - half, 0.0), min(share + half, 1.0)
 
 
 def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
