@@ -141,6 +141,16 @@ def test_noise_larger_than_the_effect_of_the_gap_gives_no_backlash():
     assert "not identified" in fit.plot().axes[2].get_title()
 
 
+def test_a_gap_that_the_noise_makes_up_is_not_taken_for_one():
+    """Some of these logs seem to say that there is no smaller gap than 1 %: by chance, and then twice too large."""
+    for seed in range(10):
+        rng = np.random.default_rng(5000 + seed)
+        command = walk(rng, n=100)
+        fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, backlash=0.02), 0.3, 0.5)), split=1.0)
+        assert "backlash" not in fit.parameters, seed
+        assert "fits as well" in fit.held["backlash"]
+
+
 def test_two_positions_tell_neither_the_gap_nor_the_curve():
     rng = np.random.default_rng(18)
     command = np.where(np.arange(300) // 20 % 2, 0.8, 0.2)

@@ -190,8 +190,9 @@ class CoilProblem:
         """The free parameter that the data say least of, if that is nothing."""
         error = np.sqrt(np.diag(spread.covariance)) / np.where(LOGS, _UNKNOWN[True], _UNKNOWN[False])
         span = model.upper - model.lower
-        far = (best.x > model.upper - 1e-6 * span) | (best.x < model.lower + 1e-6 * span)
-        far[LN_C_W] = False  # its lower bound is where the scheme is still stable, a good answer
+        far_down = best.x < model.lower + 1e-6 * span
+        far_down[LN_C_W] = False  # where the scheme is still stable, a good answer
+        far = far_down | (best.x > model.upper - 1e-6 * span)
         error = np.where(far | np.isin(np.arange(8), spread.dead), np.inf, np.nan_to_num(error, posinf=np.inf))
         # a factor is the last thing to give up: without it nothing is exchanged
         rank = np.where(np.isin(np.arange(8), (LN_NTU_W, LN_NTU_A)), error / 10.0, error)

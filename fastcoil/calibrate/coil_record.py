@@ -28,7 +28,7 @@ LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
 """What is searched: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
 _ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
 _AIR_FLOWS = 9
-_LONGEST = 40 * 86400
+_LONGEST = 60 * 86400
 _STILL, _MOSTLY = 0.05, 0.95
 """Air stands still below this share of what is not exceeded most of the time."""
 
@@ -144,7 +144,8 @@ def record_of(data: Log, loop: Loop, holds: tuple[str, ...]) -> Record:
     unbroken = np.split(np.arange(data.time.size), np.flatnonzero(np.diff(data.batch)) + 1)
     seconds_in_all = sum(data.time[samples[-1]] - data.time[samples[0]] for samples in unbroken)
     if seconds_in_all > _LONGEST:
-        raise InputError(f"{data.name}: the log lasts {seconds_in_all / 86400:.0f} days: cut it to 40 at most")
+        days = f"{seconds_in_all / 86400:.0f} days: cut it to {_LONGEST // 86400} at most"
+        raise InputError(f"{data.name}: the log lasts {days}, a fit of more takes many minutes")
     pieces = []
     for samples in unbroken:
         time = data.time[samples] - data.time[samples[0]]

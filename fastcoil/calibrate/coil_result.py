@@ -48,7 +48,8 @@ def coil_fit(problem: CoilProblem, best: Estimate, spread: Uncertainty, wet: Arr
         if COIL[k] not in held and (math.isinf(variance) or half[k] > _NOTHING):
             held[COIL[k]] = NOT_UNIQUE
         if COIL[k] not in held and math.isnan(variance):
-            held[COIL[k]] = _STABLE if k == LN_C_W else AT_BOUND
+            least = k == LN_C_W and best.x[k] < problem.prior[k]
+            held[COIL[k]] = _STABLE if least else AT_BOUND
     estimated = [k for k, name in enumerate(COIL) if name not in held]
     y = A @ x[:, 0]
     residuals, rmse = _residuals(problem, x)

@@ -33,8 +33,6 @@ from fastcoil.errors import InputError
 
 FEWEST_SAMPLES = 20
 LARGEST_BACKLASH = 0.5
-_SMALL = 0.02
-"""An interval that starts at 0 and ends below this says that there is no backlash."""
 X_BL, _M_MAX, _A, _B, _C = range(5)
 _LOGS = (_M_MAX, _A, _B)
 
@@ -131,7 +129,7 @@ class ValveProblem:
         natural[list(_LOGS)] = np.exp(natural[list(_LOGS)])
         slope = np.where(np.isin(np.arange(5), _LOGS), natural, 1.0)
         covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
-        why = gaps_unknown(self.n_reversals, interval, grid[-1], _SMALL)
+        why = gaps_unknown(self.n_reversals, float(natural[X_BL]), interval, grid[-1])
         held = {"backlash": why} if why else {}
         if _M_MAX in fixed:
             held["m_max"] = "given"
@@ -148,7 +146,9 @@ class ValveProblem:
         intervals = {VALVE_ROWS[k]: bounds[k] for k in estimated}
         if why:
             del parameters["backlash"]
-            self.notes.append(f"the curve goes with a backlash of {natural[X_BL]:.3g}, which is not known")
+            self.notes.append(
+                f"the curve goes with a backlash of {natural[X_BL]:.3g}, which is not known: sweep it in a study"
+            )
         reach = float(self.command[: self.n_fit].max())
         if reach < 0.9:
             self.notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
