@@ -158,6 +158,14 @@ def test_a_mistake_exits_with_2_and_writes_nothing(fastcoil, tmp_path, words, se
 
 
 @pytest.mark.kernel
+def test_a_figure_that_cannot_be_written_is_told_without_a_traceback(fastcoil, logs):
+    (logs / "valve.png").mkdir()
+    found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml")
+    assert found.exit_code == 4, found.output
+    assert "valve.png cannot be written: Is a directory" in found.output
+
+
+@pytest.mark.kernel
 def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
     """And a second log validates it."""
     (logs / "ahu.toml").write_text('[loop]\npreset = "lbnl"\n')
