@@ -75,12 +75,12 @@ def found_columns(
 
 
 def checked(
-    table: Table, found: Mapping[str, int], units: Mapping[str, str], measured: Sequence[str], drop: bool
+    table: Table, found: Mapping[str, int], units: Mapping[str, str], measured: Sequence[str], drop: bool | None
 ) -> tuple[dict[str, Array], list[str]]:
     """Every column ``found`` but ``timestamp`` as numbers in our units, (n,), and what was left out.
 
     A bad value of a ``measured`` column becomes NaN; rows with any other bad value are cut from the table.  Both are
-    problems of the table unless ``drop`` says otherwise.
+    problems of the table unless ``drop`` says otherwise; None where that is not offered.
     """
     known: dict[str, Array] = {}
     bad: dict[str, Mask] = {}
@@ -88,7 +88,7 @@ def checked(
     complaints: list[str] = []
     for name, column in found.items():
         if name == "timestamp":
-            bad[name] = np.array([drop and not _is_timestamp(row[column]) for row in table.rows])
+            bad[name] = np.array([bool(drop) and not _is_timestamp(row[column]) for row in table.rows])
             continue
         series = COLUMNS[name]
         declared = label_and_unit(table.header[column])[1]
@@ -111,7 +111,7 @@ def checked(
             bad[name] |= off
         known[name] = values
     if complaints and not drop:
-        table.problems += [*complaints[:-1], complaints[-1] + _CURE]
+        table.problems += [*complaints[:-1], complaints[-1] + ("" if drop is None else _CURE)]
         return known, notes
     for name in [n for n in measured if n in bad]:
         lost = bad.pop(name)

@@ -106,8 +106,8 @@ def read_log(
     units: Mapping[str, str] | None = None,
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, float] | None = None,
-    drop: bool = False,
-    jumps: str = "refuse",
+    drop: bool | None = None,
+    jumps: str | None = None,
     max_gap: float | None = None,
 ) -> Log:
     """Read a log and check every number.
@@ -124,9 +124,11 @@ def read_log(
     units, columns, constants
         As in ``fc.Boundary.from_csv``.
     drop
-        Whether rows with a blank, NaN or impossible value are left out (and counted) instead of refused.
+        Whether rows with a blank, NaN or impossible value are left out (and counted) instead of refused; None where
+        the caller does not offer it.
     jumps
-        ``refuse`` time that goes back or stands still within a batch, or ``split`` the batch there.
+        ``refuse`` time that goes back or stands still within a batch, or ``split`` the batch there; None where the
+        caller does not offer it.
     max_gap
         Longest step that does not end a batch [s]; three times the median step if left out.
 
@@ -135,7 +137,7 @@ def read_log(
     InputError
         With one sentence for each mistake: column, row, cure.
     """
-    if jumps not in ("refuse", "split"):
+    if jumps not in ("refuse", "split", None):
         raise InputError(f"jumps = {jumps!r}: choose 'refuse' or 'split'")
     require(max_gap=max_gap)
     if isinstance(source, (str, Path)):
@@ -159,16 +161,17 @@ def read_log(
 
 
 def _batches(
-    table: Table, time: Array, given: Array | None, jumps: str, max_gap: float | None, notes: list[str]
+    table: Table, time: Array, given: Array | None, jumps: str | None, max_gap: float | None, notes: list[str]
 ) -> NDArray[np.int64]:
     """Number of the unbroken piece of each row: a new one where ``batch`` changes, after a gap, after a jump."""
     steps, rows = np.diff(time), table.row_numbers
     new = np.zeros(steps.size, dtype=bool) if given is None else np.diff(given) != 0.0
     back = (steps <= 0.0) & ~new
-    if back.any() and jumps == "refuse":
+    if back.any() and jumps != "split":
         k = int(np.argmax(back))
         what = "is at the same time as" if steps[k] == 0.0 else "is earlier than"
-        cure = "sort the rows and drop doubles, or begin anew there: jumps='split', --jumps split"
+        cure = "sort the rows and drop doubles"
+        cure += ", or begin anew there: jumps='split', --jumps split" if jumps else ""
         if back.mean() > _MANY:
             cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
         table.problems.append(f"elapsed_time: row {rows[k + 1]} {what} row {rows[k]} ({int(back.sum())} such): {cure}")
