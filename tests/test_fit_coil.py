@@ -132,7 +132,7 @@ def test_the_result_has_what_is_promised(fit):
 
 
 def test_the_figure_has_training_and_validation_with_the_leaving_water(fit):
-    titles = [axes.get_title() for axes in fit.plot().axes]
+    titles = [axes.get_title(loc="left") for axes in fit.plot().axes]
     assert titles[0].startswith("fit: RMSE")
     assert titles[1].startswith("validation: RMSE")
     assert titles[2].startswith("leaving water, RMSE")

@@ -135,8 +135,8 @@ def test_what_is_wrong_with_the_second_log_names_it(two_days, tmp_path):
 def test_both_figures_show_the_second_log(two_days):
     first, second = two_days
     axes = fc.fit_coil(first, validation=second).plot().axes
-    assert axes[0].get_title().startswith("fit: RMSE")
-    assert axes[1].get_title().startswith("validation: RMSE")
+    assert axes[0].get_title(loc="left").startswith("fit: RMSE")
+    assert axes[1].get_title(loc="left").startswith("validation: RMSE")
     line = axes[1].get_lines()[0]
     assert line.get_xdata()[0] == 0.0
     np.testing.assert_array_equal(line.get_ydata(), second["T_sup"])

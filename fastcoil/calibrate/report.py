@@ -108,7 +108,7 @@ def _coil(fit: Fit) -> Figure:
             _by_piece(column[2], one, f"m_{name[0]}", lw=1, label=name, **style)
         column[2].set(xlabel="time [h]", ylabel="flow [kg/s]")
         column[2].set_ylim(bottom=0.0)
-        column[2].legend(loc="upper right", ncols=2, fontsize=8, **_LEGEND)
+        _entitled(column[2], "flows")
         for axes in column:
             _shaded(axes, one)
     return fig
@@ -118,8 +118,14 @@ def _temperature(axes: Axes, ds: xr.Dataset, name: str, title: str, label: str) 
     if np.isfinite(ds[name]).any():
         _by_piece(axes, ds, name, color=_HELD_BACK, lw=1.2, label="measured")
     _by_piece(axes, ds, f"{name}_modelled", color=_MODEL, lw=1, ls="--", label="modelled")
-    axes.set(title=title, ylabel=label)
-    axes.legend(fontsize=8, **_LEGEND)
+    axes.set_ylabel(label)
+    _entitled(axes, title)
+
+
+def _entitled(axes: Axes, title: str) -> None:
+    """Title and legend above the axes, where they hide nothing."""
+    axes.set_title(title, loc="left")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False, borderaxespad=0.2)
 
 
 def _by_piece(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> None:
