@@ -37,6 +37,8 @@ class Fit:
 
     Attributes
     ----------
+    kind, source
+        ``valve`` or ``coil``, and the name of the log.
     parameters
         Name → value, ready for ``loop.assign(**fit.parameters)``; held ones are there, unidentified ones without a
         prior are not.
@@ -52,7 +54,9 @@ class Fit:
         unused), the ``batch`` (unbroken piece), and the ``row`` of the file, by name in ``log``; seconds count from the
         first row of that.
     rmse
-        By part, and besides those of other models to compare with.
+        By part, in ``unit``; besides those of the model without backlash (valve) and of the leaving water (coil).
+    n_used, n_effective, seconds
+        Samples compared; how many independent ones they are worth; what the fit took [s].
     held
         Name → why the data do not give it and what is taken instead.
     notes
