@@ -31,7 +31,12 @@ def _common(command: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--fit-until", type=float, help="Last second that is fitted; the rest is held back for validation."
         ),
-        click.option("--split", type=float, default=0.7, show_default=True, help="Share of the log that is fitted."),
+        click.option("--split", type=float, help="Share of the log that is fitted; 0.7 by default."),
+        click.option("--validate", "validation", type=DATA, help="Another CSV file, to validate the fit with."),
+        click.option(
+            "--jumps", default="refuse", show_default=True, help="Time that goes back: refuse or split there."
+        ),
+        click.option("--max-gap", type=float, help="Longest step to be bridged, s; three median steps by default."),
         click.option(
             "--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a header that declares none."
         ),
@@ -51,11 +56,11 @@ def _common(command: Callable[..., None]) -> Callable[..., None]:
 @click.option("--floor", type=float, help="Lowest reading of the flow meter, kg/s; found by default.")
 @click.option("--settle", type=float, help="Seconds after a change of the command that are not compared.")
 @click.option("--initial", default="unknown", show_default=True, help="Start in the gap: unknown, rising or falling.")
-@click.option("--jumps", default="refuse", show_default=True, help="Time that goes back: refuse it, or split there.")
 def valve(data: Path, out: Path, columns: Sequence[str], units: Sequence[str], **options: Any) -> None:
     """Fit backlash and flow curve to the columns command and m_w of DATA.
 
-    Time is elapsed_time or timestamp; experiments in a row are told apart by a column batch.
+    Time is elapsed_time or timestamp; experiments in a row are told apart by a column batch, times without pump
+    by a column enabled.
     """
     from fastcoil.calibrate.valve import fit_valve
 
@@ -69,13 +74,12 @@ def valve(data: Path, out: Path, columns: Sequence[str], units: Sequence[str], *
 @click.option("-o", "--out", type=DATA, default="coil.toml", show_default=True, help="TOML file to write.")
 @click.option("--constant", "constants", multiple=True, metavar="NAME=NUMBER", help="A series that the log lacks.")
 @click.option("--both", is_flag=True, help="Minimise the error of the leaving water too, not of the supply air alone.")
-@click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds left out at the start.")
+@click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds left out at each start.")
 @click.option("--t-initial", "T_initial", type=float, default=20.0, show_default=True, help="Start of all states, °C.")
 @click.option("--volumes", "n_volumes", type=int, default=8, show_default=True, help="Number of control volumes.")
 @click.option("--air-march", default="lagged", show_default=True, help="lagged or quasistatic.")
 @click.option("--pressure", type=float, default=101325.0, show_default=True, help="Barometric pressure, Pa.")
 @click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that holds between samples.")
-@click.option("--max-gap", type=float, help="Longest step to be bridged, s; three median steps by default.")
 def coil(
     data: Path,
     out: Path,
@@ -87,7 +91,8 @@ def coil(
 ) -> None:
     """Fit the coil to m_w, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) and T_sup of DATA.
 
-    T_w_out is compared if it is there.  Time is elapsed_time or timestamp.
+    T_w_out is compared if it is there.  Time is elapsed_time or timestamp.  After a gap, and after a time
+    without air flow (or with enabled = 0, if there is such a column), the record begins anew.
     """
     from fastcoil.calibrate.coil import fit_coil
 
@@ -122,17 +127,22 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
 
 
 def _written(out: Path) -> None:
-    """Refuse, before any work, where nothing can be written."""
-    if out.is_dir() or not out.absolute().parent.is_dir() or out.suffix == ".png":
-        raise InputError(f"-o {out}: give a TOML file in a folder that exists")
+    """Refuse, before any work, where nothing can be written, or something else than an earlier fit lies."""
+    from fastcoil.calibrate.result import is_fit
+
+    if out.is_dir() or not out.absolute().parent.is_dir() or out.suffix != ".toml":
+        raise InputError(f"-o {out}: give a file NAME.toml in a folder that exists")
+    if out.exists() and not is_fit(out):
+        raise InputError(f"-o {out}: it is there and is no fit, choose another name or delete it")
 
 
 def _tell(found: Fit, out: Path) -> None:
     from fastcoil.plots import write
 
+    found.to_toml(out)
+    figures = write({out.stem: found.plot()}, out.parent)
     for line in found.summary():
         click.echo(line)
-    found.to_toml(out)
     click.echo(f'Fitted:  {out} (in a study: [loop] include = ["{out.name}"])')
-    for path in write({out.stem: found.plot()}, out.absolute().parent):
+    for path in figures:
         click.echo(f"Figure:  {path}")

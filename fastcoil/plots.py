@@ -6,6 +6,7 @@ Every function returns a matplotlib ``Figure`` that belongs to no window, so it 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, nearest
+from fastcoil.files import commit_written, reported
 from fastcoil.outputs import METRICS
 from fastcoil.parameter_table import PARAMETERS
 
@@ -156,12 +158,19 @@ def standard_figures(ds: xr.Dataset) -> dict[str, Figure]:
 
 
 def write(figures: dict[str, Figure], folder: Path) -> list[Path]:
-    """Write figures as PNG; returns their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write figures as PNG; returns their paths.
+
+    Raises
+    ------
+    StorageError
+        If one cannot be written; nothing half-written is left behind.
+    """
+    with reported(folder, "made"):
+        folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], metadata={"Software": "fastcoil"})
+        commit_written(paths[-1], partial(figure.savefig, format="png", metadata={"Software": "fastcoil"}))
     return paths
 
 

@@ -140,7 +140,9 @@ def test_two_files_to_a_study_of_that_ahu(fastcoil, logs):
     [
         (["fit", "valve", "no.csv"], "no.csv cannot be read"),
         (["fit", "valve", "bad.csv"], "bad.csv: m_w is blank in row 3"),
-        (["fit", "valve", "bad.csv", "-o", "no/valve.toml"], "-o no/valve.toml: give a TOML file"),
+        (["fit", "valve", "bad.csv", "-o", "no/valve.toml"], "-o no/valve.toml: give a file NAME.toml"),
+        (["fit", "valve", "bad.csv", "-o", "bad.csv"], "-o bad.csv: give a file NAME.toml"),
+        (["fit", "valve", "bad.csv", "--validate", "no.csv"], "bad.csv: m_w is blank in row 3"),
         (["fit", "valve", "bad.csv", "--column", "m_w"], "--column m_w: give NAME=VALUE"),
         (["fit", "coil", "bad.csv"], "m_a is missing"),
         (["fit", "coil", "bad.csv", "--constant", "m_a=x"], "--constant m_a=x: give a number"),
@@ -153,3 +155,28 @@ def test_a_mistake_exits_with_2_and_writes_nothing(fastcoil, tmp_path, words, se
     assert sentence in found.output
     assert "Traceback" not in found.output
     assert [p.name for p in tmp_path.iterdir()] == ["bad.csv"]
+
+
+@pytest.mark.kernel
+def test_a_figure_that_cannot_be_written_is_told_without_a_traceback(fastcoil, logs):
+    (logs / "valve.png").mkdir()
+    found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml")
+    assert found.exit_code == 4, found.output
+    assert "valve.png cannot be written: Is a directory" in found.output
+
+
+@pytest.mark.kernel
+def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
+    """And a second log validates it."""
+    (logs / "ahu.toml").write_text('[loop]\npreset = "lbnl"\n')
+    found = fastcoil("fit", "valve", "valve.csv", "-o", "ahu.toml")
+    assert found.exit_code == 2, found.output
+    assert "-o ahu.toml: it is there and is no fit" in found.output
+    assert (logs / "ahu.toml").read_text() == '[loop]\npreset = "lbnl"\n'
+    assert fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--split", "1").exit_code == 0
+    before = (logs / "valve.toml").read_text()
+    found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--validate", "valve.csv")
+    assert found.exit_code == 0, found.output
+    assert "RMSE, validation: " in found.output
+    assert "nothing was held back" in before
+    assert "nothing was held back" not in (logs / "valve.toml").read_text()

@@ -83,6 +83,7 @@ def test_a_log_of_coarse_samples_holds_between_them(tmp_path):
         ("elapsed_time [s],T_sup [degC]\n0,15\n60,15\n", ["T_set is missing", "columns={'T_set'"]),
         ("elapsed_time [s],T_sup,T_set [degC]\n0,15,14\n60,15,14\n", ["T_sup has no unit"]),
         ("elapsed_time [s],T_sup [degC],T_set [degC]\n0,15,14\n60,999,14\n", ["T_sup = 999 degC in row 3"]),
+        ("elapsed_time [s],T_sup [degC],T_set [degC]\n0,15,14\n0,16,14\n", ["row 3 is at the same time as row 2"]),
         (
             "elapsed_time [s],T_sup [degC],T_set [degC]\n0,15,14\n60,15,14\n120,15,14\n999,15,14\n",
             ["broken between rows 4 and 5", "max_gap=879"],
@@ -96,6 +97,7 @@ def test_bad_logs_are_refused(tmp_path, text, words):
         fc.replay(fc.Loop(), path)
     for word in words:
         assert word in str(caught.value)
+    assert "--drop" not in str(caught.value)  # which a controller's record cannot
 
 
 def test_our_pi_replays_the_recorded_command_of_a_building():

@@ -88,11 +88,16 @@ class Series:
     def known_units(self) -> str:
         return f"known units: {', '.join(self.units)}"
 
+    def spelled(self, unit: str) -> str:
+        """``unit`` as ``units`` spells it; ``°C``, ``l/s`` and ``GPM`` are understood."""
+        by_folded = {_folded(known): known for known in self.units}
+        if _folded(unit) not in by_folded:
+            raise InputError(f"{self.name} is in {unit!r}{nearest(unit, self.units)} ({self.known_units})")
+        return by_folded[_folded(unit)]
+
     def convert(self, values: Array, unit: str) -> Array:
         """``values`` from a declared ``unit`` into ours."""
-        if unit not in self.units:
-            raise InputError(f"{self.name} is in {unit!r}{nearest(unit, self.units)} ({self.known_units})")
-        scale, offset = self.units[unit]
+        scale, offset = self.units[self.spelled(unit)]
         return values * scale + offset
 
     def is_bad(self, values: Array) -> NDArray[np.bool_]:
@@ -115,6 +120,10 @@ class Series:
         missing = value in _MISSING_MARKS
         cure = "it marks a missing value, fill or cut the gap" if missing else "check its unit"
         return f"{text}; {cure}{more}"
+
+
+def _folded(unit: str) -> str:
+    return unit.replace("°", "deg").casefold()
 
 
 SERIES: dict[str, Series] = {

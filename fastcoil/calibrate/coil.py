@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fastcoil.calibrate.coil_problem import CoilProblem
-from fastcoil.calibrate.coil_record import record_of
-from fastcoil.calibrate.data import read_log
+from fastcoil.calibrate.coil_record import in_operation, record_of
+from fastcoil.calibrate.coil_result import coil_fit
+from fastcoil.calibrate.data import Log, read_log
 from fastcoil.calibrate.result import Fit
 from fastcoil.errors import InputError
 from fastcoil.outputs import WARM_UP
@@ -31,10 +32,12 @@ def fit_coil(
     air_march: str = "lagged",
     pressure: float = 101325.0,
     holds: Sequence[str] = (),
-    split: float = 0.7,
+    split: float | None = None,
     fit_until: float | None = None,
-    max_gap: float | None = None,
+    validation: Any = None,
     drop: bool = False,
+    jumps: str = "refuse",
+    max_gap: float | None = None,
 ) -> Fit:
     """Fit the eight parameters of a coil to a log of its flows and temperatures.
 
@@ -42,23 +45,25 @@ def fit_coil(
     ----------
     log
         Path of a CSV file, or a Dataset: ``m_w``, ``m_a``, ``T_w_in``, ``T_a_in``, one of ``W_a_in``, ``RH_a_in``,
-        ``T_dp_in``, ``T_sup``, if there ``T_w_out``, and ``elapsed_time`` or ``timestamp``; samples 1 s apart or more.
+        ``T_dp_in``, ``T_sup``, if there ``T_w_out`` and ``enabled``, and ``elapsed_time`` or ``timestamp``; samples 1 s
+        apart or more.  After a gap, and after a time without air flow or ``enabled``, the record begins anew.
     units, columns, constants
         As in ``fc.Boundary.from_csv``.
     minimise_on
         ``T_sup`` as in the paper, or ``both`` for the leaving water as well.
     warm_up, T_initial
-        Seconds left out at the start [s], and all temperatures at the start [degC].
+        Seconds left out wherever the record begins [s], and all temperatures there [degC].
     n_volumes, air_march, pressure
         Of the model, see ``fc.parameters()``.
     holds
         Names of inputs that hold between samples; the others run straight.
     split, fit_until
-        Share of the log that is fitted, the rest is held back for validation; or the last second that is fitted.
-    max_gap
-        Longest step to be bridged [s]; three times the median step if left out.
-    drop
-        Whether rows with bad values are left out and counted instead of refused.
+        Share of the log that is fitted (of its pieces, if there are at least four), 0.7 if left out, the rest is held
+        back for validation; or the last second that is fitted.
+    validation
+        Another log, of the same columns, to validate with; then all of the first is fitted.
+    drop, jumps, max_gap
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.calibrate.data.read_log``.
 
     Returns
     -------
@@ -87,13 +92,20 @@ def fit_coil(
         raise InputError(wrong)
     loop = Loop(n_volumes=n_volumes, air_march=air_march, pressure=pressure, T_initial=T_initial)
     needed: list[str | tuple[str, ...]] = ["m_w", "m_a", "T_w_in", "T_a_in", HUMIDITY, "T_sup"]
+    optional = ["enabled"] if minimise_on == "both" else ["enabled", "T_w_out"]
     needed += ["T_w_out"] if minimise_on == "both" else []
-    data = read_log(
-        log, needed, measured=("T_sup", "T_w_out"), optional=["T_w_out"], units=units, columns=columns,
-        constants=constants, drop=drop, max_gap=max_gap,
-    )  # fmt: skip
+
+    def read(source: Any) -> Log:
+        return in_operation(
+            read_log(
+                source, needed, measured=("T_sup", "T_w_out"), optional=optional, units=units, columns=columns,
+                constants=constants, drop=drop, jumps=jumps, max_gap=max_gap,
+            )
+        )  # fmt: skip
+
+    data = read(log) if validation is None else read(log).followed_by(read(validation))
     held_series = tuple("W_a_in" if n in HUMIDITY else n for n in holds)
     problem = CoilProblem(
         data, record_of(data, loop, held_series), OUTPUTS[minimise_on], warm_up, split, fit_until, held_series
     )
-    return problem.solve(began)
+    return coil_fit(problem, *problem.solve(), began)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastcoil.boundary import moist_air
 from fastcoil.boundary.series import Array
+from fastcoil.calibrate.columns import counted
 from fastcoil.calibrate.data import Log
 from fastcoil.calibrate.estimate import FORBIDDEN
 from fastcoil.engine.coil_loop import COIL_SERIES, run_coil
@@ -27,30 +28,37 @@ LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
 """What is searched: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
 _ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
 _AIR_FLOWS = 9
-_LONGEST = 40 * 86400
+_LONGEST = 60 * 86400
+_STILL, _MOSTLY = 0.05, 0.95
+"""Air stands still below this share of what is not exceeded most of the time."""
 
 
 @dataclass(frozen=True)
 class Record:
     """What enters the coil second by second, and when something is measured.
 
-    series: (n_steps, 5) as ``COIL_SERIES``.  at: (n,), second of each sample.  m_w, m_a: typical flows, kg/s.
+    pieces: of each unbroken piece series (n_steps, 5) as ``COIL_SERIES``, and at (n,), second of each sample; every
+    piece starts from ``T_initial``.  m_w, m_a: typical flows, kg/s.  m_w_max, m_a_span, wet_slope: of the whole log,
+    for the limits of stability: largest water flow, least and largest air flow, kg/s, and largest dh_s/dT, kJ/(kg K).
     """
 
-    series: Array
-    at: NDArray[np.int64]
+    pieces: tuple[tuple[Array, NDArray[np.int64]], ...]
     loop: Loop
     m_w: float
     m_a: float
-
-    @property
-    def m_w_max(self) -> float:
-        return float(self.series[:, 4].max())
+    m_w_max: float
+    m_a_span: tuple[float, float]
+    wet_slope: float
 
     def until(self, n_samples: int) -> Record:
         """The record up to its first samples."""
-        end = int(self.at[n_samples - 1]) + 1
-        return Record(self.series[:end], self.at[:n_samples], self.loop, self.m_w, self.m_a)
+        kept = []
+        for series, at in self.pieces:
+            if n_samples > 0:
+                here = at[:n_samples]
+                kept.append((series[: int(here[-1]) + 1], here))
+            n_samples -= at.size
+        return replace(self, pieces=tuple(kept))
 
     def named(self) -> Array:
         """Matrix that turns what is searched into (the logarithms of) ``COIL``: ln β = ln NTU - β' ln m."""
@@ -71,15 +79,17 @@ class Record:
         matrix = np.repeat(base, n_sets, axis=1)
         matrix[_ROWS] = self.values(sets)
         unstable = self._unstable(matrix)
-        found = [np.empty((self.at.size, n_sets)) for _ in range(3)]
+        found = [np.empty((sum(at.size for _, at in self.pieces), n_sets)) for _ in range(3)]
         n_volumes, lagged = int(base[PARAMETER_ROWS.index("n_volumes"), 0]), bool(self.loop["air_march"] == "lagged")
         for first in range(0, n_sets, LANES):
             lanes = np.minimum(np.arange(first, first + LANES), n_sets - 1)
             rows = np.ascontiguousarray(matrix[:, lanes])
             block = Block(rows, n_volumes, lagged, 1, True, 0, False, False)
-            n_used = min(LANES, n_sets - first)
-            for whole, part in zip(found, run_coil(block, self.series, self.at), strict=True):
-                whole[:, first : first + n_used] = part[:, :n_used]
+            sets_here, n = slice(first, first + min(LANES, n_sets - first)), 0
+            for series, at in self.pieces:
+                for whole, part in zip(found, run_coil(block, series, at), strict=True):
+                    whole[n : n + at.size, sets_here] = part[:, : sets_here.stop - first]
+                n += at.size
         for whole in found:
             whole[:, unstable] = np.nan
         return found[0], found[1], found[2]
@@ -90,15 +100,8 @@ class Record:
         matrix = matrix.copy()
         for name, value in steep.items():  # a valve that at full opening delivers just that
             matrix[PARAMETER_ROWS.index(name)] = value
-        m_a = np.linspace(self.series[:, 0].min(), self.series[:, 0].max(), _AIR_FLOWS)
-        gamma, lam = worst_numbers(matrix, m_a, self._wet_slope())
+        gamma, lam = worst_numbers(matrix, np.linspace(*self.m_a_span, _AIR_FLOWS), self.wet_slope)
         return np.asarray(~((gamma <= 1.0) & (lam <= 1.0)))
-
-    def _wet_slope(self) -> float:
-        pressure = float(self.loop["pressure"])  # type: ignore[arg-type]
-        dew_point = float(moist_air.dew_point(self.series[:, 2].max(), pressure))
-        coldest = min(self.series[:, 1].min(), self.series[:, 3].min(), float(self.loop["T_initial"]))  # type: ignore[arg-type]
-        return 0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
 
 
 def residual_rows(found: Array, measured: Array, used: NDArray[np.bool_]) -> Array:
@@ -107,15 +110,27 @@ def residual_rows(found: Array, measured: Array, used: NDArray[np.bool_]) -> Arr
     return np.where(np.isfinite(r), r, FORBIDDEN)
 
 
+def in_operation(data: Log) -> Log:
+    """The log without the times at which no air flows or ``enabled`` is 0: then the sensors say nothing of the coil.
+
+    After each the record begins anew, as it does after a gap.
+    """
+    m_a, enabled = data.values["m_a"], data.values.pop("enabled", np.ones(data.time.size))
+    on = (m_a > _STILL * np.quantile(m_a, _MOSTLY)) & (enabled != 0.0)
+    if not on.any():
+        raise InputError(f"{data.name}: m_a is 0 throughout: give a log in which it flows")
+    if on.all():
+        return data
+    spells = int(on[0] == 0) + int(np.sum(np.diff(on.astype(int)) < 0))
+    data.notes.append(
+        f"{counted(~on, 'sample')} in {counted(spells, 'spell')} left out, no air flows (first in row "
+        f"{data.rows[int(np.argmin(on))]}): begun anew after each"
+    )
+    return data.where(on)
+
+
 def record_of(data: Log, loop: Loop, holds: tuple[str, ...]) -> Record:
     """The log in 1-s steps: straight lines between samples, or held where ``holds`` names the series."""
-    if data.batch[-1] > 0:
-        k = int(np.argmax(data.batch > 0))
-        raise InputError(
-            f"{data.name}: the record is broken between rows {data.rows[k - 1]} and {data.rows[k]} "
-            f"({'; '.join(data.notes)}): a coil needs one unbroken record, cut the log there, or bridge it: "
-            f"max_gap={data.time[k] - data.time[k - 1]:g}, --max-gap"
-        )
     if data.step < 0.999:
         raise InputError(f"{data.name}: rows are {data.step:g} s apart: thin or average the log to 1 s or more")
     values: Mapping[str, Array] = dict(data.values)
@@ -124,27 +139,29 @@ def record_of(data: Log, loop: Loop, holds: tuple[str, ...]) -> Record:
         values = {**values, "W_a_in": moist_air.humidity_ratio(values["T_a_in"], values["RH_a_in"], pressure)}
     elif "T_dp_in" in values:
         values = {**values, "W_a_in": moist_air.humidity_ratio_from_dew_point(values["T_dp_in"], pressure)}
-    n_steps = int(data.time[-1] + 0.5) + 1
-    if n_steps > _LONGEST:
-        raise InputError(f"{data.name}: the log lasts {n_steps / 86400:.0f} days: cut it to 40 at most")
-    seconds = np.arange(n_steps, dtype=float)
-    latest = np.searchsorted(data.time, seconds + 1e-6, side="right") - 1
-    series = np.stack(
-        [
-            values[name][latest] if name in holds else np.interp(seconds, data.time, values[name])
+    if not values["m_w"].any():
+        raise InputError(f"{data.name}: m_w is 0 throughout: give a log in which it flows")
+    unbroken = np.split(np.arange(data.time.size), np.flatnonzero(np.diff(data.batch)) + 1)
+    seconds_in_all = sum(data.time[samples[-1]] - data.time[samples[0]] for samples in unbroken)
+    if seconds_in_all > _LONGEST:
+        days = f"{seconds_in_all / 86400:.0f} days: cut it to {_LONGEST // 86400} at most"
+        raise InputError(f"{data.name}: the log lasts {days}, a fit of more takes many minutes")
+    pieces = []
+    for samples in unbroken:
+        time = data.time[samples] - data.time[samples[0]]
+        seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
+        latest = np.searchsorted(time, seconds + 1e-6, side="right") - 1
+        columns = [
+            values[name][samples][latest] if name in holds else np.interp(seconds, time, values[name][samples])
             for name in COIL_SERIES
-        ],
-        axis=1,
-    )
-    at = np.floor(data.time + 0.5).astype(np.int64)
-    problems = [
-        f"{data.name}: {name} is 0 throughout: give a log in which it flows"
-        for name in ("m_a", "m_w")
-        if not values[name].any()
-    ]
-    if problems:
-        raise InputError(problems)
-    return Record(series, at, loop, _typical(values["m_w"]), _typical(values["m_a"]))
+        ]
+        pieces.append((np.stack(columns, axis=1), np.floor(time + 0.5).astype(np.int64)))
+    dew_point = float(moist_air.dew_point(values["W_a_in"].max(), pressure))
+    coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), float(loop["T_initial"]))  # type: ignore[arg-type]
+    slope = 0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
+    m_a, m_w = values["m_a"], values["m_w"]
+    span = (float(m_a.min()), float(m_a.max()))
+    return Record(tuple(pieces), loop, _typical(m_w), _typical(m_a), float(m_w.max()), span, slope)
 
 
 def _typical(flow: Array) -> float:

@@ -1,7 +1,9 @@
 """Nonlinear least squares whose Jacobian comes from lanes: perturbed parameter sets in the same kernel call.
 
-Bounded Levenberg-Marquardt (``scipy.optimize.least_squares``, ``trf``), started from the best of many sets that are
-screened as lanes; covariance by SVD, widened by what the autocorrelation of the residuals costs.
+Levenberg-Marquardt within bounds (``scipy.optimize.least_squares``, ``trf``), started from the best of many sets that
+are screened as lanes; covariance by SVD, widened by what the autocorrelation of the residuals costs.  The paper's
+``lm`` knows no bounds, and these problems have some that matter: a backlash of 0, the least C_w that is stable, an
+exponent that the data leave open.  Where none is met both end in the same minimum.
 """
 
 from __future__ import annotations

@@ -19,6 +19,8 @@ _SURELY_OPEN = 0.25
 """A valve that is by this further open than one that lets water through lets water through, whatever its gap."""
 _BIN, _BIN_SAMPLES = 0.05, 3
 _FEWEST_REVERSALS = 2
+_SMALL = 0.02
+"""An interval that starts at 0 and ends below this says that there is no backlash."""
 
 
 def compared(data: Log, settle: float | None, notes: list[str]) -> NDArray[np.bool_]:
@@ -90,15 +92,19 @@ def sensor_off(command: Array, flow: Array, floor: float) -> NDArray[np.bool_]:
     return np.asarray(off | (flow == 0.0) if floor > 0.0 else off)
 
 
-def gaps_unknown(n_reversals: int, interval: tuple[float, float], most: float, small: float) -> str:
-    """Why the data cannot tell the backlash; empty if they can."""
+def gaps_unknown(n_reversals: int, x_BL: float, interval: tuple[float, float], most: float) -> str:
+    """Why the data cannot tell the backlash; empty if they can.
+
+    They can if its interval is no wider than ``x_BL`` itself, or below ``_SMALL``.  An interval that just misses 0 is
+    met by chance, and then its middle is too large.
+    """
     low, high = interval
     if n_reversals < _FEWEST_REVERSALS:
         return (
             f"not identified: the command turns {n_reversals} times by more than {_TURN:.0%} of stroke, and only a "
             "reversal shows a gap; give a log in which it goes up and down"
         )
-    if high >= most or (low <= 0.0 and high > small):
+    if high >= most or high - low > max(x_BL, _SMALL):
         tried = " (the most that is tried)" if high >= most else ""
         return (
             f"not identified: anything from {low:.3g} to {high:.3g}{tried} fits as well (95 %): the flow's noise is "

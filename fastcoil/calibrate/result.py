@@ -7,10 +7,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from fastcoil.errors import InputError
 from fastcoil.files import commit
@@ -20,8 +21,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fastcoil.boundary.series import Array
+    from fastcoil.calibrate.data import Log
 
 FITTING, VALIDATION, UNUSED = "fit", "validation", "unused"
+AT_BOUND = "at the bound of its range: the data do not limit it"
+NOT_UNIQUE = "one of many that fit as well: the data do not identify it"
+_POOR = 0.8
+"""Share of the variance that a model of the right thing explains at least."""
+_MUCH = 2.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +37,8 @@ class Fit:
 
     Attributes
     ----------
+    kind, source
+        ``valve`` or ``coil``, and the name of the log.
     parameters
         Name → value, ready for ``loop.assign(**fit.parameters)``; held ones are there, unidentified ones without a
         prior are not.
@@ -42,9 +51,12 @@ class Fit:
         the 95 % interval stays below.  None for a coil.
     residuals
         Dataset over ``elapsed_time``: measured and modelled values, their difference, the ``part`` (fit, validation,
-        unused), and the row of the file.
+        unused), the ``batch`` (unbroken piece), and the ``row`` of the file, by name in ``log``; seconds count from the
+        first row of that.
     rmse
-        By part, and besides those of other models to compare with.
+        By part, in ``unit``; besides those of the model without backlash (valve) and of the leaving water (coil).
+    n_used, n_effective, seconds
+        Samples compared; how many independent ones they are worth; what the fit took [s].
     held
         Name → why the data do not give it and what is taken instead.
     notes
@@ -103,7 +115,10 @@ class Fit:
                 f"{names[i]} and {names[j]} are only known together (correlation {correlation[i, j]:.3f}): "
                 "keep them as a pair"
             )
-        lines += [f"RMSE, {part.replace('_', ' ')}: {value:.4g} {self.unit}" for part, value in self.rmse.items()]
+        for name, value in self.rmse.items():
+            part, _, what = name.partition("_")
+            what = what if what.startswith("T_") else what.replace("_", " ")
+            lines.append(f"RMSE, {part}{', ' if what else ''}{what}: {value:.4g} {self.unit}")
         return lines + [f"Note: {note}" for note in self.notes]
 
     def to_toml(self, path: str | Path | None = None) -> str:
@@ -137,6 +152,12 @@ class Fit:
         return text
 
 
+def is_fit(path: Path) -> bool:
+    """Whether ``to_toml`` wrote a file."""
+    with path.open("rb") as file:
+        return b" fitted to " in file.readline()
+
+
 def _text(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
@@ -154,6 +175,31 @@ def labelled(covariance: Array, names: list[str]) -> xr.DataArray:
     return xr.DataArray(
         covariance, dims=("parameter", "parameter_2"), coords={"parameter": names, "parameter_2": names}
     )
+
+
+def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[float, float]:
+    """95 % interval of a parameter that may be searched by its logarithm."""
+    low, high = middle - half, middle + half
+    return (math.exp(low), math.exp(min(high, 700.0))) if of_logarithm else (low, high)
+
+
+def sample_variables(data: Log, part: NDArray[np.str_]) -> dict[str, Any]:
+    """Of every sample the part it plays, its batch, its row, and the name of its log."""
+    columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.log]}
+    return {name: ("elapsed_time", values) for name, values in columns.items()}
+
+
+def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:
+    """Notes if the model explains little of what was fitted, if nothing validates it, if what does says no."""
+    notes = []
+    if VALIDATION not in rmse:
+        notes.append("nothing was held back: the fit is not validated")
+    elif (ratio := rmse[VALIDATION] / rmse[FITTING]) > _MUCH:
+        notes.append(f"the validation errs {ratio:.1f} times as much as the fit: it may not hold for other operation")
+    explained = 1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2
+    if explained < _POOR:
+        notes.append(f"the model explains only {max(explained, 0.0):.0%} of the variance of {name}: check {check}")
+    return notes
 
 
 def rms(r: Array) -> float:

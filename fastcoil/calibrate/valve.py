@@ -19,6 +19,10 @@ from fastcoil.errors import InputError
 
 _PROFILE_POINTS = 25
 _FINE_POINTS = 12
+_LEAST_REACH = 0.02
+"""A command that stays below this share of the stroke is in another unit."""
+_LEAST_SHARE = 0.8
+"""Noise may lift a reading above the asymptotic flow, but not that far."""
 
 
 def fit_valve(
@@ -30,10 +34,12 @@ def fit_valve(
     floor: float | None = None,
     settle: float | None = None,
     initial: str = "unknown",
-    split: float = 0.7,
+    split: float | None = None,
     fit_until: float | None = None,
+    validation: Any = None,
     drop: bool = False,
     jumps: str = "refuse",
+    max_gap: float | None = None,
 ) -> Fit:
     """Fit the backlash and the flow curve of a valve to a log of commands and flows.
 
@@ -41,7 +47,8 @@ def fit_valve(
     ----------
     log
         Path of a CSV file, or a Dataset: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s, m3/h,
-        gpm, …), ``elapsed_time`` or ``timestamp``, and, where experiments were put in a row, ``batch``.
+        gpm, …), ``elapsed_time`` or ``timestamp``; if there ``enabled``, 0 where the pump is off, and ``batch``, where
+        experiments were put in a row.
     units, columns
         As in ``fc.Boundary.from_csv``.
     m_max
@@ -54,10 +61,12 @@ def fit_valve(
     initial
         Where in the gap each batch starts: ``unknown`` (estimated), ``rising`` or ``falling``.
     split, fit_until
-        Share of the log (of the batches, where there are at least four) that is fitted, the rest is held back for
-        validation; or the last second that is fitted.
-    drop, jumps
-        What to do with bad rows and with time that goes back: see ``fastcoil.calibrate.data.read_log``.
+        Share of the log that is fitted (of its batches, if there are at least four), 0.7 if left out, the rest is held
+        back for validation; or the last second that is fitted.
+    validation
+        Another log, of the same columns, to validate with; then all of the first is fitted.
+    drop, jumps, max_gap
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.calibrate.data.read_log``.
 
     Returns
     -------
@@ -75,14 +84,25 @@ def fit_valve(
     that a full command opens fully.
     """
     began = time.perf_counter()
-    wrong = [f"{n} = {v!r}: give a number above 0" for n, v in (("m_max", m_max),) if v is not None and not v > 0.0]
-    wrong += [f"{n} = {v!r}: give 0 or more" for n, v in (("floor", floor), ("settle", settle)) if v and not v >= 0.0]
+    wrong = [f"m_max = {m_max!r}: give a number above 0"] if m_max is not None and not 0.0 < m_max < math.inf else []
+    for name, value in (("floor", floor), ("settle", settle)):
+        if value is not None and not 0.0 <= value < math.inf:
+            wrong.append(f"{name} = {value!r}: give 0 or more")
     if initial not in ("unknown", "rising", "falling"):
         wrong.append(f"initial = {initial!r}: choose 'unknown', 'rising' or 'falling'")
     if wrong:
         raise InputError(wrong)
-    data = read_log(log, ["command", "m_w"], measured=["m_w"], units=units, columns=columns, drop=drop, jumps=jumps)
-    _check(data)
+
+    def read(source: Any) -> Log:
+        return read_log(
+            source, ["command", "m_w"], measured=["m_w"], optional=["enabled"], units=units, columns=columns,
+            drop=drop, jumps=jumps, max_gap=max_gap,
+        )  # fmt: skip
+
+    data = read(log)
+    _check(data, floor, m_max)
+    if validation is not None:
+        data = data.followed_by(read(validation))
     problem = ValveProblem(data, floor, settle, split, fit_until)
     model, fixed = problem.model(m_max, initial)
     best = minimise(model, problem.starts(m_max, initial), fixed=fixed)
@@ -98,7 +118,7 @@ def fit_valve(
     return problem.result(model, best, spread, (grid, sums, limit, interval), others[0], fixed, began)
 
 
-def _check(data: Log) -> None:
+def _check(data: Log, floor: float | None, m_max: float | None) -> None:
     command, flow = data.values["command"], data.values["m_w"]
     problems = []
     if np.isfinite(flow).sum() < FEWEST_SAMPLES:
@@ -109,6 +129,13 @@ def _check(data: Log) -> None:
                 f"{data.name}: {name} is {values[0]:g} from row {data.rows[0]} to row {data.rows[-1]}: "
                 "give a log in which the valve moves"
             )
+    top, reach = float(np.nanmax(flow)), float(command.max())
+    if reach < _LEAST_REACH:
+        problems.append(f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit")
+    if floor is not None and floor >= top:
+        problems.append(f"floor = {floor:g} kg/s: {data.name} has no larger flow than {top:.3g} kg/s, give less")
+    if m_max is not None and m_max < _LEAST_SHARE * top:
+        problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give as much at least")
     if problems:
         raise InputError(problems)
 

@@ -10,18 +10,29 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.boundary.series import Array
+from fastcoil.calibrate.columns import counted
 from fastcoil.calibrate.data import Log
 from fastcoil.calibrate.estimate import Estimate, Model, Uncertainty
 from fastcoil.calibrate.holds import compared, gaps_unknown, lowest_reading, reversals, sensor_off
 from fastcoil.calibrate.parts import fitted_part
-from fastcoil.calibrate.result import FITTING, UNUSED, VALIDATION, Fit, labelled, rms
+from fastcoil.calibrate.result import (
+    AT_BOUND,
+    FITTING,
+    NOT_UNIQUE,
+    UNUSED,
+    VALIDATION,
+    Fit,
+    labelled,
+    natural_interval,
+    poor,
+    rms,
+    sample_variables,
+)
 from fastcoil.engine.valve_loop import VALVE_ROWS, valve_flows
 from fastcoil.errors import InputError
 
 FEWEST_SAMPLES = 20
 LARGEST_BACKLASH = 0.5
-_SMALL = 0.02
-"""An interval that starts at 0 and ends below this says that there is no backlash."""
 X_BL, _M_MAX, _A, _B, _C = range(5)
 _LOGS = (_M_MAX, _A, _B)
 
@@ -30,7 +41,7 @@ class ValveProblem:
     """The log, what of it is compared, and the model over it."""
 
     def __init__(
-        self, data: Log, floor: float | None, settle: float | None, split: float, fit_until: float | None
+        self, data: Log, floor: float | None, settle: float | None, split: float | None, fit_until: float | None
     ) -> None:
         self.data = data
         self.command, self.flow = data.values["command"], data.values["m_w"]
@@ -40,16 +51,19 @@ class ValveProblem:
         if off.any():
             row = data.rows[int(np.argmax(off))]
             self.notes.append(
-                f"{int(off.sum())} flows left out, sensor or pump off: 0, or the meter's floor with the valve open "
+                f"{counted(off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve open "
                 f"(first in row {row})"
             )
         settled = compared(data, settle, self.notes)
-        self.good = np.isfinite(self.flow) & ~off & settled
+        enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
+        if not enabled.all():
+            self.notes.append(f"{counted(~enabled, 'flow')} not compared: enabled is 0")
+        self.good = np.isfinite(self.flow) & ~off & settled & enabled
         self.fitting = fitted_part(data, split, fit_until)
         if (self.good & self.fitting).sum() < FEWEST_SAMPLES:
             raise InputError(
-                f"{data.name}: {int((self.good & self.fitting).sum())} flows are left to fit: "
-                "lower settle, raise split, or give a longer log"
+                f"{data.name}: {counted(self.good & self.fitting, 'flow')} left to fit, of {FEWEST_SAMPLES} at least: "
+                f"lower settle, raise split, or give a longer log ({'; '.join(self.notes)})"
             )
         last = int(np.flatnonzero(self.fitting)[-1]) + 1
         self.n_fit = last
@@ -115,30 +129,32 @@ class ValveProblem:
         natural[list(_LOGS)] = np.exp(natural[list(_LOGS)])
         slope = np.where(np.isin(np.arange(5), _LOGS), natural, 1.0)
         covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
-        why = gaps_unknown(self.n_reversals, interval, grid[-1], _SMALL)
+        why = gaps_unknown(self.n_reversals, float(natural[X_BL]), interval, grid[-1])
         held = {"backlash": why} if why else {}
         if _M_MAX in fixed:
             held["m_max"] = "given"
         for name, variance in zip(VALVE_ROWS[1:], np.diag(spread.covariance)[1:5], strict=True):
             if math.isnan(variance) and name not in held:
-                held[name] = "at the bound of its range: the data do not limit it"
+                held[name] = AT_BOUND
             elif math.isinf(variance) and name not in held:
-                held[name] = "one of many that fit as well: the data do not identify it"
+                held[name] = NOT_UNIQUE
         parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
         estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
         half = spread.quantile() * np.sqrt(np.diag(spread.covariance)[:5])
-        bounds = [(best.x[k] - half[k], best.x[k] + half[k]) for k in range(5)]
-        bounds = [(math.exp(a), math.exp(min(b, 700.0))) if k in _LOGS else (a, b) for k, (a, b) in enumerate(bounds)]
+        bounds = [natural_interval(best.x[k], half[k], k in _LOGS) for k in range(5)]
         bounds[X_BL] = interval
         intervals = {VALVE_ROWS[k]: bounds[k] for k in estimated}
         if why:
             del parameters["backlash"]
-            self.notes.append(f"the curve goes with a backlash of {natural[X_BL]:.3g}, which is not known")
+            self.notes.append(
+                f"the curve goes with a backlash of {natural[X_BL]:.3g}, which is not known: sweep it in a study"
+            )
         reach = float(self.command[: self.n_fit].max())
         if reach < 0.9:
             self.notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
         sums_of_squares = model.used.sum()
         residuals, rmse, extras = self._residuals(best, without)
+        self.notes += poor(rmse, self.flow[self.good & self.fitting], "m_w", "units, columns, and whether the pump ran")
         errors = np.sqrt(np.diag(covariance))
         return Fit(
             kind="valve",
@@ -186,8 +202,7 @@ class ValveProblem:
                 name: ("elapsed_time", v, {"units": "1" if name in ("command", "opening") else "kg s-1"})
                 for name, v in zip(names, values, strict=True)
             }
-            | {"part": ("elapsed_time", part), "row": ("elapsed_time", self.data.rows)}
-            | {"batch": ("elapsed_time", self.batch)},
+            | sample_variables(self.data, part),
             {"elapsed_time": ("elapsed_time", self.data.time, {"units": "s"})},
         )
         return ds, rmse, {"floor": np.array(self.floor)}

@@ -1,0 +1,109 @@
+"""The fit of a coil in full: parameters as a study takes them, how well they are known, residuals of the whole log."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.boundary.series import Array
+from fastcoil.calibrate.coil_problem import COUPLED, CoilProblem, is_coupled
+from fastcoil.calibrate.coil_record import COIL, LN_C_W, LOGS
+from fastcoil.calibrate.estimate import Estimate, Uncertainty
+from fastcoil.calibrate.result import (
+    AT_BOUND,
+    FITTING,
+    NOT_UNIQUE,
+    UNUSED,
+    VALIDATION,
+    Fit,
+    labelled,
+    natural_interval,
+    poor,
+    rms,
+    sample_variables,
+)
+
+_NOTHING = 5.0
+"""Half an interval as wide says nothing: a factor of 150, or an exponent."""
+_STABLE = "at the bound of what can be run (γ = 1 at the largest flow)"
+
+
+def coil_fit(problem: CoilProblem, best: Estimate, spread: Uncertainty, wet: Array, began: float) -> Fit:
+    """The fit with everything a user may ask of it; ``wet``: wet volumes of the fitted samples, (n,)."""
+    record, data, notes = problem.record, problem.data, problem.notes
+    x = problem.complete(best.x[:, None])
+    values = record.values(x)[:, 0]
+    A = record.named() @ _coupling(problem.held)
+    spread_y = A @ np.nan_to_num(spread.covariance, posinf=0.0) @ A.T
+    half = spread.quantile() * np.sqrt(np.diag(spread_y))
+    slope = np.where(LOGS, values, 1.0)
+    covariance = spread_y * np.outer(slope, slope)
+    held = {COIL[k]: why for k, why in sorted(problem.held.items())}
+    for k, variance in enumerate(np.diag(spread.covariance)):
+        if COIL[k] not in held and (math.isinf(variance) or half[k] > _NOTHING):
+            held[COIL[k]] = NOT_UNIQUE
+        if COIL[k] not in held and math.isnan(variance):
+            least = k == LN_C_W and best.x[k] < problem.prior[k]
+            held[COIL[k]] = _STABLE if least else AT_BOUND
+    estimated = [k for k, name in enumerate(COIL) if name not in held]
+    y = A @ x[:, 0]
+    residuals, rmse = _residuals(problem, x)
+    fitted = problem.compared["T_sup"] & problem.fitting
+    notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns and how the inputs run between samples")
+    notes.append(f"{(wet > 0).mean():.0%} of the fitted samples have wet volumes, {wet.mean():.1f} on average")
+    notes.append(f"stable up to the recorded {record.m_w_max:.3g} kg/s of water; for more, raise C_w in proportion")
+    return Fit(
+        kind="coil",
+        source=data.name,
+        parameters={name: float(v) for name, v in zip(COIL, values, strict=True)},
+        standard_errors={COIL[k]: float(np.sqrt(covariance[k, k])) for k in estimated},
+        intervals={COIL[k]: natural_interval(y[k], half[k], bool(LOGS[k])) for k in estimated},
+        covariance=labelled(covariance[np.ix_(estimated, estimated)], [COIL[k] for k in estimated]),
+        profile=None,
+        residuals=residuals,
+        rmse=rmse,
+        unit="K",
+        n_used=spread.n_used,
+        n_effective=spread.n_effective,
+        held=held,
+        notes=notes,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _coupling(held: Mapping[int, str]) -> Array:
+    """Matrix (8, 8) that gives what is coupled the value, and the uncertainty, of what it is coupled to."""
+    C = np.eye(8)
+    for k, other in COUPLED.items():
+        if is_coupled(held, k):
+            C[k, k], C[k, other] = 0.0, 1.0
+    return C
+
+
+def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, float]]:
+    """Measured and modelled temperatures over all samples, and RMSE by part."""
+    data, compared = problem.data, problem.compared
+    found = dict(zip(("T_sup", "T_w_out", "wet_volumes"), (a[:, 0] for a in problem.record.run(x)), strict=True))
+    part = np.where(problem.fitting, FITTING, VALIDATION)
+    variables: dict[str, Any] = sample_variables(data, np.where(compared["T_sup"], part, UNUSED))
+    rmse = {}
+    for name in ("T_sup", "T_w_out"):
+        measured = data.values.get(name, np.full(part.size, np.nan))
+        variables |= {
+            name: ("elapsed_time", measured, {"units": "degC"}),
+            f"{name}_modelled": ("elapsed_time", found[name], {"units": "degC"}),
+            f"{name}_residual": ("elapsed_time", measured - found[name], {"units": "K"}),
+        }
+        for p in (FITTING, VALIDATION):
+            here = compared.get(name, np.zeros(part.size, dtype=bool)) & (part == p)
+            if here.any():
+                rmse[p if name == "T_sup" else f"{p}_{name}"] = rms((found[name] - measured)[here])
+    variables["wet_volumes"] = ("elapsed_time", found["wet_volumes"], {"units": "1"})
+    for name in ("m_w", "m_a"):
+        variables[name] = ("elapsed_time", data.values[name], {"units": "kg s-1"})
+    return xr.Dataset(variables, {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})}), rmse

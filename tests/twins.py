@@ -1,0 +1,143 @@
+"""Twins: valves and coils of known parameters, simulated and spoilt with noise, as the logs to fit them to."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.calibrate.coil_record import COIL
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+"""Measured series beside this checkout; tests that need them skip where they are absent."""
+
+VALVE_TRUTH = {"backlash": 0.07, "m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38}
+COIL_TRUTH = {name: fc.parameters()[name].default for name in COIL}
+INPUTS = ["m_a", "T_a_in", "W_a_in", "T_w_in"]
+
+
+def flows(command, start=0.0, **truth):
+    """Eqs (1) and (2) in plain Python; ``start`` is the place in the gap, 1 on the rising flank."""
+    p = VALVE_TRUTH | truth
+    x_bl = p["backlash"]
+    low, high = max(command[0] - x_bl, 0.0), min(command[0], 1.0 - x_bl)
+    q, found = high - start * (high - low), []
+    for position in command:
+        q = min(max(q, position - x_bl), position)
+        growth = math.exp(-p["valve_b"] * (q / (1.0 - x_bl) - p["valve_c"]))
+        found.append(p["m_max"] * (1.0 + p["valve_a"] * growth) ** (-1.0 / p["valve_a"]))
+    return np.array(found)
+
+
+def walk(rng, n=400, top=1.0, largest=0.3):
+    """A command that wanders: every sample another one, most moves small, so that the gap matters."""
+    command = [rng.uniform(0.2, 0.8) * top]
+    while len(command) < n:
+        moved = command[-1] + rng.normal(0.0, largest / 2)
+        command.append(min(max(moved, 0.0), top))
+    return np.array(command)
+
+
+def log_of(command, flow, interval=60.0, **others):
+    """A valve's log as a Dataset."""
+    t = ("elapsed_time", np.arange(command.size) * interval, {"units": "s"})
+    variables = {"command": ("elapsed_time", command, {"units": "1"}), "m_w": ("elapsed_time", flow, {"units": "kg/s"})}
+    variables |= {name: ("elapsed_time", values) for name, values in others.items()}
+    return xr.Dataset(variables, {"elapsed_time": t})
+
+
+def noisy(rng, flow, sd, phi=0.0):
+    """Flow with AR(1) noise of standard deviation ``sd``."""
+    return np.maximum(flow + noise(rng, flow.size, sd, phi), 1e-3)
+
+
+def noise(rng, n, sd, phi=0.0):
+    """AR(1) noise of standard deviation ``sd``, (n,)."""
+    e = rng.normal(0.0, sd, n)
+    for t in range(1, n if phi else 0):
+        e[t] = phi * e[t - 1] + math.sqrt(1 - phi**2) * e[t]
+    return e
+
+
+def held(rng, low, high, seconds, n):
+    """Random values, each held for ``seconds``."""
+    return np.repeat(rng.uniform(low, high, n // seconds + 1), seconds)[:n]
+
+
+def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, **truth):
+    """A log of a coil with perturbed flows: simulated in open loop, with AR(1) noise on the supply air."""
+    rng, n = np.random.default_rng(seed), int(hours * 3600)
+    day = {name: values[0] for name, values in fc.paper_day(hours=hours, seed=1).series.items()}
+    day["m_a"] = day["m_a"] * held(rng, 0.4, 1.1, 600, n) if air else 1.0
+    day["W_a_in"] = 0.003 if dry else day["W_a_in"]
+    boundary = fc.Boundary(**day)
+    ds = fc.simulate(
+        fc.Loop(**truth),
+        boundary,
+        command=held(rng, 0.1, 0.9, 300, n),
+        traces=["m_w", "T_sup", "T_w_out"],
+        warm_up=0,
+    )
+    log = ds[["m_w", "T_sup", "T_w_out"]]
+    for name in INPUTS:
+        log[name] = boundary.to_dataset()[name]
+    log["T_sup"] = (log["T_sup"] + noise(rng, n, sd, phi)).assign_attrs(units="degC")
+    return log.isel(elapsed_time=slice(None, None, every))
+
+
+def joined(*logs):
+    """Logs in a row, each with its own times."""
+    return xr.concat(logs, "elapsed_time", combine_attrs="override")
+
+
+def shifted(log, seconds):
+    """A log some seconds later."""
+    return log.assign_coords(elapsed_time=(log["elapsed_time"] + seconds).assign_attrs(units="s"))
+
+
+def assert_covered(fit, truth, names=None):
+    """The true values lie in the 95 % intervals of a fit."""
+    for name in names or fit.intervals:
+        low, high = fit.intervals[name]
+        assert low <= truth[name] <= high, f"{name} = {truth[name]} is not in {low:.4g} to {high:.4g}"
+
+
+def write_csv(path, header, rows):
+    """Rows below a header; returns the path."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([header, *rows])
+    return path
+
+
+def changed(rows, row, column, value):
+    """Rows with one cell changed."""
+    rows = [list(r) for r in rows]
+    rows[row][column] = value
+    return rows
+
+
+VALVE_HEADER = ["elapsed_time [s]", "command [1]", "m_w [kg/s]"]
+COIL_HEADER = [
+    "elapsed_time [s]",
+    "m_w [kg/s]",
+    "m_a [kg/s]",
+    "T_w_in [degC]",
+    "T_a_in [degC]",
+    "RH_a_in [%]",
+    "T_sup [degC]",
+]
+
+
+def valve_rows(n=60):
+    """Cells of a valve's log without noise, a sample a minute."""
+    command = walk(np.random.default_rng(17), n=n)
+    return [[60 * i, f"{c:.4f}", f"{m:.4f}"] for i, (c, m) in enumerate(zip(command, flows(command), strict=True))]
+
+
+def coil_rows(n=80):
+    """Cells of a coil's log, a sample a minute; good numbers, but of no coil."""
+    return [[60 * i, 1.0 + 0.5 * (i // 5 % 2), 1.2, 7.0, 26.0, 50.0, 15.0 + i % 3] for i in range(n)]
