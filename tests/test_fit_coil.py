@@ -4,7 +4,8 @@ import tomllib
 
 import numpy as np
 import pytest
-from twins import COIL_TRUTH, DATA, assert_covered, coil_log, held
+from measured import measured
+from twins import COIL_TRUTH, assert_covered, coil_log, held
 
 import fastcoil as fc
 from fastcoil.calibrate.coil_record import COIL
@@ -141,7 +142,6 @@ def test_the_figure_has_training_and_validation_with_the_leaving_water(fit):
 # ----------------------------------------------------------------------------------------------------------- real data
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the measured series are not beside this checkout")
 def test_a_coil_of_another_library_is_met_within_what_two_of_its_models_differ():
     """Buildings' WetCoilCounterFlowPControl: fitted on 36-1,200 s, validated after: within 0.57 K."""
     columns = {
@@ -155,7 +155,7 @@ def test_a_coil_of_another_library_is_met_within_what_two_of_its_models_differ()
     }
     units = {"elapsed_time": "s", "m_w": "kg/s", "m_a": "kg/s", "RH_a_in": "1"}
     units |= dict.fromkeys(("T_w_in", "T_a_in", "T_sup"), "degC")
-    path = DATA / "wetcoil_counterflow_picontrol.csv"
+    path = measured("wetcoil_counterflow_picontrol.csv")
     fit = fc.fit_coil(path, columns=columns, units=units, warm_up=36, fit_until=1200)
     assert fit.rmse["validation"] < 0.57
     assert {"beta4", "beta6"} <= fit.held.keys()

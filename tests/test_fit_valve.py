@@ -4,7 +4,8 @@ import tomllib
 
 import numpy as np
 import pytest
-from twins import DATA, VALVE_TRUTH, assert_covered, flows, log_of, noisy, walk
+from measured import measured
+from twins import VALVE_TRUTH, assert_covered, flows, log_of, noisy, walk
 
 import fastcoil as fc
 
@@ -207,11 +208,10 @@ def test_the_figure_has_parity_curves_and_profile(fit):
 # ----------------------------------------------------------------------------------------------------------- real data
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the measured series are not beside this checkout")
 def test_on_a_hospitals_ahu_the_backlash_model_beats_the_one_without():
     """Maddalena et al. (2022): batches 0-12 are fitted, 13-25 tested."""
     fit = fc.fit_valve(
-        DATA / "riskbr_ahu1.csv",
+        measured("riskbr_ahu1.csv"),
         columns={"elapsed_time": "time_s", "command": "valve_pos_deg", "m_w": "water_flow_l_min", "batch": "batch"},
         units={"elapsed_time": "s", "command": "deg", "m_w": "L/min"},
         split=0.5,

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 import fastcoil as fc
 from fastcoil.calibrate.coil_record import COIL
-
-DATA = Path(__file__).parents[2] / "shared" / "data"
-"""Measured series beside this checkout; tests that need them skip where they are absent."""
 
 VALVE_TRUTH = {"backlash": 0.07, "m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38}
 COIL_TRUTH = {name: fc.parameters()[name].default for name in COIL}
