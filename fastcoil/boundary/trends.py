@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastcoil.boundary.days import require, whole_seconds
+from fastcoil.boundary.conditions import require, whole_seconds
 from fastcoil.boundary.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import FRACTION, SERIES, TEMPERATURE, TIME, Array, Series

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastcoil.boundary.days import require, whole_seconds
+from fastcoil.boundary.conditions import require, whole_seconds
 from fastcoil.boundary.moist_air import humidity_ratio, humidity_ratio_from_dew_point, mix
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Array, Series, Values

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.boundary.days import require
+from fastcoil.boundary.conditions import require
 from fastcoil.boundary.series import Array
 from fastcoil.boundary.table import Table
 from fastcoil.boundary.trends import seconds_since_first

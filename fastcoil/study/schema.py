@@ -14,7 +14,8 @@ from typing import Any, get_args, get_type_hints
 from pydantic import TypeAdapter
 
 from fastcoil.boundary import Boundary
-from fastcoil.boundary.days import CONDITIONS, DESIGNS
+from fastcoil.boundary.conditions import CONDITIONS
+from fastcoil.boundary.days import DESIGNS
 from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS, Parameter
 from fastcoil.plan import RUN_LIMITS
