@@ -6,6 +6,7 @@ import xarray as xr
 from twins import COIL_TRUTH, VALVE_TRUTH, assert_covered, coil_log, flows, joined, log_of, noisy, shifted, walk
 
 import fastcoil as fc
+from fastcoil.calibrate.result import poor
 
 pytestmark = pytest.mark.kernel
 
@@ -115,6 +116,11 @@ def test_a_valve_is_validated_with_a_second_log(tmp_path):
     assert fit.rmse["validation"] == pytest.approx(0.02, rel=0.2)
     other = log_of(c := walk(rng), flows(c, backlash=0.2))
     assert any("the validation errs" in note for note in fc.fit_valve(logs[0], validation=other).notes)
+
+
+def test_a_fit_to_round_off_is_not_called_worse_in_validation():
+    for of_fit in (0.0, 1e-13):
+        assert poor({"fit": of_fit, "validation": 3e-13}, np.array([10.0, 20.0]), "T_sup", "units") == []
 
 
 def test_what_is_wrong_with_the_second_log_names_it(two_days, tmp_path):

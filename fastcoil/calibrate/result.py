@@ -29,6 +29,7 @@ NOT_UNIQUE = "one of many that fit as well: the data do not identify it"
 _POOR = 0.8
 """Share of the variance that a model of the right thing explains at least."""
 _MUCH = 2.0
+_ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True)
@@ -194,7 +195,7 @@ def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> lis
     notes = []
     if VALIDATION not in rmse:
         notes.append("nothing was held back: the fit is not validated")
-    elif (ratio := rmse[VALIDATION] / rmse[FITTING]) > _MUCH:
+    elif (ratio := rmse[VALIDATION] / max(rmse[FITTING], _ROUND_OFF * float(np.std(fitted)))) > _MUCH:
         notes.append(f"the validation errs {ratio:.1f} times as much as the fit: it may not hold for other operation")
     explained = 1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2
     if explained < _POOR:
