@@ -13,7 +13,7 @@ from suite import MODE, THREADS
 
 import fastcoil as fc
 
-SIZES = {"quick": [100], "": [1_000, 10_000, 100_000, 1_000_000], "full": [1_000, 10_000, 100_000, 1_000_000]}[MODE]
+SIZES = [100] if MODE == "quick" else [1_000, 10_000, 100_000, 1_000_000]
 SECONDS = {"quick": 3600, "": 2 * 3600, "full": 8 * 3600}[MODE]
 """Of the day, the same for all sizes: what a call costs besides its steps is then told from what a step costs."""
 
