@@ -201,13 +201,15 @@ def quiet(ds: xr.Dataset, of: xr.Dataset) -> None:
 
 
 def figures(ds: xr.Dataset, of: xr.Dataset) -> dict[str, Figure]:
-    """Time against failures, maps over the settings, maps over noise and sample time."""
+    """Time against failures and error, maps over the settings, maps over noise and sample time."""
     by_sensor = results("learning_failures").load()
     noises_too, days = [*PAIRED, "noise_std"], ["backlash", "day"]
     noises = ", ".join(f"{n:g}" for n in ds.noise_std.values)
     bold = f"Bold: at most {100 * MOST_FAILURES:.0f} % fail."
+    best = "Of all steps, intervals, ratios and buffers the best."
     return {
-        "learning_front": learning_maps.front(of, HOURS, "Of all steps, intervals, ratios and buffers the best."),
+        "learning_front": learning_maps.front(of, "failed", "failures [% of days]", 100.0, HOURS, best),
+        "learning_front_error": learning_maps.front(of, "error", "error of the size [%]", 50.0, HOURS, best),
         "learning_settings": learning_maps.settings(
             judged(ds.isel(buffer=-1), noises_too), ("literal", "growing"), HOURS, MOST_FAILURES,
             f"Buffer {100 * float(ds.buffer[-1]):.0f} %, noise of {noises} K together: "

@@ -113,8 +113,11 @@ LINES = {
 }
 
 
-def front(of: xr.Dataset, hours: float, small_print: str) -> Figure:
-    """What can be had: fewest failures among the choices that confirm by a time, of each rule, loops side by side."""
+def front(of: xr.Dataset, what: str, label: str, top: float, hours: float, small_print: str) -> Figure:
+    """What can be had: the least of ``what`` (a share, to be drawn in %) among the choices that confirm by a time.
+
+    A line for each rule, loops side by side, noises below each other.
+    """
     choices = [d for d in of.confirmed.dims if d not in ("tuning", "noise_std", "rule")]
     with rc_context(LOOK | {"axes.grid": True}):
         figure, axes = _figure(of.sizes["noise_std"], of.sizes["tuning"], 1.6 * of.sizes["noise_std"] + 1, small_print)
@@ -123,12 +126,12 @@ def front(of: xr.Dataset, hours: float, small_print: str) -> Figure:
                 for rule in map(str, of.rule.values):
                     cell = of.sel(tuning=tuning, noise_std=noise, rule=rule).stack(choice=choices)
                     cell = cell.isel(choice=np.isfinite(cell.confirmed.values)).sortby("confirmed")
-                    least = np.minimum.accumulate(100 * cell.failed.values)
+                    least = np.minimum.accumulate(100 * cell[what].values)
                     end = [*cell.confirmed.values, hours], [*least, *least[-1:]]
                     panel.step(*(end if least.size else ([], [])), where="post", label=rule, **LINES[rule])
-            row[0].set_ylabel(f"noise {noise:g} K\nfailures [% of days]")
+            row[0].set_ylabel(f"noise {noise:g} K\n{label}")
         _name(axes, of.tuning.values, "confirmed after [h]")
-        axes[0, 0].set(xscale="log", xlim=(SHORTEST, hours), ylim=(-3, 100))
+        axes[0, 0].set(xscale="log", xlim=(SHORTEST, hours), ylim=(-0.03 * top, top))
         axes[0, 0].set_xticks([0.5, 1, 2, 4, 8], ["½", "1", "2", "4", "8"])
         for panel in axes.flat:
             panel.minorticks_off()

@@ -153,8 +153,23 @@ def test_learning_prints_what_it_found_and_draws_its_figures(quick, capsys, monk
         assert len({len(row) for row in rows(printed, title)}) == 1
     figures = tmp_path / "results" / "learning_step" / "figures"
     assert {p.name for p in figures.iterdir()} == {
-        "learning_front.png", "learning_settings.png", "learning_failures.png"
+        "learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"
     }  # fmt: skip
+
+
+def test_the_front_is_the_least_that_can_be_had_by_a_time(quick):
+    of = learning.judged(quick)
+    figure = learning_maps.front(of, "error", "error", 50.0, 16, "")
+    panel = figure.axes[0]
+    cell = of.isel(tuning=0, noise_std=0)
+    drawn = 0
+    for line in panel.get_lines():
+        at = cell.sel(rule=line.get_label())
+        pairs = [(t, e) for t, e in zip(at.confirmed.values.ravel(), at.error.values.ravel(), strict=True) if t < 99]
+        for time, least in line.get_xydata():
+            assert least == pytest.approx(100 * min(e for t, e in pairs if t <= time))
+            drawn += 1
+    assert drawn > 1
 
 
 def test_a_choice_is_tried_on_fresh_days_against_plain_pi_and_the_known_size(quick):
