@@ -6,7 +6,6 @@ import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-EXIT_OK = 0
 EXIT_BUG = 1
 EXIT_INPUT = 2
 EXIT_FAILED_SCENARIOS = 3

@@ -87,7 +87,7 @@ def tried(ds: xr.Dataset, choice: dict[str, Any], loop: dict[str, Any], days: fc
     )
 
 
-def share(failed: float, n_days: int) -> str:
+def share_with_interval(failed: float, n_days: int) -> str:
     """A share with its interval (Clopper and Pearson), as if the learners of one day failed together."""
     k, tail = failed * n_days, 0.5 - 0.5 * LEVEL
     low = beta.ppf(tail, k, n_days - k + 1) if k > 0 else 0.0
@@ -95,7 +95,7 @@ def share(failed: float, n_days: int) -> str:
     return f"{100 * failed:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
 
 
-def median(values: xr.DataArray) -> tuple[float, float, float]:
+def median_with_interval(values: xr.DataArray) -> tuple[float, float, float]:
     """Median over all days, sizes and starts, and its bootstrap interval, for which days are drawn as wholes."""
     by_day = values.transpose("day", ...).values.reshape(values.sizes["day"], -1)
     drawn = np.random.default_rng(0).integers(len(by_day), size=(RESAMPLES, len(by_day)))
@@ -107,7 +107,7 @@ def median(values: xr.DataArray) -> tuple[float, float, float]:
 
 def words(values: xr.DataArray, form: str, scale: float = 1.0) -> str:
     """A median with its interval; what is later than the day is said so."""
-    texts = [form.format(scale * x) if np.isfinite(x) else f"> {HOURS}" for x in median(values)]
+    texts = [form.format(scale * x) if np.isfinite(x) else f"> {HOURS}" for x in median_with_interval(values)]
     return "{} ({} to {})".format(*texts)
 
 
@@ -124,12 +124,13 @@ def recommendations(ds: xr.Dataset, of: xr.Dataset) -> None:
         name = [loop["tuning"], f"{loop['noise_std']:g}"] if loop else ["all", "all"]
         ship.append(
             [*name, *described(choice), "yes" if failed.failed <= MOST_FAILURES else "**none is safe**; the best:",
-             f"{100 * float(here.failed.sel(choice)):.0f} %", share(float(failed.failed), days.n_days)]
+             f"{100 * float(here.failed.sel(choice)):.0f} %", share_with_interval(float(failed.failed), days.n_days)]
         )  # fmt: skip
         reached, confirmed = (new[f"learn_time_{n}"].fillna(np.inf) for n in ("reached", "confirmed"))
         found.append(
             [*name, words(reached, "{:.0f}", 1 / 60), words(confirmed, "{:.0f}", 1 / 60),
-             share(float(failed.never), days.n_days), words(abs(new.estimate_final / new.backlash - 1), "{:.0f}", 100),
+             share_with_interval(float(failed.never), days.n_days),
+             words(abs(new.estimate_final / new.backlash - 1), "{:.0f}", 100),
              words(new.rmse, "{:+.0f}", 100), words(new.rmse_known, "{:+.0f}", 100), words(new.travel, "{:.2f}"),
              f"{words(new.switch_frequency, '{:.1f}')}; {float(new.plain_switches.median()):.1f}"]
         )  # fmt: skip
@@ -161,7 +162,7 @@ def described(choice: dict[str, Any]) -> list[str]:
 
 def failures(of: xr.Dataset) -> None:
     """How often each rule fails over loops and noise, all of its settings together."""
-    print("### How often the rules fail: stops early / runs away, % of days\n")
+    print("### How often the rules fail: stops early / runs away, % of learners\n")
     rest = [d for d in CHOICE if d not in ("rule", "buffer")]
     low, high = (100 * of[n].mean(rest) for n in ("low", "high"))
     table(
@@ -208,7 +209,7 @@ def figures(ds: xr.Dataset, of: xr.Dataset) -> dict[str, Figure]:
     bold = f"Bold: at most {100 * MOST_FAILURES:.0f} % fail."
     best = "Of all steps, intervals, ratios and buffers the best."
     return {
-        "learning_front": learning_maps.front(of, "failed", "failures [% of days]", 100.0, HOURS, best),
+        "learning_front": learning_maps.front(of, "failed", "failures [% of learners]", 100.0, HOURS, best),
         "learning_front_error": learning_maps.front(of, "error", "error of the size [%]", 50.0, HOURS, best),
         "learning_settings": learning_maps.settings(
             judged(ds.isel(buffer=-1), noises_too), ("literal", "growing"), HOURS, MOST_FAILURES,

@@ -72,7 +72,9 @@ def failure_map(of: xr.Dataset, safe: float, small_print: str) -> Figure:
         _name(axes, of.tuning.values, "sample time [s]")
         axes[0, 0].set_xticks(range(of.sizes["sample_time"]), [f"{t:g}" for t in of.sample_time.values])
         axes[0, 0].set_yticks(range(of.sizes["noise_std"]), [f"{s:g}" for s in of.noise_std.values])
-        figure.colorbar(image, ax=axes, label="failures [% of days]   ↓ stops early   ↑ runs away   ↕ both", aspect=40)
+        figure.colorbar(
+            image, ax=axes, label="failures [% of learners]   ↓ stops early   ↑ runs away   ↕ both", aspect=40
+        )
     return figure
 
 
@@ -82,7 +84,7 @@ def settings(of: xr.Dataset, rules: Sequence[str], hours: float, safe: float, sm
     with rc_context(LOOK):
         figure, axes = _figure(2 * len(rules), of.sizes["tuning"], 2.2 * 2 * len(rules) + 0.6, small_print)
         kinds = (
-            (100 * lines.failed, "{:.0f}", Normalize(0.0, 100.0), "failures [% of days]"),
+            (100 * lines.failed, "{:.0f}", Normalize(0.0, 100.0), "failures [% of learners]"),
             (lines.confirmed, "{:.1f}", LogNorm(SHORTEST, hours, clip=True), "confirmed after [h]; –: never"),
         )
         for rows, (values, form, norm, name) in zip(np.split(axes, 2), kinds, strict=True):

@@ -199,6 +199,18 @@ def test_the_toml_reads_back(fit, tmp_path):
         fit.to_toml(tmp_path / "no" / "valve.toml")
 
 
+@pytest.mark.parametrize("seed", [1, 10, 17])
+def test_the_interval_of_a_backlash_estimated_at_0_allows_for_what_noise_that_goes_together_costs(seed):
+    rng = np.random.default_rng(seed)
+    command = np.repeat(rng.uniform(0.0, 1.0, 60), 20)
+    log = log_of(command, noisy(rng, flows(command, backlash=0.005), 0.06, phi=0.97), 30.0)
+    fit = fc.fit_valve(log, split=1.0, settle=0.0)
+    assert fit.extras["curve"][0] < 1e-6
+    low, high = fit.profile.attrs["interval_95"]
+    assert low == 0.0
+    assert high > 0.005
+
+
 def test_the_figure_has_parity_curves_and_profile(fit):
     titles = [axes.get_title() for axes in fit.plot().axes]
     assert titles[:2] == ["Parity", "Data over the hysteresis curves"]

@@ -96,9 +96,8 @@ def test_the_scorecard_to_read_and_the_screen_say_the_same(folder, card):
     text, said = (folder / "scorecard.md").read_text(), (folder / "said.txt").read_text()
     for claim in card["claims"]:
         assert claim["claim"] in said
-        within = (
-            "" if claim["n_days"] == 1 else " ({:.0f} to {:.0f})".format(*(100 * x for x in claim["share_interval"]))
-        )
+        limits = claim["share_interval"]
+        within = " ({:.0f} to {:.0f})".format(*(100 * x for x in limits)) if limits else ""
         assert f"| {claim['claim']} | {claim['verdict_text']} | {runs.percent(claim['share'])}{within} |" in text
     assert runs.arithmetic() in text
     for table in text.split("\n\n"):

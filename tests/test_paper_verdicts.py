@@ -41,6 +41,7 @@ def test_an_interval_stays_within_0_and_1_and_needs_days():
     np.testing.assert_allclose(verdicts.interval(~holds), (0.0, 1.0 - low))
     assert verdicts.interval(holds.isel(day=0)) is None
     assert verdicts.interval(holds.isel(day=[0])) is None
+    assert verdicts.interval(holds.isel(tuning=[0])) is None, "six days that agree do not make a certainty"
 
 
 def test_a_condition_is_found_with_its_shares():
@@ -50,6 +51,14 @@ def test_a_condition_is_found_with_its_shares():
     assert verdict.condition == "the sample time is 15 s or more"
     assert (verdict.inside, verdict.elsewhere) == (0.75, 0.0)
     assert verdict.text == "holds only if the sample time is 15 s or more (75 % there, 0 % elsewhere)"
+
+
+def test_only_if_is_said_where_it_hardly_ever_holds_elsewhere():
+    slow = TUNINGS.sample_time >= 15.0
+    rarely = slow | (np.arange(slow.size) % 4 == 0)
+    verdict = verdicts.judge(rarely, TUNINGS)
+    assert verdict.elsewhere > 0.05
+    assert verdict.text.startswith(f"holds in part, more often if {verdict.condition} (")
 
 
 def test_a_pair_of_regions_is_found_where_one_does_not_tell():

@@ -65,7 +65,10 @@ def median_low(values):
 @pytest.mark.parametrize(("k", "n"), [(0, 10), (3, 10), (10, 10), (16, 100)])
 def test_a_share_has_the_interval_of_clopper_and_pearson(k, n):
     exact = stats.binomtest(k, n).proportion_ci(0.95, method="exact")
-    assert learning.share(k / n, n) == f"{100 * k / n:.0f} % ({100 * exact.low:.0f} to {100 * exact.high:.0f})"
+    assert (
+        learning.share_with_interval(k / n, n)
+        == f"{100 * k / n:.0f} % ({100 * exact.low:.0f} to {100 * exact.high:.0f})"
+    )
 
 
 def learners(**metrics):
@@ -93,7 +96,7 @@ def test_failures_errors_and_censored_times_are_counted_one_by_one():
 def test_the_interval_of_a_median_draws_whole_days():
     of_day = np.random.default_rng(3).normal(1.0, 0.2, 60)
     learner = xr.DataArray(np.repeat(of_day[:, None], 8, axis=1), dims=("day", "backlash"))
-    middle, low, high = learning.median(learner)
+    middle, low, high = learning.median_with_interval(learner)
     assert middle == statistics.median_low(of_day)
     days = stats.bootstrap((of_day,), np.median, method="percentile", rng=1).confidence_interval
     np.testing.assert_allclose((low, high), days, atol=0.02)

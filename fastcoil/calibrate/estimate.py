@@ -186,16 +186,20 @@ class Uncertainty:
         return float(t.ppf(0.5 + CONFIDENCE / 2, self.freedom))
 
 
-def uncertainty(model: Model, estimate: Estimate, fixed: Sequence[int] = ()) -> Uncertainty:
+def uncertainty(
+    model: Model, estimate: Estimate, fixed: Sequence[int] = (), profiled: Sequence[int] = ()
+) -> Uncertainty:
     """Covariance by SVD of the Jacobian; residuals that go together count as fewer.
 
     The variance of each estimate is that of residuals with their estimated autocorrelation ρ,
-    aᵀ Jᵀ Ω J a with Ω = ρ(t - s), never less than that of white ones.
+    aᵀ Jᵀ Ω J a with Ω = ρ(t - s), never less than that of white ones.  Those that are ``profiled`` have one also at
+    their bound: how far the profile may rise depends on it.
     """
     r, n = estimate.r, int(model.used.sum())
     p = estimate.x.size
     span = model.upper - model.lower
     inner = (estimate.x > model.lower + 1e-6 * span) & (estimate.x < model.upper - 1e-6 * span)
+    inner[list(profiled)] = True
     norms = np.linalg.norm(estimate.J, axis=0)
     live = norms > 1e-12 * max(float(norms.max()), 1e-300)
     free = np.flatnonzero(inner & live & ~np.isin(np.arange(p), np.asarray(fixed, dtype=int)))

@@ -106,14 +106,14 @@ def fit_valve(
     problem = ValveProblem(data, floor, settle, split, fit_until)
     model, fixed = problem.model(m_max, initial)
     best = minimise(model, problem.starts(m_max, initial), fixed=fixed)
-    for _ in range(2):
-        spread = uncertainty(model, best, fixed)
+    for better_ones in range(3):
+        spread = uncertainty(model, best, fixed, profiled=[X_BL])
         grid = _grid(best, spread)
         sums, others = profile(model, best, X_BL, grid, fixed)
-        if sums.min() > best.rss * (1.0 - 1e-6):
+        if sums.min() > best.rss * (1.0 - 1e-6) or better_ones == 2:
             break
         best = minimise(model, np.stack([best.x, others[int(sums.argmin())].x], axis=1), fixed=fixed)
-    limit = best.rss * (1.0 + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance / best.rss)
+    limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
     interval = _interval(grid, sums, best, limit)
     return problem.result(model, best, spread, (grid, sums, limit, interval), others[0], fixed, began)
 

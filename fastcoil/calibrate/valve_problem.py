@@ -152,7 +152,7 @@ class ValveProblem:
         reach = float(self.command[: self.n_fit].max())
         if reach < 0.9:
             self.notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
-        sums_of_squares = model.used.sum()
+        n_compared = model.used.sum()
         residuals, rmse, extras = self._residuals(best, without)
         self.notes += poor(rmse, self.flow[self.good & self.fitting], "m_w", "units, columns, and whether the pump ran")
         errors = np.sqrt(np.diag(covariance))
@@ -164,9 +164,9 @@ class ValveProblem:
             intervals=intervals,
             covariance=labelled(covariance[np.ix_(estimated, estimated)], [VALVE_ROWS[k] for k in estimated]),
             profile=xr.Dataset(
-                {"rmse": ("backlash", np.sqrt(sums / sums_of_squares), {"units": "kg s-1"})},
+                {"rmse": ("backlash", np.sqrt(sums / n_compared), {"units": "kg s-1"})},
                 {"backlash": ("backlash", grid, {"units": "1"})},
-                {"limit": math.sqrt(limit / sums_of_squares), "interval_95": list(interval)},
+                {"limit": math.sqrt(limit / n_compared), "interval_95": list(interval)},
             ),
             residuals=residuals,
             rmse=rmse,

@@ -129,10 +129,10 @@ def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
         f"left out.  The other {grid['n_tunings']} meet {len(grid['day_seeds'])} days of 8 h ({days}; with start and "
         f"step of the learner {len(grid['long_day_seeds'])} long ones, {long_days}), noise seed {grid['noise_seed']}, "
         f"backlash {percent(grid['backlash'])}.  The share is that of tunings × days; in brackets its 95 % interval "
-        "over other such days with the same tunings, where days are involved.", "",
-        "A claim *holds* at a share of 95 % or more, *does not hold* at 5 % or less; between, it *holds only if* the "
-        "tuning lies in the region that tells best, of those tried, where it holds.  The two shares behind a region "
-        "say how sharply it tells.", "",
+        "over other such days with the same tunings, where days are involved and differ.", "",
+        "A claim *holds* at a share of 95 % or more, *does not hold* at 5 % or less.  Between, the verdict names the "
+        "region of tunings that tells best, of those tried on this very grid, where it holds: it *holds only if* a "
+        "tuning lies there where the share elsewhere is 5 % or less, else *in part, more often if* it does.", "",
         *_table(
             ["section", "claim", "verdict", "share", "hunting", *(f"`{p}`" for p in presets)],
             (
@@ -173,5 +173,5 @@ def screen(card: Mapping[str, Any]) -> list[str]:
             f"{percent(c['share']):>5}  {_percent(c['share_of_hunting']):>5}  {c['verdict']:<13}  {c['claim']}"
         )
         if c["verdict"] == ONLY_IF:
-            lines.append(f"{'':>27}… {c['verdict_text'].removeprefix(ONLY_IF).strip(' …')}")
+            lines.append(f"{'':>29}{c['verdict_text']}")
     return lines

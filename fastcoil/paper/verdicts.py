@@ -72,10 +72,10 @@ class Verdict:
         """The verdict in one line."""
         if self.word != ONLY_IF:
             return self.word
-        if self.condition is None:
-            return f"{self.word} … (no region tried tells where)"
-        inside, elsewhere = percent(self.inside or 0.0), percent(self.elsewhere or 0.0)
-        return f"{self.word} {self.condition} ({inside} there, {elsewhere} elsewhere)"
+        if self.condition is None or self.inside is None or self.elsewhere is None:
+            return "holds in part (no region tried tells where)"
+        when = ONLY_IF if self.elsewhere <= 1.0 - SURELY else "holds in part, more often if"
+        return f"{when} {self.condition} ({percent(self.inside)} there, {percent(self.elsewhere)} elsewhere)"
 
 
 def features(quiet: xr.Dataset) -> xr.Dataset:
@@ -97,7 +97,7 @@ def sound(quiet: xr.Dataset) -> xr.DataArray:
 
 
 def interval(holds: xr.DataArray) -> tuple[float, float] | None:
-    """95 % interval of the share that other days would give on the same tunings; None where there is one day only.
+    """95 % interval of the share that other days would give on the same tunings; None without days, or where all agree.
 
     Tunings are a design and stay; days are drawn, and all tunings share them.  So it is Student's interval of the mean
     of the days' shares, within 0 and 1: few days make it wide, however many tunings there are.
@@ -109,6 +109,8 @@ def interval(holds: xr.DataArray) -> tuple[float, float] | None:
 
     of_day = holds.mean([d for d in holds.dims if d != "day"])
     half = float(t.ppf(0.5 + 0.5 * LEVEL, n_days - 1) * of_day.std(ddof=1) / n_days**0.5)
+    if half == 0.0:
+        return None
     share = float(of_day.mean())
     return max(share - half, 0.0), min(share + half, 1.0)
 
