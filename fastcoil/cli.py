@@ -23,14 +23,14 @@ FOLDER = click.Path(path_type=Path)
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="fastcoil")
 def main() -> None:
-    r"""Simulate coil valves with backlash under PI and backlash-inverse control, thousands of days at once.
+    """Simulate coil valves with backlash under PI and backlash-inverse control, thousands of days at once.
 
     \b
     A first study:
       fastcoil init study.toml         writes a commented study file
       fastcoil plan study.toml         says how large it is and how long it takes
       fastcoil run study.toml          runs it: results/study/ with NetCDF and figures
-    """
+    """  # noqa: D301 — click reads the backspace
 
 
 @main.command()
@@ -164,6 +164,8 @@ def plot(folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, b
         if metrics or y or by:
             raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
         figures = plots.standard_figures(ds)
+    elif y and by:
+        raise InputError(f"-y {y} and --by {by}: give one of them, -y for a map or --by for curves")
     else:
         wanted = metrics or plots.STANDARD_METRICS
         name = "_".join([*metrics, *(n for n in (y, by) if n), x])

@@ -31,7 +31,12 @@ def _common(command: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--fit-until", type=float, help="Last second that is fitted; the rest is held back for validation."
         ),
-        click.option("--split", type=float, help="Share of the log that is fitted; 0.7 by default."),
+        click.option(
+            "--split",
+            type=float,
+            help="Share of the log that is fitted, in whole batches or pieces if it has four or more; 0.7 by default, "
+            "all of it with --validate.",
+        ),
         click.option("--validate", "validation", type=DATA, help="Another CSV file, to validate the fit with."),
         click.option(
             "--jumps", default="refuse", show_default=True, help="Time that goes back: refuse or split there."

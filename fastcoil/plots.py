@@ -190,8 +190,9 @@ def _check(ds: xr.Dataset, metrics: Sequence[str], *dims: str) -> None:
     swept = numeric_dims(ds)
     problems += [
         f"{d} is not a swept number of this study{nearest(d, swept)}; its axes are: {', '.join(swept) or 'none'}"
-        for d in dims
+        for d in dict.fromkeys(dims)
         if d not in swept
     ]
+    problems += [f"{d} is named twice: choose two different axes" for d in dict.fromkeys(dims) if dims.count(d) > 1]
     if problems:
         raise InputError(problems)

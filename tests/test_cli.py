@@ -67,6 +67,34 @@ def test_plot_draws_a_figure_of_choice(fastcoil, tmp_path):
     assert "did you mean 'rmse'" in wrong.output
 
 
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("-x", "backlash", "-y", "backlash"), "backlash is named twice: choose two different axes"),
+        (("-x", "backlash", "--by", "backlash"), "backlash is named twice: choose two different axes"),
+        (("-x", "backlash", "-y", "estimate_ratio", "--by", "kp"), "-y estimate_ratio and --by kp: give one of them"),
+    ],
+)
+def test_a_figure_of_axes_that_do_not_go_together_is_refused(fastcoil, tmp_path, words, sentence):
+    fastcoil("run", "small.toml", "--no-figures")
+    wrong = fastcoil("plot", "results/small", *words)
+    assert wrong.exit_code == 2
+    assert wrong.output.startswith(f"fastcoil: {sentence}")
+    assert wrong.output.count("\n") == 1
+    assert not (tmp_path / "results/small/figures").exists()
+
+
+def test_the_help_shows_the_example_line_by_line(fastcoil):
+    lines = [line.strip() for line in fastcoil("--help").output.splitlines()]
+    first = lines.index("A first study:")
+    assert [line.split("  ")[0] for line in lines[first + 1 : first + 4]] == [
+        "fastcoil init study.toml",
+        "fastcoil plan study.toml",
+        "fastcoil run study.toml",
+    ]
+    assert lines[first + 3].endswith("NetCDF and figures")
+
+
 def test_parameters_lists_every_one_with_unit_and_bounds(fastcoil):
     output = fastcoil("parameters").output
     for name in PARAMETERS:

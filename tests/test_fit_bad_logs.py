@@ -140,6 +140,73 @@ def test_bad_arguments_of_a_valve_are_refused(valve_log):
         assert words in refused(fc.fit_valve, path, **options)
 
 
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"m_max": "2"}, "m_max = '2': give a number above 0"),
+        ({"floor": "2"}, "floor = '2': give a number, 0 or more"),
+        ({"settle": True}, "settle = True: give a number, 0 or more"),
+        ({"fit_until": "2"}, "fit_until = '2': give seconds after the first row, which is 0"),
+        ({"split": True}, "split = True: give the share to fit, above 0 and at most 1"),
+        ({"units": "kg/s"}, "units = 'kg/s': give a mapping of names, such as {'m_w': 'kg/s'}"),
+        ({"units": {"m_w": 3}}, "units = {'m_w': 3}: give a mapping of names, such as {'m_w': 'kg/s'}"),
+        ({"columns": ["m_w"]}, "columns = ['m_w']: give a mapping of names, such as {'m_w': 'its header'}"),
+        ({"columns": {3: "m_w"}}, "columns = {3: 'm_w'}: give a mapping of names, such as {'m_w': 'its header'}"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_refused_for_a_valve(valve_log, options, sentence):
+    assert refused(fc.fit_valve, valve_log(valve_rows()), **options) == sentence
+    assert refused(fc.fit_valve, log_of(*np.array(valve_rows(), dtype=float).T[1:]), **options) == sentence
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"warm_up": "2"}, "warm_up = '2': give a number of seconds, 0 or more"),
+        ({"T_initial": "x"}, "T_initial = 'x': give a number (from 0 to 50)"),
+        ({"n_volumes": [4, 8]}, "n_volumes = [4, 8]: give one value"),
+        ({"pressure": [101325.0]}, "pressure = [101325.0]: give one value"),
+        ({"minimise_on": ["T_sup"]}, "minimise_on = ['T_sup']: choose 'T_sup' or 'both'"),
+        ({"holds": "m_x"}, "holds has 'm_x': choose from m_w, m_a, T_w_in, T_a_in, W_a_in, RH_a_in, T_dp_in"),
+        ({"holds": 3}, "holds has 3: choose from m_w, m_a, T_w_in, T_a_in, W_a_in, RH_a_in, T_dp_in"),
+        ({"constants": ["m_a"]}, "constants = ['m_a']: give a mapping of names, such as {'m_a': 1.2}"),
+        ({"constants": {"T_w_out": "x"}}, "coil.csv: constants has T_w_out = 'x': must be from 0.1 to 150 degC"),
+        ({"constants": {"T_w_out": [7]}}, "coil.csv: constants has T_w_out = [7]: must be from 0.1 to 150 degC"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_refused_for_a_coil(coil_log, options, sentence):
+    assert refused(fc.fit_coil, coil_log(coil_rows()), **options) == sentence
+
+
+def test_an_unknown_constant_that_is_no_number_is_refused(coil_log):
+    text = refused(fc.fit_coil, coil_log(coil_rows()), constants={"T_set": "x"})
+    assert_said(text, ["constants has unknown 'T_set'", "constants has T_set = 'x'"])
+
+
+def test_one_name_or_none_holds_as_a_list_of_them_does(coil_log, monkeypatch):
+    held = []
+
+    class Reached(Exception):
+        pass
+
+    def problem(*arguments):
+        held.append(arguments[-1])
+        raise Reached
+
+    monkeypatch.setattr("fastcoil.calibrate.coil.CoilProblem", problem)
+    for holds in ("m_w", ["m_w"], None, ()):
+        with pytest.raises(Reached):
+            fc.fit_coil(coil_log(coil_rows()), holds=holds)
+    assert held == [("m_w",), ("m_w",), (), ()]
+
+
+def test_numbers_of_numpy_are_numbers(valve_log):
+    path = valve_log(valve_rows())
+    plain = fc.fit_valve(path, floor=0.0, settle=0.0, split=0.75)
+    same = fc.fit_valve(path, floor=np.float32(0.0), settle=np.int64(0), split=np.float32(0.75))
+    assert same.parameters == plain.parameters
+
+
 # ------------------------------------------------------------------------------------------------------------- time
 
 

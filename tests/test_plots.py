@@ -33,6 +33,13 @@ def test_a_band_shows_the_median_by_value_of_a_second_parameter(swept):
     np.testing.assert_allclose(lines[1].get_ydata(), swept.rmse.sel(backlash=0.05).median("tuning"))
 
 
+def test_an_axis_named_twice_is_refused_once(swept):
+    for draw in (plots.maps, plots.bands):
+        with pytest.raises(fc.InputError) as caught:
+            draw(swept, "backlash", "backlash")
+        assert caught.value.problems == ["backlash is named twice: choose two different axes"]
+
+
 def test_axes_carry_units(swept):
     figure = plots.bands(swept, "backlash", metrics=["rmse", "water_volume"])
     assert [axes.get_ylabel() for axes in figure.axes] == ["RMS control error [K]", "water through the coil [m3]"]

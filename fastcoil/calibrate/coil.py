@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from fastcoil.calibrate.coil_problem import CoilProblem
 from fastcoil.calibrate.coil_record import in_operation, record_of
 from fastcoil.calibrate.coil_result import coil_fit
+from fastcoil.calibrate.columns import is_number
 from fastcoil.calibrate.data import Log, read_log
 from fastcoil.calibrate.result import Fit
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, shown
 from fastcoil.outputs import WARM_UP
 from fastcoil.scenario import Loop
 
@@ -31,7 +32,7 @@ def fit_coil(
     n_volumes: int = 8,
     air_march: str = "lagged",
     pressure: float = 101325.0,
-    holds: Sequence[str] = (),
+    holds: str | Sequence[str] | None = None,
     split: float | None = None,
     fit_until: float | None = None,
     validation: Any = None,
@@ -56,7 +57,7 @@ def fit_coil(
     n_volumes, air_march, pressure
         Of the model, see ``fc.parameters()``.
     holds
-        Names of inputs that hold between samples; the others run straight.
+        Name or names of inputs that hold between samples; the others run straight.
     split, fit_until
         Share of the log that is fitted (of its pieces, if there are at least four), 0.7 if left out, the rest is held
         back for validation; or the last second that is fitted.
@@ -82,15 +83,21 @@ def fit_coil(
     that is unstable at the recorded flows gets a large residual.
     """
     began = time.perf_counter()
-    if minimise_on not in OUTPUTS:
+    if minimise_on not in tuple(OUTPUTS):
         raise InputError(f"minimise_on = {minimise_on!r}: choose 'T_sup' or 'both'")
     inputs = ("m_w", "m_a", "T_w_in", "T_a_in", *HUMIDITY)
-    wrong = [f"holds has {n!r}: choose from {', '.join(inputs)}" for n in holds if n not in inputs]
-    if not warm_up >= 0.0:
-        wrong.append(f"warm_up = {warm_up!r}: give 0 or more seconds")
+    one = isinstance(holds, str) or not isinstance(holds, Iterable)
+    names: tuple[Any, ...] = () if holds is None else (holds,) if one else tuple(holds)
+    wrong = [f"holds has {n!r}: choose from {', '.join(inputs)}" for n in names if n not in inputs]
+    if not (is_number(warm_up) and warm_up >= 0.0):
+        wrong.append(f"warm_up = {warm_up!r}: give a number of seconds, 0 or more")
     if wrong:
         raise InputError(wrong)
     loop = Loop(n_volumes=n_volumes, air_march=air_march, pressure=pressure, T_initial=T_initial)
+    if loop.swept:
+        raise InputError(
+            [f"{name} = {shown(array.values.tolist())}: give one value" for name, array in loop.swept.items()]
+        )
     needed: list[str | tuple[str, ...]] = ["m_w", "m_a", "T_w_in", "T_a_in", HUMIDITY, "T_sup"]
     optional = ["enabled"] if minimise_on == "both" else ["enabled", "T_w_out"]
     needed += ["T_w_out"] if minimise_on == "both" else []
@@ -104,7 +111,7 @@ def fit_coil(
         )  # fmt: skip
 
     data = read(log) if validation is None else read(log).followed_by(read(validation))
-    held_series = tuple("W_a_in" if n in HUMIDITY else n for n in holds)
+    held_series = tuple("W_a_in" if n in HUMIDITY else n for n in names)
     problem = CoilProblem(
         data, record_of(data, loop, held_series), OUTPUTS[minimise_on], warm_up, split, fit_until, held_series
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
+from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 from fastcoil.boundary.series import TEMPERATURE, TRAVEL, WATER_FLOW, Array, Series
 from fastcoil.boundary.table import Table, label_and_unit
 from fastcoil.boundary.trends import LOG_COLUMNS
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, shown
 
 COLUMNS: dict[str, Series] = LOG_COLUMNS | {
     s.name: s
@@ -30,8 +32,31 @@ _SCATTERED, _SCATTER = ("command", "m_w", "m_a", "RH_a_in"), 0.02
 _WARM = 5.0
 """A temperature of exactly 0 among others that are above this, °C, is a sensor that is off."""
 _CURE = "; or leave such rows out, they are counted: drop=True, --drop"
+_MAPPINGS = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
 
 Mask = NDArray[np.bool_]
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is one real number, of Python or numpy; True and False are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def require_mappings(**given: Any) -> None:
+    """Raise one `InputError` for all of columns, units and constants that do not map names; None passes."""
+    wrong = [
+        f"{name} = {shown(value)}: give a mapping of names, such as {_MAPPINGS[name]}"
+        for name, value in given.items()
+        if value is not None and not _maps_names(value, to_text=name != "constants")
+    ]
+    if wrong:
+        raise InputError(wrong)
+
+
+def _maps_names(value: Any, *, to_text: bool) -> bool:
+    if not isinstance(value, Mapping):
+        return False
+    return all(isinstance(text, str) for text in (*value, *(value.values() if to_text else ())))
 
 
 def found_columns(
@@ -49,9 +74,12 @@ def found_columns(
     table.check_names("units", units, COLUMNS)
     table.check_names("constants", constants, wanted)
     for name, series in COLUMNS.items():
-        if name in constants and series.is_bad(np.array([constants[name]], dtype=float))[0]:
+        if name not in constants:
+            continue
+        value = constants[name]
+        if not is_number(value) or series.is_bad(np.array([value], dtype=float))[0]:
             must = f"must be from {series.lower:g} to {series.upper:g} {series.unit}"
-            table.problems.append(f"constants has {name} = {constants[name]!r}: {must}")
+            table.problems.append(f"constants has {name} = {shown(value)}: {must}")
     cure = "or say what to read: columns={'m_w': 'its header', ...}, --column m_w='its header'"
     found = table.found(columns, names, cure)
     for one in [*needed, *optional, ("elapsed_time", "timestamp")]:

@@ -17,7 +17,7 @@ from fastcoil.boundary.conditions import require
 from fastcoil.boundary.series import Array
 from fastcoil.boundary.table import Table
 from fastcoil.boundary.trends import seconds_since_first
-from fastcoil.calibrate.columns import COLUMNS, checked, counted, found_columns
+from fastcoil.calibrate.columns import COLUMNS, checked, counted, found_columns, require_mappings
 from fastcoil.calibrate.dataset import table_of
 from fastcoil.errors import InputError
 
@@ -140,6 +140,7 @@ def read_log(
     if jumps not in ("refuse", "split", None):
         raise InputError(f"jumps = {jumps!r}: choose 'refuse' or 'split'")
     require(max_gap=max_gap)
+    require_mappings(columns=columns, units=units, constants=constants)
     if isinstance(source, (str, Path)):
         table = Table.read(source)
         table.unit_cure += ", --unit {name}='{unit}'"

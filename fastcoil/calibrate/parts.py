@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcoil.calibrate.columns import is_number
 from fastcoil.calibrate.data import Log
 from fastcoil.errors import InputError
 
@@ -26,11 +27,11 @@ def fitted_part(data: Log, split: float | None, fit_until: float | None) -> NDAr
     if len(data.names) > 1:
         return np.asarray(data.log == 0)
     if fit_until is not None:
-        if not data.time[0] < fit_until:
+        if not (is_number(fit_until) and data.time[0] < fit_until):
             raise InputError(f"fit_until = {fit_until!r}: give seconds after the first row, which is 0")
         return np.asarray(np.maximum.accumulate(data.time) <= fit_until)
     share = SPLIT if split is None else split
-    if not isinstance(share, (int, float)) or not 0.0 < share <= 1.0:
+    if not (is_number(share) and 0.0 < share <= 1.0):
         raise InputError(f"split = {split!r}: give the share to fit, above 0 and at most 1")
     if data.n_batches >= _BATCHES_TO_SPLIT_BY and share < 1.0:
         ends = np.cumsum(np.bincount(data.batch)) / data.batch.size

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastcoil.boundary.series import Array
+from fastcoil.calibrate.columns import is_number
 from fastcoil.calibrate.data import Log, read_log
 from fastcoil.calibrate.estimate import Estimate, Uncertainty, minimise, profile, uncertainty
 from fastcoil.calibrate.result import Fit
@@ -84,10 +85,12 @@ def fit_valve(
     that a full command opens fully.
     """
     began = time.perf_counter()
-    wrong = [f"m_max = {m_max!r}: give a number above 0"] if m_max is not None and not 0.0 < m_max < math.inf else []
+    wrong = []
+    if m_max is not None and not (is_number(m_max) and 0.0 < m_max < math.inf):
+        wrong.append(f"m_max = {m_max!r}: give a number above 0")
     for name, value in (("floor", floor), ("settle", settle)):
-        if value is not None and not 0.0 <= value < math.inf:
-            wrong.append(f"{name} = {value!r}: give 0 or more")
+        if value is not None and not (is_number(value) and 0.0 <= value < math.inf):
+            wrong.append(f"{name} = {value!r}: give a number, 0 or more")
     if initial not in ("unknown", "rising", "falling"):
         wrong.append(f"initial = {initial!r}: choose 'unknown', 'rising' or 'falling'")
     if wrong:
