@@ -6,22 +6,20 @@ within a pair says more than two means with their spread.
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError, nearest, shown
 from fastcoil.outputs import METRICS, STATUS_OK
 
 CENSORED = tuple(m.name for m in METRICS.values() if "censored" in m.comment)
 """Metrics in which NaN means: not within this run."""
 QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
 STATISTICS = ("baseline", "value", "mean", "low", "high", *QUANTILES, "share_lower", "n_pairs", "n_censored")
-_RESAMPLES = 2000
-_CELLS_AT_ONCE = 1000
 
 
 def compare(
@@ -29,7 +27,7 @@ def compare(
     *,
     baseline: Mapping[str, Any],
     over: str | Sequence[str],
-    metrics: Sequence[str] | None = None,
+    metrics: str | Sequence[str] | None = None,
     level: float = 0.95,
 ) -> xr.Dataset:
     """Compare every scenario with its partner under a baseline.
@@ -44,7 +42,7 @@ def compare(
     over
         Dim or dims along which pairs are gathered, such as ``["day", "replicate"]``.
     metrics
-        Names; all metrics of ``ds`` by default.
+        Name or names; all metrics of ``ds`` by default.
     level
         Of the interval ``low``–``high``.
 
@@ -56,25 +54,31 @@ def compare(
         ``q05`` to ``q95`` and ``median``; ``share_lower``, the share of pairs that lie below their baseline (ties,
         both censored among them, count half); ``n_pairs``; ``n_censored``, values that never came in this run.
 
-        The interval is a bootstrap that resamples each of the dims ``over`` as a whole, so that replicates that share
-        a day do not count as independent; NaN where there is one pair only.  Times
-        that never came are later than all that did: quantiles then may be ±inf (beyond the run), the mean is NaN.
+        The interval is Student's, from the scatter between the means of days (of each label of a dim ``over``):
+        replicates that share a day do not count as independent.  Where there are several such dims, their variances
+        add up, and the dim of the fewest labels gives the degrees of freedom; beside ``day``, ``replicate`` does not
+        count.  It is NaN where one of these dims has a single label.
+
+        Times that never came are later than all that did: quantiles then may be ±inf (beyond the run), the mean is NaN.
         Pairs with a failed scenario are left out.
 
     Raises
     ------
     InputError
-        For a dim, label or metric that ``ds`` does not have.
+        For a dim, label or metric that ``ds`` does not have, or an argument of the wrong kind.
     """
-    over = [over] if isinstance(over, str) else list(over)
+    _check_dataset(ds)
+    over = _names("over", over)
     names = (
-        list(metrics)
+        _names("metrics", metrics)
         if metrics is not None
         else [str(n) for n in ds.data_vars if n in METRICS and not METRICS[str(n)].flags]
     )
     _check(ds, baseline, over, names, level)
     ok = ds["status"] == STATUS_OK
-    weights = _weights([ds.sizes[d] for d in over])
+    shape = [ds.sizes[d] for d in over]
+    # the noise of one day is independent of that of another, but the same for all else
+    units = [axis for axis, d in enumerate(over) if d != "replicate" or "day" not in over]
     results = {}
     for name in names:
         values = ds[name].where(ok)
@@ -82,8 +86,8 @@ def compare(
             values = values.where(values.notnull() | ~ok, np.inf)
         values, reference = xr.broadcast(values, values.sel(dict(baseline), drop=True))
         dims = [d for d in values.dims if d not in over]
-        own, partner = (v.transpose(*dims, *over).values.reshape(-1, weights.shape[1]) for v in (values, reference))
-        found = _statistics(own, partner, weights, level).reshape(*(values.sizes[d] for d in dims), len(STATISTICS))
+        own, partner = (v.transpose(*dims, *over).values.reshape(-1, *shape) for v in (values, reference))
+        found = _statistics(own, partner, units, level).reshape(*(values.sizes[d] for d in dims), len(STATISTICS))
         results[name] = ((*dims, "statistic"), found, ds[name].attrs)
     labels = {d: ds[d] for d in ds["status"].dims if d not in over}
     compared = xr.Dataset(results, coords={**labels, "statistic": list(STATISTICS)})
@@ -91,11 +95,14 @@ def compare(
     return compared
 
 
-def _statistics(values: np.ndarray, reference: np.ndarray, weights: np.ndarray, level: float) -> np.ndarray:
+def _statistics(values: np.ndarray, reference: np.ndarray, units: Sequence[int], level: float) -> np.ndarray:
     """(cells, len(STATISTICS)).
 
-    values, reference: (cells, pairs), NaN where failed, inf where censored; weights: (resamples, pairs).
+    values, reference: (cells, *over), NaN where failed, inf where censored; units: those of ``over`` whose labels are
+    independent.
     """
+    shape = values.shape
+    values, reference = values.reshape(shape[0], -1), reference.reshape(shape[0], -1)
     pair = ~np.isnan(values) & ~np.isnan(reference)
     values, reference = np.where(pair, values, np.nan), np.where(pair, reference, np.nan)
     n_pairs = pair.sum(axis=1)
@@ -115,9 +122,10 @@ def _statistics(values: np.ndarray, reference: np.ndarray, weights: np.ndarray, 
         known = ~(np.isinf(difference) | both_censored).any(axis=1) & (n_pairs > 0)
         finite = np.where(pair & known[:, None], difference, 0.0)
         found["mean"] = np.where(known, finite.sum(axis=1) / n_pairs, np.nan)
-        found["low"], found["high"] = _interval(finite, pair, weights, level)
-    for edge in ("low", "high"):
-        found[edge] = np.where(known & (weights.shape[0] > 1), found[edge], np.nan)
+    half = _half_width(
+        np.where(pair, finite - found["mean"][:, None], 0.0).reshape(shape), pair.reshape(shape), units, level
+    )
+    found |= {"low": found["mean"] - half, "high": found["mean"] + half}
     return np.stack([found[s] for s in STATISTICS], axis=-1)
 
 
@@ -130,35 +138,52 @@ def _quantile(rows: np.ndarray, n: np.ndarray, q: float) -> np.ndarray:
     return np.take_along_axis(np.sort(rows, axis=1), place[:, None], axis=1)[:, 0]
 
 
-def _weights(shape: Sequence[int]) -> np.ndarray:
-    """How often each pair is drawn in each resample, (resamples, pairs); every dim is resampled as a whole."""
-    rng = np.random.default_rng(0)
-    resamples = _RESAMPLES if max(shape) > 1 else 1
-    weights = np.ones((resamples, 1))
-    for n in shape:
-        drawn = rng.multinomial(n, np.full(n, 1.0 / n), size=resamples)
-        weights = (weights[:, :, None] * drawn[:, None, :]).reshape(resamples, -1)
-    return weights
+def _half_width(deviation: np.ndarray, pair: np.ndarray, units: Sequence[int], level: float) -> np.ndarray:
+    """Half the interval of the mean of each cell, from deviations (cells, *over) that are 0 where there is no pair."""
+    from scipy.stats import t
+
+    variance, fewest = np.zeros(pair.shape[0]), np.full(pair.shape[0], np.inf)
+    n_pairs = pair.reshape(pair.shape[0], -1).sum(axis=1)
+    for unit in units:
+        within = tuple(axis + 1 for axis in range(pair.ndim - 1) if axis != unit)
+        n = pair.any(axis=within).sum(axis=1)
+        fewest = np.minimum(fewest, n)
+        with np.errstate(invalid="ignore", divide="ignore"):  # a single label has no scatter
+            variance += n / (n - 1) * (deviation.sum(axis=within) ** 2).sum(axis=1) / n_pairs**2
+    quantile: np.ndarray = t.ppf(0.5 + 0.5 * level, np.where(fewest > 1, fewest - 1, np.nan))
+    return quantile * np.sqrt(variance)
 
 
-def _interval(
-    difference: np.ndarray, pair: np.ndarray, weights: np.ndarray, level: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bootstrap interval of the mean difference of each cell."""
-    edges = np.empty((2, difference.shape[0]))
-    for start in range(0, difference.shape[0], _CELLS_AT_ONCE):
-        at = slice(start, start + _CELLS_AT_ONCE)
-        count = weights @ pair[at].T.astype(float)
-        means = (weights @ difference[at].T) / np.where(count > 0.0, count, np.nan)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # cells without pairs
-            edges[:, at] = np.nanquantile(means, [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=0)
-    return edges[0], edges[1]
+def _check_dataset(ds: xr.Dataset) -> None:
+    if not isinstance(ds, xr.Dataset):
+        raise InputError(f"ds is a {type(ds).__name__}: give a Dataset of fastcoil.simulate or open_study")
+    if "status" not in ds:
+        raise InputError("ds has no status: give a Dataset of fastcoil.simulate or open_study")
+
+
+def _names(what: str, given: str | Sequence[str]) -> list[str]:
+    """One name or several as a list of them."""
+    names = [given] if isinstance(given, str) else list(given) if isinstance(given, Iterable) else [given]
+    if not all(isinstance(name, str) for name in names):
+        raise InputError(f"{what} = {shown(given)}: must be a name or a list of names")
+    if not names:
+        raise InputError(f"{what} is empty: give at least one name")
+    twice = sorted({str(name) for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError([f"{what}: {name!r} is given more than once: give it once" for name in twice])
+    return [str(name) for name in names]
+
+
+def _level_problems(level: float) -> list[str]:
+    valid = isinstance(level, Real) and 0.0 < float(level) < 1.0
+    return [] if valid else [f"level = {shown(level)}: must be a number between 0 and 1, such as 0.95"]
 
 
 def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str], level: float) -> None:
-    if "status" not in ds:
-        raise InputError("ds has no status: give a Dataset of fastcoil.simulate or open_study")
+    if not isinstance(baseline, Mapping):
+        raise InputError(
+            f'baseline = {shown(baseline)}: must be a dict of dimension and label, such as {{"estimate_ratio": 0.0}}'
+        )
     dims = [str(d) for d in ds["status"].dims]
     problems = [
         f"{what}: {dim!r} is no dimension of the result{nearest(str(dim), dims)}; it has {', '.join(dims)}"
@@ -170,19 +195,21 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
         f"over: {dim} is a dimension of the baseline: choose one or the other" for dim in over if dim in baseline
     ]
     for dim, label in baseline.items():
-        if dim in dims and label not in ds[dim].values:
-            shown = ", ".join(map(str, ds[dim].values[:10]))
-            problems.append(f"baseline: {dim} has no label {label!r}; choose one of {shown}")
-    problems += [
-        f"metrics: {name!r} is not in the result{nearest(str(name), METRICS)}"
-        for name in names
-        if name not in ds.data_vars or name not in METRICS
-    ]
+        if dim not in dims:
+            continue
+        labels = ds[dim].values
+        if isinstance(label, list | tuple | dict | set | slice) or np.ndim(label) > 0:
+            problems.append(f"baseline: {dim} = {shown(label)} is not a single label; give one, such as {labels[0]}")
+        elif label not in labels or isinstance(label, bool) and labels.dtype.kind != "b":
+            listed = ", ".join(map(str, labels[:10]))
+            problems.append(f"baseline: {dim} has no label {label!r}; choose one of {listed}")
+    for name in names:
+        if name not in ds.data_vars or name not in METRICS:
+            problems.append(f"metrics: {name!r} is not in the result{nearest(name, METRICS)}")
+        elif METRICS[name].flags:
+            problems.append(f"metrics: {name!r} is a flag, which has no differences: leave it out")
     if not baseline:
         problems.append("baseline is empty: give the dimension and label to compare with")
-    if not over:
-        problems.append("over is empty: give the dimension along which pairs are gathered")
-    if not 0.0 < level < 1.0:
-        problems.append(f"level = {level}: must lie between 0 and 1")
+    problems += _level_problems(level)
     if problems:
         raise InputError(problems)

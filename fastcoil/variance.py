@@ -9,6 +9,7 @@ import xarray as xr
 
 from fastcoil.errors import InputError, nearest
 from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.pairing import _check_dataset, _level_problems, _names
 
 INDICES = ("first_order", "total")
 EDGES = ("value", "low", "high")
@@ -16,16 +17,17 @@ _RESAMPLES = 1000
 
 
 def sobol_indices(
-    ds: xr.Dataset, metrics: Sequence[str] | None = None, *, drop_failed: bool = False, level: float = 0.95
+    ds: xr.Dataset, metrics: str | Sequence[str] | None = None, *, drop_failed: bool = False, level: float = 0.95
 ) -> xr.Dataset:
     """First-order and total Sobol' indices of the sampled parameters, with bootstrap intervals.
 
     Parameters
     ----------
     ds
-        The result of a study with ``[sample] method = "saltelli"``: dims ``sample`` and ``design``, and others.
+        The result of a study with ``[sample] method = "saltelli"``: dims ``sample`` and ``design``, and others.  Of
+        ``design`` it must have ``A``, ``B`` and the parameters whose indices are sought.
     metrics
-        Names of variables; ``rmse`` by default.
+        Name or names of variables; ``rmse`` by default.
     drop_failed
         Whether samples in which a scenario failed, or has no such result, are left out; else they are refused.
     level
@@ -43,15 +45,22 @@ def sobol_indices(
     InputError
         For a result of another design, an unknown metric, or failed scenarios.
     """
-    names = ["rmse"] if metrics is None else list(metrics)
+    _check_dataset(ds)
+    names = _names("metrics", "rmse" if metrics is None else metrics)
     if not {"sample", "design"} <= set(ds.dims):
         raise InputError('the result has no dims sample and design: run a study with [sample] method = "saltelli"')
-    unknown = [n for n in names if n not in ds.data_vars]
-    if unknown:
-        raise InputError([f"metrics: {n!r} is not in the result{nearest(str(n), METRICS)}" for n in unknown])
-    if not 0.0 < level < 1.0:
-        raise InputError(f"level = {level}: must lie between 0 and 1")
-    parameters = [str(label) for label in ds["design"].values[2:]]
+    labels = [str(label) for label in ds["design"].values]
+    parameters = [label for label in labels if label not in ("A", "B")]
+    if not parameters or sorted(labels) != sorted({"A", "B", *parameters}):
+        raise InputError(f"design = {', '.join(labels)}: must have A, B and at least one parameter, each of them once")
+    problems = _level_problems(level)
+    for name in names:
+        if name not in ds.data_vars:
+            problems.append(f"metrics: {name!r} is not in the result{nearest(name, METRICS)}")
+        elif not _is_metric(ds[name]):
+            problems.append(f"metrics: {name!r} is no quantity over sample and design: give a metric such as rmse")
+    if problems:
+        raise InputError(problems)
     ok = ds["status"] == STATUS_OK
     found = {}
     for name in names:
@@ -63,13 +72,23 @@ def sobol_indices(
                 "failed or has no such result: give drop_failed=True to leave these samples out"
             )
         others = [d for d in values.dims if d not in ("sample", "design")]
-        cells = values.transpose(*others, "sample", "design").values.reshape(-1, ds.sizes["sample"], ds.sizes["design"])
+        cells = (
+            values.sel(design=["A", "B", *parameters])
+            .transpose(*others, "sample", "design")
+            .values.reshape(-1, ds.sizes["sample"], len(labels))
+        )
         shape = tuple(values.sizes[d] for d in others)
         indices = np.stack([_indices(cell, level) for cell in cells]).reshape(*shape, len(parameters), 2, 3)
         found[name] = ((*others, "parameter", "index", "edge"), indices)
         found[f"{name}_n_samples"] = (tuple(others), np.isfinite(cells).all(axis=2).sum(axis=1).reshape(shape))
-    labels = {d: ds[d] for d in ds[names[0]].dims if d not in ("sample", "design")}
-    return xr.Dataset(found, coords={**labels, "parameter": parameters, "index": list(INDICES), "edge": list(EDGES)})
+    kept = {d: ds[d] for name in names for d in ds[name].dims if d not in ("sample", "design")}
+    return xr.Dataset(found, coords={**kept, "parameter": parameters, "index": list(INDICES), "edge": list(EDGES)})
+
+
+def _is_metric(values: xr.DataArray) -> bool:
+    """Whether these are numbers over the design, and no flags."""
+    flags = values.name == "status" or values.name in METRICS and METRICS[str(values.name)].flags
+    return not flags and values.dtype.kind in "fiu" and {"sample", "design"} <= set(values.dims)
 
 
 def _indices(values: np.ndarray, level: float) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
 import fastcoil as fc
 from fastcoil.outputs import STATUS_NON_FINITE
@@ -54,6 +55,41 @@ def test_replicates_that_share_a_day_do_not_count_as_independent():
     assert width > 0.7 * 2 * 1.96 * of_day.std() / np.sqrt(12)
 
 
+@pytest.mark.parametrize("n", [2, 4])
+def test_the_interval_covers_the_true_mean_as_often_as_it_says_also_with_few_days(n):
+    rng = np.random.default_rng(5)
+    of_day = rng.normal(0.7, 1.0, (2000, n, 1)) + rng.normal(0.0, 0.5, (2000, n, 3))
+    ds = result(("kp", "tuning", "day", "replicate"), rmse=[0.0 * of_day, of_day])
+    found = fc.compare(ds, baseline={"kp": 0}, over=["replicate", "day"]).rmse.sel(kp=1)
+    covered = (found.sel(statistic="low") <= 0.7) & (found.sel(statistic="high") >= 0.7)
+    assert 0.93 < float(covered.mean()) < 0.97
+
+
+def test_the_interval_of_days_is_that_of_scipy_at_its_level():
+    values = np.array([0.3, 1.1, 0.2, 0.9])
+    ds = result(("kp", "day"), rmse=[np.zeros(4), values])
+    found = fc.compare(ds, baseline={"kp": 0}, over="day", level=0.8).rmse.sel(kp=1, statistic=["low", "high"])
+    expected = stats.t.interval(0.8, 3, values.mean(), stats.sem(values))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_the_scatter_of_several_dims_adds_up():
+    of_sample, of_day = np.array([0.0, 1.0, 5.0, 2.0]), np.array([0.3, 2.0, 1.0])
+    values = of_sample[:, None] + of_day
+    ds = result(("kp", "sample", "day"), rmse=[0.0 * values, values])
+    found = fc.compare(ds, baseline={"kp": 0}, over=["sample", "day"]).rmse.sel(kp=1)
+    half = stats.t.ppf(0.975, 2) * np.hypot(stats.sem(of_sample), stats.sem(of_day))
+    assert float(found.sel(statistic="high") - found.sel(statistic="mean")) == pytest.approx(half)
+
+
+def test_the_noise_of_one_day_says_nothing_of_other_days():
+    ds = result(("kp", "day", "replicate"), rmse=[[[1.0] * 5], [np.arange(5.0)]])
+    compared = [fc.compare(ds, baseline={"kp": 0}, over=over).rmse.sel(kp=1, statistic=["low", "high"])
+                for over in (["day", "replicate"], "replicate")]  # fmt: skip
+    assert np.isnan(compared[0]).all()
+    assert np.isfinite(compared[1]).all()
+
+
 def test_quantiles_are_those_of_the_sorted_differences():
     ds = result(("kp", "day"), rmse=[np.zeros(20), np.arange(1.0, 21.0)])
     found = fc.compare(ds, baseline={"kp": 0}, over="day").rmse.sel(kp=1)
@@ -83,6 +119,14 @@ def test_a_failed_scenario_takes_its_pair_out_and_no_other():
     found = fc.compare(ds, baseline={"kp": 0}, over="day").rmse.sel(kp=1)
     assert float(found.sel(statistic="n_pairs")) == 2
     assert float(found.sel(statistic="mean")) == 2.0
+    expected = stats.t.interval(0.95, 1, 2.0, stats.sem([1.0, 3.0]))
+    np.testing.assert_allclose(found.sel(statistic=["low", "high"]), expected)
+
+
+def test_a_single_metric_may_be_a_name():
+    ds = result(("kp", "day"), rmse=np.random.default_rng(6).random((2, 3)))
+    by_name, by_list = (fc.compare(ds, baseline={"kp": 0}, over="day", metrics=m) for m in ("rmse", ["rmse"]))
+    xr.testing.assert_identical(by_name, by_list)
 
 
 def test_nothing_is_claimed_of_a_single_pair_or_of_none():
@@ -118,10 +162,34 @@ def test_every_metric_of_a_simulation_can_be_compared(swept):
         ({"baseline": {}, "over": "day"}, "baseline is empty"),
         ({"baseline": {"kp": 0}, "over": []}, "over is empty"),
         ({"baseline": {"kp": 0}, "over": "day", "level": 95}, "level = 95"),
+        ({"baseline": {"kp": 0}, "over": "day", "level": "0.9"}, "level = '0.9': must be a number between 0 and 1"),
+        ({"baseline": {"kp": 0}, "over": "day", "level": None}, "level = None"),
+        ({"baseline": {"kp": [0]}, "over": "day"}, "kp = [0] is not a single label; give one, such as 0"),
+        ({"baseline": {"kp": [[0], [0, 1]]}, "over": "day"}, "is not a single label"),
+        ({"baseline": {"kp": np.array([0, 1])}, "over": "day"}, "is not a single label"),
+        ({"baseline": {"kp": slice(0, 1)}, "over": "day"}, "is not a single label"),
+        ({"baseline": {"kp": "0"}, "over": "day"}, "no label '0'"),
+        ({"baseline": {"kp": None}, "over": "day"}, "no label None"),
+        ({"baseline": {"kp": True}, "over": "day"}, "no label True"),
+        ({"baseline": "kp", "over": "day"}, "baseline = 'kp': must be a dict"),
+        ({"baseline": ["kp", 0], "over": "day"}, "baseline = ['kp', 0]: must be a dict"),
+        ({"baseline": {"kp": 0}, "over": ["day", "day"]}, "over: 'day' is given more than once"),
+        ({"baseline": {"kp": 0}, "over": None}, "over = None: must be a name or a list of names"),
+        ({"baseline": {"kp": 0}, "over": [["day"]]}, "over = [['day']]: must be a name"),
+        ({"baseline": {"kp": 0}, "over": "day", "metrics": []}, "metrics is empty"),
+        ({"baseline": {"kp": 0}, "over": "day", "metrics": "status"}, "'status' is not in the result"),
+        ({"baseline": {"kp": 0}, "over": "day", "metrics": "learning_status"}, "'learning_status' is a flag"),
     ],
 )
 def test_a_mistake_gets_a_sentence(options, sentence):
-    ds = result(("kp", "day"), rmse=np.zeros((2, 3)))
+    ds = result(("kp", "day"), rmse=np.zeros((2, 3)), learning_status=np.zeros((2, 3)))
     with pytest.raises(fc.InputError, match=".") as caught:
         fc.compare(ds, **options)
     assert sentence in str(caught.value)
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("given", ["results/study", xr.DataArray([1.0], dims="day"), None, {}])
+def test_what_is_no_result_gets_a_sentence(given):
+    with pytest.raises(fc.InputError, match="ds is a .*: give a Dataset of fastcoil.simulate or open_study"):
+        fc.compare(given, baseline={"kp": 0}, over="day")

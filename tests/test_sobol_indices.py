@@ -98,9 +98,56 @@ def test_failed_scenarios_are_refused_unless_they_are_to_be_left_out():
 
 def test_another_design_or_metric_is_refused():
     with pytest.raises(fc.InputError, match="saltelli"):
-        fc.sobol_indices(xr.Dataset({"rmse": ("sample", [1.0])}))
+        fc.sobol_indices(xr.Dataset({"rmse": ("sample", [1.0]), "status": ("sample", [0])}))
     with pytest.raises(fc.InputError, match="did you mean 'rmse'"):
         fc.sobol_indices(result(ishigami, 4), ["rmsee"])
+
+
+@pytest.mark.parametrize(
+    "labels", [["backlash", "B", "ti", "A", "kp"], ["kp", "A", "B"]], ids=["other order", "one parameter"]
+)
+def test_the_design_is_read_by_its_labels(labels):
+    ds = result(ishigami, 256)
+    found, whole = fc.sobol_indices(ds.sel(design=labels)).rmse, fc.sobol_indices(ds).rmse
+    assert found.parameter.values.tolist() == [label for label in labels if label in UNIT]
+    xr.testing.assert_allclose(found, whole.sel(parameter=found.parameter))
+
+
+@pytest.mark.parametrize(
+    ("labels", "sentence"),
+    [(["B", "kp", "ti"], "design = B, kp, ti: must have A, B"), (["A", "B"], "at least one parameter"),
+     (["A", "B", "kp", "kp"], "each of them once")],
+)  # fmt: skip
+def test_an_incomplete_design_is_refused(labels, sentence):
+    with pytest.raises(fc.InputError, match=sentence):
+        fc.sobol_indices(result(ishigami, 4).sel(design=labels))
+
+
+def test_a_single_metric_may_be_a_name():
+    ds = result(ishigami, 64)
+    xr.testing.assert_identical(fc.sobol_indices(ds, "rmse"), fc.sobol_indices(ds, ["rmse"]))
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "sentence"),
+    [
+        (lambda ds: ds, {"metrics": []}, "metrics is empty"),
+        (lambda ds: ds, {"metrics": 7}, "metrics = 7: must be a name"),
+        (lambda ds: ds, {"metrics": ["status"]}, "'status' is no quantity"),
+        (lambda ds: ds.assign(learning_status=ds.status), {"metrics": "learning_status"}, "is no quantity"),
+        (lambda ds: ds.assign(words=ds.status.astype(str)), {"metrics": "words"}, "'words' is no quantity"),
+        (lambda ds: ds.assign(alone=1.0), {"metrics": "alone"}, "'alone' is no quantity"),
+        (lambda ds: ds, {"level": "0.9"}, "level = '0.9': must be a number between 0 and 1"),
+        (lambda ds: ds, {"level": 1.0}, "level = 1.0"),
+        (lambda ds: ds.drop_vars("status"), {}, "ds has no status"),
+        (lambda ds: ds.rmse, {}, "ds is a DataArray: give a Dataset"),
+    ],
+)
+def test_a_mistake_gets_a_sentence(change, options, sentence):
+    with pytest.raises(fc.InputError, match=".") as caught:
+        fc.sobol_indices(change(result(ishigami, 4)), **options)
+    assert sentence in str(caught.value)
+    assert len(caught.value.problems) == 1
 
 
 @pytest.mark.kernel
