@@ -6,13 +6,13 @@ within a pair says more than two means with their spread.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from numbers import Real
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import check_result, level_problems, names_of
 from fastcoil.errors import InputError, nearest, shown
 from fastcoil.outputs import METRICS, STATUS_OK
 
@@ -67,10 +67,10 @@ def compare(
     InputError
         For a dim, label or metric that ``ds`` does not have, or an argument of the wrong kind.
     """
-    _check_dataset(ds)
-    over = _names("over", over)
+    check_result(ds)
+    over = names_of("over", over)
     names = (
-        _names("metrics", metrics)
+        names_of("metrics", metrics)
         if metrics is not None
         else [str(n) for n in ds.data_vars if n in METRICS and not METRICS[str(n)].flags]
     )
@@ -154,31 +154,6 @@ def _half_width(deviation: np.ndarray, pair: np.ndarray, units: Sequence[int], l
     return quantile * np.sqrt(variance)
 
 
-def _check_dataset(ds: xr.Dataset) -> None:
-    if not isinstance(ds, xr.Dataset):
-        raise InputError(f"ds is a {type(ds).__name__}: give a Dataset of fastcoil.simulate or open_study")
-    if "status" not in ds:
-        raise InputError("ds has no status: give a Dataset of fastcoil.simulate or open_study")
-
-
-def _names(what: str, given: str | Sequence[str]) -> list[str]:
-    """One name or several as a list of them."""
-    names = [given] if isinstance(given, str) else list(given) if isinstance(given, Iterable) else [given]
-    if not all(isinstance(name, str) for name in names):
-        raise InputError(f"{what} = {shown(given)}: must be a name or a list of names")
-    if not names:
-        raise InputError(f"{what} is empty: give at least one name")
-    twice = sorted({str(name) for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError([f"{what}: {name!r} is given more than once: give it once" for name in twice])
-    return [str(name) for name in names]
-
-
-def _level_problems(level: float) -> list[str]:
-    valid = isinstance(level, Real) and 0.0 < float(level) < 1.0
-    return [] if valid else [f"level = {shown(level)}: must be a number between 0 and 1, such as 0.95"]
-
-
 def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str], level: float) -> None:
     if not isinstance(baseline, Mapping):
         raise InputError(
@@ -210,6 +185,6 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
             problems.append(f"metrics: {name!r} is a flag, which has no differences: leave it out")
     if not baseline:
         problems.append("baseline is empty: give the dimension and label to compare with")
-    problems += _level_problems(level)
+    problems += level_problems(level)
     if problems:
         raise InputError(problems)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import check_result, level_problems, names_of
 from fastcoil.errors import InputError, nearest
 from fastcoil.outputs import METRICS, STATUS_OK
-from fastcoil.pairing import _check_dataset, _level_problems, _names
 
 INDICES = ("first_order", "total")
 EDGES = ("value", "low", "high")
@@ -45,15 +45,15 @@ def sobol_indices(
     InputError
         For a result of another design, an unknown metric, or failed scenarios.
     """
-    _check_dataset(ds)
-    names = _names("metrics", "rmse" if metrics is None else metrics)
+    check_result(ds)
+    names = names_of("metrics", "rmse" if metrics is None else metrics)
     if not {"sample", "design"} <= set(ds.dims):
         raise InputError('the result has no dims sample and design: run a study with [sample] method = "saltelli"')
     labels = [str(label) for label in ds["design"].values]
     parameters = [label for label in labels if label not in ("A", "B")]
     if not parameters or sorted(labels) != sorted({"A", "B", *parameters}):
         raise InputError(f"design = {', '.join(labels)}: must have A, B and at least one parameter, each of them once")
-    problems = _level_problems(level)
+    problems = level_problems(level)
     for name in names:
         if name not in ds.data_vars:
             problems.append(f"metrics: {name!r} is not in the result{nearest(name, METRICS)}")

@@ -23,7 +23,7 @@ LAYERS = [
     {"engine"},
     {"boundary", "scenario"},
     {"layout"},
-    {"stability", "results"},
+    {"stability", "results", "arguments"},
     {"plan"},
     {"simulation"},
     {"plots", "pairing", "variance"},
