@@ -15,7 +15,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from faults import DAYS, PLAIN, TRACED, golden, interrupted, larger, ran, shards, unfinished
+from faults import DAYS, PLAIN, SITUATIONS, TRACED, golden, ran, shards, unfinished
 
 from fastcoil.study import care
 
@@ -64,13 +64,6 @@ def resumed(folder, text, **options):
 
 
 # --- kill -9 ----------------------------------------------------------------------------------------------------------
-
-SITUATIONS = {
-    "plain": (PLAIN, lambda folder: None),
-    "traced": (TRACED, lambda folder: None),
-    "extended": (larger(TRACED), lambda folder: ran(TRACED, folder)),
-    "extended, unfinished": (larger(TRACED), lambda folder: interrupted(TRACED, folder, DAYS - 1)),
-}
 
 
 def killed_before_each(harness, tmp_path, situation, stride=1):

@@ -29,6 +29,17 @@ def searched(problem, values):
     return np.linalg.solve(problem.record.named(), y)
 
 
+def assert_jacobian_is_of_single_runs(model, x):
+    r, J = evaluate(model, x)
+    np.testing.assert_array_equal(r, model.residuals(x[:, None])[:, 0])
+    for k in range(x.size):
+        up, down = x.copy(), x.copy()
+        up[k] += model.step[k]
+        down[k] -= model.step[k]
+        single = (model.residuals(up[:, None]) - model.residuals(down[:, None]))[:, 0] / (up[k] - down[k])
+        np.testing.assert_allclose(J[:, k], single, rtol=1e-9, atol=1e-9)
+
+
 # --------------------------------------------------------------------------------------------------------------- valve
 
 
@@ -56,14 +67,7 @@ def test_the_jacobian_of_a_valve_is_that_of_single_runs():
     problem = ValveProblem(read_log(log, ["command", "m_w"]), None, None, 1.0, None)
     model, _ = problem.model(None, "unknown")
     x = np.array([0.05, math.log(2.1), math.log(0.8), math.log(8.0), 0.4, 0.3, 0.5, 0.6, 0.7])
-    r, J = evaluate(model, x)
-    np.testing.assert_array_equal(r, model.residuals(x[:, None])[:, 0])
-    for k in range(x.size):
-        up, down = x.copy(), x.copy()
-        up[k] += model.step[k]
-        down[k] -= model.step[k]
-        single = (model.residuals(up[:, None]) - model.residuals(down[:, None]))[:, 0] / (up[k] - down[k])
-        np.testing.assert_allclose(J[:, k], single, rtol=1e-9, atol=1e-9)
+    assert_jacobian_is_of_single_runs(model, x)
 
 
 def test_autocorrelation_of_an_ar_process_gives_its_effective_size():
@@ -104,14 +108,7 @@ def test_the_jacobian_of_a_coil_is_that_of_single_runs():
     problem = problem_of(coil_log(hours=0.5))
     model = problem.model()
     x = searched(problem, COIL_TRUTH) + 0.05
-    r, J = evaluate(model, x)
-    np.testing.assert_array_equal(r, model.residuals(x[:, None])[:, 0])
-    for k in range(8):
-        up, down = x.copy(), x.copy()
-        up[k] += model.step[k]
-        down[k] -= model.step[k]
-        single = (model.residuals(up[:, None]) - model.residuals(down[:, None]))[:, 0] / (up[k] - down[k])
-        np.testing.assert_allclose(J[:, k], single, rtol=1e-9, atol=1e-9)
+    assert_jacobian_is_of_single_runs(model, x)
 
 
 def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not():
