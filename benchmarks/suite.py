@@ -15,10 +15,10 @@ import numpy as np
 from peers import c_peer, common, numpy_lanes, scalar_numba
 
 import fastcoil as fc
+from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import LANES, blocks
-from fastcoil.engine.run import run_block
 from fastcoil.outputs import METRICS
-from fastcoil.plan import Plan, prepare
+from fastcoil.simulation.plan import Plan, prepare
 
 MODE = os.environ.get("FASTCOIL_BENCH", "")
 """``quick``: everything once and tiny, to see that it runs; ``full``: 10⁶ scenarios besides."""

@@ -9,37 +9,37 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fastcoil.analysis.compare import compare as compare
+    from fastcoil.analysis.sobol import sobol_indices as sobol_indices
     from fastcoil.boundary import Boundary as Boundary
     from fastcoil.boundary.days import constant_day as constant_day
     from fastcoil.boundary.days import design_day as design_day
     from fastcoil.boundary.days import paper_day as paper_day
     from fastcoil.boundary.weather import weather_day as weather_day
     from fastcoil.calibrate.coil import fit_coil as fit_coil
-    from fastcoil.calibrate.shadow import replay as replay
+    from fastcoil.calibrate.replay import replay as replay
     from fastcoil.calibrate.valve import fit_valve as fit_valve
     from fastcoil.errors import InputError as InputError
-    from fastcoil.pairing import compare as compare
-    from fastcoil.scenario import Loop as Loop
-    from fastcoil.simulation import simulate as simulate
-    from fastcoil.study.contents import open_study as open_study
+    from fastcoil.simulation.loop import Loop as Loop
+    from fastcoil.simulation.simulate import simulate as simulate
+    from fastcoil.study.folder.results import open_study as open_study
     from fastcoil.study.runner import run_study as run_study
-    from fastcoil.variance import sobol_indices as sobol_indices
 
 _HOME = {
     "Boundary": "boundary",
     "InputError": "errors",
-    "Loop": "scenario",
-    "compare": "pairing",
+    "Loop": "simulation.loop",
+    "compare": "analysis.compare",
     "constant_day": "boundary.days",
     "design_day": "boundary.days",
     "fit_coil": "calibrate.coil",
     "fit_valve": "calibrate.valve",
-    "open_study": "study.contents",
+    "open_study": "study.folder.results",
     "paper_day": "boundary.days",
-    "replay": "calibrate.shadow",
+    "replay": "calibrate.replay",
     "run_study": "study.runner",
-    "simulate": "simulation",
-    "sobol_indices": "variance",
+    "simulate": "simulation.simulate",
+    "sobol_indices": "analysis.sobol",
     "weather_day": "boundary.weather",
 }
 

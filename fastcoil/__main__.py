@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 
-from fastcoil.cli import main
+from fastcoil.cli.main import main
 from fastcoil.errors import EXIT_INTERRUPTED, EXIT_TERMINATED
 
 

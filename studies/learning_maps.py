@@ -15,7 +15,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from fastcoil.plots import COLOURS, STYLE
+from fastcoil.plots.study import COLOURS, STYLE
 
 LOOK = STYLE | {"axes.grid": False, "savefig.dpi": 200, "axes.titlesize": 9}
 DARK = 0.55

@@ -12,7 +12,7 @@ import reference
 from hypothesis import settings
 
 # a failed assertion tells in them what it found, as it does in a test
-pytest.register_assert_rewrite("faults", "processes", "refusals")
+pytest.register_assert_rewrite("helpers.faults", "helpers.processes", "helpers.refusals")
 
 # compiling a formula inside an example takes longer than hypothesis' deadline
 settings.register_profile("fastcoil", deadline=None, derandomize=True, database=None)
@@ -136,7 +136,7 @@ def swept(days, sweep):
 @pytest.fixture(scope="session")
 def refused():
     """Return a function that gives the sentences with which ``simulate`` refuses its arguments."""
-    from refusals import problems
+    from helpers.refusals import problems
 
     import fastcoil as fc
 
@@ -159,7 +159,7 @@ def write(tmp_path):
 @pytest.fixture
 def leaves_nothing(tmp_path):
     """Check that no process outlives the test, and have dask put its files into the test's folder."""
-    import processes
+    from helpers import processes
 
     dask = pytest.importorskip("dask")
     before = processes.children()
@@ -173,7 +173,7 @@ def leaves_nothing(tmp_path):
 @pytest.fixture(scope="session")
 def small_study(tmp_path_factory):
     """A study file of 160 scenarios on two days, with traces."""
-    import processes
+    from helpers import processes
 
     path = tmp_path_factory.mktemp("studies") / "small.toml"
     path.write_text(processes.STUDY, encoding="utf-8")
@@ -183,7 +183,7 @@ def small_study(tmp_path_factory):
 @pytest.fixture
 def study(small_study):
     """That study, read."""
-    from fastcoil.study.spec import read_study
+    from fastcoil.study.file.spec import read_study
 
     return read_study(small_study)
 
@@ -213,7 +213,7 @@ def out(tmp_path):
 @pytest.fixture
 def broken_off(out):
     """The folder of a study that was interrupted with one shard to go."""
-    from faults import DAYS, PLAIN, interrupted, shards
+    from helpers.faults import DAYS, PLAIN, interrupted, shards
 
     interrupted(PLAIN, out, DAYS - 1)
     assert len(shards(out)) == DAYS - 1
@@ -223,7 +223,7 @@ def broken_off(out):
 @pytest.fixture(scope="session")
 def two_workers(tmp_path_factory):
     """A dask scheduler and two workers, as a user starts them."""
-    import processes
+    from helpers import processes
 
     pytest.importorskip("distributed")
     with processes.cluster(tmp_path_factory.mktemp("cluster"), 2, "--no-nanny") as found:

@@ -14,7 +14,7 @@ from fastcoil.calibrate.data import Log, read_log
 from fastcoil.calibrate.result import Fit
 from fastcoil.errors import InputError, shown
 from fastcoil.outputs import WARM_UP
-from fastcoil.scenario import Loop
+from fastcoil.simulation.loop import Loop
 
 HUMIDITY = ("W_a_in", "RH_a_in", "T_dp_in")
 OUTPUTS = {"T_sup": ("T_sup",), "both": ("T_sup", "T_w_out")}

@@ -24,8 +24,8 @@ from fastcoil.calibrate.coil_record import (
 )
 from fastcoil.calibrate.columns import counted
 from fastcoil.calibrate.data import Log
-from fastcoil.calibrate.estimate import Estimate, Model, Uncertainty, minimise, uncertainty
-from fastcoil.calibrate.parts import fitted_part
+from fastcoil.calibrate.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
+from fastcoil.calibrate.split import fitted_part
 from fastcoil.errors import InputError
 
 _PRIOR_EXPONENT = {BETA2: -0.2, BETA4: -0.45, BETA6: -0.42}

@@ -13,13 +13,13 @@ from fastcoil.boundary import moist_air
 from fastcoil.boundary.series import Array
 from fastcoil.calibrate.columns import counted
 from fastcoil.calibrate.data import Log
-from fastcoil.calibrate.estimate import FORBIDDEN
+from fastcoil.calibrate.least_squares import FORBIDDEN
 from fastcoil.engine.coil_loop import COIL_SERIES, run_coil
 from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, Block, parameter_matrix
-from fastcoil.engine.rates import worst_numbers
+from fastcoil.engine.step_numbers import worst_numbers
 from fastcoil.errors import InputError
-from fastcoil.layout import columns_of
-from fastcoil.scenario import Loop
+from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.scenarios import columns_of
 
 COIL = ("C_w", "C_c", "beta1", "beta2", "beta3", "beta4", "beta5", "beta6")
 LOGS = np.array([True, True, True, False, True, False, True, False])

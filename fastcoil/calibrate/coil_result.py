@@ -13,7 +13,7 @@ import xarray as xr
 from fastcoil.boundary.series import Array
 from fastcoil.calibrate.coil_problem import COUPLED, CoilProblem, is_coupled
 from fastcoil.calibrate.coil_record import COIL, LN_C_W, LOGS
-from fastcoil.calibrate.estimate import Estimate, Uncertainty
+from fastcoil.calibrate.least_squares import Estimate, Uncertainty
 from fastcoil.calibrate.result import (
     AT_BOUND,
     FITTING,

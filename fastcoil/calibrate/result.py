@@ -90,7 +90,7 @@ class Fit:
 
     def plot(self) -> Figure:
         """Figs 2 (valve) or 4 and 5 (coil) of the paper for this fit, as a matplotlib ``Figure``."""
-        from fastcoil.calibrate.report import figure
+        from fastcoil.calibrate.figures import figure
 
         return figure(self)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fastcoil.boundary.series import Array
 from fastcoil.calibrate.columns import is_number
 from fastcoil.calibrate.data import Log, read_log
-from fastcoil.calibrate.estimate import Estimate, Uncertainty, minimise, profile, uncertainty
+from fastcoil.calibrate.least_squares import Estimate, Uncertainty, minimise, profile, uncertainty
 from fastcoil.calibrate.result import Fit
 from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, LARGEST_BACKLASH, X_BL, ValveProblem
 from fastcoil.errors import InputError

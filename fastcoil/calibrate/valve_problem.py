@@ -12,9 +12,7 @@ import xarray as xr
 from fastcoil.boundary.series import Array
 from fastcoil.calibrate.columns import counted
 from fastcoil.calibrate.data import Log
-from fastcoil.calibrate.estimate import Estimate, Model, Uncertainty
-from fastcoil.calibrate.holds import compared, gaps_unknown, lowest_reading, reversals, sensor_off
-from fastcoil.calibrate.parts import fitted_part
+from fastcoil.calibrate.least_squares import Estimate, Model, Uncertainty
 from fastcoil.calibrate.result import (
     AT_BOUND,
     FITTING,
@@ -28,6 +26,8 @@ from fastcoil.calibrate.result import (
     rms,
     sample_variables,
 )
+from fastcoil.calibrate.split import fitted_part
+from fastcoil.calibrate.valve_record import compared, gaps_unknown, lowest_reading, reversals, sensor_off
 from fastcoil.engine.valve_loop import VALVE_ROWS, valve_flows
 from fastcoil.errors import InputError
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from fastcoil.engine.host import aligned
+from fastcoil.engine.initial_state import fill_coil, prepare
 from fastcoil.engine.lanes import LANES, T_A, T_W, VOLUME_STRIDE, Block, R
 from fastcoil.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
-from fastcoil.engine.run import aligned
-from fastcoil.engine.start import fill_coil, prepare
 from fastcoil.numerics.elementary import log
 from fastcoil.numerics.jit import kernel
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.control.inverse import direction, extreme, inverse
-from fastcoil.control.learning import ENOUGH, chatters, evidence, final_estimate, step_size, switch_frequency, updated
+from fastcoil.control.learner import ENOUGH, chatters, evidence, final_estimate, step_size, switch_frequency, updated
 from fastcoil.control.pi import desired_opening, integrated, sample_number
 from fastcoil.engine.lanes import LANES, R
 from fastcoil.numerics.jit import section

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.engine.controller import control, draw_noise, learn
+from fastcoil.engine.initial_state import fill_coil, prepare
 from fastcoil.engine.lanes import LANES, T_A, T_W, VOLUME_STRIDE, R
 from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
 from fastcoil.engine.plant import actuate, air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
 from fastcoil.engine.schedule import COUNTED, IN_SWITCH_BLOCK, Schedule
-from fastcoil.engine.start import fill_coil, prepare
 from fastcoil.numerics.jit import kernel, section
 from fastcoil.physics.sensor import lagged, measured
 

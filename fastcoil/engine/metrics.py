@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.control.learning import ENOUGH
+from fastcoil.control.learner import ENOUGH
 from fastcoil.engine.lanes import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.engine.schedule import (
     IN_ESTIMATE_WINDOW,

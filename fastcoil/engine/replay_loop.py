@@ -9,9 +9,9 @@ import numpy as np
 
 from fastcoil.engine.controller import control, learn
 from fastcoil.engine.emulator import record
+from fastcoil.engine.host import aligned
+from fastcoil.engine.initial_state import prepare
 from fastcoil.engine.lanes import LANES, Block, R, trace_rows
-from fastcoil.engine.run import aligned
-from fastcoil.engine.start import prepare
 from fastcoil.numerics.jit import kernel
 
 REPLAY_SERIES = ("T_sup", "T_set", "enabled")

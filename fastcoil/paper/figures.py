@@ -15,7 +15,7 @@ import xarray as xr
 
 from fastcoil.paper.runs import BACKLASH, INTERVAL, NOISE, THREE_HOURS, percent
 from fastcoil.paper.verdicts import SURELY
-from fastcoil.plots import COLOURS, LINE_STYLES, STYLE
+from fastcoil.plots.study import COLOURS, LINE_STYLES, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,10 +16,10 @@ import xarray as xr
 from fastcoil.boundary.days import constant_day, paper_day
 from fastcoil.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, buffers, percent, rehashed
 from fastcoil.physics.valve import water_flow
-from fastcoil.results import provenance
-from fastcoil.scenario import PRESETS, Loop
-from fastcoil.simulation import simulate
-from fastcoil.stability import stable
+from fastcoil.simulation.dataset import provenance
+from fastcoil.simulation.loop import PRESETS, Loop
+from fastcoil.simulation.simulate import simulate
+from fastcoil.simulation.stability import stable
 
 REAL_LOOP = {n: Loop.preset("lbnl")[n] for n in ("C_c", "sensor_time_constant", "stroke_time")}
 DAYS = range(2010, 2016)

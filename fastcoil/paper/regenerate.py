@@ -13,8 +13,8 @@ from fastcoil.errors import InputError, StorageError
 from fastcoil.files import commit
 from fastcoil.paper import figures, grid, runs
 from fastcoil.paper.scorecard import markdown, scorecard, screen
-from fastcoil.results import save
-from fastcoil.simulation import workers
+from fastcoil.simulation.dataset import save
+from fastcoil.simulation.simulate import workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

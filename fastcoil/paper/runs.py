@@ -14,9 +14,9 @@ import xarray as xr
 
 from fastcoil.boundary.days import constant_day, paper_day
 from fastcoil.parameter_table import PARAMETERS
-from fastcoil.results import content_sha256
-from fastcoil.scenario import Loop
-from fastcoil.simulation import simulate
+from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.simulate import simulate
 
 PRESETS = ("paper_like", "paper_like_fast")
 BACKLASH = 0.07

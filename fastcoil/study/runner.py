@@ -13,19 +13,19 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from fastcoil.engine.run import compile_kernel
+from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import model_sha256
-from fastcoil.plan import check_disk
-from fastcoil.simulation import workers
-from fastcoil.study.contents import Earlier, attributes, begun_study, is_current, open_study
-from fastcoil.study.merge import merge, opened, tidied
-from fastcoil.study.pools import engine_problems, make_pool
-from fastcoil.study.reuse import reusable
-from fastcoil.study.rounds import Rounds
-from fastcoil.study.spec import Study, read_study
-from fastcoil.study.store import RESULTS, Begun, begin, begun, begun_text, commit_shard, committed, locked
-from fastcoil.study.worker import Job
+from fastcoil.simulation.plan import check_disk
+from fastcoil.simulation.simulate import workers
+from fastcoil.study.file.spec import Study, read_study
+from fastcoil.study.folder.extend import reusable
+from fastcoil.study.folder.merge import merge, opened, tidied
+from fastcoil.study.folder.results import Earlier, attributes, begun_study, is_current, open_study
+from fastcoil.study.folder.store import RESULTS, Begun, begin, begun, begun_text, commit_shard, committed, locked
+from fastcoil.study.workers.dispatch import Rounds
+from fastcoil.study.workers.pools import engine_problems, make_pool
+from fastcoil.study.workers.worker import Job
 
 Progress = Callable[[int], None]
 """Called with the number of scenarios finished since the last call."""

@@ -1,0 +1,86 @@
+"""What a study found, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.outputs import STATUS_OK
+from fastcoil.plots.study import numeric_dims
+
+
+def summary(ds: xr.Dataset) -> list[str]:
+    """A few lines: how much was run, how fast, and the answer."""
+    n, failed = ds["status"].size, int((ds["status"] != STATUS_OK).sum())
+    sizes = " × ".join(f"{size} {dim}" for dim, size in ds["status"].sizes.items())
+    lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
+    if "wall_time_s" in ds.attrs:
+        lines[-1] += (
+            f" in {ds.attrs['wall_time_s']:.1f} s on {ds.attrs['n_jobs']} threads: "
+            f"{ds.attrs['scenario_days_per_s']:,.0f} scenario-days/s"
+        )
+    if failed:
+        lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
+    if failed == n:
+        return lines
+    ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds)), None)
+    if ratio and bool((ds[ratio] == 0.0).any()):
+        return lines + _against_plain_pi(ds, ratio)
+    return lines + _extremes(ds)
+
+
+def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
+    """The inverse against the plain PI of the same loop, estimate by estimate."""
+    name = ratio.replace("_", " ")
+    if "backlash" in ds.coords:
+        ds = ds[["rmse", "rmse_settled", "switch_frequency", "motor_travel"]].where(ds["backlash"] > 0.0)
+    others = [d for d in ds["rmse"].dims if d != ratio]
+    plain = ds["rmse"].sel({ratio: 0.0})
+    relative = ds["rmse"] / plain
+    middle = relative.median(others)
+    best = float(middle.idxmin(ratio))
+    better = _share(ds["rmse"].sel({ratio: best}) < plain, plain)
+    lines = [
+        f"Lowest error at {name} {best:g}: RMSE is {_percent(middle.sel({ratio: best}) - 1)} against the plain PI "
+        f"(median), and lower in {better:.0%} of the loops."
+    ]
+    settled = ds["rmse_settled"].sel({ratio: 0.0})
+    if settled.notnull().any():
+        change = (ds["rmse_settled"].sel({ratio: best}) / settled).where(settled > 0.0).median()
+        lines.append(f"Settled, away from set-point steps: {_percent(change - 1)} (median).")
+    switches = ds["switch_frequency"].median(others)
+    at_most = switches.where(switches[ratio] <= (1.0 if ratio == "estimate_ratio" else best)).max()
+    last = ds[ratio].values[-1]
+    lines.append(
+        f"Mode switches per 10 min (median): {float(switches.sel({ratio: 0.0})):.1f} with the plain PI, "
+        f"at most {float(at_most):.1f} up to {name} {1.0 if ratio == 'estimate_ratio' else best:g}, "
+        f"{float(switches.sel({ratio: last})):.1f} at {last:g}."
+    )
+    travel = (ds["motor_travel"].sel({ratio: best}) / ds["motor_travel"].sel({ratio: 0.0})).median()
+    lines.append(f"The motor then travels {float(travel):.1f} times as far as with the plain PI (median).")
+    if ratio == "estimate_ratio" and last > 1.0:
+        worse = _share(ds["rmse"].sel({ratio: last}) > ds["rmse"].sel({ratio: 1.0}, method="nearest"), plain)
+        lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {worse:.0%} of the loops.")
+    return lines
+
+
+def _share(holds: xr.DataArray, valid: xr.DataArray) -> float:
+    """Share of the valid loops in which something holds."""
+    return float(holds.where(valid.notnull()).mean())
+
+
+def _extremes(ds: xr.Dataset) -> list[str]:
+    rmse = ds["rmse"]
+    flat = rmse.values.ravel()
+    lines = [f"RMSE from {np.nanmin(flat):.3g} to {np.nanmax(flat):.3g} K, median {np.nanmedian(flat):.3g} K."]
+    for dim in numeric_dims(ds):
+        middle = rmse.median([d for d in rmse.dims if d != dim])
+        lines.append(
+            f"Along {dim} the median RMSE is lowest at {float(middle.idxmin(dim)):g}: {float(middle.min()):.3g} K."
+        )
+    return lines
+
+
+def _percent(change: xr.DataArray | float) -> str:
+    value = 100.0 * float(change)
+    return f"{abs(value):.0f} % {'lower' if value < 0.0 else 'higher'}"

@@ -1,0 +1,243 @@
+"""The command line: what a user types and reads.  Heavy modules are imported inside the commands."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fastcoil.cli.fit import fit
+from fastcoil.cli.interrupts import Commands, interruptible
+from fastcoil.cli.progress import announce_compilation, duration, told
+from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
+
+if TYPE_CHECKING:
+    from fastcoil.study.runner import Progress
+
+STUDY = click.Path(path_type=Path)
+FOLDER = click.Path(path_type=Path)
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="fastcoil")
+def main() -> None:
+    """Simulate coil valves with backlash under PI and backlash-inverse control, thousands of days at once.
+
+    \b
+    A first study:
+      fastcoil init study.toml         writes a commented study file
+      fastcoil plan study.toml         says how large it is and how long it takes
+      fastcoil run study.toml          runs it: results/study/ with NetCDF and figures
+    """  # noqa: D301 — click reads the backspace
+
+
+@main.command()
+@click.argument("study", type=STUDY)
+@click.option("-o", "--out", type=FOLDER, help="Folder of the results; results/NAME by default.")
+@click.option("-j", "--jobs", type=int, help="Workers; all cores by default.  Results do not depend on it.")
+@click.option("--engine", default="threads", show_default=True, help="threads, loky (processes) or dask.")
+@click.option("--scheduler", help="Address of a dask scheduler; a cluster on this machine by default.")
+@click.option("--extend", is_flag=True, help="Add to a smaller version of the study: only what is new is run.")
+@click.option("--figures/--no-figures", default=True, help="Whether to draw the standard figures.")
+def run(
+    study: Path, out: Path | None, jobs: int | None, engine: str, scheduler: str | None, extend: bool, figures: bool
+) -> None:
+    """Run a STUDY file and summarise what was found.
+
+    A study that was interrupted goes on where it was; a finished one run again does nothing and says so.
+    """
+    from fastcoil.analysis.summary import summary
+    from fastcoil.outputs import STATUS_OK
+    from fastcoil.study.file.spec import read_study
+    from fastcoil.study.folder.store import RESULTS
+    from fastcoil.study.runner import default_folder, execute
+
+    folder = out or default_folder(study)
+    asked = read_study(study)
+
+    def begins(n_todo: int) -> Progress:
+        announce_compilation()
+        n = asked.plan.n_scenarios
+        return told(n, n - n_todo)
+
+    with interruptible(study, folder):
+        finished = execute(
+            asked, folder, n_jobs=jobs, engine=engine, scheduler=scheduler, extend=extend, progress=begins
+        )
+    if not finished.n_run:
+        click.echo(f"{folder} holds this study, finished: nothing to do.")
+    for line in summary(finished.results):
+        click.echo(line)
+    click.echo(f"Results: {folder / RESULTS}")
+    if figures:
+        for path in _figures(folder, finished.results, redraw=finished.n_run > 0):
+            click.echo(f"Figure:  {path}")
+    if bool((finished.results["status"] != STATUS_OK).any()):
+        sys.exit(EXIT_FAILED_SCENARIOS)
+
+
+@main.command()
+@click.argument("study", type=STUDY)
+@click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
+def plan(study: Path, jobs: int | None) -> None:
+    """Check a STUDY file and say how large it is and how long it will take; writes nothing."""
+    from fastcoil.simulation.plan import available_memory, check_disk, gib
+    from fastcoil.simulation.simulate import probe, workers
+    from fastcoil.study.file.spec import read_study
+    from fastcoil.study.runner import default_folder
+
+    n_jobs = workers(jobs)
+    asked = read_study(study)
+    planned, traces_kept = asked.plan, asked.reduction is None
+    check_disk(planned, default_folder(study), traces_kept=traces_kept)
+    announce_compilation()
+    seconds = planned.lane_steps * probe(planned) / n_jobs
+    sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
+    memory = planned.memory_bytes(n_jobs, traces_on_disk=True)
+    click.echo(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
+    click.echo(
+        f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in all, {len(planned.shards(n_jobs))} shards"
+    )
+    click.echo(f"Boundary:    {planned.layout.boundary.describe()}")
+    click.echo(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
+    click.echo(f"Memory:      up to {gib(memory)} for results ({gib(available_memory())} available)")
+    click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} while it is merged")
+
+
+main.add_command(fit)
+
+
+@main.command()
+@click.argument("folder", type=FOLDER)
+def status(folder: Path) -> None:
+    """Say how far the study in FOLDER is, and how to go on."""
+    from fastcoil.study.maintenance import status
+
+    for line in status(folder):
+        click.echo(line)
+
+
+@main.command()
+@click.argument("folder", type=FOLDER)
+def verify(folder: Path) -> None:
+    """Check everything in the FOLDER of a study against its hashes; changes nothing."""
+    from fastcoil.study.maintenance import verify
+
+    problems = verify(folder)
+    if problems:
+        raise IntegrityError("\n".join(problems))
+    click.echo(f"{folder} is sound.")
+
+
+@main.command()
+@click.argument("folder", type=FOLDER)
+@click.option("--at", default="", help="Which one: backlash=0.07,tuning=fast, for every dimension of the study.")
+def rerun(folder: Path, at: str) -> None:
+    """Run one scenario of the study in FOLDER again, with all traces at every second."""
+    from fastcoil.study.maintenance import rerun
+
+    pairs = [item.split("=", 1) for item in at.split(",") if item]
+    if any(len(pair) != 2 for pair in pairs):
+        raise InputError(f"--at {at}: give dimension=label, more of them with commas between")
+    announce_compilation()
+    path, found = rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
+    for line in found:
+        click.echo(line)
+    click.echo(f"Traces:  {path}")
+
+
+@main.command()
+@click.argument("folder", type=FOLDER)
+@click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
+@click.option("-x", help="Swept parameter along the x axis.")
+@click.option("-y", help="Second swept parameter: a map instead of a band.")
+@click.option("--by", help="Second swept parameter: a curve for some of its values.")
+def plot(folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, by: str | None) -> None:
+    """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
+    from fastcoil.plots import study as plots
+    from fastcoil.study.folder.results import open_study
+
+    ds = open_study(folder)
+    if x is None:
+        if metrics or y or by:
+            raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
+        figures = plots.standard_figures(ds)
+    elif y and by:
+        raise InputError(f"-y {y} and --by {by}: give one of them, -y for a map or --by for curves")
+    else:
+        wanted = metrics or plots.STANDARD_METRICS
+        name = "_".join([*metrics, *(n for n in (y, by) if n), x])
+        figures = {name: plots.maps(ds, x, y, wanted) if y else plots.bands(ds, x, by, wanted)}
+    if not figures:
+        click.echo("Nothing is swept in this study: there is nothing to draw.")
+    for path in plots.write(figures, folder / "figures"):
+        click.echo(path)
+
+
+@main.command()
+@click.option("-o", "--out", type=FOLDER, default="results/paper", show_default=True, help="Folder of the results.")
+@click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
+@click.option("--quick", is_flag=True, help="A few tunings and days only: to try it, not to quote it.")
+def paper(out: Path, jobs: int | None, quick: bool) -> None:
+    """Regenerate the paper's simulated figures, and a scorecard of where its claims hold."""
+    from fastcoil.paper.regenerate import regenerate
+
+    announce_compilation()
+    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, tell=lambda line: click.echo(line, err=True))
+    for line in verdicts:
+        click.echo(line)
+    click.echo(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")
+
+
+@main.command()
+@click.argument("study", type=STUDY, default="study.toml")
+def init(study: Path) -> None:
+    """Write a commented STUDY file to start from."""
+    from fastcoil.study.file.template import TEMPLATE
+
+    try:
+        with study.open("x", encoding="utf-8") as file:
+            file.write(TEMPLATE)
+    except FileExistsError:
+        raise InputError(f"{study} exists: choose another name, or delete it") from None
+    except OSError as error:
+        raise InputError(f"{study} cannot be written: {error.strerror}") from None
+    click.echo(f"{study} written.  Edit it, then: fastcoil plan {study}, fastcoil run {study}")
+
+
+@main.command()
+@click.argument("names", nargs=-1)
+def parameters(names: tuple[str, ...]) -> None:
+    """List the parameters of a loop (or only NAMES): default, unit, admissible values, meaning."""
+    from fastcoil.parameter_table import PARAMETERS, check_name
+
+    group = ""
+    for p in [PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values():
+        if p.group != group:
+            group = p.group
+            click.echo(f"{group}")
+        default = "-" if p.default is None else f"{p.default}"
+        unit = "" if p.unit == "1" else p.unit
+        click.echo(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
+
+
+@main.command()
+def schema() -> None:
+    """Print the JSON Schema of study files, for editors that complete and check TOML."""
+    import json
+
+    from fastcoil.study.file.schema import study_schema
+
+    click.echo(json.dumps(study_schema(), indent=2, ensure_ascii=False))
+
+
+def _figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:
+    """The standard figures of a study: drawn, or those that lie there already."""
+    there = sorted((folder / "figures").glob("*.png"))
+    if there and not redraw:
+        return there
+    from fastcoil.plots import study as plots
+
+    return plots.write(plots.standard_figures(ds), folder / "figures")

@@ -1,0 +1,1 @@
+"""Loops, scenarios and days as labelled Datasets: what ``fc.simulate`` is made of."""

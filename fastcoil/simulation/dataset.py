@@ -1,0 +1,272 @@
+"""Results as an xarray Dataset: names, units, provenance, one hash of the content, NetCDF on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import sys
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.errors import InputError, IntegrityError, StorageError
+from fastcoil.files import commit_written
+from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
+from fastcoil.parameter_table import PARAMETERS
+from fastcoil.simulation.scenarios import Layout
+
+FORMAT = 1
+"""Of results on disk; a file of a later one is refused."""
+VOLATILE = (
+    "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",
+    "package_versions", "platform", "content_sha256", "model_sha256", "fastcoil_version",
+    "trace_sha256", "trace_file", "engine",
+)  # fmt: skip
+"""Attributes that may differ between two runs with the same content."""
+
+_DIM_ATTRS = {
+    "day": {"long_name": "label of the day", "units": "1"},
+    "replicate": {"long_name": "replicate: number of the noise realisation", "units": "1"},
+    "sample": {"long_name": "sample of the parameter space", "units": "1"},
+    "volume": {"long_name": "control volume, numbered along the water", "units": "1"},
+    "elapsed_time": {"long_name": "elapsed time", "units": "s"},
+}
+_HASHED_AT_ONCE = 2**20
+"""Values; bounds the memory that hashing takes."""
+_COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
+
+
+def flat(
+    index: np.ndarray, metrics: np.ndarray, status: np.ndarray, traces: Mapping[str, np.ndarray], trace_interval: int
+) -> xr.Dataset:
+    """Name what was found for some scenarios, along the dim ``scenario``.
+
+    index: (n,) flat indices; metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or
+    (n, N, n_points).
+    """
+    variables: dict[str, Any] = {
+        output.name: ("scenario", metrics[k], attributes(output)) for k, output in enumerate(METRICS.values())
+    }
+    flags = {"flag_values": np.arange(len(STATUS_MEANINGS), dtype=np.int8), "flag_meanings": " ".join(STATUS_MEANINGS)}
+    variables["status"] = ("scenario", status.astype(np.int8), {"long_name": "status of the scenario", **flags})
+    for name, values in traces.items():
+        output = TRACES[name]
+        data = np.nan_to_num(values, nan=0.0).astype(np.int8) if name == "mode" else values
+        dims = ("scenario", "volume", "elapsed_time") if output.per_volume else ("scenario", "elapsed_time")
+        variables[name] = (dims, data, attributes(output))
+    ds = xr.Dataset(variables, coords={"scenario": index})
+    if traces:
+        points = trace_interval * np.arange(ds.sizes["elapsed_time"], dtype=float)
+        ds = ds.assign_coords(elapsed_time=("elapsed_time", points, coordinate_attrs("elapsed_time")))
+    if "volume" in ds.dims:
+        ds = ds.assign_coords(volume=("volume", np.arange(1, ds.sizes["volume"] + 1), coordinate_attrs("volume")))
+    return ds
+
+
+def gather(
+    n_scenarios: int,
+    parts: Iterable[xr.Dataset],
+    names: Collection[str] | None = None,
+    allocate: Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray] = np.full,
+) -> xr.Dataset:
+    """Put flat parts (see ``flat``) in their places.
+
+    names: of the variables, all by default.  allocate: makes an array of a shape, value and type.
+    A scenario that is in no part has the status ``not_run`` and results of NaN.
+
+    Raises
+    ------
+    IntegrityError
+        If a scenario is in two parts.
+    """
+    whole: dict[Hashable, tuple[Any, np.ndarray, dict[Any, Any]]] = {}
+    coordinates: dict[Hashable, Any] = {}
+    seen = np.zeros(n_scenarios, dtype=bool)
+    for part in parts:
+        index = part["scenario"].values
+        if seen[index].any():
+            raise IntegrityError(f"scenario {index[seen[index]][0]} was found twice: delete the folder and run again")
+        seen[index] = True
+        for name in part.data_vars if names is None else names:
+            variable = part.variables[name]
+            values = variable.values
+            if name not in whole:
+                nothing = STATUS_NOT_RUN if name == "status" else np.nan if values.dtype.kind == "f" else 0
+                data = allocate((n_scenarios, *values.shape[1:]), nothing, values.dtype)
+                whole[name] = (variable.dims, data, variable.attrs)
+                coordinates |= {d: part.variables[d] for d in variable.dims[1:] if d in part.coords}
+            whole[name][1][index] = values
+    return xr.Dataset(whole, coords=coordinates)
+
+
+def unflattened(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
+    """Give flat results of all scenarios the dims and coordinates of the study."""
+    dims, shape = tuple(layout.sizes), tuple(layout.sizes.values())
+    variables = {
+        name: ((*dims, *v.dims[1:]), v.values.reshape((*shape, *v.shape[1:])), v.attrs)
+        for name, v in whole.data_vars.items()
+    }
+    labels = {n: c.assign_attrs(coordinate_attrs(n)) for n, c in layout.coordinates().items()}
+    return xr.Dataset(variables, coords=labels | dict(whole.coords))
+
+
+def attributes(output: Output) -> dict[str, Any]:
+    """CF attributes of a result variable."""
+    attrs: dict[str, Any] = {"long_name": output.long_name, "units": output.unit}
+    if output.flags:
+        attrs |= {"flag_values": np.arange(len(output.flags), dtype=float), "flag_meanings": " ".join(output.flags)}
+    if output.difference:
+        attrs["units_metadata"] = "temperature: difference"
+    if output.comment:
+        attrs["comment"] = output.comment
+    return attrs
+
+
+def coordinate_attrs(name: str) -> dict[str, str]:
+    """CF attributes of a coordinate: a parameter, a reserved dimension, or a user's own."""
+    if name in PARAMETERS:
+        unit = PARAMETERS[name].unit
+        return {"long_name": PARAMETERS[name].text} | ({"units": unit} if unit else {})
+    return dict(_DIM_ATTRS.get(name, {"long_name": name}))
+
+
+def provenance() -> dict[str, Any]:
+    """What made a result: versions and machine, no user and no path."""
+    packages = {}
+    for package in ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4"):
+        try:
+            packages[package] = version(package)
+        except PackageNotFoundError:  # the package runs without this one
+            packages[package] = "absent"
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return {
+        "Conventions": "CF-1.11",
+        "fastcoil_format": FORMAT,
+        "source": "fastcoil: closed-loop emulation of a coil valve with backlash",
+        "references": "Cai, J. and Braun, J. E. (2016), Int. Refrigeration and Air Conditioning Conference, Purdue, "
+        "paper 1801, https://docs.lib.purdue.edu/iracc/1801",
+        "fastcoil_version": package_version(),
+        "date_created": now,
+        "history": f"{now} made by fastcoil {package_version()}",
+        "python_version": platform.python_version(),
+        "package_versions": json.dumps(packages),
+        "platform": f"{sys.platform} {platform.machine()}",
+    }
+
+
+def package_version() -> str:
+    """Version of the installed package."""
+    try:
+        return version("fastcoil")
+    except PackageNotFoundError:  # run from a source tree that is not installed
+        return "unknown"
+
+
+def content_sha256(ds: xr.Dataset) -> str:
+    """Hash of names, dims, values and the attributes that are not volatile: equal for equal results.
+
+    It survives a round trip through NetCDF, where strings and attributes change their types.
+    """
+    return combined_sha256(ds, {str(n): variable_sha256(v) for n, v in ds.variables.items()})
+
+
+def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) -> str:
+    """The same from the hashes of variables, those of ``ds`` and of its traces elsewhere by default."""
+    if variables is None:
+        elsewhere = json.loads(ds.attrs.get("trace_sha256", "{}"))
+        variables = elsewhere | {str(n): variable_sha256(v) for n, v in ds.variables.items()}
+    digest = hashlib.sha256()
+    for name in sorted(variables):
+        digest.update(f"{name} {variables[name]}\n".encode())
+    _hash_attrs(digest, {k: v for k, v in ds.attrs.items() if k not in VOLATILE})
+    return digest.hexdigest()
+
+
+def variable_sha256(variable: xr.Variable) -> str:
+    """Hash of a variable's dims, values and attributes; read piece by piece if it is on the disk."""
+    digest = hashlib.sha256(f"{variable.dims} {variable.shape}\n".encode())
+    rows = variable.shape[0] if variable.ndim else 1
+    step = max(1, _HASHED_AT_ONCE * rows // max(1, variable.size))
+    for start in range(0, rows, step):
+        values = (variable[start : start + step] if variable.ndim else variable).values
+        if values.dtype.kind in "OUS":
+            digest.update("".join(f"{v}\0" for v in values.ravel()).encode())
+        else:
+            # one NaN is as good as another, and integers may come back in another width
+            digest.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
+    _hash_attrs(digest, variable.attrs)
+    return digest.hexdigest()
+
+
+def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
+    for key in sorted(attrs):
+        value = attrs[key]
+        text = str(np.asarray(value).tolist()) if not isinstance(value, str) else value
+        digest.update(f"{key}={text}\n".encode())
+
+
+def image(ds: xr.Dataset, *, compressed: bool = True) -> bytes | memoryview:
+    """The Dataset as a NetCDF file in memory: a writer that is killed leaves no file that opens."""
+    return ds.to_netcdf(engine="netcdf4", encoding=_encoding(ds) if compressed else {})
+
+
+def save(ds: xr.Dataset, path: Path) -> None:
+    """Write a Dataset as NetCDF so that ``path`` is either the whole new file or what it was before.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written; nothing half-written is left behind.
+    """
+    commit_written(path, lambda unfinished: write(ds, unfinished, mode="w"))
+
+
+def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
+    """Write or append to a file that nobody relies on yet, without an image of it in memory."""
+    ds.to_netcdf(path, mode=mode, engine="netcdf4", encoding=_encoding(ds))
+
+
+def _encoding(ds: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
+    large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > 64}
+    # CF 2.5.1: nothing is missing in a coordinate
+    complete = {n for n in ds.coords if ds[n].dtype.kind == "f"}
+    return {
+        n: (_COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
+        for n in large | complete
+    }
+
+
+def load(path: Path) -> xr.Dataset:
+    """Read a result into memory and check its ``content_sha256``.
+
+    Raises
+    ------
+    InputError
+        If there is no such file.
+    StorageError
+        If it cannot be read.
+    IntegrityError
+        If it is not what was written.
+    """
+    if not path.is_file():
+        raise InputError(f"{path} does not exist: run the study first")
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False, decode_timedelta=False) as stored:
+            ds = stored.load()
+    except Exception as error:  # whatever the library makes of a damaged file
+        if isinstance(error, OSError) and (error.errno or 0) > 0:  # those of the NetCDF library are negative
+            raise StorageError(f"{path} cannot be read: {error.strerror}; mend that and try again") from error
+        raise IntegrityError(f"{path} cannot be read as NetCDF ({error}); delete it and run the study again") from error
+    if ds.attrs.get("fastcoil_format", 0) > FORMAT:
+        raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
+    if ds.attrs.get("content_sha256") != combined_sha256(ds):
+        raise IntegrityError(
+            f"{path} is not as it was written (content_sha256 differs); delete it and run the study again"
+        )
+    return ds

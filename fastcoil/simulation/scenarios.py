@@ -1,0 +1,92 @@
+"""The scenarios of a study in one flat order: every loop × day × replicate, made only when asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.boundary import Boundary
+from fastcoil.errors import InputError
+from fastcoil.parameter_table import PARAMETERS, Scalar
+from fastcoil.simulation.loop import Loop
+
+
+class Layout:
+    """Dimensions of a study and the parameters of its scenarios by flat index (C order; the last dim is fastest).
+
+    ``day`` comes first if the boundary has that dimension, so that neighbours share a day, then the loop's own
+    dimensions, then ``replicate`` if there are several.
+    """
+
+    def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
+        self.loop = loop
+        self.boundary = boundary
+        self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | loop.sizes
+        if replicates > 1:
+            self.sizes["replicate"] = replicates
+        self.size = math.prod(self.sizes.values())
+        self._labels = loop.coordinates()
+
+    def columns(self, index: np.ndarray) -> dict[str, np.ndarray]:
+        """Every parameter of the scenarios ``index``, see ``columns_of``."""
+        return columns_of(self.loop, self.sizes, index)
+
+    def describe(self, flat: int) -> str:
+        """One scenario in words: the labels of its place in the sweep, empty if there is only one."""
+        labels, swept = self.coordinates(), self.loop.swept
+        place = np.unravel_index(flat, tuple(self.sizes.values())) if self.sizes else ()
+        at = {d: labels[d].values[i] for d, i in zip(self.sizes, place, strict=True)}
+        named = [f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in at.items() if d in swept or d in labels]
+        return ", ".join(named)
+
+    def coordinates(self) -> dict[str, xr.DataArray]:
+        """Labels of every dimension and the swept parameters along them."""
+        coordinates = dict(self._labels)
+        if "day" in self.sizes:
+            coordinates["day"] = xr.DataArray(self.boundary.day, dims="day")
+        if "replicate" in self.sizes:
+            coordinates["replicate"] = xr.DataArray(np.arange(self.sizes["replicate"]), dims="replicate")
+        return coordinates
+
+    def check_together(self) -> None:
+        """Refuse what no single parameter shows: an estimate of 1 or more, a learner that starts above its cap."""
+        value: Mapping[str, Scalar | xr.DataArray | None] = {n: self.loop[n] for n in PARAMETERS}
+        problems = []
+        estimate = value["backlash_estimate"]
+        if value["estimate_ratio"] is not None:
+            estimate = value["estimate_ratio"] * value["backlash"]  # type: ignore[operator]
+        largest = float(np.max(estimate))  # type: ignore[arg-type]
+        if largest >= 1.0:
+            problems.append(
+                f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
+                "lower estimate_ratio or backlash"
+            )
+        step, cap = xr.DataArray(value["learning_step"]), xr.DataArray(value["learning_cap"])
+        if bool(((step > 0.0) & (xr.DataArray(estimate) > cap)).any()):
+            problems.append(
+                f"backlash_estimate up to {largest:g} with learning_step > 0: the learner cannot start above "
+                "learning_cap, lower the estimate or raise the cap"
+            )
+        if problems:
+            raise InputError(problems)
+
+
+def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:
+    """Every parameter of the scenarios ``index`` of a study with these sizes, (n,) each; NaN where one is not given.
+
+    ``day`` is the position along that dimension, ``replicate`` the replicate's number.
+    """
+    place = dict(zip(sizes, np.unravel_index(index, tuple(sizes.values())), strict=True)) if sizes else {}
+    columns: dict[str, np.ndarray] = {}
+    for name in PARAMETERS:
+        value = loop[name]
+        if isinstance(value, xr.DataArray):
+            columns[name] = value.values[tuple(place[str(d)] for d in value.dims)]
+        else:
+            columns[name] = np.full(index.size, math.nan if value is None else value)
+    for dim in ("day", "replicate"):
+        columns[dim] = place.get(dim, np.zeros(index.size, dtype=np.int64))
+    return columns

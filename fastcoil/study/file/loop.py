@@ -1,0 +1,131 @@
+"""From the tables ``[loop]``, ``[sweep]``, ``[cases.NAME]`` and ``[sample]`` to the ``Loop`` of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.errors import InputError, collecting, shown
+from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS
+from fastcoil.simulation.loop import Loop
+from fastcoil.study.file.sampling import DESIGN, SAMPLE, sample_values, sampled
+from fastcoil.study.file.tables import StudyFile, are_numbers
+
+LONGEST_AXIS = 10_000_000
+_SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
+
+
+def study_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Loop:
+    """Build the loop of a study: preset, what it includes, constants, swept axes, named cases, the sample."""
+    problems: list[str] = []
+    constants = dict(file.loop)
+    preset = str(constants.pop("preset", "paper_like"))
+    constants.pop("include", None)
+    loop, axes = Loop(), {}
+    with collecting(problems, "[loop] "):
+        loop = Loop.preset(preset).assign(**(included or {}))
+    valve = _valve_of_several_tables(file)
+    if valve:
+        # any installed valve, so that each table can change its part of it
+        loop = loop.assign(rangeability=50.0, authority=0.5, m_full=1.5)
+        missing = [n for n in INSTALLED_VALVE if n not in valve]
+        problems += [f"{', '.join(INSTALLED_VALVE)} go together: {n} is missing, give it too" for n in missing]
+    with collecting(problems, "[loop] "):
+        loop = loop.assign(**constants)
+    for name, axis in file.sweep.items():
+        with collecting(problems, "[sweep] "):
+            axes[name] = axis_values(name, axis)
+    with collecting(problems, "[sweep] "):
+        loop = loop.assign(**axes)
+    places = {"[sweep]": list(file.sweep)}
+    places |= {f"[cases.{dim}]": _names(cases) for dim, cases in file.cases.items()}
+    places["[sample]"] = sampled(file.sample)
+    taken: dict[str, str] = {}
+    for place, names in places.items():
+        # a case may differ from the constant that holds for the others
+        before = taken if place.startswith("[cases") else taken | dict.fromkeys(constants, "[loop]")
+        problems += [f"{n} stands in {before[n]} and in {place}: leave one out" for n in names if n in before]
+        taken |= dict.fromkeys(names, place)
+    for dim, cases in file.cases.items():
+        with collecting(problems, f"[cases.{dim}] "):
+            loop = loop.assign(**_zipped(dim, cases, loop, valve - constants.keys()))
+    if file.sample is not None:
+        with collecting(problems, "[sample] "):
+            # in one call, since some parameters are only admissible together
+            loop = loop.assign(**sample_values(file.sample))
+    if problems:
+        raise InputError(problems)
+    return loop
+
+
+def _valve_of_several_tables(file: StudyFile) -> set[str]:
+    """Names of the installed valve's parameters in the file if no table holds all that are given, else none."""
+    tables = [file.loop, file.sweep, *map(_names, file.cases.values()), sampled(file.sample)]
+    parts = [{n for n in INSTALLED_VALVE if n in table} for table in tables]
+    named = set[str]().union(*parts)
+    return named if named not in parts else set()
+
+
+def _names(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Every parameter that one of the cases gives."""
+    return list(dict.fromkeys(name for case in cases.values() for name in case))
+
+
+def axis_values(name: str, axis: object) -> list[Any]:
+    """Values of a swept axis: a list, ``{ linspace = [first, last, count] }`` or ``{ geomspace = […] }``."""
+    if isinstance(axis, list):
+        return axis
+    kind = next(iter(axis), None) if isinstance(axis, dict) and len(axis) == 1 else None
+    if kind not in _SPACINGS or not isinstance(axis, dict):
+        raise InputError(
+            f"{name} = {shown(axis)}: give a list of values, {{ linspace = [first, last, count] }} "
+            "or { geomspace = [first, last, count] }"
+        )
+    spec = axis[kind]
+    if not are_numbers(spec, 3) or type(spec[2]) is not int or not 1 <= spec[2] <= LONGEST_AXIS:
+        raise InputError(
+            f"{name} = {{ {kind} = {shown(spec)} }}: give [first, last, count], two finite numbers and a whole "
+            f"number from 1 to {LONGEST_AXIS:,}"
+        )
+    if kind == "geomspace" and min(spec[:2]) <= 0.0:
+        raise InputError(f"{name} = {{ geomspace = {spec} }}: first and last must be above 0")
+    return list(_SPACINGS[kind](*spec).tolist())
+
+
+def _zipped(
+    dim: str, cases: Mapping[str, Mapping[str, float | str]], loop: Loop, unset: Collection[str]
+) -> dict[str, xr.DataArray]:
+    """The parameters of named cases along ``dim``; one that a case leaves out is the loop's, if not ``unset`` there."""
+    if not cases:
+        raise InputError("no case: give at least one, such as fast = { kp = 0.05, ti = 5 }")
+    if dim in PARAMETERS:
+        raise InputError(f"{dim} is a parameter: give the dimension another name, such as tuning or controller")
+    if dim in (SAMPLE, DESIGN):
+        raise InputError(
+            f"{dim} is the dimension of [sample]: give this one another name, such as tuning or controller"
+        )
+    zipped, problems = {}, []
+    for name in _names(cases):
+        try:
+            default = None if name in unset else loop[name]
+        except InputError as error:
+            problems += error.problems
+            continue
+        without = [label for label, case in cases.items() if name not in case]
+        if without and (default is None or isinstance(default, xr.DataArray)):
+            problems.append(f"{name} is missing in {', '.join(without)}: give it in every case")
+            continue
+        values = [case.get(name, default) for case in cases.values()]
+        wrong = [p for p in map(PARAMETERS[name].problem, values) if p]
+        if wrong:
+            problems += wrong
+            continue
+        zipped[name] = xr.DataArray(values, dims=dim, coords={dim: list(cases)})
+    if problems:
+        raise InputError(problems)
+    if not zipped:
+        raise InputError("its cases are empty: give each the parameters that make it differ")
+    return zipped

@@ -1,0 +1,221 @@
+"""The JSON Schema of study files: what an editor needs to complete and check one while it is written.
+
+All of it is derived from the tables that the reader itself uses.  A schema cannot say everything: what it accepts the
+reader may still refuse.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, get_args, get_type_hints
+
+from pydantic import TypeAdapter
+
+from fastcoil.boundary import Boundary
+from fastcoil.boundary.conditions import CONDITIONS
+from fastcoil.boundary.days import DESIGNS
+from fastcoil.outputs import TRACES
+from fastcoil.parameter_table import PARAMETERS, Parameter
+from fastcoil.simulation.loop import FORBIDDEN_DIMS, PRESETS
+from fastcoil.simulation.plan import RUN_LIMITS
+from fastcoil.study.file.boundary import BOUNDARY_KINDS
+from fastcoil.study.file.loop import LONGEST_AXIS
+from fastcoil.study.file.sampling import CHOICE, DESIGN, DISTRIBUTIONS, LARGEST_SAMPLE, METHODS, POWERS_OF_TWO, SAMPLE
+from fastcoil.study.file.tables import RunTable, StudyFile
+
+Schema = dict[str, Any]
+
+_NAME = r"[^\W\d]\w*"
+_ABOVE_0 = {("loguniform", "lowest"), ("truncnorm", "standard deviation")}
+_SERIES: Schema = {"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}
+
+
+def study_schema() -> Schema:
+    """JSON Schema (draft 2020-12) of a study file, as a dict that ``json.dumps`` takes."""
+    tables = {
+        "title": {"type": "string", "description": "what the study is called in summaries and figures"},
+        "question": {"type": "string", "description": "what the study asks"},
+        "loop": _object(_preset() | _parameters(), description="what all loops have in common"),
+        "sweep": _object({n: _axis(p) for n, p in PARAMETERS.items()}, description="each on its own axis"),
+        "cases": _cases(),
+        "sample": _sample(),
+        "boundary": _boundary(),
+        "run": _run(),
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "fastcoil study",
+        "description": "Which loops are simulated on which days",
+        **_object(
+            {name: tables[name] for name in StudyFile.model_fields},
+            required=[name for name, field in StudyFile.model_fields.items() if field.is_required()],
+        ),
+        "$defs": {name: _admissible(p) for name, p in PARAMETERS.items()}
+        | {kind: _spacing(kind) for kind in ("linspace", "geomspace")}
+        | {kind: _distribution(kind) for kind in DISTRIBUTIONS},
+    }
+
+
+def _object(properties: Mapping[str, Schema], required: Iterable[str] = (), **more: Any) -> Schema:
+    named = {"required": list(required)} if required else {}
+    return {"type": "object", "properties": dict(properties), "additionalProperties": False, **named, **more}
+
+
+def _array(items: Iterable[Schema]) -> Schema:
+    """A list of exactly these items."""
+    items = list(items)
+    return {"type": "array", "prefixItems": items, "items": False, "minItems": len(items)}
+
+
+def _admissible(parameter: Parameter) -> Schema:
+    """Values of a parameter, its meaning, unit and default."""
+    unit = "" if parameter.unit in ("", "1") else f" [{parameter.unit}]"
+    schema: Schema = {"description": parameter.text + unit}
+    if parameter.is_word:
+        schema["enum"] = list(parameter.choices)
+    else:
+        schema["type"] = "integer" if parameter.whole else "number"
+    if not math.isinf(parameter.lower):
+        schema["exclusiveMinimum" if parameter.open_lower else "minimum"] = parameter.lower
+    if not math.isinf(parameter.upper):
+        schema["exclusiveMaximum" if parameter.open_upper else "maximum"] = parameter.upper
+    return schema if parameter.default is None else schema | {"default": parameter.default}
+
+
+def _parameters() -> dict[str, Schema]:
+    return {name: _reference(name) for name in PARAMETERS}
+
+
+def _reference(name: str) -> Schema:
+    return {"$ref": f"#/$defs/{name}"}
+
+
+def _preset() -> dict[str, Schema]:
+    files = {"type": "array", "items": {"type": "string"}, "description": "files that `fastcoil fit` wrote"}
+    preset = {"enum": list(PRESETS), "default": "paper_like", "description": "where the defaults come from"}
+    return {"preset": preset, "include": files}
+
+
+def _values(name: str) -> Schema:
+    return {"type": "array", "items": _reference(name), "minItems": 1, "uniqueItems": True}
+
+
+def _axis(parameter: Parameter) -> Schema:
+    if parameter.is_word:
+        return _values(parameter.name)
+    return {"anyOf": [_values(parameter.name), _reference("linspace"), _reference("geomspace")]}
+
+
+def _spacing(kind: str) -> Schema:
+    end: Schema = {"type": "number"} | ({"exclusiveMinimum": 0} if kind == "geomspace" else {})
+    count = {"type": "integer", "minimum": 1, "maximum": LONGEST_AXIS, "description": "number of values"}
+    ends = (end | {"description": "first value"}, end | {"description": "last value"})
+    return _object({kind: _array([*ends, count])}, required=[kind])
+
+
+def _cases() -> Schema:
+    case = _object(_parameters())
+    taken = sorted({SAMPLE, DESIGN, *PARAMETERS, *FORBIDDEN_DIMS})
+    return {
+        "type": "object",
+        "description": "named alternatives along dimensions of their own",
+        "propertyNames": {"pattern": f"^{_NAME}$", "not": {"enum": taken}},
+        "additionalProperties": {"type": "object", "minProperties": 1, "additionalProperties": case},
+    }
+
+
+def _sample() -> Schema:
+    powers = [2**k for k in range(LARGEST_SAMPLE.bit_length())]
+    settings: dict[str, Schema] = {
+        "method": {"enum": list(METHODS), "description": "how the samples fill the space"},
+        "size": {"type": "integer", "minimum": 1, "maximum": LARGEST_SAMPLE, "description": "number of samples"},
+        "seed": _limited("seed") | {"default": 0},
+    }
+    return _object(
+        settings | {name: _sampled(p) for name, p in PARAMETERS.items()},
+        required=["method", "size"],
+        description=f"parameters drawn together along the dimension {SAMPLE}",
+        anyOf=[{"required": [name]} for name in PARAMETERS],
+        **{
+            "if": {"properties": {"method": {"enum": list(POWERS_OF_TWO)}}},
+            "then": {"properties": {"size": {"enum": powers}}},
+        },
+    )
+
+
+def _sampled(parameter: Parameter) -> Schema:
+    choice = _object({CHOICE: _values(parameter.name)}, required=[CHOICE])
+    if parameter.is_word or parameter.whole:
+        return choice
+    return {"anyOf": [*map(_reference, DISTRIBUTIONS), choice]}
+
+
+def _distribution(kind: str) -> Schema:
+    arguments = [
+        {"type": "number", "description": name} | ({"exclusiveMinimum": 0} if (kind, name) in _ABOVE_0 else {})
+        for name in DISTRIBUTIONS[kind].arguments
+    ]
+    return _object({kind: _array(arguments)}, required=[kind])
+
+
+def _boundary() -> Schema:
+    """Which arguments are known and needed depends on the kind."""
+    kind = {"enum": list(BOUNDARY_KINDS), "default": "paper_day", "description": "which kind of day"}
+    by_kind = []
+    for name, make in BOUNDARY_KINDS.items():
+        signature, hints = inspect.signature(make).parameters, get_type_hints(make)
+        arguments = {n: _annotated(n, hints[n], p.default) for n, p in signature.items()}
+        required = [n for n, p in signature.items() if p.default is p.empty]
+        chosen: Schema = {"properties": {"kind": {"const": name}}}
+        if name != kind["default"]:
+            chosen["required"] = ["kind"]
+        by_kind.append(
+            {"if": chosen, "then": _object({"kind": {"const": name}} | arguments, required, **_summary(make))}
+        )
+    return {
+        "type": "object",
+        "description": "what acts on the coil, second by second",
+        "properties": {"kind": kind},
+        "allOf": by_kind,
+    }
+
+
+def _summary(make: Callable[..., Boundary]) -> Schema:
+    return {"description": (inspect.getdoc(make) or "").partition("\n")[0]}
+
+
+def _annotated(name: str, hint: Any, default: Any) -> Schema:
+    """An argument of a boundary: its annotation, and its bounds if it is one of ``CONDITIONS``."""
+    kinds = set(get_args(hint) or [hint]) - {type(None)}
+    if kinds == {float} and name in CONDITIONS:
+        schema = _admissible(CONDITIONS[name])
+        schema.pop("default", None)
+    elif hint is Any:
+        schema = dict(_SERIES)
+    elif name == "mode":
+        schema = {"enum": list(DESIGNS)}
+    else:
+        found = TypeAdapter(hint).json_schema()
+        schema = {"anyOf": [kind for kind in found.get("anyOf", [found]) if kind != {"type": "null"}]}
+    return schema if default is None or default is inspect.Parameter.empty else schema | {"default": default}
+
+
+def _run() -> Schema:
+    numbers = {name: _limited(name) | {"default": RunTable.model_fields[name].default} for name in RUN_LIMITS}
+    others: dict[str, Schema] = {
+        "traces": {"type": "array", "items": {"enum": list(TRACES)}, "uniqueItems": True},
+        "reduce": {"type": "string", "pattern": rf"^{_NAME}(\.{_NAME})*:{_NAME}$"},
+    }
+    known = numbers | others
+    return _object(
+        {name: known[name] for name in RunTable.model_fields},
+        description="how to run, not what",
+        dependentRequired={"reduce": ["traces"]},
+    )
+
+
+def _limited(name: str) -> Schema:
+    low, high = RUN_LIMITS[name]
+    return {"type": "integer", "minimum": low} | ({} if high is None else {"maximum": high})

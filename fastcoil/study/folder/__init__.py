@@ -1,0 +1,1 @@
+"""The folder of a study: what is committed, merged, opened and extended."""

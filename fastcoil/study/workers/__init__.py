@@ -1,0 +1,1 @@
+"""Where shards run, and what happens when a worker dies."""

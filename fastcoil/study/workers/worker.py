@@ -1,0 +1,104 @@
+"""What a worker runs, in a thread, a process of its own, or on another machine: one shard at a time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.errors import InputError
+from fastcoil.numerics.jit import fingerprint, model_sha256
+from fastcoil.outputs import METRICS, STATUS_CRASHED, TRACES
+from fastcoil.simulation.dataset import flat
+from fastcoil.simulation.plan import Plan
+from fastcoil.simulation.simulate import run_shard
+from fastcoil.study.file.reduction import Reduction
+
+_jobs: dict[str, Job] = {}
+
+
+class Job(NamedTuple):
+    """All that a worker must know of a study; sent once to each, so that a shard is only its indices."""
+
+    key: str
+    plan: Plan
+    reduction: Reduction | None
+
+
+def receive(job: Job) -> None:
+    """Keep a job in this process."""
+    _jobs[job.key] = job
+
+
+def receive_in_child(job: Job, parent: int) -> None:
+    """Keep a job in a process that lives no longer than its parent and leaves Ctrl-C to it."""
+    leave_interrupts()
+
+    def follow() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+    receive(job)
+
+
+def leave_interrupts() -> None:
+    """Leave Ctrl-C to the parent, which gets it too."""
+    if threading.current_thread() is threading.main_thread():  # no other may say so
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def forget(key: str) -> None:
+    """Let go of a job."""
+    _jobs.pop(key, None)
+
+
+def identity() -> tuple[str, str]:
+    """What the bits of a result depend on: the model's sources; CPU, Python and libraries."""
+    return model_sha256(), fingerprint()
+
+
+def work(key: str, index: np.ndarray, expected: tuple[str, str] | None = None) -> xr.Dataset:
+    """Run the scenarios ``index`` of a job that was received.  Returns a flat Dataset, see ``results.flat``.
+
+    expected: the identity that this worker must have, which may have joined after the others were asked.
+    """
+    if expected is not None and identity() != expected:
+        raise InputError(
+            "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
+            "libraries: use workers of one kind; what was computed is kept, run the same command again to go on"
+        )
+    return computed(_jobs[key], index)
+
+
+def computed(job: Job, index: np.ndarray) -> xr.Dataset:
+    """Run the scenarios ``index``, and reduce their traces if the study asks for it."""
+    part = run_shard(job.plan, index)
+    if job.reduction is None:
+        return part
+    columns = job.plan.layout.columns(index)
+    swept = {name: ("scenario", columns[name]) for name in job.plan.layout.loop.swept}
+    traces = part[list(job.plan.traces.names)].assign_coords(swept)
+    return (
+        part[[*METRICS, "status"]]
+        .drop_vars(["elapsed_time", "volume"], errors="ignore")
+        .merge(job.reduction.apply(traces))
+    )
+
+
+def crashed(job: Job, index: np.ndarray) -> xr.Dataset:
+    """What is kept of scenarios that take every worker down."""
+    nothing = np.full((len(METRICS), index.size), np.nan)
+    points = job.plan.traces.n_points(job.plan.n_steps)
+    names = job.plan.traces.names if job.reduction is None else ()
+    traces = {
+        n: np.full((index.size, *((job.plan.n_volumes,) if TRACES[n].per_volume else ()), points), np.nan)
+        for n in names
+    }
+    return flat(index, nothing, np.full(index.size, STATUS_CRASHED), traces, job.plan.traces.interval)

@@ -1,0 +1,298 @@
+"""Bad logs and arguments of both fits: a sentence with column, row and cure; what is dropped is counted."""
+
+import numpy as np
+import pytest
+from helpers.twins import COIL_HEADER, VALVE_HEADER, changed, coil_rows, log_of, valve_rows, write_csv
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.fixture
+def valve_log(tmp_path):
+    return lambda rows, header=VALVE_HEADER: write_csv(tmp_path / "valve.csv", header, rows)
+
+
+@pytest.fixture
+def coil_log(tmp_path):
+    return lambda rows, header=COIL_HEADER: write_csv(tmp_path / "coil.csv", header, rows)
+
+
+def refused(fit, log, **options):
+    with pytest.raises(fc.InputError) as caught:
+        fit(log, **options)
+    return "\n".join(caught.value.problems)
+
+
+def assert_said(text, words):
+    for word in words:
+        assert word in text, text
+
+
+# ------------------------------------------------------------------------------------------------- columns and cells
+
+
+@pytest.mark.parametrize(
+    ("header", "change", "words"),
+    [
+        (
+            ["elapsed_time [s]", "command", "m_w [kg/s]"],
+            None,
+            ["command has no unit", "'command [1]'", "--unit", "deg"],
+        ),
+        (["elapsed_time [s]", "command [1]", "m_w [L/sec]"], None, ["m_w is in 'L/sec'", "L/s"]),
+        (["elapsed_time [s]", "command [1]", "flow [kg/s]"], None, ["'flow [kg/s]' is unknown", "m_w is missing"]),
+        (["t [s]", "command [1]", "m_w [kg/s]"], None, ["elapsed_time or timestamp is missing", "--column"]),
+        (["Trend", "", ""], None, ["row 1 names 2 columns ''", "begin the file with the header"]),
+        (VALVE_HEADER, (5, 2, "nan"), ["m_w is nan in row 7", "--drop"]),
+        (VALVE_HEADER, (5, 1, ""), ["command is blank in row 7", "--drop"]),
+        (VALVE_HEADER, (5, 2, "1,5"), ["m_w = '1,5' in row 7", "decimal point", "--drop"]),
+        (VALVE_HEADER, (5, 1, "1.7"), ["command = 1.7 in row 7", "from 0 to 1", "check its unit"]),
+        (VALVE_HEADER, (5, 2, "-999"), ["m_w = -999 kg/s in row 7", "missing value"]),
+        (VALVE_HEADER, (5, 0, "240"), ["elapsed_time: row 7 is at the same time as row 6", "--jumps split"]),
+        (VALVE_HEADER, (5, 0, "10"), ["elapsed_time: row 7 is earlier than row 6"]),
+    ],
+)
+def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, header, change, words):
+    rows = valve_rows() if change is None else changed(valve_rows(), *change)
+    assert_said(refused(fc.fit_valve, valve_log(rows, header)), words)
+
+
+@pytest.mark.parametrize(
+    ("header", "change", "options", "words"),
+    [
+        (["t [s]", *COIL_HEADER[1:]], None, {}, ["elapsed_time or timestamp is missing"]),
+        (
+            [*COIL_HEADER[:6], "T_supply [degC]"],
+            None,
+            {},
+            ["'T_supply [degC]' is unknown, did you mean 'T_sup'", "T_sup is missing"],
+        ),
+        ([*COIL_HEADER[:5], "W_a_in", COIL_HEADER[6]], None, {}, ["W_a_in has no unit"]),
+        (COIL_HEADER, (5, 3, 99999), {}, ["T_w_in = 99999 degC in row 7", "from 0.5 to 120"]),
+        (COIL_HEADER, (5, 4, 0), {}, ["T_a_in is 0, first in row 7", "sensor off", "--drop"]),
+        (COIL_HEADER, (5, 6, ""), {}, ["T_sup is blank in row 7", "--drop"]),
+        (COIL_HEADER, (5, 0, 10), {}, ["elapsed_time: row 7 is earlier than row 6"]),
+        (COIL_HEADER, None, {"warm_up": 1e5}, ["0 temperatures to compare", "warm-up of 100000 s", "longer log"]),
+        (COIL_HEADER, None, {"minimise_on": "T"}, ["minimise_on = 'T'"]),
+        (COIL_HEADER, None, {"minimise_on": "both"}, ["T_w_out is missing"]),
+        (COIL_HEADER, None, {"holds": ["T_sup"]}, ["holds has 'T_sup'"]),
+        (COIL_HEADER, None, {"n_volumes": 0}, ["n_volumes = 0"]),
+        (COIL_HEADER, None, {"max_gap": 0}, ["max_gap = 0 s", "at least 1"]),
+        (COIL_HEADER, None, {"max_gap": float("nan")}, ["max_gap = nan"]),
+        (COIL_HEADER, None, {"constants": {"m_a": 1.2}}, ["m_a and constant m_a are both there"]),
+        (
+            COIL_HEADER,
+            None,
+            {"constants": {"T_dp_in": 99}},
+            ["constants has T_dp_in = 99: must be from -60 to 50 degC"],
+        ),
+        (COIL_HEADER, None, {"constants": {"elapsed_time": 1}}, ["constants has unknown 'elapsed_time'"]),
+        (COIL_HEADER, None, {"split": 0.5, "fit_until": 600}, ["split and fit_until both say", "give one of them"]),
+    ],
+)
+def test_bad_logs_and_arguments_of_a_coil_are_refused(coil_log, header, change, options, words):
+    rows = coil_rows() if change is None else changed(coil_rows(), *change)
+    assert_said(refused(fc.fit_coil, coil_log(rows, header), **options), words)
+
+
+def test_the_advice_to_drop_rows_comes_only_where_it_helps(valve_log):
+    header = ["elapsed_time [s]", "command [1]", "m_w [L/sec]"]
+    assert "--drop" not in refused(fc.fit_valve, valve_log(valve_rows(), header))
+    back = changed(valve_rows(), 5, 0, "10")
+    assert "--drop" not in refused(fc.fit_valve, valve_log(back))
+
+
+def test_constants_short_logs_and_other_units_are_refused(valve_log):
+    still = [[t, "0.5", m] for t, _, m in valve_rows()]
+    assert "command is 0.5 from row 2 to row 61" in refused(fc.fit_valve, valve_log(still))
+    flat = [[t, c, "1.0"] for t, c, _ in valve_rows()]
+    assert "m_w is 1 from row" in refused(fc.fit_valve, valve_log(flat))
+    assert "at least 20" in refused(fc.fit_valve, valve_log(valve_rows(12)))
+    hundredth = [[t, float(c) / 100, m] for t, c, m in valve_rows()]
+    assert "command is never above 0.0" in refused(fc.fit_valve, valve_log(hundredth))
+
+
+def test_a_dead_sensor_and_a_dry_pipe_are_refused(coil_log):
+    still = [[*r[:6], 15.0] for r in coil_rows()]
+    assert "T_sup is 15 throughout" in refused(fc.fit_coil, coil_log(still))
+    empty = [[r[0], 0.0, *r[2:]] for r in coil_rows()]
+    assert "m_w is 0 throughout" in refused(fc.fit_coil, coil_log(empty))
+    calm = [[*r[:2], 0.0, *r[3:]] for r in coil_rows()]
+    assert "m_a is 0 throughout" in refused(fc.fit_coil, coil_log(calm))
+
+
+def test_bad_arguments_of_a_valve_are_refused(valve_log):
+    path = valve_log(valve_rows())
+    for options, words in (
+        ({"split": 2.0}, "split = 2.0"),
+        ({"initial": "up"}, "initial = 'up'"),
+        ({"m_max": -1}, "m_max = -1"),
+        ({"m_max": float("inf")}, "m_max = inf"),
+        ({"m_max": 0.1}, "m_max = 0.1 kg/s: valve.csv has flows up to"),
+        ({"floor": 99.0}, "floor = 99 kg/s: valve.csv has no larger flow"),
+        ({"floor": float("nan")}, "floor = nan"),
+        ({"settle": -1}, "settle = -1"),
+        ({"jumps": "x"}, "jumps = 'x'"),
+        ({"fit_until": 0}, "fit_until = 0"),
+    ):
+        assert words in refused(fc.fit_valve, path, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"m_max": "2"}, "m_max = '2': give a number above 0"),
+        ({"floor": "2"}, "floor = '2': give a number, 0 or more"),
+        ({"settle": True}, "settle = True: give a number, 0 or more"),
+        ({"fit_until": "2"}, "fit_until = '2': give seconds after the first row, which is 0"),
+        ({"split": True}, "split = True: give the share to fit, above 0 and at most 1"),
+        ({"units": "kg/s"}, "units = 'kg/s': give a mapping of names, such as {'m_w': 'kg/s'}"),
+        ({"units": {"m_w": 3}}, "units = {'m_w': 3}: give a mapping of names, such as {'m_w': 'kg/s'}"),
+        ({"columns": ["m_w"]}, "columns = ['m_w']: give a mapping of names, such as {'m_w': 'its header'}"),
+        ({"columns": {3: "m_w"}}, "columns = {3: 'm_w'}: give a mapping of names, such as {'m_w': 'its header'}"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_refused_for_a_valve(valve_log, options, sentence):
+    assert refused(fc.fit_valve, valve_log(valve_rows()), **options) == sentence
+    assert refused(fc.fit_valve, log_of(*np.array(valve_rows(), dtype=float).T[1:]), **options) == sentence
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"warm_up": "2"}, "warm_up = '2': give a number of seconds, 0 or more"),
+        ({"T_initial": "x"}, "T_initial = 'x': give a number (from 0 to 50)"),
+        ({"n_volumes": [4, 8]}, "n_volumes = [4, 8]: give one value"),
+        ({"pressure": [101325.0]}, "pressure = [101325.0]: give one value"),
+        ({"minimise_on": ["T_sup"]}, "minimise_on = ['T_sup']: choose 'T_sup' or 'both'"),
+        ({"holds": "m_x"}, "holds has 'm_x': choose from m_w, m_a, T_w_in, T_a_in, W_a_in, RH_a_in, T_dp_in"),
+        ({"holds": 3}, "holds has 3: choose from m_w, m_a, T_w_in, T_a_in, W_a_in, RH_a_in, T_dp_in"),
+        ({"constants": ["m_a"]}, "constants = ['m_a']: give a mapping of names, such as {'m_a': 1.2}"),
+        ({"constants": {"T_w_out": "x"}}, "coil.csv: constants has T_w_out = 'x': must be from 0.1 to 150 degC"),
+        ({"constants": {"T_w_out": [7]}}, "coil.csv: constants has T_w_out = [7]: must be from 0.1 to 150 degC"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_refused_for_a_coil(coil_log, options, sentence):
+    assert refused(fc.fit_coil, coil_log(coil_rows()), **options) == sentence
+
+
+def test_an_unknown_constant_that_is_no_number_is_refused(coil_log):
+    text = refused(fc.fit_coil, coil_log(coil_rows()), constants={"T_set": "x"})
+    assert_said(text, ["constants has unknown 'T_set'", "constants has T_set = 'x'"])
+
+
+def test_one_name_or_none_holds_as_a_list_of_them_does(coil_log, monkeypatch):
+    held = []
+
+    class Reached(Exception):
+        pass
+
+    def problem(*arguments):
+        held.append(arguments[-1])
+        raise Reached
+
+    monkeypatch.setattr("fastcoil.calibrate.coil.CoilProblem", problem)
+    for holds in ("m_w", ["m_w"], None, ()):
+        with pytest.raises(Reached):
+            fc.fit_coil(coil_log(coil_rows()), holds=holds)
+    assert held == [("m_w",), ("m_w",), (), ()]
+
+
+def test_numbers_of_numpy_are_numbers(valve_log):
+    path = valve_log(valve_rows())
+    plain = fc.fit_valve(path, floor=0.0, settle=0.0, split=0.75)
+    same = fc.fit_valve(path, floor=np.float32(0.0), settle=np.int64(0), split=np.float32(0.75))
+    assert same.parameters == plain.parameters
+
+
+# ------------------------------------------------------------------------------------------------------------- time
+
+
+def test_rows_that_run_backwards_or_share_a_time_are_told_what_is_needed(valve_log):
+    assert_said(refused(fc.fit_valve, valve_log(valve_rows()[::-1])), ["(59 such)", "oldest first"])
+    to_the_hour = [[t // 3600, c, m] for t, c, m in valve_rows()]
+    header = ["elapsed_time [h]", *VALVE_HEADER[1:]]
+    assert_said(refused(fc.fit_valve, valve_log(to_the_hour, header)), ["same time", "a time of its own"])
+
+
+def test_of_two_times_one_is_asked_for(valve_log):
+    header = ["timestamp", *VALVE_HEADER]
+    rows = [[f"2024-07-01T{t // 3600:02d}:{t // 60 % 60:02d}:00", t, c, m] for t, c, m in valve_rows()]
+    path = valve_log(rows, header)
+    assert "elapsed_time and timestamp are both there" in refused(fc.fit_valve, path)
+    by_stamp = fc.fit_valve(path, columns={"timestamp": "timestamp"})
+    assert by_stamp.parameters == fc.fit_valve(path, columns={"elapsed_time": "elapsed_time"}).parameters
+    rows[5][0] = "midnight"
+    assert "timestamp = 'midnight' in row 7" in refused(
+        fc.fit_valve, valve_log(rows, header), columns={"timestamp": "timestamp"}
+    )
+    fit = fc.fit_valve(valve_log(rows, header), columns={"timestamp": "timestamp"}, drop=True)
+    assert "1 row left out: timestamp is no admissible number (first in row 7)" in fit.notes
+
+
+# --------------------------------------------------------------------------------------------- what is left out
+
+
+def test_dropped_rows_gaps_and_jumps_are_counted(valve_log):
+    rows = changed(changed(changed(valve_rows(), 5, 2, "nan"), 6, 2, "-999"), 9, 1, "off")
+    fit = fc.fit_valve(valve_log(rows), drop=True)
+    assert "1 row left out: command is no admissible number (first in row 11)" in fit.notes
+    assert any(note.startswith("2 values left out: m_w") for note in fit.notes)
+    gappy = [[t + 3600 * (i > 30), c, m] for i, (t, c, m) in enumerate(valve_rows())]
+    fit = fc.fit_valve(valve_log(gappy))
+    assert any("1 gap in time (first: 3660 s between rows 32 and 33)" in note for note in fit.notes)
+    bridged = fc.fit_valve(valve_log(gappy), max_gap=3660)
+    assert not any("gap in time" in note for note in bridged.notes)
+    back = [[t - 900 * (i > 30), c, m] for i, (t, c, m) in enumerate(valve_rows())]
+    fit = fc.fit_valve(valve_log(back), jumps="split")
+    assert any("goes back or stands still 1 time:" in note for note in fit.notes)
+
+
+def test_readings_that_scatter_about_a_bound_are_taken_as_the_bound(valve_log):
+    rows = changed(changed(valve_rows(), 5, 1, "1.004"), 9, 2, "-0.01")
+    fit = fc.fit_valve(valve_log(rows))
+    assert float(fit.residuals["command"][5]) == 1.0
+    assert float(fit.residuals["m_w"][9]) == 0.0
+    assert any("1 value of command just outside" in note and "row 7)" in note for note in fit.notes)
+    assert any("1 value of m_w just outside" in note and "row 11)" in note for note in fit.notes)
+    assert "command = 1.2" in refused(fc.fit_valve, valve_log(changed(valve_rows(), 5, 1, "1.2")))
+
+
+def test_lines_without_content_are_no_rows(valve_log):
+    rows = valve_rows()
+    with_blanks = [*rows[:30], ["", "", ""], *rows[30:], [" ", "", ""], []]
+    fit = fc.fit_valve(valve_log(with_blanks))
+    assert fit.parameters == fc.fit_valve(valve_log(rows)).parameters
+    assert int(fit.residuals["row"][30]) == 33
+
+
+def test_a_pump_that_is_off_by_declaration_is_not_compared():
+    rng = np.random.default_rng(3)
+    rows = np.array(valve_rows(200), dtype=float)
+    flow, enabled = rows[:, 2].copy(), np.ones(200)
+    enabled[60:80] = 0.0
+    flow[60:80] = rng.uniform(0, 2, 20)
+    fit = fc.fit_valve(log_of(rows[:, 1], flow, enabled=enabled))
+    assert fit.parameters["backlash"] == pytest.approx(0.07, abs=1e-3)
+    assert "20 flows not compared: enabled is 0" in fit.notes
+
+
+# ------------------------------------------------------------------------------------------------------------- units
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("%", 100), ("percent", 100), ("deg", 90), ("V", 10), ("1", 1)])
+def test_travel_in_every_unit(valve_log, unit, factor):
+    rows = [[t, float(c) * factor, m] for t, c, m in valve_rows()]
+    expected = fc.fit_valve(valve_log(valve_rows())).parameters["backlash"]
+    found = fc.fit_valve(valve_log(rows, ["elapsed_time [s]", f"command [{unit}]", "m_w [kg/s]"]))
+    assert found.parameters["backlash"] == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("l/s", 1.0), ("GPM", 15.850323)])
+def test_units_are_understood_in_the_spelling_of_the_trade(valve_log, unit, factor):
+    rows = [[t, c, float(m) * factor] for t, c, m in valve_rows()]
+    found = fc.fit_valve(valve_log(rows, [*VALVE_HEADER[:2], f"m_w [{unit}]"]))
+    expected = fc.fit_valve(valve_log(valve_rows()))
+    assert found.parameters["m_max"] == pytest.approx(expected.parameters["m_max"], rel=1e-3)

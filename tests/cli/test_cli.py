@@ -1,0 +1,167 @@
+"""The command line: exit codes, messages without traceback, and that nothing is left after a mistake."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from fastcoil.cli.main import main
+from fastcoil.parameter_table import PARAMETERS
+
+pytestmark = pytest.mark.kernel
+
+SMALL = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.5, 1.2]\n[boundary]\nhours = 1\n"
+
+
+@pytest.fixture
+def fastcoil(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(SMALL)
+    return lambda *words: CliRunner().invoke(main, words)
+
+
+def test_run_writes_results_and_figures_and_says_where(fastcoil, tmp_path):
+    result = fastcoil("run", "small.toml")
+    assert result.exit_code == 0, result.output
+    for path in ("results.nc", "figures/maps.png", "figures/bands.png"):
+        assert f"results/small/{path}" in result.output
+        assert (tmp_path / "results" / "small" / path).stat().st_size > 1000
+    assert "6 scenario-days (2 backlash × 3 estimate_ratio)" in result.output
+    assert "against the plain PI" in result.output
+
+
+def test_run_again_says_that_there_is_nothing_to_do(fastcoil):
+    fastcoil("run", "small.toml", "--no-figures")
+    again = fastcoil("run", "small.toml", "--no-figures")
+    assert again.exit_code == 0
+    assert "finished: nothing to do" in again.output
+
+
+def test_plan_says_how_large_and_writes_nothing(fastcoil, tmp_path):
+    result = fastcoil("plan", "small.toml")
+    assert result.exit_code == 0, result.output
+    for part in ("6 (2 backlash × 3 estimate_ratio)", "3,600 s each, 21,600 in all", "Time:", "Memory:", "Disk:"):
+        assert part in result.output
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
+
+
+def test_init_writes_a_study_that_plans_and_never_overwrites(fastcoil):
+    assert fastcoil("init", "mine.toml").exit_code == 0
+    assert fastcoil("plan", "mine.toml").exit_code == 0
+    again = fastcoil("init", "mine.toml")
+    assert again.exit_code == 2
+    assert "mine.toml exists" in again.output
+
+
+def test_plot_draws_a_figure_of_choice(fastcoil, tmp_path):
+    fastcoil("run", "small.toml", "--no-figures")
+    result = fastcoil("plot", "results/small", "-x", "estimate_ratio", "--metric", "stem_travel")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "results/small/figures/stem_travel_estimate_ratio.png").exists()
+    wrong = fastcoil("plot", "results/small", "-x", "estimate", "--metric", "rms")
+    assert wrong.exit_code == 2
+    assert "did you mean 'estimate_ratio'" in wrong.output
+    assert "did you mean 'rmse'" in wrong.output
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("-x", "backlash", "-y", "backlash"), "backlash is named twice: choose two different axes"),
+        (("-x", "backlash", "--by", "backlash"), "backlash is named twice: choose two different axes"),
+        (("-x", "backlash", "-y", "estimate_ratio", "--by", "kp"), "-y estimate_ratio and --by kp: give one of them"),
+    ],
+)
+def test_a_figure_of_axes_that_do_not_go_together_is_refused(fastcoil, tmp_path, words, sentence):
+    fastcoil("run", "small.toml", "--no-figures")
+    wrong = fastcoil("plot", "results/small", *words)
+    assert wrong.exit_code == 2
+    assert wrong.output.startswith(f"fastcoil: {sentence}")
+    assert wrong.output.count("\n") == 1
+    assert not (tmp_path / "results/small/figures").exists()
+
+
+def test_the_help_shows_the_example_line_by_line(fastcoil):
+    lines = [line.strip() for line in fastcoil("--help").output.splitlines()]
+    first = lines.index("A first study:")
+    assert [line.split("  ")[0] for line in lines[first + 1 : first + 4]] == [
+        "fastcoil init study.toml",
+        "fastcoil plan study.toml",
+        "fastcoil run study.toml",
+    ]
+    assert lines[first + 3].endswith("NetCDF and figures")
+
+
+def test_parameters_lists_every_one_with_unit_and_bounds(fastcoil):
+    output = fastcoil("parameters").output
+    for name in PARAMETERS:
+        assert name in output
+    assert "did you mean 'kp'" in fastcoil("parameters", "kpp").output
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("run", "absent.toml"), "absent.toml does not exist"),
+        (("run", "small.toml", "-j", "0"), "n_jobs = 0"),
+        (("run", "small.toml", "-o", "small.toml"), "small.toml is a file"),
+        (("plan", "."), ". is a folder"),
+        (("plot", "nowhere"), "nowhere holds no study: run one first"),
+        (("plot", "nowhere", "--by", "kp"), "nowhere"),
+    ],
+)
+def test_a_mistake_exits_with_2_and_one_sentence(fastcoil, tmp_path, words, sentence):
+    result = fastcoil(*words)
+    assert result.exit_code == 2
+    assert sentence in result.output
+    assert "Traceback" not in result.output
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
+
+
+def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
+    from fastcoil.simulation import simulate as simulation
+
+    original = simulation.run_block
+
+    def failing(*arguments):
+        metrics, status, traces = original(*arguments)
+        status[0] = 1
+        metrics[:, 0] = float("nan")
+        return metrics, status, traces
+
+    monkeypatch.setattr(simulation, "run_block", failing)
+    result = fastcoil("run", "small.toml", "-j", "1")
+    assert result.exit_code == 3
+    assert "scenarios failed" in result.output
+
+
+def test_an_interrupt_exits_with_130(fastcoil, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fastcoil.study.runner.make_pool", interrupted)
+    result = fastcoil("run", "small.toml")
+    assert result.exit_code == 130
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
+
+
+def test_import_and_help_load_nothing_heavy():
+    code = (
+        "import sys, fastcoil, fastcoil.cli; fc = fastcoil.parameters(); "
+        "heavy = {'numba', 'xarray', 'scipy', 'matplotlib', 'pydantic', 'rich', 'numpy'} & set(sys.modules); "
+        "sys.exit(f'loaded {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_public_name_can_be_had():
+    import fastcoil
+
+    for name in fastcoil.__all__:
+        assert getattr(fastcoil, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        _ = fastcoil.simulat

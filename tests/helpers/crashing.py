@@ -1,0 +1,119 @@
+"""A process that forks runs of studies and reports how they ended; a fork costs milliseconds, an import seconds.
+
+It starts no thread itself, so that a fork is safe.  Reads a JSON object per line:
+{"text": …, "folder": …, "extend": …, "kill_before": n or null, "kill_after": seconds or null, "limits": {…},
+"arguments": words of the command line, instead of a run by ``execute``}, and answers with the exit code of the child
+(negative: a signal) and the number of operations on files that it began.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import sys
+import time
+from concurrent.futures import Future
+from pathlib import Path
+
+import numpy as np
+
+from fastcoil.errors import FastcoilError
+from fastcoil.study import runner
+from fastcoil.study.workers.worker import Job, computed
+from helpers.faults import TRACED, Nth, golden, operations, studied
+
+_LONGEST = 60
+
+
+def child(order: dict, counted: int) -> int:
+    """Run as ordered; returns the exit code."""
+    signal.alarm(_LONGEST)
+    folder = Path(order["folder"])
+    study = studied(order["text"], folder)
+    for name, limit in order.get("limits", {}).items():
+        resource.setrlimit(getattr(resource, name), (limit, limit))
+    if order.get("user"):
+        os.setuid(order["user"])
+    if order.get("unchecked"):  # as if others filled the disk meanwhile
+        runner.check_disk = lambda *_, **__: None
+    nth = Nth(order.get("kill_before") or 0, lambda: os.kill(os.getpid(), signal.SIGKILL))
+
+    def before(name: str) -> None:
+        os.write(counted, b".")
+        nth(name)
+
+    try:
+        with operations(folder, before):
+            runner.execute(study, folder, n_jobs=1, extend=order.get("extend", False))
+    except FastcoilError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+class Serial:
+    """A pool without threads."""
+
+    n_workers = 1
+    deaths: tuple = ()
+    falls_together = can_kill = False
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+
+    def submit(self, index: np.ndarray) -> Future:
+        future: Future = Future()
+        future.set_result(computed(self.job, index))
+        return future
+
+    def close(self) -> None:
+        pass
+
+
+def warm_up() -> None:
+    """Do once, without threads, what the first run of a process has to load."""
+    make_pool = runner.make_pool
+    runner.make_pool = lambda _engine, job, *_: Serial(job)
+    try:
+        golden(TRACED)
+    finally:
+        runner.make_pool = make_pool
+
+
+def main() -> None:
+    """Serve until the input ends."""
+    warm_up()
+    print("ready", flush=True)
+    for line in sys.stdin:
+        order = json.loads(line)
+        reading, counted = os.pipe()
+        pid = os.fork()
+        if not pid:
+            os.close(reading)
+            code = 1
+            try:
+                log = os.open(order["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+                os.dup2(log, 1)
+                os.dup2(log, 2)
+                code = child(order, counted)
+            except BaseException:
+                import traceback
+
+                traceback.print_exc()
+            finally:
+                sys.stderr.flush()
+                os._exit(code)
+        os.close(counted)
+        if order.get("kill_after") is not None:
+            time.sleep(order["kill_after"])
+            os.kill(pid, signal.SIGKILL)  # it is not reaped yet: nobody else has its number
+        with os.fdopen(reading, "rb") as pipe:
+            done = len(pipe.read())
+        _, status = os.waitpid(pid, 0)
+        print(json.dumps([os.waitstatus_to_exitcode(status), done]), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""Scenarios that harm their worker; in a file of its own, so that workers can import it."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fastcoil.errors import InputError
+from fastcoil.simulation.scenarios import Layout
+
+
+def killed():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def exits():
+    os._exit(1)
+
+
+def segfaults():
+    ctypes.string_at(0)
+
+
+def out_of_memory():
+    raise MemoryError
+
+
+def hangs():
+    time.sleep(600)
+
+
+def stops():
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
+def refuses():
+    raise InputError("this reduction cannot be applied: give another")
+
+
+def starves():
+    """Leave this process little memory, then ask for much."""
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + 2**20, resource.RLIM_INFINITY))
+    np.ones(2**26)
+
+
+def does_not_start(*_):
+    os._exit(1)
+
+
+def works_slowly():
+    time.sleep(0.5)
+
+
+class Harmful(Layout):
+    """A layout that harms whoever asks it for one of the scenarios ``culprits``: that is only the worker.
+
+    once: a file that tells that the harm was done, and is not to be done again.
+    log: a file that takes a line for each shard: process, number of scenarios.
+    """
+
+    def __init__(self, layout, harm=None, culprits=(), once=None, log=None):
+        self.__dict__.update(layout.__dict__)
+        self._harm, self._culprits, self._once, self._log = harm, frozenset(culprits), once, log
+
+    def columns(self, index):
+        if self._log:
+            with open(self._log, "a") as file:
+                file.write(f"{os.getpid()} {index.size}\n")
+        if self._harm and not self._culprits.isdisjoint(index.tolist()) and not self._done():
+            self._harm()
+        return super().columns(index)
+
+    def _done(self):
+        if self._once is None:
+            return False
+        try:
+            Path(self._once).touch(exist_ok=False)
+        except FileExistsError:
+            return True
+        return False
+
+
+def harmful(study, *how, **options):
+    """The study with a layout that is ``Harmful``."""
+    return replace(study, plan=replace(study.plan, layout=Harmful(study.plan.layout, *how, **options)))
+
+
+def harms(monkeypatch, *how, **options):
+    """Have every study that is read harm its workers."""
+    from fastcoil.study.file import spec
+
+    read = spec.read_study
+    monkeypatch.setattr(spec, "read_study", lambda *words: harmful(read(*words), *how, **options))

@@ -1,0 +1,215 @@
+"""Small studies, child processes and dask clusters for the tests of the engines."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_OK
+from fastcoil.simulation.plan import Plan
+
+ROOT = Path(__file__).parents[2]
+
+STUDY = """
+title = "Getriebespiel – Größe Δ"
+[loop]
+noise_std = 0.02
+[sweep]
+backlash = { linspace = [0.0, 0.15, 16] }
+estimate_ratio = { linspace = [0.0, 1.4, 5] }
+[boundary]
+hours = 0.25
+seed = [1, 2]
+[run]
+warm_up = 100
+traces = ["T_sup", "mode"]
+trace_interval = 100
+"""
+N_SCENARIOS = 160
+
+LIVES_ON = "resource_tracker"
+"""A helper of the standard library and of loky that ends with the process that uses them."""
+
+
+def children(process=None):
+    """Living descendants by process id, without the helpers that end with this process."""
+    import psutil
+
+    found = {}
+    for child in psutil.Process(process).children(recursive=True):
+        try:
+            if child.status() != psutil.STATUS_ZOMBIE and LIVES_ON not in " ".join(child.cmdline()):
+                found[child.pid] = child
+        except psutil.NoSuchProcess:  # gone while it was looked at
+            pass
+    return found
+
+
+def gone(processes, within):
+    """Whether all of them end within some seconds."""
+    import psutil
+
+    _, alive = psutil.wait_procs(list(processes), timeout=within)
+    return not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
+
+
+def wait_for(condition, within=30.0, every=0.02):
+    """Wait until a condition holds, and give what it found."""
+    end = time.monotonic() + within
+    while time.monotonic() < end:
+        found = condition()
+        if found:
+            return found
+        time.sleep(every)
+    raise AssertionError("waited in vain")
+
+
+def cut(monkeypatch, size, seed=None, alone=None):
+    """Have studies cut into shards of ``size`` scenarios, or of random sizes up to it and in random order.
+
+    alone: a scenario that is a shard of its own.
+    """
+
+    def shards(plan, n_jobs, todo=None):
+        todo = np.arange(plan.n_scenarios) if todo is None else todo
+        dice = random.Random(seed)
+        per_day = plan.n_scenarios // len(plan.days)
+        found = []
+        for day in range(len(plan.days)):
+            rest = todo[(todo >= day * per_day) & (todo < (day + 1) * per_day)]
+            if alone in rest:
+                found.append(np.array([alone]))
+                rest = rest[rest != alone]
+            while rest.size:
+                n = size if seed is None else dice.randint(1, size)
+                found.append(rest[:n])
+                rest = rest[n:]
+        if seed is not None:
+            dice.shuffle(found)
+        return found
+
+    monkeypatch.setattr(Plan, "shards", shards)
+
+
+def check_crashed(found, healthy, culprits):
+    """Exactly the culprits are crashed and empty, all others as in a healthy run."""
+    crashed = np.flatnonzero(found["status"].values == STATUS_CRASHED)
+    assert crashed.tolist() == sorted(culprits)
+    others = np.setdiff1d(np.arange(N_SCENARIOS), crashed)
+    for name in (*METRICS, "T_sup"):
+        values = found[name].values.reshape(N_SCENARIOS, -1)
+        expected = healthy[name].values.reshape(N_SCENARIOS, -1)
+        assert np.isnan(values[crashed]).all(), name
+        np.testing.assert_array_equal(values[others], expected[others], err_msg=name)
+    assert (found["status"].values.ravel()[others] == STATUS_OK).all()
+
+
+def environment(**more):
+    """The environment of a child process that imports this package and these tests."""
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])
+    return {**os.environ, "PYTHONPATH": path, **more}
+
+
+def started(*words, cwd, **env):
+    """A Python process in a process group of its own, as a terminal starts it."""
+    return subprocess.Popen(
+        [sys.executable, *map(str, words)],
+        cwd=cwd,
+        env=environment(**env),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    )
+
+
+def ended(process, within=60):
+    """Exit code, stdout and stderr of a process; it and its group are killed if they do not end."""
+    try:
+        out, err = process.communicate(timeout=within)
+    finally:
+        kill_group(process)
+    return process.returncode, out, err
+
+
+def kill_group(process):
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait(10)
+    for stream in (process.stdout, process.stderr):
+        if stream:
+            stream.close()
+
+
+class Cluster:
+    """A dask scheduler and its workers as processes on loopback, as a user starts them."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.processes = []
+        file = folder / "scheduler.json"
+        words = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", file)
+        self.scheduler = self._start("scheduler", *words)
+        self.address = wait_for(lambda: file.exists() and self._address(file))
+
+    @staticmethod
+    def _address(file):
+        try:
+            return json.loads(file.read_text())["address"]
+        except ValueError:  # not all of it is written yet
+            return None
+
+    def worker(self, *words, **env):
+        """Start a worker."""
+        return self._start("worker", self.address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard",
+                           "--local-directory", self.folder, *words, **env)  # fmt: skip
+
+    def _start(self, *words, **env):
+        with (self.folder / f"{words[0]}.log").open("a") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "dask", *map(str, words)],
+                cwd=self.folder,
+                env=environment(**env),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+        self.processes.append(process)
+        return process
+
+    @contextmanager
+    def client(self):
+        """Look at it from outside."""
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False, timeout=20) as client:
+            yield client
+
+    def close(self):
+        for process in reversed(self.processes):
+            kill_group(process)
+
+
+@contextmanager
+def cluster(folder, n_workers, *words):
+    """Run a cluster with some workers."""
+    folder.mkdir(exist_ok=True)
+    found = Cluster(folder)
+    try:
+        for _ in range(n_workers):
+            found.worker(*words)
+        yield found
+    finally:
+        found.close()

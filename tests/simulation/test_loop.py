@@ -1,0 +1,195 @@
+"""``Loop``: presets, values, stand-ins, round trips and what it shows of itself."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.refusals import assert_only_problem
+
+import fastcoil as fc
+from fastcoil.outputs import METRICS, TRACES
+from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
+from fastcoil.simulation.loop import PRESETS
+
+COMMON = {
+    "C_w": 8.8, "beta1": 0.32, "beta2": -0.20, "beta3": 0.40, "beta4": -0.45, "beta5": 0.42, "beta6": -0.42,
+    "cp_w": 4.186, "cp_a": 1.02, "pressure": 101325.0, "n_volumes": 8, "air_march": "lagged", "T_initial": 20.0,
+    "m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38,
+    "rangeability": None, "authority": None, "m_full": None, "backlash": 0.07,
+    "command_resolution": 0.0, "noise_std": 0.0, "sensor_resolution": 0.0, "action": "cooling",
+    "backlash_estimate": 0.0, "estimate_ratio": None, "buffer": 1e-9, "learning_step": 0.0, "learning_interval": 1800.0,
+    "learning_ratio": 2.0, "learning_floor": 0.0, "learning_cap": 0.25, "learning_stop": "never",
+    "learning_min_switches": 0.0, "learning_max_reference": 1.0, "learning_early_trip": 0.0, "learning_growth": 1.0,
+    "learning_shrink": 1.0, "learning_final": 1.0,
+}  # fmt: skip
+VARYING = ("C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time")
+DESIGN_TABLE = {
+    "paper_like": (30.0, 0.03, 8.0, 30.0, 0.0, 0.0),
+    "paper_like_fast": (10.0, 0.05, 5.0, 10.0, 0.0, 0.0),
+    "lbnl": (10.0, 0.018, 30.0, 15.0, 30.0, 90.0),
+    "g36": (10.0, 0.05, 600.0, 5.0, 30.0, 90.0),
+}
+
+
+# Presets and values
+
+
+@pytest.mark.parametrize("name", DESIGN_TABLE)
+def test_presets_are_the_design_table(name):
+    loop = fc.Loop.preset(name)
+    expected = COMMON | dict(zip(VARYING, DESIGN_TABLE[name], strict=True))
+    assert {p: loop[p] for p in PARAMETERS} == expected
+
+
+def test_every_preset_is_tested_and_the_default_is_paper_like():
+    assert PRESETS.keys() == DESIGN_TABLE.keys()
+    assert fc.Loop() == fc.Loop.preset("paper_like")
+
+
+def test_assign_leaves_the_original_alone():
+    loop = fc.Loop()
+    changed = loop.assign(backlash=0.1, kp=[0.01, 0.02])
+    assert (loop["backlash"], loop["kp"], loop.sizes) == (0.07, 0.03, {})
+    assert (changed["backlash"], changed.sizes) == (0.1, {"kp": 2})
+    with pytest.raises(AttributeError):
+        loop.backlash = 0.1
+
+
+@pytest.mark.parametrize(("given", "kept"), [(8, 8), (8.0, 8), (np.int64(8), 8), (np.float64(8), 8)])
+def test_n_volumes_is_an_integer_and_all_other_numbers_are_floats(given, kept):
+    loop = fc.Loop(n_volumes=given, sample_time=given)
+    assert (loop["n_volumes"], type(loop["n_volumes"])) == (kept, int)
+    assert (loop["sample_time"], type(loop["sample_time"])) == (8.0, float)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("backlash", 0.0), ("backlash", 0.9), ("n_volumes", 64), ("sample_time", 1), ("kp", 0), ("kp", -0.1)],
+)
+def test_bounds_are_inclusive(name, value):
+    assert fc.Loop(**{name: value})[name] == value
+
+
+def test_equality():
+    loop = fc.Loop(backlash=[0.02, 0.07])
+    assert loop == fc.Loop(backlash=[0.02, 0.07])
+    assert loop != fc.Loop(backlash=[0.02, 0.08])
+    assert loop != fc.Loop(backlash=0.02)
+    assert loop != "loop"
+
+
+# Stand-ins
+
+
+def test_estimate_ratio_takes_the_place_of_the_estimate_and_back():
+    loop = fc.Loop(estimate_ratio=0.6)
+    assert (loop["estimate_ratio"], loop["backlash_estimate"]) == (0.6, None)
+    back = loop.assign(backlash_estimate=0.05)
+    assert (back["estimate_ratio"], back["backlash_estimate"]) == (None, 0.05)
+
+
+@pytest.mark.kernel
+def test_estimate_ratio_is_the_estimate_over_the_backlash(short):
+    ratio = fc.simulate(fc.Loop(backlash=[0.05, 0.1], estimate_ratio=[0.5, 1.2]), short, warm_up=60)
+    pairs = xr.DataArray([[0.5 * 0.05, 1.2 * 0.05], [0.5 * 0.1, 1.2 * 0.1]], dims=("backlash", "estimate_ratio"))
+    estimate = fc.simulate(fc.Loop(backlash=[0.05, 0.1], backlash_estimate=pairs), short, warm_up=60)
+    np.testing.assert_array_equal(ratio.rmse.values, estimate.rmse.values)
+    np.testing.assert_array_equal(ratio.estimate_final.values, pairs.values)
+
+
+def test_installed_valve_takes_the_place_of_the_curve_and_back():
+    loop = fc.Loop(rangeability=50.0, authority=0.3, m_full=1.8)
+    assert (loop["m_max"], loop["valve_a"], loop["rangeability"]) == (None, None, 50.0)
+    assert loop.assign(authority=0.5)["rangeability"] == 50.0
+    back = loop.assign(m_max=2.0, valve_a=0.7, valve_b=9.0, valve_c=0.38)
+    assert back == fc.Loop()
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"estimate_ratio": 0.5, "backlash_estimate": 0.05}, ["estimate_ratio", "backlash_estimate"]),
+        ({"rangeability": 50.0, "authority": 0.3, "m_full": 1.8, "m_max": 2.0}, ["rangeability", "m_max"]),
+        ({"rangeability": 50.0}, ["authority", "m_full", "missing"]),
+    ],
+)
+def test_alternatives_exclude_each_other_and_go_together(values, words):
+    assert_only_problem(words, fc.Loop, **values)
+
+
+def test_part_of_a_curve_does_not_replace_an_installed_valve():
+    with pytest.raises(fc.InputError, match=r"valve_b.*valve_c"):
+        fc.Loop(rangeability=50.0, authority=0.3, m_full=1.8).assign(m_max=2.0, valve_a=0.7)
+
+
+# Round trips and repr
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    "loop",
+    [
+        fc.Loop(),
+        fc.Loop.preset("g36").assign(backlash=[0.02, 0.07], kp=("tuning", [0.01, 0.02]), ti=("tuning", [10.0, 20.0])),
+        fc.Loop(rangeability=[20.0, 50.0], authority=0.3, m_full=1.8, estimate_ratio=[0.5, 1.0], n_volumes=[4, 8]),
+        fc.Loop(action=["cooling", "heating"], learning_stop="first_step_down"),
+    ],
+)
+def test_from_dataset_gives_the_loop_back(loop, short):
+    back = fc.Loop.from_dataset(fc.simulate(loop, short, warm_up=60))
+    assert back.constants == loop.constants
+    assert back.sizes == loop.sizes
+    # unlabelled dims have come back with their labels 0, 1, ...
+    coordinates, expected = back.coordinates(), loop.coordinates()
+    assert coordinates.keys() == expected.keys()
+    for name, labels in expected.items():
+        assert coordinates[name].dims == labels.dims
+        np.testing.assert_array_equal(coordinates[name].values, labels.values)
+
+
+@pytest.mark.kernel
+def test_from_dataset_keeps_the_order_of_the_dims(short):
+    loop = fc.Loop(kp=("tuning", [0.01, 0.02]), backlash=[0.02, 0.07])
+    assert list(fc.Loop.from_dataset(fc.simulate(loop, short, warm_up=60)).sizes) == ["tuning", "backlash"]
+
+
+@pytest.mark.kernel
+def test_from_a_part_of_a_dataset_comes_the_loop_of_that_part(short):
+    loop = fc.Loop(backlash=[0.02, 0.07], kp=("tuning", [0.01, 0.02]), n_volumes=("tuning", [4, 8]))
+    ds = fc.simulate(loop, short, warm_up=60)
+    assert fc.Loop.from_dataset(ds.isel(backlash=1, tuning=0)) == fc.Loop(backlash=0.07, kp=0.01, n_volumes=4)
+    assert fc.Loop.from_dataset(ds.sel(backlash=0.02)).sizes == {"tuning": 2}
+
+
+@pytest.mark.kernel
+def test_one_metric_of_a_dataset_is_enough(short):
+    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
+    assert fc.Loop.from_dataset(ds[["rmse"]]).sizes == {"backlash": 2}
+
+
+def test_from_a_foreign_dataset_is_refused():
+    with pytest.raises(fc.InputError, match="not made by fastcoil"):
+        fc.Loop.from_dataset(xr.Dataset())
+
+
+def test_repr_shows_the_dimensions_and_what_differs_from_paper_like():
+    assert repr(fc.Loop()) == "<fastcoil.Loop>\npaper_like"
+    text = repr(fc.Loop(ti=30, backlash=[0.02, 0.07], action="heating"))
+    assert "backlash: 2" in text
+    assert "ti = 30.0 s" in text
+    assert "backlash (backlash): 0.02 0.07" in text
+    assert "action = heating" in text
+    assert "C_w" not in text
+
+
+def test_repr_shows_units_whole():
+    assert "kp = 0.05 K-1" in repr(fc.Loop(kp=0.05))
+
+
+# Names
+
+
+def test_names_of_parameters_metrics_traces_and_dims_are_disjoint():
+    names = [*PARAMETERS, "status", *METRICS, *TRACES, *RESERVED_DIMS]
+    assert len(set(names)) == len(names)
+    assert not set(names) & {"method", "tolerance", "drop", "indexers", "missing_dims"}
+    assert all(name.isidentifier() for name in names)

@@ -1,0 +1,182 @@
+"""``[loop] include`` and ``fastcoil fit``: from a CSV file to a study, on the command line."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.errors import InputError
+from fastcoil.study.file.spec import read_study
+
+VALVE = "[loop]\nbacklash = 0.1\nm_max = 1.5\n[fit]\nkind = 'valve'\n[fit.rmse]\nfit = nan\n"
+COIL = "[loop]\nC_w = 9.0\nbeta6 = -0.4\n"
+STUDY = '[loop]\npreset = "lbnl"\ninclude = ["valve.toml", "coil.toml"]\n'
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(study=STUDY, valve=VALVE, coil=COIL):
+        (tmp_path / "valve.toml").write_text(valve)
+        (tmp_path / "coil.toml").write_text(coil)
+        (tmp_path / "study.toml").write_text(study)
+        return read_study(tmp_path / "study.toml")
+
+    return read
+
+
+def test_included_parameters_come_between_preset_and_constants(read):
+    loop = read(STUDY + "m_max = 1.4\n").plan.layout.loop
+    assert loop["C_c"] == 10.0  # the preset's
+    assert (loop["backlash"], loop["C_w"], loop["beta6"]) == (0.1, 9.0, -0.4)
+    assert loop["m_max"] == 1.4
+
+
+def test_an_included_parameter_may_be_swept(read):
+    loop = read(STUDY + "[sweep]\nbacklash = [0.0, 0.1, 0.2]\n").plan.layout.loop
+    assert loop.sizes == {"backlash": 3}
+    assert loop["m_max"] == 1.5
+
+
+def test_the_hash_is_also_of_what_is_included(read):
+    one = read().sha256
+    assert read(valve=VALVE.replace("0.1", "0.11")).sha256 != one
+    assert read(valve=VALVE.replace("nan", "0.3")).sha256 == one, "what is for people decides nothing"
+
+
+@pytest.mark.parametrize(
+    ("study", "valve", "sentence"),
+    [
+        ("[loop]\ninclude = 'valve.toml'\n", VALVE, "[loop] include = 'valve.toml': give a list of files"),
+        ('[loop]\ninclude = ["no.toml"]\n', VALVE, "include: no.toml cannot be read (No such file"),
+        (STUDY, "[loop", "include: valve.toml is not valid TOML"),
+        (STUDY, "backlash = 0.1", "include: valve.toml is not what `fastcoil fit` writes"),
+        (STUDY, "[loop]\nbacklsh = 0.1", "include: valve.toml: backlsh is not a parameter, did you mean 'backlash'?"),
+        (STUDY, "[loop]\nbacklash = 1.1", "include: valve.toml: backlash = 1.1: must be from 0 to 0.9"),
+        (STUDY, "[loop]\nC_w = 9.0", "include: C_w stands in valve.toml and in coil.toml: leave one out"),
+    ],
+)
+def test_a_mistake_gets_one_sentence(read, study, valve, sentence):
+    with pytest.raises(InputError) as refused:
+        read(study, valve)
+    assert len(refused.value.problems) == 1
+    assert sentence in refused.value.problems[0]
+
+
+# ------------------------------------------------------------------------------------------------ the command line
+
+
+@pytest.fixture
+def fastcoil(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: CliRunner().invoke(main, words)
+
+
+def write(path, header, columns):
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([header, *zip(*columns, strict=True)])
+
+
+@pytest.fixture
+def logs(tmp_path):
+    """Two CSV files of one AHU with its own units: valve.csv and coil.csv."""
+    rng, n = np.random.default_rng(1), 4 * 3600
+    day = fc.paper_day(hours=4, seed=1)
+    command = np.clip(np.repeat(np.cumsum(rng.normal(0.0, 0.15, n // 120)) % 1.0, 120), 0.05, 0.95)
+    ds = fc.simulate(fc.Loop(backlash=0.1), day, command=command, traces=["m_w", "T_sup"], warm_up=0)
+    flow, series = ds["m_w"].values, {name: values[0] for name, values in day.series.items()}
+    every = slice(None, None, 60)
+    t = np.arange(n)[every] / 60.0
+    m_w = np.abs(flow[every] + rng.normal(0.0, 0.01, t.size))
+    write(tmp_path / "valve.csv", ["elapsed_time [min]", "command [%]", "m_w [kg/s]"], [t, 100 * command[every], m_w])
+    ten = slice(None, None, 10)
+    T_sup = ds["T_sup"].values[ten] + rng.normal(0.0, 0.03, n // 10)
+    write(
+        tmp_path / "coil.csv",
+        ["seconds", "m_w [kg/s]", "m_a [kg/s]", "T_w_in [degC]", "T_a_in [degC]", "W_a_in [1]", "SAT"],
+        [np.arange(n)[ten], flow[ten], *(series[name][ten] for name in ("m_a", "T_w_in", "T_a_in", "W_a_in")), T_sup],
+    )
+    return tmp_path
+
+
+COIL_OPTIONS = [
+    *("--column", "elapsed_time=seconds", "--column", "m_w=m_w", "--column", "m_a=m_a", "--column", "T_sup=SAT"),
+    *("--unit", "elapsed_time=s", "--unit", "T_sup=degC", "--hold", "m_w"),
+]
+
+
+@pytest.mark.kernel
+def test_two_files_to_a_study_of_that_ahu(fastcoil, logs):
+    found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml")
+    assert found.exit_code == 0, found.output
+    assert "backlash = 0." in found.output
+    assert tomllib.loads((logs / "valve.toml").read_text())["loop"]["backlash"] == pytest.approx(0.1, abs=0.005)
+    found = fastcoil("fit", "coil", "coil.csv", "-o", "coil.toml", *COIL_OPTIONS)
+    assert found.exit_code == 0, found.output
+    for name in ("valve", "coil"):
+        assert (logs / f"{name}.png").stat().st_size > 10_000
+        assert tomllib.loads((logs / f"{name}.toml").read_text())["fit"]["kind"] == name
+    (logs / "mine.toml").write_text(
+        '[loop]\ninclude = ["valve.toml", "coil.toml"]\n[sweep]\nestimate_ratio = [0.0, 1.0]\n[boundary]\nhours = 1\n'
+    )
+    run = fastcoil("run", "mine.toml", "--no-figures")
+    assert run.exit_code == 0, run.output
+    again = fastcoil("run", "mine.toml", "--no-figures")
+    assert "nothing to do" in again.output
+    text = (logs / "coil.toml").read_text()
+    (logs / "coil.toml").write_text(text.replace("\nbeta2 = -0.", "\nbeta2 = -0.9", 1))
+    changed = fastcoil("run", "mine.toml", "--no-figures")
+    assert changed.exit_code == 6
+    assert "a file that the study reads changed" in changed.output
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["fit", "valve", "no.csv"], "no.csv cannot be read"),
+        (["fit", "valve", "bad.csv"], "bad.csv: m_w is blank in row 3"),
+        (["fit", "valve", "bad.csv", "-o", "no/valve.toml"], "-o no/valve.toml: give a file NAME.toml"),
+        (["fit", "valve", "bad.csv", "-o", "bad.csv"], "-o bad.csv: give a file NAME.toml"),
+        (["fit", "valve", "bad.csv", "--validate", "no.csv"], "bad.csv: m_w is blank in row 3"),
+        (["fit", "valve", "bad.csv", "--column", "m_w"], "--column m_w: give NAME=VALUE"),
+        (["fit", "coil", "bad.csv"], "m_a is missing"),
+        (["fit", "coil", "bad.csv", "--constant", "m_a=x"], "--constant m_a=x: give a number"),
+    ],
+)
+def test_a_mistake_exits_with_2_and_writes_nothing(fastcoil, tmp_path, words, sentence):
+    (tmp_path / "bad.csv").write_text("elapsed_time [s],command [1],m_w [kg/s]\n0,0.1,0.2\n60,0.2,\n120,0.3,0.4\n")
+    found = fastcoil(*words)
+    assert found.exit_code == 2, found.output
+    assert sentence in found.output
+    assert "Traceback" not in found.output
+    assert [p.name for p in tmp_path.iterdir()] == ["bad.csv"]
+
+
+@pytest.mark.kernel
+def test_a_figure_that_cannot_be_written_is_told_without_a_traceback(fastcoil, logs):
+    (logs / "valve.png").mkdir()
+    found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml")
+    assert found.exit_code == 4, found.output
+    assert "valve.png cannot be written: Is a directory" in found.output
+
+
+@pytest.mark.kernel
+def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
+    """And a second log validates it."""
+    (logs / "ahu.toml").write_text('[loop]\npreset = "lbnl"\n')
+    found = fastcoil("fit", "valve", "valve.csv", "-o", "ahu.toml")
+    assert found.exit_code == 2, found.output
+    assert "-o ahu.toml: it is there and is no fit" in found.output
+    assert (logs / "ahu.toml").read_text() == '[loop]\npreset = "lbnl"\n'
+    assert fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--split", "1").exit_code == 0
+    before = (logs / "valve.toml").read_text()
+    found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--validate", "valve.csv")
+    assert found.exit_code == 0, found.output
+    assert "RMSE, validation: " in found.output
+    assert "nothing was held back" in before
+    assert "nothing was held back" not in (logs / "valve.toml").read_text()

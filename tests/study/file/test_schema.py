@@ -1,0 +1,266 @@
+"""The JSON Schema of study files: it takes what the reader takes, and names of its own it has none."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from jsonschema import Draft202012Validator
+
+from fastcoil.cli.main import main
+from fastcoil.errors import InputError
+from fastcoil.parameter_table import PARAMETERS
+from fastcoil.study.file.boundary import BOUNDARY_KINDS
+from fastcoil.study.file.schema import study_schema
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.tables import StudyFile
+from fastcoil.study.file.template import TEMPLATE
+
+STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*.toml"))
+SCHEMA = study_schema()
+VALIDATOR = Draft202012Validator(SCHEMA)
+
+EVERYTHING = """
+title = "every table"
+question = "and every way to write a value?"
+[loop]
+preset = "lbnl"
+rangeability = 50
+noise_std = 0.05
+action = "heating"
+n_volumes = 8
+[sweep]
+backlash = { linspace = [0.01, 0.15, 3] }
+learning_floor = { geomspace = [0.001, 0.1, 3] }
+air_march = ["lagged", "quasistatic"]
+m_full = [1.0, 1.2]
+[cases.tuning]
+slow = { ti = 60 }
+fast = { ti = 10, kp = 0.05 }
+as_is = {}
+[cases.learner]
+on = { learning_step = 0.007, learning_stop = "first_step_down" }
+off = {}
+[sample]
+method = "sobol"
+size = 16
+seed = 18446744073709551615
+estimate_ratio = { uniform = [0.5, 1.0] }
+C_w = { loguniform = [8, 10] }
+sensor_time_constant = { truncnorm = [30, 5, 20, 40] }
+authority = { triangular = [0.2, 0.5, 0.8] }
+sample_time = { choice = [5, 10, 30] }
+buffer = { choice = [0.0, 0.01] }
+[boundary]
+kind = "paper_day"
+hours = 1
+seed = [1, 2]
+[run]
+seed = 7
+replicates = 2
+warm_up = 600
+traces = ["T_sup", "T_c"]
+trace_interval = 30
+reduce = "mine:overshoot"
+"""
+
+
+def mistakes(text):
+    return [error.message for error in VALIDATOR.iter_errors(tomllib.loads(text))]
+
+
+def test_it_is_a_schema_and_knows_every_table():
+    Draft202012Validator.check_schema(SCHEMA)
+    assert SCHEMA["properties"].keys() == StudyFile.model_fields.keys()
+    assert SCHEMA["required"] == ["loop"]
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.name)
+def test_the_studies_of_this_repository_are_valid(path):
+    assert mistakes(path.read_text()) == []
+
+
+def test_a_study_with_everything_is_valid_and_is_read(tmp_path):
+    assert mistakes(EVERYTHING) == []
+    tables = tomllib.loads(EVERYTHING)
+    assert tables.keys() == SCHEMA["properties"].keys()
+    (tmp_path / "mine.py").write_text("def overshoot(traces): ...")
+    (tmp_path / "study.toml").write_text(EVERYTHING)
+    assert read_study(tmp_path / "study.toml").plan.n_scenarios == 2 * 3 * 3 * 2 * 2 * 3 * 2 * 16 * 2
+
+
+def uncommented(template):
+    """The template with every setting that stands there as a comment."""
+    return "\n".join(
+        line[2:] if line.startswith(("# [", "# reduce")) or " = " in line[:30] and line.startswith("# ") else line
+        for line in template.splitlines()
+    ).replace("traces = []", 'traces = ["T_sup"]')
+
+
+def test_the_template_is_valid_also_with_all_that_it_shows_as_comments(tmp_path):
+    assert mistakes(TEMPLATE) == []
+    text = uncommented(TEMPLATE)
+    assert mistakes(text) == []
+    (tmp_path / "mine.py").write_text("def overshoot(traces): ...")
+    (tmp_path / "valve.toml").write_text("[loop]\nvalve_a = 0.6")
+    (tmp_path / "coil.toml").write_text("[loop]\nbeta2 = -0.3")
+    (tmp_path / "study.toml").write_text(text.replace("size = 1024", "size = 4"))
+    study = read_study(tmp_path / "study.toml")
+    assert study.plan.layout.sizes["sample"] == 4
+    assert study.reduction.name == "mine:overshoot"
+
+
+@pytest.mark.parametrize(
+    "boundary",
+    [
+        "hours = 2",
+        "seed = 3",
+        "kind = 'paper_day'\nseed = [1, 2]",
+        "kind = 'constant_day'\nT_set = 15.5\nm_a = [1.0, 1.1]\nrelative_humidity = 0.4",
+        "kind = 'design_day'\nmode = 'heating'\nT_daily_range = 5\nstart_hour = 7.5",
+        "kind = 'csv'\npath = 'log.csv'\nunits = { T_a_in = 'degF' }\nconstants = { T_set = 14 }\nmax_gap = 600",
+        "kind = 'weather'\npath = 'w.csv'\nm_a = 1\nT_w_in = 7\nT_set = 14\noutdoor_fraction = 0.3\nT_return = 24\n"
+        "W_return = 0.01\nstart_hour = 4000\ndays = [1, 2]",
+    ],
+)
+def test_arguments_of_every_kind_of_boundary_are_known(boundary):
+    assert mistakes(f"[loop]\n[boundary]\n{boundary}") == []
+
+
+def test_every_kind_of_boundary_has_its_arguments_and_the_needed_ones():
+    kinds = {}
+    for rule in SCHEMA["properties"]["boundary"]["allOf"]:
+        kinds[rule["if"]["properties"]["kind"]["const"]] = rule["then"]
+    assert kinds.keys() == BOUNDARY_KINDS.keys()
+    assert kinds["csv"]["required"] == ["path"]
+    assert kinds["weather"]["required"] == ["path", "m_a", "T_w_in", "T_set", "outdoor_fraction", "T_return"]
+    assert kinds["paper_day"]["properties"].keys() == {"kind", "hours", "seed"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "title = 'no loop'",
+        "title = 3\n[loop]",
+        "titel = 'x'\n[loop]",
+        "loop = 3",
+        "[loop]\nkpp = 0.1",
+        "[loop]\nkp = '0.1'",
+        "[loop]\nkp = true",
+        "[loop]\npreset = 'paper_lik'",
+        "[loop]\naction = 'warming'",
+        "[loop]\nn_volumes = 7.5",
+        "[loop]\n[sweep]\nkp = 0.1",
+        "[loop]\n[sweep]\nkp = []",
+        "[loop]\n[sweep]\nkp = {}",
+        "[loop]\n[sweep]\nkp = [0.1, 0.1]",
+        "[loop]\n[sweep]\nkp = { linspace = [0, 1] }",
+        "[loop]\n[sweep]\nkp = { linspace = [0, 1, 2.5] }",
+        "[loop]\n[sweep]\nkp = { linspace = [0, 1, 10000001] }",
+        "[loop]\n[sweep]\nkp = { linspace = [0, 1, 2, 3] }",
+        "[loop]\n[sweep]\nkp = { geomspace = [0, 1, 3] }",
+        "[loop]\n[sweep]\nkp = { logspace = [0, 1, 3] }",
+        "[loop]\n[sweep]\naction = { linspace = [0, 1, 3] }",
+        "[loop]\n[cases.tuning]",
+        "[loop]\n[cases.tuning]\na = { kpp = 0.1 }",
+        "[loop]\n[cases.tuning]\na = 3",
+        *(f"[loop]\n[cases.{dim}]\na = {{ kp = 0.1 }}" for dim in ("day", "sample", "ti", "rmse", "'a b'")),
+        *(
+            f"[loop]\n[sample]\n{sample}"
+            for sample in (
+                "kp = { uniform = [0, 1] }",
+                "method = 'sobol'\nsize = 8",
+                "method = 'sobl'\nsize = 8\nkp = { uniform = [0, 1] }",
+                "method = 'sobol'\nsize = 9\nkp = { uniform = [0, 1] }",
+                "method = 'random'\nsize = 0\nkp = { uniform = [0, 1] }",
+                "method = 'random'\nsize = 10000001\nkp = { uniform = [0, 1] }",
+                "method = 'random'\nsize = 8\nseed = -1\nkp = { uniform = [0, 1] }",
+                "method = 'random'\nsize = 8\nkpp = { uniform = [0, 1] }",
+                "method = 'random'\nsize = 8\nkp = { uniform = [0, 1, 2] }",
+                "method = 'random'\nsize = 8\nkp = { uniform = [0] }",
+                "method = 'random'\nsize = 8\nkp = { beta = [0, 1] }",
+                "method = 'random'\nsize = 8\nkp = { loguniform = [0, 1] }",
+                "method = 'random'\nsize = 8\nkp = { truncnorm = [1, 0, 0, 2] }",
+                "method = 'random'\nsize = 8\nkp = {}",
+                "method = 'random'\nsize = 8\nkp = { uniform = [0, 1], choice = [1] }",
+                "method = 'random'\nsize = 8\nkp = { choice = [] }",
+                "method = 'random'\nsize = 8\nkp = { choice = [1, 1.0] }",
+                "method = 'random'\nsize = 8\naction = { choice = ['warming'] }",
+                "method = 'random'\nsize = 8\nsample_time = { uniform = [5, 30] }",
+            )
+        ),
+        *(
+            f"[loop]\n[boundary]\n{boundary}"
+            for boundary in (
+                "kind = 'paperday'",
+                "hourss = 3",
+                "hours = 0",
+                "hours = 'all'",
+                "T_set = 14",
+                "kind = 'csv'",
+                "kind = 'constant_day'\nseed = 1",
+                "kind = 'design_day'\nmode = 'warming'",
+                "kind = 'constant_day'\nrelative_humidity = 1.1",
+            )
+        ),
+        *(
+            f"[loop]\n[run]\n{run}"
+            for run in (
+                "seed = 1.5",
+                "seed = 18446744073709551616",
+                "replicates = 0",
+                "warm_up = -1",
+                "trace_interval = 0",
+                "traces = 'T_sup'",
+                "traces = ['T_supp']",
+                "traces = ['T_sup', 'T_sup']",
+                "trace = ['T_sup']",
+                "reduce = 'mine:f'",
+                "traces = ['T_sup']\nreduce = 'mine'",
+            )
+        ),
+    ],
+)
+def test_what_the_schema_refuses_the_reader_refuses_too(tmp_path, text):
+    assert mistakes(text)
+    (tmp_path / "study.toml").write_text(text)
+    with pytest.raises(InputError):
+        read_study(tmp_path / "study.toml")
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_bounds_are_those_of_the_table(name):
+    parameter = PARAMETERS[name]
+    values = [*parameter.choices, "neither", True, 0.5, -1, 3]
+    for bound in (parameter.lower, parameter.upper):
+        if not math.isinf(bound):
+            values += [bound, np.nextafter(bound, -np.inf), np.nextafter(bound, np.inf), bound - 1, bound + 1]
+    for value in (v.item() if isinstance(v, np.generic) else v for v in values):
+        accepted = not parameter.problem(value)
+        for tables in (
+            {"loop": {name: value}},
+            {"loop": {}, "sweep": {name: [value]}},
+            {"loop": {}, "cases": {"x": {"a": {name: value}}}},
+            {"loop": {}, "sample": {"method": "random", "size": 1, name: {"choice": [value]}}},
+        ):
+            assert VALIDATOR.is_valid(tables) == accepted, tables
+
+
+def test_a_parameter_is_described_with_unit_and_default():
+    assert SCHEMA["$defs"]["kp"] == {
+        "description": "proportional gain K_p, stroke per kelvin [K-1]",
+        "type": "number",
+        "default": 0.03,
+    }
+    assert "default" not in SCHEMA["$defs"]["rangeability"]
+
+
+def test_the_command_prints_it_as_json():
+    result = CliRunner().invoke(main, ["schema"])
+    assert result.exit_code == 0
+    assert json.loads(result.output) == SCHEMA

@@ -1,0 +1,196 @@
+"""Study files: what they mean, and that every mistake in one is named, all at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.refusals import only_problem, problems
+
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.template import TEMPLATE
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text):
+        path = tmp_path / "study.toml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return read_study(path)
+
+    return read
+
+
+def test_axes_cases_and_constants_become_the_loop(read):
+    loop = read("""
+        [loop]
+        preset = "lbnl"
+        noise_std = 0.05
+        [sweep]
+        backlash = { linspace = [0.01, 0.15, 15] }
+        buffer = { geomspace = [0.001, 0.1, 3] }
+        action = ["cooling", "heating"]
+        [cases.tuning]
+        slow = { ti = 60 }
+        fast = { ti = 10, sample_time = 5 }
+    """).plan.layout.loop
+    assert loop.sizes == {"backlash": 15, "buffer": 3, "action": 2, "tuning": 2}
+    assert loop["noise_std"] == 0.05
+    assert loop["stroke_time"] == 90.0
+    np.testing.assert_allclose(loop["buffer"], [0.001, 0.01, 0.1])
+    assert loop["sample_time"].values.tolist() == [15.0, 5.0], "a case that leaves a parameter out keeps the loop's"
+    assert loop.coordinates()["tuning"].values.tolist() == ["slow", "fast"]
+
+
+def test_an_absent_boundary_is_the_paper_day_of_8_hours(read):
+    boundary = read("[loop]").plan.layout.boundary
+    assert (boundary.hours, boundary.n_days) == (8.0, 1)
+
+
+def test_run_table_reaches_the_plan(read):
+    plan = read("[loop]\n[run]\nseed = 7\nreplicates = 3\nwarm_up = 600\ntraces = ['u']\ntrace_interval = 30").plan
+    assert (plan.seed, plan.n_scenarios, plan.warm_up, plan.traces.names, plan.traces.interval) == (
+        7,
+        3,
+        600,
+        ("u",),
+        30,
+    )
+
+
+def test_all_mistakes_are_named_at_once(read):
+    found = problems(
+        read,
+        """
+        titel = "x"
+        [loop]
+        preset = "paper_lik"
+        kpp = 3
+        ti = inf
+        kp = true
+        [sweep]
+        backlash = { linspace = [0.01, 0.15] }
+        estimate_ratio = []
+        [boundary]
+        hourss = 1
+        [run]
+        seed = 1.5
+        """,
+    )
+    for part in (
+        "titel is unknown, did you mean 'title'?",
+        "[loop] preset = 'paper_lik': unknown, did you mean 'paper_like'?",
+        "[loop] kpp is not a parameter, did you mean 'kp'?",
+        "[loop] ti = inf: give a finite number",
+        "[loop] kp = True: give a number",
+        "[sweep] backlash = { linspace = [0.01, 0.15] }: give [first, last, count]",
+        "[sweep] estimate_ratio = []: a sweep needs at least one value",
+        "[boundary] hourss is not an argument of paper_day, did you mean 'hours'?",
+        "[run] seed = 1.5: give a whole number",
+    ):
+        assert any(part in p for p in found), part
+    assert all("study.toml" in p for p in found)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[loop]\nkp = nan", "kp = nan: give a finite number"),
+        ("[loop]\nkp = 1e999", "kp = inf: give a finite number"),
+        ("[loop]\nkp = '0.1'", "kp = '0.1': give a number"),
+        ("[loop]\nbacklash = 0.95", "backlash = 0.95: must be from 0 to 0.9"),
+        ("[loop]\nbacklash = -0.1", "backlash = -0.1: must be from 0 to 0.9"),
+        ("[loop]\nbacklash_estimate = 1", "backlash_estimate = 1: must be from 0 and below 1"),
+        ("[loop]\nti = 0", "ti = 0 s: must be above 0"),
+        ("[loop]\nsample_time = 2.5", "sample_time = 2.5 s: must be whole"),
+        ("[loop]\nlearning_interval = 300", "learning_interval = 300 s: must be whole, from 600"),
+        ("[loop]\nlearning_step = 0.01\nbacklash_estimate = 0.3", "cannot start above learning_cap"),
+        ("[loop]\nbacklash = 0.8\nestimate_ratio = 1.5", "estimate_ratio × backlash reaches 1.2"),
+        ("[loop]\nn_volumes = 9", "n_volumes = 8 or less is stable"),
+        ("[loop]\nC_c = 0.3", "raise C_c from 0.3 to at least"),
+        ("[loop]\nrangeability = 50", "authority and m_full missing"),
+        ("[loop]\nm_max = 2\nrangeability = 50\nauthority = 0.3\nm_full = 1.5", "give one or the other"),
+        ("[loop]\n[sweep]\nkp = [0.1, 0.1]", "kp: 0.1 stands twice"),
+        ("[loop]\nkp = 0.1\n[sweep]\nkp = [0.1]", "kp stands in [loop] and in [sweep]"),
+        ("[loop]\n[sweep]\nkp = 'all'", "kp = 'all': give a list of values"),
+        ("[loop]\n[sweep]\nkp = { geomspace = [0, 1, 3] }", "must be above 0"),
+        ("[loop]\n[sweep]\nkp = { linspace = [0, 1, 2.5] }", "a whole number from 1"),
+        ("[loop]\n[sweep]\nkp = [0.1]\n[cases.tuning]\na = { kp = 0.2 }", "kp stands in [sweep] and in [cases.tuning]"),
+        ("[loop]\n[cases.kp]\na = { ti = 3 }", "kp is a parameter: give the dimension another name"),
+        ("[loop]\n[cases.tuning]", "no case: give at least one"),
+        ("[loop]\n[cases.x]\na = { estimate_ratio = 1 }\nb = {}", "estimate_ratio is missing in b"),
+        ("[loop]\n[cases.day]\na = { kp = 0.1 }", "'day' cannot be the name of a swept dimension"),
+        ("[loop]\n[boundary]\nhours = 0.2", "nothing is left to count"),
+        ("[loop]\n[boundary]\nkind = 'paperday'", "did you mean 'paper_day'?"),
+        ("[loop]\n[boundary]\nkind = 'csv'", "path is missing: csv needs it"),
+        ("[loop]\n[boundary]\nkind = 'csv'\npath = 'log.csv'", "log.csv"),
+        ("[loop]\n[run]\ntraces = ['T_supp']", "did you mean 'T_sup'?"),
+        ("[loop]\n[run]\nseed = -1", "seed = -1: must be at least 0"),
+        ("[loop]\n[run]\nreplicates = 0", "replicates = 0: must be at least 1"),
+        ("[loop]\n[sweep]\nkp = { linspace = [0, 1" + 400 * "0" + ", 3] }", "two finite numbers"),
+        ("[loop]\nkp = 1" + 5000 * "0", "not valid TOML"),
+        ("[loop\n", "not valid TOML"),
+        ("[sweep]\nkp = [1]", "[loop] is missing"),
+        ("loop = 3", "loop = 3: give a table"),
+        (b"[loop]\ntitle = '\xe9'", "is not UTF-8"),
+    ],
+)
+def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, text, sentence):
+    assert sentence in only_problem(read, text)
+
+
+def test_a_sweep_too_large_for_memory_is_counted_and_refused_before_anything_is_made(read):
+    axes = "\n".join(f"{n} = {{ linspace = [0.01, 0.5, 1000] }}" for n in ("backlash", "kp", "noise_std", "buffer"))
+    problem = only_problem(read, f"[loop]\n[sweep]\n{axes}")
+    assert "1,000,000,000,000 scenarios need" in problem
+    assert "sweep fewer values" in problem
+
+
+def test_windows_line_ends_and_a_byte_order_mark_change_nothing(read):
+    plain = read("[loop]\nkp = 0.04\n")
+    assert read("﻿[loop]\r\nkp = 0.04\r\n".encode()).sha256 == plain.sha256
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        "[loop]\nkp = 0.05\n[sweep]\nti = [5, 9]\nbacklash = [0.1]",
+        "[loop]\nkp = 0.04\n[sweep]\nti = [9, 5]\nbacklash = [0.1]",
+        "[loop]\nkp = 0.04\n[sweep]\nbacklash = [0.1]\nti = [5, 9]",
+        "[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]\n[run]\nseed = 1",
+        "[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]\n[boundary]\nseed = 2",
+    ],
+)
+def test_the_hash_tells_studies_apart(read, other):
+    assert read("[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]").sha256 != read(other).sha256
+
+
+def test_the_hash_is_of_values_and_not_of_their_spelling(read):
+    plain = read("[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]")
+    same = read("# why\ntitle = 'x'\nquestion = 'y?'\nloop.kp = 4.0e-2  # 1/K\n\n\n[ sweep ]\nti = [\n  5,\n  9,\n]\n")
+    assert same.sha256 == plain.sha256
+    assert "# why" in same.text, "the text is kept as it was written"
+
+
+def test_the_hash_is_also_of_what_lies_in_other_files(read, tmp_path):
+    def day(T_set):
+        log = "elapsed_time [s],m_a [kg/s],T_a_in [degC],W_a_in [g/kg],T_w_in [degC],T_set [degC]\n"
+        (tmp_path / "log.csv").write_text(log + "".join(f"{t},1.2,25,10,7,{T_set}\n" for t in range(0, 7260, 60)))
+        return read("[loop]\n[boundary]\nkind = 'csv'\npath = 'log.csv'").sha256
+
+    assert day(14) == day(14)
+    assert day(14) != day(15)
+
+
+def test_the_template_is_a_valid_study(read):
+    assert read(TEMPLATE).plan.n_scenarios == 150
+
+
+def test_a_relative_path_starts_from_the_study_file(tmp_path):
+    (tmp_path / "sub").mkdir()
+    log = "elapsed_time [s],m_a [kg/s],T_a_in [degC],W_a_in [g/kg],T_w_in [degC],T_set [degC]\n"
+    (tmp_path / "sub" / "log.csv").write_text(log + "".join(f"{t},1.2,25,10,7,14\n" for t in range(0, 7260, 60)))
+    (tmp_path / "sub" / "study.toml").write_text("[loop]\n[boundary]\nkind = 'csv'\npath = 'log.csv'")
+    boundary = read_study(tmp_path / "sub" / "study.toml").plan.layout.boundary
+    assert boundary.series["W_a_in"][0, 0] == pytest.approx(0.010)
+    (tmp_path / "study.toml").write_text((tmp_path / "sub" / "study.toml").read_text())
+    assert read_study(tmp_path / "study.toml", tmp_path / "sub").plan.layout.boundary == boundary

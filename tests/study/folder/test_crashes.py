@@ -1,0 +1,299 @@
+"""Runs that are killed, at every step and at any time, and disks that are full: the next run finds the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+from helpers.faults import DAYS, PLAIN, SITUATIONS, TRACED, golden, ran, shards, unfinished
+
+from fastcoil.study import maintenance
+
+pytestmark = pytest.mark.kernel
+
+TESTS = Path(__file__).parents[2]
+ENVIRONMENT = os.environ | {
+    "PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS), os.environ.get("PYTHONPATH", "")])
+}
+LONG = PLAIN.replace("hours = 0.25", "hours = 8").replace("[0.0, 0.9]", "{ linspace = [0.0, 1.5, 6000] }")
+"""Seconds of work in several shards a day."""
+
+
+@pytest.fixture(scope="module")
+def harness():
+    """Return a function that runs a study in a process forked for it: exit code, operations on files, what it said."""
+    command = [sys.executable, str(TESTS / "helpers" / "crashing.py")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as server:
+        assert server.stdout.readline() == "ready\n"
+
+        def run(text, folder, **order):
+            log = folder.with_name("log")
+            order |= {"text": text, "folder": str(folder), "log": str(log)}
+            print(json.dumps(order), file=server.stdin, flush=True)
+            code, operations = json.loads(server.stdout.readline())
+            return code, operations, log.read_text()
+
+        try:
+            yield run
+        finally:
+            server.stdin.close()
+            server.wait(timeout=60)
+
+
+def resumed(folder, text, **options):
+    """Go on to the end: nothing is found damaged, and the result is that of an undisturbed run."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if (folder / "run.json").exists() and (folder / "study.toml").exists():
+            assert all("study.toml" in p or "was begun" in p for p in maintenance.verify(folder))
+        assert ran(text, folder, **options) == golden(text)
+    assert maintenance.verify(folder) == []
+    assert unfinished(folder) == []
+    assert not (folder / "shards").exists()
+    assert not (folder / "quarantine").exists()
+
+
+# --- kill -9 ----------------------------------------------------------------------------------------------------------
+
+
+def killed_before_each(harness, tmp_path, situation, stride=1):
+    """Kill a run before its n-th operation on files, n = 1, 2, …: half-written files and all."""
+    text, prepare = SITUATIONS[situation]
+    before, out = tmp_path / "before", tmp_path / "out"
+    prepare(out)
+    if out.exists():
+        shutil.copytree(out, before)
+    n, code = 1, -9
+    while code == -9:
+        shutil.rmtree(out, ignore_errors=True)
+        if before.exists():
+            shutil.copytree(before, out)
+        code, done, said = harness(text, out, extend=True, kill_before=n)
+        assert (code, done) == (-9, n) or code == 0, said
+        resumed(out, text, extend=True)
+        n += stride
+    return n
+
+
+@pytest.mark.parametrize(("situation", "stride"), [("plain", 2), ("traced", 7), ("extended, unfinished", 13)])
+def test_a_run_killed_at_any_step_is_completed_by_the_next(harness, tmp_path, situation, stride):
+    assert killed_before_each(harness, tmp_path, situation, stride) > 60
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("situation", SITUATIONS)
+def test_a_run_killed_at_any_step_in_whatever_situation(harness, tmp_path, situation):
+    assert killed_before_each(harness, tmp_path, situation) > 60
+
+
+def killed_at_random(harness, tmp_path, times, seed):
+    """Kill a study with traces again and again until it is finished, and begin anew, ``times`` in all."""
+    random_time, killed, k = random.Random(seed), 0, 0
+    while killed < times:
+        out = tmp_path / f"out{k}"
+        code = -9
+        while code == -9 and killed < times:
+            code, _, said = harness(TRACED, out, kill_after=random_time.uniform(0.0, 0.4))
+            assert code in (-9, 0), said
+            killed += 1
+        resumed(out, TRACED)
+        shutil.rmtree(out)
+        k += 1
+
+
+def test_a_run_killed_at_any_time_is_completed_by_the_next(harness, tmp_path):
+    killed_at_random(harness, tmp_path, 50, seed=1)
+
+
+@pytest.mark.full
+def test_a_run_killed_at_any_time_of_very_many(harness, tmp_path):
+    killed_at_random(harness, tmp_path, 500, seed=2)
+
+
+# --- limits -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("limit", [1000, 30_000, 66_000])
+def test_a_limit_on_the_size_of_files_ends_a_run_with_4(harness, tmp_path, limit):
+    out = tmp_path / "out"
+    # Python ignores the signal, so that a write fails with EFBIG
+    code, _, said = harness(TRACED.replace("[0.0, 0.9]", "[0.0, 0.5, 0.9]"), out, limits={"RLIMIT_FSIZE": limit})
+    assert code == (4 if limit < 66_000 else 0), said
+    if code:
+        assert "Traceback" not in said
+        assert not out.exists() or unfinished(out) == []
+    resumed(out, TRACED.replace("[0.0, 0.9]", "[0.0, 0.5, 0.9]"))
+
+
+def test_too_few_open_files_end_a_run_with_4_or_are_enough(harness, tmp_path):
+    out = tmp_path / "out"
+    codes = set()
+    for limit in range(4, 20):
+        code, _, said = harness(TRACED, out, limits={"RLIMIT_NOFILE": limit})
+        assert "Traceback" not in said, said
+        assert code in (0, 4), said
+        codes.add(code)
+        if code == 0:
+            break
+    assert codes == {0, 4}
+    resumed(out, TRACED)
+
+
+def test_a_folder_that_must_not_be_written_ends_a_run_with_4(harness, tmp_path):
+    if os.getuid():
+        pytest.skip("only root can become another user")
+    out = tmp_path / "out"
+    out.mkdir(mode=0o755)
+    for parent in [tmp_path, *tmp_path.parents][:3]:
+        parent.chmod(parent.stat().st_mode | 0o755)
+    code, _, said = harness(PLAIN, out, user=65534)
+    assert code == 4, said
+    assert "Permission denied" in said
+    assert list(out.iterdir()) == []
+    resumed(out, PLAIN)
+
+
+# --- full disks -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 2 MiB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=2m", "none", str(place)], capture_output=True, check=False, timeout=60
+    )
+    if mounted.returncode:
+        pytest.skip("mounting a small file system needs root")
+    try:
+        yield place
+    finally:
+        subprocess.run(["umount", "-l", str(place)], check=True, timeout=60)
+
+
+@pytest.mark.parametrize("interval", [50, 1])
+def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(harness, small_disk, interval):
+    codes, kept, text = set(), set(), TRACED.replace("interval = 50", f"interval = {interval}")
+    ballast = small_disk / "ballast"
+    for free_kib in range(8, 1400, 20 if interval > 1 else 60):
+        out = small_disk / f"out{free_kib}"
+        room = shutil.disk_usage(small_disk).free - 1024 * free_kib
+        with ballast.open("wb") as file:
+            os.posix_fallocate(file.fileno(), 0, room)
+        code, _, said = harness(text, out, unchecked=True)
+        codes.add(code)
+        assert code in (0, 4), said
+        assert not code or re.search("No space left on device", said), said
+        assert "Traceback" not in said
+        if out.exists():
+            assert unfinished(out) == []
+        before = {p.name: p.read_bytes() for p in shards(out)}
+        kept.add(len(before))
+        ballast.unlink()
+        assert {p.name: p.read_bytes() for p in shards(out)} == before
+        resumed(out, text)
+        shutil.rmtree(out)
+        if code == 0:
+            break
+    assert codes == {0, 4}
+    # it was full before, among and after the shards: while they were merged
+    assert kept >= {0, DAYS}
+
+
+# --- signals, locks, pipes --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def command(tmp_path):
+    """Return a function that starts the command line on a study of some seconds, one worker."""
+    (tmp_path / "my study.toml").write_text(LONG)
+    started = []
+
+    def start(*words, **options):
+        options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": tmp_path} | options
+        words = words or ("run", "my study.toml", "-o", "out", "-j", "1", "--no-figures")
+        process = subprocess.Popen([sys.executable, "-m", "fastcoil", *words], env=ENVIRONMENT, **options)
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate(timeout=60)
+
+
+def wait_for_shards(process, folder, n=1):
+    """Until there are some, or a minute is over."""
+    end = time.monotonic() + 60
+    while len([p for p in shards(folder) if p.suffix == ".nc" and not p.name.startswith(".")]) < n:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)], ids=str
+)
+def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(command, tmp_path, number, code):
+    process = command()
+    wait_for_shards(process, tmp_path / "out")
+    process.send_signal(number)
+    _, said = process.communicate(timeout=5)
+    assert process.returncode == code, said
+    assert "what was finished is kept, to go on: fastcoil run" in said
+    assert "Traceback" not in said
+    assert not (tmp_path / "out" / "results.nc").exists()
+    assert unfinished(tmp_path / "out") == []
+    assert maintenance.verify(tmp_path / "out") == []
+    assert any("Unfinished" in line for line in maintenance.status(tmp_path / "out"))
+
+
+def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(command, tmp_path):
+    first = command()
+    wait_for_shards(first, tmp_path / "out")
+    second = command()
+    _, said = second.communicate(timeout=60)
+    assert second.returncode == 5
+    assert f"in use by another run (process {first.pid} on " in said
+    assert "Traceback" not in said
+    first.kill()
+    first.wait(timeout=60)
+    third = command()
+    assert any("Going on:" in line for line in third.stderr)
+    assert f"process {third.pid} " in (tmp_path / "out" / ".holder").read_text()
+
+
+def test_ctrl_c_before_the_first_shard_leaves_no_folder(command, tmp_path):
+    process = command("run", "my study.toml", "-o", "deep/out", "-j", "1", "--no-figures")
+    end = time.monotonic() + 60
+    while not (tmp_path / "deep" / "out" / ".holder").exists():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+    if shards(tmp_path / "deep" / "out"):
+        pytest.skip("this machine was faster")
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=5)
+    assert process.returncode == 130, said
+    assert not (tmp_path / "deep").exists()
+    assert "to go on" not in said
+
+
+def test_a_reader_that_closes_the_pipe_gets_no_traceback(command):
+    process = command("parameters")
+    process.stdout.close()
+    said = process.stderr.read()
+    process.wait(timeout=60)
+    assert "Traceback" not in said
+    assert "Exception" not in said

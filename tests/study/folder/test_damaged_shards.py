@@ -1,0 +1,150 @@
+"""Damaged, foreign and lost shards: they are found and set aside, and the next run mends the study."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+import shutil
+
+import netCDF4
+import pytest
+import xarray as xr
+from helpers.faults import PLAIN, interrupted, larger, quarantined, ran, resumed, shards, verified
+
+from fastcoil.simulation.dataset import image
+from fastcoil.study.folder import store
+
+pytestmark = pytest.mark.kernel
+
+
+def named(data, first=0):
+    """The name of a shard with these bytes."""
+    return f"{first:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
+
+
+@pytest.mark.parametrize(
+    "cut", [lambda d: d[:-1], lambda d: d[: len(d) // 2], lambda d: b"", lambda d: d + b"\0"],
+    ids=["a byte less", "half", "nothing", "a byte more"],
+)  # fmt: skip
+def test_a_shard_of_another_length_is_set_aside_and_run_again(broken_off, cut):
+    path = shards(broken_off)[0]
+    path.write_bytes(cut(path.read_bytes()))
+    (problem,) = verified(broken_off)
+    assert str(path) in problem
+    (told,) = resumed(broken_off)
+    assert f"{path} is not as it was written: moved to quarantine/" in told
+    assert quarantined(broken_off) == [path.name]
+
+
+def test_a_flipped_bit_anywhere_in_a_shard_is_found(broken_off):
+    path, run = shards(broken_off)[0], store.begun(broken_off)
+    good = path.read_bytes()
+    positions = random.Random(1).sample(range(8 * len(good)), 1000)
+    for at in [0, 8 * len(good) - 1, *positions]:
+        damaged = bytearray(good)
+        damaged[at // 8] ^= 1 << at % 8
+        path.write_bytes(damaged)
+        assert next(store.inspected(broken_off, run.key)) == (path, "is not as it was written"), at
+    (told,) = resumed(broken_off)
+    assert path.name in told
+
+
+def filled(path):
+    """A file with the structure of a shard and none of its values, as a writer leaves it that is killed."""
+    empty = netCDF4.Dataset("filled.nc", "w", memory=2**16)
+    with netCDF4.Dataset(path) as file:
+        for name, dimension in file.dimensions.items():
+            empty.createDimension(name, len(dimension))
+        for name, variable in file.variables.items():
+            copy = empty.createVariable(name, variable.dtype, variable.dimensions)
+            if name == "scenario":
+                copy[:] = variable[:]
+        empty.study = file.study
+        image = empty.close()
+    return bytes(image)
+
+
+def test_a_shard_that_opens_but_was_never_filled_is_set_aside(broken_off):
+    path = shards(broken_off)[0]
+    data = filled(path)
+    path.write_bytes(data)
+    assert "is not as it was written" in verified(broken_off)[0]
+    path.rename(path.with_name(named(data)))
+    assert "was never filled" in verified(broken_off)[0]
+    (told,) = resumed(broken_off)
+    assert named(data) in told
+
+
+def test_a_shard_of_another_study_is_set_aside(broken_off, tmp_path):
+    other = tmp_path / "other" / "out"
+    other.parent.mkdir()
+    interrupted(larger(PLAIN), other, 1)
+    (foreign,) = shards(other)
+    shutil.copy(foreign, broken_off / "shards")
+    (told,) = resumed(broken_off)
+    assert f"{foreign.name} belongs to another study or another version of the model" in told
+    assert quarantined(broken_off) == [foreign.name]
+
+
+def test_a_shard_of_the_same_study_cut_otherwise_is_taken_for_what_it_adds(broken_off, monkeypatch):
+    first = xr.load_dataset(shards(broken_off)[0])
+    data = image(first.isel(scenario=slice(1, 3)), compressed=False)
+    (broken_off / "shards" / named(data, 1)).write_bytes(data)
+    assert resumed(broken_off) == []
+
+
+def test_a_renamed_shard_and_one_under_two_names_are_set_aside(broken_off):
+    first, second = shards(broken_off)
+    shutil.copy(first, first.with_name("000000001" + first.name[9:]))
+    second.rename(second.with_name("000000003" + second.name[9:]))
+    told = resumed(broken_off)
+    assert len(told) == 2
+    assert all("is not what its name says" in t for t in told)
+    assert quarantined(broken_off) == ["000000001" + first.name[9:], "000000003" + second.name[9:]]
+
+
+def test_foreign_files_among_the_shards_are_kept_in_quarantine(broken_off):
+    place = broken_off / "shards"
+    (place / "notes.txt").write_text("mine")
+    (place / "thesis.nc").write_bytes(b"CDF\1")
+    (place / "folder").mkdir()
+    (place / "folder" / "inside").write_text("mine too")
+    (place / named(b"no NetCDF")).write_bytes(b"no NetCDF")
+    xr.Dataset().to_netcdf(place / "empty.nc")
+    empty = (place / "empty.nc").read_bytes()
+    (place / "empty.nc").rename(place / named(empty))
+    assert len(verified(broken_off)) == 5
+    told = resumed(broken_off)
+    assert len(told) == 5
+    assert len(quarantined(broken_off)) == 5
+    assert (broken_off / "quarantine" / "notes.txt").read_text() == "mine"
+    assert (broken_off / "quarantine" / "folder" / "inside").read_text() == "mine too"
+
+
+def test_what_is_set_aside_twice_is_kept_twice(broken_off):
+    for text in ("one", "two"):
+        (broken_off / "shards" / "notes.txt").write_text(text)
+        with pytest.warns(UserWarning, match=r"notes\.txt is no shard"):
+            list(store.committed(broken_off, store.begun(broken_off).key))
+    assert quarantined(broken_off) == ["notes.txt", "notes.txt.2"]
+
+
+def test_a_file_that_joins_the_shards_of_a_finished_study_is_not_deleted_with_them(broken_off, monkeypatch):
+    monkeypatch.setattr("fastcoil.study.folder.merge.discard_shards", lambda _: None)  # as if it were killed there
+    ran(PLAIN, broken_off)
+    monkeypatch.undo()
+    (broken_off / "shards" / "notes.txt").write_text("mine")
+    resumed(broken_off)
+    assert (broken_off / "quarantine" / "notes.txt").read_text() == "mine"
+
+
+def test_half_written_files_of_a_killed_run_are_no_damage_and_are_removed(broken_off):
+    for place in (broken_off, broken_off / "shards"):
+        (place / ".results.nc.1.tmp").write_bytes(b"half")
+    assert verified(broken_off) == []
+    assert resumed(broken_off) == []
+
+
+def test_a_deleted_shard_is_run_again(broken_off):
+    shards(broken_off)[0].unlink()
+    assert resumed(broken_off) == []

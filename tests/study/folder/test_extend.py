@@ -1,0 +1,243 @@
+"""Extending a study: what was computed is kept to the last bit, only what is new is run, nothing else is touched."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from helpers import poison
+from helpers.faults import stopped
+from helpers.processes import cut
+from helpers.versions import begun, fresh, toml
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.errors import InputError
+from fastcoil.study import runner
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.runner import execute
+
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120)]
+
+BASE = {
+    "loop": {"noise_std": 0.02},
+    "sweep": {"backlash": [0.02, 0.05, 0.09], "estimate_ratio": [0.0, 1.0]},
+    "cases": {"tuning": {"slow": {"kp": 0.02, "ti": 30}, "fast": {"kp": 0.03, "ti": 8}}},
+    "boundary": {"hours": 0.25, "seed": [3, 5]},
+    "run": {"warm_up": 100, "traces": ["T_sup", "mode"], "trace_interval": 100},
+}
+N = 24
+
+
+def changed(**parts):
+    """The base study with some tables updated; a value of None takes the entry away."""
+    tables = copy.deepcopy(BASE)
+    for name, table in parts.items():
+        tables[name] = {k: v for k, v in (tables[name] | table).items() if v is not None}
+    return tables
+
+
+@pytest.fixture
+def study(tmp_path):
+    """Return a function that reads a study from tables; all of them are in one file, as its versions are."""
+
+    def read(tables):
+        (tmp_path / "study.toml").write_text(toml(tables), encoding="utf-8")
+        return read_study(tmp_path / "study.toml")
+
+    return read
+
+
+def image(folder):
+    """Every file in a folder with its bytes, and when it was written."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name != ".lock":
+            found[path.relative_to(folder).as_posix()] = (path.read_bytes(), path.stat().st_mtime_ns)
+    return found
+
+
+EXTENSIONS = {
+    "front": changed(sweep={"backlash": [0.01, 0.02, 0.05, 0.09]}),
+    "middle": changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09]}),
+    "end": changed(sweep={"backlash": [0.02, 0.05, 0.09, 0.15]}),
+    "two axes": changed(sweep={"backlash": [0.0, 0.02, 0.05, 0.07, 0.09], "estimate_ratio": [0.0, 0.5, 1.0, 1.2]}),
+    "another order": changed(sweep={"backlash": [0.09, 0.15, 0.02, 0.05]}),
+    "a constant that is swept": changed(loop={"noise_std": None}, sweep={"noise_std": [0.0, 0.02, 0.1]}),
+    "a default that is swept": changed(sweep={"n_volumes": [4, 8]}),
+    "a case": changed(cases={"tuning": {"faster": {"kp": 0.1, "ti": 20}} | BASE["cases"]["tuning"]}),
+    "replicates": changed(run={"replicates": 3}),
+    "a day in front": changed(boundary={"seed": [1, 3, 5]}),
+    "days": changed(boundary={"seed": [3, 4, 5, 6]}),
+    "all at once": changed(
+        sweep={"backlash": [0.01, 0.02, 0.05, 0.09], "estimate_ratio": [0.0, 0.3, 1.0]},
+        cases={"tuning": BASE["cases"]["tuning"] | {"faster": {"kp": 0.1, "ti": 20}}},
+        boundary={"seed": [2, 3, 5]},
+        run={"replicates": 2},
+    ),
+}
+
+
+@pytest.mark.parametrize("larger", EXTENSIONS.values(), ids=EXTENSIONS)
+def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tmp_path, larger):
+    execute(study(BASE), tmp_path / "out")
+    log = tmp_path / "log"
+    asked = study(larger)
+    finished = execute(poison.harmful(asked, log=log), tmp_path / "out", extend=True)
+    assert finished.n_run == asked.plan.n_scenarios - N
+    assert sum(int(line.split()[1]) for line in log.read_text().splitlines()) == finished.n_run
+    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+    assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == finished.results.attrs["content_sha256"]
+    assert not (tmp_path / "out" / "shards").exists()
+    assert len(list((tmp_path / "out").glob("traces-*.nc"))) == 1
+    assert execute(study(larger), tmp_path / "out", extend=True).n_run == 0
+
+
+@pytest.mark.parametrize("n_shards", [1, pytest.param(3, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "name", ["a constant that is swept", *(pytest.param(n, marks=pytest.mark.full) for n in ("middle", "all at once"))]
+)
+def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name, n_shards):
+    cut(monkeypatch, 5)
+    done = stopped(study(BASE), tmp_path / "out", n_shards)
+    asked = study(EXTENSIONS[name])
+    finished = execute(asked, tmp_path / "out", extend=True)
+    assert finished.n_run == asked.plan.n_scenarios - done
+    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+@pytest.mark.parametrize("again", [True, pytest.param(False, marks=pytest.mark.full)])
+@pytest.mark.parametrize("before", [2, pytest.param(0, marks=pytest.mark.full)])
+def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, before, again):
+    cut(monkeypatch, 5)
+    done = begun(study(BASE), tmp_path / "out", before)
+    asked = study(EXTENSIONS["all at once"])
+    for _ in range(3):
+        done += stopped(asked, tmp_path / "out", 2, extend=again or done <= N)
+        partly = fc.open_study(tmp_path / "out")
+        assert int((partly["status"] == 0).sum()) == done
+        partly.close()
+    finished = execute(asked, tmp_path / "out", extend=again)
+    assert finished.n_run == asked.plan.n_scenarios - done
+    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+def test_an_extension_of_an_extension_that_was_interrupted_keeps_all(study, tmp_path, monkeypatch):
+    cut(monkeypatch, 5)
+    done = stopped(study(BASE), tmp_path / "out", 2)
+    done += stopped(study(EXTENSIONS["middle"]), tmp_path / "out", 2, extend=True)
+    asked = study(changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09, 0.11]}, run={"replicates": 2}))
+    finished = execute(asked, tmp_path / "out", extend=True)
+    assert finished.n_run == asked.plan.n_scenarios - done
+    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+REFUSED = {
+    "a removed value": (changed(sweep={"backlash": [0.02, 0.09, 0.15]}), "8 of the 24 scenarios"),
+    "a removed case": (changed(cases={"tuning": {"slow": {"kp": 0.02, "ti": 30}}}), "12 of the 24 scenarios"),
+    "a removed day": (changed(boundary={"seed": [3, 4]}), "12 of the 24 scenarios"),
+    "a changed constant": (changed(loop={"noise_std": 0.03}), "24 of the 24 scenarios"),
+    "a changed case": (
+        changed(cases={"tuning": {"slow": {"kp": 0.02, "ti": 31}, "fast": {"kp": 0.03, "ti": 8}}}),
+        "12 of the 24 scenarios",
+    ),
+    "another preset": (changed(loop={"preset": "lbnl"}), "24 of the 24 scenarios"),
+    "a longer day": (changed(boundary={"hours": 0.5}), "24 of the 24 scenarios"),
+    "another seed": (changed(run={"seed": 1}), r"\[run\] seed changed"),
+    "another warm-up": (changed(run={"warm_up": 200}), r"\[run\] warm_up changed"),
+    "other traces": (changed(run={"traces": ["T_sup"]}), r"\[run\] traces changed"),
+    "more traces": (changed(run={"traces": ["T_sup", "mode", "u"]}), r"\[run\] traces changed"),
+    "another interval": (changed(run={"trace_interval": 50}), r"\[run\] traces changed"),
+}
+
+
+@pytest.mark.parametrize(("other", "sentence"), REFUSED.values(), ids=REFUSED)
+@pytest.mark.parametrize("n_shards", [None, pytest.param(2, marks=pytest.mark.full)], ids=["finished", "unfinished"])
+def test_what_is_no_extension_is_refused_and_nothing_touched(study, tmp_path, monkeypatch, other, sentence, n_shards):
+    check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards)
+
+
+@pytest.mark.parametrize("name", ["a removed day", "another seed"])
+def test_an_unfinished_study_is_not_touched_by_what_is_no_extension(study, tmp_path, monkeypatch, name):
+    check_refused(study, tmp_path, monkeypatch, *REFUSED[name], n_shards=2)
+
+
+def check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards):
+    cut(monkeypatch, 6)
+    begun(study(BASE), tmp_path / "out", n_shards)
+    before = image(tmp_path / "out")
+    if n_shards and "scenarios" in sentence:
+        sentence = "of the 24 scenarios"
+    with pytest.raises(InputError, match=f"--extend: {sentence}|--extend: .*{sentence}"):
+        execute(study(other), tmp_path / "out", extend=True)
+    assert image(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
+def test_without_extend_another_version_is_refused_with_what_differs(study, tmp_path, monkeypatch, n_shards):
+    cut(monkeypatch, 6)
+    begun(study(BASE), tmp_path / "out", n_shards)
+    before = image(tmp_path / "out")
+    study(EXTENSIONS["end"])
+    words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2
+    assert "give --extend if values were only added" in result.stderr
+    assert "fastcoil: -backlash = [0.02, 0.05, 0.09]" in result.stderr
+    assert "fastcoil: +backlash = [0.02, 0.05, 0.09, 0.15]" in result.stderr
+    assert "Traceback" not in result.output
+    assert image(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize("volumes", [[2, 4], [8, 4]], ids=str)
+def test_traces_with_volumes_grow_with_the_largest_coil(study, tmp_path, volumes):
+    traces = {"traces": ["T_c", "u"]}
+    execute(study(changed(run=traces, loop={"n_volumes": 4})), tmp_path / "out")
+    asked = study(changed(run=traces, sweep={"n_volumes": volumes}))
+    finished = execute(asked, tmp_path / "out", extend=True)
+    assert finished.n_run == asked.plan.n_scenarios - N
+    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+def test_the_command_line_extends(study, tmp_path):
+    execute(study(BASE), tmp_path / "out")
+    asked = study(EXTENSIONS["end"])
+    words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
+    result = CliRunner().invoke(main, [*words, "--extend"])
+    assert result.exit_code == 0, result.output
+    assert "Going on: 24 of 32 scenario-days are there" in result.stderr
+    assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == fresh(asked, tmp_path)
+    assert "finished: nothing to do" in CliRunner().invoke(main, words).output
+
+
+def test_an_extension_without_new_scenarios_runs_none(study, tmp_path, monkeypatch):
+    execute(study(BASE), tmp_path / "out")
+    monkeypatch.setattr(runner, "make_pool", None)
+    asked = study(changed(sweep={"backlash": [0.09, 0.05, 0.02]}))
+    finished = execute(asked, tmp_path / "out", extend=True)
+    assert finished.n_run == 0
+    monkeypatch.undo()
+    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+def test_extend_is_no_harm_where_there_is_nothing_yet(study, tmp_path):
+    finished = execute(study(BASE), tmp_path / "out", extend=True)
+    assert finished.n_run == N
+    assert finished.results.attrs["content_sha256"] == fresh(study(BASE), tmp_path)
+
+
+def test_an_extension_on_processes_gives_the_same_bits(study, tmp_path):
+    execute(study(BASE), tmp_path / "out")
+    asked = study(EXTENSIONS["all at once"])
+    finished = execute(asked, tmp_path / "out", extend=True, engine="loky", n_jobs=1)
+    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+def test_values_of_old_scenarios_do_not_change(study, tmp_path):
+    old = execute(study(BASE), tmp_path / "out").results.load()
+    new = execute(study(EXTENSIONS["all at once"]), tmp_path / "out", extend=True).results.isel(replicate=0)
+    for name in ("rmse", "status", "T_sup", "mode"):
+        same = new[name].sel(backlash=old.backlash, estimate_ratio=old.estimate_ratio, tuning=old.tuning, day=old.day)
+        np.testing.assert_array_equal(same.transpose(*old[name].dims).values, old[name].values, err_msg=name)

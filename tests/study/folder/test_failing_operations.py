@@ -1,0 +1,116 @@
+"""Operations on files that fail: the run ends with a sentence, and the next one completes it."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+
+import pytest
+from helpers.faults import (
+    DAYS,
+    PLAIN,
+    SITUATIONS,
+    TRACED,
+    Nth,
+    golden,
+    interrupted,
+    operations,
+    ran,
+    resumed,
+    shards,
+    studied,
+    unfinished,
+)  # fmt: skip
+
+from fastcoil.errors import IntegrityError, StorageError
+from fastcoil.study import runner
+from fastcoil.study.folder import store
+
+pytestmark = pytest.mark.kernel
+
+
+def sweep(tmp_path, situation, *, lasting=False, stride=1):
+    """Let the n-th operation on files fail, n = 1, 2, … until none is left; each time the next run must mend it."""
+    text, prepare = SITUATIONS[situation]
+    out, before = tmp_path / "out", tmp_path / "before"
+    study = studied(text, out)
+    prepare(out)
+    study = studied(text, out)
+    if out.exists():
+        shutil.copytree(out, before)
+    n, reached = 1, True
+    while reached:
+        error = (errno.EIO, errno.ENOSPC)[n % 2]
+
+        def fail(error=error):
+            raise OSError(error, os.strerror(error))
+
+        shutil.rmtree(out, ignore_errors=True)
+        if before.exists():
+            shutil.copytree(before, out)
+        nth = Nth(n, fail, lasting=lasting)
+        was = {p.name: p.read_bytes() for p in shards(out)}
+        try:
+            with operations(out, nth):
+                finished = runner.execute(study, out, n_jobs=1, extend=True)
+        except StorageError as refused:
+            told = str(refused)
+        except IntegrityError as refused:  # what was begun is checked before it is extended
+            told = str(refused)
+            assert "cannot be read" in told  # noqa: PT017
+            assert nth.done[n - 1] == "open for reading"
+        else:  # nothing failed, or what nobody needs
+            assert finished.results.attrs["content_sha256"] == golden(text), (n, nth.done)
+            told = ""
+        assert not told or os.strerror(error) in told, (n, nth.done)
+        reached = len(nth.done) >= n
+        assert lasting or unfinished(out) == [], (n, nth.done)
+        assert all(p.read_bytes() == was[p.name] for p in shards(out) if p.name in was), (n, nth.done)
+        assert not out.exists() or not (out / "run.json").exists() or all(map(store._SHARD_NAME.fullmatch, (
+            p.name for p in shards(out) if not p.name.endswith(".tmp")))), (n, nth.done)  # fmt: skip
+        assert resumed(out, text, extend=True) == [], (n, nth.done)
+        n += stride
+    return n
+
+
+@pytest.mark.parametrize(("situation", "stride"), [("plain", 2), ("traced", 5), ("extended, unfinished", 11)])
+def test_whichever_operation_fails_the_run_ends_with_4_and_the_next_one_completes_it(tmp_path, situation, stride):
+    assert sweep(tmp_path, situation, stride=stride) > 50
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("lasting", [False, True], ids=["once", "from then on"])
+@pytest.mark.parametrize("situation", SITUATIONS)
+def test_whichever_operation_fails_in_whatever_situation(tmp_path, situation, lasting):
+    assert sweep(tmp_path, situation, lasting=lasting) > 50
+
+
+def test_a_shard_whose_fsync_fails_once_is_not_written_and_fsync_is_not_tried_again(out, monkeypatch):
+    interrupted(PLAIN, out, 1)
+    calls, real = [], os.fsync
+
+    def fsync(descriptor):
+        calls.append(descriptor)
+        if len(calls) == 1:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        real(descriptor)
+
+    before = shards(out)
+    monkeypatch.setattr(os, "fsync", fsync)
+    with pytest.raises(StorageError, match="Input/output error"):
+        ran(PLAIN, out)
+    assert len(calls) == 1
+    assert shards(out) == before
+    monkeypatch.undo()
+    resumed(out)
+
+
+def test_bytes_are_on_the_disk_before_a_name_points_to_them(out):
+    done = []
+    with operations(out, done.append):
+        ran(TRACED, out)
+    replaced = [k for k, name in enumerate(done) if name == "replace"]
+    assert len(replaced) == 2 + DAYS + 2  # run.json, study.toml, shards, traces, results.nc
+    for k in replaced:
+        assert done[k - 2 : k + 3] == ["open", "fsync", "replace", "open", "fsync"]

@@ -1,0 +1,112 @@
+"""The folder of a study: any name will do, links are followed, and one run at a time is in it."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import time
+
+import pytest
+from helpers.faults import PLAIN, TRACED, contents, golden, interrupted, ran, resumed, studied
+
+from fastcoil.errors import FastcoilError, InputError, LockedError, StorageError
+from fastcoil.study import maintenance, runner
+from fastcoil.study.file.spec import read_study
+
+pytestmark = pytest.mark.kernel
+
+
+def written(path, text=PLAIN):
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", ["with space", "ünï-冷", "new\nline", "#mode=bytes?x=%20", "'\";$(x)", "x" * 200])
+def test_any_name_of_a_folder_will_do(tmp_path, name):
+    out = tmp_path / name / "out"
+    out.parent.mkdir()
+    interrupted(TRACED, out, 1)
+    resumed(out, TRACED)
+    assert any("Finished" in line for line in maintenance.status(out))
+
+
+def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_run(tmp_path):
+    out = tmp_path / os.fsdecode(b"caf\xe9") / "out"
+    try:
+        out.parent.mkdir()
+    except OSError:
+        pytest.skip("the file system takes only UTF-8")
+    with pytest.raises(InputError, match="is not UTF-8: choose another folder"):
+        runner.execute(read_study(written(tmp_path / "study.toml")), out)
+    assert not out.exists()
+
+
+def test_a_link_to_a_folder_is_followed(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "elsewhere")
+    interrupted(PLAIN, tmp_path / "out", 1)
+    resumed(tmp_path / "out")
+    assert (tmp_path / "out").is_symlink()
+    assert (tmp_path / "elsewhere" / "results.nc").is_file()
+
+
+def test_a_link_to_nowhere_is_refused(tmp_path):
+    (tmp_path / "out").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(FastcoilError) as refused:
+        ran(PLAIN, tmp_path / "out")
+    assert refused.value.exit_code in (2, 4)
+    assert [p.name for p in tmp_path.iterdir() if p.name != "study.toml"] == ["out"]
+
+
+def test_temporary_files_elsewhere_are_not_used(out, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "absent"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "absent"))
+    assert ran(TRACED, out) is not None
+
+
+def test_a_folder_removed_in_the_middle_of_a_run_ends_it_with_4(out):
+    def remove(_):
+        shutil.rmtree(out)
+
+    with pytest.raises(StorageError, match="cannot be made: No such file or directory"):
+        runner.execute(studied(PLAIN, out), out, n_jobs=1, progress=lambda _: remove)
+    assert not out.exists()
+    resumed(out)
+
+
+def test_a_file_system_without_locks_is_refused(out, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    # by its version, the library of locks refuses, or makes do with the file alone
+    try:
+        with pytest.warns(UserWarning, match="flock not supported"):
+            assert ran(PLAIN, out) == golden(PLAIN)
+    except StorageError as refused:
+        assert "on a file system without locks: choose another folder" in str(refused)  # noqa: PT017
+        assert not out.exists()
+
+
+def test_leftover_locks_of_a_dead_run_hold_nobody_up(broken_off):
+    (broken_off / ".lock").write_text("")
+    (broken_off / ".holder").write_text("process 1 on elsewhere since 1970")
+    assert not any("being run" in line for line in maintenance.status(broken_off))
+    resumed(broken_off)
+
+
+def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
+    def second(_):
+        before = contents(out)
+        start = time.monotonic()
+        with pytest.raises(LockedError, match=f"in use by another run .process {os.getpid()} on ") as refused:
+            ran(PLAIN, out)
+        assert refused.value.exit_code == 5
+        assert time.monotonic() - start < 5.0
+        assert {n: b for n, (b, _) in contents(out).items()} == {n: b for n, (b, _) in before.items()}
+        assert any(f"being run by another run (process {os.getpid()}" in line for line in maintenance.status(out))
+        assert maintenance.verify(out) == []
+
+    finished = runner.execute(studied(PLAIN, out), out, n_jobs=1, progress=lambda _: second)
+    assert finished.results.attrs["content_sha256"] == golden(PLAIN)

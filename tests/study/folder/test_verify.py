@@ -1,0 +1,110 @@
+"""``verify``: it finds damage in a result, none where there is none, and changes nothing."""
+
+from __future__ import annotations
+
+import random
+import stat
+
+import netCDF4
+import pytest
+from helpers.faults import DAYS, PLAIN, TRACED, contents, interrupted, larger, ran, resumed, verified
+
+import fastcoil as fc
+from fastcoil.errors import IntegrityError
+from fastcoil.study import maintenance
+from fastcoil.study.folder import store
+from fastcoil.study.folder.results import open_study
+
+pytestmark = pytest.mark.kernel
+
+
+def test_verify_finds_nothing_in_a_finished_and_in_an_unfinished_study(out):
+    interrupted(TRACED, out, 1)
+    assert verified(out) == []
+    ran(TRACED, out)
+    assert verified(out) == []
+
+
+def replaced(path, data):
+    """Another file in its place: the library may still have the old one open, and in its cache."""
+    path.with_suffix(".other").write_bytes(data)
+    path.with_suffix(".other").replace(path)
+
+
+@pytest.mark.parametrize("name", ["results.nc", "traces"])
+def test_no_flipped_bit_of_a_result_changes_a_value_unnoticed(out, name):
+    ran(TRACED, out)
+    path = next(out.glob(f"{name}*"))
+    with fc.open_study(out) as ds:
+        right = ds.load()
+    good = path.read_bytes()
+    used = len(good.rstrip(b"\0"))
+    found = 0
+    for at in random.Random(2).sample(range(8 * used), 60):
+        damaged = bytearray(good)
+        damaged[at // 8] ^= 1 << at % 8
+        replaced(path, damaged)
+        if maintenance.verify(out):
+            found += 1
+        else:  # a gap, or a number of the format that nobody reads
+            with fc.open_study(out) as ds:
+                assert ds.identical(right), at
+    replaced(path, good)
+    assert found >= 5
+    assert verified(out) == []
+
+
+@pytest.mark.parametrize("cut", [lambda d: d[:-1], lambda d: d[: len(d) // 2], lambda d: b""], ids=["1", "half", "all"])
+@pytest.mark.parametrize("name", ["results.nc", "traces"])
+def test_a_truncated_result_is_found(out, name, cut):
+    ran(TRACED, out)
+    path = next(out.glob(f"{name}*"))
+    path.write_bytes(cut(path.read_bytes().rstrip(b"\0")))  # the library fills up a small file with zeros
+    (problem,) = verified(out)
+    assert path.name in problem
+    with pytest.raises(IntegrityError, match="run the study again"):
+        ran(TRACED, out)
+    path.unlink()
+    if name == "traces":
+        assert len(verified(out)) == 1
+        (out / "results.nc").unlink()
+    resumed(out, TRACED)
+
+
+def test_damaged_traces_are_not_written_again_by_an_extension(out):
+    ran(TRACED, out)
+    path = next(out.glob("traces-*.nc"))
+    with netCDF4.Dataset(path, "a") as file:
+        file["mode"][0] = 9 - file["mode"][0]
+    assert "mode is not as it was written" in verified(out)[0]
+    before = contents(out)["results.nc"]
+    with pytest.raises(IntegrityError, match="mode is not as it was written"):
+        ran(larger(TRACED), out, extend=True)
+    assert contents(out)["results.nc"] == before
+    (out / "results.nc").unlink()
+    resumed(out, larger(TRACED), extend=True)
+
+
+def test_a_study_that_is_read_only_can_be_verified_and_opened(broken_off):
+    for path in [broken_off, *broken_off.rglob("*")]:
+        path.chmod(stat.S_IREAD | (stat.S_IEXEC if path.is_dir() else 0))
+    try:
+        assert verified(broken_off) == []
+        with open_study(broken_off) as ds:
+            assert int((ds["status"] == 0).sum()) == ds["status"].size * (DAYS - 1) // DAYS
+    finally:
+        for path in [broken_off, *broken_off.rglob("*")]:
+            path.chmod(0o755)
+
+
+def test_a_look_at_a_study_while_its_run_finishes_finds_no_damage(out, monkeypatch):
+    interrupted(PLAIN, out, DAYS - 1)
+    real = store._opened
+
+    def finishing(path, key):  # before the first shard is read
+        monkeypatch.setattr(store, "_opened", real)
+        ran(PLAIN, out)
+        return real(path, key)
+
+    monkeypatch.setattr(store, "_opened", finishing)
+    assert maintenance.verify(out) == []

@@ -1,0 +1,221 @@
+"""Studies in their folder: what is written, what is found finished, and that a failure leaves nothing."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from filelock import FileLock
+
+import fastcoil as fc
+from fastcoil.errors import InputError, IntegrityError, LockedError, StorageError
+from fastcoil.simulation.dataset import content_sha256
+from fastcoil.study import runner
+from fastcoil.study.file.spec import read_study
+
+pytestmark = pytest.mark.kernel
+
+ROOT = Path(__file__).parents[2]
+SMALL = """
+title = "small"
+question = "does it run?"
+[loop]
+preset = "paper_like"
+[sweep]
+backlash = [0.02, 0.07]
+estimate_ratio = { linspace = [0.0, 1.5, 4] }
+[cases.tuning]
+slow = { kp = 0.02, ti = 30 }
+fast = { kp = 0.03, ti = 8 }
+[boundary]
+hours = 1
+[run]
+traces = ["T_sup", "mode"]
+trace_interval = 300
+"""
+
+
+@pytest.fixture
+def study(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL)
+    return path
+
+
+def test_a_study_leaves_its_text_and_one_file_of_results(study, tmp_path):
+    ds = fc.run_study(study, tmp_path / "out")
+    names = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert names == [".lock", "results.nc", "run.json", "study.toml", ds.attrs["trace_file"]]
+    assert (tmp_path / "out" / "study.toml").read_text() == SMALL
+    opened = fc.open_study(tmp_path / "out")
+    assert opened.identical(ds.assign_attrs(opened.attrs))
+    assert opened.attrs["content_sha256"] == content_sha256(opened)
+
+
+def test_results_are_labelled_as_an_xarray_user_expects(study, tmp_path):
+    ds = fc.run_study(study, tmp_path / "out")
+    assert ds.rmse.sel(backlash=0.07, estimate_ratio=0.5, tuning="fast", method=None).ndim == 0
+    for name, variable in ds.variables.items():
+        assert variable.attrs.get("long_name"), name
+        if variable.dtype.kind == "f":
+            assert variable.attrs.get("units"), name
+    assert ds.attrs["title"] == "small"
+    assert ds.attrs["study_toml"] == SMALL
+    assert json.loads(ds.attrs["parameters"])["C_w"] == 8.8
+    assert ds.kp.dims == ("tuning",)
+    np.testing.assert_array_equal(ds.elapsed_time, np.arange(0, 3600, 300))
+
+
+def test_a_finished_study_run_again_is_only_opened(study, tmp_path, monkeypatch):
+    first = fc.run_study(study, tmp_path / "out")
+    written = (tmp_path / "out" / "results.nc").stat().st_mtime_ns
+    monkeypatch.setattr(runner, "make_pool", None)
+    again = fc.run_study(study, tmp_path / "out")
+    assert again.attrs["content_sha256"] == first.attrs["content_sha256"]
+    assert (tmp_path / "out" / "results.nc").stat().st_mtime_ns == written
+
+
+def test_results_of_other_physics_are_run_again(study, tmp_path, monkeypatch):
+    fc.run_study(study, tmp_path / "out")
+    monkeypatch.setattr(runner, "model_sha256", lambda: "another model")
+    with pytest.warns(UserWarning, match="other sources of the model: all is computed again"):
+        finished = runner.execute(read_study(study), tmp_path / "out")
+    assert finished.n_run == 16
+    assert finished.results.attrs["model_sha256"] == "another model"
+
+
+def test_a_folder_that_holds_another_study_is_left_alone(study, tmp_path):
+    fc.run_study(study, tmp_path / "out")
+    before = (tmp_path / "out" / "results.nc").read_bytes()
+    study.write_text(SMALL.replace("0.07", "0.08"))
+    with pytest.raises(InputError, match="another study"):
+        fc.run_study(study, tmp_path / "out")
+    assert (tmp_path / "out" / "results.nc").read_bytes() == before
+
+
+def test_bad_input_leaves_no_folder(study, tmp_path):
+    study.write_text(SMALL.replace("0.07", "7"))
+    with pytest.raises(InputError):
+        fc.run_study(study, tmp_path / "deep" / "out")
+    assert not (tmp_path / "deep").exists()
+
+
+def test_a_run_that_breaks_off_leaves_no_folder(study, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, "make_pool", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        fc.run_study(study, tmp_path / "deep" / "out")
+    assert not (tmp_path / "deep").exists()
+
+
+def test_a_full_disk_is_reported_and_leaves_nothing_half_written(study, tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StorageError, match="No space left on device"):
+        fc.run_study(study, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_result_too_large_for_the_disk_is_refused_before_it_runs(study, tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda _: type("usage", (), {"free": 1000})())
+    monkeypatch.setattr(runner, "make_pool", None)
+    with pytest.raises(InputError, match=r"on disk, 0\.0 MiB are free"):
+        fc.run_study(study, tmp_path / "out")
+
+
+def test_two_runs_on_one_folder_the_second_is_refused(study, tmp_path):
+    (tmp_path / "out").mkdir()
+    with FileLock(tmp_path / "out" / ".lock"), pytest.raises(LockedError, match="in use by another run"):
+        fc.run_study(study, tmp_path / "out")
+
+
+def test_an_output_that_is_a_file_is_refused(study, tmp_path):
+    with pytest.raises(InputError, match="is a file"):
+        fc.run_study(study, study)
+
+
+def with_a_flipped_bit(image, ds):
+    at = image.index(ds.rmse.values.tobytes())
+    return image[:at] + bytes([image[at] ^ 1]) + image[at + 1 :]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [with_a_flipped_bit, lambda image, _: image[: len(image) // 2], lambda *_: b""],
+    ids=["bit", "half", "all"],
+)
+def test_a_damaged_result_is_told_from_a_good_one(study, tmp_path, damage):
+    ds = fc.run_study(study, tmp_path / "out")
+    path = tmp_path / "out" / "results.nc"
+    path.write_bytes(damage(path.read_bytes(), ds))
+    with pytest.raises(IntegrityError, match="run the study again"):
+        fc.open_study(tmp_path / "out")
+
+
+def test_opening_what_is_not_there_says_so(tmp_path):
+    with pytest.raises(InputError, match="holds no study: run one first"):
+        fc.open_study(tmp_path)
+
+
+def test_one_hash_for_any_number_of_threads(study, tmp_path):
+    hashes = {fc.run_study(study, tmp_path / str(n), n_jobs=n).attrs["content_sha256"] for n in (1, 2, 3)}
+    assert len(hashes) == 1
+
+
+def test_a_cell_of_the_result_gives_back_its_loop(study, tmp_path):
+    ds = fc.run_study(study, tmp_path / "out")
+    cell = ds.isel(backlash=1, estimate_ratio=2, tuning=0)
+    alone = fc.simulate(fc.Loop.from_dataset(cell), fc.paper_day(hours=1))
+    assert float(alone.rmse) == float(cell.rmse)
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "studies").glob("*.toml") if p.name != "weather.toml"))
+def test_every_study_of_the_repository_runs(name, tmp_path):
+    text = (ROOT / "studies" / name).read_text()
+    for long, short in (
+        (r"hours = \d+", "hours = 0.6"), (r"(seed = \[\d+).*\]", r"\1]"), (r", (15|31)\]", ", 3]"),
+        ("size = 4096", "size = 64"), ("size = 1024", "size = 4"),
+    ):  # fmt: skip
+        text = re.sub(long, short, text)
+    (tmp_path / name).write_text(text)
+    ds = fc.run_study(tmp_path / name, tmp_path / "out")
+    assert int(ds.status.max()) == 0
+    assert bool(np.isfinite(ds.rmse).all())
+
+
+def test_the_robustness_study_is_the_one_that_was_asked_for():
+    study = read_study(ROOT / "studies" / "robustness.toml")
+    coordinates = study.plan.layout.coordinates()
+    assert study.plan.n_scenarios >= 10_000
+    assert study.plan.n_steps == 8 * 3600
+    assert coordinates["tuning"].size >= 20
+    assert {"lbnl", "g36"} <= set(coordinates["tuning"].values)
+    assert (coordinates["backlash"].values.min(), coordinates["backlash"].values.max()) == (0.01, 0.15)
+    assert (coordinates["estimate_ratio"].values.min(), coordinates["estimate_ratio"].values.max()) == (0.0, 1.5)
+    for preset in ("lbnl", "g36"):
+        case, loop = study.plan.layout.loop, fc.Loop.preset(preset)
+        for name in ("kp", "ti", "sample_time"):
+            at = coordinates["tuning"].values.tolist().index(preset)
+            assert float(case[name][at]) == loop[name]
+
+
+def test_a_study_on_a_real_weather_year_runs_from_start_to_end(tmp_path):
+    weather = ROOT.parent / "shared" / "data" / "san_francisco_tmy3_hourly.csv"
+    if not weather.is_file():
+        pytest.skip(f"no {weather.name} beside the repository")
+    (tmp_path / "weather.csv").write_bytes(weather.read_bytes())
+    (tmp_path / "weather.toml").write_text((ROOT / "studies" / "weather.toml").read_text())
+    with pytest.warns(UserWarning, match="interpolated to 1 s"):
+        ds = fc.run_study(tmp_path / "weather.toml", tmp_path / "out")
+    assert dict(ds.rmse.sizes) == {"day": 4, "backlash": 5, "estimate_ratio": 16}
+    assert int(ds.status.max()) == 0
+    assert bool((ds.rmse.sel(estimate_ratio=0.9) < ds.rmse.sel(estimate_ratio=0.0)).all())

@@ -1,0 +1,85 @@
+"""A cluster that a user started and that loses workers or its scheduler: the run goes on, or says what to do."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import pytest
+from click.testing import CliRunner
+from helpers import poison
+from helpers.processes import N_SCENARIOS, check_crashed, cluster, cut
+
+from fastcoil.cli.main import main
+from fastcoil.errors import FastcoilError
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.runner import execute
+from fastcoil.study.workers import dispatch
+
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtures("leaves_nothing")]
+
+
+def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, monkeypatch):
+    cut(monkeypatch, 10)
+    with cluster(tmp_path / "cluster", 2, "--no-nanny") as found:
+        with found.client() as client:
+            client.wait_for_workers(2, timeout=30)
+        harmed = poison.harmful(study, poison.killed, [35], once=tmp_path / "once")
+        finished = execute(harmed, tmp_path / "out", engine="dask", scheduler=found.address)
+        assert [p.poll() for p in found.processes].count(-signal.SIGKILL) == 1
+    assert finished.results.attrs["content_sha256"] == golden
+
+
+@pytest.mark.parametrize("harm", [poison.killed, pytest.param(poison.stops, marks=pytest.mark.full)])
+def test_a_cluster_that_loses_all_its_workers_is_told_and_no_scenario_blamed(
+    study, golden, tmp_path, monkeypatch, harm
+):
+    cut(monkeypatch, 10)
+    monkeypatch.setattr(dispatch, "_LEAST_LIMIT", 2.0)
+    monkeypatch.setattr(dispatch, "_LIMIT_FACTOR", 1.0)
+    with cluster(tmp_path / "cluster", 1, "--no-nanny") as found:
+        harmed = poison.harmful(study, harm, [135])
+        with pytest.raises(FastcoilError, match="its workers are gone, busy with something else or hang"):
+            execute(harmed, tmp_path / "out", engine="dask", scheduler=found.address)
+    finished = execute(study, tmp_path / "out")
+    assert finished.n_run <= 60
+    assert finished.results.attrs["content_sha256"] == golden
+
+
+@pytest.mark.parametrize("n_before", [pytest.param(10, marks=pytest.mark.full), 38])
+def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(small_study, golden, tmp_path, monkeypatch, n_before):
+    cut(monkeypatch, 4)
+    with cluster(tmp_path / "cluster", 1, "--no-nanny") as found:
+        words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--engine", "dask"]
+        n_done = []
+
+        def kill_later(n, _=0):
+            def tell(k):
+                n_done.append(k)
+                if len(n_done) == n_before:
+                    found.scheduler.kill()
+
+            return tell
+
+        start = time.monotonic()
+        with monkeypatch.context() as patch:
+            patch.setattr("fastcoil.cli.main.told", kill_later)
+            poison.harms(patch, poison.works_slowly, range(152, 160))
+            result = CliRunner().invoke(main, [*words, "--scheduler", found.address, "--no-figures"])
+        assert time.monotonic() - start < 60
+    assert result.exit_code == 1
+    said = [line for line in result.stderr.splitlines() if line.startswith("fastcoil: ")]
+    assert said[-1] == "fastcoil: the dask scheduler is gone: start one and run the same command again to go on"
+    assert "Traceback" not in result.output
+    finished = execute(read_study(small_study), tmp_path / "out")
+    assert 0 < finished.n_run <= N_SCENARIOS - 4 * n_before
+    assert finished.results.attrs["content_sha256"] == golden
+
+
+@pytest.mark.full
+def test_a_scenario_that_kills_the_workers_of_a_cluster_is_crashed(study, healthy, tmp_path, monkeypatch):
+    cut(monkeypatch, 4)
+    with cluster(tmp_path / "cluster", 2) as found:
+        harmed = poison.harmful(study, poison.killed, [70])
+        finished = execute(harmed, tmp_path / "out", engine="dask", scheduler=found.address)
+    check_crashed(finished.results, healthy, [70])

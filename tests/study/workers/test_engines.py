@@ -1,0 +1,165 @@
+"""Threads, processes, a dask cluster: the same bits from each."""
+
+from __future__ import annotations
+
+import pytest
+import xarray as xr
+from helpers.processes import N_SCENARIOS, cut, ended, started, wait_for
+
+import fastcoil as fc
+import fastcoil.simulation.plan
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.runner import execute
+
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
+
+
+def hash_of(results):
+    return results.attrs["content_sha256"]
+
+
+@pytest.mark.parametrize(
+    ("engine", "n_jobs"),
+    [
+        ("threads", 1),
+        ("threads", 2),
+        ("threads", 3),
+        ("loky", 1),
+        pytest.param("loky", 2, marks=pytest.mark.full),
+        ("loky", 3),
+        pytest.param("dask", 1, marks=pytest.mark.full),
+        ("dask", 2),
+        pytest.param("dask", 3, marks=pytest.mark.full),
+    ],
+)
+def test_every_engine_with_any_number_of_workers_gives_the_same_bits(small_study, golden, tmp_path, engine, n_jobs):
+    assert hash_of(fc.run_study(small_study, tmp_path / "out", engine=engine, n_jobs=n_jobs)) == golden
+    assert hash_of(fc.open_study(tmp_path / "out")) == golden
+
+
+@pytest.mark.parametrize("lane_steps", [1.0, 64 * 900.0, 1e12])
+def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, lane_steps):
+    monkeypatch.setattr(fastcoil.plan, "_LANE_STEPS_PER_SHARD", lane_steps)
+    assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
+
+
+@pytest.mark.parametrize(
+    ("largest", "seed"), [pytest.param(1, 1, marks=pytest.mark.full), (9, 2), (40, 3), (64, 4), (80, 5)]
+)
+def test_the_order_and_cut_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, largest, seed):
+    cut(monkeypatch, largest, seed)
+    assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
+
+
+def test_a_study_without_traces_has_one_hash_too(small_study, tmp_path, monkeypatch, two_workers):
+    text = small_study.read_text(encoding="utf-8")
+    path = tmp_path / "plain.toml"
+    path.write_text("\n".join(line for line in text.splitlines() if not line.startswith("trace")), encoding="utf-8")
+    expected = hash_of(fc.run_study(path, tmp_path / "threads", n_jobs=1))
+    cut(monkeypatch, 40, seed=6)
+    assert hash_of(fc.run_study(path, tmp_path / "dask", engine="dask", scheduler=two_workers.address)) == expected
+
+
+def test_a_cluster_that_a_user_started_gives_the_same_bits(small_study, golden, tmp_path, two_workers, monkeypatch):
+    cut(monkeypatch, 40, seed=7)
+    results = fc.run_study(small_study, tmp_path / "out", engine="dask", scheduler=two_workers.address)
+    assert hash_of(results) == golden
+    assert results.attrs["engine"] == "dask"
+
+
+def test_the_command_line_runs_on_a_cluster(small_study, golden, tmp_path, two_workers):
+    words = ("-m", "fastcoil", "run", small_study, "--engine", "dask", "--scheduler", two_workers.address)
+    code, out, err = ended(started(*words, "--no-figures", cwd=tmp_path))
+    assert code == 0, err
+    assert hash_of(fc.open_study(tmp_path / "results" / "small")) == golden
+    assert "results/small/results.nc" in out
+    assert "Traceback" not in err
+    assert "distributed" not in err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["results"]
+
+
+def what_a_cluster_keeps(client):
+    """Tasks, plugins and jobs of ours on a cluster."""
+
+    def on_scheduler(dask_scheduler):
+        return len(dask_scheduler.tasks), [n for n in dask_scheduler.worker_plugins if n.startswith("fastcoil")]
+
+    def on_worker():
+        from fastcoil.study.workers import worker
+
+        return len(worker._jobs)
+
+    return *client.run_on_scheduler(on_scheduler), sum(client.run(on_worker).values())
+
+
+def test_a_cluster_keeps_nothing_of_a_finished_study(small_study, tmp_path, two_workers):
+    fc.run_study(small_study, tmp_path / "out", engine="dask", scheduler=two_workers.address)
+    with two_workers.client() as client:
+        wait_for(lambda: what_a_cluster_keeps(client) == (0, [], 0), within=5)
+
+
+def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_workers, monkeypatch):
+    cut(monkeypatch, 4)
+    on_scheduler = []
+    with two_workers.client() as client:
+        execute(
+            read_study(small_study),
+            tmp_path / "out",
+            engine="dask",
+            scheduler=two_workers.address,
+            progress=lambda _: lambda _: on_scheduler.append(what_a_cluster_keeps(client)[0]),
+        )
+    assert len(on_scheduler) == N_SCENARIOS / 4
+    # three in flight, three whose results were fetched together
+    assert max(on_scheduler) <= 6
+
+
+@pytest.mark.parametrize(
+    ("engine", "env"),
+    [
+        ("threads", {"PYTHONHASHSEED": "1"}),
+        pytest.param("threads", {"PYTHONHASHSEED": "2", "NUMBA_NUM_THREADS": "1"}, marks=pytest.mark.full),
+        pytest.param("loky", {"PYTHONHASHSEED": "3"}, marks=pytest.mark.full),
+        pytest.param("dask", {"PYTHONHASHSEED": "4"}, marks=pytest.mark.full),
+    ],
+)
+def test_the_environment_does_not_show(small_study, golden, tmp_path, engine, env):
+    words = ("-m", "fastcoil", "run", small_study, "-o", "out", "--engine", engine, "-j", "2", "--no-figures")
+    env |= {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    env |= {"OMP_NUM_THREADS": "99", "TZ": "Asia/Kathmandu", "DASK_TEMPORARY_DIRECTORY": str(tmp_path)}
+    code, _, err = ended(started(*words, cwd=tmp_path, **env))
+    assert code == 0, err
+    assert (tmp_path / "out" / "study.toml").read_bytes() == small_study.read_bytes()
+    with xr.open_dataset(tmp_path / "out" / "results.nc") as ds:
+        assert hash_of(ds) == golden
+
+
+def script_without_a_guard(folder, study, engine):
+    script = folder / "script.py"
+    script.write_text(
+        "import fastcoil as fc\n"
+        f"ds = fc.run_study({str(study)!r}, 'out', engine={engine!r}, n_jobs=1)\n"
+        "print(ds.attrs['content_sha256'])\n"
+    )
+    return ended(started(script, cwd=folder, DASK_TEMPORARY_DIRECTORY=str(folder)))
+
+
+@pytest.mark.full
+def test_a_script_with_processes_needs_no_guard_around_its_main_part(small_study, golden, tmp_path):
+    code, out, err = script_without_a_guard(tmp_path, small_study, "loky")
+    assert code == 0, err
+    assert out.split() == [golden]
+
+
+@pytest.mark.full
+def test_a_script_with_dask_is_told_that_it_needs_one(small_study, tmp_path):
+    code, _, err = script_without_a_guard(tmp_path, small_study, "dask")
+    assert code == 1
+    last = err.strip().splitlines()[-1]
+    assert "only under if __name__ == '__main__'" in last
+    assert not (tmp_path / "out").exists()
+
+
+def test_modules_of_dask_are_loaded_only_for_dask(tmp_path):
+    script = "import sys, fastcoil, fastcoil.cli, fastcoil.study.runner\nsys.exit('distributed' in sys.modules)"
+    assert ended(started("-c", script, cwd=tmp_path))[0] == 0

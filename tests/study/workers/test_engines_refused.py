@@ -1,0 +1,154 @@
+"""An engine that cannot be had, or workers that would find other bits, are refused in a sentence."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import sys
+import threading
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from helpers.processes import STUDY, cluster, wait_for
+
+from fastcoil.cli.main import main
+from fastcoil.errors import InputError
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.workers import pools
+from fastcoil.study.workers.worker import Job, forget, identity, receive, work
+
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
+
+
+def refused(folder, *words):
+    """The sentences with which the command line refuses to run, and leaves no trace."""
+    before = sorted(folder.rglob("*"))
+    result = CliRunner().invoke(main, ["run", *map(str, words)])
+    assert result.exit_code == 2, result.output
+    assert sorted(folder.rglob("*")) == before
+    assert "Traceback" not in result.output
+    lines = [line for line in result.stderr.splitlines() if not line.startswith("Compiling")]
+    assert all(line.startswith("fastcoil: ") for line in lines), lines
+    return " ".join(lines)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with nothing but a study, in which the command line runs."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    (folder / "small.toml").write_text(STUDY, encoding="utf-8")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--engine", "mpi"], "engine = 'mpi': choose one of threads, loky, dask"),
+        (["--engine", "Dask"], "choose one of threads, loky, dask"),
+        (["--scheduler", "tcp://127.0.0.1:1"], "only the engine dask has one"),
+        (["--engine", "loky", "--scheduler", "tcp://127.0.0.1:1"], "only the engine dask has one"),
+        (["--engine", "dask", "--scheduler", ""], "scheduler is empty"),
+        (["-j", "0"], "n_jobs = 0: must be at least 1"),
+        (["-j", "-1"], "n_jobs = -1: must be at least 1"),
+        (["-j", "10000", "--engine", "loky"], "n_jobs = 10000: must be at least 1 and at most 1024"),
+        (["-j", "10000", "--engine", "dask"], "n_jobs = 10000: must be at least 1 and at most 1024"),
+    ],
+)
+def test_an_engine_that_cannot_be_is_refused(here, words, sentence):
+    assert sentence in refused(here, "small.toml", *words)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "nonsense://127.0.0.1:1", "tcp://127.0.0.1"])
+def test_an_address_without_a_scheduler_is_refused(here, monkeypatch, address):
+    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 0.5)
+    said = refused(here, "small.toml", "--engine", "dask", "--scheduler", address)
+    assert f"no dask scheduler answers at '{address}'" in said
+
+
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 200 OK\r\n\r\nhello"])
+def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
+    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        talking = []
+
+        def serve():
+            try:
+                while True:
+                    talking.append(server.accept()[0])
+                    talking[-1].sendall(answer)
+            except OSError:  # the test is over
+                pass
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        port = server.getsockname()[1]
+        said = refused(here, "small.toml", "--engine", "dask", "--scheduler", f"tcp://127.0.0.1:{port}")
+        server.shutdown(socket.SHUT_RDWR)
+        thread.join(5)
+        for connection in talking:
+            connection.close()
+    assert "no dask scheduler answers at" in said
+
+
+def test_a_scheduler_without_workers_is_refused(here, monkeypatch, tmp_path):
+    monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
+    with cluster(tmp_path / "cluster", 0) as alone:
+        said = refused(here, "small.toml", "--engine", "dask", "--scheduler", alone.address)
+    assert f"fastcoil: the dask scheduler at {alone.address} has no workers" in said
+    assert said.endswith(f"start one with `dask worker {alone.address}`")
+
+
+@pytest.mark.full
+def test_workers_that_do_not_answer_are_refused(here, monkeypatch, tmp_path):
+    with cluster(tmp_path / "cluster", 1, "--no-nanny") as frozen:
+        with frozen.client() as client:
+            client.wait_for_workers(1, timeout=30)
+        frozen.processes[-1].send_signal(signal.SIGSTOP)
+        monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
+        said = refused(here, "small.toml", "--engine", "dask", "--scheduler", frozen.address)
+    assert "has no workers, or one that does not answer" in said
+
+
+@pytest.mark.parametrize("missing", ["distributed", "dask"])
+def test_without_dask_the_sentence_names_the_extra(here, monkeypatch, missing):
+    for name in [n for n in sys.modules if n.split(".")[0] == "distributed"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert "pip install 'fastcoil[dask]'" in refused(here, "small.toml", "--engine", "dask")
+
+
+def test_workers_of_another_version_are_refused(here, monkeypatch, two_workers):
+    monkeypatch.setattr(pools, "model_sha256", lambda: "another model")
+    said = refused(here, "small.toml", "--engine", "dask", "--scheduler", two_workers.address)
+    assert "run another version of fastcoil" in said
+
+
+def test_workers_that_differ_are_refused(here, two_workers):
+    # the compiler's settings belong to the fingerprint
+    odd = two_workers.worker("--no-nanny", NUMBA_OPT="2")
+    try:
+        with two_workers.client() as client:
+            client.wait_for_workers(3, timeout=30)
+            said = refused(here, "small.toml", "--engine", "dask", "--scheduler", two_workers.address)
+    finally:
+        odd.kill()
+        odd.wait(10)
+    assert "the workers of the dask cluster differ" in said
+    with two_workers.client() as client:
+        wait_for(lambda: len(client.scheduler_info(n_workers=-1)["workers"]) == 2)
+
+
+def test_a_worker_that_joins_later_and_differs_refuses_to_work(small_study):
+    plan = read_study(small_study).plan
+    job = Job("late", plan, None)
+    receive(job)
+    try:
+        found = work("late", np.arange(3), identity())
+        assert found["status"].values.tolist() == [0, 0, 0]
+        with pytest.raises(InputError, match="use workers of one kind"):
+            work("late", np.arange(3), (identity()[0], "another machine"))
+    finally:
+        forget("late")

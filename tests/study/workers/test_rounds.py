@@ -1,0 +1,234 @@
+"""The logic of rounds, with workers that die as told: nothing lost, nothing twice, no one blamed for another."""
+
+from __future__ import annotations
+
+import concurrent.futures as cf
+import random
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fastcoil.errors import FastcoilError, InputError
+from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.workers import dispatch
+from fastcoil.study.workers.dispatch import Rounds
+from fastcoil.study.workers.worker import Job
+
+pytestmark = pytest.mark.timeout(60)
+
+N = 160
+
+
+class Died(Exception):
+    pass
+
+
+def healthy(index):
+    status = np.full(len(index), STATUS_OK)
+    return xr.Dataset({"status": ("scenario", status)}, {"scenario": np.array(index)})
+
+
+class Pool:
+    """A pool whose workers die of some scenarios, and now and then of nothing; time passes only in ``wait``."""
+
+    deaths = (Died,)
+
+    def __init__(self, n_workers, *, falls_together, culprits=(), hangs=(), clumsy=0.0, seed=0):
+        self.n_workers, self.falls_together, self.can_kill = n_workers, falls_together, True
+        self.culprits, self.hanging, self.clumsy = set(culprits), set(hangs), clumsy
+        self.dice = random.Random(seed)
+        self.flying, self.broken, self.now = {}, False, 0.0
+        self.runs, self.most_flying, self.n_restarts = [], 0, 0
+
+    def submit(self, index):
+        if self.broken:
+            raise Died
+        assert not any(set(index) & set(other) for other in self.flying.values()), "a scenario is run twice at once"
+        future = cf.Future()
+        self.flying[future] = index.tolist()
+        self.most_flying = max(self.most_flying, len(self.flying))
+        if self.dice.random() < self.clumsy:
+            self._let_die(future)
+        return future
+
+    def restart(self):
+        self.broken = False
+        self.flying.clear()
+        self.n_restarts += 1
+
+    def _let_die(self, future):
+        lost = list(self.flying) if self.falls_together else [future]
+        for one in lost:
+            if not one.done():
+                one.set_exception(Died())
+        self.broken = self.falls_together
+
+    def wait(self, futures, timeout, return_when):
+        """Some shard ends, one way or the other, unless all of them hang."""
+        self.now += timeout
+        able = [f for f in futures if not f.done() and not self.hanging.intersection(self.flying[f])]
+        for future in self.dice.sample(able, min(len(able), self.dice.randint(1, 2))):
+            if future.done():
+                continue
+            index = self.flying[future]
+            if self.culprits.intersection(index) or self.dice.random() < self.clumsy:
+                self._let_die(future)
+            else:
+                self.runs += index
+                future.set_result(healthy(index))
+        done = {f for f in futures if f.done()}
+        for future in done:
+            del self.flying[future]
+        return done, set(futures) - done
+
+
+@pytest.fixture(scope="module")
+def job(small_study):
+    return Job("key", read_study(small_study).plan, None)
+
+
+def found(pool, job, shards, status=None, **options):
+    """Status of every scenario that was yielded, also put into ``status``; none is yielded twice."""
+    status = {} if status is None else status
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dispatch, "cf", SimpleNamespace(wait=pool.wait, FIRST_COMPLETED=cf.FIRST_COMPLETED))
+        patch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda: pool.now))
+        for part in Rounds(pool, job, **options).results(shards):
+            for k, flag in zip(part["scenario"].values.tolist(), part["status"].values.tolist(), strict=True):
+                assert k not in status, "a scenario is found twice"
+                status[k] = flag
+    return status
+
+
+def in_shards(size, n=N):
+    return [np.arange(start, min(start + size, n)) for start in range(0, n, size)]
+
+
+@settings(max_examples=150)
+@given(
+    n_workers=st.integers(1, 4),
+    falls_together=st.booleans(),
+    culprits=st.sets(st.integers(0, N - 1), max_size=4),
+    hangs=st.sets(st.integers(0, N - 1), max_size=2),
+    size=st.integers(1, N),
+    seed=st.integers(0, 99),
+)
+def test_exactly_the_scenarios_that_kill_or_hang_are_crashed(
+    job, n_workers, falls_together, culprits, hangs, size, seed
+):
+    pool = Pool(n_workers, falls_together=falls_together, culprits=culprits, hangs=hangs, seed=seed)
+    status = found(pool, job, in_shards(size), time_limit=5.0)
+    assert sorted(status) == list(range(N))
+    assert {k for k, flag in status.items() if flag != STATUS_OK} == culprits | hangs
+    assert {flag for flag in status.values()} <= {STATUS_OK, STATUS_CRASHED}
+    assert pool.most_flying <= n_workers + 1
+
+
+@settings(max_examples=100)
+@given(
+    n_workers=st.integers(1, 4),
+    falls_together=st.booleans(),
+    size=st.integers(2, N),
+    seed=st.integers(0, 999),
+)
+def test_workers_that_die_by_chance_lose_no_scenario(job, n_workers, falls_together, size, seed):
+    pool = Pool(n_workers, falls_together=falls_together, clumsy=0.05, seed=seed)
+    status = found(pool, job, in_shards(size))
+    assert sorted(status) == list(range(N))
+    assert pool.most_flying <= n_workers + 1
+
+
+@pytest.mark.parametrize("falls_together", [True, False])
+@pytest.mark.parametrize("size", [1, 7, N])
+def test_workers_that_all_die_end_in_a_sentence_and_no_mark(job, falls_together, size):
+    pool = Pool(2, falls_together=falls_together, culprits=range(N))
+    yielded = {}
+    with pytest.raises(FastcoilError, match="40 workers died in a row"):
+        found(pool, job, in_shards(size), yielded)
+    assert not yielded
+    assert not pool.runs
+
+
+def test_the_only_scenarios_that_are_left_may_all_be_crashed(job):
+    pool = Pool(2, falls_together=True, culprits=range(N))
+    assert found(pool, job, [np.array([3]), np.array([7])]) == {3: STATUS_CRASHED, 7: STATUS_CRASHED}
+
+
+def test_one_bad_scenario_in_a_large_shard_takes_few_deaths(job):
+    n = 2**20
+    pool = Pool(1, falls_together=True, culprits=[777_777])
+    pool.submit = lambda index: Pool.submit(pool, index) if index.size < 9 else quick(pool, index)
+
+    def quick(pool, index):
+        future = cf.Future()
+        if index[0] <= 777_777 <= index[-1]:
+            future.set_exception(Died())
+        else:
+            future.set_result(healthy(index))
+        pool.flying[future] = []
+        return future
+
+    status = found(pool, job, in_shards(n, n))
+    assert [k for k, flag in status.items() if flag == STATUS_CRASHED] == [777_777]
+    assert len(status) == n
+    assert pool.n_restarts <= 24
+
+
+def test_a_shard_that_got_ready_while_another_was_written_is_not_overdue(job):
+    pool = Pool(2, falls_together=True)
+
+    def slow_to_look(futures, timeout, return_when):
+        for future in [f for f in futures if not f.done()]:
+            future.set_result(healthy(pool.flying[future]))
+        pool.now += 100.0
+        first = next(iter(futures))
+        del pool.flying[first]
+        return {first}, set(futures) - {first}
+
+    pool.wait = slow_to_look
+    assert len(found(pool, job, in_shards(16), time_limit=5.0)) == N
+    assert pool.n_restarts == 0
+
+
+def test_without_the_means_to_kill_nothing_is_overdue(job):
+    pool = Pool(2, falls_together=False)
+    pool.can_kill = False
+    wait = pool.wait
+
+    def slowly(futures, timeout, return_when):
+        pool.now += 1e6
+        return wait(futures, timeout, return_when)
+
+    pool.wait = slowly
+    assert len(found(pool, job, in_shards(16), time_limit=5.0)) == N
+
+
+def test_the_limit_of_time_grows_with_the_longest_shard(job):
+    found_limits = Rounds(Pool(1, falls_together=True), job)
+    assert found_limits._limit == 600.0
+    found_limits._longest = 0.1
+    assert found_limits._limit == 60.0
+    found_limits._longest = 10.0
+    assert found_limits._limit == 200.0
+
+
+def test_an_error_that_is_no_death_ends_the_run_with_what_was_found_before(job):
+    pool = Pool(1, falls_together=False)
+    wait = pool.wait
+
+    def with_an_error(futures, timeout, return_when):
+        if len(pool.runs) >= 48:
+            for future in futures:
+                future.set_exception(InputError("no reduction"))
+            return set(futures), set()
+        return wait(futures, timeout, return_when)
+
+    pool.wait = with_an_error
+    with pytest.raises(InputError, match="no reduction"):
+        found(pool, job, in_shards(16))
+    assert 48 <= len(pool.runs) <= 64
