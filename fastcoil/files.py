@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: bytes are on the disk before a name points to them."""
+"""Reading and writing files: reads are bounded, writes are atomic and on the disk before a name points to them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,64 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fastcoil.errors import StorageError
+from fastcoil.errors import InputError, StorageError
 
 UNFINISHED = ".tmp"
 """Suffix of a file that is being written."""
 _PROBE = 1 << 20
-"""Bytes that a full disk does not take."""
+"""Bytes that do not fit on a full disk."""
+
+
+class TooLargeError(ValueError):
+    """A file has more bytes than any file of its kind."""
+
+
+def read_text(path: Path, what: str, limit: int) -> str:
+    """Read a text file that a user names: UTF-8, with or without byte order mark; line ends are kept.
+
+    Parameters
+    ----------
+    path
+        The file.
+    what
+        What to give if this file cannot be used, such as ``"a CSV file"``.
+    limit
+        The most bytes it may have.
+
+    Raises
+    ------
+    InputError
+        If it does not exist, is a folder, is too large, is not UTF-8 or cannot be read.
+    """
+    try:
+        return read_bytes(path, limit).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as UTF-8") from None
+    except TooLargeError as error:
+        raise InputError(f"{path} {error}: give {what}") from None
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist: give {what}") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder: give {what}") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): give {what}") from None
+
+
+def read_bytes(path: Path, limit: int) -> bytes:
+    """Read a small file whole; ``read_text`` and everything else that is not NetCDF goes through here.
+
+    Raises
+    ------
+    OSError
+        As the operating system reports it.
+    TooLargeError
+        If it has more than ``limit`` bytes.
+    """
+    with path.open("rb") as file:
+        data = file.read(limit + 1)  # the size of a device or a pipe is not known before
+    if len(data) > limit:
+        raise TooLargeError(f"has more than {limit:,} bytes")
+    return data
 
 
 def commit(path: Path, data: bytes | memoryview) -> None:
@@ -28,29 +80,30 @@ def commit(path: Path, data: bytes | memoryview) -> None:
 
 
 def commit_written(path: Path, write: Callable[[Path], object]) -> None:
-    """As ``commit``, for a library that wants to write the file by its name."""
+    """As ``commit``, for a library that writes the file itself: ``write`` gets the name to use."""
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     try:
-        with reported(path, "written"):
-            with _reason_found(unfinished):
+        with storage_errors(path, "written"):
+            with _reveal_reason(unfinished):
                 write(unfinished)
-            _synced(unfinished, os.O_RDWR)
+            _sync(unfinished, os.O_RDWR)
             os.replace(unfinished, path)
-            _synced(path.parent, os.O_RDONLY)
+            _sync(path.parent, os.O_RDONLY)
     except BaseException:
-        _forget(unfinished)
+        with contextlib.suppress(OSError):  # the first error is the one to report
+            unfinished.unlink(missing_ok=True)
         raise
 
 
 @contextmanager
-def reported(path: Path, done: str) -> Iterator[None]:
-    """Tell what the operating system refuses as a ``StorageError``: that ``path`` cannot be ``done``, and why."""
+def storage_errors(path: Path, done: str) -> Iterator[None]:
+    """Turn an error of the operating system into a ``StorageError``: ``path`` cannot be ``done``, and why."""
     try:
         yield
     except (OSError, RuntimeError) as error:  # netCDF4 reports errors of HDF5 as RuntimeError
         reason = getattr(error, "strerror", None) or error
         raise StorageError(
-            f"{path} cannot be {done}: {reason}; free some space or mend the folder, then run the same command again"
+            f"{path} cannot be {done}: {reason}; free some space or repair the folder, then run the same command again"
         ) from error
 
 
@@ -60,8 +113,8 @@ def is_unfinished(path: Path) -> bool:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what a killed writer left in a folder; nobody else may be writing there."""
-    with reported(folder, "tidied"):
+    """Remove what killed writers left in a folder; nobody else may be writing there."""
+    with storage_errors(folder, "cleaned up"):
         for path in filter(is_unfinished, list(folder.iterdir())):
             path.unlink(missing_ok=True)
 
@@ -72,7 +125,7 @@ def _write(path: Path, data: bytes | memoryview) -> None:
 
 
 @contextmanager
-def _reason_found(path: Path) -> Iterator[None]:
+def _reveal_reason(path: Path) -> Iterator[None]:
     """Let the operating system say why a library could not write: HDF5 calls a full disk "Permission denied"."""
     try:
         yield
@@ -82,14 +135,9 @@ def _reason_found(path: Path) -> Iterator[None]:
         raise
 
 
-def _synced(path: Path, flags: int) -> None:
+def _sync(path: Path, flags: int) -> None:
     descriptor = os.open(path, flags)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _forget(unfinished: Path) -> None:
-    with contextlib.suppress(OSError):  # the first error is the one to tell
-        unfinished.unlink(missing_ok=True)

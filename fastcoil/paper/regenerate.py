@@ -13,7 +13,7 @@ from fastcoil.errors import InputError, StorageError
 from fastcoil.files import commit
 from fastcoil.paper import figures, grid, runs
 from fastcoil.paper.scorecard import markdown, scorecard, screen
-from fastcoil.simulation.dataset import save
+from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.simulate import workers
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, nearest
-from fastcoil.files import commit_written, reported
+from fastcoil.files import commit_written, storage_errors
 from fastcoil.outputs import METRICS
 from fastcoil.parameter_table import PARAMETERS
 
@@ -165,7 +165,7 @@ def write(figures: dict[str, Figure], folder: Path) -> list[Path]:
     StorageError
         If one cannot be written; nothing half-written is left behind.
     """
-    with reported(folder, "made"):
+    with storage_errors(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, figure in figures.items():

@@ -1,4 +1,4 @@
-"""Results as an xarray Dataset: names, units, provenance, one hash of the content, NetCDF on disk."""
+"""Results as an xarray Dataset: names, units, provenance, one hash of the content."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ import sys
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import InputError, IntegrityError, StorageError
-from fastcoil.files import commit_written
+from fastcoil.errors import IntegrityError
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.simulation.scenarios import Layout
@@ -39,7 +37,6 @@ _DIM_ATTRS = {
 }
 _HASHED_AT_ONCE = 2**20
 """Values; bounds the memory that hashing takes."""
-_COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
 
 
 def flat(
@@ -209,64 +206,3 @@ def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
         value = attrs[key]
         text = str(np.asarray(value).tolist()) if not isinstance(value, str) else value
         digest.update(f"{key}={text}\n".encode())
-
-
-def image(ds: xr.Dataset, *, compressed: bool = True) -> bytes | memoryview:
-    """The Dataset as a NetCDF file in memory: a writer that is killed leaves no file that opens."""
-    return ds.to_netcdf(engine="netcdf4", encoding=_encoding(ds) if compressed else {})
-
-
-def save(ds: xr.Dataset, path: Path) -> None:
-    """Write a Dataset as NetCDF so that ``path`` is either the whole new file or what it was before.
-
-    Raises
-    ------
-    StorageError
-        If the file cannot be written; nothing half-written is left behind.
-    """
-    commit_written(path, lambda unfinished: write(ds, unfinished, mode="w"))
-
-
-def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
-    """Write or append to a file that nobody relies on yet, without an image of it in memory."""
-    ds.to_netcdf(path, mode=mode, engine="netcdf4", encoding=_encoding(ds))
-
-
-def _encoding(ds: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
-    large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > 64}
-    # CF 2.5.1: nothing is missing in a coordinate
-    complete = {n for n in ds.coords if ds[n].dtype.kind == "f"}
-    return {
-        n: (_COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
-        for n in large | complete
-    }
-
-
-def load(path: Path) -> xr.Dataset:
-    """Read a result into memory and check its ``content_sha256``.
-
-    Raises
-    ------
-    InputError
-        If there is no such file.
-    StorageError
-        If it cannot be read.
-    IntegrityError
-        If it is not what was written.
-    """
-    if not path.is_file():
-        raise InputError(f"{path} does not exist: run the study first")
-    try:
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False, decode_timedelta=False) as stored:
-            ds = stored.load()
-    except Exception as error:  # whatever the library makes of a damaged file
-        if isinstance(error, OSError) and (error.errno or 0) > 0:  # those of the NetCDF library are negative
-            raise StorageError(f"{path} cannot be read: {error.strerror}; mend that and try again") from error
-        raise IntegrityError(f"{path} cannot be read as NetCDF ({error}); delete it and run the study again") from error
-    if ds.attrs.get("fastcoil_format", 0) > FORMAT:
-        raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
-    if ds.attrs.get("content_sha256") != combined_sha256(ds):
-        raise IntegrityError(
-            f"{path} is not as it was written (content_sha256 differs); delete it and run the study again"
-        )
-    return ds

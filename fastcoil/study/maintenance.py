@@ -12,10 +12,11 @@ import xarray as xr
 
 from fastcoil.engine.host import Traces, compile_kernel
 from fastcoil.errors import FastcoilError, InputError, IntegrityError, nearest
-from fastcoil.files import reported
+from fastcoil.files import storage_errors
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
-from fastcoil.simulation.dataset import coordinate_attrs, provenance, save
+from fastcoil.simulation.dataset import coordinate_attrs, provenance
+from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.plan import settings
 from fastcoil.simulation.simulate import run_shard
 from fastcoil.study.folder.merge import opened, trace_problems
@@ -93,7 +94,7 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **settings(plan)}
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in place.items()) or "scenario"
     path = folder / RERUNS / (re.sub(r"[^\w.=+-]", "-", name) + ".nc")
-    with reported(path.parent, "made"):
+    with storage_errors(path.parent, "made"):
         path.parent.mkdir(exist_ok=True)
     save(ds, path)
     return path, _against_stored(folder, ds, place)

@@ -13,18 +13,16 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import IntegrityError
-from fastcoil.files import commit_written, reported
+from fastcoil.files import commit_written, storage_errors
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import (
     combined_sha256,
     gather,
-    load,
     provenance,
-    save,
     unflattened,
     variable_sha256,
-    write,
 )
+from fastcoil.simulation.netcdf import load, open_lazily, save, write
 from fastcoil.simulation.plan import Plan, settings
 from fastcoil.study.folder.store import RESULTS, discard_shards
 
@@ -64,7 +62,7 @@ def merge(
 
     attrs = {"title": "", **provenance(), **settings(plan), **attrs}
     everything = found([], plan.n_scenarios if complete else 0)
-    with reported(folder / RESULTS, "written"):
+    with storage_errors(folder / RESULTS, "written"):
         whole = gather(plan.n_scenarios, _without_traces(everything), allocate=_allocated(folder))
     ds = unflattened(whole, plan.layout)
     n_run = int((ds["status"] != STATUS_NOT_RUN).sum())
@@ -81,7 +79,7 @@ def merge(
 
 def tidied(folder: Path, ds: xr.Dataset) -> xr.Dataset:
     """Remove shards and traces that the results made superfluous.  Returns the results."""
-    with reported(folder, "tidied"):
+    with storage_errors(folder, "tidied"):
         for path in folder.glob("traces-*.nc"):
             if path.name != ds.attrs.get("trace_file"):
                 path.unlink()
@@ -120,7 +118,7 @@ def _with_traces(folder: Path, ds: xr.Dataset) -> xr.Dataset:
         return ds
     path = folder / ds.attrs["trace_file"]
     try:
-        traces = xr.open_dataset(path, engine="netcdf4", decode_times=False, decode_timedelta=False)
+        traces = open_lazily(path)
     except Exception as error:  # whatever the library makes of a damaged file
         raise IntegrityError(f"{path} cannot be read ({error}): delete {folder} and run the study again") from error
     return ds.assign(traces.data_vars).assign_coords(traces.coords)

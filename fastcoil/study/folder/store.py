@@ -29,15 +29,14 @@ from datetime import UTC, datetime
 from itertools import chain, count
 from pathlib import Path
 
-import netCDF4
 import numpy as np
 import xarray as xr
 from filelock import FileLock, Timeout
 
 from fastcoil.errors import InputError, IntegrityError, LockedError, StorageError
-from fastcoil.files import commit, is_unfinished, remove_unfinished, reported
+from fastcoil.files import commit, is_unfinished, remove_unfinished, storage_errors
 from fastcoil.outputs import STATUS_MEANINGS, STATUS_NOT_RUN
-from fastcoil.simulation.dataset import image
+from fastcoil.simulation.netcdf import load_bytes, netcdf_bytes
 
 RESULTS, STUDY, BEGUN = "results.nc", "study.toml", "run.json"
 SHARDS, QUARANTINE = "shards", "quarantine"
@@ -82,7 +81,7 @@ def locked(folder: Path) -> Iterator[None]:
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     lock = FileLock(folder / _LOCK)
     try:
-        with reported(folder, "written"):
+        with storage_errors(folder, "written"):
             folder.mkdir(parents=True, exist_ok=True)
             _acquire(lock, folder)
             now = datetime.now(UTC).isoformat(timespec="seconds")
@@ -147,7 +146,7 @@ def begun(folder: Path) -> Begun | None:
     if not path.exists():
         return None
     try:
-        with reported(path, "read"):
+        with storage_errors(path, "read"):
             text = path.read_bytes()
         found = json.loads(text)
         if found.get("format", 0) != FORMAT:
@@ -170,7 +169,7 @@ def begin(folder: Path, run: Begun, text: str) -> None:
 def begun_text(folder: Path) -> str | None:
     """The text that was begun, or ``None`` where it is missing or cannot be understood."""
     try:
-        with reported(folder / STUDY, "read"):
+        with storage_errors(folder / STUDY, "read"):
             return (folder / STUDY).read_bytes().decode()
     except UnicodeDecodeError:
         return None
@@ -182,9 +181,9 @@ def begun_text(folder: Path) -> str | None:
 
 def commit_shard(folder: Path, part: xr.Dataset, key: str) -> None:
     """Keep the results of a shard (flat, see ``results.flat``) for good."""
-    data = image(part.assign_attrs(study=key), compressed=False)  # it does not live long
+    data = netcdf_bytes(part.assign_attrs(study=key))
     shards = folder / SHARDS
-    with reported(shards, "made"):
+    with storage_errors(shards, "made"):
         shards.mkdir(exist_ok=True)
     name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
     commit(shards / name, data)
@@ -228,7 +227,7 @@ def discard_shards(folder: Path) -> None:
     if not shards.is_dir():
         return
     remove_unfinished(shards)
-    with reported(shards, "removed"):
+    with storage_errors(shards, "removed"):
         for path in list(shards.iterdir()):
             path.unlink() if _SHARD_NAME.fullmatch(path.name) else _set_aside(folder, path)
         shards.rmdir()
@@ -239,15 +238,13 @@ def _opened(path: Path, key: str) -> xr.Dataset | str:
     named = _SHARD_NAME.fullmatch(path.name)
     if not named or path.is_dir():
         return "is no shard"
-    with reported(path, "read"):
+    with storage_errors(path, "read"):
         data = path.read_bytes()
     # before anything else: the HDF5 library may crash on damaged bytes
     if hashlib.sha256(data).hexdigest()[:32] != named[2]:
         return "is not as it was written"
     try:
-        with netCDF4.Dataset(path.name, memory=data) as file:
-            stored = xr.backends.NetCDF4DataStore(file)  # type: ignore[no-untyped-call]
-            part = xr.open_dataset(stored, decode_times=False, decode_timedelta=False).load()
+        part = load_bytes(data, path.name)
     except (OSError, RuntimeError, ValueError):  # whatever the library makes of something else
         return "is no NetCDF file"
     return _problem(part, key, int(named[1])) or part
@@ -264,7 +261,7 @@ def _problem(part: xr.Dataset, key: str, first: int) -> str | None:
 
 def _set_aside(folder: Path, path: Path) -> None:
     quarantine = folder / QUARANTINE
-    with reported(path, f"moved to {quarantine}"):
+    with storage_errors(path, f"moved to {quarantine}"):
         quarantine.mkdir(exist_ok=True)
         names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
         os.replace(path, next(quarantine / name for name in names if not (quarantine / name).exists()))

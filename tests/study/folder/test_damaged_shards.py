@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from helpers.faults import PLAIN, interrupted, larger, quarantined, ran, resumed, shards, verified
 
-from fastcoil.simulation.dataset import image
+from fastcoil.simulation.netcdf import netcdf_bytes
 from fastcoil.study.folder import store
 
 pytestmark = pytest.mark.kernel
@@ -88,7 +88,7 @@ def test_a_shard_of_another_study_is_set_aside(broken_off, tmp_path):
 
 def test_a_shard_of_the_same_study_cut_otherwise_is_taken_for_what_it_adds(broken_off, monkeypatch):
     first = xr.load_dataset(shards(broken_off)[0])
-    data = image(first.isel(scenario=slice(1, 3)), compressed=False)
+    data = netcdf_bytes(first.isel(scenario=slice(1, 3)))
     (broken_off / "shards" / named(data, 1)).write_bytes(data)
     assert resumed(broken_off) == []
 

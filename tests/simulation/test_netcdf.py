@@ -1,4 +1,4 @@
-"""Results on disk: what was written comes back, and what was damaged is told."""
+"""Results on disk: what was written comes back, and damage is reported."""
 
 import netCDF4
 import numpy as np
@@ -8,7 +8,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.outputs import METRICS
-from fastcoil.simulation import dataset
+from fastcoil.simulation import netcdf
 
 pytestmark = pytest.mark.kernel
 
@@ -21,8 +21,8 @@ def test_adding_a_day_changes_no_scenario():
 
 
 def test_a_result_survives_netcdf(tmp_path, swept):
-    dataset.save(swept, tmp_path / "results.nc")
-    back = dataset.load(tmp_path / "results.nc")
+    netcdf.save(swept, tmp_path / "results.nc")
+    back = netcdf.load(tmp_path / "results.nc")
     assert back.content_sha256 == swept.content_sha256
     xr.testing.assert_identical(back.drop_attrs(), swept.drop_attrs())
     assert all(back[name].attrs["units"] == swept[name].attrs["units"] for name in METRICS)
@@ -33,23 +33,23 @@ def test_a_result_survives_netcdf(tmp_path, swept):
 def test_words_and_open_loops_survive_netcdf(tmp_path, days):
     loop = fc.Loop(action=["cooling", "heating"], kp=xr.DataArray([0.1, 0.2], dims="case", coords={"case": ["a", "ß"]}))
     ds = fc.simulate(loop, days, command=np.full(900, 0.3), traces=["mode"], warm_up=60)
-    dataset.save(ds, tmp_path / "results.nc")
-    back = dataset.load(tmp_path / "results.nc")
+    netcdf.save(ds, tmp_path / "results.nc")
+    back = netcdf.load(tmp_path / "results.nc")
     assert back.case.values.tolist() == ["a", "ß"]
     assert back.content_sha256 == ds.content_sha256
 
 
 def test_no_coordinate_is_said_to_have_missing_values(tmp_path, swept):
-    dataset.save(swept, tmp_path / "results.nc")
+    netcdf.save(swept, tmp_path / "results.nc")
     with netCDF4.Dataset(tmp_path / "results.nc") as file:
         assert not [n for n in map(str, swept.coords) if "_FillValue" in file[n].ncattrs()]
         assert "_FillValue" in file["rmse"].ncattrs()
 
 
 def test_a_file_of_a_later_version_is_refused(tmp_path, swept):
-    dataset.save(swept.assign_attrs(fastcoil_format=99), tmp_path / "results.nc")
+    netcdf.save(swept.assign_attrs(fastcoil_format=99), tmp_path / "results.nc")
     with pytest.raises(fc.InputError, match="later version"):
-        dataset.load(tmp_path / "results.nc")
+        netcdf.load(tmp_path / "results.nc")
 
 
 def damaged_value(ds):
@@ -72,31 +72,31 @@ def damaged_parameter(ds):
 def test_a_changed_file_is_detected(tmp_path, swept, damage):
     changed = swept.copy(deep=True)
     damage(changed)
-    dataset.save(changed, tmp_path / "results.nc")
+    netcdf.save(changed, tmp_path / "results.nc")
     with pytest.raises(IntegrityError, match="not as it was written"):
-        dataset.load(tmp_path / "results.nc")
+        netcdf.load(tmp_path / "results.nc")
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.01, 0.5])
 def test_a_cut_file_is_detected(tmp_path, swept, keep):
     path = tmp_path / "results.nc"
-    dataset.save(swept, path)
+    netcdf.save(swept, path)
     image = path.read_bytes()
     path.write_bytes(image[: int(keep * len(image))])
     with pytest.raises(IntegrityError, match=r"results\.nc"):
-        dataset.load(path)
+        netcdf.load(path)
 
 
 def test_a_missing_file_and_an_unwritable_place(tmp_path, swept):
     with pytest.raises(fc.InputError, match="does not exist"):
-        dataset.load(tmp_path / "none.nc")
+        netcdf.load(tmp_path / "none.nc")
     with pytest.raises(StorageError, match="cannot be written"):
-        dataset.save(swept, tmp_path / "no folder" / "results.nc")
+        netcdf.save(swept, tmp_path / "no folder" / "results.nc")
 
 
 def test_saving_over_a_result_leaves_one_of_the_two(tmp_path, swept):
     path = tmp_path / "results.nc"
-    dataset.save(swept, path)
+    netcdf.save(swept, path)
     other = fc.simulate(fc.Loop(), fc.paper_day(hours=0.1), warm_up=0)
-    dataset.save(other, path)
-    assert dataset.load(path).content_sha256 == other.content_sha256
+    netcdf.save(other, path)
+    assert netcdf.load(path).content_sha256 == other.content_sha256
