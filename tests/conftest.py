@@ -12,7 +12,7 @@ import reference
 from hypothesis import settings
 
 # a failed assertion tells in them what it found, as it does in a test
-pytest.register_assert_rewrite("helpers.faults", "helpers.processes", "helpers.refusals")
+pytest.register_assert_rewrite("helpers.studies", "helpers.processes", "helpers.refusals")
 
 # compiling a formula inside an example takes longer than hypothesis' deadline
 settings.register_profile("fastcoil", deadline=None, derandomize=True, database=None)
@@ -213,9 +213,9 @@ def out(tmp_path):
 @pytest.fixture
 def broken_off(out):
     """The folder of a study that was interrupted with one shard to go."""
-    from helpers.faults import DAYS, PLAIN, interrupted, shards
+    from helpers.studies import DAYS, PLAIN, run_until_interrupted, shards
 
-    interrupted(PLAIN, out, DAYS - 1)
+    run_until_interrupted(PLAIN, out, DAYS - 1)
     assert len(shards(out)) == DAYS - 1
     return out
 

@@ -15,8 +15,10 @@ def summary(ds: xr.Dataset) -> list[str]:
     sizes = " × ".join(f"{size} {dim}" for dim, size in ds["status"].sizes.items())
     lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
     if "wall_time_s" in ds.attrs:
+        backend = ds.attrs.get("engine", "threads")
+        workers = backend if backend == "threads" else f"{backend} workers"
         lines[-1] += (
-            f" in {ds.attrs['wall_time_s']:.1f} s on {ds.attrs['n_jobs']} threads: "
+            f" in {ds.attrs['wall_time_s']:.1f} s on {ds.attrs['n_jobs']} {workers}: "
             f"{ds.attrs['scenario_days_per_s']:,.0f} scenario-days/s"
         )
     if failed:

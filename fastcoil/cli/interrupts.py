@@ -1,4 +1,4 @@
-"""How a command ends: mistakes in a sentence, interruptions with how to go on, warnings in a line."""
+"""How a command ends: mistakes in a sentence, interruptions with how to resume, warnings in a line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PATIENCE = 4.0
 
 
 class Commands(click.Group):
-    """Ends every mistake of the user with its sentences and an exit code, not with a traceback."""
+    """Reports every mistake of the user in sentences and an exit code, without a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -37,25 +37,25 @@ class Commands(click.Group):
 
 
 class Terminated(KeyboardInterrupt):
-    """Interrupted by the system, as a batch scheduler does, and not by the user."""
+    """Interrupted by the system, such as a batch scheduler, and not by the user."""
 
 
 @contextmanager
 def interruptible(study: Path, folder: Path) -> Iterator[None]:
-    """End on SIGTERM and SIGHUP as on Ctrl-C, say how to go on, and wait for nobody longer than a few seconds."""
+    """End on SIGTERM and SIGHUP as on Ctrl-C, say how to resume, and wait at most a few seconds for anything."""
     command = shlex.join(["fastcoil", "run", str(study), "-o", str(folder)])
 
     def advice() -> str:
-        return f"; what was finished is kept, to go on: {command}" if folder.exists() else ""
+        return f"; finished scenarios are kept, to resume: {command}" if folder.exists() else ""
 
     def give_up(code: int) -> None:
         click.echo(f"fastcoil: interrupted{advice()}", err=True)
         os._exit(code)
 
     def stop(number: int, _: object) -> None:
-        for each in numbers:  # it is on its way: an impatient user must not stop it from tidying up
+        for each in numbers:  # the run is ending: an impatient user must not stop it from cleaning up
             signal.signal(each, signal.SIG_IGN)
-        # a thread within a long shard, or workers that do not answer, would be waited for
+        # a thread in a long shard, or workers that do not answer, would keep the process waiting
         interrupted = number == signal.SIGINT
         timer = threading.Timer(_PATIENCE, give_up, [EXIT_INTERRUPTED if interrupted else EXIT_TERMINATED])
         timer.daemon = True
@@ -63,7 +63,7 @@ def interruptible(study: Path, folder: Path) -> Iterator[None]:
         raise KeyboardInterrupt if interrupted else Terminated
 
     numbers = [signal.SIGTERM, signal.SIGHUP]
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # in the background it is ignored, and stays so
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a background job ignores it, and goes on to
         numbers.append(signal.SIGINT)
     before = {number: signal.signal(number, stop) for number in numbers}
     try:

@@ -10,11 +10,11 @@ import click
 
 from fastcoil.cli.fit import fit
 from fastcoil.cli.interrupts import Commands, interruptible
-from fastcoil.cli.progress import announce_compilation, duration, told
+from fastcoil.cli.progress import announce_compilation, duration, report_progress
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 
 if TYPE_CHECKING:
-    from fastcoil.study.runner import Progress
+    from fastcoil.study.runner import Advance
 
 STUDY = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path)
@@ -28,7 +28,7 @@ def main() -> None:
     \b
     A first study:
       fastcoil init study.toml         writes a commented study file
-      fastcoil plan study.toml         says how large it is and how long it takes
+      fastcoil plan study.toml         shows its size and how long it takes
       fastcoil run study.toml          runs it: results/study/ with NetCDF and figures
     """  # noqa: D301 — click reads the backspace
 
@@ -37,34 +37,44 @@ def main() -> None:
 @click.argument("study", type=STUDY)
 @click.option("-o", "--out", type=FOLDER, help="Folder of the results; results/NAME by default.")
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.  Results do not depend on it.")
-@click.option("--engine", default="threads", show_default=True, help="threads, loky (processes) or dask.")
+@click.option("--backend", help="threads, loky (processes) or dask.  [default: threads]")
+@click.option("--engine", hidden=True, help="Earlier name of --backend.")
 @click.option("--scheduler", help="Address of a dask scheduler; a cluster on this machine by default.")
-@click.option("--extend", is_flag=True, help="Add to a smaller version of the study: only what is new is run.")
+@click.option("--extend", is_flag=True, help="Add to a smaller version of the study: only new scenarios are run.")
 @click.option("--figures/--no-figures", default=True, help="Whether to draw the standard figures.")
 def run(
-    study: Path, out: Path | None, jobs: int | None, engine: str, scheduler: str | None, extend: bool, figures: bool
+    study: Path,
+    out: Path | None,
+    jobs: int | None,
+    backend: str | None,
+    engine: str | None,
+    scheduler: str | None,
+    extend: bool,
+    figures: bool,
 ) -> None:
-    """Run a STUDY file and summarise what was found.
+    """Run a STUDY file and summarise the results.
 
-    A study that was interrupted goes on where it was; a finished one run again does nothing and says so.
+    An interrupted study is resumed; a finished one is not run again.
     """
     from fastcoil.analysis.summary import summary
     from fastcoil.outputs import STATUS_OK
     from fastcoil.study.file.spec import read_study
-    from fastcoil.study.folder.store import RESULTS
+    from fastcoil.study.folder.folder import RESULTS
     from fastcoil.study.runner import default_folder, execute
+    from fastcoil.study.workers.pools import resolve_backend
 
     folder = out or default_folder(study)
+    chosen = resolve_backend(backend, engine)
     asked = read_study(study)
 
-    def begins(n_todo: int) -> Progress:
+    def progress(n_todo: int) -> Advance:
         announce_compilation()
         n = asked.plan.n_scenarios
-        return told(n, n - n_todo)
+        return report_progress(n, n - n_todo)
 
     with interruptible(study, folder):
         finished = execute(
-            asked, folder, n_jobs=jobs, engine=engine, scheduler=scheduler, extend=extend, progress=begins
+            asked, folder, n_jobs=jobs, backend=chosen, scheduler=scheduler, extend=extend, progress=progress
         )
     if not finished.n_run:
         click.echo(f"{folder} holds this study, finished: nothing to do.")
@@ -72,7 +82,7 @@ def run(
         click.echo(line)
     click.echo(f"Results: {folder / RESULTS}")
     if figures:
-        for path in _figures(folder, finished.results, redraw=finished.n_run > 0):
+        for path in _draw_figures(folder, finished.results, redraw=finished.n_run > 0):
             click.echo(f"Figure:  {path}")
     if bool((finished.results["status"] != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
@@ -82,7 +92,7 @@ def run(
 @click.argument("study", type=STUDY)
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
-    """Check a STUDY file and say how large it is and how long it will take; writes nothing."""
+    """Check a STUDY file and show its size and how long it will take; writes nothing."""
     from fastcoil.simulation.plan import available_memory, check_disk, gib
     from fastcoil.simulation.simulate import probe, workers
     from fastcoil.study.file.spec import read_study
@@ -97,13 +107,12 @@ def plan(study: Path, jobs: int | None) -> None:
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
     memory = planned.memory_bytes(n_jobs, traces_on_disk=True)
     click.echo(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
-    click.echo(
-        f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in all, {len(planned.shards(n_jobs))} shards"
-    )
+    n_shards = len(planned.shards(n_jobs))
+    click.echo(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
     click.echo(f"Boundary:    {planned.layout.boundary.describe()}")
     click.echo(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
     click.echo(f"Memory:      up to {gib(memory)} for results ({gib(available_memory())} available)")
-    click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} while it is merged")
+    click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
 main.add_command(fit)
@@ -112,10 +121,10 @@ main.add_command(fit)
 @main.command()
 @click.argument("folder", type=FOLDER)
 def status(folder: Path) -> None:
-    """Say how far the study in FOLDER is, and how to go on."""
-    from fastcoil.study.maintenance import status
+    """Show the progress of the study in FOLDER, and how to resume it."""
+    from fastcoil.study import maintenance
 
-    for line in status(folder):
+    for line in maintenance.status(folder):
         click.echo(line)
 
 
@@ -123,9 +132,9 @@ def status(folder: Path) -> None:
 @click.argument("folder", type=FOLDER)
 def verify(folder: Path) -> None:
     """Check everything in the FOLDER of a study against its hashes; changes nothing."""
-    from fastcoil.study.maintenance import verify
+    from fastcoil.study import maintenance
 
-    problems = verify(folder)
+    problems = maintenance.verify(folder)
     if problems:
         raise IntegrityError("\n".join(problems))
     click.echo(f"{folder} is sound.")
@@ -136,13 +145,13 @@ def verify(folder: Path) -> None:
 @click.option("--at", default="", help="Which one: backlash=0.07,tuning=fast, for every dimension of the study.")
 def rerun(folder: Path, at: str) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
-    from fastcoil.study.maintenance import rerun
+    from fastcoil.study import maintenance
 
     pairs = [item.split("=", 1) for item in at.split(",") if item]
     if any(len(pair) != 2 for pair in pairs):
         raise InputError(f"--at {at}: give dimension=label, more of them with commas between")
     announce_compilation()
-    path, found = rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
+    path, found = maintenance.rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
     for line in found:
         click.echo(line)
     click.echo(f"Traces:  {path}")
@@ -179,7 +188,7 @@ def plot(folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, b
 @main.command()
 @click.option("-o", "--out", type=FOLDER, default="results/paper", show_default=True, help="Folder of the results.")
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
-@click.option("--quick", is_flag=True, help="A few tunings and days only: to try it, not to quote it.")
+@click.option("--quick", is_flag=True, help="A few tunings and days only: to try it out, not to quote.")
 def paper(out: Path, jobs: int | None, quick: bool) -> None:
     """Regenerate the paper's simulated figures, and a scorecard of where its claims hold."""
     from fastcoil.paper.regenerate import regenerate
@@ -233,11 +242,11 @@ def schema() -> None:
     click.echo(json.dumps(study_schema(), indent=2, ensure_ascii=False))
 
 
-def _figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:
-    """The standard figures of a study: drawn, or those that lie there already."""
-    there = sorted((folder / "figures").glob("*.png"))
-    if there and not redraw:
-        return there
+def _draw_figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:
+    """Draw the standard figures of a study, or find them drawn already."""
+    drawn = sorted((folder / "figures").glob("*.png"))
+    if drawn and not redraw:
+        return drawn
     from fastcoil.plots import study as plots
 
     return plots.write(plots.standard_figures(ds), folder / "figures")

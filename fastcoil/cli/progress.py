@@ -1,4 +1,4 @@
-"""Telling of a running study: a bar on a terminal, else a line every 10 s; nothing of it goes to stdout."""
+"""Progress of a running study on stderr: a bar on a terminal, else a line every 10 s."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from fastcoil.study.runner import Progress
+    from fastcoil.study.runner import Advance
 
 _SECONDS_BETWEEN_LINES = 10.0
 
 
 def announce_compilation(kernel: str = "emulate") -> None:
-    """Say that a wait is coming, where a kernel is not compiled yet."""
+    """Announce the wait if a kernel is not compiled yet."""
     from fastcoil.numerics.jit import is_compiled
 
     if not is_compiled(kernel):
         click.echo("Compiling the kernels, once per installation: about 10 s …", err=True)
 
 
-def told(n: int, done: int = 0) -> Progress:
-    """Return what is to be called with finished scenarios, of ``n`` in all and ``done`` before."""
+def report_progress(n: int, done: int = 0) -> Advance:
+    """Start to report: of ``n`` scenarios ``done`` are done already.  Returns what to call with newly finished ones."""
     if done:
-        click.echo(f"Going on: {done:,} of {n:,} scenario-days are there.", err=True)
+        click.echo(f"Resuming: {done:,} of {n:,} scenario-days done.", err=True)
     return _bar(n, done) if sys.stderr.isatty() else _lines(n, done)
 
 
@@ -37,7 +37,7 @@ def duration(seconds: float) -> str:
     return f"{minutes:.0f} min" if minutes < 100 else f"{minutes / 60:.1f} h"
 
 
-def _bar(n: int, before: int) -> Progress:
+def _bar(n: int, before: int) -> Advance:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -67,7 +67,7 @@ def _bar(n: int, before: int) -> Progress:
     return advance
 
 
-def _lines(n: int, before: int) -> Progress:
+def _lines(n: int, before: int) -> Advance:
     start = last = time.monotonic()
     done = 0
 

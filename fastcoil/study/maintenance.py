@@ -1,4 +1,4 @@
-"""Looking after a study's folder: how far it is, whether it is sound, one scenario in full."""
+"""Looking after a study's folder: its progress, whether it is sound, one scenario in full."""
 
 from __future__ import annotations
 
@@ -19,20 +19,22 @@ from fastcoil.simulation.dataset import coordinate_attrs, provenance
 from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.plan import settings
 from fastcoil.simulation.simulate import run_shard
-from fastcoil.study.folder.merge import opened, trace_problems
-from fastcoil.study.folder.results import begun_study, is_current, open_study
-from fastcoil.study.folder.store import RESULTS, Begun, begun, in_use, inspected
+from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.folder.results import is_current, open_study
 
 RERUNS = "reruns"
 
 
 def status(folder: Path) -> list[str]:
-    """How far the study in a folder is, in words."""
-    run = _begun(folder)
+    """The progress of the study in a folder, in words."""
+    store = StudyFolder(folder)
+    manifest = store.require_manifest()
+    holder = store.find_holder()
+    running = [f"It is being run by {holder}."] if holder else []
     try:
         ds = open_study(folder)
-    except InputError:  # begun, and no shard finished
-        return ["Nothing is finished yet."] + _who(folder)
+    except InputError:  # no shard is finished
+        return ["Nothing is finished yet.", *running]
     found = {word: int((ds["status"] == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
     n, left = ds["status"].size, found["not_run"]
     words = ", ".join(f"{count:,} {word}" for word, count in found.items() if count)
@@ -40,25 +42,27 @@ def status(folder: Path) -> list[str]:
         str(ds.attrs["title"]),
         f"{'Unfinished' if left else 'Finished'}: {n - left:,} of {n:,} scenarios ({words})",
     ]
-    if run.model_sha256 != model_sha256():
-        lines.append("The sources of the model changed since: a new run computes everything again.")
-    return lines + _who(folder) + ([] if left == 0 else [f"To go on: fastcoil run STUDY.toml -o {folder}"])
+    if manifest.model_sha256 != model_sha256():
+        lines.append("The sources of the model have changed since: a new run computes everything again.")
+    return lines + running + ([] if left == 0 else [f"To resume: fastcoil run STUDY.toml -o {folder}"])
 
 
 def verify(folder: Path) -> list[str]:
-    """What is wrong in the folder of a study, a sentence each; reads all of it and changes nothing."""
+    """Check everything in the folder of a study: a sentence for each problem.  Nothing is changed."""
     problems = []
-    run = _begun(folder)
+    store = StudyFolder(folder)
+    manifest = store.require_manifest()
     try:
-        begun_study(folder, run)
+        store.read_study(manifest)
     except (InputError, IntegrityError) as error:
-        problems += [f"{line}" for line in str(error).splitlines()]
-    if (folder / RESULTS).exists():
+        problems += str(error).splitlines()
+    if store.results.exists():
         try:
-            problems += trace_problems(folder, opened(folder))
+            problems += store.find_trace_problems(store.open_results())
         except FastcoilError as error:
             problems.append(str(error))
-    return problems + [f"{path} {part}" for path, part in inspected(folder, run.key) if isinstance(part, str)]
+    shards = store.shards(manifest).inspect()
+    return problems + [f"{shard.path} {shard.problem}" for shard in shards if shard.problem]
 
 
 def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
@@ -69,70 +73,58 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     Returns
     -------
     tuple
-        The file written, and what was found, in words.
+        The file written, and the outcome in words.
 
     Raises
     ------
     InputError
         For a dimension or label that the study does not have.
     IntegrityError
-        If what the study reads is not what it was.
+        If the study, or a file it reads, changed since it was run.
     """
-    run = _begun(folder)
-    study = begun_study(folder, run)
+    store = StudyFolder(folder)
+    study = store.read_study(store.require_manifest())
     layout = study.plan.layout
     coordinates = layout.coordinates()
     labels = {dim: coordinates[dim].values for dim in layout.sizes}
-    place = _place(labels, at)
-    flat = int(np.ravel_multi_index(tuple(place.values()), tuple(layout.sizes.values()))) if place else 0
+    position = _find_position(labels, at)
+    flat = int(np.ravel_multi_index(tuple(position.values()), tuple(layout.sizes.values()))) if position else 0
     plan = replace(study.plan, traces=Traces(tuple(TRACES), 1))
     compile_kernel()
     ds = run_shard(plan, np.array([flat])).squeeze("scenario", drop=True)
     for name, coordinate in coordinates.items():
-        one = coordinate.isel({d: place[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
+        one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
         ds = ds.assign_coords({name: one.assign_attrs(coordinate_attrs(name))})
     ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **settings(plan)}
-    name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in place.items()) or "scenario"
+    name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
     path = folder / RERUNS / (re.sub(r"[^\w.=+-]", "-", name) + ".nc")
     with storage_errors(path.parent, "made"):
         path.parent.mkdir(exist_ok=True)
     save(ds, path)
-    return path, _against_stored(folder, ds, place)
+    return path, _compare_with_stored(store, ds, position)
 
 
-def _begun(folder: Path) -> Begun:
-    run = begun(folder)
-    if run is None:
-        raise InputError(f"{folder} holds no study: run one first, with `fastcoil run STUDY.toml -o {folder}`")
-    return run
-
-
-def _who(folder: Path) -> list[str]:
-    holder = in_use(folder)
-    return [f"It is being run by {holder}."] if holder else []
-
-
-def _place(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:
-    """Position along each dimension."""
+def _find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:
+    """Position of the labels ``at`` along each dimension."""
     problems = [f"--at {dim}: no dimension of the study{nearest(dim, labels)}" for dim in at if dim not in labels]
-    place = {}
+    position = {}
     for dim, values in labels.items():
         shown = ", ".join(map(str, values[:10])) + (", …" if values.size > 10 else "")
         if dim not in at and values.size == 1:
-            place[dim] = 0
+            position[dim] = 0
         elif dim not in at:
             problems.append(f"--at: {dim} is missing, choose one of {shown}")
         else:
-            found = [k for k, v in enumerate(values) if _is(v, at[dim])]
-            place[dim] = found[0] if found else 0
+            found = [k for k, v in enumerate(values) if _matches(v, at[dim])]
+            position[dim] = found[0] if found else 0
             if not found:
                 problems.append(f"--at {dim}={at[dim]}: choose one of {shown}")
     if problems:
         raise InputError(problems)
-    return place
+    return position
 
 
-def _is(label: object, text: str) -> bool:
+def _matches(label: object, text: str) -> bool:
     if isinstance(label, str):
         return label == text
     try:
@@ -141,17 +133,17 @@ def _is(label: object, text: str) -> bool:
         return False
 
 
-def _against_stored(folder: Path, ds: xr.Dataset, place: Mapping[str, int]) -> list[str]:
-    """Whether a rerun found what the study had found."""
+def _compare_with_stored(store: StudyFolder, ds: xr.Dataset, position: Mapping[str, int]) -> list[str]:
+    """Say whether a rerun gave the result that the study has."""
     words = [f"rmse {float(ds['rmse']):.4g} K, status {STATUS_MEANINGS[int(ds['status'])]}"]
     try:
-        stored = open_study(folder).isel(place)
+        stored = open_study(store.path).isel(position)
     except InputError:
         return words
     if int(stored["status"]) in (STATUS_NOT_RUN, STATUS_CRASHED):
-        return [*words, f"The study has it as {STATUS_MEANINGS[int(stored['status'])]}."]
+        return [*words, f"In the study its status is {STATUS_MEANINGS[int(stored['status'])]}."]
     differ = [n for n in (*METRICS, "status") if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]
     if not differ:
         return [*words, "Equal to the study's result to the last bit."]
-    why = "" if is_current(opened(folder), _begun(folder)) else "; the model changed since"
+    why = "" if is_current(store.open_results(), store.require_manifest()) else "; the model changed since"
     return [*words, f"Differs from the study's result in {', '.join(differ)}{why}."]

@@ -1,16 +1,16 @@
-"""Run a study file into a folder: begin, go on, extend, or find it finished."""
+"""Run a study file into a folder: start, resume, extend, or find it finished."""
 
 from __future__ import annotations
 
 import difflib
 import time
 import warnings
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
-import numpy as np
 import xarray as xr
 
 from fastcoil.engine.host import compile_kernel
@@ -19,16 +19,19 @@ from fastcoil.numerics.jit import model_sha256
 from fastcoil.simulation.plan import check_disk
 from fastcoil.simulation.simulate import workers
 from fastcoil.study.file.spec import Study, read_study
-from fastcoil.study.folder.extend import reusable
-from fastcoil.study.folder.merge import merge, opened, tidied
-from fastcoil.study.folder.results import Earlier, attributes, begun_study, is_current, open_study
-from fastcoil.study.folder.store import RESULTS, Begun, begin, begun, begun_text, commit_shard, committed, locked
-from fastcoil.study.workers.dispatch import Rounds
-from fastcoil.study.workers.pools import engine_problems, make_pool
+from fastcoil.study.folder.extend import match_scenarios
+from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.merge import merge, study_attributes
+from fastcoil.study.folder.results import Computed, is_current, open_study
+from fastcoil.study.workers.dispatch import Dispatcher
+from fastcoil.study.workers.pools import backend_problems, make_pool, resolve_backend
 from fastcoil.study.workers.worker import Job
 
-Progress = Callable[[int], None]
+Advance = Callable[[int], None]
 """Called with the number of scenarios finished since the last call."""
+_LONGEST_DIFFERENCE = 10
+"""Lines."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +48,14 @@ def run_study(
     out: str | Path | None = None,
     *,
     n_jobs: int | None = None,
-    engine: str = "threads",
+    backend: str | None = None,
     scheduler: str | None = None,
     extend: bool = False,
+    engine: str | None = None,
 ) -> xr.Dataset:
     """Run a study file and return its results.
 
-    A study that is finished in ``out`` is only opened; one that was interrupted goes on where it was.
+    A study that is finished in ``out`` is only opened; one that was interrupted is resumed.
 
     Parameters
     ----------
@@ -61,12 +65,15 @@ def run_study(
         Folder of the results; ``results/NAME`` by default, with the name of the file.
     n_jobs
         Workers; all cores by default.  Results do not depend on it.
-    engine
-        ``threads``, ``loky`` (processes: one that crashes takes nothing else down) or ``dask``.  Nor on this.
+    backend
+        ``threads`` (default), ``loky`` (processes: one that crashes takes nothing else down) or ``dask``.  Results do
+        not depend on it.
     scheduler
         Address of a dask scheduler, such as ``tcp://host:8786``; a cluster on this machine by default.
     extend
-        Whether ``out`` may hold a smaller version of the study, of which everything is kept.
+        Whether ``out`` may hold a smaller version of the study, all of which is kept.
+    engine
+        Earlier name of ``backend``.
 
     Returns
     -------
@@ -76,14 +83,15 @@ def run_study(
     Raises
     ------
     InputError
-        For any mistake in the file, or if ``out`` holds another study; nothing is changed.
+        For any mistake in the file or the arguments, or if ``out`` holds another study; nothing is changed.
     LockedError, StorageError, IntegrityError
-        If another run writes to ``out``; if it cannot be written; if what lies there is damaged.
+        If another run writes to ``out``; if it cannot be written; if a file in it is damaged.
     """
     path = Path(path)
     folder = default_folder(path) if out is None else Path(out)
-    options = {"n_jobs": n_jobs, "engine": engine, "scheduler": scheduler, "extend": extend}
-    return execute(read_study(path), folder, **options).results  # type: ignore[arg-type]
+    chosen = resolve_backend(backend, engine)
+    study = read_study(path)
+    return execute(study, folder, n_jobs=n_jobs, backend=chosen, scheduler=scheduler, extend=extend).results
 
 
 def default_folder(path: Path) -> Path:
@@ -96,114 +104,111 @@ def execute(
     folder: Path,
     *,
     n_jobs: int | None = None,
-    engine: str = "threads",
+    backend: str = "threads",
     scheduler: str | None = None,
     extend: bool = False,
-    progress: Callable[[int], Progress] | None = None,
+    progress: Callable[[int], Advance] | None = None,
 ) -> Finished:
-    """Run a study into ``folder``, go on with it, or find it finished there; see ``run_study``.
+    """Run a study into ``folder``, resume it, or find it finished there; see ``run_study``.
 
-    ``progress`` is called when there is work to do, with the number of scenarios to run, and returns what is told of
-    finished ones.
+    ``progress`` is called when there is work to do, with the number of scenarios to run, and returns what to call
+    with finished ones.
     """
     n_jobs = workers(n_jobs)
-    problems = engine_problems(engine, scheduler)
+    problems = backend_problems(backend, scheduler)
     if problems:
         raise InputError(problems)
-    plan = study.plan
-    run = Begun(study.sha256, plan.layout.boundary.sha256, model_sha256(), str(study.folder.absolute()))
-    with locked(folder):
-        there = begun(folder)
-        begins = there != run or begun_text(folder) != study.text
-        if there is not None and there.study_sha256 != run.study_sha256:
-            _check_may_change(folder, study, there, run, extend)
-        elif (folder / RESULTS).exists():
-            ds = opened(folder)
-            if is_current(ds, run):
-                if begins:  # what was begun was lost
-                    begin(folder, run, study.text)
-                return Finished(folder, tidied(folder, ds), 0)
-        if there is not None and there.model_sha256 != run.model_sha256:
-            warnings.warn(f"{folder} was computed with other sources of the model: all is computed again", stacklevel=2)
-        earlier = Earlier.of(folder, study, run)
-        done = np.zeros(plan.n_scenarios, dtype=bool)
-        if earlier.new is not None:
-            done[earlier.new] = True
-        for part in committed(folder, run.key):
-            done[part["scenario"].values] = True
-        todo = np.flatnonzero(~done)
+    plan, store = study.plan, StudyFolder(folder)
+    manifest = Manifest.of(study, model_sha256())
+    with store.hold():
+        stored = store.read_manifest()
+        recorded = stored == manifest and store.read_text() == study.text
+        if stored is not None and stored.study_sha256 != manifest.study_sha256:
+            if not extend:
+                _refuse_other_study(store, study)
+            _merge_unfinished(store, study, stored, manifest)
+        elif store.results.exists():
+            ds = store.open_results()
+            if is_current(ds, manifest):
+                if not recorded:  # run.json or study.toml was lost
+                    store.write_manifest(manifest, study.text)
+                store.remove_superseded(ds, manifest)
+                return Finished(folder, ds, 0)
+        if stored is not None and stored.model_sha256 != manifest.model_sha256:
+            warnings.warn(
+                f"{folder} was computed with other sources of the model: everything is computed again", stacklevel=2
+            )
+        computed = Computed.find(store, study, manifest)
+        todo = computed.missing()
         check_disk(plan, folder, traces_kept=study.reduction is None)
         start = time.monotonic()
         if todo.size:
-            tell = progress(todo.size) if progress else None
+            advance = progress(todo.size) if progress else _ignore
             compile_kernel()
-            job = Job(run.key, plan, study.reduction)
-            with closing(make_pool(engine, job, n_jobs, scheduler)) as pool:
-                for part in Rounds(pool, job).results(plan.shards(pool.n_workers, todo)):
-                    if begins:
-                        begin(folder, run, study.text)
-                        begins = False
-                    commit_shard(folder, part, run.key)
-                    if tell:
-                        tell(part.sizes["scenario"])
-        elif begins:
-            begin(folder, run, study.text)
+            job = Job(manifest.key, plan, study.reduction)
+            with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
+                n_jobs = pool.n_workers  # those of a cluster are not ours to choose
+                for part in Dispatcher(pool, job).run(plan.shards(pool.n_workers, todo)):
+                    if not recorded:
+                        store.write_manifest(manifest, study.text)
+                        recorded = True
+                    computed.shards.commit(part)
+                    advance(part.sizes["scenario"])
+        elif not recorded:
+            store.write_manifest(manifest, study.text)
         seconds = time.monotonic() - start
         speed = {"wall_time_s": round(seconds, 3), "scenario_days_per_s": round(todo.size / max(seconds, 1e-9), 1)}
-        attrs = attributes(study, run.model_sha256) | speed | {"n_jobs": n_jobs, "engine": engine}
-        ds = merge(
-            folder,
-            plan,
-            lambda traces: earlier.parts(committed(folder, run.key), traces),
-            study.kept_traces,
-            attrs,
-            run.key,
-        )
+        # stored results call the backend ``engine``
+        ds = merge(store, study, manifest, computed.parts, speed | {"n_jobs": n_jobs, "engine": backend})
     return Finished(folder, ds, todo.size)
 
 
-def _check_may_change(folder: Path, study: Study, there: Begun, run: Begun, extend: bool) -> None:
-    """Refuse another study than the one that lies in the folder, unless it is extended."""
-    if not extend:
-        text = begun_text(folder)
-        if text is None:
-            raise IntegrityError(
-                f"{folder}: study.toml is missing or damaged, and another study was begun than this one: bring it "
-                "back, or choose another folder with -o"
-            )
-        changes = [
-            line
-            for line in difflib.unified_diff(text.splitlines(), study.text.splitlines(), "there", "given", lineterm="")
-            if line[:1] in "+-" and line[:3] not in ("+++", "---")
-        ]
-        differs = changes[:10] + ["…"] * (len(changes) > 10)
-        if not changes:
-            raise IntegrityError(
-                f"{folder}: a file that the study reads changed since the run was begun: bring it back, or choose "
-                "another folder with -o"
-            )
-        raise InputError(
-            "\n".join(
-                [
-                    f"{folder} holds another study, or another version of this one; give --extend if values were only "
-                    "added, else choose another folder with -o.  It differs in:",
-                    *differs,
-                ]
-            )
+def _ignore(_: int) -> None:
+    pass
+
+
+def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
+    """Refuse to replace the study in a folder by another one, and say in what they differ."""
+    text = store.read_text()
+    if text is None:
+        raise IntegrityError(
+            f"{store.path}: study.toml is missing or damaged, and the run in this folder was of another study: restore "
+            "the file, or choose another folder with -o"
         )
-    if (folder / RESULTS).exists() and is_current(opened(folder), there):
-        return
-    before = begun_study(folder, there)
-    if there.model_sha256 != run.model_sha256:
-        return
-    # what an unfinished run has becomes a result with scenarios that were not run, to be extended like any other
-    earlier = Earlier.of(folder, before, there)
+    changes = [
+        line
+        for line in difflib.unified_diff(text.splitlines(), study.text.splitlines(), lineterm="")
+        if line[:1] in "+-" and line[:3] not in ("+++", "---")
+    ]
+    if not changes:
+        raise IntegrityError(
+            f"{store.path}: a file that the study reads changed since the run was started: restore it, or choose "
+            "another folder with -o"
+        )
+    shown = changes[:_LONGEST_DIFFERENCE] + ["…"] * (len(changes) > _LONGEST_DIFFERENCE)
+    raise InputError(
+        "\n".join(
+            [
+                f"{store.path} holds another study, or another version of this one: add --extend if only values were "
+                "added, otherwise choose another folder with -o.  The differences:",
+                *shown,
+            ]
+        )
+    )
 
-    def parts(traces: Collection[str]) -> Iterator[xr.Dataset]:
-        return earlier.parts(committed(folder, there.key), traces)
 
-    # all of them, so that what is damaged is set aside before it is opened
-    if sum(part.sizes["scenario"] for part in parts([])):
-        reusable(study.plan, attributes(study, run.model_sha256), open_study(folder))
-        attrs = attributes(before, there.model_sha256)
-        merge(folder, before.plan, parts, before.kept_traces, attrs, there.key, complete=False)
+def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, manifest: Manifest) -> None:
+    """Merge what an unfinished run of a smaller version has, so that it can be extended like any other result.
+
+    Scenarios that were not run have the status ``not_run``.  Nothing is changed if ``study`` is no extension of it.
+    """
+    if store.results.exists() and is_current(store.open_results(), stored):
+        return
+    smaller = store.read_study(stored)
+    if stored.model_sha256 != manifest.model_sha256:
+        return
+    computed = Computed.find(store, smaller, stored)
+    # read all of them, so that damaged ones are set aside before ``open_study`` looks at them
+    if sum(part.sizes["scenario"] for part in computed.parts([])):
+        match_scenarios(study.plan, study_attributes(study, manifest.model_sha256), open_study(store.path))
+        merge(store, smaller, stored, computed.parts, complete=False)

@@ -43,7 +43,7 @@ def test_run_again_says_that_there_is_nothing_to_do(fastcoil):
 def test_plan_says_how_large_and_writes_nothing(fastcoil, tmp_path):
     result = fastcoil("plan", "small.toml")
     assert result.exit_code == 0, result.output
-    for part in ("6 (2 backlash × 3 estimate_ratio)", "3,600 s each, 21,600 in all", "Time:", "Memory:", "Disk:"):
+    for part in ("6 (2 backlash × 3 estimate_ratio)", "3,600 s each, 21,600 in total", "Time:", "Memory:", "Disk:"):
         assert part in result.output
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
 

@@ -1,4 +1,4 @@
-"""Small studies, child processes and dask clusters for the tests of the engines."""
+"""Small studies, child processes and dask clusters for the tests of the backends."""
 
 from __future__ import annotations
 

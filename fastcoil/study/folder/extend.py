@@ -1,10 +1,10 @@
-"""Extending a study: what was computed before is found again by what it depends on, and only the rest is run."""
+"""Which scenarios of an earlier result a study has too, found by everything their outcome depends on."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -13,11 +13,11 @@ from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.errors import InputError
 from fastcoil.outputs import STATUS_NOT_RUN
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.plan import Plan, settings
+from fastcoil.simulation.plan import Plan
 from fastcoil.simulation.scenarios import columns_of
 
 _AT_ONCE = 10_000
-_SAME = {
+_MUST_AGREE = {
     "seed": "[run] seed",
     "warm_up_s": "[run] warm_up",
     "rng": "the random numbers",
@@ -25,21 +25,25 @@ _SAME = {
     "reduction_sha256": "[run] reduce",
     "model_sha256": "the sources of the model",
 }
-"""What a scenario depends on besides its parameters and its day."""
+"""What a scenario depends on besides its parameters and its day: attribute and its name in messages."""
 
 
-def reusable(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Flat indices (in ``earlier``, in ``plan``) of the scenarios that both have and that were run.
+class Match(NamedTuple):
+    """Flat indices, equally many, of the scenarios that were run: in the earlier result and in the study."""
 
-    attrs: those that the results of ``plan`` will have.
+    old: np.ndarray
+    new: np.ndarray
+
+
+def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> Match:
+    """Match the scenarios of an earlier result with those of a plan, whose results will have the attributes ``attrs``.
 
     Raises
     ------
     InputError
-        If the study depends on something else than ``earlier`` did, or would drop a scenario of it.
+        If something else changed on which the results depend, or the plan lacks a scenario of ``earlier``.
     """
-    attrs = settings(plan) | attrs
-    differs = [words for name, words in _SAME.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))]
+    differs = [words for name, words in _MUST_AGREE.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))]
     if differs:
         raise InputError(
             f"--extend: {' and '.join(differs)} changed, so that nothing can be kept: choose another folder with -o"
@@ -51,24 +55,24 @@ def reusable(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> tuple[np
     dropped = int((place < 0).sum())
     if dropped:
         raise InputError(
-            f"--extend: {dropped:,} of the {place.size:,} scenarios in the folder are not in the study any more: keep "
+            f"--extend: {dropped:,} of the {place.size:,} scenarios in the folder are no longer in the study: keep "
             "all values and add to them (a Latin hypercube of another size shares no point: use sobol or random), "
             "or choose another folder with -o"
         )
     run = np.flatnonzero(earlier["status"].values.ravel() != STATUS_NOT_RUN)
-    return run, place[run]
+    return Match(run, place[run])
 
 
-def as_part(earlier: xr.Dataset, old: np.ndarray, new: np.ndarray, n_volumes: int) -> xr.Dataset:
-    """The scenarios ``old`` of an earlier result as a flat part of a study in which they are ``new``.
+def as_part(earlier: xr.Dataset, match: Match, n_volumes: int) -> xr.Dataset:
+    """The matched scenarios of an earlier result as a flat part of the study.
 
     n_volumes: the largest number of volumes there; the earlier result may have had only smaller coils.
     """
     dims = earlier["status"].dims
-    part = xr.Dataset(coords={"scenario": new})
+    part = xr.Dataset(coords={"scenario": match.new})
     for name, variable in earlier.data_vars.items():
         values = variable.values.reshape(-1, *variable.shape[len(dims) :])
-        part[name] = (("scenario", *variable.dims[len(dims) :]), values[old], variable.attrs)
+        part[name] = (("scenario", *variable.dims[len(dims) :]), values[match.old], variable.attrs)
     part = part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
     if "volume" in part.dims and part.sizes["volume"] < n_volumes:
         part = part.reindex(volume=np.arange(1, n_volumes + 1))
@@ -76,7 +80,7 @@ def as_part(earlier: xr.Dataset, old: np.ndarray, new: np.ndarray, n_volumes: in
 
 
 def _keys(loop: Loop, sizes: dict[str, int], days: list[str]) -> list[bytes]:
-    """One hash per scenario, over all that its result depends on."""
+    """One hash per scenario, over everything its result depends on."""
     n = int(np.prod(list(sizes.values()), dtype=np.int64))
     keys = []
     for start in range(0, n, _AT_ONCE):

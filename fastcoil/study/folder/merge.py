@@ -1,11 +1,11 @@
-"""From shards to ``results.nc`` and ``traces.nc``, and what an unfinished study already has."""
+"""From the parts of a study, its shards and earlier results, to ``results.nc`` and the file of traces."""
 
 from __future__ import annotations
 
 import json
 import os
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,140 +15,125 @@ import xarray as xr
 from fastcoil.errors import IntegrityError
 from fastcoil.files import commit_written, storage_errors
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
-from fastcoil.simulation.dataset import (
-    combined_sha256,
-    gather,
-    provenance,
-    unflattened,
-    variable_sha256,
-)
-from fastcoil.simulation.netcdf import load, open_lazily, save, write
-from fastcoil.simulation.plan import Plan, settings
-from fastcoil.study.folder.store import RESULTS, discard_shards
+from fastcoil.simulation.dataset import combined_sha256, gather, provenance, unflattened, variable_sha256
+from fastcoil.simulation.netcdf import save, write
+from fastcoil.simulation.plan import settings
+from fastcoil.study.file.spec import Study
+from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.folder.manifest import Manifest
 
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
-"""Reads the parts of the study anew at every call, the named traces and all that is no trace: they need not fit in
-memory together."""
+"""Reads the flat parts of the study, afresh at every call because they need not fit in memory together: of the traces
+only the named ones, and everything else."""
 _LARGE = 2**24
 """Bytes."""
 
 
 def merge(
-    folder: Path,
-    plan: Plan,
+    folder: StudyFolder,
+    study: Study,
+    manifest: Manifest,
     parts: Parts,
-    traces: Sequence[str],
-    attrs: dict[str, Any],
-    key: str,
+    attrs: dict[str, Any] | None = None,
     *,
     complete: bool = True,
 ) -> xr.Dataset:
-    """Write all parts as one result, labelled; ``traces`` in a file of their own, named after ``key``.
+    """Write all parts as one labelled result, its traces in a file of their own, and remove the shards.
 
-    Returns it as ``opened`` does.
+    Parameters
+    ----------
+    folder, study, manifest
+        Where, what, and the run to which the parts belong.
+    parts
+        Reads the parts.
+    attrs
+        Further attributes of the result.
+    complete
+        Whether all scenarios of the study must be in the parts.
+
+    Returns
+    -------
+    xarray.Dataset
+        As of ``StudyFolder.open_results``.
 
     Raises
     ------
     IntegrityError
-        If parts were lost since they were written; unless ``complete``, only if they are lost in between.
+        If parts were lost since they were written; unless ``complete``, only if they are lost during the merge.
     """
 
-    def found(names: Collection[str], n: int) -> Iterator[xr.Dataset]:
+    def counted(names: Collection[str], n: int) -> Iterator[xr.Dataset]:
         for part in parts(names):
             n -= part.sizes["scenario"]
             yield part
         if n > 0:
-            raise IntegrityError(f"{folder}: {n:,} scenarios were lost after they had been run: run the study again")
+            raise IntegrityError(
+                f"{folder.path}: {n:,} scenarios were lost after they had been run: run the study again"
+            )
 
-    attrs = {"title": "", **provenance(), **settings(plan), **attrs}
-    everything = found([], plan.n_scenarios if complete else 0)
-    with storage_errors(folder / RESULTS, "written"):
-        whole = gather(plan.n_scenarios, _without_traces(everything), allocate=_allocated(folder))
+    plan, allocate = study.plan, _allocator(folder.path)
+    everything = counted([], plan.n_scenarios if complete else 0)
+    with storage_errors(folder.results, "written"):
+        whole = gather(plan.n_scenarios, map(_without_traces, everything), allocate=allocate)
     ds = unflattened(whole, plan.layout)
     n_run = int((ds["status"] != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
-    ds.attrs = attrs
-    if traces:
-        file = f"traces-{key[:8]}.nc"
-        hashes = _merge_traces(folder / file, plan, lambda names: found(names, n_run), traces, attrs)
+    ds.attrs = study_attributes(study, manifest.model_sha256) | (attrs or {})
+    if study.kept_traces:
+        file = f"traces-{manifest.key[:8]}.nc"
+        hashes = _merge_traces(folder.path / file, study, lambda names: counted(names, n_run), ds.attrs)
         ds.attrs |= {"trace_file": file, "trace_sha256": json.dumps(hashes)}
     ds.attrs["content_sha256"] = combined_sha256(ds)
-    save(ds, folder / RESULTS)
-    return tidied(folder, _with_traces(folder, ds))
-
-
-def tidied(folder: Path, ds: xr.Dataset) -> xr.Dataset:
-    """Remove shards and traces that the results made superfluous.  Returns the results."""
-    with storage_errors(folder, "tidied"):
-        for path in folder.glob("traces-*.nc"):
-            if path.name != ds.attrs.get("trace_file"):
-                path.unlink()
-    discard_shards(folder)
+    save(ds, folder.results)
+    ds = folder.add_traces(ds)
+    folder.remove_superseded(ds, manifest)
     return ds
 
 
-def partial(plan: Plan, parts: Iterable[xr.Dataset], attrs: dict[str, Any]) -> xr.Dataset:
-    """What has been computed of a study, in memory; the rest has the status ``not_run``."""
-    ds = unflattened(gather(plan.n_scenarios, parts), plan.layout)
-    ds.attrs = {**provenance(), **settings(plan), **attrs}
-    return ds
+def study_attributes(study: Study, model_sha256: str) -> dict[str, Any]:
+    """The attributes of the results of a study: provenance, settings, and which study it is."""
+    attrs = {
+        "title": study.title,
+        **provenance(),
+        **settings(study.plan),
+        "summary": study.question,
+        "study_toml": study.text,
+        "study_sha256": study.sha256,
+        "model_sha256": model_sha256,
+    }
+    traces = study.plan.traces
+    if traces.names:
+        attrs["traces"] = f"{', '.join(traces.names)} every {traces.interval} s"
+    if study.reduction:
+        attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
+    return attrs
 
 
-def opened(folder: Path) -> xr.Dataset:
-    """The results in a folder, checked against their hash; traces stay on the disk until they are asked for."""
-    return _with_traces(folder, load(folder / RESULTS))
-
-
-def trace_problems(folder: Path, ds: xr.Dataset) -> list[str]:
-    """What is wrong with the traces of a result, a sentence each; reads all of them."""
-    stored = json.loads(ds.attrs.get("trace_sha256", "{}"))
-    wrong = []
-    for name, digest in stored.items():
-        try:
-            same = name in ds.variables and variable_sha256(ds[name].variable) == digest
-        except Exception:  # whatever the library makes of damaged bytes
-            same = False
-        if not same:
-            wrong.append(f"{folder / ds.attrs['trace_file']}: {name} is not as it was written")
-    return wrong
-
-
-def _with_traces(folder: Path, ds: xr.Dataset) -> xr.Dataset:
-    if "trace_file" not in ds.attrs:
-        return ds
-    path = folder / ds.attrs["trace_file"]
-    try:
-        traces = open_lazily(path)
-    except Exception as error:  # whatever the library makes of a damaged file
-        raise IntegrityError(f"{path} cannot be read ({error}): delete {folder} and run the study again") from error
-    return ds.assign(traces.data_vars).assign_coords(traces.coords)
-
-
-def _merge_traces(path: Path, plan: Plan, parts: Parts, traces: Sequence[str], attrs: dict[str, Any]) -> dict[str, str]:
-    """Write the traces one by one.  Returns the hash of everything that is only in their file."""
-    found: dict[str, str] = {}
+def _merge_traces(path: Path, study: Study, parts: Parts, attrs: dict[str, Any]) -> dict[str, str]:
+    """Write the traces one by one.  Returns the hash of every variable that is only in their file."""
+    plan, allocate = study.plan, _allocator(path.parent)
+    hashes: dict[str, str] = {}
 
     def write_all(unfinished: Path) -> None:
-        for k, name in enumerate(traces):
-            ds = unflattened(gather(plan.n_scenarios, parts([name]), [name], _allocated(path.parent)), plan.layout)
-            found.update({n: variable_sha256(ds[n].variable) for n in (name, *_own_coordinates(ds))})
+        for k, name in enumerate(study.kept_traces):
+            ds = unflattened(gather(plan.n_scenarios, parts([name]), [name], allocate), plan.layout)
+            hashes.update({n: variable_sha256(ds[n].variable) for n in (name, *_trace_coordinates(ds))})
             ds.attrs = attrs
             write(ds, unfinished, mode="a" if k else "w")
 
     commit_written(path, write_all)
-    return found
+    return hashes
 
 
-def _own_coordinates(ds: xr.Dataset) -> list[str]:
+def _trace_coordinates(ds: xr.Dataset) -> list[str]:
     return [n for n in ("elapsed_time", "volume") if n in ds.coords]
 
 
-def _without_traces(parts: Iterable[xr.Dataset]) -> Iterator[xr.Dataset]:
-    for part in parts:
-        yield part.drop_vars([n for n in part.data_vars if n in TRACES]).drop_vars(_own_coordinates(part))
+def _without_traces(part: xr.Dataset) -> xr.Dataset:
+    return part.drop_vars([n for n in part.data_vars if n in TRACES]).drop_vars(_trace_coordinates(part))
 
 
-def _allocated(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray]:
+def _allocator(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray]:
     """Makes arrays; large ones lie in nameless files, so that a study may be larger than the memory."""
 
     def allocate(shape: tuple[int, ...], value: Any, dtype: np.dtype[Any]) -> np.ndarray:

@@ -1,132 +1,117 @@
-"""What a folder has of a study: results, finished shards, what an earlier and smaller version left."""
+"""What has been computed of a study: results of an earlier version, finished shards, and both as one Dataset."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.outputs import STATUS_NOT_RUN, TRACES
-from fastcoil.study.file.spec import Study, read_study
-from fastcoil.study.folder.extend import as_part, reusable
-from fastcoil.study.folder.merge import opened, partial, trace_problems
-from fastcoil.study.folder.store import RESULTS, STUDY, Begun, begun, begun_text, committed
+from fastcoil.simulation.dataset import gather, unflattened
+from fastcoil.study.file.spec import Study
+from fastcoil.study.folder.extend import Match, as_part, match_scenarios
+from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.merge import study_attributes
+from fastcoil.study.folder.shards import Shards
 
 
 def open_study(folder: str | Path) -> xr.Dataset:
     """Open the results of a study by its folder, checked against their hash.
 
-    Of a study that is not finished yet, what there is: the other scenarios have the status ``not_run``.  Traces of a
-    finished one stay on the disk until they are asked for.
-    """
-    folder = Path(folder)
-    run = begun(folder)
-    if run is None:
-        raise InputError(f"{folder} holds no study: run one first, with `fastcoil run STUDY.toml -o {folder}`")
-    if (folder / RESULTS).exists():
-        ds = opened(folder)
-        if is_current(ds, run):
-            return ds
-    study = begun_study(folder, run)
-    earlier = Earlier.of(folder, study, run)
-    parts = earlier.parts(committed(folder, run.key, mend=False), study.kept_traces)
-    ds = partial(study.plan, parts, attributes(study, run.model_sha256))
-    if not ds.data_vars:
-        raise InputError(f"{folder} has no finished scenario yet: wait, or run the study")
-    return ds
-
-
-def begun_study(folder: Path, run: Begun) -> Study:
-    """The study whose results lie in a folder, from the text there.
+    An unfinished study can be opened too: scenarios that are not finished yet have the status ``not_run``.  Traces of
+    a finished one stay on the disk until they are asked for.
 
     Raises
     ------
-    IntegrityError
-        If a file it reads is not what it was.
+    InputError
+        If the folder holds no study, or no scenario is finished yet.
+    StorageError, IntegrityError
+        If it cannot be read; if a file in it is damaged.
     """
-    if begun_text(folder) is None:
-        raise IntegrityError(f"{folder / STUDY} is missing or damaged: bring it back, or run the study again")
-    try:
-        study = read_study(folder / STUDY, Path(run.relative_to))
-    except InputError as error:
-        raise IntegrityError(f"{folder}: what was begun cannot be read any more: bring it back\n{error}") from None
-    if study.sha256 != run.study_sha256:
-        what = (
-            "the series of its [boundary]"
-            if study.plan.layout.boundary.sha256 != run.boundary_sha256
-            else f"{STUDY}, a file that it includes, or its reduction"
-        )
-        raise IntegrityError(f"{folder}: {what} changed since the run was begun: bring it back, or run it elsewhere")
-    return study
+    store = StudyFolder(Path(folder))
+    manifest = store.require_manifest()
+    if store.results.exists():
+        ds = store.open_results()
+        if is_current(ds, manifest):
+            return ds
+    study = store.read_study(manifest)
+    computed = Computed.find(store, study, manifest)
+    parts = computed.parts(study.kept_traces, quarantine=False)
+    ds = unflattened(gather(study.plan.n_scenarios, parts), study.plan.layout)
+    if not ds.data_vars:
+        raise InputError(f"{folder} has no finished scenario yet: wait, or run the study")
+    ds.attrs = study_attributes(study, manifest.model_sha256)
+    return ds
 
 
-def is_current(ds: xr.Dataset, run: Begun) -> bool:
+def is_current(ds: xr.Dataset, manifest: Manifest) -> bool:
     """Whether a result is that of the run, complete and of the same model."""
-    same = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256")) == (run.study_sha256, run.model_sha256)
-    return same and not bool((ds["status"] == STATUS_NOT_RUN).any())
+    found = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
+    return found == (manifest.study_sha256, manifest.model_sha256) and not bool((ds["status"] == STATUS_NOT_RUN).any())
 
 
 @dataclass(frozen=True)
-class Earlier:
-    """What a folder has of a smaller version of the study: its results, and where they are in both."""
+class Computed:
+    """What a folder has of a study.
 
-    n_scenarios: int
-    results: xr.Dataset | None = None
-    old: np.ndarray | None = None
-    new: np.ndarray | None = None
-    n_volumes: int = 0
+    earlier: the results of a smaller version, of which the scenarios ``match`` are in the study too; ``None`` without.
+    """
+
+    study: Study
+    shards: Shards
+    earlier: xr.Dataset | None
+    match: Match
 
     @classmethod
-    def of(cls, folder: Path, study: Study, run: Begun) -> Earlier:
-        """Find it; nothing where there are no results, or only those of another model."""
-        n = study.plan.n_scenarios
-        if not (folder / RESULTS).exists():
-            return cls(n)
-        results = opened(folder)
-        if results.attrs.get("model_sha256") != run.model_sha256:
-            return cls(n)
-        old, new = reusable(study.plan, attributes(study, run.model_sha256), results)
-        # what is damaged must not be written again with a hash of its own
-        problems = trace_problems(folder, results)
-        if problems:
-            cure = f"delete {folder / RESULTS} and run the study again"
-            raise IntegrityError("\n".join(f"{problem}: {cure}" for problem in problems))
-        return cls(n, results, old, new, study.plan.n_volumes)
+    def find(cls, folder: StudyFolder, study: Study, manifest: Manifest) -> Computed:
+        """Find it; results of another model do not count.
 
-    def parts(self, shards: Iterable[xr.Dataset], traces: Collection[str]) -> Iterator[xr.Dataset]:
-        """All parts of the study: what was there before, with these traces only, and the shards.
+        Raises
+        ------
+        InputError
+            If the study is no extension of the results.
+        IntegrityError
+            If they are damaged.
+        """
+        shards, nothing = folder.shards(manifest), Match(np.array([], dtype=np.int64), np.array([], dtype=np.int64))
+        if not folder.results.exists():
+            return cls(study, shards, None, nothing)
+        results = folder.open_results()
+        if results.attrs.get("model_sha256") != manifest.model_sha256:
+            return cls(study, shards, None, nothing)
+        match = match_scenarios(study.plan, study_attributes(study, manifest.model_sha256), results)
+        # damaged traces must not be written again with a hash of their own
+        problems = folder.find_trace_problems(results)
+        if problems:
+            cure = f"delete {folder.results} and run the study again"
+            raise IntegrityError("\n".join(f"{problem}: {cure}" for problem in problems))
+        return cls(study, shards, results, match)
+
+    def missing(self) -> np.ndarray:
+        """Flat indices of the scenarios that are to be run; damaged shards are moved to quarantine."""
+        done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
+        done[self.match.new] = True
+        for part in self.shards.read(quarantine=True):
+            done[part["scenario"].values] = True
+        return np.flatnonzero(~done)
+
+    def parts(self, traces: Collection[str], *, quarantine: bool = True) -> Iterator[xr.Dataset]:
+        """All parts: the earlier results, with these traces only, and the shards.
 
         Each scenario once: after a merge that was killed before it removed the shards, it is in both.
         """
-        parts = shards
-        if self.results is not None and self.old is not None and self.new is not None and self.new.size:
-            names = [n for n in self.results.data_vars if n not in TRACES or n in traces]
-            parts = chain([as_part(self.results[names], self.old, self.new, self.n_volumes)], shards)
-        seen = np.zeros(self.n_scenarios, dtype=bool)
+        parts = self.shards.read(quarantine=quarantine)
+        if self.earlier is not None and self.match.new.size:
+            names = [n for n in self.earlier.data_vars if n not in TRACES or n in traces]
+            parts = chain([as_part(self.earlier[names], self.match, self.study.plan.n_volumes)], parts)
+        seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:
             index = part["scenario"].values
             yield part.isel(scenario=~seen[index]) if seen[index].any() else part
             seen[index] = True
-
-
-def attributes(study: Study, model: str) -> dict[str, Any]:
-    """The attributes that say which study a result is of."""
-    attrs = {
-        "title": study.title,
-        "summary": study.question,
-        "study_toml": study.text,
-        "study_sha256": study.sha256,
-        "model_sha256": model,
-    }
-    traces = study.plan.traces
-    if traces.names:
-        attrs["traces"] = f"{', '.join(traces.names)} every {traces.interval} s"
-    if study.reduction:
-        attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
-    return attrs

@@ -23,7 +23,7 @@ _jobs: dict[str, Job] = {}
 
 
 class Job(NamedTuple):
-    """All that a worker must know of a study; sent once to each, so that a shard is only its indices."""
+    """What a worker needs of a study; sent once to each, so that a shard is only its indices."""
 
     key: str
     plan: Plan
@@ -50,34 +50,34 @@ def receive_in_child(job: Job, parent: int) -> None:
 
 def leave_interrupts() -> None:
     """Leave Ctrl-C to the parent, which gets it too."""
-    if threading.current_thread() is threading.main_thread():  # no other may say so
+    if threading.current_thread() is threading.main_thread():  # no other thread may set signals
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def forget(key: str) -> None:
-    """Let go of a job."""
+    """Drop a job."""
     _jobs.pop(key, None)
 
 
 def identity() -> tuple[str, str]:
-    """What the bits of a result depend on: the model's sources; CPU, Python and libraries."""
+    """Hashes of what the bits of a result depend on: the model's sources; CPU, Python and libraries."""
     return model_sha256(), fingerprint()
 
 
-def work(key: str, index: np.ndarray, expected: tuple[str, str] | None = None) -> xr.Dataset:
-    """Run the scenarios ``index`` of a job that was received.  Returns a flat Dataset, see ``results.flat``.
+def run_received(key: str, index: np.ndarray, expected: tuple[str, str] | None = None) -> xr.Dataset:
+    """Run the scenarios ``index`` of a job that was received.  Returns a flat Dataset, see ``dataset.flat``.
 
-    expected: the identity that this worker must have, which may have joined after the others were asked.
+    expected: the identity this worker must have; it may have joined after the others were checked.
     """
     if expected is not None and identity() != expected:
         raise InputError(
             "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
-            "libraries: use workers of one kind; what was computed is kept, run the same command again to go on"
+            "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume"
         )
-    return computed(_jobs[key], index)
+    return run_scenarios(_jobs[key], index)
 
 
-def computed(job: Job, index: np.ndarray) -> xr.Dataset:
+def run_scenarios(job: Job, index: np.ndarray) -> xr.Dataset:
     """Run the scenarios ``index``, and reduce their traces if the study asks for it."""
     part = run_shard(job.plan, index)
     if job.reduction is None:
@@ -92,8 +92,8 @@ def computed(job: Job, index: np.ndarray) -> xr.Dataset:
     )
 
 
-def crashed(job: Job, index: np.ndarray) -> xr.Dataset:
-    """What is kept of scenarios that take every worker down."""
+def crashed_part(job: Job, index: np.ndarray) -> xr.Dataset:
+    """Results of scenarios that take every worker down: NaN, with the status ``crashed``."""
     nothing = np.full((len(METRICS), index.size), np.nan)
     points = job.plan.traces.n_points(job.plan.n_steps)
     names = job.plan.traces.names if job.reduction is None else ()

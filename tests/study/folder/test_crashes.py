@@ -15,7 +15,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from helpers.faults import DAYS, PLAIN, SITUATIONS, TRACED, golden, ran, shards, unfinished
+from helpers.studies import DAYS, PLAIN, SITUATIONS, TRACED, golden, run, shards, unfinished
 
 from fastcoil.study import maintenance
 
@@ -32,7 +32,7 @@ LONG = PLAIN.replace("hours = 0.25", "hours = 8").replace("[0.0, 0.9]", "{ linsp
 @pytest.fixture(scope="module")
 def harness():
     """Return a function that runs a study in a process forked for it: exit code, operations on files, what it said."""
-    command = [sys.executable, str(TESTS / "helpers" / "crashing.py")]
+    command = [sys.executable, str(TESTS / "helpers" / "fork_server.py")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as server:
         assert server.stdout.readline() == "ready\n"
 
@@ -55,8 +55,8 @@ def resumed(folder, text, **options):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         if (folder / "run.json").exists() and (folder / "study.toml").exists():
-            assert all("study.toml" in p or "was begun" in p for p in maintenance.verify(folder))
-        assert ran(text, folder, **options) == golden(text)
+            assert all("study.toml" in p or "can no longer be read" in p for p in maintenance.verify(folder))
+        assert run(text, folder, **options) == golden(text)
     assert maintenance.verify(folder) == []
     assert unfinished(folder) == []
     assert not (folder / "shards").exists()
@@ -252,7 +252,7 @@ def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(comman
     process.send_signal(number)
     _, said = process.communicate(timeout=5)
     assert process.returncode == code, said
-    assert "what was finished is kept, to go on: fastcoil run" in said
+    assert "finished scenarios are kept, to resume: fastcoil run" in said
     assert "Traceback" not in said
     assert not (tmp_path / "out" / "results.nc").exists()
     assert unfinished(tmp_path / "out") == []
@@ -271,7 +271,7 @@ def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(comm
     first.kill()
     first.wait(timeout=60)
     third = command()
-    assert any("Going on:" in line for line in third.stderr)
+    assert any("Resuming:" in line for line in third.stderr)
     assert f"process {third.pid} " in (tmp_path / "out" / ".holder").read_text()
 
 
@@ -287,7 +287,7 @@ def test_ctrl_c_before_the_first_shard_leaves_no_folder(command, tmp_path):
     _, said = process.communicate(timeout=5)
     assert process.returncode == 130, said
     assert not (tmp_path / "deep").exists()
-    assert "to go on" not in said
+    assert "to resume" not in said
 
 
 def test_a_reader_that_closes_the_pipe_gets_no_traceback(command):

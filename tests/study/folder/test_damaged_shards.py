@@ -9,12 +9,19 @@ import shutil
 import netCDF4
 import pytest
 import xarray as xr
-from helpers.faults import PLAIN, interrupted, larger, quarantined, ran, resumed, shards, verified
+from helpers.studies import PLAIN, larger, quarantined, resume, run, run_until_interrupted, shards, verify
 
 from fastcoil.simulation.netcdf import netcdf_bytes
-from fastcoil.study.folder import store
+from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.folder.shards import Shards
 
 pytestmark = pytest.mark.kernel
+
+
+def shards_of(folder):
+    """The shards of the run in a folder."""
+    store = StudyFolder(folder)
+    return store.shards(store.require_manifest())
 
 
 def named(data, first=0):
@@ -29,23 +36,23 @@ def named(data, first=0):
 def test_a_shard_of_another_length_is_set_aside_and_run_again(broken_off, cut):
     path = shards(broken_off)[0]
     path.write_bytes(cut(path.read_bytes()))
-    (problem,) = verified(broken_off)
+    (problem,) = verify(broken_off)
     assert str(path) in problem
-    (told,) = resumed(broken_off)
+    (told,) = resume(broken_off)
     assert f"{path} is not as it was written: moved to quarantine/" in told
     assert quarantined(broken_off) == [path.name]
 
 
 def test_a_flipped_bit_anywhere_in_a_shard_is_found(broken_off):
-    path, run = shards(broken_off)[0], store.begun(broken_off)
+    path, checked = shards(broken_off)[0], shards_of(broken_off)
     good = path.read_bytes()
     positions = random.Random(1).sample(range(8 * len(good)), 1000)
     for at in [0, 8 * len(good) - 1, *positions]:
         damaged = bytearray(good)
         damaged[at // 8] ^= 1 << at % 8
         path.write_bytes(damaged)
-        assert next(store.inspected(broken_off, run.key)) == (path, "is not as it was written"), at
-    (told,) = resumed(broken_off)
+        assert next(checked.inspect()) == (path, None, "is not as it was written"), at
+    (told,) = resume(broken_off)
     assert path.name in told
 
 
@@ -68,20 +75,20 @@ def test_a_shard_that_opens_but_was_never_filled_is_set_aside(broken_off):
     path = shards(broken_off)[0]
     data = filled(path)
     path.write_bytes(data)
-    assert "is not as it was written" in verified(broken_off)[0]
+    assert "is not as it was written" in verify(broken_off)[0]
     path.rename(path.with_name(named(data)))
-    assert "was never filled" in verified(broken_off)[0]
-    (told,) = resumed(broken_off)
+    assert "was never filled" in verify(broken_off)[0]
+    (told,) = resume(broken_off)
     assert named(data) in told
 
 
 def test_a_shard_of_another_study_is_set_aside(broken_off, tmp_path):
     other = tmp_path / "other" / "out"
     other.parent.mkdir()
-    interrupted(larger(PLAIN), other, 1)
+    run_until_interrupted(larger(PLAIN), other, 1)
     (foreign,) = shards(other)
     shutil.copy(foreign, broken_off / "shards")
-    (told,) = resumed(broken_off)
+    (told,) = resume(broken_off)
     assert f"{foreign.name} belongs to another study or another version of the model" in told
     assert quarantined(broken_off) == [foreign.name]
 
@@ -90,14 +97,14 @@ def test_a_shard_of_the_same_study_cut_otherwise_is_taken_for_what_it_adds(broke
     first = xr.load_dataset(shards(broken_off)[0])
     data = netcdf_bytes(first.isel(scenario=slice(1, 3)))
     (broken_off / "shards" / named(data, 1)).write_bytes(data)
-    assert resumed(broken_off) == []
+    assert resume(broken_off) == []
 
 
 def test_a_renamed_shard_and_one_under_two_names_are_set_aside(broken_off):
     first, second = shards(broken_off)
     shutil.copy(first, first.with_name("000000001" + first.name[9:]))
     second.rename(second.with_name("000000003" + second.name[9:]))
-    told = resumed(broken_off)
+    told = resume(broken_off)
     assert len(told) == 2
     assert all("is not what its name says" in t for t in told)
     assert quarantined(broken_off) == ["000000001" + first.name[9:], "000000003" + second.name[9:]]
@@ -113,8 +120,8 @@ def test_foreign_files_among_the_shards_are_kept_in_quarantine(broken_off):
     xr.Dataset().to_netcdf(place / "empty.nc")
     empty = (place / "empty.nc").read_bytes()
     (place / "empty.nc").rename(place / named(empty))
-    assert len(verified(broken_off)) == 5
-    told = resumed(broken_off)
+    assert len(verify(broken_off)) == 5
+    told = resume(broken_off)
     assert len(told) == 5
     assert len(quarantined(broken_off)) == 5
     assert (broken_off / "quarantine" / "notes.txt").read_text() == "mine"
@@ -125,26 +132,26 @@ def test_what_is_set_aside_twice_is_kept_twice(broken_off):
     for text in ("one", "two"):
         (broken_off / "shards" / "notes.txt").write_text(text)
         with pytest.warns(UserWarning, match=r"notes\.txt is no shard"):
-            list(store.committed(broken_off, store.begun(broken_off).key))
+            list(shards_of(broken_off).read(quarantine=True))
     assert quarantined(broken_off) == ["notes.txt", "notes.txt.2"]
 
 
 def test_a_file_that_joins_the_shards_of_a_finished_study_is_not_deleted_with_them(broken_off, monkeypatch):
-    monkeypatch.setattr("fastcoil.study.folder.merge.discard_shards", lambda _: None)  # as if it were killed there
-    ran(PLAIN, broken_off)
+    monkeypatch.setattr(Shards, "discard", lambda _: None)  # as if it were killed there
+    run(PLAIN, broken_off)
     monkeypatch.undo()
     (broken_off / "shards" / "notes.txt").write_text("mine")
-    resumed(broken_off)
+    resume(broken_off)
     assert (broken_off / "quarantine" / "notes.txt").read_text() == "mine"
 
 
 def test_half_written_files_of_a_killed_run_are_no_damage_and_are_removed(broken_off):
     for place in (broken_off, broken_off / "shards"):
         (place / ".results.nc.1.tmp").write_bytes(b"half")
-    assert verified(broken_off) == []
-    assert resumed(broken_off) == []
+    assert verify(broken_off) == []
+    assert resume(broken_off) == []
 
 
 def test_a_deleted_shard_is_run_again(broken_off):
     shards(broken_off)[0].unlink()
-    assert resumed(broken_off) == []
+    assert resume(broken_off) == []

@@ -7,10 +7,10 @@ import copy
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from helpers import poison
-from helpers.faults import stopped
+from helpers import failing_shards
 from helpers.processes import cut
-from helpers.versions import begun, fresh, toml
+from helpers.studies import run_until_stopped
+from helpers.study_tables import fresh, run_shards, toml
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -85,7 +85,7 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tm
     execute(study(BASE), tmp_path / "out")
     log = tmp_path / "log"
     asked = study(larger)
-    finished = execute(poison.harmful(asked, log=log), tmp_path / "out", extend=True)
+    finished = execute(failing_shards.harmful(asked, log=log), tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - N
     assert sum(int(line.split()[1]) for line in log.read_text().splitlines()) == finished.n_run
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
@@ -101,7 +101,7 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tm
 )
 def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name, n_shards):
     cut(monkeypatch, 5)
-    done = stopped(study(BASE), tmp_path / "out", n_shards)
+    done = run_until_stopped(study(BASE), tmp_path / "out", n_shards)
     asked = study(EXTENSIONS[name])
     finished = execute(asked, tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - done
@@ -112,10 +112,10 @@ def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name,
 @pytest.mark.parametrize("before", [2, pytest.param(0, marks=pytest.mark.full)])
 def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, before, again):
     cut(monkeypatch, 5)
-    done = begun(study(BASE), tmp_path / "out", before)
+    done = run_shards(study(BASE), tmp_path / "out", before)
     asked = study(EXTENSIONS["all at once"])
     for _ in range(3):
-        done += stopped(asked, tmp_path / "out", 2, extend=again or done <= N)
+        done += run_until_stopped(asked, tmp_path / "out", 2, extend=again or done <= N)
         partly = fc.open_study(tmp_path / "out")
         assert int((partly["status"] == 0).sum()) == done
         partly.close()
@@ -126,8 +126,8 @@ def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, 
 
 def test_an_extension_of_an_extension_that_was_interrupted_keeps_all(study, tmp_path, monkeypatch):
     cut(monkeypatch, 5)
-    done = stopped(study(BASE), tmp_path / "out", 2)
-    done += stopped(study(EXTENSIONS["middle"]), tmp_path / "out", 2, extend=True)
+    done = run_until_stopped(study(BASE), tmp_path / "out", 2)
+    done += run_until_stopped(study(EXTENSIONS["middle"]), tmp_path / "out", 2, extend=True)
     asked = study(changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09, 0.11]}, run={"replicates": 2}))
     finished = execute(asked, tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - done
@@ -166,7 +166,7 @@ def test_an_unfinished_study_is_not_touched_by_what_is_no_extension(study, tmp_p
 
 def check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards):
     cut(monkeypatch, 6)
-    begun(study(BASE), tmp_path / "out", n_shards)
+    run_shards(study(BASE), tmp_path / "out", n_shards)
     before = image(tmp_path / "out")
     if n_shards and "scenarios" in sentence:
         sentence = "of the 24 scenarios"
@@ -178,7 +178,7 @@ def check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards):
 @pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
 def test_without_extend_another_version_is_refused_with_what_differs(study, tmp_path, monkeypatch, n_shards):
     cut(monkeypatch, 6)
-    begun(study(BASE), tmp_path / "out", n_shards)
+    run_shards(study(BASE), tmp_path / "out", n_shards)
     before = image(tmp_path / "out")
     study(EXTENSIONS["end"])
     words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
@@ -207,7 +207,7 @@ def test_the_command_line_extends(study, tmp_path):
     words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
     result = CliRunner().invoke(main, [*words, "--extend"])
     assert result.exit_code == 0, result.output
-    assert "Going on: 24 of 32 scenario-days are there" in result.stderr
+    assert "Resuming: 24 of 32 scenario-days done" in result.stderr
     assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == fresh(asked, tmp_path)
     assert "finished: nothing to do" in CliRunner().invoke(main, words).output
 
@@ -231,7 +231,7 @@ def test_extend_is_no_harm_where_there_is_nothing_yet(study, tmp_path):
 def test_an_extension_on_processes_gives_the_same_bits(study, tmp_path):
     execute(study(BASE), tmp_path / "out")
     asked = study(EXTENSIONS["all at once"])
-    finished = execute(asked, tmp_path / "out", extend=True, engine="loky", n_jobs=1)
+    finished = execute(asked, tmp_path / "out", extend=True, backend="loky", n_jobs=1)
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from helpers.processes import cut
-from helpers.versions import begun, fresh, toml
+from helpers.study_tables import fresh, run_shards, toml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -55,7 +55,7 @@ def test_any_sweep_can_grow(tmp_path_factory, n):
             cut(patch, 7, seed=n_shards)
             path.write_text(toml(versions[0]), encoding="utf-8")
             small = read_study(path)
-            done = begun(small, folder / "out", n_shards if n_shards < len(small.plan.shards(1)) else None)
+            done = run_shards(small, folder / "out", n_shards if n_shards < len(small.plan.shards(1)) else None)
             path.write_text(toml(versions[1]), encoding="utf-8")
             large = read_study(path)
             finished = execute(large, folder / "out", extend=True)

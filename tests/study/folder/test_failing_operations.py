@@ -7,25 +7,24 @@ import os
 import shutil
 
 import pytest
-from helpers.faults import (
+from helpers.failing_files import Nth, operations
+from helpers.studies import (
     DAYS,
     PLAIN,
     SITUATIONS,
     TRACED,
-    Nth,
     golden,
-    interrupted,
-    operations,
-    ran,
-    resumed,
+    resume,
+    run,
+    run_until_interrupted,
     shards,
-    studied,
     unfinished,
-)  # fmt: skip
+    write_study,
+)
 
 from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.study import runner
-from fastcoil.study.folder import store
+from fastcoil.study.folder.shards import SHARD_NAME
 
 pytestmark = pytest.mark.kernel
 
@@ -34,9 +33,9 @@ def sweep(tmp_path, situation, *, lasting=False, stride=1):
     """Let the n-th operation on files fail, n = 1, 2, … until none is left; each time the next run must mend it."""
     text, prepare = SITUATIONS[situation]
     out, before = tmp_path / "out", tmp_path / "before"
-    study = studied(text, out)
+    study = write_study(text, out)
     prepare(out)
-    study = studied(text, out)
+    study = write_study(text, out)
     if out.exists():
         shutil.copytree(out, before)
     n, reached = 1, True
@@ -56,7 +55,7 @@ def sweep(tmp_path, situation, *, lasting=False, stride=1):
                 finished = runner.execute(study, out, n_jobs=1, extend=True)
         except StorageError as refused:
             told = str(refused)
-        except IntegrityError as refused:  # what was begun is checked before it is extended
+        except IntegrityError as refused:  # the stored study is checked before it is extended
             told = str(refused)
             assert "cannot be read" in told  # noqa: PT017
             assert nth.done[n - 1] == "open for reading"
@@ -67,9 +66,9 @@ def sweep(tmp_path, situation, *, lasting=False, stride=1):
         reached = len(nth.done) >= n
         assert lasting or unfinished(out) == [], (n, nth.done)
         assert all(p.read_bytes() == was[p.name] for p in shards(out) if p.name in was), (n, nth.done)
-        assert not out.exists() or not (out / "run.json").exists() or all(map(store._SHARD_NAME.fullmatch, (
+        assert not out.exists() or not (out / "run.json").exists() or all(map(SHARD_NAME.fullmatch, (
             p.name for p in shards(out) if not p.name.endswith(".tmp")))), (n, nth.done)  # fmt: skip
-        assert resumed(out, text, extend=True) == [], (n, nth.done)
+        assert resume(out, text, extend=True) == [], (n, nth.done)
         n += stride
     return n
 
@@ -87,7 +86,7 @@ def test_whichever_operation_fails_in_whatever_situation(tmp_path, situation, la
 
 
 def test_a_shard_whose_fsync_fails_once_is_not_written_and_fsync_is_not_tried_again(out, monkeypatch):
-    interrupted(PLAIN, out, 1)
+    run_until_interrupted(PLAIN, out, 1)
     calls, real = [], os.fsync
 
     def fsync(descriptor):
@@ -99,17 +98,17 @@ def test_a_shard_whose_fsync_fails_once_is_not_written_and_fsync_is_not_tried_ag
     before = shards(out)
     monkeypatch.setattr(os, "fsync", fsync)
     with pytest.raises(StorageError, match="Input/output error"):
-        ran(PLAIN, out)
+        run(PLAIN, out)
     assert len(calls) == 1
     assert shards(out) == before
     monkeypatch.undo()
-    resumed(out)
+    resume(out)
 
 
 def test_bytes_are_on_the_disk_before_a_name_points_to_them(out):
     done = []
     with operations(out, done.append):
-        ran(TRACED, out)
+        run(TRACED, out)
     replaced = [k for k, name in enumerate(done) if name == "replace"]
     assert len(replaced) == 2 + DAYS + 2  # run.json, study.toml, shards, traces, results.nc
     for k in replaced:

@@ -8,7 +8,7 @@ import shutil
 
 import pytest
 import xarray as xr
-from helpers.faults import DAYS, PLAIN, TRACED, golden, larger, ran, resumed, shards, unfinished
+from helpers.studies import DAYS, PLAIN, TRACED, golden, larger, resume, run, shards, unfinished
 
 import fastcoil as fc
 from fastcoil.errors import IntegrityError, StorageError
@@ -22,26 +22,26 @@ pytestmark = pytest.mark.kernel
 def test_shards_lost_before_the_merge_make_no_finished_result(out, monkeypatch, text):
     original = runner.merge
 
-    def merge(folder, plan, parts, traces, *args, **options):
+    def merge(folder, study, manifest, parts, *args, **options):
         def losing(names):
             if text == PLAIN or names:  # of a study with traces, after its metrics were read
-                shutil.rmtree(folder / "shards")
+                shutil.rmtree(folder.path / "shards")
             return parts(names)
 
-        return original(folder, plan, losing, traces, *args, **options)
+        return original(folder, study, manifest, losing, *args, **options)
 
     monkeypatch.setattr(runner, "merge", merge)
     with pytest.raises(IntegrityError, match="scenarios were lost after they had been run: run the study again"):
-        ran(text, out)
+        run(text, out)
     assert not (out / "results.nc").exists()
     monkeypatch.undo()
-    resumed(out, text)
+    resume(out, text)
 
 
 def test_a_reader_of_results_keeps_its_data_while_an_extension_replaces_them(out):
-    ran(TRACED, out)
+    run(TRACED, out)
     with fc.open_study(out) as old, xr.open_dataset(out / "results.nc") as raw:
-        assert ran(larger(TRACED), out, extend=True) == golden(larger(TRACED))
+        assert run(larger(TRACED), out, extend=True) == golden(larger(TRACED))
         assert old["T_sup"].sizes["backlash"] == raw["rmse"].sizes["backlash"] == 2
         with fc.open_study(out) as new:
             assert raw["rmse"].equals(new["rmse"].sel(backlash=raw["backlash"]))
@@ -52,13 +52,13 @@ def test_a_reader_of_results_keeps_its_data_while_an_extension_replaces_them(out
 def test_a_study_merged_on_the_disk_is_the_one_merged_in_memory(out, text, monkeypatch):
     monkeypatch.setattr(merge, "_LARGE", 0)
     before = set(os.listdir("/proc/self/fd"))
-    assert ran(text, out) == golden(text)
+    assert run(text, out) == golden(text)
     # nameless files are gone with their arrays; the traces stay open with the results
     assert {p.name for p in out.iterdir()} <= {".lock", "results.nc", "run.json", "study.toml"} | {
         p.name for p in out.glob("traces-*.nc")
     }
     assert len(set(os.listdir("/proc/self/fd")) - before) <= 1
-    assert ran(larger(text), out, extend=True) == golden(larger(text))
+    assert run(larger(text), out, extend=True) == golden(larger(text))
 
 
 @pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
@@ -70,7 +70,7 @@ def test_room_for_the_merge_is_taken_before_it_is_used(out, text, monkeypatch):
         patched.setattr(merge, "_LARGE", 0)
         patched.setattr(os, "posix_fallocate", full)
         with pytest.raises(StorageError, match="No space left on device"):
-            ran(text, out)
+            run(text, out)
     assert unfinished(out) == []
     assert len(shards(out)) == DAYS
-    resumed(out, text)
+    resume(out, text)

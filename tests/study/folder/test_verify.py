@@ -7,22 +7,22 @@ import stat
 
 import netCDF4
 import pytest
-from helpers.faults import DAYS, PLAIN, TRACED, contents, interrupted, larger, ran, resumed, verified
+from helpers.studies import DAYS, PLAIN, TRACED, contents, larger, resume, run, run_until_interrupted, verify
 
 import fastcoil as fc
 from fastcoil.errors import IntegrityError
 from fastcoil.study import maintenance
-from fastcoil.study.folder import store
 from fastcoil.study.folder.results import open_study
+from fastcoil.study.folder.shards import Shards
 
 pytestmark = pytest.mark.kernel
 
 
 def test_verify_finds_nothing_in_a_finished_and_in_an_unfinished_study(out):
-    interrupted(TRACED, out, 1)
-    assert verified(out) == []
-    ran(TRACED, out)
-    assert verified(out) == []
+    run_until_interrupted(TRACED, out, 1)
+    assert verify(out) == []
+    run(TRACED, out)
+    assert verify(out) == []
 
 
 def replaced(path, data):
@@ -33,7 +33,7 @@ def replaced(path, data):
 
 @pytest.mark.parametrize("name", ["results.nc", "traces"])
 def test_no_flipped_bit_of_a_result_changes_a_value_unnoticed(out, name):
-    ran(TRACED, out)
+    run(TRACED, out)
     path = next(out.glob(f"{name}*"))
     with fc.open_study(out) as ds:
         right = ds.load()
@@ -51,45 +51,45 @@ def test_no_flipped_bit_of_a_result_changes_a_value_unnoticed(out, name):
                 assert ds.identical(right), at
     replaced(path, good)
     assert found >= 5
-    assert verified(out) == []
+    assert verify(out) == []
 
 
 @pytest.mark.parametrize("cut", [lambda d: d[:-1], lambda d: d[: len(d) // 2], lambda d: b""], ids=["1", "half", "all"])
 @pytest.mark.parametrize("name", ["results.nc", "traces"])
 def test_a_truncated_result_is_found(out, name, cut):
-    ran(TRACED, out)
+    run(TRACED, out)
     path = next(out.glob(f"{name}*"))
     path.write_bytes(cut(path.read_bytes().rstrip(b"\0")))  # the library fills up a small file with zeros
-    (problem,) = verified(out)
+    (problem,) = verify(out)
     assert path.name in problem
     with pytest.raises(IntegrityError, match="run the study again"):
-        ran(TRACED, out)
+        run(TRACED, out)
     path.unlink()
     if name == "traces":
-        assert len(verified(out)) == 1
+        assert len(verify(out)) == 1
         (out / "results.nc").unlink()
-    resumed(out, TRACED)
+    resume(out, TRACED)
 
 
 def test_damaged_traces_are_not_written_again_by_an_extension(out):
-    ran(TRACED, out)
+    run(TRACED, out)
     path = next(out.glob("traces-*.nc"))
     with netCDF4.Dataset(path, "a") as file:
         file["mode"][0] = 9 - file["mode"][0]
-    assert "mode is not as it was written" in verified(out)[0]
+    assert "mode is not as it was written" in verify(out)[0]
     before = contents(out)["results.nc"]
     with pytest.raises(IntegrityError, match="mode is not as it was written"):
-        ran(larger(TRACED), out, extend=True)
+        run(larger(TRACED), out, extend=True)
     assert contents(out)["results.nc"] == before
     (out / "results.nc").unlink()
-    resumed(out, larger(TRACED), extend=True)
+    resume(out, larger(TRACED), extend=True)
 
 
 def test_a_study_that_is_read_only_can_be_verified_and_opened(broken_off):
     for path in [broken_off, *broken_off.rglob("*")]:
         path.chmod(stat.S_IREAD | (stat.S_IEXEC if path.is_dir() else 0))
     try:
-        assert verified(broken_off) == []
+        assert verify(broken_off) == []
         with open_study(broken_off) as ds:
             assert int((ds["status"] == 0).sum()) == ds["status"].size * (DAYS - 1) // DAYS
     finally:
@@ -98,13 +98,13 @@ def test_a_study_that_is_read_only_can_be_verified_and_opened(broken_off):
 
 
 def test_a_look_at_a_study_while_its_run_finishes_finds_no_damage(out, monkeypatch):
-    interrupted(PLAIN, out, DAYS - 1)
-    real = store._opened
+    run_until_interrupted(PLAIN, out, DAYS - 1)
+    real = Shards._inspect
 
-    def finishing(path, key):  # before the first shard is read
-        monkeypatch.setattr(store, "_opened", real)
-        ran(PLAIN, out)
-        return real(path, key)
+    def finishing(self, path):  # before the first shard is read
+        monkeypatch.setattr(Shards, "_inspect", real)
+        run(PLAIN, out)
+        return real(self, path)
 
-    monkeypatch.setattr(store, "_opened", finishing)
+    monkeypatch.setattr(Shards, "_inspect", finishing)
     assert maintenance.verify(out) == []

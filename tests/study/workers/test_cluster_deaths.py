@@ -7,7 +7,7 @@ import time
 
 import pytest
 from click.testing import CliRunner
-from helpers import poison
+from helpers import failing_shards
 from helpers.processes import N_SCENARIOS, check_crashed, cluster, cut
 
 from fastcoil.cli.main import main
@@ -24,13 +24,13 @@ def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, monkeypa
     with cluster(tmp_path / "cluster", 2, "--no-nanny") as found:
         with found.client() as client:
             client.wait_for_workers(2, timeout=30)
-        harmed = poison.harmful(study, poison.killed, [35], once=tmp_path / "once")
-        finished = execute(harmed, tmp_path / "out", engine="dask", scheduler=found.address)
+        harmed = failing_shards.harmful(study, failing_shards.killed, [35], once=tmp_path / "once")
+        finished = execute(harmed, tmp_path / "out", backend="dask", scheduler=found.address)
         assert [p.poll() for p in found.processes].count(-signal.SIGKILL) == 1
     assert finished.results.attrs["content_sha256"] == golden
 
 
-@pytest.mark.parametrize("harm", [poison.killed, pytest.param(poison.stops, marks=pytest.mark.full)])
+@pytest.mark.parametrize("harm", [failing_shards.killed, pytest.param(failing_shards.stops, marks=pytest.mark.full)])
 def test_a_cluster_that_loses_all_its_workers_is_told_and_no_scenario_blamed(
     study, golden, tmp_path, monkeypatch, harm
 ):
@@ -38,9 +38,9 @@ def test_a_cluster_that_loses_all_its_workers_is_told_and_no_scenario_blamed(
     monkeypatch.setattr(dispatch, "_LEAST_LIMIT", 2.0)
     monkeypatch.setattr(dispatch, "_LIMIT_FACTOR", 1.0)
     with cluster(tmp_path / "cluster", 1, "--no-nanny") as found:
-        harmed = poison.harmful(study, harm, [135])
+        harmed = failing_shards.harmful(study, harm, [135])
         with pytest.raises(FastcoilError, match="its workers are gone, busy with something else or hang"):
-            execute(harmed, tmp_path / "out", engine="dask", scheduler=found.address)
+            execute(harmed, tmp_path / "out", backend="dask", scheduler=found.address)
     finished = execute(study, tmp_path / "out")
     assert finished.n_run <= 60
     assert finished.results.attrs["content_sha256"] == golden
@@ -50,7 +50,7 @@ def test_a_cluster_that_loses_all_its_workers_is_told_and_no_scenario_blamed(
 def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(small_study, golden, tmp_path, monkeypatch, n_before):
     cut(monkeypatch, 4)
     with cluster(tmp_path / "cluster", 1, "--no-nanny") as found:
-        words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--engine", "dask"]
+        words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask"]
         n_done = []
 
         def kill_later(n, _=0):
@@ -63,13 +63,13 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(small_study, go
 
         start = time.monotonic()
         with monkeypatch.context() as patch:
-            patch.setattr("fastcoil.cli.main.told", kill_later)
-            poison.harms(patch, poison.works_slowly, range(152, 160))
+            patch.setattr("fastcoil.cli.main.report_progress", kill_later)
+            failing_shards.harms(patch, failing_shards.works_slowly, range(152, 160))
             result = CliRunner().invoke(main, [*words, "--scheduler", found.address, "--no-figures"])
         assert time.monotonic() - start < 60
     assert result.exit_code == 1
     said = [line for line in result.stderr.splitlines() if line.startswith("fastcoil: ")]
-    assert said[-1] == "fastcoil: the dask scheduler is gone: start one and run the same command again to go on"
+    assert said[-1] == "fastcoil: the dask scheduler is gone: start one and run the same command again to resume"
     assert "Traceback" not in result.output
     finished = execute(read_study(small_study), tmp_path / "out")
     assert 0 < finished.n_run <= N_SCENARIOS - 4 * n_before
@@ -80,6 +80,6 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(small_study, go
 def test_a_scenario_that_kills_the_workers_of_a_cluster_is_crashed(study, healthy, tmp_path, monkeypatch):
     cut(monkeypatch, 4)
     with cluster(tmp_path / "cluster", 2) as found:
-        harmed = poison.harmful(study, poison.killed, [70])
-        finished = execute(harmed, tmp_path / "out", engine="dask", scheduler=found.address)
+        harmed = failing_shards.harmful(study, failing_shards.killed, [70])
+        finished = execute(harmed, tmp_path / "out", backend="dask", scheduler=found.address)
     check_crashed(finished.results, healthy, [70])

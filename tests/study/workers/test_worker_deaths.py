@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from helpers import poison
+from helpers import failing_shards
 from helpers.processes import N_SCENARIOS, check_crashed, children, cut
 
 import fastcoil as fc
@@ -17,10 +17,10 @@ from fastcoil.cli.main import main
 from fastcoil.errors import FastcoilError, InputError
 from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.store import SHARDS
+from fastcoil.study.folder.shards import SHARDS
 from fastcoil.study.runner import execute
 from fastcoil.study.workers import dispatch, pools
-from fastcoil.study.workers.dispatch import Rounds
+from fastcoil.study.workers.dispatch import Dispatcher
 from fastcoil.study.workers.pools import make_pool
 from fastcoil.study.workers.worker import Job
 
@@ -28,35 +28,35 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtu
 
 
 @pytest.mark.parametrize(
-    ("engine", "harm"),
+    ("backend", "harm"),
     [
-        ("threads", poison.out_of_memory),
-        ("loky", poison.killed),
-        pytest.param("loky", poison.exits, marks=pytest.mark.full),
-        pytest.param("loky", poison.segfaults, marks=pytest.mark.full),
-        pytest.param("loky", poison.out_of_memory, marks=pytest.mark.full),
-        ("dask", poison.killed),
-        pytest.param("dask", poison.exits, marks=pytest.mark.full),
-        pytest.param("dask", poison.segfaults, marks=pytest.mark.full),
-        pytest.param("dask", poison.out_of_memory, marks=pytest.mark.full),
+        ("threads", failing_shards.out_of_memory),
+        ("loky", failing_shards.killed),
+        pytest.param("loky", failing_shards.exits, marks=pytest.mark.full),
+        pytest.param("loky", failing_shards.segfaults, marks=pytest.mark.full),
+        pytest.param("loky", failing_shards.out_of_memory, marks=pytest.mark.full),
+        ("dask", failing_shards.killed),
+        pytest.param("dask", failing_shards.exits, marks=pytest.mark.full),
+        pytest.param("dask", failing_shards.segfaults, marks=pytest.mark.full),
+        pytest.param("dask", failing_shards.out_of_memory, marks=pytest.mark.full),
     ],
 )
 def test_a_scenario_that_kills_is_crashed_and_no_other(
-    small_study, healthy, tmp_path, monkeypatch, capfd, engine, harm
+    small_study, healthy, tmp_path, monkeypatch, capfd, backend, harm
 ):
-    poison.harms(monkeypatch, harm, [70])
+    failing_shards.harms(monkeypatch, harm, [70])
     cut(monkeypatch, 20, alone=70)
-    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--engine", engine, "-j", "1", "--no-figures"]
+    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", backend, "-j", "1", "--no-figures"]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 3, result.output
-    assert harm is poison.segfaults or not capfd.readouterr().err
+    assert harm is failing_shards.segfaults or not capfd.readouterr().err
     found = fc.open_study(tmp_path / "out")
     check_crashed(found.stack(flat=found["status"].dims).transpose("flat", ...), healthy, [70])
     found.close()
     assert "1 crashed" in CliRunner().invoke(main, ["status", str(tmp_path / "out")]).output
 
 
-def check_poisoned(study, healthy, folder, culprits, **options):
+def check_crashing(study, healthy, folder, culprits, **options):
     finished = execute(study, folder, **options)
     assert finished.n_run == N_SCENARIOS
     check_crashed(finished.results, healthy, culprits)
@@ -65,28 +65,36 @@ def check_poisoned(study, healthy, folder, culprits, **options):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("engine", ["threads", "loky", "dask"])
+@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
 @pytest.mark.parametrize("size", [4, 20])
-def test_several_scenarios_that_kill_are_crashed_and_no_other(study, healthy, tmp_path, monkeypatch, engine, size):
+def test_several_scenarios_that_kill_are_crashed_and_no_other(study, healthy, tmp_path, monkeypatch, backend, size):
     cut(monkeypatch, size)
     culprits = [0, 1, 5, 77, N_SCENARIOS - 1]
-    harm = poison.out_of_memory if engine == "threads" else poison.killed
-    check_poisoned(poison.harmful(study, harm, culprits), healthy, tmp_path / "out", culprits, engine=engine, n_jobs=2)
+    harm = failing_shards.out_of_memory if backend == "threads" else failing_shards.killed
+    check_crashing(
+        failing_shards.harmful(study, harm, culprits), healthy, tmp_path / "out", culprits, backend=backend, n_jobs=2
+    )
 
 
 def test_several_scenarios_without_memory_are_crashed_and_no_other(study, healthy, tmp_path, monkeypatch):
     cut(monkeypatch, 40)
     culprits = [0, 1, 5, 77, N_SCENARIOS - 1]
-    check_poisoned(poison.harmful(study, poison.out_of_memory, culprits), healthy, tmp_path / "out", culprits, n_jobs=2)
+    check_crashing(
+        failing_shards.harmful(study, failing_shards.out_of_memory, culprits),
+        healthy,
+        tmp_path / "out",
+        culprits,
+        n_jobs=2,
+    )
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("engine", ["loky", "dask"])
-def test_a_worker_that_is_killed_once_costs_nothing_but_time(study, golden, tmp_path, monkeypatch, engine):
+@pytest.mark.parametrize("backend", ["loky", "dask"])
+def test_a_worker_that_is_killed_once_costs_nothing_but_time(study, golden, tmp_path, monkeypatch, backend):
     cut(monkeypatch, 10)
     once = tmp_path / "once"
-    harmed = poison.harmful(study, poison.killed, [35], once=once)
-    finished = execute(harmed, tmp_path / "out", engine=engine, n_jobs=2)
+    harmed = failing_shards.harmful(study, failing_shards.killed, [35], once=once)
+    finished = execute(harmed, tmp_path / "out", backend=backend, n_jobs=2)
     assert once.exists()
     assert finished.results.attrs["content_sha256"] == golden
 
@@ -102,38 +110,38 @@ def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_
             os.kill(alive[0], signal.SIGKILL)
 
     before = children()
-    finished = execute(study, tmp_path / "out", engine="loky", n_jobs=2, progress=lambda _: kill_one)
+    finished = execute(study, tmp_path / "out", backend="loky", n_jobs=2, progress=lambda _: kill_one)
     assert killed
     assert finished.results.attrs["content_sha256"] == golden
 
 
 @pytest.mark.parametrize(
-    ("engine", "harm"),
+    ("backend", "harm"),
     [
-        ("loky", poison.stops),
-        pytest.param("loky", poison.hangs, marks=pytest.mark.full),
-        pytest.param("dask", poison.stops, marks=pytest.mark.full),
-        pytest.param("dask", poison.hangs, marks=pytest.mark.full),
+        ("loky", failing_shards.stops),
+        pytest.param("loky", failing_shards.hangs, marks=pytest.mark.full),
+        pytest.param("dask", failing_shards.stops, marks=pytest.mark.full),
+        pytest.param("dask", failing_shards.hangs, marks=pytest.mark.full),
     ],
 )
-def test_a_worker_that_hangs_once_is_replaced(study, golden, tmp_path, monkeypatch, engine, harm):
+def test_a_worker_that_hangs_once_is_replaced(study, golden, tmp_path, monkeypatch, backend, harm):
     cut(monkeypatch, 20)
     monkeypatch.setattr(dispatch, "_FIRST_LIMIT", 10.0)
     monkeypatch.setattr(dispatch, "_LEAST_LIMIT", 3.0)
     monkeypatch.setattr(dispatch, "_LIMIT_FACTOR", 1.0)
-    harmed = poison.harmful(study, harm, [35], once=tmp_path / "once")
-    finished = execute(harmed, tmp_path / "out", engine=engine, n_jobs=2)
+    harmed = failing_shards.harmful(study, harm, [35], once=tmp_path / "once")
+    finished = execute(harmed, tmp_path / "out", backend=backend, n_jobs=2)
     assert finished.results.attrs["content_sha256"] == golden
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("engine", ["loky", "dask"])
-def test_a_scenario_that_always_hangs_is_crashed_and_no_other(study, tmp_path, monkeypatch, engine):
-    job = Job("hangs", poison.harmful(study, poison.hangs, [2]).plan, None)
-    pool = make_pool(engine, job, 1, None)
+@pytest.mark.parametrize("backend", ["loky", "dask"])
+def test_a_scenario_that_always_hangs_is_crashed_and_no_other(study, tmp_path, monkeypatch, backend):
+    job = Job("hangs", failing_shards.harmful(study, failing_shards.hangs, [2]).plan, None)
+    pool = make_pool(backend, job, 1, None)
     try:
         start = time.monotonic()
-        parts = list(Rounds(pool, job, time_limit=8.0).results([np.arange(2), np.arange(2, 4)]))
+        parts = list(Dispatcher(pool, job, time_limit=8.0).run([np.arange(2), np.arange(2, 4)]))
     finally:
         pool.close()
     status = {k: s for p in parts for k, s in zip(p["scenario"].values, p["status"].values, strict=True)}
@@ -141,42 +149,42 @@ def test_a_scenario_that_always_hangs_is_crashed_and_no_other(study, tmp_path, m
     assert time.monotonic() - start < 100
 
 
-@pytest.mark.parametrize("engine", ["loky", pytest.param("dask", marks=pytest.mark.full)])
-def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_path, monkeypatch, engine):
+@pytest.mark.parametrize("backend", ["loky", pytest.param("dask", marks=pytest.mark.full)])
+def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_path, monkeypatch, backend):
     monkeypatch.setattr(dispatch, "_MOST_DEATHS", 3)
     cut(monkeypatch, 10)
-    harmed = poison.harmful(study, poison.killed, range(N_SCENARIOS))
+    harmed = failing_shards.harmful(study, failing_shards.killed, range(N_SCENARIOS))
     with pytest.raises(FastcoilError, match="3 workers died in a row without a result") as caught:
-        execute(harmed, tmp_path / "out", engine=engine, n_jobs=1)
+        execute(harmed, tmp_path / "out", backend=backend, n_jobs=1)
     assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 
 def test_workers_that_cannot_even_start_end_in_a_sentence(study, tmp_path, monkeypatch):
     monkeypatch.setattr(dispatch, "_MOST_DEATHS", 1)
-    monkeypatch.setattr(pools, "receive_in_child", poison.does_not_start)
+    monkeypatch.setattr(pools, "receive_in_child", failing_shards.does_not_start)
     with pytest.raises(FastcoilError, match="workers died in a row without a result"):
-        execute(study, tmp_path / "out", engine="loky", n_jobs=1)
+        execute(study, tmp_path / "out", backend="loky", n_jobs=1)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_process_that_is_short_of_memory_is_replaced(study, golden, tmp_path, monkeypatch):
     cut(monkeypatch, 40)
-    harmed = poison.harmful(study, poison.starves, [35], once=tmp_path / "once")
-    finished = execute(harmed, tmp_path / "out", engine="loky", n_jobs=1)
+    harmed = failing_shards.harmful(study, failing_shards.starves, [35], once=tmp_path / "once")
+    finished = execute(harmed, tmp_path / "out", backend="loky", n_jobs=1)
     assert (tmp_path / "once").exists()
     assert finished.results.attrs["content_sha256"] == golden
 
 
-@pytest.mark.parametrize("engine", ["threads", "loky", "dask"])
+@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
 def test_an_error_of_the_user_comes_through_and_what_is_finished_is_kept(
-    small_study, golden, tmp_path, monkeypatch, engine, two_workers
+    small_study, golden, tmp_path, monkeypatch, backend, two_workers
 ):
     cut(monkeypatch, 4)
-    scheduler = two_workers.address if engine == "dask" else None
-    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--engine", engine, "-j", "1", "--no-figures"]
+    scheduler = two_workers.address if backend == "dask" else None
+    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", backend, "-j", "1", "--no-figures"]
     with monkeypatch.context() as patch:
-        poison.harms(patch, poison.refuses, [100])
+        failing_shards.harms(patch, failing_shards.refuses, [100])
         result = CliRunner().invoke(main, words + (["--scheduler", scheduler] if scheduler else []))
     assert result.exit_code == 2, result.output
     assert "fastcoil: this reduction cannot be applied: give another" in result.output
@@ -188,4 +196,4 @@ def test_an_error_of_the_user_comes_through_and_what_is_finished_is_kept(
 
 def test_the_error_of_a_thread_is_that_of_the_user(study, tmp_path):
     with pytest.raises(InputError, match="give another"):
-        execute(poison.harmful(study, poison.refuses, [0]), tmp_path / "out", n_jobs=2)
+        execute(failing_shards.harmful(study, failing_shards.refuses, [0]), tmp_path / "out", n_jobs=2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from fastcoil.study.runner import execute
-from helpers.faults import stopped
+from helpers.studies import run_until_stopped
 
 
 def toml(tables):
@@ -25,10 +25,10 @@ def toml(tables):
     return "\n".join(lines) + "\n"
 
 
-def begun(study, folder, n_shards):
+def run_shards(study, folder, n_shards):
     """Run a study until some shards are done, or else to its end.  Returns how many scenarios were run."""
     if n_shards:
-        return stopped(study, folder, n_shards)
+        return run_until_stopped(study, folder, n_shards)
     return execute(study, folder).n_run
 
 

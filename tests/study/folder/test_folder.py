@@ -8,7 +8,7 @@ import shutil
 import time
 
 import pytest
-from helpers.faults import PLAIN, TRACED, contents, golden, interrupted, ran, resumed, studied
+from helpers.studies import PLAIN, TRACED, contents, golden, resume, run, run_until_interrupted, write_study
 
 from fastcoil.errors import FastcoilError, InputError, LockedError, StorageError
 from fastcoil.study import maintenance, runner
@@ -26,8 +26,8 @@ def written(path, text=PLAIN):
 def test_any_name_of_a_folder_will_do(tmp_path, name):
     out = tmp_path / name / "out"
     out.parent.mkdir()
-    interrupted(TRACED, out, 1)
-    resumed(out, TRACED)
+    run_until_interrupted(TRACED, out, 1)
+    resume(out, TRACED)
     assert any("Finished" in line for line in maintenance.status(out))
 
 
@@ -45,8 +45,8 @@ def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_run(tmp_pa
 def test_a_link_to_a_folder_is_followed(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "elsewhere")
-    interrupted(PLAIN, tmp_path / "out", 1)
-    resumed(tmp_path / "out")
+    run_until_interrupted(PLAIN, tmp_path / "out", 1)
+    resume(tmp_path / "out")
     assert (tmp_path / "out").is_symlink()
     assert (tmp_path / "elsewhere" / "results.nc").is_file()
 
@@ -54,7 +54,7 @@ def test_a_link_to_a_folder_is_followed(tmp_path):
 def test_a_link_to_nowhere_is_refused(tmp_path):
     (tmp_path / "out").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(FastcoilError) as refused:
-        ran(PLAIN, tmp_path / "out")
+        run(PLAIN, tmp_path / "out")
     assert refused.value.exit_code in (2, 4)
     assert [p.name for p in tmp_path.iterdir() if p.name != "study.toml"] == ["out"]
 
@@ -62,7 +62,7 @@ def test_a_link_to_nowhere_is_refused(tmp_path):
 def test_temporary_files_elsewhere_are_not_used(out, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path / "absent"))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "absent"))
-    assert ran(TRACED, out) is not None
+    assert run(TRACED, out) is not None
 
 
 def test_a_folder_removed_in_the_middle_of_a_run_ends_it_with_4(out):
@@ -70,9 +70,9 @@ def test_a_folder_removed_in_the_middle_of_a_run_ends_it_with_4(out):
         shutil.rmtree(out)
 
     with pytest.raises(StorageError, match="cannot be made: No such file or directory"):
-        runner.execute(studied(PLAIN, out), out, n_jobs=1, progress=lambda _: remove)
+        runner.execute(write_study(PLAIN, out), out, n_jobs=1, progress=lambda _: remove)
     assert not out.exists()
-    resumed(out)
+    resume(out)
 
 
 def test_a_file_system_without_locks_is_refused(out, monkeypatch):
@@ -83,7 +83,7 @@ def test_a_file_system_without_locks_is_refused(out, monkeypatch):
     # by its version, the library of locks refuses, or makes do with the file alone
     try:
         with pytest.warns(UserWarning, match="flock not supported"):
-            assert ran(PLAIN, out) == golden(PLAIN)
+            assert run(PLAIN, out) == golden(PLAIN)
     except StorageError as refused:
         assert "on a file system without locks: choose another folder" in str(refused)  # noqa: PT017
         assert not out.exists()
@@ -93,7 +93,7 @@ def test_leftover_locks_of_a_dead_run_hold_nobody_up(broken_off):
     (broken_off / ".lock").write_text("")
     (broken_off / ".holder").write_text("process 1 on elsewhere since 1970")
     assert not any("being run" in line for line in maintenance.status(broken_off))
-    resumed(broken_off)
+    resume(broken_off)
 
 
 def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
@@ -101,12 +101,12 @@ def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
         before = contents(out)
         start = time.monotonic()
         with pytest.raises(LockedError, match=f"in use by another run .process {os.getpid()} on ") as refused:
-            ran(PLAIN, out)
+            run(PLAIN, out)
         assert refused.value.exit_code == 5
         assert time.monotonic() - start < 5.0
         assert {n: b for n, (b, _) in contents(out).items()} == {n: b for n, (b, _) in before.items()}
         assert any(f"being run by another run (process {os.getpid()}" in line for line in maintenance.status(out))
         assert maintenance.verify(out) == []
 
-    finished = runner.execute(studied(PLAIN, out), out, n_jobs=1, progress=lambda _: second)
+    finished = runner.execute(write_study(PLAIN, out), out, n_jobs=1, progress=lambda _: second)
     assert finished.results.attrs["content_sha256"] == golden(PLAIN)

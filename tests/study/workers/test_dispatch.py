@@ -1,4 +1,4 @@
-"""The logic of rounds, with workers that die as told: nothing lost, nothing twice, no one blamed for another."""
+"""The dispatcher with workers that die on command: nothing lost, nothing twice, no one blamed for another."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fastcoil.errors import FastcoilError, InputError
 from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.workers import dispatch
-from fastcoil.study.workers.dispatch import Rounds
+from fastcoil.study.workers.dispatch import Dispatcher
 from fastcoil.study.workers.worker import Job
 
 pytestmark = pytest.mark.timeout(60)
@@ -98,7 +98,7 @@ def found(pool, job, shards, status=None, **options):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(dispatch, "cf", SimpleNamespace(wait=pool.wait, FIRST_COMPLETED=cf.FIRST_COMPLETED))
         patch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda: pool.now))
-        for part in Rounds(pool, job, **options).results(shards):
+        for part in Dispatcher(pool, job, **options).run(shards):
             for k, flag in zip(part["scenario"].values.tolist(), part["status"].values.tolist(), strict=True):
                 assert k not in status, "a scenario is found twice"
                 status[k] = flag
@@ -209,7 +209,7 @@ def test_without_the_means_to_kill_nothing_is_overdue(job):
 
 
 def test_the_limit_of_time_grows_with_the_longest_shard(job):
-    found_limits = Rounds(Pool(1, falls_together=True), job)
+    found_limits = Dispatcher(Pool(1, falls_together=True), job)
     assert found_limits._limit == 600.0
     found_limits._longest = 0.1
     assert found_limits._limit == 60.0

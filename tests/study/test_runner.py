@@ -83,7 +83,7 @@ def test_a_finished_study_run_again_is_only_opened(study, tmp_path, monkeypatch)
 def test_results_of_other_physics_are_run_again(study, tmp_path, monkeypatch):
     fc.run_study(study, tmp_path / "out")
     monkeypatch.setattr(runner, "model_sha256", lambda: "another model")
-    with pytest.warns(UserWarning, match="other sources of the model: all is computed again"):
+    with pytest.warns(UserWarning, match="other sources of the model: everything is computed again"):
         finished = runner.execute(read_study(study), tmp_path / "out")
     assert finished.n_run == 16
     assert finished.results.attrs["model_sha256"] == "another model"

@@ -1,4 +1,4 @@
-"""An engine that cannot be had, or workers that would find other bits, are refused in a sentence."""
+"""A backend that is not available, or workers whose results would not be bit-identical, are refused in a sentence."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from helpers.processes import STUDY, cluster, wait_for
 from fastcoil.cli.main import main
 from fastcoil.errors import InputError
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers import pools
-from fastcoil.study.workers.worker import Job, forget, identity, receive, work
+from fastcoil.study.workers import dask_cluster
+from fastcoil.study.workers.worker import Job, forget, identity, receive, run_received
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 
@@ -46,31 +46,33 @@ def here(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--engine", "mpi"], "engine = 'mpi': choose one of threads, loky, dask"),
-        (["--engine", "Dask"], "choose one of threads, loky, dask"),
-        (["--scheduler", "tcp://127.0.0.1:1"], "only the engine dask has one"),
-        (["--engine", "loky", "--scheduler", "tcp://127.0.0.1:1"], "only the engine dask has one"),
-        (["--engine", "dask", "--scheduler", ""], "scheduler is empty"),
+        (["--backend", "mpi"], "backend = 'mpi': choose one of threads, loky, dask"),
+        (["--backend", "Dask"], "choose one of threads, loky, dask"),
+        (["--engine", "mpi"], "backend = 'mpi': choose one of threads, loky, dask"),
+        (["--backend", "loky", "--engine", "dask"], "backend = 'loky' and engine = 'dask' differ"),
+        (["--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
+        (["--backend", "loky", "--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
+        (["--backend", "dask", "--scheduler", ""], "scheduler is empty"),
         (["-j", "0"], "n_jobs = 0: must be at least 1"),
         (["-j", "-1"], "n_jobs = -1: must be at least 1"),
-        (["-j", "10000", "--engine", "loky"], "n_jobs = 10000: must be at least 1 and at most 1024"),
-        (["-j", "10000", "--engine", "dask"], "n_jobs = 10000: must be at least 1 and at most 1024"),
+        (["-j", "10000", "--backend", "loky"], "n_jobs = 10000: must be at least 1 and at most 1024"),
+        (["-j", "10000", "--backend", "dask"], "n_jobs = 10000: must be at least 1 and at most 1024"),
     ],
 )
-def test_an_engine_that_cannot_be_is_refused(here, words, sentence):
+def test_a_backend_that_does_not_exist_is_refused(here, words, sentence):
     assert sentence in refused(here, "small.toml", *words)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "nonsense://127.0.0.1:1", "tcp://127.0.0.1"])
 def test_an_address_without_a_scheduler_is_refused(here, monkeypatch, address):
-    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 0.5)
-    said = refused(here, "small.toml", "--engine", "dask", "--scheduler", address)
+    monkeypatch.setattr(dask_cluster, "_WAIT_FOR_SCHEDULER", 0.5)
+    said = refused(here, "small.toml", "--backend", "dask", "--scheduler", address)
     assert f"no dask scheduler answers at '{address}'" in said
 
 
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 200 OK\r\n\r\nhello"])
 def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
-    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 1.0)
+    monkeypatch.setattr(dask_cluster, "_WAIT_FOR_SCHEDULER", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as server:
         talking = []
 
@@ -85,7 +87,7 @@ def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()
         port = server.getsockname()[1]
-        said = refused(here, "small.toml", "--engine", "dask", "--scheduler", f"tcp://127.0.0.1:{port}")
+        said = refused(here, "small.toml", "--backend", "dask", "--scheduler", f"tcp://127.0.0.1:{port}")
         server.shutdown(socket.SHUT_RDWR)
         thread.join(5)
         for connection in talking:
@@ -94,9 +96,9 @@ def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
 
 
 def test_a_scheduler_without_workers_is_refused(here, monkeypatch, tmp_path):
-    monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
+    monkeypatch.setattr(dask_cluster, "_WAIT_FOR_WORKERS", 1.0)
     with cluster(tmp_path / "cluster", 0) as alone:
-        said = refused(here, "small.toml", "--engine", "dask", "--scheduler", alone.address)
+        said = refused(here, "small.toml", "--backend", "dask", "--scheduler", alone.address)
     assert f"fastcoil: the dask scheduler at {alone.address} has no workers" in said
     assert said.endswith(f"start one with `dask worker {alone.address}`")
 
@@ -107,8 +109,8 @@ def test_workers_that_do_not_answer_are_refused(here, monkeypatch, tmp_path):
         with frozen.client() as client:
             client.wait_for_workers(1, timeout=30)
         frozen.processes[-1].send_signal(signal.SIGSTOP)
-        monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
-        said = refused(here, "small.toml", "--engine", "dask", "--scheduler", frozen.address)
+        monkeypatch.setattr(dask_cluster, "_WAIT_FOR_WORKERS", 1.0)
+        said = refused(here, "small.toml", "--backend", "dask", "--scheduler", frozen.address)
     assert "has no workers, or one that does not answer" in said
 
 
@@ -117,12 +119,12 @@ def test_without_dask_the_sentence_names_the_extra(here, monkeypatch, missing):
     for name in [n for n in sys.modules if n.split(".")[0] == "distributed"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, missing, None)
-    assert "pip install 'fastcoil[dask]'" in refused(here, "small.toml", "--engine", "dask")
+    assert "pip install 'fastcoil[dask]'" in refused(here, "small.toml", "--backend", "dask")
 
 
 def test_workers_of_another_version_are_refused(here, monkeypatch, two_workers):
-    monkeypatch.setattr(pools, "model_sha256", lambda: "another model")
-    said = refused(here, "small.toml", "--engine", "dask", "--scheduler", two_workers.address)
+    monkeypatch.setattr(dask_cluster, "model_sha256", lambda: "another model")
+    said = refused(here, "small.toml", "--backend", "dask", "--scheduler", two_workers.address)
     assert "run another version of fastcoil" in said
 
 
@@ -132,7 +134,7 @@ def test_workers_that_differ_are_refused(here, two_workers):
     try:
         with two_workers.client() as client:
             client.wait_for_workers(3, timeout=30)
-            said = refused(here, "small.toml", "--engine", "dask", "--scheduler", two_workers.address)
+            said = refused(here, "small.toml", "--backend", "dask", "--scheduler", two_workers.address)
     finally:
         odd.kill()
         odd.wait(10)
@@ -146,9 +148,9 @@ def test_a_worker_that_joins_later_and_differs_refuses_to_work(small_study):
     job = Job("late", plan, None)
     receive(job)
     try:
-        found = work("late", np.arange(3), identity())
+        found = run_received("late", np.arange(3), identity())
         assert found["status"].values.tolist() == [0, 0, 0]
         with pytest.raises(InputError, match="use workers of one kind"):
-            work("late", np.arange(3), (identity()[0], "another machine"))
+            run_received("late", np.arange(3), (identity()[0], "another machine"))
     finally:
         forget("late")

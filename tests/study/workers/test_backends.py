@@ -7,7 +7,8 @@ import xarray as xr
 from helpers.processes import N_SCENARIOS, cut, ended, started, wait_for
 
 import fastcoil as fc
-import fastcoil.simulation.plan
+from fastcoil.simulation import plan
+from fastcoil.study import runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.runner import execute
 
@@ -19,7 +20,7 @@ def hash_of(results):
 
 
 @pytest.mark.parametrize(
-    ("engine", "n_jobs"),
+    ("backend", "n_jobs"),
     [
         ("threads", 1),
         ("threads", 2),
@@ -32,14 +33,35 @@ def hash_of(results):
         pytest.param("dask", 3, marks=pytest.mark.full),
     ],
 )
-def test_every_engine_with_any_number_of_workers_gives_the_same_bits(small_study, golden, tmp_path, engine, n_jobs):
-    assert hash_of(fc.run_study(small_study, tmp_path / "out", engine=engine, n_jobs=n_jobs)) == golden
+def test_every_backend_with_any_number_of_workers_gives_the_same_bits(small_study, golden, tmp_path, backend, n_jobs):
+    assert hash_of(fc.run_study(small_study, tmp_path / "out", backend=backend, n_jobs=n_jobs)) == golden
     assert hash_of(fc.open_study(tmp_path / "out")) == golden
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ({}, "threads"),
+        ({"engine": "loky"}, "loky"),
+        ({"backend": "dask"}, "dask"),
+        ({"backend": "loky", "engine": "loky"}, "loky"),
+    ],
+)
+def test_engine_is_the_earlier_name_of_backend(small_study, tmp_path, monkeypatch, names, expected):
+    asked = []
+
+    def execute(*_, backend, **__):
+        asked.append(backend)
+        return runner.Finished(tmp_path, xr.Dataset(), 0)
+
+    monkeypatch.setattr(runner, "execute", execute)
+    fc.run_study(small_study, tmp_path / "out", **names)
+    assert asked == [expected]
 
 
 @pytest.mark.parametrize("lane_steps", [1.0, 64 * 900.0, 1e12])
 def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, lane_steps):
-    monkeypatch.setattr(fastcoil.plan, "_LANE_STEPS_PER_SHARD", lane_steps)
+    monkeypatch.setattr(plan, "_LANE_STEPS_PER_SHARD", lane_steps)
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
 
 
@@ -57,18 +79,18 @@ def test_a_study_without_traces_has_one_hash_too(small_study, tmp_path, monkeypa
     path.write_text("\n".join(line for line in text.splitlines() if not line.startswith("trace")), encoding="utf-8")
     expected = hash_of(fc.run_study(path, tmp_path / "threads", n_jobs=1))
     cut(monkeypatch, 40, seed=6)
-    assert hash_of(fc.run_study(path, tmp_path / "dask", engine="dask", scheduler=two_workers.address)) == expected
+    assert hash_of(fc.run_study(path, tmp_path / "dask", backend="dask", scheduler=two_workers.address)) == expected
 
 
 def test_a_cluster_that_a_user_started_gives_the_same_bits(small_study, golden, tmp_path, two_workers, monkeypatch):
     cut(monkeypatch, 40, seed=7)
-    results = fc.run_study(small_study, tmp_path / "out", engine="dask", scheduler=two_workers.address)
+    results = fc.run_study(small_study, tmp_path / "out", backend="dask", scheduler=two_workers.address)
     assert hash_of(results) == golden
     assert results.attrs["engine"] == "dask"
 
 
 def test_the_command_line_runs_on_a_cluster(small_study, golden, tmp_path, two_workers):
-    words = ("-m", "fastcoil", "run", small_study, "--engine", "dask", "--scheduler", two_workers.address)
+    words = ("-m", "fastcoil", "run", small_study, "--backend", "dask", "--scheduler", two_workers.address)
     code, out, err = ended(started(*words, "--no-figures", cwd=tmp_path))
     assert code == 0, err
     assert hash_of(fc.open_study(tmp_path / "results" / "small")) == golden
@@ -93,7 +115,7 @@ def what_a_cluster_keeps(client):
 
 
 def test_a_cluster_keeps_nothing_of_a_finished_study(small_study, tmp_path, two_workers):
-    fc.run_study(small_study, tmp_path / "out", engine="dask", scheduler=two_workers.address)
+    fc.run_study(small_study, tmp_path / "out", backend="dask", scheduler=two_workers.address)
     with two_workers.client() as client:
         wait_for(lambda: what_a_cluster_keeps(client) == (0, [], 0), within=5)
 
@@ -105,7 +127,7 @@ def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_
         execute(
             read_study(small_study),
             tmp_path / "out",
-            engine="dask",
+            backend="dask",
             scheduler=two_workers.address,
             progress=lambda _: lambda _: on_scheduler.append(what_a_cluster_keeps(client)[0]),
         )
@@ -115,7 +137,7 @@ def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_
 
 
 @pytest.mark.parametrize(
-    ("engine", "env"),
+    ("backend", "env"),
     [
         ("threads", {"PYTHONHASHSEED": "1"}),
         pytest.param("threads", {"PYTHONHASHSEED": "2", "NUMBA_NUM_THREADS": "1"}, marks=pytest.mark.full),
@@ -123,8 +145,8 @@ def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_
         pytest.param("dask", {"PYTHONHASHSEED": "4"}, marks=pytest.mark.full),
     ],
 )
-def test_the_environment_does_not_show(small_study, golden, tmp_path, engine, env):
-    words = ("-m", "fastcoil", "run", small_study, "-o", "out", "--engine", engine, "-j", "2", "--no-figures")
+def test_the_environment_does_not_show(small_study, golden, tmp_path, backend, env):
+    words = ("-m", "fastcoil", "run", small_study, "-o", "out", "--backend", backend, "-j", "2", "--no-figures")
     env |= {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     env |= {"OMP_NUM_THREADS": "99", "TZ": "Asia/Kathmandu", "DASK_TEMPORARY_DIRECTORY": str(tmp_path)}
     code, _, err = ended(started(*words, cwd=tmp_path, **env))
@@ -134,11 +156,11 @@ def test_the_environment_does_not_show(small_study, golden, tmp_path, engine, en
         assert hash_of(ds) == golden
 
 
-def script_without_a_guard(folder, study, engine):
+def script_without_a_guard(folder, study, backend):
     script = folder / "script.py"
     script.write_text(
         "import fastcoil as fc\n"
-        f"ds = fc.run_study({str(study)!r}, 'out', engine={engine!r}, n_jobs=1)\n"
+        f"ds = fc.run_study({str(study)!r}, 'out', backend={backend!r}, n_jobs=1)\n"
         "print(ds.attrs['content_sha256'])\n"
     )
     return ended(started(script, cwd=folder, DASK_TEMPORARY_DIRECTORY=str(folder)))

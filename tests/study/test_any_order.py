@@ -10,7 +10,7 @@ from pathlib import Path
 
 import netCDF4
 import pytest
-from helpers.faults import DAYS, PLAIN, TRACED, contents, golden, interrupted, ran, shards
+from helpers.studies import DAYS, PLAIN, TRACED, contents, golden, run, run_until_interrupted, shards
 from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -47,14 +47,14 @@ class AStudyInItsFolder(RuleBasedStateMachine):
 
     @rule()
     def run(self):
-        self.quietly(lambda: ran(self.text, self.folder, extend=True))
+        self.quietly(lambda: run(self.text, self.folder, extend=True))
         self.begun, self.complete = self.text, True
 
     @precondition(lambda self: not self.complete)
     @rule(k=st.integers(1, DAYS))
     def run_until_interrupted(self, k):
         try:
-            self.quietly(lambda: interrupted(self.text, self.folder, k, extend=True))
+            self.quietly(lambda: run_until_interrupted(self.text, self.folder, k, extend=True))
         except AssertionError:  # fewer shards were left
             self.complete = True
         self.begun = self.text
@@ -133,7 +133,7 @@ class AStudyInItsFolder(RuleBasedStateMachine):
     def is_sound_when_complete(self):
         if self.complete:
             assert maintenance.verify(self.folder) == []
-            assert ran(self.text, self.folder) == golden(self.text)
+            assert run(self.text, self.folder) == golden(self.text)
 
     def teardown(self):
         try:

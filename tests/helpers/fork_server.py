@@ -21,8 +21,9 @@ import numpy as np
 
 from fastcoil.errors import FastcoilError
 from fastcoil.study import runner
-from fastcoil.study.workers.worker import Job, computed
-from helpers.faults import TRACED, Nth, golden, operations, studied
+from fastcoil.study.workers.worker import Job, run_scenarios
+from helpers.failing_files import Nth, operations
+from helpers.studies import TRACED, golden, write_study
 
 _LONGEST = 60
 
@@ -31,7 +32,7 @@ def child(order: dict, counted: int) -> int:
     """Run as ordered; returns the exit code."""
     signal.alarm(_LONGEST)
     folder = Path(order["folder"])
-    study = studied(order["text"], folder)
+    study = write_study(order["text"], folder)
     for name, limit in order.get("limits", {}).items():
         resource.setrlimit(getattr(resource, name), (limit, limit))
     if order.get("user"):
@@ -65,7 +66,7 @@ class Serial:
 
     def submit(self, index: np.ndarray) -> Future:
         future: Future = Future()
-        future.set_result(computed(self.job, index))
+        future.set_result(run_scenarios(self.job, index))
         return future
 
     def close(self) -> None:
@@ -75,7 +76,7 @@ class Serial:
 def warm_up() -> None:
     """Do once, without threads, what the first run of a process has to load."""
     make_pool = runner.make_pool
-    runner.make_pool = lambda _engine, job, *_: Serial(job)
+    runner.make_pool = lambda _backend, job, *_: Serial(job)
     try:
         golden(TRACED)
     finally:

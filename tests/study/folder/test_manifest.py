@@ -5,21 +5,21 @@ from __future__ import annotations
 import json
 
 import pytest
-from helpers.faults import (
+from helpers.studies import (
     DAYS,
     PLAIN,
     TRACED,
     contents,
     golden,
-    interrupted,
     larger,
     quarantined,
-    ran,
-    resumed,
+    resume,
+    run,
+    run_until_interrupted,
     shards,
-    studied,
-    verified,
-)  # fmt: skip
+    verify,
+    write_study,
+)
 
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.study import maintenance, runner
@@ -46,7 +46,7 @@ def test_a_damaged_run_json_is_refused_and_nothing_is_lost(broken_off, data, sen
     path.write_bytes(data)
     before = {name: found for name, found in contents(broken_off).items() if name != ".lock"}
     for what in (
-        lambda: ran(PLAIN, broken_off),
+        lambda: run(PLAIN, broken_off),
         lambda: maintenance.verify(broken_off),
         lambda: maintenance.status(broken_off),
     ):
@@ -55,25 +55,25 @@ def test_a_damaged_run_json_is_refused_and_nothing_is_lost(broken_off, data, sen
         assert refused.value.exit_code == 6
     assert {name: found for name, found in contents(broken_off).items() if name != ".lock"} == before
     path.write_bytes(good)
-    assert resumed(broken_off) == []
+    assert resume(broken_off) == []
 
 
 def test_without_run_json_the_shards_are_found_by_their_key(broken_off, monkeypatch):
     (broken_off / "run.json").unlink()
     asked = []
     monkeypatch.setattr(runner, "compile_kernel", lambda: asked.append(True))
-    finished = runner.execute(studied(PLAIN, broken_off), broken_off, n_jobs=1)
+    finished = runner.execute(write_study(PLAIN, broken_off), broken_off, n_jobs=1)
     assert finished.n_run == finished.results["status"].size // DAYS
     assert finished.results.attrs["content_sha256"] == golden(PLAIN)
-    assert verified(broken_off) == []
+    assert verify(broken_off) == []
 
 
 @pytest.mark.parametrize("name", ["run.json", "study.toml"])
 def test_what_was_begun_is_written_again_for_a_finished_study(out, name):
-    ran(PLAIN, out)
+    run(PLAIN, out)
     good = (out / name).read_bytes()
     (out / name).unlink()
-    resumed(out)
+    resume(out)
     assert (out / name).read_bytes() == good
 
 
@@ -81,15 +81,15 @@ def test_what_was_begun_is_written_again_for_a_finished_study(out, name):
 def test_a_damaged_study_toml_is_told_and_written_again(broken_off, data):
     path = broken_off / "study.toml"
     path.unlink() if data is None else path.write_bytes(data)
-    assert len(verified(broken_off)) >= 1
+    assert len(verify(broken_off)) >= 1
     for what in (maintenance.status, open_study):
         with pytest.raises(IntegrityError):
             what(broken_off)
     with pytest.raises(IntegrityError):
-        ran(larger(PLAIN), broken_off, extend=True)
+        run(larger(PLAIN), broken_off, extend=True)
     with pytest.raises(IntegrityError if data in (None, b"\xff") else InputError):
-        ran(larger(PLAIN), broken_off)
-    assert resumed(broken_off) == []
+        run(larger(PLAIN), broken_off)
+    assert resume(broken_off) == []
     assert path.read_text() == PLAIN
 
 
@@ -103,26 +103,26 @@ def test_a_boundary_file_that_changes_between_a_run_and_its_resume_is_refused(ou
     text = text.replace("[run]", "[run]\nreplicates = 33")  # two blocks
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fastcoil.simulation.plan._LANE_STEPS_PER_SHARD", 1)
-        interrupted(text, out, 1)
+        run_until_interrupted(text, out, 1)
     before = [p.read_bytes() for p in shards(out)]
     log.write_text(good.replace(",25,", ",26,", 1))
     with pytest.raises(IntegrityError, match="a file that the study reads changed") as refused:
-        ran(text, out)
+        run(text, out)
     assert refused.value.exit_code == 6
-    assert "the series of its [boundary] changed" in " ".join(verified(out))
+    assert "the series of its [boundary] changed" in " ".join(verify(out))
     assert [p.read_bytes() for p in shards(out)] == before
     log.unlink()
-    assert "log.csv" in " ".join(verified(out))
+    assert "log.csv" in " ".join(verify(out))
     log.write_text(good)
-    assert ran(text, out)
-    assert verified(out) == []
+    assert run(text, out)
+    assert verify(out) == []
 
 
 def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(broken_off, monkeypatch):
     done = [p.name for p in shards(broken_off)]
     monkeypatch.setattr(runner, "model_sha256", lambda: "another model")
     with pytest.warns(UserWarning, match="other sources of the model|another version of the model") as told:
-        finished = runner.execute(studied(PLAIN, broken_off), broken_off, n_jobs=1)
+        finished = runner.execute(write_study(PLAIN, broken_off), broken_off, n_jobs=1)
     assert "other sources of the model" in str(told[0].message)
     assert len(told) == 1 + len(done)
     assert finished.n_run == finished.results["status"].size
@@ -130,18 +130,18 @@ def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(
 
 
 def test_an_extension_of_a_run_that_has_no_shard_yet_begins_anew(out):
-    interrupted(PLAIN, out, 1)
+    run_until_interrupted(PLAIN, out, 1)
     shards(out)[0].unlink()
-    resumed(out, larger(PLAIN), extend=True)
+    resume(out, larger(PLAIN), extend=True)
 
 
 def test_an_extension_that_was_begun_and_cut_off_goes_on_and_keeps_what_was_there(out):
-    ran(TRACED, out)
-    interrupted(larger(TRACED), out, 1, extend=True)
+    run(TRACED, out)
+    run_until_interrupted(larger(TRACED), out, 1, extend=True)
     with open_study(out) as ds:
         assert int((ds["status"] == 0).sum()) == 4 * DAYS + 2
-    assert verified(out) == []
-    resumed(out, larger(TRACED))
+    assert verify(out) == []
+    resume(out, larger(TRACED))
     assert len(list(out.glob("traces-*.nc"))) == 1
 
 

@@ -1,4 +1,4 @@
-"""A run that is interrupted, ended or killed: no worker survives it, and it can go on."""
+"""A run that is interrupted, ended or killed: no worker survives it, and it can be resumed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from helpers.processes import N_SCENARIOS, STUDY, children, ended, gone, started
 
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.store import SHARDS
+from fastcoil.study.folder.shards import SHARDS
 from fastcoil.study.runner import execute
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtures("leaves_nothing")]
@@ -25,10 +25,10 @@ def slow_run(tmp_path):
     (tmp_path / "small.toml").write_text(STUDY, encoding="utf-8")
     script = (
         "import sys, pytest\n"
-        "from helpers import poison, processes\n"
+        "from helpers import failing_shards, processes\n"
         "patch = pytest.MonkeyPatch()\n"
         "processes.cut(patch, 4)\n"
-        "poison.harms(patch, poison.works_slowly, range(160))\n"
+        "failing_shards.harms(patch, failing_shards.works_slowly, range(160))\n"
         "from fastcoil.__main__ import run\n"
         "sys.argv[1:] = sys.argv[2:]\n"
         "if __name__ == '__main__':\n"
@@ -37,13 +37,13 @@ def slow_run(tmp_path):
     (tmp_path / "slow.py").write_text(script)
     runs = []
 
-    def begun(engine):
-        words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--engine", engine, "-j", "2", "--no-figures")
+    def start(backend):
+        words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--backend", backend, "-j", "2", "--no-figures")
         runs.append(started(*words, cwd=tmp_path, DASK_TEMPORARY_DIRECTORY=str(tmp_path / "dask")))
         wait_for(lambda: len(list((tmp_path / "out" / SHARDS).glob("*.nc"))) >= 3, within=60)
         return runs[-1]
 
-    yield begun
+    yield start
     for run in runs:
         ended(run, 1)
 
@@ -54,9 +54,9 @@ def resumed(folder, golden):
     assert finished.results.attrs["content_sha256"] == golden
 
 
-@pytest.mark.parametrize("engine", ["threads", "loky", "dask"])
-def test_ctrl_c_ends_a_run_at_once_and_it_can_go_on(slow_run, golden, tmp_path, engine):
-    run = slow_run(engine)
+@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
+def test_ctrl_c_ends_a_run_at_once_and_it_can_go_on(slow_run, golden, tmp_path, backend):
+    run = slow_run(backend)
     workers = children(run.pid)
     os.killpg(run.pid, signal.SIGINT)
     start = time.monotonic()
@@ -65,16 +65,16 @@ def test_ctrl_c_ends_a_run_at_once_and_it_can_go_on(slow_run, golden, tmp_path, 
     assert code == 130
     # dask's processes may have a last word of their own
     last = [line for line in err.splitlines() if line.startswith("fastcoil: ")][-1]
-    assert last.startswith("fastcoil: interrupted; what was finished is kept, to go on:")
+    assert last.startswith("fastcoil: interrupted; finished scenarios are kept, to resume:")
     assert "Traceback" not in err
     assert gone(workers.values(), 2)
     resumed(tmp_path, golden)
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("engine", ["loky", "dask"])
-def test_ctrl_c_twice_ends_a_run_at_once_too(slow_run, golden, tmp_path, engine):
-    run = slow_run(engine)
+@pytest.mark.parametrize("backend", ["loky", "dask"])
+def test_ctrl_c_twice_ends_a_run_at_once_too(slow_run, golden, tmp_path, backend):
+    run = slow_run(backend)
     workers = children(run.pid)
     for _ in range(2):
         os.killpg(run.pid, signal.SIGINT)
@@ -85,10 +85,10 @@ def test_ctrl_c_twice_ends_a_run_at_once_too(slow_run, golden, tmp_path, engine)
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("engine", ["loky", "dask"])
+@pytest.mark.parametrize("backend", ["loky", "dask"])
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_batch_system_that_ends_a_run_leaves_no_worker(slow_run, golden, tmp_path, engine, number):
-    run = slow_run(engine)
+def test_a_batch_system_that_ends_a_run_leaves_no_worker(slow_run, golden, tmp_path, backend, number):
+    run = slow_run(backend)
     workers = children(run.pid)
     run.send_signal(number)
     code, _, err = ended(run, 20)
@@ -98,9 +98,9 @@ def test_a_batch_system_that_ends_a_run_leaves_no_worker(slow_run, golden, tmp_p
     resumed(tmp_path, golden)
 
 
-@pytest.mark.parametrize("engine", ["loky", pytest.param("dask", marks=pytest.mark.full)])
-def test_no_worker_outlives_a_run_that_is_killed(slow_run, golden, tmp_path, engine):
-    run = slow_run(engine)
+@pytest.mark.parametrize("backend", ["loky", pytest.param("dask", marks=pytest.mark.full)])
+def test_no_worker_outlives_a_run_that_is_killed(slow_run, golden, tmp_path, backend):
+    run = slow_run(backend)
     workers = [p for p in psutil.Process(run.pid).children(recursive=True)]
     assert len(workers) >= 2
     run.kill()
@@ -116,7 +116,7 @@ def test_a_run_in_a_thread_works(small_study, golden, tmp_path):
     found = []
 
     def run():
-        found.append(fc.run_study(small_study, tmp_path / "out", engine="loky", n_jobs=1))
+        found.append(fc.run_study(small_study, tmp_path / "out", backend="loky", n_jobs=1))
 
     thread = threading.Thread(target=run)
     thread.start()

@@ -1,0 +1,130 @@
+"""Finished shards of a run, a file each: either whole or absent, and checked before they are used.
+
+The name of a shard, ``FIRST-HASH.nc``, carries the SHA-256 of its bytes, so there is no list of shards that could be
+torn, lost or disagree with them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain, count
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.errors import StorageError
+from fastcoil.files import commit, is_unfinished, remove_unfinished, storage_errors
+from fastcoil.outputs import STATUS_MEANINGS, STATUS_NOT_RUN
+from fastcoil.simulation.netcdf import load_bytes, netcdf_bytes
+
+SHARDS, QUARANTINE = "shards", "quarantine"
+SHARD_NAME = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
+
+
+class Inspection(NamedTuple):
+    """A file among the shards: its content, or what is wrong with it."""
+
+    path: Path
+    part: xr.Dataset | None
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Shards:
+    """The shards in the folder of a study that belong to the run ``key``."""
+
+    folder: Path
+    key: str
+
+    @property
+    def path(self) -> Path:
+        return self.folder / SHARDS
+
+    def commit(self, part: xr.Dataset) -> None:
+        """Keep the flat results of a shard for good."""
+        data = netcdf_bytes(part.assign_attrs(study=self.key))
+        with storage_errors(self.path, "made"):
+            self.path.mkdir(exist_ok=True)
+        name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
+        commit(self.path / name, data)
+
+    def read(self, *, quarantine: bool) -> Iterator[xr.Dataset]:
+        """Read the sound shards, one by one, and warn of every other file.
+
+        quarantine: move a file that is damaged, or not of this run, out of the way, so that its scenarios are
+        computed again.
+        """
+        if quarantine and self.path.is_dir():
+            remove_unfinished(self.path)
+        for path, part, problem in self.inspect():
+            if part is not None:
+                yield part
+            elif quarantine:
+                self._quarantine(path)
+                warnings.warn(
+                    f"{path} {problem}: moved to {QUARANTINE}/, its scenarios are computed again", stacklevel=2
+                )
+            else:
+                warnings.warn(f"{path} {problem}: its scenarios would be computed again", stacklevel=2)
+
+    def inspect(self) -> Iterator[Inspection]:
+        """Check every file among the shards."""
+        for path in sorted(self.path.glob("*")):
+            if is_unfinished(path):
+                continue
+            try:
+                inspection = self._inspect(path)
+            except StorageError:
+                if path.exists():
+                    raise
+                continue  # the run in progress here has finished meanwhile
+            yield inspection
+
+    def discard(self) -> None:
+        """Remove the shards; a foreign file among them is kept in quarantine."""
+        if not self.path.is_dir():
+            return
+        remove_unfinished(self.path)
+        with storage_errors(self.path, "removed"):
+            for path in list(self.path.iterdir()):
+                path.unlink() if SHARD_NAME.fullmatch(path.name) else self._quarantine(path)
+            self.path.rmdir()
+
+    def _inspect(self, path: Path) -> Inspection:
+        named = SHARD_NAME.fullmatch(path.name)
+        if not named or path.is_dir():
+            return Inspection(path, None, "is no shard")
+        with storage_errors(path, "read"):
+            data = path.read_bytes()
+        # before anything else: the HDF5 library may crash on damaged bytes
+        if hashlib.sha256(data).hexdigest()[:32] != named[2]:
+            return Inspection(path, None, "is not as it was written")
+        try:
+            part = load_bytes(data, path.name)
+        except (OSError, RuntimeError, ValueError):
+            return Inspection(path, None, "is no NetCDF file")
+        problem = self._problem(part, first=int(named[1]))
+        return Inspection(path, None, problem) if problem else Inspection(path, part)
+
+    def _problem(self, part: xr.Dataset, first: int) -> str:
+        """What is wrong with the content of a shard, empty if nothing is."""
+        if part.attrs.get("study") != self.key:
+            return "belongs to another study or another version of the model"
+        if not {"scenario", "status"} <= part.variables.keys() or part["scenario"].values[:1] != first:
+            return "is not what its name says"
+        were_run = np.delete(np.arange(len(STATUS_MEANINGS)), STATUS_NOT_RUN)
+        return "" if np.isin(part["status"], were_run).all() else "was never filled"
+
+    def _quarantine(self, path: Path) -> None:
+        place = self.folder / QUARANTINE
+        with storage_errors(path, f"moved to {place}"):
+            place.mkdir(exist_ok=True)
+            names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
+            os.replace(path, next(place / name for name in names if not (place / name).exists()))

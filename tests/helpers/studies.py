@@ -1,0 +1,128 @@
+"""Small studies, run, interrupted and resumed in their folders."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from fastcoil.study import maintenance, runner
+from fastcoil.study.file.spec import Study, read_study
+
+# a shard never holds scenarios of two days: as many shards as days
+DAYS = 3
+PLAIN = f"""
+title = "small"
+[loop]
+noise_std = 0.02
+[sweep]
+backlash = [0.02, 0.07]
+estimate_ratio = [0.0, 0.9]
+[boundary]
+hours = 0.25
+seed = {list(range(1, DAYS + 1))}
+[run]
+warm_up = 100
+"""
+TRACED = PLAIN + 'traces = ["T_sup", "mode"]\ntrace_interval = 50\n'
+
+
+def larger(text: str) -> str:
+    """The study with a value more."""
+    return text.replace("[0.02, 0.07]", "[0.02, 0.07, 0.1]")
+
+
+def write_study(text: str, folder: Path) -> Study:
+    """The study of a text, from a file beside the folder of its results."""
+    path = folder.with_name("study.toml")
+    path.write_text(text, encoding="utf-8")
+    return read_study(path)
+
+
+def run(text: str, folder: Path, **options: Any) -> str:
+    """Run a study into a folder, one worker by default.  Returns the hash of what was found."""
+    options = {"n_jobs": 1} | options
+    finished = runner.execute(write_study(text, folder), folder, **options)
+    return str(finished.results.attrs["content_sha256"])
+
+
+@cache
+def golden(text: str) -> str:
+    """The hash that a run finds which nothing disturbed."""
+    with tempfile.TemporaryDirectory() as folder:
+        return run(text, Path(folder) / "golden")
+
+
+def run_until_stopped(study: Study, folder: Path, after: int, **options: Any) -> int:
+    """Run a study until some shards are committed, then interrupt it as Ctrl-C does.  Returns how much was run."""
+    done: list[int] = []
+
+    def advance(n_scenarios: int) -> None:
+        done.append(n_scenarios)
+        if len(done) == after:
+            raise KeyboardInterrupt
+
+    try:
+        runner.execute(study, folder, n_jobs=1, progress=lambda _: advance, **options)
+    except KeyboardInterrupt:
+        return sum(done)
+    raise AssertionError("the study was finished before it was interrupted")
+
+
+def run_until_interrupted(text: str, folder: Path, after: int, **options: Any) -> None:
+    """Run the study of a text until some shards are committed, then interrupt it."""
+    run_until_stopped(write_study(text, folder), folder, after, **options)
+
+
+def shards(folder: Path) -> list[Path]:
+    """The files among the shards, those that begin with a dot too."""
+    return sorted((folder / "shards").glob("*"))
+
+
+def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
+    """Bytes and time of change of every file; of a folder, its time."""
+    return {
+        str(p.relative_to(folder)): (p.read_bytes() if p.is_file() else b"", p.stat().st_mtime_ns)
+        for p in sorted(folder.rglob("*"))
+    }
+
+
+def unfinished(folder: Path) -> list[Path]:
+    """What a writer left behind half-written."""
+    return [p for p in folder.rglob("*") if p.name.endswith(".tmp")]
+
+
+def quarantined(folder: Path) -> list[str]:
+    """The names of what was set aside."""
+    return sorted(p.name for p in (folder / "quarantine").glob("*"))
+
+
+def verify(folder: Path) -> list[str]:
+    """What ``verify`` finds; it changes nothing."""
+    before = contents(folder)
+    problems = maintenance.verify(folder)
+    assert contents(folder) == before
+    return problems
+
+
+def resume(folder: Path, text: str = PLAIN, **options: Any) -> list[str]:
+    """Go on with a study, to the end, and find what an undisturbed run finds.  Returns the warnings."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        assert run(text, folder, **options) == golden(text)
+    assert verify(folder) == []
+    assert unfinished(folder) == []
+    assert shards(folder) == []
+    return [str(w.message) for w in told]
+
+
+SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "plain": (PLAIN, lambda folder: None),
+    "traced": (TRACED, lambda folder: None),
+    "extended": (larger(TRACED), lambda folder: run(TRACED, folder)),
+    "extended, unfinished": (larger(TRACED), lambda folder: run_until_interrupted(TRACED, folder, DAYS - 1)),
+}
+"""What is run, and in what state of its folder."""
