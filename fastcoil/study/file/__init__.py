@@ -1,1 +1,1 @@
-"""From a TOML file to a study that can be run."""
+"""Reads a study file (TOML) into a validated study."""

@@ -1,4 +1,4 @@
-"""From the table ``[boundary]`` to the day or days on which a study is run."""
+"""Build the days on which a study is run from the table ``[boundary]``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
 }
 
 
-def study_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
+def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
     """Build the boundary of a study; ``paper_day`` of 8 h with seed 1 where the table is absent."""
     arguments = dict(table)
     kind = arguments.pop("kind", "paper_day")

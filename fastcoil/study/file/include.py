@@ -8,18 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from fastcoil.errors import InputError, shown
+from fastcoil.files import read_text
 from fastcoil.parameter_table import PARAMETERS, check_name
 
+_WHAT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
+_LARGEST = 2**20
+"""Bytes."""
 
-def included(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The parameters in the ``[loop]`` of the files that ``include`` of a study's ``[loop]`` names.
 
-    Paths start from ``folder``.  Of a file only ``[loop]`` is read, ``[fit]`` is for people.
+def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Read the parameters in the files that ``include`` in a study's ``[loop]`` names.
+
+    Paths start from ``folder``.  Only the ``[loop]`` of a file is read; its ``[fit]`` is documentation.
 
     Raises
     ------
     InputError
-        With one sentence for each file that cannot be read, is no such file, or gives what another gives.
+        With one sentence for each file that cannot be read or is no such file, and each parameter given twice.
     """
     names = loop.get("include", [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -29,12 +34,12 @@ def included(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     problems: list[str] = []
     for name in names:
         try:
-            parameters = _parameters(folder / name, name)
+            parameters = _read_parameters(folder / name, name)
         except InputError as error:
             problems += error.problems
             continue
         problems += [
-            f"include: {n} stands in {origin[n]} and in {name}: leave one out" for n in parameters if n in origin
+            f"include: {n} appears in {origin[n]} and in {name}: leave one out" for n in parameters if n in origin
         ]
         found |= parameters
         origin |= {n: name for n in parameters}
@@ -43,19 +48,17 @@ def included(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return found
 
 
-def _parameters(path: Path, name: str) -> dict[str, Any]:
+def _read_parameters(path: Path, name: str) -> dict[str, Any]:
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(
-            f"include: {name} cannot be read ({error.strerror}): paths start from the study file's folder"
-        ) from None
+        tables = tomllib.loads(read_text(path, _WHAT, _LARGEST).replace("\r\n", "\n"))
+    except InputError as error:
+        raise InputError(f"include: {error}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"include: {name} is not valid TOML: {error}") from None
     loop = tables.get("loop")
     if not isinstance(loop, dict) or set(tables) - {"loop", "fit"}:
         raise InputError(
-            f"include: {name} is not what `fastcoil fit` writes: it needs a table [loop], and may have [fit]"
+            f"include: {name} is no file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]"
         )
     problems = []
     for key, value in loop.items():

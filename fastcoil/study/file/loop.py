@@ -1,4 +1,4 @@
-"""From the tables ``[loop]``, ``[sweep]``, ``[cases.NAME]`` and ``[sample]`` to the ``Loop`` of a study."""
+"""Build the ``Loop`` of a study from the tables ``[loop]``, ``[sweep]``, ``[cases.NAME]`` and ``[sample]``."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import xarray as xr
 from fastcoil.errors import InputError, collecting, shown
 from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS
 from fastcoil.simulation.loop import Loop
-from fastcoil.study.file.sampling import DESIGN, SAMPLE, sample_values, sampled
+from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, sampled_names
 from fastcoil.study.file.tables import StudyFile, are_numbers
 
 LONGEST_AXIS = 10_000_000
 _SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
 
-def study_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Loop:
+def build_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Loop:
     """Build the loop of a study: preset, what it includes, constants, swept axes, named cases, the sample."""
     problems: list[str] = []
     constants = dict(file.loop)
@@ -41,17 +41,17 @@ def study_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Lo
     with collecting(problems, "[sweep] "):
         loop = loop.assign(**axes)
     places = {"[sweep]": list(file.sweep)}
-    places |= {f"[cases.{dim}]": _names(cases) for dim, cases in file.cases.items()}
-    places["[sample]"] = sampled(file.sample)
+    places |= {f"[cases.{dim}]": _case_names(cases) for dim, cases in file.cases.items()}
+    places["[sample]"] = sampled_names(file.sample)
     taken: dict[str, str] = {}
     for place, names in places.items():
         # a case may differ from the constant that holds for the others
         before = taken if place.startswith("[cases") else taken | dict.fromkeys(constants, "[loop]")
-        problems += [f"{n} stands in {before[n]} and in {place}: leave one out" for n in names if n in before]
+        problems += [f"{n} appears in {before[n]} and in {place}: leave one out" for n in names if n in before]
         taken |= dict.fromkeys(names, place)
     for dim, cases in file.cases.items():
         with collecting(problems, f"[cases.{dim}] "):
-            loop = loop.assign(**_zipped(dim, cases, loop, valve - constants.keys()))
+            loop = loop.assign(**_zip_cases(dim, cases, loop, valve - constants.keys()))
     if file.sample is not None:
         with collecting(problems, "[sample] "):
             # in one call, since some parameters are only admissible together
@@ -62,14 +62,14 @@ def study_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Lo
 
 
 def _valve_of_several_tables(file: StudyFile) -> set[str]:
-    """Names of the installed valve's parameters in the file if no table holds all that are given, else none."""
-    tables = [file.loop, file.sweep, *map(_names, file.cases.values()), sampled(file.sample)]
+    """The parameters of an installed valve in the file, if they are spread over several tables, else none."""
+    tables = [file.loop, file.sweep, *map(_case_names, file.cases.values()), sampled_names(file.sample)]
     parts = [{n for n in INSTALLED_VALVE if n in table} for table in tables]
     named = set[str]().union(*parts)
     return named if named not in parts else set()
 
 
-def _names(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def _case_names(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Every parameter that one of the cases gives."""
     return list(dict.fromkeys(name for case in cases.values() for name in case))
 
@@ -95,20 +95,20 @@ def axis_values(name: str, axis: object) -> list[Any]:
     return list(_SPACINGS[kind](*spec).tolist())
 
 
-def _zipped(
+def _zip_cases(
     dim: str, cases: Mapping[str, Mapping[str, float | str]], loop: Loop, unset: Collection[str]
 ) -> dict[str, xr.DataArray]:
-    """The parameters of named cases along ``dim``; one that a case leaves out is the loop's, if not ``unset`` there."""
+    """Put the parameters of named cases along ``dim``; a case may leave out what the loop gives, unless ``unset``."""
     if not cases:
         raise InputError("no case: give at least one, such as fast = { kp = 0.05, ti = 5 }")
     if dim in PARAMETERS:
         raise InputError(f"{dim} is a parameter: give the dimension another name, such as tuning or controller")
-    if dim in (SAMPLE, DESIGN):
+    if dim in (SAMPLE_DIM, DESIGN_DIM):
         raise InputError(
             f"{dim} is the dimension of [sample]: give this one another name, such as tuning or controller"
         )
     zipped, problems = {}, []
-    for name in _names(cases):
+    for name in _case_names(cases):
         try:
             default = None if name in unset else loop[name]
         except InputError as error:

@@ -1,4 +1,4 @@
-"""``[run] reduce``: a user's own function that makes a few numbers of the traces of each scenario.
+"""``[run] reduce``: a user's own function that reduces the traces of each scenario to a few numbers.
 
 Its source is read as text, so that it can be sent to other processes and hashed with the study.
 """
@@ -19,14 +19,17 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError
+from fastcoil.files import read_bytes
 from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
 
 SCENARIO = "scenario"
-"""The dimension along which the traces of a shard are handed to the function."""
+"""The dimension along which the function gets the traces of a shard."""
 _TAKEN = {*PARAMETERS, *METRICS, *TRACES, "status", SCENARIO}
 _TAKEN_NAMES = _TAKEN | set(RESERVED_DIMS)
 _TAKEN_DIMS = _TAKEN | {"day", "replicate", "sample"}
+_LARGEST = 2**24
+"""Bytes of source."""
 _FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
 
 
@@ -43,14 +46,14 @@ class Reduction:
         return hashlib.sha256(f"{self.name}\0{self.source}".encode()).hexdigest()
 
     def function(self) -> Callable[[xr.Dataset], Any]:
-        """The function itself, from a module of its own that is made once in each process.
+        """The function itself, from a module of its own that is run once in each process.
 
         Raises
         ------
         InputError
             If the source does not run, or holds no such function.
         """
-        return _function(self.name, self.source)
+        return _load_function(self.name, self.source)
 
     def apply(self, traces: xr.Dataset) -> xr.Dataset:
         """Reduce the traces of some scenarios.
@@ -64,18 +67,18 @@ class Reduction:
         Returns
         -------
         xarray.Dataset
-            What the function makes of them: numbers over (scenario, …), with the labels of the further dimensions
-            and those attributes that are texts or numbers.
+            What the function returns: numbers over (scenario, …), with the labels of the further dimensions and
+            those attributes that are text or numbers.
 
         Raises
         ------
         InputError
-            If the function raises, if what it returns is no such Dataset, or if its answer for the last scenario
+            If the function raises, if it does not return such a Dataset, or if its answer for the last scenario
             depends on the others.
         """
-        traces = _read_only(traces)
-        reduced = self._reduced(traces)
-        alone = self._reduced(traces.isel({SCENARIO: slice(-1, None)}))
+        traces = _protect(traces)
+        reduced = self._run(traces)
+        alone = self._run(traces.isel({SCENARIO: slice(-1, None)}))
         among = reduced.isel({SCENARIO: slice(-1, None)})
         one, other = among.variables, alone.variables
         differing = [str(n) for n in {**one, **other} if n not in one or n not in other or not _same(one[n], other[n])]
@@ -86,12 +89,12 @@ class Reduction:
             )
         return reduced
 
-    def _reduced(self, traces: xr.Dataset) -> xr.Dataset:
+    def _run(self, traces: xr.Dataset) -> xr.Dataset:
         function = self.function()
         try:
             found = function(traces.copy())
         except (Exception, SystemExit) as error:
-            raise InputError(f"reduce = {self.name!r} raised {_described(error)}") from error
+            raise InputError(f"reduce = {self.name!r} raised {_describe(error)}") from error
         problems = _problems(found, traces)
         if problems:
             raise InputError([f"reduce = {self.name!r} returned {problem}" for problem in problems])
@@ -120,17 +123,17 @@ def find_reduction(text: str, folder: Path) -> Reduction:
         )
     path = folder.joinpath(*parts).with_suffix(".py")
     if not path.is_file():
-        path = _importable(text, module, path)
+        path = _find_importable(text, module, path)
     try:
-        source = importlib.util.decode_source(path.read_bytes())
-    except (OSError, SyntaxError, UnicodeDecodeError) as error:
-        raise InputError(f"reduce = {text!r}: {path} cannot be read: {_described(error)}") from None
+        source = importlib.util.decode_source(read_bytes(path, _LARGEST))  # in the encoding that it declares
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"reduce = {text!r}: {path} cannot be read: {_describe(error)}") from None
     reduction = Reduction(text, source)
     reduction.function()
     return reduction
 
 
-def _importable(text: str, module: str, tried: Path) -> Path:
+def _find_importable(text: str, module: str, tried: Path) -> Path:
     """Source file of a module that can be imported."""
     try:
         spec = importlib.util.find_spec(module)
@@ -139,22 +142,22 @@ def _importable(text: str, module: str, tried: Path) -> Path:
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         found = "no module" if spec is None else "no module written in Python"
         raise InputError(
-            f"reduce = {text!r}: there is no {tried}, and {found} {module} can be imported: put {tried.name} beside "
+            f"reduce = {text!r}: there is no {tried}, and {found} {module} can be imported: put {tried.name} next to "
             "the study file, or install the module"
         )
     return Path(spec.origin)
 
 
 @functools.cache
-def _function(name: str, source: str) -> Callable[[xr.Dataset], Any]:
+def _load_function(name: str, source: str) -> Callable[[xr.Dataset], Any]:
     wanted = name.partition(":")[2]
     module = ModuleType(f"reduction_{hashlib.sha256(source.encode()).hexdigest()}")
-    # where decorators such as dataclass look for the module of what they are given
+    # decorators such as dataclass look here for the module of their class
     sys.modules[module.__name__] = module
     try:
         exec(compile(source, f"<{name}>", "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
-        raise InputError(f"reduce = {name!r}: its module does not run: {_described(error)}") from error
+        raise InputError(f"reduce = {name!r}: its module does not run: {_describe(error)}") from error
     function: Callable[[xr.Dataset], Any] | None = getattr(module, wanted, None)
     if not callable(function):
         raise InputError(f"reduce = {name!r}: its module has no function {wanted}")
@@ -162,13 +165,13 @@ def _function(name: str, source: str) -> Callable[[xr.Dataset], Any]:
 
 
 def _problems(found: object, traces: xr.Dataset) -> list[str]:
-    """What is wrong with the answer of a function."""
+    """What is wrong with the answer of a function, a sentence each."""
     if not isinstance(found, xr.Dataset):
         return [f"a {type(found).__name__}: return an xarray.Dataset"]
     if not found.data_vars:
         return ["an empty Dataset: return at least one variable"]
     problems = []
-    # labels of the scenarios stand beside the traces and must not be taken either
+    # labels of the scenarios come with the traces, so that these names are taken too
     labels = set(traces.coords) - {"elapsed_time", "volume"}
     for name, variable in found.data_vars.items():
         if not isinstance(name, str) or not name.isidentifier():
@@ -199,8 +202,8 @@ def _storable(labels: np.ndarray) -> bool:
     return labels.dtype.kind in "iufU" or all(isinstance(label, str) for label in labels.tolist())
 
 
-def _read_only(traces: xr.Dataset) -> xr.Dataset:
-    """The same values, protected: a function that changes them would change what the next one sees."""
+def _protect(traces: xr.Dataset) -> xr.Dataset:
+    """The same values, read-only: a function that changed them would change the input of the next call."""
     protected = traces.copy()
     for name, variable in protected.variables.items():
         if name not in protected.indexes:
@@ -216,7 +219,7 @@ def _same(one: xr.Variable, other: xr.Variable) -> bool:
     return np.array_equal(one.values, other.values, equal_nan=one.dtype.kind == "f")
 
 
-def _described(error: BaseException) -> str:
+def _describe(error: BaseException) -> str:
     """An exception in one line: type and text."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,4 +1,4 @@
-"""From the table ``[sample]`` to values: parameters drawn together, zipped along the dimension ``sample``.
+"""Draw the parameters of the table ``[sample]`` together, zipped along the dimension ``sample``.
 
 A design is ``size`` points of the unit cube with one dimension for each parameter; the quantiles of a parameter's
 distribution turn its coordinates into values.
@@ -19,8 +19,8 @@ from fastcoil.parameter_table import PARAMETERS, Parameter, check_name
 from fastcoil.simulation.plan import RUN_LIMITS, whole_number_problems
 from fastcoil.study.file.tables import are_numbers
 
-SAMPLE, DESIGN = "sample", "design"
-"""The dimensions of a design; the second one of ``saltelli`` only."""
+SAMPLE_DIM, DESIGN_DIM = "sample", "design"
+"""The dimensions of a design; only ``saltelli`` has the second."""
 SETTINGS = ("method", "size", "seed")
 """Keys of ``[sample]`` that are not parameters."""
 SALTELLI = "saltelli"
@@ -34,15 +34,15 @@ _SMALLEST_SHARE = 2.0**-32
 
 @dataclass(frozen=True)
 class Distribution:
-    """A continuous distribution: the names of its arguments, the cure for wrong ones, and its quantiles."""
+    """A continuous distribution: the names of its arguments, what is wrong with them, and its scipy distribution."""
 
     arguments: tuple[str, ...]
     problem: Callable[..., str | None]
-    frozen: Callable[..., Any]
+    make: Callable[..., Any]
 
     @property
     def signature(self) -> str:
-        """The arguments as they are written."""
+        """The arguments as a study file gives them."""
         return f"[{', '.join(self.arguments)}]"
 
 
@@ -94,19 +94,19 @@ DISTRIBUTIONS: dict[str, Distribution] = {
     "truncnorm": Distribution(("mean", "standard deviation", "lowest", "highest"), _spread, _truncnorm),
     "triangular": Distribution(("lowest", "most likely", "highest"), _inside, _triangular),
 }
-"""The continuous ones; besides, ``choice``."""
+"""The continuous ones; ``choice`` exists besides."""
 
 
-def sampled(table: Mapping[str, Any] | None) -> list[str]:
-    """Names of the parameters that ``[sample]`` gives, none where the table is absent."""
+def sampled_names(table: Mapping[str, Any] | None) -> list[str]:
+    """Names of the parameters in ``[sample]``; none if the table is absent."""
     return [name for name in table or {} if name not in SETTINGS]
 
 
 def sample_values(table: Mapping[str, Any]) -> dict[str, xr.DataArray]:
     """Draw the parameters of ``[sample]``: name → numbers in the parameter's unit, or words, along ``sample``.
 
-    The same table always gives the same values; those of the methods ``sobol``, ``saltelli`` and ``random`` are the
-    first ones of a larger ``size``.  ``saltelli`` makes what Sobol' indices need: two independent samples, ``A`` and
+    The same table always gives the same values; with the methods ``sobol``, ``saltelli`` and ``random``
+    they are the first of a larger ``size``.  ``saltelli`` draws for Sobol' indices: two independent samples, ``A`` and
     ``B`` along a dimension ``design``, and for each parameter ``A`` with only that parameter taken from ``B``
     (Saltelli et al. 2010, doi:10.1016/j.cpc.2009.09.018).
 
@@ -115,8 +115,8 @@ def sample_values(table: Mapping[str, Any]) -> dict[str, xr.DataArray]:
     InputError
         With one sentence for each mistake in the table.
     """
-    problems = _setting_problems(table)
-    names = sampled(table)
+    problems = _find_setting_problems(table)
+    names = sampled_names(table)
     for name in names:
         with collecting(problems):
             _check_shape(PARAMETERS[check_name(name)], table[name])
@@ -128,20 +128,20 @@ def sample_values(table: Mapping[str, Any]) -> dict[str, xr.DataArray]:
     points = _points(method, table["size"], len(names) * (2 if both else 1), table.get("seed", 0))
     values = {name: _quantiles(table[name], points[:, k]) for k, name in enumerate(names)}
     if not both:
-        return {name: xr.DataArray(v, dims=SAMPLE) for name, v in values.items()}
+        return {name: xr.DataArray(v, dims=SAMPLE_DIM) for name, v in values.items()}
     others = {name: _quantiles(table[name], points[:, len(names) + k]) for k, name in enumerate(names)}
     labels = ["A", "B", *names]
     return {
         name: xr.DataArray(
             np.stack([others[name] if label in ("B", name) else values[name] for label in labels], axis=-1),
-            dims=(SAMPLE, DESIGN),
-            coords={DESIGN: labels},
+            dims=(SAMPLE_DIM, DESIGN_DIM),
+            coords={DESIGN_DIM: labels},
         )
         for name in names
     }
 
 
-def _setting_problems(table: Mapping[str, Any]) -> list[str]:
+def _find_setting_problems(table: Mapping[str, Any]) -> list[str]:
     problems = [
         f"{name} is missing: give {what}"
         for name, what in (("method", f"one of {', '.join(METHODS)}"), ("size", "the number of samples"))
@@ -162,7 +162,7 @@ def _setting_problems(table: Mapping[str, Any]) -> list[str]:
 
 
 def _check_shape(parameter: Parameter, shape: object) -> None:
-    """Refuse what is not a distribution of values of ``parameter``; its bounds are the loop's to check."""
+    """Refuse anything but a distribution for ``parameter``; the loop checks its bounds."""
     name, known = parameter.name, ", ".join((*DISTRIBUTIONS, CHOICE))
     kind = next(iter(shape)) if isinstance(shape, dict) and len(shape) == 1 else None
     if not isinstance(shape, dict) or kind is None:
@@ -192,7 +192,7 @@ def _check_choice(parameter: Parameter, values: object, given: str) -> None:
         raise InputError(f"{given}: give a list of at least one value")
     problems = [p for p in map(parameter.problem, values) if p]
     if not problems:
-        problems = [f"{given}: {v} stands twice, leave one out" for v, count in Counter(values).items() if count > 1]
+        problems = [f"{given}: {v} appears twice, leave one out" for v, count in Counter(values).items() if count > 1]
     if problems:
         raise InputError(problems)
 
@@ -203,8 +203,8 @@ def _points(method: str, size: int, dims: int, seed: int) -> np.ndarray:
         return np.random.Generator(np.random.PCG64(seed)).random((size, dims))
     from scipy.stats import qmc
 
-    engine = qmc.Sobol if method in POWERS_OF_TWO else qmc.LatinHypercube
-    return np.asarray(engine(dims, rng=seed).random(size))
+    sampler = qmc.Sobol if method in POWERS_OF_TWO else qmc.LatinHypercube
+    return np.asarray(sampler(dims, rng=seed).random(size))
 
 
 def _quantiles(shape: Mapping[str, Any], share: np.ndarray) -> np.ndarray:
@@ -216,6 +216,6 @@ def _quantiles(shape: Mapping[str, Any], share: np.ndarray) -> np.ndarray:
     distribution = DISTRIBUTIONS[kind]
     named = dict(zip(distribution.arguments, map(float, arguments), strict=True))
     with np.errstate(over="ignore", invalid="ignore"):  # a range that overflows gives values that the loop refuses
-        quantiles = distribution.frozen(*named.values()).ppf(np.clip(share, _SMALLEST_SHARE, 1.0 - 2.0**-53))
+        quantiles = distribution.make(*named.values()).ppf(np.clip(share, _SMALLEST_SHARE, 1.0 - 2.0**-53))
     low, high = named["lowest"], named["highest"]
     return np.asarray(np.clip(quantiles, np.nextafter(low, high), np.nextafter(high, low)))

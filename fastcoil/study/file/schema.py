@@ -1,7 +1,7 @@
-"""The JSON Schema of study files: what an editor needs to complete and check one while it is written.
+"""The JSON Schema of study files, with which an editor completes and checks one as it is written.
 
-All of it is derived from the tables that the reader itself uses.  A schema cannot say everything: what it accepts the
-reader may still refuse.
+It is derived from the tables that the reader itself uses.  The reader may refuse a file that the schema accepts, since
+a schema cannot express every rule.
 """
 
 from __future__ import annotations
@@ -22,7 +22,15 @@ from fastcoil.simulation.loop import FORBIDDEN_DIMS, PRESETS
 from fastcoil.simulation.plan import RUN_LIMITS
 from fastcoil.study.file.boundary import BOUNDARY_KINDS
 from fastcoil.study.file.loop import LONGEST_AXIS
-from fastcoil.study.file.sampling import CHOICE, DESIGN, DISTRIBUTIONS, LARGEST_SAMPLE, METHODS, POWERS_OF_TWO, SAMPLE
+from fastcoil.study.file.sampling import (
+    CHOICE,
+    DESIGN_DIM,
+    DISTRIBUTIONS,
+    LARGEST_SAMPLE,
+    METHODS,
+    POWERS_OF_TWO,
+    SAMPLE_DIM,
+)
 from fastcoil.study.file.tables import RunTable, StudyFile
 
 Schema = dict[str, Any]
@@ -117,7 +125,7 @@ def _spacing(kind: str) -> Schema:
 
 def _cases() -> Schema:
     case = _object(_parameters())
-    taken = sorted({SAMPLE, DESIGN, *PARAMETERS, *FORBIDDEN_DIMS})
+    taken = sorted({SAMPLE_DIM, DESIGN_DIM, *PARAMETERS, *FORBIDDEN_DIMS})
     return {
         "type": "object",
         "description": "named alternatives along dimensions of their own",
@@ -136,7 +144,7 @@ def _sample() -> Schema:
     return _object(
         settings | {name: _sampled(p) for name, p in PARAMETERS.items()},
         required=["method", "size"],
-        description=f"parameters drawn together along the dimension {SAMPLE}",
+        description=f"parameters drawn together along the dimension {SAMPLE_DIM}",
         anyOf=[{"required": [name]} for name in PARAMETERS],
         **{
             "if": {"properties": {"method": {"enum": list(POWERS_OF_TWO)}}},

@@ -1,4 +1,4 @@
-"""The strict reader of study files (TOML): every mistake is reported, all at once, and nothing is guessed.
+"""The strict reader of study files (TOML): it guesses nothing and reports all mistakes together.
 
 A study has the tables ``[loop]`` (constants, ``preset``, ``include``), ``[sweep]`` (a parameter on its own axis),
 ``[cases.NAME]`` (named alternatives along a dimension NAME), ``[sample]`` (parameters drawn from distributions),
@@ -16,23 +16,24 @@ from pathlib import Path
 from typing import Any
 
 from fastcoil.errors import InputError, collecting
+from fastcoil.files import read_text
 from fastcoil.simulation.plan import Plan, prepare
-from fastcoil.study.file.boundary import study_boundary
-from fastcoil.study.file.include import included
-from fastcoil.study.file.loop import study_loop
+from fastcoil.study.file.boundary import build_boundary
+from fastcoil.study.file.include import read_includes
+from fastcoil.study.file.loop import build_loop
 from fastcoil.study.file.reduction import Reduction, find_reduction
-from fastcoil.study.file.tables import shaped
+from fastcoil.study.file.tables import parse_tables
 
 LARGEST_FILE = 2**20
-"""Bytes: nobody writes a larger study by hand."""
+"""Bytes; no study written by hand is larger."""
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study that can be run: its text and tables, what it asks, and the validated plan.
+    """A study that can be run: its text and tables, its question, and the validated plan.
 
-    ``folder`` is where its relative paths start, ``sample_method`` how ``[sample]`` was drawn, ``reduction`` what
-    ``[run] reduce`` names; ``None`` without.  ``included`` holds the parameters from the files in ``[loop] include``.
+    folder: where its relative paths start.  sample_method: how ``[sample]`` was drawn.  reduction: the function that
+    ``[run] reduce`` names.  Both are ``None`` without.  included: the parameters from the files in ``[loop] include``.
     """
 
     text: str
@@ -47,17 +48,17 @@ class Study:
 
     @property
     def kept_traces(self) -> tuple[str, ...]:
-        """Names of the traces that results have: none where they are reduced."""
+        """Names of the traces that results keep: none if they are reduced."""
         return () if self.reduction else self.plan.traces.names
 
     @property
     def sha256(self) -> str:
-        """Hash of everything that decides the result: the tables, what they include, the boundary, the reduction.
+        """Hash of everything that decides the result: the tables, included files, the boundary, the reduction.
 
-        Title, question, comments and spelling do not.
+        Title, question, comments and formatting do not.
         """
         decisive = {name: table for name, table in self.tables.items() if name not in ("title", "question")}
-        # dates and times, which TOML has and JSON has not, are as good as their text
+        # TOML has dates and times, JSON does not: their text will do
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
         parts += [self.reduction.sha256] if self.reduction else []
         parts += [json.dumps(self.included)] if self.included else []
@@ -80,21 +81,22 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
     InputError
         With one sentence for each mistake in the file.
     """
-    text = _text(path)
+    what = f"a study file, or make one with `fastcoil init {path}`"
+    text = read_text(path, what, LARGEST_FILE).replace("\r\n", "\n")
     folder = path.parent if folder is None else folder
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of a number with more digits than Python reads
         raise InputError(f"{path} is not valid TOML: {error}") from None
-    file, problems = shaped(tables)
+    file, problems = parse_tables(tables)
     loop = boundary = plan = reduction = None
     from_files: dict[str, Any] = {}
     with collecting(problems, "[loop] "):
-        from_files = included(file.loop, folder)
+        from_files = read_includes(file.loop, folder)
     with collecting(problems):
-        loop = study_loop(file, from_files)
+        loop = build_loop(file, from_files)
     with collecting(problems):
-        boundary = study_boundary(file.boundary, folder)
+        boundary = build_boundary(file.boundary, folder)
     if loop is not None and boundary is not None:
         with collecting(problems):
             plan = prepare(loop, boundary, **file.run.model_dump(exclude={"reduce"}), traces_on_disk=True)
@@ -103,25 +105,10 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
             reduction = find_reduction(file.run.reduce, folder)
         if not file.run.traces:
             problems.append(
-                f"[run] reduce = {file.run.reduce!r} without traces: list those that it needs, such as "
+                f"[run] reduce = {file.run.reduce!r} without traces: list the traces it needs, such as "
                 'traces = ["T_sup"]'
             )
     if problems or plan is None:
         raise InputError([f"{path}: {problem}" for problem in problems])
     method = file.sample["method"] if file.sample else None
     return Study(text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files)
-
-
-def _text(path: Path) -> str:
-    if path.is_dir():
-        raise InputError(f"{path} is a folder: give the study's TOML file")
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path} has {path.stat().st_size:,} bytes: a study file has at most {LARGEST_FILE:,}")
-        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist: give a study file, or make one with `fastcoil init {path}`") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as UTF-8") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None

@@ -1,4 +1,4 @@
-"""The tables of a study file, and what is said when one has the wrong shape."""
+"""The tables of a study file, and the sentences for one of the wrong shape."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class _Strict(BaseModel):
 
 
 class RunTable(_Strict):
-    """``[run]``: how to run, not what."""
+    """``[run]``: how to run the study."""
 
     warm_up: int = WARM_UP
     seed: int = 0
@@ -28,7 +28,7 @@ class RunTable(_Strict):
 
 
 class StudyFile(_Strict):
-    """The shape of a study file; the values are judged by ``Loop``, the boundary's function and ``prepare``."""
+    """The shape of a study file; ``Loop``, the boundary's function and ``prepare`` check the values."""
 
     title: str = ""
     question: str = ""
@@ -40,8 +40,8 @@ class StudyFile(_Strict):
     run: RunTable = Field(default_factory=RunTable)
 
 
-def shaped(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
-    """The file's tables, and what is wrong with their shape; wrong ones are left out of what is returned."""
+def parse_tables(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
+    """Parse the file's tables.  Returns them without those of the wrong shape, and a sentence for each mistake."""
     try:
         return StudyFile.model_validate(tables), []
     except ValidationError as error:
@@ -51,7 +51,7 @@ def shaped(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
 
 
 def are_numbers(values: object, count: int) -> bool:
-    """Whether ``values`` is a list of ``count`` finite numbers; TOML has whole ones of any size."""
+    """Whether ``values`` is a list of ``count`` finite numbers; TOML allows integers of any size."""
     if not isinstance(values, list) or len(values) != count:
         return False
     return all(type(v) in (int, float) and -LARGEST <= v <= LARGEST for v in values)

@@ -5,11 +5,11 @@ TEMPLATE = """\
 # All openings, commands and backlash are fractions of stroke; °C, kg/s, s.  `fastcoil parameters` lists the names.
 
 title = "Does a backlash inverse help this loop?"
-question = "How does the control error depend on the true backlash and on how well its size is known?"
+question = "How does the control error depend on the true backlash and on how well it is known?"
 
-[loop]                                  # what all loops have in common
+[loop]                                  # shared by all loops
 preset = "lbnl"                         # paper_like, paper_like_fast, lbnl or g36
-# include = ["valve.toml", "coil.toml"] # your own AHU: files that `fastcoil fit valve|coil data.csv` wrote
+# include = ["valve.toml", "coil.toml"] # your own AHU: files written by `fastcoil fit valve|coil data.csv`
 # noise_std = 0.05                      # any parameter may be given here
 
 [sweep]                                 # each on its own axis; all combinations are run
@@ -24,7 +24,7 @@ faster = { kp = 0.03, ti = 15 }
 # method = "sobol"                      # latin_hypercube, sobol (size a power of two) or random
 # size = 1024
 # seed = 0
-# sensor_time_constant = { uniform = [10.0, 60.0] }      # lowest, highest; loguniform likewise
+# sensor_time_constant = { uniform = [10.0, 60.0] }      # lowest, highest; or loguniform
 # C_c = { triangular = [10.0, 30.0, 50.0] }              # lowest, most likely, highest
 # buffer = { truncnorm = [0.01, 0.005, 0.0, 0.02] }      # mean, standard deviation, lowest, highest
 # sample_time = { choice = [5, 10, 30] }                 # numbers or words, equally likely
@@ -40,5 +40,5 @@ replicates = 1                          # noise realisations: one more axis, cal
 warm_up = 1800                          # seconds left out of every metric
 traces = []                             # signals to keep, such as ["T_sup", "command"]
 trace_interval = 60                     # s between their samples
-# reduce = "mine:overshoot"             # your function overshoot in mine.py beside this file: numbers from the traces
+# reduce = "mine:overshoot"             # your function overshoot in mine.py next to this file: numbers from the traces
 """

@@ -53,12 +53,16 @@ def test_the_hash_is_also_of_what_is_included(read):
     ("study", "valve", "sentence"),
     [
         ("[loop]\ninclude = 'valve.toml'\n", VALVE, "[loop] include = 'valve.toml': give a list of files"),
-        ('[loop]\ninclude = ["no.toml"]\n', VALVE, "include: no.toml cannot be read (No such file"),
+        (
+            '[loop]\ninclude = ["no.toml"]\n',
+            VALVE,
+            "no.toml does not exist: give a file that `fastcoil fit` wrote, with",
+        ),
         (STUDY, "[loop", "include: valve.toml is not valid TOML"),
-        (STUDY, "backlash = 0.1", "include: valve.toml is not what `fastcoil fit` writes"),
+        (STUDY, "backlash = 0.1", "include: valve.toml is no file that `fastcoil fit` wrote"),
         (STUDY, "[loop]\nbacklsh = 0.1", "include: valve.toml: backlsh is not a parameter, did you mean 'backlash'?"),
         (STUDY, "[loop]\nbacklash = 1.1", "include: valve.toml: backlash = 1.1: must be from 0 to 0.9"),
-        (STUDY, "[loop]\nC_w = 9.0", "include: C_w stands in valve.toml and in coil.toml: leave one out"),
+        (STUDY, "[loop]\nC_w = 9.0", "include: C_w appears in valve.toml and in coil.toml: leave one out"),
     ],
 )
 def test_a_mistake_gets_one_sentence(read, study, valve, sentence):

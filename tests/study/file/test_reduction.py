@@ -222,8 +222,8 @@ def test_line_ends_of_another_system_change_nothing(tmp_path):
             (text, SOURCE, f"reduce = {text!r}: give module:function, such as 'mine:overshoot'")
             for text in ("mine", "mine.py:overshoot()", "mine:", ":overshoot", "../mine:overshoot", "mine:a:b", "")
         ),
-        ("absent:f", SOURCE, "absent.py, and no module absent can be imported: put absent.py beside the study file"),
-        ("absent.mod:f", SOURCE, "absent/mod.py, and no module absent.mod can be imported: put mod.py beside"),
+        ("absent:f", SOURCE, "absent.py, and no module absent can be imported: put absent.py next to the study file"),
+        ("absent.mod:f", SOURCE, "absent/mod.py, and no module absent.mod can be imported: put mod.py next to"),
         ("made_here:f", SOURCE, "no module made_here can be imported"),
         ("math:f", SOURCE, "no module written in Python math can be imported"),
         ("mine:f", SOURCE, "reduce = 'mine:f': its module has no function f"),
@@ -273,7 +273,7 @@ def test_a_reduction_without_traces_and_an_absent_one_are_both_named(tmp_path):
     unknown, absent, without = refused.value.problems
     assert "kpp" in unknown
     assert "[run] reduce = 'absent:f': there is no" in absent
-    assert "[run] reduce = 'absent:f' without traces: list those that it needs, such as traces = [\"T_sup\"]" in without
+    assert "[run] reduce = 'absent:f' without traces: list the traces it needs, such as traces = [\"T_sup\"]" in without
 
 
 def test_a_reduction_that_is_no_text_is_refused(tmp_path):

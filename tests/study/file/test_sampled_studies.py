@@ -146,7 +146,7 @@ def problems_of(read, *text):
         (GOOD + "kp = { triangular = [2, 2, 2] }", "the lowest value must be below the highest"),
         (GOOD + "kp = { choice = [] }", "kp = { choice = [] }: give a list of at least one value"),
         (GOOD + "kp = { choice = 3 }", "kp = { choice = 3 }: give a list of at least one value"),
-        (GOOD + "kp = { choice = [1, 2, 1.0] }", "kp = { choice = [1, 2, 1.0] }: 1 stands twice, leave one out"),
+        (GOOD + "kp = { choice = [1, 2, 1.0] }", "kp = { choice = [1, 2, 1.0] }: 1 appears twice, leave one out"),
         (GOOD + "kp = { choice = ['a'] }", "kp = 'a': give a number"),
         (GOOD + "action = { choice = ['cooling', 'warming'] }", "action = 'warming': choose 'cooling' or 'heating'"),
         (GOOD + "sample_time = { choice = [5, 7.5] }", "sample_time = 7.5 s: must be whole"),
@@ -167,9 +167,9 @@ def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, sample, sen
 @pytest.mark.parametrize(
     ("before", "sentence"),
     [
-        ("[loop]\nkp = 0.1", "kp stands in [loop] and in [sample]: leave one out"),
-        ("[loop]\n[sweep]\nkp = [0.1]", "kp stands in [sweep] and in [sample]: leave one out"),
-        ("[loop]\n[cases.tuning]\na = { kp = 0.1 }", "kp stands in [cases.tuning] and in [sample]: leave one out"),
+        ("[loop]\nkp = 0.1", "kp appears in [loop] and in [sample]: leave one out"),
+        ("[loop]\n[sweep]\nkp = [0.1]", "kp appears in [sweep] and in [sample]: leave one out"),
+        ("[loop]\n[cases.tuning]\na = { kp = 0.1 }", "kp appears in [cases.tuning] and in [sample]: leave one out"),
         ("[loop]\n[cases.sample]\na = { ti = 9 }", "[cases.sample] sample is the dimension of [sample]: give this one"),
     ],
 )
