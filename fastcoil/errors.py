@@ -1,4 +1,4 @@
-"""What a user sees when something is wrong, and the exit codes of the command line."""
+"""The errors that a user sees, and the exit codes of the command line."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ class LockedError(FastcoilError):
 
 
 class IntegrityError(FastcoilError):
-    """What lies on the disk is not what was written, or does not belong together."""
+    """Files on the disk are not as they were written, or do not belong together."""
 
     exit_code = EXIT_INTEGRITY
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """A clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if nothing is near."""
+    """A clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if none is similar."""
     by_folded = {k.casefold(): k for k in known}
     match = difflib.get_close_matches(name.casefold(), list(by_folded), n=1, cutoff=0.6)
     return f", did you mean {by_folded[match[0]]!r}?" if match else ""
@@ -59,7 +59,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 @contextmanager
 def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
-    """Add the sentences of a refusal to ``problems`` and go on."""
+    """Add the sentences of an ``InputError`` to ``problems`` and continue."""
     try:
         yield
     except InputError as error:
@@ -67,6 +67,6 @@ def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
 
 
 def shown(value: object) -> str:
-    """A value as it is repeated in a message: cut short if it is long."""
+    """A value as a message repeats it: cut short if it is long."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -142,14 +142,18 @@ def verify(folder: Path) -> None:
 
 @main.command()
 @click.argument("folder", type=FOLDER)
-@click.option("--at", default="", help="Which one: backlash=0.07,tuning=fast, for every dimension of the study.")
+@click.option(
+    "--at",
+    default="",
+    help="The scenario, such as backlash=0.07,tuning=fast: a label for every dimension of the study.",
+)
 def rerun(folder: Path, at: str) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
     from fastcoil.study import maintenance
 
     pairs = [item.split("=", 1) for item in at.split(",") if item]
     if any(len(pair) != 2 for pair in pairs):
-        raise InputError(f"--at {at}: give dimension=label, more of them with commas between")
+        raise InputError(f"--at {at}: give dimension=label, several of them separated by commas")
     announce_compilation()
     path, found = maintenance.rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
     for line in found:

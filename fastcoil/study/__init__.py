@@ -1,1 +1,1 @@
-"""Studies: a TOML file in, a folder with one NetCDF file and figures out."""
+"""Studies: from a TOML file to a folder with results and figures."""

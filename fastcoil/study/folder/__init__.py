@@ -1,1 +1,1 @@
-"""The folder of a study: what is committed, merged, opened and extended."""
+"""The folder of a study: its lock, manifest, shards and results."""

@@ -1,1 +1,1 @@
-"""Where shards run, and what happens when a worker dies."""
+"""The workers that run shards, and what happens when one dies."""

@@ -184,7 +184,7 @@ def test_without_extend_another_version_is_refused_with_what_differs(study, tmp_
     words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 2
-    assert "give --extend if values were only added" in result.stderr
+    assert "add --extend if only values were added" in result.stderr
     assert "fastcoil: -backlash = [0.02, 0.05, 0.09]" in result.stderr
     assert "fastcoil: +backlash = [0.02, 0.05, 0.09, 0.15]" in result.stderr
     assert "Traceback" not in result.output

@@ -27,7 +27,7 @@ def slow_run(tmp_path):
         "import sys, pytest\n"
         "from helpers import failing_shards, processes\n"
         "patch = pytest.MonkeyPatch()\n"
-        "processes.cut(patch, 4)\n"
+        "processes.cut(patch, 10)\n"
         "failing_shards.harms(patch, failing_shards.works_slowly, range(160))\n"
         "from fastcoil.__main__ import run\n"
         "sys.argv[1:] = sys.argv[2:]\n"
