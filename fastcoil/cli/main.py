@@ -145,7 +145,7 @@ def verify(folder: Path) -> None:
 @click.option(
     "--at",
     default="",
-    help="The scenario, such as backlash=0.07,tuning=fast: a label for every dimension of the study.",
+    help="The scenario, such as backlash=0.07,tuning=fast: a label for every dimension.",
 )
 def rerun(folder: Path, at: str) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
