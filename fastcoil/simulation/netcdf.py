@@ -62,9 +62,7 @@ def load(path: Path) -> xr.Dataset:
     if ds.attrs.get("fastcoil_format", 0) > FORMAT:
         raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
     if ds.attrs.get("content_sha256") != combined_sha256(ds):
-        raise IntegrityError(
-            f"{path} is not as it was written (content_sha256 differs); delete it and run the study again"
-        )
+        raise IntegrityError(f"{path} is damaged (content_sha256 differs); delete it and run the study again")
     return ds
 
 

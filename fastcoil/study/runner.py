@@ -147,7 +147,7 @@ def execute(
             compile_kernel()
             job = Job(manifest.key, plan, study.reduction)
             with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
-                n_jobs = pool.n_workers  # those of a cluster are not ours to choose
+                n_jobs = pool.n_workers  # a cluster may have another number
                 for part in Dispatcher(pool, job).run(plan.shards(pool.n_workers, todo)):
                     if not recorded:
                         store.write_manifest(manifest, study.text)

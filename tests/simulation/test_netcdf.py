@@ -73,7 +73,7 @@ def test_a_changed_file_is_detected(tmp_path, swept, damage):
     changed = swept.copy(deep=True)
     damage(changed)
     netcdf.save(changed, tmp_path / "results.nc")
-    with pytest.raises(IntegrityError, match="not as it was written"):
+    with pytest.raises(IntegrityError, match="is damaged \\(content_sha256 differs\\)"):
         netcdf.load(tmp_path / "results.nc")
 
 

@@ -5,7 +5,7 @@
     study.toml     the text that is run, verbatim
     run.json       the manifest: hashes of what is run, and where relative paths start
     shards/        FIRST-HASH.nc, a file for each finished shard, until all of them are in results.nc
-    quarantine/    files that were not what they should be
+    quarantine/    damaged and foreign files from shards/
     results.nc     metrics and status, named and labelled
     traces-ID.nc   the traces, if any are asked for; ``trace_file`` in the attributes of results.nc names it
     figures/
@@ -74,7 +74,7 @@ class StudyFolder:
         return manifest
 
     def write_manifest(self, manifest: Manifest, text: str) -> None:
-        """Write what is run, before its first shard."""
+        """Record which study is run, before its first shard."""
         # in this order: if it is killed in between, the same command finds its own run, and writes the text again
         manifest.write(self.path)
         commit(self.study, text.encode())
@@ -153,7 +153,7 @@ class StudyFolder:
             except Exception:  # damaged bytes may raise anything in the library
                 same = False
             if not same:
-                problems.append(f"{self.path / ds.attrs['trace_file']}: {name} is not as it was written")
+                problems.append(f"{self.path / ds.attrs['trace_file']}: {name} is damaged (its hash differs)")
         return problems
 
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:

@@ -105,7 +105,7 @@ class Shards:
             data = path.read_bytes()
         # before anything else: the HDF5 library may crash on damaged bytes
         if hashlib.sha256(data).hexdigest()[:32] != named[2]:
-            return Inspection(path, None, "is not as it was written")
+            return Inspection(path, None, "is damaged (its hash differs)")
         try:
             part = load_bytes(data, path.name)
         except (OSError, RuntimeError, ValueError):
@@ -118,7 +118,7 @@ class Shards:
         if part.attrs.get("study") != self.key:
             return "belongs to another study or another version of the model"
         if not {"scenario", "status"} <= part.variables.keys() or part["scenario"].values[:1] != first:
-            return "is not what its name says"
+            return "does not match its name"
         were_run = np.delete(np.arange(len(STATUS_MEANINGS)), STATUS_NOT_RUN)
         return "" if np.isin(part["status"], were_run).all() else "was never filled"
 

@@ -145,7 +145,7 @@ def _connect(address: Any) -> Any:
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Return what a call returns, or raise TimeoutError if it takes longer, as one to a stopped worker does."""
+    """Make a call, or raise TimeoutError if it takes longer, as one to a stopped worker does."""
     found: cf.Future[Any] = cf.Future()
 
     def run() -> None:

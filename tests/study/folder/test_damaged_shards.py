@@ -39,7 +39,7 @@ def test_a_shard_of_another_length_is_set_aside_and_run_again(broken_off, cut):
     (problem,) = verify(broken_off)
     assert str(path) in problem
     (told,) = resume(broken_off)
-    assert f"{path} is not as it was written: moved to quarantine/" in told
+    assert f"{path} is damaged (its hash differs): moved to quarantine/" in told
     assert quarantined(broken_off) == [path.name]
 
 
@@ -51,7 +51,7 @@ def test_a_flipped_bit_anywhere_in_a_shard_is_found(broken_off):
         damaged = bytearray(good)
         damaged[at // 8] ^= 1 << at % 8
         path.write_bytes(damaged)
-        assert next(checked.inspect()) == (path, None, "is not as it was written"), at
+        assert next(checked.inspect()) == (path, None, "is damaged (its hash differs)"), at
     (told,) = resume(broken_off)
     assert path.name in told
 
@@ -75,7 +75,7 @@ def test_a_shard_that_opens_but_was_never_filled_is_set_aside(broken_off):
     path = shards(broken_off)[0]
     data = filled(path)
     path.write_bytes(data)
-    assert "is not as it was written" in verify(broken_off)[0]
+    assert "is damaged (its hash differs)" in verify(broken_off)[0]
     path.rename(path.with_name(named(data)))
     assert "was never filled" in verify(broken_off)[0]
     (told,) = resume(broken_off)
@@ -106,7 +106,7 @@ def test_a_renamed_shard_and_one_under_two_names_are_set_aside(broken_off):
     second.rename(second.with_name("000000003" + second.name[9:]))
     told = resume(broken_off)
     assert len(told) == 2
-    assert all("is not what its name says" in t for t in told)
+    assert all("does not match its name" in t for t in told)
     assert quarantined(broken_off) == ["000000001" + first.name[9:], "000000003" + second.name[9:]]
 
 
