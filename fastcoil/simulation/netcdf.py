@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Collection, Hashable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -66,8 +66,8 @@ def load(path: Path) -> xr.Dataset:
     return ds
 
 
-def load_bytes(data: bytes, name: str) -> xr.Dataset:
-    """Read a NetCDF file that is in memory; ``name`` is what the library calls it.
+def load_bytes(data: bytes, name: str, leave_out: Collection[str] = ()) -> xr.Dataset:
+    """Read a NetCDF file that is in memory, without the variables ``leave_out``; ``name`` is only for the library.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def load_bytes(data: bytes, name: str) -> xr.Dataset:
     """
     with netCDF4.Dataset(name, memory=data) as file:
         stored = xr.backends.NetCDF4DataStore(file)  # type: ignore[no-untyped-call]
-        return xr.open_dataset(stored, **_AS_STORED).load()
+        return xr.open_dataset(stored, drop_variables=list(leave_out), **_AS_STORED).load()
 
 
 def open_lazily(path: Path) -> xr.Dataset:

@@ -208,7 +208,7 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, manife
     if stored.model_sha256 != manifest.model_sha256:
         return
     computed = Computed.find(store, smaller, stored)
-    # read all of them, so that damaged ones are set aside before ``open_study`` looks at them
-    if sum(part.sizes["scenario"] for part in computed.parts([])):
+    # this reads all shards, so that damaged ones are set aside before ``open_study`` looks at them
+    if computed.missing().size < smaller.plan.n_scenarios:
         match_scenarios(study.plan, study_attributes(study, manifest.model_sha256), open_study(store.path))
         merge(store, smaller, stored, computed.parts, complete=False)

@@ -23,8 +23,8 @@ from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
-"""Reads the flat parts of the study, afresh at every call because they need not fit in memory together: of the traces
-only the named ones, and everything else."""
+"""Reads the flat parts of the study without the named variables, afresh at every call: they need not fit in memory
+together."""
 _LARGE = 2**24
 """Bytes."""
 
@@ -62,8 +62,8 @@ def merge(
         If parts were lost since they were written; unless ``complete``, only if they are lost during the merge.
     """
 
-    def counted(names: Collection[str], n: int) -> Iterator[xr.Dataset]:
-        for part in parts(names):
+    def counted(leave_out: Collection[str], n: int) -> Iterator[xr.Dataset]:
+        for part in parts(leave_out):
             n -= part.sizes["scenario"]
             yield part
         if n > 0:
@@ -72,16 +72,16 @@ def merge(
             )
 
     plan, allocate = study.plan, _allocator(folder.path)
-    everything = counted([], plan.n_scenarios if complete else 0)
+    untraced = map(_without_trace_coordinates, counted(TRACES, plan.n_scenarios if complete else 0))
     with storage_errors(folder.results, "written"):
-        whole = gather(plan.n_scenarios, map(_without_traces, everything), allocate=allocate)
+        whole = gather(plan.n_scenarios, untraced, allocate=allocate)
     ds = unflattened(whole, plan.layout)
     n_run = int((ds["status"] != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
     ds.attrs = study_attributes(study, manifest.model_sha256) | (attrs or {})
     if study.kept_traces:
         file = f"traces-{manifest.key[:8]}.nc"
-        hashes = _merge_traces(folder.path / file, study, lambda names: counted(names, n_run), ds.attrs)
+        hashes = _merge_traces(folder.path / file, study, lambda leave_out: counted(leave_out, n_run), ds.attrs)
         ds.attrs |= {"trace_file": file, "trace_sha256": json.dumps(hashes)}
     ds.attrs["content_sha256"] = combined_sha256(ds)
     save(ds, folder.results)
@@ -116,7 +116,8 @@ def _merge_traces(path: Path, study: Study, parts: Parts, attrs: dict[str, Any])
 
     def write_all(unfinished: Path) -> None:
         for k, name in enumerate(study.kept_traces):
-            ds = unflattened(gather(plan.n_scenarios, parts([name]), [name], allocate), plan.layout)
+            others = {*METRICS, *TRACES} - {name}
+            ds = unflattened(gather(plan.n_scenarios, parts(others), [name], allocate), plan.layout)
             hashes.update({n: variable_sha256(ds[n].variable) for n in (name, *_trace_coordinates(ds))})
             ds.attrs = attrs
             write(ds, unfinished, mode="a" if k else "w")
@@ -129,8 +130,8 @@ def _trace_coordinates(ds: xr.Dataset) -> list[str]:
     return [n for n in ("elapsed_time", "volume") if n in ds.coords]
 
 
-def _without_traces(part: xr.Dataset) -> xr.Dataset:
-    return part.drop_vars([n for n in part.data_vars if n in TRACES]).drop_vars(_trace_coordinates(part))
+def _without_trace_coordinates(part: xr.Dataset) -> xr.Dataset:
+    return part.drop_vars(_trace_coordinates(part))
 
 
 def _allocator(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray]:

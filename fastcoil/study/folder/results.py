@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError
-from fastcoil.outputs import STATUS_NOT_RUN, TRACES
+from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import gather, unflattened
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.extend import Match, as_part, match_scenarios
@@ -42,7 +42,7 @@ def open_study(folder: str | Path) -> xr.Dataset:
             return ds
     study = store.read_study(manifest)
     computed = Computed.find(store, study, manifest)
-    parts = computed.parts(study.kept_traces, quarantine=False)
+    parts = computed.parts(quarantine=False)
     ds = unflattened(gather(study.plan.n_scenarios, parts), study.plan.layout)
     if not ds.data_vars:
         raise InputError(f"{folder} has no finished scenario yet: wait, or run the study")
@@ -97,18 +97,18 @@ class Computed:
         """Flat indices of the scenarios that are to be run; damaged shards are moved to quarantine."""
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         done[self.match.new] = True
-        for part in self.shards.read(quarantine=True):
+        for part in self.shards.read(quarantine=True, leave_out={*METRICS, *TRACES}):
             done[part["scenario"].values] = True
         return np.flatnonzero(~done)
 
-    def parts(self, traces: Collection[str], *, quarantine: bool = True) -> Iterator[xr.Dataset]:
-        """All parts: the earlier results, with these traces only, and the shards.
+    def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
+        """All parts, without the variables ``leave_out``: the earlier results and the shards.
 
         Each scenario once: after a merge that was killed before it removed the shards, it is in both.
         """
-        parts = self.shards.read(quarantine=quarantine)
+        parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
         if self.earlier is not None and self.match.new.size:
-            names = [n for n in self.earlier.data_vars if n not in TRACES or n in traces]
+            names = [n for n in self.earlier.data_vars if n not in leave_out]
             parts = chain([as_part(self.earlier[names], self.match, self.study.plan.n_volumes)], parts)
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:

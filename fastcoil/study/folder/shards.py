@@ -10,7 +10,7 @@ import hashlib
 import os
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
@@ -55,15 +55,15 @@ class Shards:
         name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
         commit(self.path / name, data)
 
-    def read(self, *, quarantine: bool) -> Iterator[xr.Dataset]:
-        """Read the sound shards, one by one, and warn of every other file.
+    def read(self, *, quarantine: bool, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
+        """Read the sound shards, one by one, without the variables ``leave_out``, and warn of every other file.
 
         quarantine: move a file that is damaged, or not of this run, out of the way, so that its scenarios are
         computed again.
         """
         if quarantine and self.path.is_dir():
             remove_unfinished(self.path)
-        for path, part, problem in self.inspect():
+        for path, part, problem in self.inspect(leave_out):
             if part is not None:
                 yield part
             elif quarantine:
@@ -74,13 +74,13 @@ class Shards:
             else:
                 warnings.warn(f"{path} {problem}: its scenarios would be computed again", stacklevel=2)
 
-    def inspect(self) -> Iterator[Inspection]:
-        """Check every file among the shards."""
+    def inspect(self, leave_out: Collection[str] = ()) -> Iterator[Inspection]:
+        """Check every file among the shards; the variables ``leave_out`` are not decoded."""
         for path in sorted(self.path.glob("*")):
             if is_unfinished(path):
                 continue
             try:
-                inspection = self._inspect(path)
+                inspection = self._inspect(path, leave_out)
             except StorageError:
                 if path.exists():
                     raise
@@ -97,7 +97,7 @@ class Shards:
                 path.unlink() if SHARD_NAME.fullmatch(path.name) else self._quarantine(path)
             self.path.rmdir()
 
-    def _inspect(self, path: Path) -> Inspection:
+    def _inspect(self, path: Path, leave_out: Collection[str]) -> Inspection:
         named = SHARD_NAME.fullmatch(path.name)
         if not named or path.is_dir():
             return Inspection(path, None, "is no shard")
@@ -107,7 +107,7 @@ class Shards:
         if hashlib.sha256(data).hexdigest()[:32] != named[2]:
             return Inspection(path, None, "is damaged (its hash differs)")
         try:
-            part = load_bytes(data, path.name)
+            part = load_bytes(data, path.name, leave_out)
         except (OSError, RuntimeError, ValueError):
             return Inspection(path, None, "is no NetCDF file")
         problem = self._problem(part, first=int(named[1]))

@@ -101,10 +101,10 @@ def test_a_look_at_a_study_while_its_run_finishes_finds_no_damage(out, monkeypat
     run_until_interrupted(PLAIN, out, DAYS - 1)
     real = Shards._inspect
 
-    def finishing(self, path):  # before the first shard is read
+    def finishing(self, *words):  # before the first shard is read
         monkeypatch.setattr(Shards, "_inspect", real)
         run(PLAIN, out)
-        return real(self, path)
+        return real(self, *words)
 
     monkeypatch.setattr(Shards, "_inspect", finishing)
     assert maintenance.verify(out) == []
