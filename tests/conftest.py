@@ -197,11 +197,9 @@ def healthy(small_study, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def golden(small_study, tmp_path_factory):
+def golden(healthy):
     """The hash of that study, from one thread."""
-    import fastcoil as fc
-
-    return fc.run_study(small_study, tmp_path_factory.mktemp("golden") / "out", n_jobs=1).attrs["content_sha256"]
+    return healthy.attrs["content_sha256"]
 
 
 @pytest.fixture

@@ -32,6 +32,12 @@ def run_shards(study, folder, n_shards):
     return execute(study, folder).n_run
 
 
+_fresh = {}
+
+
 def fresh(study, folder):
-    """The hash of a study that is run at once, in a folder of its own."""
-    return execute(study, folder / "fresh").results.attrs["content_sha256"]
+    """The hash of a study that is run at once, in a folder of its own; the same study is run only once."""
+    key = study.title, study.text, study.sha256
+    if key not in _fresh:
+        _fresh[key] = execute(study, folder / "fresh").results.attrs["content_sha256"]
+    return _fresh[key]

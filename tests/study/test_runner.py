@@ -47,18 +47,26 @@ def study(tmp_path):
     return path
 
 
-def test_a_study_leaves_its_text_and_one_file_of_results(study, tmp_path):
-    ds = fc.run_study(study, tmp_path / "out")
-    names = sorted(p.name for p in (tmp_path / "out").iterdir())
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder and the results of that study."""
+    path = tmp_path_factory.mktemp("finished") / "small.toml"
+    path.write_text(SMALL)
+    return path.with_name("out"), fc.run_study(path, path.with_name("out"))
+
+
+def test_a_study_leaves_its_text_and_one_file_of_results(finished):
+    out, ds = finished
+    names = sorted(p.name for p in out.iterdir())
     assert names == [".lock", "results.nc", "run.json", "study.toml", ds.attrs["trace_file"]]
-    assert (tmp_path / "out" / "study.toml").read_text() == SMALL
-    opened = fc.open_study(tmp_path / "out")
+    assert (out / "study.toml").read_text() == SMALL
+    opened = fc.open_study(out)
     assert opened.identical(ds.assign_attrs(opened.attrs))
     assert opened.attrs["content_sha256"] == content_sha256(opened)
 
 
-def test_results_are_labelled_as_an_xarray_user_expects(study, tmp_path):
-    ds = fc.run_study(study, tmp_path / "out")
+def test_results_are_labelled_as_an_xarray_user_expects(finished):
+    _, ds = finished
     assert ds.rmse.sel(backlash=0.07, estimate_ratio=0.5, tuning="fast", method=None).ndim == 0
     for name, variable in ds.variables.items():
         assert variable.attrs.get("long_name"), name
@@ -171,8 +179,8 @@ def test_one_hash_for_any_number_of_threads(study, tmp_path):
     assert len(hashes) == 1
 
 
-def test_a_cell_of_the_result_gives_back_its_loop(study, tmp_path):
-    ds = fc.run_study(study, tmp_path / "out")
+def test_a_cell_of_the_result_gives_back_its_loop(finished):
+    _, ds = finished
     cell = ds.isel(backlash=1, estimate_ratio=2, tuning=0)
     alone = fc.simulate(fc.Loop.from_dataset(cell), fc.paper_day(hours=1))
     assert float(alone.rmse) == float(cell.rmse)

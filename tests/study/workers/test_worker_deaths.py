@@ -100,7 +100,7 @@ def test_a_worker_that_is_killed_once_costs_nothing_but_time(study, golden, tmp_
 
 
 def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_path, monkeypatch):
-    cut(monkeypatch, 4)
+    cut(monkeypatch, 8)
     killed = []
 
     def kill_one(_):
@@ -126,9 +126,9 @@ def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_
 )
 def test_a_worker_that_hangs_once_is_replaced(study, golden, tmp_path, monkeypatch, backend, harm):
     cut(monkeypatch, 20)
-    monkeypatch.setattr(dispatch, "_FIRST_LIMIT", 10.0)
+    monkeypatch.setattr(dispatch, "_FIRST_LIMIT", 20.0)
     monkeypatch.setattr(dispatch, "_LEAST_LIMIT", 3.0)
-    monkeypatch.setattr(dispatch, "_LIMIT_FACTOR", 1.0)
+    monkeypatch.setattr(dispatch, "_LIMIT_FACTOR", 2.0)  # the start of a worker counts, and others may slow it down
     harmed = failing_shards.harmful(study, harm, [35], once=tmp_path / "once")
     finished = execute(harmed, tmp_path / "out", backend=backend, n_jobs=2)
     assert finished.results.attrs["content_sha256"] == golden
@@ -180,7 +180,7 @@ def test_a_process_that_is_short_of_memory_is_replaced(study, golden, tmp_path, 
 def test_an_error_of_the_user_comes_through_and_what_is_finished_is_kept(
     small_study, golden, tmp_path, monkeypatch, backend, two_workers
 ):
-    cut(monkeypatch, 4)
+    cut(monkeypatch, 8)
     scheduler = two_workers.address if backend == "dask" else None
     words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", backend, "-j", "1", "--no-figures"]
     with monkeypatch.context() as patch:
@@ -188,7 +188,7 @@ def test_an_error_of_the_user_comes_through_and_what_is_finished_is_kept(
         result = CliRunner().invoke(main, words + (["--scheduler", scheduler] if scheduler else []))
     assert result.exit_code == 2, result.output
     assert "fastcoil: this reduction cannot be applied: give another" in result.output
-    assert len(list((tmp_path / "out" / SHARDS).iterdir())) >= 20
+    assert len(list((tmp_path / "out" / SHARDS).iterdir())) >= 10
     finished = execute(read_study(small_study), tmp_path / "out")
     assert 0 < finished.n_run <= N_SCENARIOS - 80
     assert finished.results.attrs["content_sha256"] == golden
