@@ -40,6 +40,21 @@ def test_run_again_says_that_there_is_nothing_to_do(fastcoil):
     assert "finished: nothing to do" in again.output
 
 
+def test_the_summary_names_the_backend(fastcoil):
+    import fastcoil as fc
+    from fastcoil.analysis.summary import summary
+
+    assert " s on 2 threads: " in fastcoil("run", "small.toml", "--no-figures", "-j", "2").output
+    with fc.open_study("results/small") as ds:
+        assert " s on 3 loky workers: " in summary(ds.assign_attrs(engine="loky", n_jobs=3))[1]
+
+
+def test_the_help_of_run_shows_backend_and_not_its_earlier_name(fastcoil):
+    shown = fastcoil("run", "--help").output
+    assert "--backend" in shown
+    assert "--engine" not in shown
+
+
 def test_plan_says_how_large_and_writes_nothing(fastcoil, tmp_path):
     result = fastcoil("plan", "small.toml")
     assert result.exit_code == 0, result.output
