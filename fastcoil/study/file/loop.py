@@ -40,15 +40,7 @@ def build_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Lo
             axes[name] = axis_values(name, axis)
     with collecting(problems, "[sweep] "):
         loop = loop.assign(**axes)
-    places = {"[sweep]": list(file.sweep)}
-    places |= {f"[cases.{dim}]": _case_names(cases) for dim, cases in file.cases.items()}
-    places["[sample]"] = sampled_names(file.sample)
-    taken: dict[str, str] = {}
-    for place, names in places.items():
-        # a case may differ from the constant that holds for the others
-        before = taken if place.startswith("[cases") else taken | dict.fromkeys(constants, "[loop]")
-        problems += [f"{n} appears in {before[n]} and in {place}: leave one out" for n in names if n in before]
-        taken |= dict.fromkeys(names, place)
+    problems += _find_repeated(file, constants)
     for dim, cases in file.cases.items():
         with collecting(problems, f"[cases.{dim}] "):
             loop = loop.assign(**_zip_cases(dim, cases, loop, valve - constants.keys()))
@@ -59,6 +51,21 @@ def build_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Lo
     if problems:
         raise InputError(problems)
     return loop
+
+
+def _find_repeated(file: StudyFile, constants: Mapping[str, Any]) -> list[str]:
+    """A sentence for each parameter that two tables give."""
+    places = {"[sweep]": list(file.sweep)}
+    places |= {f"[cases.{dim}]": _case_names(cases) for dim, cases in file.cases.items()}
+    places["[sample]"] = sampled_names(file.sample)
+    problems: list[str] = []
+    taken: dict[str, str] = {}
+    for place, names in places.items():
+        # a case may differ from the constant that holds for the others
+        before = taken if place.startswith("[cases") else taken | dict.fromkeys(constants, "[loop]")
+        problems += [f"{n} appears in {before[n]} and in {place}: leave one out" for n in names if n in before]
+        taken |= dict.fromkeys(names, place)
+    return problems
 
 
 def _valve_of_several_tables(file: StudyFile) -> set[str]:
