@@ -7,7 +7,8 @@ import numpy as np
 from fastcoil.control.inverse import direction, extreme, inverse
 from fastcoil.control.learner import ENOUGH, chatters, evidence, final_estimate, step_size, switch_frequency, updated
 from fastcoil.control.pi import desired_opening, integrated, sample_number
-from fastcoil.engine.lanes import LANES, R
+from fastcoil.engine.metrics import account_learner_step
+from fastcoil.engine.rows import LANES, R
 from fastcoil.numerics.jit import section
 from fastcoil.numerics.noise import MEASUREMENT, normal_pair
 from fastcoil.physics.sensor import measured
@@ -45,17 +46,13 @@ def learn(S, t):
 
 @section
 def step_estimate(S, j, t, down):
-    """One step of lane j's estimate, and what the metrics keep of it."""
+    """One step of lane j's estimate."""
     lower, cap = S[R.backlash_estimate + j], S[R.learning_cap + j]
-    step = step_size(S[R.step + j], down, np.isnan(S[R.time_first_down + j]), S[R.learning_growth + j])
+    step = step_size(S[R.step + j], down, S[R.climbing + j] > 0.0, S[R.learning_growth + j])
     x_hat = updated(S[R.estimate + j], step, down, lower, cap)
-    if np.isnan(S[R.time_reached + j]) and x_hat >= S[R.backlash + j] - 0.5 * S[R.learning_step + j] - 1e-12:
-        S[R.time_reached + j] = t
-    if down and np.isnan(S[R.time_confirmed + j]) and S[R.time_reached + j] <= t:
-        S[R.time_confirmed + j] = t
-    if down and np.isnan(S[R.time_first_down + j]):
-        S[R.time_first_down + j] = t
-        S[R.estimate_first_down + j] = x_hat
+    account_learner_step(S, j, t, down, x_hat)
+    if down and S[R.climbing + j] > 0.0:
+        S[R.climbing + j] = 0.0
         if S[R.learning_stop + j] > 0.0:
             S[R.learning + j] = 0.0
             x_hat = final_estimate(x_hat, S[R.learning_final + j], lower)

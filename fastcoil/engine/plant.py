@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from fastcoil.engine.lanes import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
 from fastcoil.engine.metrics import account_travel
+from fastcoil.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
 from fastcoil.numerics.elementary import exp
 from fastcoil.numerics.jit import section
 from fastcoil.physics.actuator import accepted, motor
@@ -72,11 +72,11 @@ def air_side(S, m_a):
 
 
 @section
-def shared_air_side(S, series, eps):
-    """Air-side effectiveness of the whole day, where β3…β6 are those of lane 0; eps: out, (2, n_steps)."""
+def shared_air_side(S, m_a, eps):
+    """Air-side effectiveness of the whole day, where all lanes share β3…β6; eps: out, ε_a and ε_a*, (2, n_steps)."""
     for t in range(eps.shape[1]):
-        eps[0, t] = effectiveness(S[R.ntu_a_factor], S[R.beta4], series[t, 0])
-        eps[1, t] = effectiveness(S[R.ntu_star_factor], S[R.beta6], series[t, 0])
+        eps[0, t] = effectiveness(S[R.ntu_a_factor], S[R.beta4], m_a[t])
+        eps[1, t] = effectiveness(S[R.ntu_star_factor], S[R.beta6], m_a[t])
 
 
 @section

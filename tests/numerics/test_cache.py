@@ -19,7 +19,7 @@ PACKAGE = Path(fastcoil.__file__).parent
 # the smallest kernel that calls a formula of the physics: γ at full opening, proportional to the water flow
 RUN = """
 import numpy as np
-from fastcoil.engine.lanes import PARAMETER_ROWS
+from fastcoil.engine.rows import PARAMETER_ROWS
 from fastcoil.engine.step_numbers import step_numbers, worst_numbers
 from fastcoil.parameter_table import PARAMETERS
 rows = [PARAMETERS[n].default if n in PARAMETERS and not PARAMETERS[n].is_word else 0.0 for n in PARAMETER_ROWS]
