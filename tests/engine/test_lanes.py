@@ -8,8 +8,8 @@ import pytest
 import fastcoil as fc
 from fastcoil.engine.emulator import DAY_COLUMNS, Day
 from fastcoil.engine.host import Traces, run_block
-from fastcoil.engine.lanes import blocks, parameter_matrix
-from fastcoil.engine.rows import LANES
+from fastcoil.engine.lanes import blocks, parameter_matrix, run_sets
+from fastcoil.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.engine.schedule import schedule
 from fastcoil.outputs import METRICS, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
 from fastcoil.parameter_table import PARAMETERS
@@ -186,6 +186,15 @@ def test_blocks_never_mix_volumes_or_air_march_and_hold_every_lane_once(mixed):
         assert np.all(mixed["n_volumes"][lanes] == block.n_volumes)
         assert np.all((mixed["air_march"][lanes] == "lagged") == block.lagged_air)
         assert block.rows.shape[1] == LANES
+
+
+def test_many_sets_on_one_record_come_back_in_their_order(mixed):
+    """Sets of both kinds, in several blocks: every set finds its own numbers, whatever was padded."""
+    matrix = parameter_matrix(mixed)
+    kp, beta3 = PARAMETER_ROWS.index("kp"), PARAMETER_ROWS.index("beta3")
+    gains, both = run_sets(matrix, lambda block: [block.rows[kp], block.rows[[kp, beta3]]])
+    np.testing.assert_array_equal(gains, mixed["kp"])
+    np.testing.assert_array_equal(both, matrix[[kp, beta3]])
 
 
 # Through simulate
