@@ -18,16 +18,16 @@ COIL_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
 """Columns of what enters the coil."""
 C = positions(COIL_COLUMNS)
 NO_FLOW = 1e-9
-"""Water flow, kg/s, below which there is none: the conductance is then 0 whatever the exponent."""
+"""A water flow below this, kg/s, counts as none: the conductance is then 0 whatever the exponent."""
 
 
 @kernel
 def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
     """March the coils of a block through a record.
 
-    series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  at: (n,), ascending seconds to look at.
-    S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): states at those seconds, °C, and
-    the number of wet volumes.
+    series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  at: (n,), the seconds to record, ascending.
+    S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): temperatures at those seconds, °C,
+    and the number of wet volumes.
     """
     n_volumes, n_steps = block.n_volumes, series.shape[0]
     derive(S, block)
@@ -41,8 +41,8 @@ def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
     for t in range(n_steps):
         m_a, T_a_in, W_a_in = series[t, C.m_a], series[t, C.T_a_in], series[t, C.W_a_in]
         T_w_in, m_w = series[t, C.T_w_in], series[t, C.m_w]
-        looked_at = k < at.size and at[k] == t
-        if looked_at:
+        recorded = k < at.size and at[k] == t
+        if recorded:
             for j in range(LANES):
                 T_sup[k, j] = V[first + T_A + j]
                 T_w_out[k, j] = V[last + T_W + j]
@@ -58,10 +58,10 @@ def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
             m_w_known = m_w
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
         march_water(S, V, n_volumes)
-        if looked_at and block.lagged_air:
+        if recorded and block.lagged_air:
             count_wet(S, V, n_volumes)
         march_air(S, V, n_volumes, block.lagged_air, False, 0.0, 0.0, m_a, False)
-        if looked_at:
+        if recorded:
             if not block.lagged_air:
                 count_wet(S, V, n_volumes)
             for j in range(LANES):

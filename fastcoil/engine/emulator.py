@@ -1,7 +1,7 @@
-"""THE loop: time × control volumes × lanes, Figs 6 and 8 of the paper closed.
+"""THE loop: time × control volumes × lanes, the closed loop of Figs 6 and 8 of the paper.
 
-``emulate`` runs one block of lanes through one day.  It holds the order of things and the state; every
-formula is a scalar function of ``physics`` or ``control``.  In step t: measure, learn, PI, inverse, actuator,
+``emulate`` runs one block of lanes through one day.  It keeps the state and the order of the steps; every
+formula is a scalar function of ``physics`` or ``control``.  In second t: measure, learn, PI, inverse, actuator,
 Eq (1), Eq (2), record states[t] and signals[t], then Eqs (3) and (4) give states[t + 1].
 
 Sections that would change nothing are skipped for the whole block; a lane's bits are the same either way.
@@ -28,10 +28,10 @@ C = positions(DAY_COLUMNS)
 
 
 class Day(NamedTuple):
-    """What all lanes of a block live through.
+    """The day that all lanes of a block share.
 
     series: (n_steps, 7), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label: of the
-    day, keys its noise.  seed: two 32-bit words.
+    day; it and the seed, two 32-bit words, key the noise.
     """
 
     series: np.ndarray
@@ -43,7 +43,7 @@ class Day(NamedTuple):
 
 @section
 def record(S, V, rows, traces):
-    """Copy rows into ``traces`` (n_rows, LANES).  An offset of S is given as it is, one of V below 0 as -1 - offset."""
+    """Copy rows into ``traces``, (n_rows, LANES); ``rows`` are offsets of S, or -1 - offset for those of V."""
     for k in range(rows.size):
         row = rows[k]
         traces[k] = S[row : row + LANES] if row >= 0 else V[-1 - row : -1 - row + LANES]

@@ -1,4 +1,4 @@
-"""One block through the kernel, seen from the host: arrays out, traces by name."""
+"""Run one block through the kernel: arrays out, traces by name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fastcoil.outputs import STATUS_OK
 from fastcoil.parameter_table import PARAMETERS
 
 KNOWN_AFTER_MARCH = ("wet_volumes",)
-"""Traces of step t that only the march of step t finds out."""
+"""Traces of step t that are known only after the march of step t."""
 
 
 class Traces(NamedTuple):

@@ -13,7 +13,7 @@ from fastcoil.physics.valve import installed_valve
 
 @section
 def derive(S, block):
-    """Fill the parameter rows, and the rows of what they amount to per step and per volume (they are given for 8)."""
+    """Fill the parameter rows and the derived rows; coil parameters are given for 8 volumes."""
     S[:STATE_AT] = 0.0
     for k in range(len(PARAMETER_ROWS)):
         for j in range(LANES):
@@ -74,7 +74,7 @@ def reset_sums(S, open_loop):
 
 @section
 def fill_coil(S, V, n_volumes, W_a):
-    """Every volume at ``T_initial``, with air of humidity ratio W_a."""
+    """Set every volume to ``T_initial``, with air of humidity ratio W_a."""
     for i in range(1, n_volumes + 1):
         v = i * VOLUME_STRIDE
         for j in range(LANES):

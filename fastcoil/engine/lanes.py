@@ -19,8 +19,8 @@ _CACHE_LINE = 8
 class Block(NamedTuple):
     """LANES scenarios that share a day, a number of volumes and an air march, ready for the kernel.
 
-    ``rows`` is (len(PARAMETER_ROWS), LANES).  Periods are what the lanes have in common, s (0 = nobody
-    learns); a flag tells what the whole block may skip or share, which changes no lane's bits.
+    ``rows`` is (len(PARAMETER_ROWS), LANES).  Periods are common divisors of the lanes' own, s (0 = no lane
+    learns).  Flags say what the whole block may skip or share; they change no lane's bits.
     """
 
     rows: np.ndarray
@@ -100,7 +100,7 @@ def _block(rows: np.ndarray) -> Block:
 
 
 def _learning_period(row: Mapping[str, np.ndarray], learners: np.ndarray) -> int:
-    """Seconds between two looks at the learners: intervals end at multiples of it, early trips come at samples."""
+    """Seconds between calls of the learners: intervals end at multiples of it, early trips come at samples."""
     early = learners & (row["learning_early_trip"] > 0.0)
     seconds = np.concatenate([row["learning_interval"][learners], row["sample_time"][early]])
     return int(np.gcd.reduce(seconds.astype(np.int64), initial=0))
@@ -112,16 +112,16 @@ def work_space(n_volumes: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _aligned(size: int) -> np.ndarray:
-    """Start at the edge of a cache line: a vector across two lines costs twice."""
+    """Allocate from the edge of a cache line on: a vector across two lines costs twice."""
     space = np.empty(size + _CACHE_LINE)
     start = -space.ctypes.data // space.itemsize % _CACHE_LINE
     return space[start : start + size]
 
 
 def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
-    """Where the named traces are, volume by volume where they have volumes; (n_rows,).
+    """Offsets of the named traces, (n_rows,), volume by volume where they have volumes.
 
-    Offsets of S as they are, offsets of V as -1 - offset.
+    Offsets of S are given as they are, offsets of V as -1 - offset.
     """
     volume = {"T_w": T_W, "T_c": T_C, "T_a": T_A, "W_a": W_A}
     ends = {"T_sup": T_A + VOLUME_STRIDE, "W_sup": W_A + VOLUME_STRIDE, "T_w_out": T_W + n_volumes * VOLUME_STRIDE}

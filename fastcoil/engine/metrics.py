@@ -1,6 +1,6 @@
-"""The metrics of a run, summed while it goes: one number per scenario and metric, no traces.
+"""The metrics of a run, accumulated in the loop: one number per scenario and metric, no traces needed.
 
-``account_*`` add what one second contributes; ``summarise`` turns the sums into the rows of ``METRICS``.
+``account_*`` add one event or second to the sums; ``summarise`` turns the sums into the rows of ``METRICS``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LEARNING = positions(LEARNING_STATUS)
 """Values of ``learning_status``."""
 
 WATCH_INTERVAL = 60
-"""Seconds between two looks at the range of temperatures: what leaves it does not come back."""
+"""Seconds between checks of the temperature range: a temperature that leaves it does not come back."""
 MOVED = 1e-9
 """Change of opening, fraction, that counts as a movement of the stem."""
 T_CENTRE, T_HALF_RANGE = 50.0, 100.0
@@ -37,7 +37,7 @@ _WATER_DENSITY = 1000.0
 
 @section
 def account_travel(S, j, d_opening, d_position):
-    """Stem and motor travel and reversals of lane j from one second's movements, fractions of stroke."""
+    """Add one second's movements of lane j, fractions of stroke, to stem and motor travel and reversals."""
     S[R.stem_travel + j] += abs(d_opening)
     S[R.motor_travel + j] += abs(d_position)
     moved = abs(d_opening) > MOVED
@@ -48,7 +48,7 @@ def account_travel(S, j, d_opening, d_position):
 
 @section
 def account_second(S, V, flags, T_set, T_w_in, n_volumes):
-    """All that one counted second adds: control error, hunting, energy."""
+    """Add one counted second to control error, hunting and energy."""
     first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
     for j in range(LANES):
         e = first[T_A + j] - T_set
@@ -89,7 +89,10 @@ def account_second(S, V, flags, T_set, T_w_in, n_volumes):
 
 @section
 def account_learner_step(S, j, t, down, x_hat):
-    """What a step of lane j's learner, down or up to the estimate x_hat, means for the times of learning."""
+    """Note when lane j's learner reached the backlash, confirmed it, and first stepped down.
+
+    Called at every step of the learner, ``down`` or up, with the new estimate x_hat.
+    """
     if np.isnan(S[R.time_reached + j]) and x_hat >= S[R.backlash + j] - 0.5 * S[R.learning_step + j] - 1e-12:
         S[R.time_reached + j] = t
     if down and np.isnan(S[R.time_confirmed + j]) and S[R.time_reached + j] <= t:
@@ -101,9 +104,9 @@ def account_learner_step(S, j, t, down, x_hat):
 
 @section
 def watch(S, V, n_volumes):
-    """Keep how far the metal has been from the middle of the range of temperatures.
+    """Keep how far the metal has ever been from the middle of the temperature range.
 
-    Water and air are weighted means of it and of what enters, so that nothing leaves the range before it does.
+    Water and air are weighted means of the metal and of what enters, so neither leaves the range before it does.
     """
     for i in range(1, n_volumes + 1):
         cv = V[i * VOLUME_STRIDE :]
@@ -114,9 +117,9 @@ def watch(S, V, n_volumes):
 
 @scalar
 def status_of(S, V, j, n_volumes):
-    """0 ok, 1 non-finite, 2 out of range.  A lane that has met inf or NaN never becomes finite again."""
+    """0 ok, 1 non-finite, 2 out of range.  A lane that was once inf or NaN never becomes finite again."""
     total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j]
-    total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j]  # there is none in open loop
+    total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j]  # an open loop has no integral
     for i in range(1, n_volumes + 1):
         v = i * VOLUME_STRIDE + j
         total += V[v + T_W] + V[v + T_C] + V[v + T_A] + V[v + W_A]
@@ -139,7 +142,7 @@ def learning_status_of(S, j):
 
 @section
 def summarise(S, V, n_volumes, schedule, metrics, status):
-    """Fill ``metrics`` (N_METRICS, LANES) and ``status`` (LANES,) at the end of a run; failed lanes are NaN."""
+    """Fill ``metrics``, (N_METRICS, LANES), and ``status``, (LANES,), at the end of a run; failed lanes are NaN."""
     seconds, settled, blocks = schedule.n_counted, schedule.n_settled, schedule.n_switch_blocks
     for j in range(LANES):
         status[j] = status_of(S, V, j, n_volumes)

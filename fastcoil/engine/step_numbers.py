@@ -1,4 +1,4 @@
-"""How fast the explicit scheme of Eq (3) moves: the numbers that must stay at or below 1."""
+"""γ and λ of the explicit scheme, Eq (3): it is stable where both are at most 1."""
 
 from __future__ import annotations
 

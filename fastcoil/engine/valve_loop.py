@@ -18,9 +18,9 @@ P = positions(VALVE_ROWS)
 def valve_flows(command, batch, sets, start, openings, flows):
     """Water flow of every parameter set at every recorded command.
 
-    command, batch: (n,), fraction of stroke, and the number of the batch it belongs to: where the batch changes
-    nothing is known of what went before.  sets: (5, n_sets), rows as in VALVE_ROWS.  start: (n_batches, n_sets),
-    place in the gap where a batch starts, 0 falling to 1 rising.  openings, flows: out, (n, n_sets), 1 and kg/s.
+    command: (n,), fraction of stroke.  batch: (n,), number of the unbroken piece a sample belongs to; what came before
+    a piece is unknown.  sets: (5, n_sets), rows as in VALVE_ROWS.  start: (n_batches, n_sets), place in the gap where
+    a piece starts, 0 falling to 1 rising.  openings, flows: out, (n, n_sets), fraction and kg/s.
     """
     n_sets = sets.shape[1]
     q = np.empty(n_sets)

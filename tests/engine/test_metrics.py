@@ -117,11 +117,11 @@ def test_estimate(run):
 @pytest.mark.kernel
 def test_learning_times(run):
     estimate, step = run["estimate"], run.loop["learning_step"]
-    size = run.loop["backlash"] - step / 2
+    enough = run.loop["backlash"] - step / 2
     reached = confirmed = first_down = estimate_first_down = np.nan
     for t in range(600, N, 600) if step else ():
         down = estimate[t] < estimate[t - 1]
-        reached = t if np.isnan(reached) and estimate[t] >= size - 1e-12 else reached
+        reached = t if np.isnan(reached) and estimate[t] >= enough - 1e-12 else reached
         confirmed = t if np.isnan(confirmed) and down and not np.isnan(reached) else confirmed
         if np.isnan(first_down) and down:
             first_down, estimate_first_down = t, estimate[t]
