@@ -58,6 +58,10 @@ class Parameter:
             text += f"and below {high}" if self.open_upper else f"to {high}"
         return f"whole, {text}" if self.whole else text
 
+    def equation(self, value: object) -> str:
+        """``name = value unit``, as loops and presets are printed."""
+        return f"{self.name} = {value}" + ("" if self.unit in ("", "1") else f" {self.unit}")
+
     def problem(self, value: object) -> str | None:
         """One sentence naming field, value and cure if ``value`` is not admissible, else ``None``."""
         if self.is_word:

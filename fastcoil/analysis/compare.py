@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import check_result, level_problems, names_of
+from fastcoil.analysis.result import check_result
+from fastcoil.arguments import level_problems, names_of
 from fastcoil.errors import InputError, nearest, shown
 from fastcoil.outputs import METRICS, STATUS_OK
 

@@ -83,7 +83,7 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and say how large it is and how long it will take; writes nothing."""
-    from fastcoil.simulation.plan import available_memory, check_disk, gib
+    from fastcoil.simulation.resources import available_memory, check_disk, gib
     from fastcoil.simulation.simulate import probe, workers
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.runner import default_folder
@@ -91,7 +91,7 @@ def plan(study: Path, jobs: int | None) -> None:
     n_jobs = workers(jobs)
     asked = read_study(study)
     planned, traces_kept = asked.plan, asked.reduction is None
-    check_disk(planned, default_folder(study), traces_kept=traces_kept)
+    check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))
     announce_compilation()
     seconds = planned.lane_steps * probe(planned) / n_jobs
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"

@@ -17,11 +17,10 @@ PACKAGE = Path(fc.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
     {"errors"},
-    {"parameter_table", "outputs", "files"},
+    {"parameter_table", "outputs", "files", "arguments", "version"},
     {"numerics"},
     {"physics", "control"},
     {"engine"},
-    {"arguments"},
     {"boundary"},
     {"simulation"},
     {"plots"},

@@ -14,7 +14,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, TRACES
 from fastcoil.parameter_table import PARAMETERS
-from fastcoil.simulation import plan as plans
+from fastcoil.simulation import resources
 
 pytestmark = pytest.mark.kernel
 
@@ -228,7 +228,7 @@ TOGETHER = {
 
 @pytest.mark.parametrize("name", TOGETHER)
 def test_nor_is_anything_allocated_to_check_parameters_together(name, days, monkeypatch, refused):
-    monkeypatch.setattr(plans, "available_memory", lambda: 10**6)
+    monkeypatch.setattr(resources, "available_memory", lambda: 10**6)
     loop = fc.Loop(**TOGETHER[name])
     tracemalloc.start()
     try:
@@ -239,7 +239,7 @@ def test_nor_is_anything_allocated_to_check_parameters_together(name, days, monk
 
 
 def test_traces_count_towards_the_memory(days, monkeypatch, refused):
-    monkeypatch.setattr(plans, "available_memory", lambda: 10**6)
+    monkeypatch.setattr(resources, "available_memory", lambda: 10**6)
     loop = fc.Loop(backlash=np.linspace(0.0, 0.1, 20))
     fc.simulate(loop, days, warm_up=60)
     (problem,) = refused(loop, days, warm_up=60, traces=["T_c"])
