@@ -129,7 +129,9 @@ class Loop:
                 if dim in value.coords and name != dim:
                     index = value.coords[dim].reset_coords(drop=True)
                     if not labels.setdefault(str(dim), index).identical(index):
-                        raise InputError(f"dimension {dim!r} has other labels with {name} than with the parameters before it")
+                        raise InputError(
+                            f"dimension {dim!r} has other labels with {name} than with the parameters before it"
+                        )
         for dim, size in self.sizes.items():
             own = self._values.get(dim)
             if own is not None and not (isinstance(own, xr.DataArray) and own.dims == (dim,)):

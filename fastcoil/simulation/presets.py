@@ -1,7 +1,4 @@
-"""Named loops to start from: what each stands for and how it differs from the defaults.
-
-None is the paper's unpublished fit.
-"""
+"""Named loops to start from: what each stands for and how it differs from the defaults."""
 
 from __future__ import annotations
 
@@ -9,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fastcoil.parameter_table import PARAMETERS, Scalar
+
+NOT_THE_FIT = "None of them is the fit of the paper, which was not published."
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +30,7 @@ class Presets(dict[str, Preset]):
     def __repr__(self) -> str:
         width = max(map(len, self), default=0) + 2
         rows = [f"{name:<{width}}" + str(preset).replace("\n", "\n" + " " * width) for name, preset in self.items()]
-        return "\n".join(rows)
+        return "\n".join([*rows, NOT_THE_FIT])
 
 
 _REAL_LOOP = {"C_c": 10.0, "sensor_time_constant": 30.0, "stroke_time": 90.0}
