@@ -27,8 +27,8 @@ class Output:
     """One result variable.
 
     ``long_name`` and ``comment`` are its attributes in a result, ``label`` is a few words for the axis of a figure.
-    ``difference`` marks temperature differences, ``per_volume`` a dim ``volume``; ``flags`` are the meanings of a
-    variable that is 0, 1, ….
+    ``difference`` marks temperature differences, ``per_volume`` a dim ``volume``, ``censored`` that NaN means "not
+    within the run"; ``flags`` are the meanings of a variable that is 0, 1, ….
     """
 
     name: str
@@ -39,6 +39,7 @@ class Output:
     per_volume: bool = False
     flags: tuple[str, ...] = ()
     label: str = ""
+    censored: bool = False
 
 
 # fmt: off
@@ -68,14 +69,14 @@ METRICS: dict[str, Output] = {
         Output("estimate_settled", "1", "mean backlash estimate of the last 7200 s", label="settled estimate"),
         Output("learn_time_reached", "s", "time at which the estimate reached the backlash",
                "first update with estimate >= backlash - step/2; NaN = never (censored)",
-               label="time to reach the backlash"),
+               censored=True, label="time to reach the backlash"),
         Output("learn_time_confirmed", "s", "time at which the learned backlash was confirmed",
                "first step down at or after learn_time_reached; NaN = never (censored)",
-               label="time to confirm the backlash"),
+               censored=True, label="time to confirm the backlash"),
         Output("learn_time_first_down", "s", "time of the first step down", "NaN = never (censored)",
-               label="time of the first step down"),
+               censored=True, label="time of the first step down"),
         Output("estimate_first_down", "1", "backlash estimate after the first step down", "NaN = never (censored)",
-               label="estimate after the first step down"),
+               censored=True, label="estimate after the first step down"),
         Output("learning_status", "1", "how the learning went",
                "no_evidence, not_identifiable: no interval could serve as reference; the last one had too few switches "
                "or too many", flags=LEARNING_STATUS, label="learning status"),
