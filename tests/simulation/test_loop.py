@@ -1,5 +1,7 @@
 """``Loop``: values, stand-ins, round trips, repr."""
 
+import json
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -131,6 +133,42 @@ def test_from_a_part_of_a_dataset_comes_the_loop_of_that_part(short):
 def test_one_metric_of_a_dataset_is_enough(short):
     ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
     assert fc.Loop.from_dataset(ds[["rmse"]]).sizes == {"backlash": 2}
+
+
+def without(ds, *names):
+    """The result as a version would have made it that does not know these parameters."""
+    known = json.loads(ds.attrs["parameters"])
+    return ds.assign_attrs(parameters=json.dumps({n: v for n, v in known.items() if n not in names}))
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"backlash": [0.02, 0.07], "kp": 0.02},
+        {"estimate_ratio": 0.6},
+        {"estimate_ratio": [0.0, 0.6]},
+        {"rangeability": [20.0, 50.0], "authority": 0.3, "m_full": 1.8},
+    ],
+)
+def test_parameters_that_an_older_result_lacks_have_their_defaults(values, short):
+    loop = fc.Loop(**values)
+    ds = fc.simulate(loop, short, warm_up=60)
+    with pytest.warns(UserWarning, match=r"learning_growth = 1\.0, learning_stop = never") as warned:
+        back = fc.Loop.from_dataset(without(ds, "learning_stop", "learning_growth"))
+    assert len(warned) == 1
+    assert {name: back[name] is None for name in PARAMETERS} == {name: loop[name] is None for name in PARAMETERS}
+    assert back.constants == loop.constants
+    again = fc.simulate(back, short, warm_up=60)
+    assert bool((again.status == 0).all())
+    np.testing.assert_array_equal(again.rmse.values, ds.rmse.values)
+
+
+@pytest.mark.kernel
+def test_a_dim_without_its_values_is_refused(short):
+    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
+    with pytest.raises(fc.InputError, match="no values along its dimension backlash"):
+        fc.Loop.from_dataset(ds.drop_vars("backlash"))
 
 
 def test_from_a_foreign_dataset_is_refused():

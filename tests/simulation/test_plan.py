@@ -7,6 +7,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.simulation import resources
+from fastcoil.simulation.plan import plan_simulation
 
 pytestmark = pytest.mark.kernel
 
@@ -57,6 +58,24 @@ def test_bad_options_are_named_with_the_cure(days, options, words, refused):
 @pytest.mark.parametrize("traces", [None, [["T_sup"]]])
 def test_traces_that_are_no_list_of_names(days, traces, refused):
     assert refused(fc.Loop(), days, traces=traces, warm_up=60)
+
+
+def test_inputs_are_no_traces_and_are_in_the_boundary(days, refused):
+    (problem,) = refused(fc.Loop(), days, traces=["T_set"], warm_up=60)
+    assert problem == "traces: 'T_set' is an input: it is in the boundary, as boundary.series['T_set']"
+    assert days.series["T_set"].shape == (2, 900)
+
+
+def test_a_list_of_values_as_long_as_the_boundary_may_be_meant_as_a_series(refused):
+    hour = fc.constant_day(hours=1)
+    values = np.linspace(0.0, 0.1, hour.n_steps)
+    (problem,) = refused(fc.Loop(backlash=values, kp=[0.01, 0.02]), hour)
+    assert problem.startswith("backlash has 3,600 values, one for each second of the boundary: did you mean a series?")
+    assert 'backlash=("sample", values)' in problem
+    plan_simulation(fc.Loop(backlash=("sample", values)), hour)
+    plan_simulation(fc.Loop(backlash=values[:-1]), hour)
+    short = fc.constant_day(hours=0.6)
+    plan_simulation(fc.Loop(backlash=np.linspace(0.0, 0.1, short.n_steps)), short)
 
 
 def test_all_bad_options_are_reported_at_once(days, refused):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -44,6 +45,16 @@ def test_coordinates_are_labels_and_the_parameters_along_them(swept):
     assert swept.volume.values.tolist() == list(range(1, 9))
     assert swept.elapsed_time.values.tolist() == list(range(0, 900, 50))
     assert swept.rmse.sel(backlash=0.07, day=1, n_volumes=8).sizes == {"tuning": 2, "replicate": 2}
+
+
+def test_the_docstring_names_every_trace():
+    for name in TRACES:
+        assert re.search(rf"\b{name}\b", fc.simulate.__doc__), name
+
+
+def test_a_swept_parameter_has_label_unit_and_text(swept):
+    attrs, parameter = swept.backlash.attrs, PARAMETERS["backlash"]
+    assert attrs == {"long_name": parameter.label, "units": "1", "comment": parameter.text}
 
 
 def test_variables_are_metrics_status_and_the_traces_asked_for(swept):
