@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-import fastcoil as fc
 from fastcoil.cli.main import main
 from fastcoil.errors import StorageError
 from fastcoil.study import shipped
@@ -91,10 +90,3 @@ def test_an_installed_package_has_its_own_studies(tmp_path, monkeypatch):
     (tmp_path / "fastcoil" / "studies").mkdir(parents=True)
     (tmp_path / "fastcoil" / "studies" / "mine.toml").write_text('title = "Mine"')
     assert [study.title for study in shipped.shipped_studies()] == ["Mine"]
-
-
-def test_the_wheel_takes_studies_and_type_marker_along():
-    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
-    assert wheel["include"] == ["/fastcoil", "/studies/*.toml"]
-    assert wheel["sources"] == {"studies": "fastcoil/studies"}
-    assert Path(fc.__file__).with_name("py.typed").is_file()
