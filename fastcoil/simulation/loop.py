@@ -237,6 +237,6 @@ def _defaults_of_missing(constants: Mapping[str, Scalar], swept: Mapping[str, xr
     replaced = {name for stand_in, names in STAND_INS.items() if stand_in in known for name in names}
     missing = {n: v for n, v in _DEFAULTS.items() if v is not None and n not in known | replaced}
     if missing:
-        told = ", ".join(PARAMETERS[name].equation(value) for name, value in missing.items())
-        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {told}", stacklevel=3)
+        taken = ", ".join(PARAMETERS[name].equation(value) for name, value in missing.items())
+        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {taken}", stacklevel=3)
     return missing

@@ -13,10 +13,10 @@ from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import LARGEST, PARAMETERS, Parameter, Scalar
 
 FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *TRACES}
-"""Dimensions that a sweep cannot have: those of a result, and the names of its variables."""
+"""Names that a swept dimension cannot have: dimensions and variables of a result."""
 SHORTEST_SERIES = 3600
 """Values, an hour of seconds: a list of that many may be a time series by mistake."""
-NOT_A_SERIES = (
+SERIES_HINT = (
     "did you mean a series?  A parameter does not change during a run: a series goes into fc.Boundary(…), an open-loop "
     "command into simulate(…, command=…)"
 )
@@ -85,14 +85,14 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
         values = flat if parameter.is_word else np.array([float(f"{v:.12g}") for v in flat], dtype=array.dtype)
         unique, counts = np.unique(values, return_counts=True)
         if unique.size < values.size:
-            hint = f"; {NOT_A_SERIES}" if values.size >= SHORTEST_SERIES else ""
+            hint = f"; {SERIES_HINT}" if values.size >= SHORTEST_SERIES else ""
             raise InputError(f"{name}: {unique[counts > 1][0]} appears twice on its axis: leave one out{hint}")
         array = xr.DataArray(values, dims=name)
     return array
 
 
 def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
-    """The values that are not plainly admissible, so that a million good ones cost nothing."""
+    """Return the values that may be inadmissible; so a million good ones cost nothing."""
     if parameter.is_word:
         return [v for v in flat.tolist() if v not in parameter.choices]
     fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)

@@ -21,7 +21,7 @@ from fastcoil.errors import InputError, nearest
 from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.parameter_values import NOT_A_SERIES, SHORTEST_SERIES
+from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.simulation.resources import check_memory
 from fastcoil.simulation.scenarios import Layout
 from fastcoil.simulation.stability import check_stability
@@ -202,7 +202,7 @@ def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
     if boundary.n_steps < SHORTEST_SERIES:
         return []
     return [
-        f"{name} has {value.size:,} values, one for each second of the boundary: {NOT_A_SERIES}; "
+        f"{name} has {value.size:,} values, one for each second of the boundary: {SERIES_HINT}; "
         f'to sweep it, name the dimension: {name}=("sample", values)'
         for name, value in loop.swept.items()
         if value.dims == (name,) and value.size == boundary.n_steps

@@ -120,7 +120,7 @@ def workers(n_jobs: int | None) -> int:
 
 
 def probe(plan: Plan) -> float:
-    """Seconds per lane and step on one thread, measured on one block from the middle of the plan, compiled before."""
+    """Seconds per lane and step on one thread, measured on one compiled block from the middle of the plan."""
     shards = plan.shards(1)
     middle = shards[len(shards) // 2]
     columns = plan.layout.columns(middle[:LANES])

@@ -50,7 +50,7 @@ def shipped_study(name: str) -> ShippedStudy:
     Raises
     ------
     InputError
-        If there is none of that name; it lists the others.
+        If no study has that name; it lists those that exist.
     """
     known = {study.name: study for study in shipped_studies()}
     if name not in known:
