@@ -24,9 +24,9 @@ def parameters(names: tuple[str, ...]) -> None:
 @click.command()
 def presets() -> None:
     """List the named loops that a study can start from, and how they differ from the defaults."""
-    from fastcoil.simulation.presets import LOOP_PRESETS
+    from fastcoil.simulation.presets import PRESETS
 
-    click.echo(repr(LOOP_PRESETS))
+    click.echo(repr(PRESETS))
 
 
 @click.command()

@@ -18,7 +18,7 @@ from fastcoil.errors import InputError, nearest
 from fastcoil.outputs import METRICS
 from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS, STAND_INS, Scalar, check_name
 from fastcoil.simulation.parameter_values import checked_value
-from fastcoil.simulation.presets import LOOP_PRESETS
+from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.signature import UNCHANGED, describe_parameters, take_parameters
 
 _DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
@@ -50,11 +50,11 @@ class Loop:
     @classmethod
     def preset(cls, name: str) -> Loop:
         """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl`` or ``g36`` (see ``fc.presets()``)."""
-        if not isinstance(name, str) or name not in LOOP_PRESETS:
+        if not isinstance(name, str) or name not in PRESETS:
             raise InputError(
-                f"preset = {name!r}: unknown{nearest(str(name), LOOP_PRESETS)}; choose one of {', '.join(LOOP_PRESETS)}"
+                f"preset = {name!r}: unknown{nearest(str(name), PRESETS)}; choose one of {', '.join(PRESETS)}"
             )
-        return cls(**LOOP_PRESETS[name].values)
+        return cls(**PRESETS[name].values)
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Loop:

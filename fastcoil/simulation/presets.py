@@ -34,7 +34,7 @@ class Presets(dict[str, Preset]):
 
 
 _REAL_LOOP = {"C_c": 10.0, "sensor_time_constant": 30.0, "stroke_time": 90.0}
-LOOP_PRESETS = Presets(
+PRESETS = Presets(
     (preset.name, preset)
     for preset in (
         Preset("paper_like", "a generic coil and tuning that show what the paper describes", {}),
@@ -59,4 +59,4 @@ LOOP_PRESETS = Presets(
 
 def presets() -> Presets:
     """Every preset by name: what it stands for, and the ``values`` in which it differs from the defaults."""
-    return Presets(LOOP_PRESETS)
+    return Presets(PRESETS)

@@ -15,7 +15,7 @@ from fastcoil.cli.main import main
 from fastcoil.paper import figures, grid, runs
 from fastcoil.paper.claims import CLAIMS
 from fastcoil.simulation.dataset import load
-from fastcoil.simulation.presets import LOOP_PRESETS
+from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.stability import stable
 
 pytestmark = pytest.mark.kernel
@@ -43,9 +43,9 @@ CLAIM_SCHEMA = {
         "share_elsewhere": NUMBER | {"type": ["number", "null"]},
         "n_tunings": {"type": "integer", "minimum": 1},
         "n_days": {"type": "integer", "minimum": 1},
-        "share_of_days": {"required": list(LOOP_PRESETS), "additionalProperties": NUMBER},
+        "share_of_days": {"required": list(PRESETS), "additionalProperties": NUMBER},
         "measured": {
-            "required": [*LOOP_PRESETS, "grid"],
+            "required": [*PRESETS, "grid"],
             "additionalProperties": {"minProperties": 1, "additionalProperties": {"type": ["number", "null"]}},
         },
     },
@@ -143,7 +143,7 @@ def test_results_do_not_depend_on_the_number_of_threads():
 def test_the_grid_has_at_least_500_tunings_and_the_presets_by_name():
     loop = grid.tunings()
     assert loop.sizes["tuning"] >= 500
-    assert grid.named(loop["kp"]["tuning"]) == list(LOOP_PRESETS)
+    assert grid.named(loop["kp"]["tuning"]) == list(PRESETS)
     lbnl = loop["stroke_time"].sel(tuning="lbnl")
     assert float(lbnl) == fc.Loop.preset("lbnl")["stroke_time"]
     for start, step in grid.STARTS_AND_STEPS:

@@ -4,7 +4,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.parameter_table import PARAMETERS
-from fastcoil.simulation.presets import LOOP_PRESETS, NOT_THE_FIT
+from fastcoil.simulation.presets import NOT_THE_FIT, PRESETS
 
 COMMON = {
     "C_w": 8.8, "beta1": 0.32, "beta2": -0.20, "beta3": 0.40, "beta4": -0.45, "beta5": 0.42, "beta6": -0.42,
@@ -34,7 +34,7 @@ def test_presets_are_the_design_table(name):
 
 
 def test_every_preset_is_tested_and_the_default_is_paper_like():
-    assert LOOP_PRESETS.keys() == DESIGN_TABLE.keys()
+    assert PRESETS.keys() == DESIGN_TABLE.keys()
     assert fc.Loop() == fc.Loop.preset("paper_like")
 
 

@@ -20,7 +20,7 @@ from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS, Parameter
 from fastcoil.simulation.parameter_values import FORBIDDEN_DIMS
 from fastcoil.simulation.plan import RUN_LIMITS
-from fastcoil.simulation.presets import LOOP_PRESETS
+from fastcoil.simulation.presets import PRESETS
 from fastcoil.study.file.boundary import BOUNDARY_KINDS
 from fastcoil.study.file.loop import LONGEST_AXIS
 from fastcoil.study.file.sampling import CHOICE, DESIGN, DISTRIBUTIONS, LARGEST_SAMPLE, METHODS, POWERS_OF_TWO, SAMPLE
@@ -95,7 +95,7 @@ def _reference(name: str) -> Schema:
 
 def _preset() -> dict[str, Schema]:
     files = {"type": "array", "items": {"type": "string"}, "description": "files that `fastcoil fit` wrote"}
-    preset = {"enum": list(LOOP_PRESETS), "default": "paper_like", "description": "where the defaults come from"}
+    preset = {"enum": list(PRESETS), "default": "paper_like", "description": "where the defaults come from"}
     return {"preset": preset, "include": files}
 
 

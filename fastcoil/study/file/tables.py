@@ -28,7 +28,7 @@ class RunTable(_Strict):
 
 
 class StudyFile(_Strict):
-    """The shape of a study file; the values are judged by ``Loop``, the boundary's function and ``plan_simulation``."""
+    """The shape of a study file; the values are judged by ``Loop``, the boundary's function and ``prepare``."""
 
     title: str = ""
     question: str = ""

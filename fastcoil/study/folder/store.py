@@ -181,7 +181,7 @@ def begun_text(folder: Path) -> str | None:
 
 
 def commit_shard(folder: Path, part: xr.Dataset, key: str) -> None:
-    """Keep the results of a shard (flat, see ``flat_dataset``) for good."""
+    """Keep the results of a shard (flat, see ``results.flat``) for good."""
     data = image(part.assign_attrs(study=key), compressed=False)  # it does not live long
     shards = folder / SHARDS
     with reported(shards, "made"):

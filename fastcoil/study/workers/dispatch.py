@@ -36,7 +36,7 @@ class Rounds:
         self._guilty: list[np.ndarray] = []
 
     def results(self, shards: Sequence[np.ndarray]) -> Iterator[xr.Dataset]:
-        """Flat results of every shard (see ``flat_dataset``), in the order in which they get ready.
+        """Flat results of every shard (see ``results.flat``), in the order in which they get ready.
 
         Raises
         ------
