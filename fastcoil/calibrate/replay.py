@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import whole_number_problems
 from fastcoil.boundary.series import Array
 from fastcoil.calibrate.data import Log, read_log
 from fastcoil.engine.lanes import parameter_matrix
@@ -18,7 +19,7 @@ from fastcoil.errors import InputError
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.plan import available_memory, gib, whole_number_problems
+from fastcoil.simulation.resources import available_memory, gib
 from fastcoil.simulation.scenarios import columns_of
 
 
