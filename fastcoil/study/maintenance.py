@@ -17,7 +17,7 @@ from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
 from fastcoil.simulation.netcdf import save
-from fastcoil.simulation.plan import settings
+from fastcoil.simulation.plan import simulation_attributes
 from fastcoil.simulation.simulate import run_shard
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import is_current, open_study
@@ -95,7 +95,7 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     for name, coordinate in coordinates.items():
         one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
         ds = ds.assign_coords({name: one.assign_attrs(coordinate_attrs(name))})
-    ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **settings(plan)}
+    ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
     path = folder / RERUNS / (re.sub(r"[^\w.=+-]", "-", name) + ".nc")
     with storage_errors(path.parent, "made"):

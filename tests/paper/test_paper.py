@@ -14,8 +14,8 @@ import fastcoil as fc
 from fastcoil.cli.main import main
 from fastcoil.paper import figures, grid, runs
 from fastcoil.paper.claims import CLAIMS
-from fastcoil.simulation.loop import PRESETS
 from fastcoil.simulation.netcdf import load
+from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.stability import stable
 
 pytestmark = pytest.mark.kernel

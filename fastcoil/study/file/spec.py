@@ -17,7 +17,7 @@ from typing import Any
 
 from fastcoil.errors import InputError, collecting
 from fastcoil.files import read_text
-from fastcoil.simulation.plan import Plan, prepare
+from fastcoil.simulation.plan import Plan, plan_simulation
 from fastcoil.study.file.boundary import build_boundary
 from fastcoil.study.file.include import read_includes
 from fastcoil.study.file.loop import build_loop
@@ -99,7 +99,7 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
         boundary = build_boundary(file.boundary, folder)
     if loop is not None and boundary is not None:
         with collecting(problems):
-            plan = prepare(loop, boundary, **file.run.model_dump(exclude={"reduce"}), traces_on_disk=True)
+            plan = plan_simulation(loop, boundary, **file.run.model_dump(exclude={"reduce"}), traces_on_disk=True)
     if file.run.reduce is not None:
         with collecting(problems, "[run] "):
             reduction = find_reduction(file.run.reduce, folder)

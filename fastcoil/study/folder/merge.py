@@ -15,9 +15,9 @@ import xarray as xr
 from fastcoil.errors import IntegrityError
 from fastcoil.files import commit_written, storage_errors
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
-from fastcoil.simulation.dataset import combined_sha256, gather, provenance, unflattened, variable_sha256
+from fastcoil.simulation.dataset import combined_sha256, join_flat, provenance, unflatten, variable_sha256
 from fastcoil.simulation.netcdf import save, write
-from fastcoil.simulation.plan import settings
+from fastcoil.simulation.plan import simulation_attributes
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
@@ -74,8 +74,8 @@ def merge(
     plan, allocate = study.plan, _allocator(folder.path)
     untraced = map(_without_trace_coordinates, counted(TRACES, plan.n_scenarios if complete else 0))
     with storage_errors(folder.results, "written"):
-        whole = gather(plan.n_scenarios, untraced, allocate=allocate)
-    ds = unflattened(whole, plan.layout)
+        whole = join_flat(plan.n_scenarios, untraced, allocate=allocate)
+    ds = unflatten(whole, plan.layout)
     n_run = int((ds["status"] != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
     ds.attrs = study_attributes(study, manifest.model_sha256) | (attrs or {})
@@ -95,7 +95,7 @@ def study_attributes(study: Study, model_sha256: str) -> dict[str, Any]:
     attrs = {
         "title": study.title,
         **provenance(),
-        **settings(study.plan),
+        **simulation_attributes(study.plan),
         "summary": study.question,
         "study_toml": study.text,
         "study_sha256": study.sha256,
@@ -117,7 +117,7 @@ def _merge_traces(path: Path, study: Study, parts: Parts, attrs: dict[str, Any])
     def write_all(unfinished: Path) -> None:
         for k, name in enumerate(study.kept_traces):
             others = {*METRICS, *TRACES} - {name}
-            ds = unflattened(gather(plan.n_scenarios, parts(others), [name], allocate), plan.layout)
+            ds = unflatten(join_flat(plan.n_scenarios, parts(others), [name], allocate), plan.layout)
             hashes.update({n: variable_sha256(ds[n].variable) for n in (name, *_trace_coordinates(ds))})
             ds.attrs = attrs
             write(ds, unfinished, mode="a" if k else "w")

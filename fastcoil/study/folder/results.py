@@ -12,7 +12,7 @@ import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
-from fastcoil.simulation.dataset import gather, unflattened
+from fastcoil.simulation.dataset import join_flat, unflatten
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.extend import Match, as_part, match_scenarios
 from fastcoil.study.folder.folder import StudyFolder
@@ -43,7 +43,7 @@ def open_study(folder: str | Path) -> xr.Dataset:
     study = store.read_study(manifest)
     computed = Computed.find(store, study, manifest)
     parts = computed.parts(quarantine=False)
-    ds = unflattened(gather(study.plan.n_scenarios, parts), study.plan.layout)
+    ds = unflatten(join_flat(study.plan.n_scenarios, parts), study.plan.layout)
     if not ds.data_vars:
         raise InputError(f"{folder} has no finished scenario yet: wait, or run the study")
     ds.attrs = study_attributes(study, manifest.model_sha256)

@@ -36,7 +36,7 @@ class Dispatcher:
         self._guilty: list[np.ndarray] = []
 
     def run(self, shards: Sequence[np.ndarray]) -> Iterator[xr.Dataset]:
-        """Run every shard and yield its flat results (see ``dataset.flat``), first finished first.
+        """Run every shard and yield its flat results (see ``flat_dataset``), first finished first.
 
         Raises
         ------
