@@ -18,18 +18,19 @@ from fastcoil.simulation.dataset import content_sha256
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.simulate import simulate
 
-PRESETS = ("paper_like", "paper_like_fast")
+FIGURE_PRESETS = ("paper_like", "paper_like_fast")
 BACKLASH = 0.07
 STEP = 0.007
 INTERVAL = 1800
-"""Size of the backlash, step and interval of the learner, and the three hours below: as printed in the paper."""
+"""Backlash, step and interval of the learner: as printed in the paper."""
 THREE_HOURS = 3 * 3600
+"""In less than this, the paper says, the rule finds the backlash."""
 NOISE = 0.05
 """Standard deviation of the measurement noise where there is some, K: a choice, the paper prints none."""
 BUFFER_SIGMAS = 6.0
 """Buffer in standard deviations Kp σ of the noise on the PI's output: a choice, the paper prints none."""
 SEED = 2016
-"""Of the measurement noise."""
+"""Seed of the measurement noise."""
 FIGURE_DAY = 2000
 BAND_DAYS = range(2000, 2010)
 """Seeds of the days: no other study of this repository uses them."""
@@ -45,18 +46,18 @@ LITERAL = {"learning_step": STEP, "backlash_estimate": STEP, "learning_interval"
 
 
 def percent(share: float, digits: int = 0) -> str:
-    """A share in words."""
+    """Write a share in per cent."""
     return f"{100 * share:.{digits}f} %"
 
 
 def buffers(is_buffered: xr.DataArray, loop: Loop) -> xr.DataArray:
-    """Where ``is_buffered`` is 1, a buffer that keeps most of the noise from turning the inverse; else the default."""
+    """Buffers that keep most of the noise from turning the inverse where ``is_buffered`` is 1; else the default."""
     wide = BUFFER_SIGMAS * NOISE * xr.DataArray(loop["kp"])
     return (1 - is_buffered) * float(str(PARAMETERS["buffer"].default)) + is_buffered * wide
 
 
 def along(dim: str, cases: Mapping[str, Mapping[str, Any]]) -> dict[str, xr.DataArray]:
-    """Named alternatives zipped along ``dim``; what one of them does not give has its default there."""
+    """Named alternatives zipped along ``dim``; a parameter that one of them does not give has its default there."""
     names = list(dict.fromkeys(n for case in cases.values() for n in case))
     labels = {dim: np.array(list(cases))}
     return {
@@ -68,7 +69,7 @@ def along(dim: str, cases: Mapping[str, Mapping[str, Any]]) -> dict[str, xr.Data
 def preset_loops() -> Loop:
     """The two loops of the figures along a dim ``preset``."""
     names = ("C_c", "kp", "ti", "sample_time")
-    return Loop(**along("preset", {p: {n: Loop.preset(p)[n] for n in names} for p in PRESETS}))
+    return Loop(**along("preset", {p: {n: Loop.preset(p)[n] for n in names} for p in FIGURE_PRESETS}))
 
 
 def valve_curves() -> xr.Dataset:
@@ -77,7 +78,7 @@ def valve_curves() -> xr.Dataset:
     seconds = 600
     command = np.interp(np.arange(seconds * (len(knots) - 1) + 1) / seconds, np.arange(len(knots)), knots)
     day = constant_day(hours=command.size / 3600)
-    loop = Loop.preset(PRESETS[0]).assign(backlash=BACKLASH)
+    loop = Loop.preset(FIGURE_PRESETS[0]).assign(backlash=BACKLASH)
     return simulate(loop, day, command=command, traces=["command", "opening", "m_w"], warm_up=0)
 
 
@@ -94,7 +95,7 @@ def tracking() -> xr.Dataset:
 
 
 def with_set_point(ds: xr.Dataset, day: Any) -> xr.Dataset:
-    """Add the set-point as it was at the points of the traces."""
+    """Add the set-point at the points of the traces."""
     points = ds["elapsed_time"].values.astype(int)
     attrs = {"long_name": "set-point of the supply air temperature", "units": "degC"}
     ds["T_set"] = ("elapsed_time", day.series["T_set"][0][points], attrs)
@@ -138,20 +139,20 @@ def switches_per_block(mode: xr.DataArray, seconds: int = 600) -> xr.DataArray:
 
 
 def rehashed(ds: xr.Dataset, **attrs: Any) -> xr.Dataset:
-    """The Dataset with the hash of what it holds now."""
+    """The Dataset with more attributes, and with the hash of its present content."""
     ds = ds.assign_attrs(attrs)
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
 
 
 def arithmetic() -> str:
-    """Why the literal rule cannot keep the paper's three hours, from its own numbers."""
+    """Why the literal rule cannot keep the paper's three hours, by its own numbers."""
     steps = round((BACKLASH - STEP) / STEP)
     reached, known = steps * INTERVAL, (steps + 2) * INTERVAL
     updates = (THREE_HOURS - 1) // INTERVAL
-    start, size = percent(STEP, 1), percent(BACKLASH, 1)
+    start, backlash = percent(STEP, 1), percent(BACKLASH, 1)
     return (
-        f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {size}: "
+        f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {backlash}: "
         f"{steps} × {INTERVAL / 3600:g} h = {reached / 3600:g} h, and {known / 3600:g} h until "
         f"{percent(BACKLASH + STEP, 1)} has been tried and taken back.  In less than {THREE_HOURS // 3600} h there are "
         f"{updates} updates, which lead to {percent((updates + 1) * STEP, 1)} at most."

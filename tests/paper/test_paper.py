@@ -14,6 +14,7 @@ import fastcoil as fc
 from fastcoil.cli.main import main
 from fastcoil.paper import figures, grid, runs
 from fastcoil.paper.claims import CLAIMS
+from fastcoil.plots.files import encode
 from fastcoil.simulation.dataset import load
 from fastcoil.simulation.loop import PRESETS
 from fastcoil.simulation.stability import stable
@@ -128,7 +129,7 @@ def test_switches_of_the_figure_are_those_of_the_metric(folder):
 def test_a_figure_drawn_again_is_the_same_file(folder):
     figure = figures.valve_curves(load(folder / "fig01.nc"))
     for suffix in ("png", "svg"):
-        assert figures.image(figure, suffix) == (folder / f"fig01.{suffix}").read_bytes()
+        assert encode(figure, suffix) == (folder / f"fig01.{suffix}").read_bytes()
 
 
 def test_results_do_not_depend_on_the_number_of_threads():
