@@ -1,6 +1,6 @@
 """The simulations behind the paper's figures, as labelled Datasets.
 
-Everything runs on the presets ``paper_like`` and ``paper_like_fast``: generic loops, searched for so that the
+All of them run on the presets ``paper_like`` and ``paper_like_fast``: generic loops, searched for so that the
 paper's phenomena appear, not the paper's unpublished fit.  Nothing is digitised from its figures.
 """
 
@@ -26,9 +26,9 @@ INTERVAL = 1800
 THREE_HOURS = 3 * 3600
 """In less than this, the paper says, the rule finds the backlash."""
 NOISE = 0.05
-"""Standard deviation of the measurement noise where there is some, K: a choice, the paper prints none."""
+"""Standard deviation of the measurement noise, K: our choice, the paper gives none."""
 BUFFER_SIGMAS = 6.0
-"""Buffer in standard deviations Kp σ of the noise on the PI's output: a choice, the paper prints none."""
+"""Buffer in standard deviations Kp σ of the noise on the PI's output: our choice, the paper gives none."""
 SEED = 2016
 """Seed of the measurement noise."""
 FIGURE_DAY = 2000
@@ -41,7 +41,7 @@ RULES: dict[str, dict[str, Any]] = {
     "twice the step": {"learning_step": 2 * STEP, "backlash_estimate": 2 * STEP},
     "growing steps": {"learning_growth": 1.5, "learning_early_trip": 1, "learning_shrink": 0.5},
 }
-"""The learning rule as printed, and variants that are meant to be faster."""
+"""The learning rule as printed, and variants meant to be faster."""
 LITERAL = {"learning_step": STEP, "backlash_estimate": STEP, "learning_interval": INTERVAL}
 
 
@@ -73,7 +73,7 @@ def preset_loops() -> Loop:
 
 
 def valve_curves() -> xr.Dataset:
-    """Fig 1: the valve driven open and closed, with a small loop inside, in open loop."""
+    """Fig 1: simulate the valve driven open and closed, with a small loop inside, in open loop."""
     knots = (0.0, 1.0, 0.0, 0.6, 0.4, 0.6, 0.5, 0.6, 0.0)
     seconds = 600
     command = np.interp(np.arange(seconds * (len(knots) - 1) + 1) / seconds, np.arange(len(knots)), knots)
@@ -83,7 +83,7 @@ def valve_curves() -> xr.Dataset:
 
 
 def tracking() -> xr.Dataset:
-    """Figs 7, 9 and 10: one day without backlash, with it, and with inverses of 60 % and 95 %."""
+    """Figs 7, 9 and 10: simulate one day without backlash, with it, and with inverses of 60 % and 95 %."""
     cases = {"no backlash": {"backlash": 0.0, "backlash_estimate": 0.0}} | {
         name: {"backlash": BACKLASH, "backlash_estimate": ratio * BACKLASH}
         for name, ratio in (("plain PI", 0.0), ("60 %", 0.6), ("95 %", 0.95))
@@ -103,7 +103,7 @@ def with_set_point(ds: xr.Dataset, day: Any) -> xr.Dataset:
 
 
 def estimates(*, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
-    """Fig 11: estimates of 0 to 150 %, over days and noise realisations, without noise, with it, with a buffer."""
+    """Fig 11: simulate estimates of 0 to 150 % over days and noise realisations: no noise, noise, noise and buffer."""
     loop = preset_loops()
     cases = ("no noise", "noise", "noise, buffer")
     labels = {"case": np.array(cases)}
@@ -119,7 +119,7 @@ def estimates(*, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
 
 
 def staircases() -> xr.Dataset:
-    """Fig 12: the learned estimate by rule, and the switches it saw in blocks of 10 min."""
+    """Fig 12: simulate the learned estimate by rule, and the switches that it saw in blocks of 10 min."""
     rules = {name: LITERAL | rule for name, rule in RULES.items()}
     loop = preset_loops().assign(backlash=BACKLASH, **along("rule", rules))
     ds = simulate(loop, paper_day(hours=8, seed=FIGURE_DAY), traces=["estimate", "mode"], trace_interval=10)
@@ -128,7 +128,7 @@ def staircases() -> xr.Dataset:
 
 
 def switches_per_block(mode: xr.DataArray, seconds: int = 600) -> xr.DataArray:
-    """Mode switches in every block of ``seconds``; the first rise counts."""
+    """Count the mode switches in every block of ``seconds``; the first rise counts."""
     step = int(mode["elapsed_time"][1] - mode["elapsed_time"][0])
     turned = mode != mode.shift(elapsed_time=1, fill_value=-1)
     blocks = turned.coarsen(elapsed_time=seconds // step, boundary="trim").sum()

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.text import Text
+from helpers.figure_looks import assert_palette, assert_texts_fit
 
 import fastcoil as fc
 from fastcoil.plots import study as plots
@@ -116,17 +113,8 @@ def test_no_text_leaves_its_figure_or_hides_another(swept, metrics):
         plots.bands(long, "backlash", None, metrics),
         plots.alternatives(long, "tuning", metrics),
     ):
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        # ticks outside of an axis, or hidden by a neighbour's, are Texts, too
-        texts = [text for text in figure.findobj(Text) if any(map(str.isalpha, text.get_text()))]
-        texts = [text for text in texts if text.get_window_extent(canvas.get_renderer()).width > 1.0]
-        extents = [text.get_window_extent(canvas.get_renderer()) for text in texts]
-        for text, extent in zip(texts, extents, strict=True):
-            assert -1 <= extent.x0 < extent.x1 <= figure.bbox.x1 + 1, text
-            assert -1 <= extent.y0 < extent.y1 <= figure.bbox.y1 + 1, text
-        for (text, one), (word, other) in combinations(zip(texts, extents, strict=True), 2):
-            assert not one.shrunk(0.98, 0.98).overlaps(other.shrunk(0.98, 0.98)), (text, word)
+        assert_texts_fit(figure)
+        assert_palette(figure)
 
 
 def test_curves_start_at_zero_and_are_whole(swept):
