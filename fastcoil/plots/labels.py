@@ -10,17 +10,14 @@ from fastcoil.parameter_table import PARAMETERS
 _UNITS = {"1": "", "K-1": "1/K", "kg s-1": "kg/s", "kJ K-1": "kJ/K", "kW h": "kWh", "degC": "°C", "m3": "m³"}
 _PERCENT = frozenset(
     (
-        "backlash", "backlash_estimate", "buffer", "command_resolution", "learning_step", "learning_cap",
-        "estimate_final", "estimate_settled", "estimate_first_down",
+        "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step", "learning_cap",
+        "learning_max_reference", "estimate_final", "estimate_settled", "estimate_first_down",
         "u", "integral", "command", "position", "opening", "estimate",
     )
 )  # fmt: skip
 """Shares that are read in per cent."""
-_HOURS = frozenset(("learn_time_reached", "learn_time_confirmed", "learn_time_first_down", "elapsed_time"))
+_HOURS = frozenset(("learn_time_reached", "learn_time_confirmed", "learn_time_first_down"))
 _MINUTES = frozenset(("learning_interval",))
-_STROKES = frozenset(("stem_travel", "motor_travel"))
-_NAMES = {"estimate_ratio": "estimate / backlash"}
-"""Where neither the name nor the long name will do."""
 
 
 class Quantity(NamedTuple):
@@ -49,14 +46,10 @@ def quantity(name: str) -> Quantity:
     entry = METRICS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
     if entry is None:
         return Quantity(name.replace("_", " "), "", 1.0)
-    fallback = getattr(entry, "long_name", "") or name.replace("_", " ")
-    text = getattr(entry, "label", "") or _NAMES.get(name, fallback)
-    if name in _PERCENT or name == "estimate_ratio":
-        return Quantity(text, "%", 100.0)
+    if name in _PERCENT:
+        return Quantity(entry.label, "%", 100.0)
     if name in _HOURS:
-        return Quantity(text, "h", 1 / 3600)
+        return Quantity(entry.label, "h", 1 / 3600)
     if name in _MINUTES:
-        return Quantity(text, "min", 1 / 60)
-    if name in _STROKES:
-        return Quantity(text, "strokes", 1.0)
-    return Quantity(text, _UNITS.get(entry.unit, entry.unit), 1.0)
+        return Quantity(entry.label, "min", 1 / 60)
+    return Quantity(entry.label, _UNITS.get(entry.unit, entry.unit), 1.0)

@@ -21,7 +21,6 @@ from fastcoil.plots.labels import quantity
         ("learning_interval", "min", 1 / 60),
         ("water_volume", "m³", 1.0),
         ("kp", "1/K", 1.0),
-        ("motor_travel", "strokes", 1.0),
         ("rmse", "K", 1.0),
         ("learning_ratio", "", 1.0),
     ],
@@ -39,14 +38,11 @@ def test_values_are_written_in_that_unit():
 
 
 def test_every_name_with_a_unit_of_its_own_exists():
-    known = {*PARAMETERS, *METRICS, *TRACES, "elapsed_time"}
-    for names in (labels._PERCENT, labels._HOURS, labels._MINUTES, labels._STROKES, set(labels._NAMES)):
+    known = {*PARAMETERS, *METRICS, *TRACES}
+    for names in (labels._PERCENT, labels._HOURS, labels._MINUTES):
         assert names <= known
 
 
-def test_a_label_in_the_tables_wins(monkeypatch):
-    class Entry:
-        unit, long_name, label = "K", "RMS control error", "RMSE"
-
-    monkeypatch.setitem(METRICS, "rmse", Entry)
-    assert quantity("rmse").axis == "RMSE [K]"
+def test_the_label_of_the_tables_is_shown():
+    for name, entry in {**PARAMETERS, **METRICS, **TRACES}.items():
+        assert quantity(name).text == entry.label

@@ -135,7 +135,7 @@ def test_an_axis_named_twice_is_refused_once(swept):
 def test_axes_carry_units(swept):
     figure = plots.bands(swept, "backlash", metrics=["rmse", "water_volume"])
     assert {axes.get_xlabel() for axes in figure.axes} == {"backlash [%]"}
-    assert [axes.get_ylabel() for axes in figure.axes] == ["RMS control error [K]", "water through the coil [m³]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["RMS error [K]", "water volume [m³]"]
 
 
 @pytest.mark.parametrize(
