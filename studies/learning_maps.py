@@ -81,7 +81,7 @@ def failure_map(of: xr.Dataset, safe: float, small_print: str) -> Figure:
 
 
 def settings(of: xr.Dataset, rules: Sequence[str], hours: float, safe: float, small_print: str) -> Figure:
-    """Draw failures, then hours to confirm, over step, interval and ratio: loops side by side, rules below each other."""
+    """Draw failures, then hours to confirm, over step, interval and ratio: loops side by side, a row for each rule."""
     lines = of.stack(line=["learning_interval", "learning_ratio"]).transpose("line", "learning_step", ...)
     with apply_style(axes_grid=False):
         figure, axes = _figure(2 * len(rules), of.sizes["tuning"], 2.2 * 2 * len(rules) + 0.6, small_print)

@@ -10,8 +10,8 @@ from fastcoil.parameter_table import PARAMETERS
 _UNITS = {"1": "", "K-1": "1/K", "kg s-1": "kg/s", "kJ K-1": "kJ/K", "kW h": "kWh", "degC": "°C", "m3": "m³"}
 _PERCENT = frozenset(
     (
-        "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step", "learning_cap",
-        "learning_max_reference", "estimate_final", "estimate_settled", "estimate_first_down",
+        "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
+        "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "estimate_first_down",
         "u", "integral", "command", "position", "opening", "estimate",
     )
 )  # fmt: skip
