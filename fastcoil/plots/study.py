@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, nearest
-from fastcoil.outputs import METRICS
+from fastcoil.outputs import METRICS, STATUS_OK
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.plots.labels import quantity
 from fastcoil.plots.spread import describe, draw_curve, draw_dots
@@ -185,7 +185,9 @@ def _pooled(ds: xr.Dataset, *shown: str) -> list[str]:
 
 
 def _head(figure: Figure, ds: xr.Dataset, words: str) -> None:
-    """Title of the study and what is drawn, as wide as the figure."""
+    """Write the title of the study, what is drawn, and how much of it failed."""
+    failed = int((ds["status"] != STATUS_OK).sum())
+    words += f"; without {failed:,} of {ds['status'].size:,} scenarios, which failed" if failed else ""
     lines = [str(ds.attrs["title"])] if ds.attrs.get("title") else []
     figure.suptitle(wrapped("\n".join([*lines, words]), figure.get_figwidth(), 9))
 

@@ -101,6 +101,13 @@ def test_the_heading_says_what_is_pooled_and_what_the_marks_are(swept, draw, wor
     assert " ".join(heading).startswith(words)
 
 
+def test_the_heading_counts_what_failed(swept):
+    failed = swept.where(swept.backlash > 0.03).assign(status=swept.status.where(swept.backlash > 0.03, 2))
+    heading = " ".join(plots.bands(failed, "estimate_ratio").get_suptitle().splitlines())
+    assert heading.endswith("; without 8 of 24 scenarios, which failed")
+    assert "failed" not in plots.bands(swept, "estimate_ratio").get_suptitle()
+
+
 LONG = "A title that somebody made as long as a question of research may be, with all its conditions and exceptions. "
 
 
