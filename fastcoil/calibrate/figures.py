@@ -23,7 +23,7 @@ _LEGEND: Any = {"framealpha": 0.8, "edgecolor": "none"}
 
 
 def figure(fit: Fit) -> Figure:
-    """Draw the figure that suits the kind of fit."""
+    """The figure that suits the kind of fit."""
     with apply_style():
         return _valve(fit) if fit.kind == "valve" else _coil(fit)
 
@@ -100,44 +100,44 @@ def _coil(fit: Fit) -> Figure:
         own = ds["log"].values == str(ds["log"][span[0]].values)
         first = int(span[0]) if part == VALIDATION and own[0] else int(np.argmax(own))
         one = ds.isel(elapsed_time=slice(first, int(span[-1]) + 1))
-        _plot_temperature(column[0], one, "T_sup", f"{part}: RMSE {fit.rmse[part]:.2g} K", "supply air [°C]")
+        _temperature(column[0], one, "T_sup", f"{part}: RMSE {fit.rmse[part]:.2g} K", "supply air [°C]")
         measured = f", RMSE {fit.rmse[part + '_T_w_out']:.2g} K" if part + "_T_w_out" in fit.rmse else ", not measured"
-        _plot_temperature(column[1], one, "T_w_out", f"leaving water{measured}", "leaving water [°C]")
+        _temperature(column[1], one, "T_w_out", f"leaving water{measured}", "leaving water [°C]")
         for name, style in (("water", {"color": _MODEL}), ("air", {"color": _HELD_BACK, "ls": "--"})):
-            _plot_pieces(column[2], one, f"m_{name[0]}", lw=1, label=name, **style)
+            _by_piece(column[2], one, f"m_{name[0]}", lw=1, label=name, **style)
         column[2].set(xlabel="time [h]", ylabel="flow [kg/s]")
         column[2].set_ylim(bottom=0.0)
-        _write_head(column[2], "flows")
+        _entitled(column[2], "flows")
         for axes in column:
-            _shade_unused(axes, one)
+            _shaded(axes, one)
     if (ds["part"] == UNUSED).any():
         fig.supxlabel("Grey: not compared", fontsize=8)
     return fig
 
 
-def _plot_temperature(axes: Axes, ds: xr.Dataset, name: str, title: str, label: str) -> None:
+def _temperature(axes: Axes, ds: xr.Dataset, name: str, title: str, label: str) -> None:
     if np.isfinite(ds[name]).any():
-        _plot_pieces(axes, ds, name, color=_HELD_BACK, lw=2.2, label="measured")
-    _plot_pieces(axes, ds, f"{name}_modelled", color=_MODEL, lw=1, ls="--", label="modelled")
+        _by_piece(axes, ds, name, color=_HELD_BACK, lw=2.2, label="measured")
+    _by_piece(axes, ds, f"{name}_modelled", color=_MODEL, lw=1, ls="--", label="modelled")
     axes.set_ylabel(label)
-    _write_head(axes, title)
+    _entitled(axes, title)
 
 
-def _write_head(axes: Axes, title: str) -> None:
-    """Write title and legend above the axes, where they hide nothing."""
+def _entitled(axes: Axes, title: str) -> None:
+    """Title and legend above the axes, where they hide nothing."""
     axes.set_title(title, loc="left")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False, borderaxespad=0.2)
 
 
-def _plot_pieces(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> None:
-    """Plot a line that is broken where the record is."""
+def _by_piece(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> None:
+    """A line that is broken where the record is."""
     breaks = np.flatnonzero(np.diff(ds["batch"])) + 1
     hours, values = (np.insert(ds[n].values.astype(float), breaks, np.nan) for n in ("elapsed_time", name))
     axes.plot(hours / 3600, values, **style)
 
 
-def _shade_unused(axes: Axes, ds: xr.Dataset) -> None:
-    """Shade the times that are not compared."""
+def _shaded(axes: Axes, ds: xr.Dataset) -> None:
+    """What is not compared, in grey."""
     hours, unused = ds["elapsed_time"].values / 3600, ds["part"].values == UNUSED
     unused[1:] |= unused[:-1]  # up to the next sample
     bottom_to_top = axes.get_xaxis_transform()
