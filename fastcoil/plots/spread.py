@@ -1,4 +1,4 @@
-"""A median and how its members scatter: a band of many, every single one of a few; and the words that say which."""
+"""A median and how its members scatter: a band if they are many, each of them if they are few; and words for it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 BAND = (0.1, 0.9)
 FEWEST_FOR_A_BAND = 5
-"""Of fewer members every one is drawn: their percentiles would be interpolated between two or three numbers."""
+"""Fewer members are drawn one by one: their percentiles would be interpolated between two or three numbers."""
 
 
 def count(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any]) -> int:
@@ -27,7 +27,7 @@ def count(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any]) -> int:
 
 def _band(values: xr.DataArray, pooled: list[Any]) -> tuple[xr.DataArray, xr.DataArray]:
     with warnings.catch_warnings():
-        # a point without a number has no percentile either: the gap in the figure says so
+        # where every member is NaN the band has a gap, which says enough
         warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
         low, high = values.quantile(BAND, pooled)
     return low, high
@@ -40,7 +40,7 @@ def draw_curve(axes: Axes, x: xr.DataArray, values: xr.DataArray, *, label: str 
         low, high = _band(values, pooled)
         axes.fill_between(x, low, high, color=look["color"], alpha=0.2, lw=0)
     elif pooled:
-        members = values.stack(member=pooled).transpose(*x.dims, "member")
+        members = values.transpose(*x.dims, ...).values.reshape(x.size, -1)
         axes.plot(x, members, color=look["color"], lw=0.5, alpha=0.7)
     axes.plot(x, values.median(pooled), label=label, **look)
 
@@ -53,8 +53,7 @@ def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
         low, high = _band(values, pooled)
         axes.hlines(rows, low, high, color=color, lw=1.0)
     elif pooled:
-        members = values.stack(member=pooled).transpose("member", dim)
-        for member in members.values:
+        for member in values.transpose(..., dim).values.reshape(-1, rows.size):
             axes.plot(member, rows, "o", color=color, ms=2.5, mfc="white", mew=0.7)
     axes.plot(values.median(pooled), rows, "o", color=color, ms=5)
 

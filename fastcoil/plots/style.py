@@ -11,14 +11,12 @@ BLUE, RED, YELLOW = "#004488", "#BB5566", "#DDAA33"
 COLOURS = (BLUE, RED, YELLOW)
 """The "high-contrast" scheme of Tol, Colour Schemes, SRON/EPS/TN/09-002, issue 3.2 (2021), dark to light.
 
-Deuteranopes and protanopes tell them from each other, from black and from ``GREY``, and a grey print tells them from
-each other.
+Deuteranopes and protanopes can tell them apart, and from black and ``GREY``.  In a grey print they differ, too.
 """
 GREY = "0.65"
-"""Of what is compared with: the only other colour of a line besides black.  In a grey print it is as light as yellow,
-so where both are lines their styles must differ."""
+"""For lines to compare with.  In a grey print it is as light as yellow: there, only line styles tell them apart."""
 FAINT = "0.9"
-"""Of shaded backgrounds."""
+"""For shaded backgrounds."""
 LINE_STYLES = ("-", "--", ":")
 """One for each of ``COLOURS``."""
 DOTTED = (0, (1, 3))
@@ -37,8 +35,7 @@ STYLE: Mapping[str, Any] = {
 }
 _INCHES_PER_POINT = 1 / 72
 _LETTER = 0.55
-"""Width of an average letter of the standard font, in font sizes; rounded up, so that a wrapped line is too short
-rather than too long."""
+"""Width of an average letter of the standard font, in font sizes; rounded up, so that no line is too long."""
 
 
 @contextmanager

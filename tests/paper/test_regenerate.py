@@ -45,7 +45,7 @@ def test_a_figure_drawn_again_is_the_same_file(folder):
         (("-j", "0"), 2, "n_jobs = 0"),
     ],
 )
-def test_a_mistake_is_told_in_one_sentence_and_writes_nothing(tmp_path, monkeypatch, words, code, sentence):
+def test_a_mistake_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, words, code, sentence):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("mine")
     result = CliRunner().invoke(main, ["paper", "--quick", *words])

@@ -162,6 +162,15 @@ def test_a_study_gets_the_figures_that_suit_its_dims(loop, names, tmp_path):
     assert len(write(figures, tmp_path)) == len(names)
 
 
+def test_more_alternatives_than_a_figure_can_name_get_none(swept):
+    def named(n):
+        many = swept.isel(backlash=0, estimate_ratio=0, tuning=np.zeros(n, dtype=int))
+        return plots.standard_figures(many.assign_coords(tuning=[f"tuning {k}" for k in range(n)]))
+
+    assert set(named(100)) == {"tuning"}
+    assert set(named(101)) == set()
+
+
 def test_a_study_in_which_all_failed_still_gets_its_figures(swept, tmp_path):
     failed = (swept * np.nan).assign_coords(tuning=["slow", "fast"])
     figures = plots.standard_figures(failed) | {"curves": plots.bands(failed, "backlash")}

@@ -1,4 +1,4 @@
-"""The palette can be told apart by all, in colour and in a grey print; texts are broken to fit."""
+"""Everybody can tell the colours apart, on a screen and in a grey print; texts are broken to fit."""
 
 from __future__ import annotations
 
