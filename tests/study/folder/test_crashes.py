@@ -243,6 +243,7 @@ def wait_for_shards(process, folder, n=1):
         time.sleep(0.01)
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)], ids=str
 )
@@ -260,6 +261,7 @@ def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(comman
     assert any("Unfinished" in line for line in maintenance.status(tmp_path / "out"))
 
 
+@pytest.mark.alone
 def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(command, tmp_path):
     first = command()
     wait_for_shards(first, tmp_path / "out")
@@ -275,6 +277,7 @@ def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(comm
     assert f"process {third.pid} " in (tmp_path / "out" / ".holder").read_text()
 
 
+@pytest.mark.alone
 def test_ctrl_c_before_the_first_shard_leaves_no_folder(command, tmp_path):
     process = command("run", "my study.toml", "-o", "deep/out", "-j", "1", "--no-figures")
     end = time.monotonic() + 60

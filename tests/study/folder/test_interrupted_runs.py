@@ -16,7 +16,12 @@ from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.shards import SHARDS
 from fastcoil.study.runner import execute
 
-pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtures("leaves_nothing")]
+pytestmark = [
+    pytest.mark.kernel,
+    pytest.mark.alone,
+    pytest.mark.timeout(180),
+    pytest.mark.usefixtures("leaves_nothing"),
+]
 
 
 @pytest.fixture

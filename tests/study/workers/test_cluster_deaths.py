@@ -30,6 +30,7 @@ def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, monkeypa
     assert finished.results.attrs["content_sha256"] == golden
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("harm", [failing_shards.killed, pytest.param(failing_shards.stops, marks=pytest.mark.full)])
 def test_a_cluster_that_loses_all_its_workers_is_told_and_no_scenario_blamed(
     study, golden, tmp_path, monkeypatch, harm

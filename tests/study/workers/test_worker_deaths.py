@@ -115,6 +115,7 @@ def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_
     assert finished.results.attrs["content_sha256"] == golden
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize(
     ("backend", "harm"),
     [
