@@ -36,14 +36,14 @@ def larger(text: str) -> str:
 
 
 def write_study(text: str, folder: Path) -> Study:
-    """The study of a text, from a file beside the folder of its results."""
+    """Write the text to a file next to the folder of its results, and read the study."""
     path = folder.with_name("study.toml")
     path.write_text(text, encoding="utf-8")
     return read_study(path)
 
 
 def run(text: str, folder: Path, **options: Any) -> str:
-    """Run a study into a folder, one worker by default.  Returns the hash of what was found."""
+    """Run a study into a folder, one worker by default.  Returns the hash of its results."""
     options = {"n_jobs": 1} | options
     finished = runner.execute(write_study(text, folder), folder, **options)
     return str(finished.results.attrs["content_sha256"])
@@ -51,7 +51,7 @@ def run(text: str, folder: Path, **options: Any) -> str:
 
 @cache
 def golden(text: str) -> str:
-    """The hash that a run finds which nothing disturbed."""
+    """The hash of an undisturbed run."""
     with tempfile.TemporaryDirectory() as folder:
         return run(text, Path(folder) / "golden")
 
@@ -78,7 +78,7 @@ def run_until_interrupted(text: str, folder: Path, after: int, **options: Any) -
 
 
 def shards(folder: Path) -> list[Path]:
-    """The files among the shards, those that begin with a dot too."""
+    """All files among the shards, hidden ones too."""
     return sorted((folder / "shards").glob("*"))
 
 
@@ -91,17 +91,17 @@ def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """What a writer left behind half-written."""
+    """Half-written files."""
     return [p for p in folder.rglob("*") if p.name.endswith(".tmp")]
 
 
 def quarantined(folder: Path) -> list[str]:
-    """The names of what was set aside."""
+    """The names of the files in quarantine."""
     return sorted(p.name for p in (folder / "quarantine").glob("*"))
 
 
 def verify(folder: Path) -> list[str]:
-    """What ``verify`` finds; it changes nothing."""
+    """Verify a folder, and check that this changes nothing."""
     before = contents(folder)
     problems = maintenance.verify(folder)
     assert contents(folder) == before
@@ -109,14 +109,14 @@ def verify(folder: Path) -> list[str]:
 
 
 def resume(folder: Path, text: str = PLAIN, **options: Any) -> list[str]:
-    """Go on with a study, to the end, and find what an undisturbed run finds.  Returns the warnings."""
-    with warnings.catch_warnings(record=True) as told:
+    """Resume a study to its end; the result is that of an undisturbed run.  Returns the warnings."""
+    with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         assert run(text, folder, **options) == golden(text)
     assert verify(folder) == []
     assert unfinished(folder) == []
     assert shards(folder) == []
-    return [str(w.message) for w in told]
+    return [str(w.message) for w in warned]
 
 
 SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {
@@ -125,4 +125,4 @@ SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "extended": (larger(TRACED), lambda folder: run(TRACED, folder)),
     "extended, unfinished": (larger(TRACED), lambda folder: run_until_interrupted(TRACED, folder, DAYS - 1)),
 }
-"""What is run, and in what state of its folder."""
+"""The study to run, and how its folder is prepared."""

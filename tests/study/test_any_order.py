@@ -35,7 +35,7 @@ class AStudyInItsFolder(RuleBasedStateMachine):
         self.folder = self.root / "out"
         self.values, self.replicates = 0, 1
         self.complete = False
-        self.begun: str | None = None
+        self.recorded: str | None = None
 
     @initialize(base=st.sampled_from([PLAIN, TRACED]))
     def choose(self, base):
@@ -48,7 +48,7 @@ class AStudyInItsFolder(RuleBasedStateMachine):
     @rule()
     def run(self):
         self.quietly(lambda: run(self.text, self.folder, extend=True))
-        self.begun, self.complete = self.text, True
+        self.recorded, self.complete = self.text, True
 
     @precondition(lambda self: not self.complete)
     @rule(k=st.integers(1, DAYS))
@@ -57,7 +57,7 @@ class AStudyInItsFolder(RuleBasedStateMachine):
             self.quietly(lambda: run_until_interrupted(self.text, self.folder, k, extend=True))
         except AssertionError:  # fewer shards were left
             self.complete = True
-        self.begun = self.text
+        self.recorded = self.text
 
     def quietly(self, act):
         """Warnings tell of the damage that was done here."""
@@ -100,11 +100,11 @@ class AStudyInItsFolder(RuleBasedStateMachine):
     def leave_a_file(self, name):
         (self.folder / "shards" / name).write_text("foreign")
 
-    @precondition(lambda self: self.begun == self.text)
+    @precondition(lambda self: self.recorded == self.text)
     @rule(name=st.sampled_from(["run.json", "study.toml"]))
     def lose_a_file(self, name):
         (self.folder / name).unlink(missing_ok=True)
-        # the extension of an unfinished study needs to know what was begun: first the same study again
+        # the extension of an unfinished study needs both files: first the same study again
         self.run()
 
     @precondition(lambda self: (self.folder / "run.json").exists())

@@ -1,4 +1,4 @@
-"""Studies in their folder: what is written, what is found finished, and that a failure leaves nothing."""
+"""Studies in their folder: the files of a run, finished studies, and failures that leave nothing."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def with_a_flipped_bit(image, ds):
     [with_a_flipped_bit, lambda image, _: image[: len(image) // 2], lambda *_: b""],
     ids=["bit", "half", "all"],
 )
-def test_a_damaged_result_is_told_from_a_good_one(study, tmp_path, damage):
+def test_a_damaged_result_is_refused(study, tmp_path, damage):
     ds = fc.run_study(study, tmp_path / "out")
     path = tmp_path / "out" / "results.nc"
     path.write_bytes(damage(path.read_bytes(), ds))
@@ -219,7 +219,7 @@ def test_the_robustness_study_is_the_one_that_was_asked_for():
 def test_a_study_on_a_real_weather_year_runs_from_start_to_end(tmp_path):
     weather = ROOT.parent / "shared" / "data" / "san_francisco_tmy3_hourly.csv"
     if not weather.is_file():
-        pytest.skip(f"no {weather.name} beside the repository")
+        pytest.skip(f"no {weather.name} next to the repository")
     (tmp_path / "weather.csv").write_bytes(weather.read_bytes())
     (tmp_path / "weather.toml").write_text((ROOT / "studies" / "weather.toml").read_text())
     with pytest.warns(UserWarning, match="interpolated to 1 s"):

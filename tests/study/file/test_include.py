@@ -46,7 +46,7 @@ def test_an_included_parameter_may_be_swept(read):
 def test_the_hash_is_also_of_what_is_included(read):
     one = read().sha256
     assert read(valve=VALVE.replace("0.1", "0.11")).sha256 != one
-    assert read(valve=VALVE.replace("nan", "0.3")).sha256 == one, "what is for people decides nothing"
+    assert read(valve=VALVE.replace("nan", "0.3")).sha256 == one, "the hash ignores [fit]"
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_a_mistake_exits_with_2_and_writes_nothing(fastcoil, tmp_path, words, se
 
 
 @pytest.mark.kernel
-def test_a_figure_that_cannot_be_written_is_told_without_a_traceback(fastcoil, logs):
+def test_a_figure_that_cannot_be_written_is_reported_without_a_traceback(fastcoil, logs):
     (logs / "valve.png").mkdir()
     found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml")
     assert found.exit_code == 4, found.output

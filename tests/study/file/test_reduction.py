@@ -174,7 +174,7 @@ def test_all_that_is_wrong_is_named(traces):
 # Where a function is found
 
 
-def test_a_module_beside_the_study_comes_before_one_that_can_be_imported(tmp_path):
+def test_a_module_next_to_the_study_comes_before_one_that_can_be_imported(tmp_path):
     (tmp_path / "statistics.py").write_text(SOURCE)
     assert find_reduction("statistics:overshoot", tmp_path).source == SOURCE
     (tmp_path / "pkg").mkdir()
@@ -255,7 +255,7 @@ def test_both_places_that_were_looked_at_are_named(tmp_path):
 STUDY = "[loop]\n[run]\ntraces = ['T_sup']\nreduce = 'mine:overshoot'\n"
 
 
-def test_a_study_finds_its_reduction_beside_it_or_in_the_folder_it_is_told(tmp_path):
+def test_a_study_finds_its_reduction_next_to_it_or_in_a_given_folder(tmp_path):
     for name, source in (("one", SOURCE), ("two", SOURCE + "\n")):
         (tmp_path / name).mkdir()
         (tmp_path / name / "mine.py").write_text(source)

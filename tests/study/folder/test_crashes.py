@@ -97,7 +97,7 @@ def test_a_run_killed_at_any_step_in_whatever_situation(harness, tmp_path, situa
 
 
 def killed_at_random(harness, tmp_path, times, seed):
-    """Kill a study with traces again and again until it is finished, and begin anew, ``times`` in all."""
+    """Kill a study with traces again and again until it is finished, then start another, ``times`` kills in total."""
     random_time, killed, k = random.Random(seed), 0, 0
     while killed < times:
         out = tmp_path / f"out{k}"

@@ -1,4 +1,4 @@
-"""Damaged, foreign and lost shards: they are found and set aside, and the next run mends the study."""
+"""Damaged, foreign and lost shards: they are found and quarantined, and the next run repairs the study."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def named(data, first=0):
     "cut", [lambda d: d[:-1], lambda d: d[: len(d) // 2], lambda d: b"", lambda d: d + b"\0"],
     ids=["a byte less", "half", "nothing", "a byte more"],
 )  # fmt: skip
-def test_a_shard_of_another_length_is_set_aside_and_run_again(broken_off, cut):
+def test_a_shard_of_another_length_is_quarantined_and_run_again(broken_off, cut):
     path = shards(broken_off)[0]
     path.write_bytes(cut(path.read_bytes()))
     (problem,) = verify(broken_off)
     assert str(path) in problem
-    (told,) = resume(broken_off)
-    assert f"{path} is damaged (its hash differs): moved to quarantine/" in told
+    (warned,) = resume(broken_off)
+    assert f"{path} is damaged (its hash differs): moved to quarantine/" in warned
     assert quarantined(broken_off) == [path.name]
 
 
@@ -52,8 +52,8 @@ def test_a_flipped_bit_anywhere_in_a_shard_is_found(broken_off):
         damaged[at // 8] ^= 1 << at % 8
         path.write_bytes(damaged)
         assert next(checked.inspect()) == (path, None, "is damaged (its hash differs)"), at
-    (told,) = resume(broken_off)
-    assert path.name in told
+    (warned,) = resume(broken_off)
+    assert path.name in warned
 
 
 def filled(path):
@@ -71,25 +71,25 @@ def filled(path):
     return bytes(image)
 
 
-def test_a_shard_that_opens_but_was_never_filled_is_set_aside(broken_off):
+def test_a_shard_that_opens_but_was_never_filled_is_quarantined(broken_off):
     path = shards(broken_off)[0]
     data = filled(path)
     path.write_bytes(data)
     assert "is damaged (its hash differs)" in verify(broken_off)[0]
     path.rename(path.with_name(named(data)))
     assert "was never filled" in verify(broken_off)[0]
-    (told,) = resume(broken_off)
-    assert named(data) in told
+    (warned,) = resume(broken_off)
+    assert named(data) in warned
 
 
-def test_a_shard_of_another_study_is_set_aside(broken_off, tmp_path):
+def test_a_shard_of_another_study_is_quarantined(broken_off, tmp_path):
     other = tmp_path / "other" / "out"
     other.parent.mkdir()
     run_until_interrupted(larger(PLAIN), other, 1)
     (foreign,) = shards(other)
     shutil.copy(foreign, broken_off / "shards")
-    (told,) = resume(broken_off)
-    assert f"{foreign.name} belongs to another study or another version of the model" in told
+    (warned,) = resume(broken_off)
+    assert f"{foreign.name} belongs to another study or another version of the model" in warned
     assert quarantined(broken_off) == [foreign.name]
 
 
@@ -100,13 +100,13 @@ def test_a_shard_of_the_same_study_cut_otherwise_is_taken_for_what_it_adds(broke
     assert resume(broken_off) == []
 
 
-def test_a_renamed_shard_and_one_under_two_names_are_set_aside(broken_off):
+def test_a_renamed_shard_and_one_under_two_names_are_quarantined(broken_off):
     first, second = shards(broken_off)
     shutil.copy(first, first.with_name("000000001" + first.name[9:]))
     second.rename(second.with_name("000000003" + second.name[9:]))
-    told = resume(broken_off)
-    assert len(told) == 2
-    assert all("does not match its name" in t for t in told)
+    warned = resume(broken_off)
+    assert len(warned) == 2
+    assert all("does not match its name" in t for t in warned)
     assert quarantined(broken_off) == ["000000001" + first.name[9:], "000000003" + second.name[9:]]
 
 
@@ -121,14 +121,14 @@ def test_foreign_files_among_the_shards_are_kept_in_quarantine(broken_off):
     empty = (place / "empty.nc").read_bytes()
     (place / "empty.nc").rename(place / named(empty))
     assert len(verify(broken_off)) == 5
-    told = resume(broken_off)
-    assert len(told) == 5
+    warned = resume(broken_off)
+    assert len(warned) == 5
     assert len(quarantined(broken_off)) == 5
     assert (broken_off / "quarantine" / "notes.txt").read_text() == "mine"
     assert (broken_off / "quarantine" / "folder" / "inside").read_text() == "mine too"
 
 
-def test_what_is_set_aside_twice_is_kept_twice(broken_off):
+def test_what_is_quarantined_twice_is_kept_twice(broken_off):
     for text in ("one", "two"):
         (broken_off / "shards" / "notes.txt").write_text(text)
         with pytest.warns(UserWarning, match=r"notes\.txt is no shard"):

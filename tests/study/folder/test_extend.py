@@ -1,4 +1,4 @@
-"""Extending a study: what was computed is kept to the last bit, only what is new is run, nothing else is touched."""
+"""Extending a study: old scenarios are kept to the last bit, only new ones are run, nothing else is touched."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.kernel
 
 
 def sweep(tmp_path, situation, *, lasting=False, stride=1):
-    """Let the n-th operation on files fail, n = 1, 2, … until none is left; each time the next run must mend it."""
+    """Let the n-th operation on files fail, n = 1, 2, … until none is left; each time the next run must repair it."""
     text, prepare = SITUATIONS[situation]
     out, before = tmp_path / "out", tmp_path / "before"
     study = write_study(text, out)
@@ -54,15 +54,15 @@ def sweep(tmp_path, situation, *, lasting=False, stride=1):
             with operations(out, nth):
                 finished = runner.execute(study, out, n_jobs=1, extend=True)
         except StorageError as refused:
-            told = str(refused)
+            message = str(refused)
         except IntegrityError as refused:  # the stored study is checked before it is extended
-            told = str(refused)
-            assert "cannot be read" in told  # noqa: PT017
+            message = str(refused)
+            assert "cannot be read" in message  # noqa: PT017
             assert nth.done[n - 1] == "open for reading"
         else:  # nothing failed, or what nobody needs
             assert finished.results.attrs["content_sha256"] == golden(text), (n, nth.done)
-            told = ""
-        assert not told or os.strerror(error) in told, (n, nth.done)
+            message = ""
+        assert not message or os.strerror(error) in message, (n, nth.done)
         reached = len(nth.done) >= n
         assert lasting or unfinished(out) == [], (n, nth.done)
         assert all(p.read_bytes() == was[p.name] for p in shards(out) if p.name in was), (n, nth.done)

@@ -1,4 +1,4 @@
-"""What a run was begun with: damaged, lost or changed, it is told, and nothing that was run is lost."""
+"""run.json, study.toml and the files a study reads: damage and changes are reported, and no result is lost."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_without_run_json_the_shards_are_found_by_their_key(broken_off, monkeypa
 
 
 @pytest.mark.parametrize("name", ["run.json", "study.toml"])
-def test_what_was_begun_is_written_again_for_a_finished_study(out, name):
+def test_a_lost_file_of_a_finished_study_is_written_again(out, name):
     run(PLAIN, out)
     good = (out / name).read_bytes()
     (out / name).unlink()
@@ -78,7 +78,7 @@ def test_what_was_begun_is_written_again_for_a_finished_study(out, name):
 
 
 @pytest.mark.parametrize("data", [None, b"", b"[loop", b"\xff", b"[loop]\n"], ids=str)
-def test_a_damaged_study_toml_is_told_and_written_again(broken_off, data):
+def test_a_damaged_study_toml_is_reported_and_written_again(broken_off, data):
     path = broken_off / "study.toml"
     path.unlink() if data is None else path.write_bytes(data)
     assert len(verify(broken_off)) >= 1
@@ -121,21 +121,21 @@ def test_a_boundary_file_that_changes_between_a_run_and_its_resume_is_refused(ou
 def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(broken_off, monkeypatch):
     done = [p.name for p in shards(broken_off)]
     monkeypatch.setattr(runner, "model_sha256", lambda: "another model")
-    with pytest.warns(UserWarning, match="other sources of the model|another version of the model") as told:
+    with pytest.warns(UserWarning, match="other sources of the model|another version of the model") as warned:
         finished = runner.execute(write_study(PLAIN, broken_off), broken_off, n_jobs=1)
-    assert "other sources of the model" in str(told[0].message)
-    assert len(told) == 1 + len(done)
+    assert "other sources of the model" in str(warned[0].message)
+    assert len(warned) == 1 + len(done)
     assert finished.n_run == finished.results["status"].size
     assert quarantined(broken_off) == done
 
 
-def test_an_extension_of_a_run_that_has_no_shard_yet_begins_anew(out):
+def test_an_extension_of_a_run_without_shards_starts_from_scratch(out):
     run_until_interrupted(PLAIN, out, 1)
     shards(out)[0].unlink()
     resume(out, larger(PLAIN), extend=True)
 
 
-def test_an_extension_that_was_begun_and_cut_off_goes_on_and_keeps_what_was_there(out):
+def test_an_interrupted_extension_resumes_and_keeps_the_old_results(out):
     run(TRACED, out)
     run_until_interrupted(larger(TRACED), out, 1, extend=True)
     with open_study(out) as ds:

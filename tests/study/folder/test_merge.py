@@ -1,4 +1,4 @@
-"""Shards become one result: on the disk as in memory, all of them or none, and beside its readers."""
+"""Shards become one result: on disk or in memory, all of them or none, and while others read."""
 
 from __future__ import annotations
 

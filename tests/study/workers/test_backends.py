@@ -174,7 +174,7 @@ def test_a_script_with_processes_needs_no_guard_around_its_main_part(small_study
 
 
 @pytest.mark.full
-def test_a_script_with_dask_is_told_that_it_needs_one(small_study, tmp_path):
+def test_a_script_with_dask_hears_that_it_needs_one(small_study, tmp_path):
     code, _, err = script_without_a_guard(tmp_path, small_study, "dask")
     assert code == 1
     last = err.strip().splitlines()[-1]

@@ -1,4 +1,4 @@
-"""A cluster that a user started and that loses workers or its scheduler: the run goes on, or says what to do."""
+"""A cluster that a user started and that loses workers or its scheduler: the run continues, or says what to do."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, monkeypa
 
 @pytest.mark.alone
 @pytest.mark.parametrize("harm", [failing_shards.killed, pytest.param(failing_shards.stops, marks=pytest.mark.full)])
-def test_a_cluster_that_loses_all_its_workers_is_told_and_no_scenario_blamed(
+def test_a_cluster_that_loses_all_its_workers_is_reported_and_no_scenario_blamed(
     study, golden, tmp_path, monkeypatch, harm
 ):
     cut(monkeypatch, 10)
