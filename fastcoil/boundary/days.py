@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import require, whole_seconds
-from fastcoil.boundary.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
-from fastcoil.boundary.record import LARGEST_DAY_LABEL, Boundary
-from fastcoil.boundary.series import Array, Values
+from fastcoil.boundary.record import Boundary
+from fastcoil.boundary.series import LARGEST_DAY_LABEL, Values
 from fastcoil.errors import InputError
+from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
 
 MOST_SAMPLES = 50_000_000
 """Most 1-s samples of one series over all days (3 GB for the seven series)."""

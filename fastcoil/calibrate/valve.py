@@ -8,22 +8,22 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fastcoil.boundary.series import Array
-from fastcoil.calibrate.columns import is_number
-from fastcoil.calibrate.data import Log, read_log
+from fastcoil.arrays import Array, Index
 from fastcoil.calibrate.least_squares import Estimate, Uncertainty, minimise, profile, uncertainty
 from fastcoil.calibrate.result import Fit
-from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, LARGEST_BACKLASH, X_BL, ValveProblem
+from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, LARGEST_BACKLASH, X_BL, BacklashProfile, ValveProblem
 from fastcoil.errors import InputError
+from fastcoil.logs import Log, read_log
+from fastcoil.logs.arguments import Wanted, is_number
 
 _PROFILE_POINTS = 25
 _FINE_POINTS = 12
 _LEAST_REACH = 0.02
-"""A command that stays below this share of the stroke is in another unit."""
+"""A command that stays below this share of the stroke has the wrong unit."""
 _LEAST_SHARE = 0.8
-"""Noise may lift a reading above the asymptotic flow, but not that far."""
+"""Noise lifts no reading so far that the asymptotic flow is below this share of it."""
+_WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
 
 def fit_valve(
@@ -47,9 +47,9 @@ def fit_valve(
     Parameters
     ----------
     log
-        Path of a CSV file, or a Dataset: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s, m3/h,
-        gpm, …), ``elapsed_time`` or ``timestamp``; if there ``enabled``, 0 where the pump is off, and ``batch``, where
-        experiments were put in a row.
+        Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s,
+        m3/h, gpm, …), and ``elapsed_time`` or ``timestamp``; optional: ``enabled``, 0 where the pump is off, and
+        ``batch``, the number of the experiment if the log holds several.
     units, columns
         As in ``fc.Boundary.from_csv``.
     m_max
@@ -62,17 +62,17 @@ def fit_valve(
     initial
         Where in the gap each batch starts: ``unknown`` (estimated), ``rising`` or ``falling``.
     split, fit_until
-        Share of the log that is fitted (of its batches, if there are at least four), 0.7 if left out, the rest is held
-        back for validation; or the last second that is fitted.
+        Share of the log that is fitted (of its batches, if it has at least four), 0.7 if left out; or the last second
+        that is fitted.  The rest is held back for validation.
     validation
         Another log, of the same columns, to validate with; then all of the first is fitted.
     drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.calibrate.data.read_log``.
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
 
     Returns
     -------
     Fit
-        ``backlash`` is not among its parameters where the data cannot tell it; ``held`` then says why.
+        ``backlash`` is not among its parameters if the data do not identify it; ``held`` then says why.
 
     Raises
     ------
@@ -81,10 +81,10 @@ def fit_valve(
 
     Notes
     -----
-    Cai and Braun (2016), section 2.1.3.  In Eq (2) only b/(1 - x_BL) and (1 - x_BL) c act: α = 1/(1 - x_BL) assumes
-    that a full command opens fully.
+    Cai and Braun (2016), section 2.1.3.  Only b/(1 - x_BL) and (1 - x_BL) c enter Eq (2): α = 1/(1 - x_BL) assumes
+    that a full command opens the valve fully.
     """
-    began = time.perf_counter()
+    started = time.perf_counter()
     wrong = []
     if m_max is not None and not (is_number(m_max) and 0.0 < m_max < math.inf):
         wrong.append(f"m_max = {m_max!r}: give a number above 0")
@@ -98,9 +98,15 @@ def fit_valve(
 
     def read(source: Any) -> Log:
         return read_log(
-            source, ["command", "m_w"], measured=["m_w"], optional=["enabled"], units=units, columns=columns,
-            drop=drop, jumps=jumps, max_gap=max_gap,
-        )  # fmt: skip
+            source,
+            _WANTED,
+            units=units,
+            columns=columns,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            has_command=True,
+        )
 
     data = read(log)
     _check(data, floor, m_max)
@@ -109,16 +115,17 @@ def fit_valve(
     problem = ValveProblem(data, floor, settle, split, fit_until)
     model, fixed = problem.model(m_max, initial)
     best = minimise(model, problem.starts(m_max, initial), fixed=fixed)
-    for better_ones in range(3):
+    for n_restarts in range(3):
         spread = uncertainty(model, best, fixed, profiled=[X_BL])
         grid = _grid(best, spread)
-        sums, others = profile(model, best, X_BL, grid, fixed)
-        if sums.min() > best.rss * (1.0 - 1e-6) or better_ones == 2:
+        minima = profile(model, best, X_BL, grid, fixed)
+        sums = np.array([one.rss for one in minima])
+        if sums.min() > best.rss * (1.0 - 1e-6) or n_restarts == 2:
             break
-        best = minimise(model, np.stack([best.x, others[int(sums.argmin())].x], axis=1), fixed=fixed)
+        best = minimise(model, np.stack([best.x, minima[int(sums.argmin())].x], axis=1), fixed=fixed)
     limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
-    interval = _interval(grid, sums, best, limit)
-    return problem.result(model, best, spread, (grid, sums, limit, interval), others[0], fixed, began)
+    profiled = BacklashProfile(grid=grid, sums=sums, limit=limit, interval=_interval(grid, sums, best, limit))
+    return problem.result(model, best, spread, profiled, minima[0], fixed, started)
 
 
 def _check(data: Log, floor: float | None, m_max: float | None) -> None:
@@ -136,15 +143,15 @@ def _check(data: Log, floor: float | None, m_max: float | None) -> None:
     if reach < _LEAST_REACH:
         problems.append(f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit")
     if floor is not None and floor >= top:
-        problems.append(f"floor = {floor:g} kg/s: {data.name} has no larger flow than {top:.3g} kg/s, give less")
+        problems.append(f"floor = {floor:g} kg/s: {data.name} has no larger flow than {top:.3g} kg/s, lower it")
     if m_max is not None and m_max < _LEAST_SHARE * top:
-        problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give as much at least")
+        problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give at least that")
     if problems:
         raise InputError(problems)
 
 
 def _grid(best: Estimate, spread: Uncertainty) -> Array:
-    """Sizes of backlash to profile: coarse over all that may be, fine where the minimum is."""
+    """Backlashes to profile: coarse over the whole range, fine around the minimum."""
     x, variance = float(best.x[X_BL]), spread.covariance[X_BL, X_BL]
     top = min(max(0.25, 2.0 * x), LARGEST_BACKLASH)
     width = 3.0 * math.sqrt(variance) if np.isfinite(variance) else 0.02
@@ -158,7 +165,7 @@ def _interval(grid: Array, sums: Array, best: Estimate, limit: float) -> tuple[f
     x = np.append(grid, best.x[X_BL])
     order = np.argsort(x, kind="stable")
     x, y = x[order], np.append(sums, best.rss)[order]
-    inside: NDArray[np.int64] = np.flatnonzero(y <= limit)
+    inside: Index = np.flatnonzero(y <= limit)
     first, last = int(inside[0]), int(inside[-1])
     low, high = x[first], x[last]
     if first > 0:

@@ -1,24 +1,20 @@
-"""The least-squares problem of a valve: what of a log is compared, the model over it, and the fit in full."""
+"""The least-squares problem of a valve: which samples are compared, the model over them, and the result."""
 
 from __future__ import annotations
 
 import math
 import time
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.boundary.series import Array
-from fastcoil.calibrate.columns import counted
-from fastcoil.calibrate.data import Log
+from fastcoil.arrays import Array
 from fastcoil.calibrate.least_squares import Estimate, Model, Uncertainty
 from fastcoil.calibrate.result import (
     AT_BOUND,
-    FITTING,
     NOT_UNIQUE,
-    UNUSED,
-    VALIDATION,
     Fit,
     labelled,
     natural_interval,
@@ -26,10 +22,12 @@ from fastcoil.calibrate.result import (
     rms,
     sample_variables,
 )
-from fastcoil.calibrate.split import fitted_part
-from fastcoil.calibrate.valve_record import compared, gaps_unknown, lowest_reading, reversals, sensor_off
+from fastcoil.calibrate.split import FITTING, UNUSED, VALIDATION, fitted_part
+from fastcoil.calibrate.valve_record import lowest_reading, reversals, sensor_off, settled, why_unidentified
 from fastcoil.engine.valve_loop import VALVE_ROWS, valve_flows
 from fastcoil.errors import InputError
+from fastcoil.logs import Log
+from fastcoil.logs.notes import counted, first_row
 
 FEWEST_SAMPLES = 20
 LARGEST_BACKLASH = 0.5
@@ -37,8 +35,20 @@ X_BL, _M_MAX, _A, _B, _C = range(5)
 _LOGS = (_M_MAX, _A, _B)
 
 
+class BacklashProfile(NamedTuple):
+    """Least sum of squares with the backlash held at each value of ``grid``, (n,).
+
+    limit: the sum that the 95 % ``interval`` stays below.
+    """
+
+    grid: Array
+    sums: Array
+    limit: float
+    interval: tuple[float, float]
+
+
 class ValveProblem:
-    """The log, what of it is compared, and the model over it."""
+    """The log, which samples of it are compared, and the model over it."""
 
     def __init__(
         self, data: Log, floor: float | None, settle: float | None, split: float | None, fit_until: float | None
@@ -49,20 +59,20 @@ class ValveProblem:
         self.floor = lowest_reading(self.flow, self.notes) if floor is None else floor
         off = sensor_off(self.command, self.flow, self.floor)
         if off.any():
-            row = data.rows[int(np.argmax(off))]
             self.notes.append(
                 f"{counted(off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve open "
-                f"(first in row {row})"
+                f"({first_row(data.rows.tolist(), off)})"
             )
-        settled = compared(data, settle, self.notes)
+        at_rest = settled(data, settle, self.notes)
         enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
         if not enabled.all():
             self.notes.append(f"{counted(~enabled, 'flow')} not compared: enabled is 0")
-        self.good = np.isfinite(self.flow) & ~off & settled & enabled
+        self.good = np.isfinite(self.flow) & ~off & at_rest & enabled
         self.fitting = fitted_part(data, split, fit_until)
-        if (self.good & self.fitting).sum() < FEWEST_SAMPLES:
+        to_fit = self.good & self.fitting
+        if to_fit.sum() < FEWEST_SAMPLES:
             raise InputError(
-                f"{data.name}: {counted(self.good & self.fitting, 'flow')} left to fit, of {FEWEST_SAMPLES} at least: "
+                f"{data.name}: {counted(to_fit, 'flow')} left to fit: give at least {FEWEST_SAMPLES}, "
                 f"lower settle, raise split, or give a longer log ({'; '.join(self.notes)})"
             )
         last = int(np.flatnonzero(self.fitting)[-1]) + 1
@@ -80,7 +90,7 @@ class ValveProblem:
         return openings, np.maximum(flows, self.floor)
 
     def model(self, m_max: float | None, initial: str) -> tuple[Model, list[int]]:
-        """The least-squares problem of the part to fit, and the index of what is held in it."""
+        """The least-squares problem of the part to fit, and the indices of the parameters held in it."""
         n, n_batches = self.n_fit, int(self.batch[self.n_fit - 1]) + 1
         used = self.good[:n] & self.fitting[:n]
         measured = np.where(used, self.flow[:n], 0.0)[:, None]
@@ -100,7 +110,7 @@ class ValveProblem:
         return Model(residuals, lower, upper, step, self.batch[:n], used, n_batches, self.batch[:n]), fixed
 
     def starts(self, m_max: float | None, initial: str) -> Array:
-        """Parameter sets to start from, (p, sets): shapes of curve by sizes of backlash."""
+        """Parameter sets to start from, (p, sets): shapes of the curve, each with several backlashes."""
         place = {"unknown": 0.5, "rising": 1.0, "falling": 0.0}[initial]
         n_batches = int(self.batch[self.n_fit - 1]) + 1
         flows = [math.log(m_max)] if m_max else [math.log(self.top * f) for f in (1.03, 1.5)]
@@ -118,18 +128,27 @@ class ValveProblem:
         model: Model,
         best: Estimate,
         spread: Uncertainty,
-        found: tuple[Array, Array, float, tuple[float, float]],
+        profiled: BacklashProfile,
         without: Estimate,
         fixed: list[int],
-        began: float,
+        started: float,
     ) -> Fit:
-        """The fit with everything a user may ask of it."""
-        grid, sums, limit, interval = found
+        """The fit with everything a user may ask of it.
+
+        Parameters
+        ----------
+        model, best, spread, fixed
+            The problem, its minimum, how well it is known, and the indices of the parameters held in it.
+        profiled, without
+            The profile over the backlash, and the minimum without backlash.
+        started
+            Time of the call, by ``time.perf_counter``.
+        """
         natural = best.x[:5].copy()
         natural[list(_LOGS)] = np.exp(natural[list(_LOGS)])
         slope = np.where(np.isin(np.arange(5), _LOGS), natural, 1.0)
         covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
-        why = gaps_unknown(self.n_reversals, float(natural[X_BL]), interval, grid[-1])
+        why = why_unidentified(self.n_reversals, float(natural[X_BL]), profiled.interval, profiled.grid[-1])
         held = {"backlash": why} if why else {}
         if _M_MAX in fixed:
             held["m_max"] = "given"
@@ -142,12 +161,12 @@ class ValveProblem:
         estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
         half = spread.quantile() * np.sqrt(np.diag(spread.covariance)[:5])
         bounds = [natural_interval(best.x[k], half[k], k in _LOGS) for k in range(5)]
-        bounds[X_BL] = interval
+        bounds[X_BL] = profiled.interval
         intervals = {VALVE_ROWS[k]: bounds[k] for k in estimated}
         if why:
             del parameters["backlash"]
             self.notes.append(
-                f"the curve goes with a backlash of {natural[X_BL]:.3g}, which is not known: sweep it in a study"
+                f"the curve belongs to a backlash of {natural[X_BL]:.3g}, which is not identified: sweep it in a study"
             )
         reach = float(self.command[: self.n_fit].max())
         if reach < 0.9:
@@ -164,9 +183,9 @@ class ValveProblem:
             intervals=intervals,
             covariance=labelled(covariance[np.ix_(estimated, estimated)], [VALVE_ROWS[k] for k in estimated]),
             profile=xr.Dataset(
-                {"rmse": ("backlash", np.sqrt(sums / n_compared), {"units": "kg s-1"})},
-                {"backlash": ("backlash", grid, {"units": "1"})},
-                {"limit": math.sqrt(limit / n_compared), "interval_95": list(interval)},
+                {"rmse": ("backlash", np.sqrt(profiled.sums / n_compared), {"units": "kg s-1"})},
+                {"backlash": ("backlash", profiled.grid, {"units": "1"})},
+                {"limit": math.sqrt(profiled.limit / n_compared), "interval_95": list(profiled.interval)},
             ),
             residuals=residuals,
             rmse=rmse,
@@ -175,16 +194,16 @@ class ValveProblem:
             n_effective=spread.n_effective,
             held=held,
             notes=self.notes,
-            seconds=time.perf_counter() - began,
+            seconds=time.perf_counter() - started,
             extras=extras | {"curve": natural},
         )
 
     def _residuals(self, best: Estimate, without: Estimate) -> tuple[xr.Dataset, dict[str, float], dict[str, Array]]:
-        """Measured and modelled flows over the whole log, RMSE by part, openings; without backlash besides."""
+        """Measured and modelled flows over the whole log, also without backlash; RMSE by part; the meter's floor."""
         n, n_batches = self.command.size, int(self.batch[-1]) + 1
         modelled = []
         for one in (best, without):
-            start = np.full((n_batches, 1), 0.5)  # of a batch held back nothing is known
+            start = np.full((n_batches, 1), 0.5)  # unknown for a batch held back
             start[: one.x.size - 5, 0] = one.x[5:]
             modelled.append([a[:, 0] for a in self.flows(one.x[:5, None], start, n)])
         (openings, flow), (_, plain) = modelled

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from fastcoil.boundary import Boundary, moist_air
+from fastcoil import moist_air
+from fastcoil.boundary import Boundary
 from fastcoil.engine.lanes import PARAMETER_ROWS, parameter_matrix
 from fastcoil.engine.step_numbers import worst_numbers
 from fastcoil.errors import InputError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.twins import COIL_HEADER, VALVE_HEADER, changed, coil_rows, log_of, valve_rows, write_csv
+from helpers.simulated_logs import COIL_HEADER, VALVE_HEADER, changed, coil_rows, log_of, valve_rows, write_csv
 
 import fastcoil as fc
 
@@ -81,12 +81,12 @@ def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, hea
         (COIL_HEADER, None, {"n_volumes": 0}, ["n_volumes = 0"]),
         (COIL_HEADER, None, {"max_gap": 0}, ["max_gap = 0 s", "at least 1"]),
         (COIL_HEADER, None, {"max_gap": float("nan")}, ["max_gap = nan"]),
-        (COIL_HEADER, None, {"constants": {"m_a": 1.2}}, ["m_a and constant m_a are both there"]),
+        (COIL_HEADER, None, {"constants": {"m_a": 1.2}}, ["m_a and constant m_a are both given"]),
         (
             COIL_HEADER,
             None,
             {"constants": {"T_dp_in": 99}},
-            ["constants has T_dp_in = 99: must be from -60 to 50 degC"],
+            ["constants has T_dp_in = 99: give a number from -60 to 50 degC"],
         ),
         (COIL_HEADER, None, {"constants": {"elapsed_time": 1}}, ["constants has unknown 'elapsed_time'"]),
         (COIL_HEADER, None, {"split": 0.5, "fit_until": 600}, ["split and fit_until both say", "give one of them"]),
@@ -170,8 +170,8 @@ def test_arguments_of_a_wrong_type_are_refused_for_a_valve(valve_log, options, s
         ({"holds": "m_x"}, "holds has 'm_x': choose from m_w, m_a, T_w_in, T_a_in, W_a_in, RH_a_in, T_dp_in"),
         ({"holds": 3}, "holds has 3: choose from m_w, m_a, T_w_in, T_a_in, W_a_in, RH_a_in, T_dp_in"),
         ({"constants": ["m_a"]}, "constants = ['m_a']: give a mapping of names, such as {'m_a': 1.2}"),
-        ({"constants": {"T_w_out": "x"}}, "coil.csv: constants has T_w_out = 'x': must be from 0.1 to 150 degC"),
-        ({"constants": {"T_w_out": [7]}}, "coil.csv: constants has T_w_out = [7]: must be from 0.1 to 150 degC"),
+        ({"constants": {"T_w_out": "x"}}, "coil.csv: constants has T_w_out = 'x': give a number from 0.1 to 150 degC"),
+        ({"constants": {"T_w_out": [7]}}, "coil.csv: constants has T_w_out = [7]: give a number from 0.1 to 150 degC"),
     ],
 )
 def test_arguments_of_a_wrong_type_are_refused_for_a_coil(coil_log, options, sentence):
@@ -211,7 +211,7 @@ def test_numbers_of_numpy_are_numbers(valve_log):
 
 
 def test_rows_that_run_backwards_or_share_a_time_are_told_what_is_needed(valve_log):
-    assert_said(refused(fc.fit_valve, valve_log(valve_rows()[::-1])), ["(59 such)", "oldest first"])
+    assert_said(refused(fc.fit_valve, valve_log(valve_rows()[::-1])), ["(59 such rows)", "oldest first"])
     to_the_hour = [[t // 3600, c, m] for t, c, m in valve_rows()]
     header = ["elapsed_time [h]", *VALVE_HEADER[1:]]
     assert_said(refused(fc.fit_valve, valve_log(to_the_hour, header)), ["same time", "a time of its own"])
@@ -221,7 +221,7 @@ def test_of_two_times_one_is_asked_for(valve_log):
     header = ["timestamp", *VALVE_HEADER]
     rows = [[f"2024-07-01T{t // 3600:02d}:{t // 60 % 60:02d}:00", t, c, m] for t, c, m in valve_rows()]
     path = valve_log(rows, header)
-    assert "elapsed_time and timestamp are both there" in refused(fc.fit_valve, path)
+    assert "elapsed_time and timestamp are both given" in refused(fc.fit_valve, path)
     by_stamp = fc.fit_valve(path, columns={"timestamp": "timestamp"})
     assert by_stamp.parameters == fc.fit_valve(path, columns={"elapsed_time": "elapsed_time"}).parameters
     rows[5][0] = "midnight"
@@ -255,8 +255,8 @@ def test_readings_that_scatter_about_a_bound_are_taken_as_the_bound(valve_log):
     fit = fc.fit_valve(valve_log(rows))
     assert float(fit.residuals["command"][5]) == 1.0
     assert float(fit.residuals["m_w"][9]) == 0.0
-    assert any("1 value of command just outside" in note and "row 7)" in note for note in fit.notes)
-    assert any("1 value of m_w just outside" in note and "row 11)" in note for note in fit.notes)
+    assert any("1 value of command just outside the possible range" in note and "row 7)" in note for note in fit.notes)
+    assert any("1 value of m_w just outside the possible range" in note and "row 11)" in note for note in fit.notes)
     assert "command = 1.2" in refused(fc.fit_valve, valve_log(changed(valve_rows(), 5, 1, "1.2")))
 
 

@@ -4,8 +4,8 @@ import tomllib
 
 import numpy as np
 import pytest
-from helpers.measured import measured
-from helpers.twins import COIL_TRUTH, assert_covered, coil_log, held
+from helpers.shared_data import measured
+from helpers.simulated_logs import COIL_TRUTH, assert_covered, coil_log, held
 
 import fastcoil as fc
 from fastcoil.calibrate.coil_record import COIL
@@ -93,7 +93,7 @@ def test_a_slow_log_holds_the_heat_capacity_of_the_water():
     fit = fc.fit_coil(slow, split=1.0)
     assert fit.held["C_w"] == "held at a prior: the data do not identify it"
     assert any(line.startswith("C_w = ") and "held at a prior" in line for line in fit.summary())
-    assert any("1200 s apart the inputs run straight" in note for note in fit.notes)
+    assert any("1200 s apart and the inputs run straight" in note for note in fit.notes)
 
 
 def test_zeros_of_a_sensor_that_is_off_are_left_out_and_counted():

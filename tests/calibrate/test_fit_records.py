@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.twins import COIL_TRUTH, VALVE_TRUTH, assert_covered, coil_log, flows, joined, log_of, noisy, shifted, walk
+from helpers.simulated_logs import (
+    COIL_TRUTH,
+    VALVE_TRUTH,
+    assert_covered,
+    coil_log,
+    flows,
+    joined,
+    log_of,
+    noisy,
+    shifted,
+    walk,
+)
 
 import fastcoil as fc
 from fastcoil.calibrate.result import poor
@@ -38,7 +49,7 @@ def test_after_a_gap_the_record_of_a_coil_begins_anew_with_a_warm_up(broken):
     assert_covered(broken, COIL_TRUTH)
     assert broken.rmse["fit"] == pytest.approx(0.05, rel=0.05)
     assert any("1 gap in time (first: 3601 s between rows 5399 and 5400)" in note for note in broken.notes)
-    assert any("2 unbroken pieces, each from 20 degC on, the first 1800 s of each" in note for note in broken.notes)
+    assert any("2 unbroken pieces, each starting at 20 degC, the first 1800 s of each" in note for note in broken.notes)
     part = broken.residuals["part"].values
     for began in (0, 5400):
         assert set(part[began : began + 1800]) == {"unused"}

@@ -4,8 +4,8 @@ import tomllib
 
 import numpy as np
 import pytest
-from helpers.measured import measured
-from helpers.twins import VALVE_TRUTH, assert_covered, flows, log_of, noisy, walk
+from helpers.shared_data import measured
+from helpers.simulated_logs import VALVE_TRUTH, assert_covered, flows, log_of, noisy, walk
 
 import fastcoil as fc
 
@@ -157,7 +157,7 @@ def test_two_positions_tell_neither_the_gap_nor_the_curve():
     command = np.where(np.arange(300) // 20 % 2, 0.8, 0.2)
     fit = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.02)), split=1.0)
     assert "backlash" not in fit.parameters
-    assert "the most that is tried" in fit.held["backlash"]
+    assert "the largest value tried" in fit.held["backlash"]
     assert any("one of many that fit as well" in why for why in fit.held.values())
     assert np.isfinite(list(fit.intervals.values())).all()
     tomllib.loads(fit.to_toml())
