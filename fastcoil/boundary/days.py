@@ -208,8 +208,8 @@ def design_day(
 
     The outdoor temperature follows `RANGE_FRACTIONS`, straight between the hours.  In cooling ``T_design`` is
     its maximum (hours 14 and 15), in heating its minimum (hour 5).  The humidity ratio is constant, that of
-    ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but at most saturated.  What
-    is left out stands in `DESIGNS`; heating has no daily range there: give one for a day that varies.
+    ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but at most saturated.  The
+    defaults are in `DESIGNS`; heating has no daily range there: give one for a day that varies.
     Nothing here is faster than the hourly profile.
 
     Parameters

@@ -48,7 +48,7 @@ class Boundary:
         the order, seed the noise of a day.  One number labels a boundary without a dim ``day``.
 
     Each series is a number, a 1-D array of 1-s samples, a 2-D array (day, second) or a DataArray with dims
-    ``elapsed_time`` and/or ``day``; at least one must have samples, and all of them equally many.  A
+    ``elapsed_time`` and/or ``day``; at least one must have samples, and all the same number.  A
     DataArray that declares ``units`` is converted from them.  All mistakes are raised together, in one
     `InputError`.
     """
@@ -243,7 +243,7 @@ class Boundary:
         pressure
             Barometric pressure, for relative humidity and dew point [Pa].
         start, hours
-            Hours from the first row at which to begin; how many to take, up to the last row if left out.
+            Hours from the first row to the first sample; how many hours to take, up to the last row if left out.
         max_gap
             Longest step to be bridged [s]; three times the median step if left out.
 

@@ -57,7 +57,7 @@ def common_size(dim: str, word: str, given: dict[str, Given], problems: list[str
         return None
     first, size = next(iter(sizes.items()))
     problems += [
-        f"{name} has {other} {word} where {first} has {size}: give every series as many"
+        f"{name} has {other} {word} where {first} has {size}: give every series the same number"
         for name, other in sizes.items()
         if other != size
     ]

@@ -43,6 +43,8 @@ _STILL = 0.02
 _COARSE = 10.0
 """Between samples further apart than this an input may step, s."""
 COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
+"""What the data may not tell apart: these are then held at the values of those."""
+_AS_DRY = "as that of heat alone"
 
 
 class CoilSolution(NamedTuple):
@@ -174,7 +176,7 @@ class CoilProblem:
         run = self.record.until(self.n_fit).run(self.complete(best.x[:, None]))
         wet = run.wet_volumes[self.warm[: self.n_fit], 0]
         if not wet.any():
-            self.held |= {k: "as that of heat alone: the coil is never wet" for k in COUPLED}
+            self.held |= {k: f"{_AS_DRY}: the coil is never wet" for k in COUPLED}
             best = minimise(model, best.x[:, None], fixed=list(self.held))
         spread = uncertainty(model, best, list(self.held))
         needed: set[int] = set()
@@ -182,7 +184,7 @@ class CoilProblem:
             x = best.x.copy()
             x[k] = self.prior[k]
             if k in COUPLED:
-                self.held[k] = "as that of heat alone: the data do not tell them apart"
+                self.held[k] = f"{_AS_DRY}: the data do not tell them apart"
             else:
                 self.held[k] = "held at a prior: the data do not identify it"
             tried = minimise(model, x[:, None], fixed=list(self.held))
@@ -211,4 +213,4 @@ class CoilProblem:
 
 def is_coupled(held: Mapping[int, str], k: int) -> bool:
     """Whether a parameter is held at the value of another."""
-    return held.get(k, "").startswith("as")
+    return held.get(k, "").startswith(_AS_DRY)

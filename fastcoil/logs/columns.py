@@ -12,7 +12,7 @@ from fastcoil.logs.series import COLUMNS, TIMES, Series
 from fastcoil.logs.table import Table, label_and_unit
 
 _OUTPUTS = ("command", "T_sup", "T_w_out")
-"""Nobody has a constant for these."""
+"""Always measured: no message suggests a constant for them."""
 _MOST_NAMED = 3
 """So many unknown columns are named, the rest are counted."""
 

@@ -32,7 +32,7 @@ def at_seconds(
     hold
         Names of the series that hold until the next sample; the others run straight.
     slack
-        A sample that is by up to so much late still counts for its second [s]: for times with round-off.
+        A sample up to this much late still counts for its second [s]: for times with round-off.
     """
     latest = np.searchsorted(time, seconds + slack, side="right") - 1
     return {

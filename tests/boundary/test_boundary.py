@@ -155,7 +155,7 @@ def test_describe_and_repr_are_one_short_line():
         ("m_a", np.ones((1, 1, 60)), ["m_a has 3 dimensions", "(days, seconds)"]),
         ("m_a", None, ["m_a is missing", "air flow", "kg s-1"]),
         ("m_a", xr.DataArray(np.ones(60), dims="time"), ["m_a", "('time',)", "elapsed_time"]),
-        ("m_a", np.ones(59), ["T_set has 60 samples where m_a has 59", "as many"]),
+        ("m_a", np.ones(59), ["T_set has 60 samples where m_a has 59", "the same number"]),
     ],
 )
 def test_a_bad_series_is_named_with_its_value_and_the_cure(name, value, words):

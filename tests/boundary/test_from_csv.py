@@ -171,3 +171,22 @@ def test_a_measured_air_handler_log():
         assert boundary.series["T_a_in"][0, second] == pytest.approx(float(recorded["T_out_C"]), abs=1e-9)
         assert boundary.series["T_set"][0, second] == pytest.approx(float(recorded["T_sup_set_C"]), abs=1e-12)
         assert boundary.series["enabled"][0, second + 4] == float(recorded["fan_enable"])
+
+
+def test_humidity_may_be_a_constant_in_any_form(write):
+    path = write([*HEADER[:3], *HEADER[4:]], [[*r[:3], *r[4:]] for r in ROWS])
+    T_a_in = Boundary.from_csv(path, constants={"W_a_in": 0.01}).series["T_a_in"]
+    found = Boundary.from_csv(path, constants={"RH_a_in": 0.5}, pressure=95e3).series["W_a_in"]
+    np.testing.assert_allclose(found[0, [0, 60, 120]], moist_air.humidity_ratio(T_a_in[0, [0, 60, 120]], 0.5, 95e3))
+    found = Boundary.from_csv(path, constants={"T_dp_in": 12.0}).series["W_a_in"]
+    np.testing.assert_allclose(found, moist_air.humidity_ratio_from_dew_point(12.0))
+
+
+def test_enabled_needs_no_unit(write):
+    header, rows = [*HEADER, "enabled"], [[*r, on] for r, on in zip(ROWS, (1, 0, 1), strict=True)]
+    assert Boundary.from_csv(write(header, rows)).series["enabled"][0, 90] == 0.0
+
+
+def test_a_column_comes_before_a_constant_of_its_name(write):
+    path = write(HEADER, ROWS)
+    assert Boundary.from_csv(path, constants={"m_a": 9.0}) == Boundary.from_csv(path)

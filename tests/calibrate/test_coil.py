@@ -105,9 +105,9 @@ def test_zeros_of_a_sensor_that_is_off_are_left_out_and_counted():
 
 
 def test_a_log_that_the_model_cannot_explain_is_noted():
-    log = coil_log(seed=14)
+    log = coil_log(hours=1, seed=14)
     rng = np.random.default_rng(14)
-    log["T_sup"] = ("elapsed_time", held(rng, 10.0, 20.0, 200, 7200), {"units": "degC"})
+    log["T_sup"] = ("elapsed_time", held(rng, 10.0, 20.0, 200, 3600), {"units": "degC"})
     assert any("explains only" in note for note in fc.fit_coil(log, split=1.0).notes)
 
 
