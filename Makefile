@@ -38,6 +38,11 @@ bench-quick: $(VENV)/.installed-test
 	$(BENCH) --benchmark-columns=median --benchmark-json="$$out/results.json" && \
 	$(BIN)/python benchmarks/report.py "$$out/results.json"
 
+# the same numbers as another checkout, and no slower?  make against OTHER=../before
+.PHONY: against
+against: $(VENV)/.installed-test
+	$(BIN)/python benchmarks/against.py $(OTHER)
+
 clean:
 	rm -rf $(VENV) results
 

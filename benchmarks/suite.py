@@ -16,7 +16,8 @@ from peers import c_peer, common, numpy_lanes, scalar_numba
 
 import fastcoil as fc
 from fastcoil.engine.host import run_block
-from fastcoil.engine.lanes import LANES, blocks
+from fastcoil.engine.lanes import blocks, parameter_matrix
+from fastcoil.engine.rows import LANES
 from fastcoil.outputs import METRICS
 from fastcoil.simulation.plan import Plan, prepare
 
@@ -63,7 +64,7 @@ def plan(lanes: int, seconds: int, sample_time: float, options: Options = OPTION
 
 def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
     """Return a function that runs all blocks of ``work`` through the kernel, and nothing else."""
-    cut = blocks(work.layout.columns(np.arange(work.n_scenarios)))
+    cut = blocks(parameter_matrix(work.layout.columns(np.arange(work.n_scenarios))))
     rows = {name: list(METRICS).index(name) for name in ("rmse", "switch_frequency")}
 
     def one(entry: tuple[np.ndarray, Any]) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,9 @@ import numpy as np
 from fastcoil import moist_air
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.calibrate.least_squares import FORBIDDEN
-from fastcoil.engine.coil_loop import COIL_SERIES, run_coil
-from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, Block, parameter_matrix
+from fastcoil.engine.coil_loop import COIL_COLUMNS, run_coil
+from fastcoil.engine.lanes import parameter_matrix
+from fastcoil.engine.rows import PARAMETER_ROWS
 from fastcoil.engine.step_numbers import worst_numbers
 from fastcoil.errors import InputError
 from fastcoil.logs import Log
@@ -36,7 +37,7 @@ _ROUND_OFF = 1e-6
 
 
 class Piece(NamedTuple):
-    """An unbroken piece of a record: series (n_steps, 5) as ``COIL_SERIES``, and ``at`` (n,), second of each sample."""
+    """An unbroken piece of a record: series (n_steps, 5) as ``COIL_COLUMNS``; ``at`` (n,), second of each sample."""
 
     series: Array
     at: Index
@@ -91,30 +92,12 @@ class Record:
 
     def run(self, sets: Array) -> CoilRun:
         """The model over the record with each parameter set (8, sets); NaN for sets that are unstable."""
-        n_sets = sets.shape[1]
         base = parameter_matrix(columns_of(self.loop, {}, np.array([0])))
-        matrix = np.repeat(base, n_sets, axis=1)
+        matrix = np.repeat(base, sets.shape[1], axis=1)
         matrix[_ROWS] = self.values(sets)
+        of_pieces = [run_coil(matrix, piece.series, piece.at) for piece in self.pieces]
+        found = CoilRun(*(np.concatenate(parts) for parts in zip(*of_pieces, strict=True)))
         unstable = self._unstable(matrix)
-        found = CoilRun(*(np.empty((sum(piece.at.size for piece in self.pieces), n_sets)) for _ in range(3)))
-        n_volumes, lagged = int(base[PARAMETER_ROWS.index("n_volumes"), 0]), bool(self.loop["air_march"] == "lagged")
-        for first in range(0, n_sets, LANES):
-            lanes = np.minimum(np.arange(first, first + LANES), n_sets - 1)
-            block = Block(
-                rows=np.ascontiguousarray(matrix[:, lanes]),
-                n_volumes=n_volumes,
-                lagged_air=lagged,
-                control_period=1,
-                samples_together=True,
-                learning_period=0,
-                has_noise=False,
-                shares_air_side=False,
-            )
-            sets_here, n = slice(first, first + min(LANES, n_sets - first)), 0
-            for piece in self.pieces:
-                for whole, part in zip(found, run_coil(block, piece.series, piece.at), strict=True):
-                    whole[n : n + piece.at.size, sets_here] = part[:, : sets_here.stop - first]
-                n += piece.at.size
         for whole in found:
             whole[:, unstable] = np.nan
         return found
@@ -170,7 +153,7 @@ def record_of(log: Log, loop: Loop, holds: tuple[str, ...]) -> Record:
     coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), float(loop["T_initial"]))  # type: ignore[arg-type]
     m_a, m_w = values["m_a"], values["m_w"]
     return Record(
-        pieces=tuple(_piece(log.time[i], {name: values[name][i] for name in COIL_SERIES}, holds) for i in unbroken),
+        pieces=tuple(_piece(log.time[i], {name: values[name][i] for name in COIL_COLUMNS}, holds) for i in unbroken),
         loop=loop,
         m_w=_typical(m_w),
         m_a=_typical(m_a),

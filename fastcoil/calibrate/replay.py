@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.arrays import Array
-from fastcoil.engine.lanes import blocks
-from fastcoil.engine.replay_loop import REPLAY_SERIES, REPLAY_TRACES, run_replay
+from fastcoil.engine.lanes import parameter_matrix
+from fastcoil.engine.replay_loop import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted
@@ -93,17 +93,14 @@ def replay(
     needed = 8 * n * len(REPLAY_TRACES) * points.size
     if 2 * needed > available_memory():
         raise InputError(f"the commands need {gib(needed)} of memory: raise trace_interval or sweep fewer values")
-    found = {name: np.empty((n, points.size)) for name in REPLAY_TRACES}
-    for members, block in blocks(columns_of(loop, loop.sizes, np.arange(n))):
-        for name, values in run_replay(block, series, trace_interval).items():
-            found[name][members] = values[:, : members.size].T
+    found = run_replay(parameter_matrix(columns_of(loop, loop.sizes, np.arange(n))), series, trace_interval)
     ds = xr.Dataset(coords={name: c.assign_attrs(coordinate_attrs(name)) for name, c in loop.coordinates().items()})
     ds = ds.assign_coords(
         elapsed_time=("elapsed_time", points.astype(float), coordinate_attrs("elapsed_time")),
     )
     for name, values in found.items():
         shape = (*loop.sizes.values(), points.size)
-        ds[name] = ((*loop.sizes, "elapsed_time"), values.reshape(shape), attributes(TRACES[name]))
+        ds[name] = ((*loop.sizes, "elapsed_time"), values.T.reshape(shape), attributes(TRACES[name]))
     ds.attrs = {"title": "fastcoil replay", **provenance(), "parameters": json.dumps(loop.constants), "log": data.name}
     return ds
 
@@ -112,6 +109,6 @@ def _seconds(log: Log) -> Array:
     """What the controller sees at every second, (n_steps, 3): the last recorded values."""
     require_whole_seconds(log.name, log.step)
     recorded = {"enabled": np.ones(log.time.size), **log.values}
-    values = {name: recorded[name] for name in REPLAY_SERIES}
+    values = {name: recorded[name] for name in REPLAY_COLUMNS}
     seconds = np.arange(int(log.time[-1] + _ROUND_OFF) + 1, dtype=float)
-    return np.stack(list(at_seconds(log.time, values, seconds, REPLAY_SERIES, _ROUND_OFF).values()), axis=1)
+    return np.stack(list(at_seconds(log.time, values, seconds, REPLAY_COLUMNS, _ROUND_OFF).values()), axis=1)

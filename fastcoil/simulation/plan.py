@@ -15,9 +15,9 @@ import joblib
 import numpy as np
 
 from fastcoil.boundary import Boundary
-from fastcoil.engine.emulator import SERIES, Day
+from fastcoil.engine.emulator import DAY_COLUMNS, Day
 from fastcoil.engine.host import Traces
-from fastcoil.engine.lanes import LANES
+from fastcoil.engine.rows import LANES
 from fastcoil.engine.schedule import schedule
 from fastcoil.errors import InputError, nearest
 from fastcoil.numerics.noise import RNG
@@ -156,7 +156,7 @@ def prepare(
     words = (seed & 0xFFFFFFFF, seed >> 32)
     days = tuple(
         Day(
-            series=np.stack([boundary.series[n][d] for n in SERIES], axis=1),
+            series=np.stack([boundary.series[n][d] for n in DAY_COLUMNS], axis=1),
             command=commands[d] if commands is not None else np.empty(0),
             schedule=schedule(boundary.series["T_set"][d], boundary.series["enabled"][d], warm_up),
             label=int(boundary.day[d]),

@@ -16,7 +16,8 @@ import xarray as xr
 
 from fastcoil.boundary import Boundary
 from fastcoil.engine.host import run_block
-from fastcoil.engine.lanes import LANES, blocks
+from fastcoil.engine.lanes import blocks, parameter_matrix
+from fastcoil.engine.rows import LANES
 from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.dataset import content_sha256, flat, gather, provenance, unflattened
@@ -93,7 +94,7 @@ def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
         shape = (index.size, plan.n_volumes, n_points) if TRACES[name].per_volume else (index.size, n_points)
         traces[name] = np.full(shape, np.nan)
     day = plan.days[columns["day"][0]]
-    for members, block in blocks(columns):
+    for members, block in blocks(parameter_matrix(columns)):
         found, flags, signals = run_block(block, day, plan.traces)
         metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
         for name, signal in signals.items():
@@ -117,7 +118,7 @@ def probe(plan: Plan) -> float:
     shards = plan.shards(1)
     middle = shards[len(shards) // 2]
     columns = plan.layout.columns(middle[:LANES])
-    _, block = blocks(columns)[0]
+    _, block = blocks(parameter_matrix(columns))[0]
     day = plan.days[columns["day"][0]]
     seconds = []
     for _ in range(2):

@@ -11,7 +11,8 @@ import xarray as xr
 
 from fastcoil import moist_air
 from fastcoil.boundary import Boundary
-from fastcoil.engine.lanes import PARAMETER_ROWS, parameter_matrix
+from fastcoil.engine.lanes import parameter_matrix
+from fastcoil.engine.rows import PARAMETER_ROWS
 from fastcoil.engine.step_numbers import worst_numbers
 from fastcoil.errors import InputError
 from fastcoil.parameter_table import PARAMETERS

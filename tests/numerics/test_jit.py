@@ -19,7 +19,7 @@ PACKAGE = Path(fastcoil.__file__).parent
 # the smallest kernel that calls a formula of the physics: γ at full opening, proportional to the water flow
 RUN = """
 import numpy as np
-from fastcoil.engine.lanes import PARAMETER_ROWS
+from fastcoil.engine.rows import PARAMETER_ROWS
 from fastcoil.engine.step_numbers import step_numbers, worst_numbers
 from fastcoil.parameter_table import PARAMETERS
 rows = [PARAMETERS[n].default if n in PARAMETERS and not PARAMETERS[n].is_word else 0.0 for n in PARAMETER_ROWS]
@@ -102,11 +102,11 @@ def test_the_users_own_numba_cache_keeps_its_place(copied):
     [
         ("physics/coil.py", True),
         ("control/pi.py", True),
-        ("engine/lanes.py", True),
+        ("engine/rows.py", True),
         ("numerics/noise.py", True),
         ("parameter_table.py", True),
-        ("simulation.py", False),
-        ("plots.py", False),
+        ("simulation/simulate.py", False),
+        ("plots/study.py", False),
     ],
 )
 def test_fingerprint_follows_what_kernels_are_made_of(copied, monkeypatch, part, belongs):
@@ -120,6 +120,7 @@ def test_fingerprint_follows_what_kernels_are_made_of(copied, monkeypatch, part,
 
     try:
         before = fingerprint()
+        assert (root / "fastcoil" / part).exists()
         with (root / "fastcoil" / part).open("a") as file:
             file.write("\n# changed\n")
         assert (fingerprint() != before) == belongs
