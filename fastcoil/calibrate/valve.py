@@ -9,16 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.arrays import Array, Index
-from fastcoil.calibrate.least_squares import Estimate, Uncertainty, minimise, profile, uncertainty
 from fastcoil.calibrate.result import Fit
-from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, LARGEST_BACKLASH, X_BL, BacklashProfile, ValveProblem
+from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, ValveProblem
+from fastcoil.calibrate.valve_result import valve_fit
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, is_number
 
-_PROFILE_POINTS = 25
-_FINE_POINTS = 12
 _LEAST_REACH = 0.02
 """A command that stays below this share of the stroke has the wrong unit."""
 _LEAST_SHARE = 0.8
@@ -113,19 +110,7 @@ def fit_valve(
     if validation is not None:
         data = data.followed_by(read(validation))
     problem = ValveProblem(data, floor, settle, split, fit_until)
-    model, fixed = problem.model(m_max, initial)
-    best = minimise(model, problem.starts(m_max, initial), fixed=fixed)
-    for n_restarts in range(3):
-        spread = uncertainty(model, best, fixed, profiled=[X_BL])
-        grid = _grid(best, spread)
-        minima = profile(model, best, X_BL, grid, fixed)
-        sums = np.array([one.rss for one in minima])
-        if sums.min() > best.rss * (1.0 - 1e-6) or n_restarts == 2:
-            break
-        best = minimise(model, np.stack([best.x, minima[int(sums.argmin())].x], axis=1), fixed=fixed)
-    limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
-    profiled = BacklashProfile(grid=grid, sums=sums, limit=limit, interval=_interval(grid, sums, best, limit))
-    return problem.result(model, best, spread, profiled, minima[0], fixed, started)
+    return valve_fit(problem, problem.solve(m_max, initial), started)
 
 
 def _check(data: Log, floor: float | None, m_max: float | None) -> None:
@@ -148,28 +133,3 @@ def _check(data: Log, floor: float | None, m_max: float | None) -> None:
         problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give at least that")
     if problems:
         raise InputError(problems)
-
-
-def _grid(best: Estimate, spread: Uncertainty) -> Array:
-    """Backlashes to profile: coarse over the whole range, fine around the minimum."""
-    x, variance = float(best.x[X_BL]), spread.covariance[X_BL, X_BL]
-    top = min(max(0.25, 2.0 * x), LARGEST_BACKLASH)
-    width = 3.0 * math.sqrt(variance) if np.isfinite(variance) else 0.02
-    width = min(max(width, 2e-3), 0.1)
-    fine = np.linspace(max(x - width, 0.0), min(x + width, top), _FINE_POINTS)
-    return np.unique(np.round(np.concatenate([np.linspace(0.0, top, _PROFILE_POINTS), fine]), 6))
-
-
-def _interval(grid: Array, sums: Array, best: Estimate, limit: float) -> tuple[float, float]:
-    """Where the profile stays below its limit, between the outermost crossings."""
-    x = np.append(grid, best.x[X_BL])
-    order = np.argsort(x, kind="stable")
-    x, y = x[order], np.append(sums, best.rss)[order]
-    inside: Index = np.flatnonzero(y <= limit)
-    first, last = int(inside[0]), int(inside[-1])
-    low, high = x[first], x[last]
-    if first > 0:
-        low = x[first] + (x[first - 1] - x[first]) * (limit - y[first]) / max(y[first - 1] - y[first], 1e-300)
-    if last < x.size - 1:
-        high = x[last] + (x[last + 1] - x[last]) * (limit - y[last]) / max(y[last + 1] - y[last], 1e-300)
-    return float(low), float(high)

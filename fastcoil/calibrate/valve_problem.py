@@ -1,38 +1,29 @@
-"""The least-squares problem of a valve: which samples are compared, the model over them, and the result."""
+"""The least-squares problem of a valve: which samples are compared, the model over them, and its solution."""
 
 from __future__ import annotations
 
 import math
-import time
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 
-from fastcoil.arrays import Array
-from fastcoil.calibrate.least_squares import Estimate, Model, Uncertainty
-from fastcoil.calibrate.result import (
-    AT_BOUND,
-    NOT_UNIQUE,
-    Fit,
-    labelled,
-    natural_interval,
-    poor,
-    rms,
-    sample_variables,
-)
-from fastcoil.calibrate.split import FITTING, UNUSED, VALIDATION, fitted_part
-from fastcoil.calibrate.valve_record import lowest_reading, reversals, sensor_off, settled, why_unidentified
-from fastcoil.engine.valve_loop import VALVE_ROWS, valve_flows
+from fastcoil.arrays import Array, Index
+from fastcoil.calibrate.least_squares import Estimate, Model, Uncertainty, minimise, profile, uncertainty
+from fastcoil.calibrate.split import fitted_part
+from fastcoil.calibrate.valve_record import lowest_reading, reversals, sensor_off, settled
+from fastcoil.engine.valve_loop import valve_flows
 from fastcoil.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.logs.notes import counted, first_row
 
 FEWEST_SAMPLES = 20
 LARGEST_BACKLASH = 0.5
-X_BL, _M_MAX, _A, _B, _C = range(5)
-_LOGS = (_M_MAX, _A, _B)
+X_BL, M_MAX, _A, _B, _C = range(5)
+LOGS = (M_MAX, _A, _B)
+"""Parameters that are searched by their logarithm."""
+_PROFILE_POINTS = 25
+_FINE_POINTS = 12
 
 
 class BacklashProfile(NamedTuple):
@@ -45,6 +36,20 @@ class BacklashProfile(NamedTuple):
     sums: Array
     limit: float
     interval: tuple[float, float]
+
+
+class ValveSolution(NamedTuple):
+    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash.
+
+    without_backlash: the minimum with a backlash of 0.  fixed: indices of the parameters that were held.
+    """
+
+    model: Model
+    estimate: Estimate
+    uncertainty: Uncertainty
+    profile: BacklashProfile
+    without_backlash: Estimate
+    fixed: list[int]
 
 
 class ValveProblem:
@@ -85,7 +90,7 @@ class ValveProblem:
         """Openings and flows of parameter sets (5, sets) over the first n samples, the meter's floor included."""
         openings, flows = np.empty((n, sets.shape[1])), np.empty((n, sets.shape[1]))
         rows = sets.copy()
-        rows[list(_LOGS)] = np.exp(rows[list(_LOGS)])
+        rows[list(LOGS)] = np.exp(rows[list(LOGS)])
         valve_flows(self.command[:n], self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
         return openings, np.maximum(flows, self.floor)
 
@@ -102,10 +107,10 @@ class ValveProblem:
         lower = np.array([0.0, top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_batches])
         upper = np.array([LARGEST_BACKLASH, top + 3.0, math.log(20.0), math.log(200.0), 3.0, *[1.0] * n_batches])
         if m_max is not None:
-            lower[_M_MAX] = min(lower[_M_MAX], math.log(m_max) - 1.0)
-            upper[_M_MAX] = max(upper[_M_MAX], math.log(m_max) + 1.0)
+            lower[M_MAX] = min(lower[M_MAX], math.log(m_max) - 1.0)
+            upper[M_MAX] = max(upper[M_MAX], math.log(m_max) + 1.0)
         step = np.array([1e-3, 1e-4, 1e-4, 1e-4, 1e-4, *[0.02] * n_batches])
-        fixed = [] if m_max is None else [_M_MAX]
+        fixed = [] if m_max is None else [M_MAX]
         fixed += [] if initial == "unknown" else list(range(5, 5 + n_batches))
         return Model(residuals, lower, upper, step, self.batch[:n], used, n_batches, self.batch[:n]), fixed
 
@@ -123,105 +128,49 @@ class ValveProblem:
         )
         return np.array([[*shape, *[place] * n_batches] for shape in shapes]).T
 
-    def result(
-        self,
-        model: Model,
-        best: Estimate,
-        spread: Uncertainty,
-        profiled: BacklashProfile,
-        without: Estimate,
-        fixed: list[int],
-        started: float,
-    ) -> Fit:
-        """The fit with everything a user may ask of it.
-
-        Parameters
-        ----------
-        model, best, spread, fixed
-            The problem, its minimum, how well it is known, and the indices of the parameters held in it.
-        profiled, without
-            The profile over the backlash, and the minimum without backlash.
-        started
-            Time of the call, by ``time.perf_counter``.
-        """
-        natural = best.x[:5].copy()
-        natural[list(_LOGS)] = np.exp(natural[list(_LOGS)])
-        slope = np.where(np.isin(np.arange(5), _LOGS), natural, 1.0)
-        covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
-        why = why_unidentified(self.n_reversals, float(natural[X_BL]), profiled.interval, profiled.grid[-1])
-        held = {"backlash": why} if why else {}
-        if _M_MAX in fixed:
-            held["m_max"] = "given"
-        for name, variance in zip(VALVE_ROWS[1:], np.diag(spread.covariance)[1:5], strict=True):
-            if math.isnan(variance) and name not in held:
-                held[name] = AT_BOUND
-            elif math.isinf(variance) and name not in held:
-                held[name] = NOT_UNIQUE
-        parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
-        estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
-        half = spread.quantile() * np.sqrt(np.diag(spread.covariance)[:5])
-        bounds = [natural_interval(best.x[k], half[k], k in _LOGS) for k in range(5)]
-        bounds[X_BL] = profiled.interval
-        intervals = {VALVE_ROWS[k]: bounds[k] for k in estimated}
-        if why:
-            del parameters["backlash"]
-            self.notes.append(
-                f"the curve belongs to a backlash of {natural[X_BL]:.3g}, which is not identified: sweep it in a study"
-            )
-        reach = float(self.command[: self.n_fit].max())
-        if reach < 0.9:
-            self.notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
-        n_compared = model.used.sum()
-        residuals, rmse, extras = self._residuals(best, without)
-        self.notes += poor(rmse, self.flow[self.good & self.fitting], "m_w", "units, columns, and whether the pump ran")
-        errors = np.sqrt(np.diag(covariance))
-        return Fit(
-            kind="valve",
-            source=self.data.name,
-            parameters=parameters,
-            standard_errors={VALVE_ROWS[k]: float(errors[k]) for k in estimated},
-            intervals=intervals,
-            covariance=labelled(covariance[np.ix_(estimated, estimated)], [VALVE_ROWS[k] for k in estimated]),
-            profile=xr.Dataset(
-                {"rmse": ("backlash", np.sqrt(profiled.sums / n_compared), {"units": "kg s-1"})},
-                {"backlash": ("backlash", profiled.grid, {"units": "1"})},
-                {"limit": math.sqrt(profiled.limit / n_compared), "interval_95": list(profiled.interval)},
-            ),
-            residuals=residuals,
-            rmse=rmse,
-            unit="kg/s",
-            n_used=spread.n_used,
-            n_effective=spread.n_effective,
-            held=held,
-            notes=self.notes,
-            seconds=time.perf_counter() - started,
-            extras=extras | {"curve": natural},
+    def solve(self, m_max: float | None, initial: str) -> ValveSolution:
+        """Fit, profile over the backlash, and fit again from a better minimum if the profile finds one."""
+        model, fixed = self.model(m_max, initial)
+        best = minimise(model, self.starts(m_max, initial), fixed=fixed)
+        for n_restarts in range(3):
+            spread = uncertainty(model, best, fixed, profiled=[X_BL])
+            grid = _grid(best, spread)
+            minima = profile(model, best, X_BL, grid, fixed)
+            sums = np.array([one.rss for one in minima])
+            if sums.min() > best.rss * (1.0 - 1e-6) or n_restarts == 2:
+                break
+            best = minimise(model, np.stack([best.x, minima[int(sums.argmin())].x], axis=1), fixed=fixed)
+        limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
+        return ValveSolution(
+            model=model,
+            estimate=best,
+            uncertainty=spread,
+            profile=BacklashProfile(grid=grid, sums=sums, limit=limit, interval=_interval(grid, sums, best, limit)),
+            without_backlash=minima[0],
+            fixed=fixed,
         )
 
-    def _residuals(self, best: Estimate, without: Estimate) -> tuple[xr.Dataset, dict[str, float], dict[str, Array]]:
-        """Measured and modelled flows over the whole log, also without backlash; RMSE by part; the meter's floor."""
-        n, n_batches = self.command.size, int(self.batch[-1]) + 1
-        modelled = []
-        for one in (best, without):
-            start = np.full((n_batches, 1), 0.5)  # unknown for a batch held back
-            start[: one.x.size - 5, 0] = one.x[5:]
-            modelled.append([a[:, 0] for a in self.flows(one.x[:5, None], start, n)])
-        (openings, flow), (_, plain) = modelled
-        part = np.where(self.good, np.where(self.fitting, FITTING, VALIDATION), UNUSED)
-        rmse = {}
-        for name in (FITTING, VALIDATION):
-            here = part == name
-            if here.any():
-                rmse[name] = rms((flow - self.flow)[here])
-                rmse[f"{name}_without_backlash"] = rms((plain - self.flow)[here])
-        names = ("m_w", "modelled", "modelled_without_backlash", "residual", "command", "opening")
-        values = (self.flow, flow, plain, self.flow - flow, self.command, openings)
-        ds = xr.Dataset(
-            {
-                name: ("elapsed_time", v, {"units": "1" if name in ("command", "opening") else "kg s-1"})
-                for name, v in zip(names, values, strict=True)
-            }
-            | sample_variables(self.data, part),
-            {"elapsed_time": ("elapsed_time", self.data.time, {"units": "s"})},
-        )
-        return ds, rmse, {"floor": np.array(self.floor)}
+
+def _grid(best: Estimate, spread: Uncertainty) -> Array:
+    """Backlashes to profile: coarse over the whole range, fine around the minimum."""
+    x, variance = float(best.x[X_BL]), spread.covariance[X_BL, X_BL]
+    top = min(max(0.25, 2.0 * x), LARGEST_BACKLASH)
+    width = 3.0 * math.sqrt(variance) if np.isfinite(variance) else 0.02
+    width = min(max(width, 2e-3), 0.1)
+    fine = np.linspace(max(x - width, 0.0), min(x + width, top), _FINE_POINTS)
+    return np.unique(np.round(np.concatenate([np.linspace(0.0, top, _PROFILE_POINTS), fine]), 6))
+
+
+def _interval(grid: Array, sums: Array, best: Estimate, limit: float) -> tuple[float, float]:
+    """Where the profile stays below its limit, between the outermost crossings."""
+    x = np.append(grid, best.x[X_BL])
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], np.append(sums, best.rss)[order]
+    inside: Index = np.flatnonzero(y <= limit)
+    first, last = int(inside[0]), int(inside[-1])
+    low, high = x[first], x[last]
+    if first > 0:
+        low = x[first] + (x[first - 1] - x[first]) * (limit - y[first]) / max(y[first - 1] - y[first], 1e-300)
+    if last < x.size - 1:
+        high = x[last] + (x[last + 1] - x[last]) * (limit - y[last]) / max(y[last + 1] - y[last], 1e-300)
+    return float(low), float(high)

@@ -163,6 +163,14 @@ def test_two_positions_tell_neither_the_gap_nor_the_curve():
     tomllib.loads(fit.to_toml())
 
 
+def test_an_inverted_command_is_suspected():
+    rng = np.random.default_rng(20)
+    command = walk(rng, n=100)
+    hint = "the flow falls as the command rises: if a full command closes the valve, log 1 - command"
+    assert hint in fc.fit_valve(log_of(1.0 - command, flows(command)), split=1.0).notes
+    assert hint not in fc.fit_valve(log_of(command, flows(command)), split=1.0).notes
+
+
 # ------------------------------------------------------------------------------------------------------ what comes out
 
 
