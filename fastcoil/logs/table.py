@@ -17,6 +17,7 @@ import numpy as np
 
 from fastcoil.arrays import Mask
 from fastcoil.errors import InputError, nearest
+from fastcoil.logs.notes import counted
 
 _HEADER = re.compile(r"\s*(?P<label>.*?)\s*(?:\[\s*(?P<unit>.*?)\s*\])?\s*")
 
@@ -91,7 +92,7 @@ class Table:
             cure = "begin the file with the header" if len(ragged) == len(self.rows) else "mend it"
             more = f" ({len(ragged)} rows in total)" if len(ragged) > 1 else ""
             self.problems.append(
-                f"row {number} has {len(row)} cells where the header has {len(self.header)}: {cure}{more}"
+                f"row {number} has {counted(len(row), 'cell')} where the header has {len(self.header)}: {cure}{more}"
             )
 
     def stop_if_wrong(self) -> None:
