@@ -12,7 +12,7 @@ pytestmark = pytest.mark.kernel
 
 
 def recorded(ds, boundary):
-    """A simulation as a log: what the sensor said, and the set-point."""
+    """A simulation as a log: readings of the sensor, and the set-point."""
     log = ds[["T_measured"]].rename(T_measured="T_sup")
     log["T_set"] = boundary.to_dataset()["T_set"]
     log["enabled"] = boundary.to_dataset()["enabled"]

@@ -16,7 +16,7 @@ INPUTS = ["m_a", "T_a_in", "W_a_in", "T_w_in"]
 
 
 def flows(command, start=0.0, **truth):
-    """Eqs (1) and (2) in plain Python; ``start`` is the place in the gap, 1 on the rising flank."""
+    """Eqs (1) and (2) in plain Python; ``start``: place within the backlash, 1 on the rising flank."""
     p = VALVE_TRUTH | truth
     x_bl = p["backlash"]
     low, high = max(command[0] - x_bl, 0.0), min(command[0], 1.0 - x_bl)

@@ -106,14 +106,14 @@ def test_an_unknown_constant_that_is_no_number_is_refused(coil_log):
 # ------------------------------------------------------------------------------------------------------------- time
 
 
-def test_rows_that_run_backwards_or_share_a_time_are_told_what_is_needed(valve_log):
+def test_rows_that_run_backwards_or_share_a_time_are_refused_with_the_cure(valve_log):
     assert_said(refusal(fc.fit_valve, valve_log(valve_rows()[::-1])), ["(59 such rows)", "oldest first"])
     to_the_hour = [[t // 3600, c, m] for t, c, m in valve_rows()]
     header = ["elapsed_time [h]", *VALVE_HEADER[1:]]
     assert_said(refusal(fc.fit_valve, valve_log(to_the_hour, header)), ["same time", "a time of its own"])
 
 
-def test_of_two_times_one_is_asked_for(valve_log):
+def test_a_log_with_two_times_must_say_which_to_read(valve_log):
     header = ["timestamp", *VALVE_HEADER]
     rows = [[f"2024-07-01T{t // 3600:02d}:{t // 60 % 60:02d}:00", t, c, m] for t, c, m in valve_rows()]
     path = valve_log(rows, header)

@@ -1,4 +1,4 @@
-"""How units are spelled, and what is suggested for one that nobody knows."""
+"""How units are spelled, and what is suggested for an unknown one."""
 
 import pytest
 from helpers.refusals import only_problem
