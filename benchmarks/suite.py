@@ -19,7 +19,7 @@ from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import blocks, parameter_matrix
 from fastcoil.engine.rows import LANES
 from fastcoil.outputs import METRICS
-from fastcoil.simulation.plan import Plan, prepare
+from fastcoil.simulation.plan import Plan, plan_simulation
 
 MODE = os.environ.get("FASTCOIL_BENCH", "")
 """``quick``: everything once and tiny, to see that it runs; ``full``: 10⁶ scenarios besides."""
@@ -59,7 +59,9 @@ def plan(lanes: int, seconds: int, sample_time: float, options: Options = OPTION
     for name, value in options.loop.items():
         swept[name] = (value[0], np.linspace(*value[1], lanes)) if isinstance(value, tuple) else value
     series |= {name: np.full(seconds, value) for name, value in options.series.items()}
-    return prepare(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP, traces=options.traces)
+    return plan_simulation(
+        fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP, traces=options.traces
+    )
 
 
 def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
@@ -105,7 +107,9 @@ def _peer(run: Callable[..., common.Arrays], **options: int) -> Callable[..., Ca
 def _kernel(threads: int) -> Callable[..., Callable[[], common.Arrays]]:
     def ready(scenarios: common.Arrays, series: common.Arrays) -> Callable[[], common.Arrays]:
         swept = {{"estimate": "backlash_estimate"}.get(k, k): ("case", v) for k, v in scenarios.items()}
-        return kernel(prepare(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP), threads)
+        return kernel(
+            plan_simulation(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP), threads
+        )
 
     return ready
 

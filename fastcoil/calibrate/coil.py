@@ -6,13 +6,14 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from fastcoil.arguments import is_number
 from fastcoil.calibrate.coil_problem import CoilProblem
 from fastcoil.calibrate.coil_record import in_operation, record_of
 from fastcoil.calibrate.coil_result import coil_fit
 from fastcoil.calibrate.result import Fit
 from fastcoil.errors import InputError, shown
 from fastcoil.logs import Log, read_log
-from fastcoil.logs.arguments import Wanted, is_number
+from fastcoil.logs.arguments import Wanted
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import whole_number_problems
 from fastcoil.arrays import Array
 from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.engine.replay_loop import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
@@ -20,7 +21,7 @@ from fastcoil.logs.seconds import at_seconds, require_whole_seconds
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.plan import available_memory, gib, whole_number_problems
+from fastcoil.simulation.resources import available_memory, gib
 from fastcoil.simulation.scenarios import columns_of
 
 _WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))

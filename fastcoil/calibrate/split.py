@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from fastcoil.arguments import is_number
 from fastcoil.arrays import Mask
 from fastcoil.errors import InputError
 from fastcoil.logs import Log
-from fastcoil.logs.arguments import is_number
 
 FITTING, VALIDATION, UNUSED = "fit", "validation", "unused"
 SPLIT = 0.7

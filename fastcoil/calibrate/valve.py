@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from fastcoil.arguments import is_number
 from fastcoil.calibrate.result import Fit
 from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, ValveProblem
 from fastcoil.calibrate.valve_result import valve_fit
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
-from fastcoil.logs.arguments import Wanted, is_number
+from fastcoil.logs.arguments import Wanted
 
 _LEAST_REACH = 0.02
 """A command that stays below this share of the stroke has the wrong unit."""

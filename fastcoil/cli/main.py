@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fastcoil.cli.fit import fit
+from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
 from fastcoil.cli.progress import announce_compilation, duration, told
+from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 
 if TYPE_CHECKING:
@@ -83,7 +85,7 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and say how large it is and how long it will take; writes nothing."""
-    from fastcoil.simulation.plan import available_memory, check_disk, gib
+    from fastcoil.simulation.resources import available_memory, check_disk, gib
     from fastcoil.simulation.simulate import probe, workers
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.runner import default_folder
@@ -91,7 +93,7 @@ def plan(study: Path, jobs: int | None) -> None:
     n_jobs = workers(jobs)
     asked = read_study(study)
     planned, traces_kept = asked.plan, asked.reduction is None
-    check_disk(planned, default_folder(study), traces_kept=traces_kept)
+    check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))
     announce_compilation()
     seconds = planned.lane_steps * probe(planned) / n_jobs
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
@@ -106,7 +108,8 @@ def plan(study: Path, jobs: int | None) -> None:
     click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} while it is merged")
 
 
-main.add_command(fit)
+for command in (fit, init, parameters, presets, schema):
+    main.add_command(command)
 
 
 @main.command()
@@ -189,48 +192,6 @@ def paper(out: Path, jobs: int | None, quick: bool) -> None:
     for line in verdicts:
         click.echo(line)
     click.echo(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")
-
-
-@main.command()
-@click.argument("study", type=STUDY, default="study.toml")
-def init(study: Path) -> None:
-    """Write a commented STUDY file to start from."""
-    from fastcoil.study.file.template import TEMPLATE
-
-    try:
-        with study.open("x", encoding="utf-8") as file:
-            file.write(TEMPLATE)
-    except FileExistsError:
-        raise InputError(f"{study} exists: choose another name, or delete it") from None
-    except OSError as error:
-        raise InputError(f"{study} cannot be written: {error.strerror}") from None
-    click.echo(f"{study} written.  Edit it, then: fastcoil plan {study}, fastcoil run {study}")
-
-
-@main.command()
-@click.argument("names", nargs=-1)
-def parameters(names: tuple[str, ...]) -> None:
-    """List the parameters of a loop (or only NAMES): default, unit, admissible values, meaning."""
-    from fastcoil.parameter_table import PARAMETERS, check_name
-
-    group = ""
-    for p in [PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values():
-        if p.group != group:
-            group = p.group
-            click.echo(f"{group}")
-        default = "-" if p.default is None else f"{p.default}"
-        unit = "" if p.unit == "1" else p.unit
-        click.echo(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
-
-
-@main.command()
-def schema() -> None:
-    """Print the JSON Schema of study files, for editors that complete and check TOML."""
-    import json
-
-    from fastcoil.study.file.schema import study_schema
-
-    click.echo(json.dumps(study_schema(), indent=2, ensure_ascii=False))
 
 
 def _figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,11 +50,6 @@ class Declared(NamedTuple):
     def column_cure(self, name: str) -> str:
         """How to say which column holds ``name``."""
         return self.cure(f"columns={{{name!r}: 'its header'}}", f"--column {name}='its header'")
-
-
-def is_number(value: Any) -> bool:
-    """Whether it is one real number, of Python or numpy; True and False are none."""
-    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def require_mappings(**given: Any) -> None:

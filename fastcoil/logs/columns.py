@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fastcoil.arguments import is_number
 from fastcoil.errors import collecting, nearest, shown
-from fastcoil.logs.arguments import Declared, Wanted, is_number
+from fastcoil.logs.arguments import Declared, Wanted
 from fastcoil.logs.series import COLUMNS, TIMES, Series
 from fastcoil.logs.table import Table, label_and_unit
 

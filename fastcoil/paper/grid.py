@@ -17,7 +17,8 @@ from fastcoil.boundary.days import constant_day, paper_day
 from fastcoil.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, buffers, percent, rehashed
 from fastcoil.physics.valve import water_flow
 from fastcoil.simulation.dataset import provenance
-from fastcoil.simulation.loop import PRESETS, Loop
+from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.simulate import simulate
 from fastcoil.simulation.stability import stable
 
@@ -43,7 +44,7 @@ MOST_VOLUMES = 30
 def tunings(*, quick: bool = False) -> Loop:
     """The presets, then the grid, along the dim ``tuning``."""
     n = 2 if quick else 8
-    varied = sorted({name for preset in PRESETS.values() for name in preset})
+    varied = sorted({name for preset in PRESETS.values() for name in preset.values})
     cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in varied} for p in PRESETS}
     sample_times = (5.0, 30.0) if quick else (1.0, 5.0, 10.0, 15.0, 30.0, 60.0)
     kp, ti = np.geomspace(0.005, 0.08, n), np.geomspace(5.0, 600.0, n)

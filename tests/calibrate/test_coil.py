@@ -58,7 +58,7 @@ def test_coarse_samples_of_inputs_that_hold():
 
 @pytest.mark.full
 def test_intervals_of_95_per_cent_cover_the_truth_that_often():
-    """100 known coils of 2 h, half with AR(1) noise: at least 88 % of the intervals of each parameter hold the truth."""
+    """100 logs of 2 h, half with AR(1) noise: at least 88 % of the intervals of each parameter hold the truth."""
     hits = {name: [0, 0] for name in COIL}
     for seed in range(100):
         fit = fc.fit_coil(coil_log(hours=2, seed=100 + seed, phi=0.95 * (seed % 2)), split=1.0)

@@ -105,7 +105,7 @@ def test_a_known_asymptotic_flow_is_held():
 
 @pytest.mark.full
 def test_intervals_of_95_per_cent_cover_the_truth_that_often():
-    """120 short logs of known valves with AR(1) noise: between 90 and 100 % of the intervals of x_BL and c hold the truth."""
+    """120 short logs with AR(1) noise: between 90 and 100 % of the intervals of x_BL and c hold the truth."""
     hits = {"backlash": 0, "valve_c": 0}
     n = 120
     for seed in range(n):

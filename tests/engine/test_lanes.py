@@ -234,7 +234,7 @@ def test_size_of_shards(sweep, days, lane_steps, monkeypatch):
 
 def test_shards_hold_whole_blocks_of_one_day_and_every_scenario_once(sweep, days, monkeypatch):
     monkeypatch.setattr(plans, "_LANE_STEPS_PER_SHARD", 2e5)
-    plan = plans.prepare(sweep, days, warm_up=100, replicates=2)
+    plan = plans.plan_simulation(sweep, days, warm_up=100, replicates=2)
     shards = plan.shards(2)
     assert [k for shard in shards for k in shard] == list(range(plan.n_scenarios))
     assert len({len(shard) for shard in shards}) > 1

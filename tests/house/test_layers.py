@@ -15,11 +15,11 @@ PACKAGE = Path(fastcoil.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
     {"errors"},
-    {"parameter_table", "outputs", "files"},
+    {"parameter_table", "outputs", "files", "arguments", "version"},
     {"numerics"},
     {"physics", "control"},
     {"engine"},
-    {"arguments", "arrays"},
+    {"arrays"},
     {"moist_air"},
     {"logs"},
     {"boundary"},

@@ -15,7 +15,7 @@ from fastcoil.cli.main import main
 from fastcoil.paper import figures, grid, runs
 from fastcoil.paper.claims import CLAIMS
 from fastcoil.simulation.dataset import load
-from fastcoil.simulation.loop import PRESETS
+from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.stability import stable
 
 pytestmark = pytest.mark.kernel
