@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from scipy.stats import beta
 
 import fastcoil as fc
-from fastcoil.plots.study import write
+from fastcoil.plots.files import write
 
 TOO_LOW, TOO_HIGH = 0.8, 1.2
 """A learned size outside these shares of the true one is a failure: the learner stopped early, or ran away."""

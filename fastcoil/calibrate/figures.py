@@ -11,7 +11,7 @@ import xarray as xr
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.calibrate.split import FITTING, UNUSED, VALIDATION
 from fastcoil.engine.valve_loop import valve_flows
-from fastcoil.plots.study import COLOURS, STYLE
+from fastcoil.plots.style import COLOURS, DOTTED, FAINT, apply_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 _MODEL, _FITTED, _HELD_BACK = COLOURS
 _MOST_POINTS = 4000
-_STROKE = "[fraction of stroke]"
 _LEGEND: Any = {"framealpha": 0.8, "edgecolor": "none"}
 
 
@@ -42,41 +41,37 @@ def valve_figure(residuals: xr.Dataset, profile: xr.Dataset, curve: Array, floor
     identified
         Whether the data identify the backlash.
     """
-    from matplotlib import rc_context
-
-    with rc_context(STYLE):
+    with apply_style():
         return _valve(residuals, profile, curve, floor, identified)
 
 
 def coil_figure(residuals: xr.Dataset, rmse: Mapping[str, float]) -> Figure:
     """Supply air, leaving water and flows over time, a column for each part; ``rmse``: by part, as in the fit."""
-    from matplotlib import rc_context
-
-    with rc_context(STYLE):
+    with apply_style():
         return _coil(residuals, rmse)
 
 
 def _valve(ds: xr.Dataset, profile: xr.Dataset, curve: Array, floor: float, identified: bool) -> Figure:
     from matplotlib.figure import Figure
 
-    fig = Figure(figsize=(13, 4.2), layout="constrained")
+    fig = Figure(figsize=(10.5, 3.6), layout="constrained")
     parity, curves, profile_axes = fig.subplots(1, 3)
     looks = ((FITTING, _FITTED, "o"), (VALIDATION, _HELD_BACK, "x"))
     for part, colour, marker in looks:
         here = _thinned(ds["part"].values == part)
         if here.size:
-            style = {"color": colour, "marker": marker, "s": 10, "alpha": 0.5, "lw": 0.8 * (marker == "x")}
+            style = {"color": colour, "marker": marker, "s": 10, "alpha": 0.6, "lw": 0.8 * (marker == "x")}
             parity.scatter(ds["m_w"][here], ds["modelled"][here], label=part, **style)
-            curves.scatter(ds["command"][here], ds["m_w"][here], label=part, **style)
+            curves.scatter(100 * ds["command"][here], ds["m_w"][here], label=part, **style)
     top = 1.05 * float(np.nanmax(ds["m_w"]))
-    parity.plot([0, top], [0, top], color="0.4", lw=0.8)
+    parity.plot([0, top], [0, top], color="black", lw=0.8)
     parity.set(xlabel="measured flow [kg/s]", ylabel="modelled flow [kg/s]", title="Parity", aspect="equal")
     parity.set(xlim=(0, top), ylim=(0, top))
     branches = _branches(curve, floor)
-    command = np.linspace(0.0, 1.0, branches.rising.size)
+    command = np.linspace(0.0, 100.0, branches.rising.size)
     curves.plot(command, branches.rising, color=_MODEL, lw=1.5, label="model, opening")
     curves.plot(command, branches.falling, color=_MODEL, lw=1.5, ls="--", label="model, closing")
-    curves.set(xlabel=f"command {_STROKE}", ylabel="flow [kg/s]", title="Data over the hysteresis curves")
+    curves.set(xlabel="command [%]", ylabel="flow [kg/s]", title="Data over the hysteresis curves")
     curves.set_ylim(0, top)
     for axes in (parity, curves):
         axes.legend(loc="lower right", fontsize=8, **_LEGEND)
@@ -96,14 +91,16 @@ def _branches(curve: Array, floor: float) -> Branches:
 
 
 def _profile(axes: Axes, ds: xr.Dataset, identified: bool) -> None:
-    axes.plot(ds["backlash"], ds["rmse"], color=_MODEL, marker=".", ms=4)
-    axes.axhline(ds.attrs["limit"], color="0.4", lw=0.8, ls=":", label="limit, 95 %")
+    axes.plot(100 * ds["backlash"], ds["rmse"], color=_MODEL, marker=".", ms=4)
+    axes.axhline(ds.attrs["limit"], color="black", lw=0.8, ls=DOTTED, label="limit of the 95 % interval")
     low, high = ds.attrs["interval_95"]
-    axes.axvspan(low, high, color=_FITTED, alpha=0.2, lw=0, label="below the limit")
+    axes.axvspan(100 * low, 100 * high, color=_FITTED, alpha=0.3, lw=0, label="95 % interval")
     axes.set(
-        xlabel=f"backlash {_STROKE}",
+        xlabel="backlash [%]",
         ylabel="least RMSE of the fitted part [kg/s]",
-        title=f"Profile, 95 %: {low:.3g} to {high:.3g}" if identified else "Profile: the backlash is not identified",
+        title=f"Profile: 95 % interval {100 * low:.3g} to {100 * high:.3g} %"
+        if identified
+        else "Profile: the backlash is not identified",
     )
     axes.legend(loc="upper center", fontsize=8, **_LEGEND)
 
@@ -112,7 +109,7 @@ def _coil(ds: xr.Dataset, rmse: Mapping[str, float]) -> Figure:
     from matplotlib.figure import Figure
 
     parts = [part for part in (FITTING, VALIDATION) if (ds["part"] == part).any()]
-    fig = Figure(figsize=(6.5 * len(parts), 6.0), layout="constrained")
+    fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 5.6), layout="constrained")
     rows = fig.subplots(3, len(parts), squeeze=False, sharex="col", height_ratios=(3, 2, 1.2))
     for column, part in zip(rows.T, parts, strict=True):
         span = np.flatnonzero(ds["part"].values == part)
@@ -130,12 +127,14 @@ def _coil(ds: xr.Dataset, rmse: Mapping[str, float]) -> Figure:
         _entitled(column[2], "flows")
         for axes in column:
             _shaded(axes, one)
+    if (ds["part"] == UNUSED).any():
+        fig.supxlabel("Grey: not compared", fontsize=8)
     return fig
 
 
 def _temperature(axes: Axes, ds: xr.Dataset, name: str, title: str, label: str) -> None:
     if np.isfinite(ds[name]).any():
-        _by_piece(axes, ds, name, color=_HELD_BACK, lw=1.2, label="measured")
+        _by_piece(axes, ds, name, color=_HELD_BACK, lw=2.2, label="measured")
     _by_piece(axes, ds, f"{name}_modelled", color=_MODEL, lw=1, ls="--", label="modelled")
     axes.set_ylabel(label)
     _entitled(axes, title)
@@ -159,7 +158,7 @@ def _shaded(axes: Axes, ds: xr.Dataset) -> None:
     hours, unused = ds["elapsed_time"].values / 3600, ds["part"].values == UNUSED
     unused[1:] |= unused[:-1]  # up to the next sample
     bottom_to_top = axes.get_xaxis_transform()
-    axes.fill_between(hours, 0.0, 1.0, where=unused, transform=bottom_to_top, color="0.5", alpha=0.15, lw=0)
+    axes.fill_between(hours, 0.0, 1.0, where=unused, transform=bottom_to_top, color=FAINT, lw=0, zorder=0)
 
 
 def _thinned(here: Mask) -> Index:

@@ -202,7 +202,7 @@ def _require_writable(out: Path) -> None:
 
 
 def _write_and_print(found: Fit, out: Path) -> None:
-    from fastcoil.plots.study import write
+    from fastcoil.plots.files import write
 
     found.to_toml(out)
     figures = write({out.stem: found.plot()}, out.parent)

@@ -1,4 +1,4 @@
-"""The scorecard: every claim with what was measured and where it holds, as data, in Markdown and on one screen."""
+"""The scorecard: every claim, its numbers and where it holds; as data, in Markdown and on one screen."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ CAVEAT = (
 NOT_SIMULATED = (
     "Figs 2, 4 and 5 compare the model with measurements that are not published.",
     "Figs 3, 6 and 8 are drawings of the model.",
-    "The experimental tests are announced in the paper and not shown.",
-    "That the rule is more robust to disturbances than Hägglund's estimator: no comparison is given.",
+    "The paper announces experimental tests and does not show them.",
+    "The paper calls the rule more robust to disturbances than Hägglund's estimator and gives no comparison.",
 )
 
 
 def scorecard(evidence: Mapping[str, xr.Dataset], *, quick: bool = False) -> dict[str, Any]:
-    """Judge every claim on the Datasets of the grid, by their names; the result is plain data."""
+    """Judge every claim on the Datasets of the grid, given by name; returns plain data."""
     quiet = evidence["quiet"]
-    keep = sound(quiet)
+    is_sound = sound(quiet)
     return {
         "title": "What holds of Cai and Braun (2016), and where",
         "command": "fastcoil paper --quick" if quick else "fastcoil paper",
         "caveat": CAVEAT + ("  Quick mode: too few tunings and days to be quoted." if quick else ""),
         "fastcoil_version": package_version(),
         "grid": {
-            "n_tunings_tried": int(keep.size),
-            "n_left_out": int((~keep).sum()),
-            "n_tunings": int(keep.sum()),
-            "n_hunting": int(features(quiet)["hunts"].sel(tuning=keep.values).sum()),
+            "n_tunings_tried": int(is_sound.size),
+            "n_left_out": int((~is_sound).sum()),
+            "n_tunings": int(is_sound.sum()),
+            "n_hunting": int(features(quiet)["hunts"].sel(tuning=is_sound.values).sum()),
             "presets": named(quiet["tuning"]),
             **{name: sorted({float(x) for x in quiet[name].values}) for name in ("kp", "ti", "sample_time")},
             "backlash": BACKLASH,
@@ -49,13 +49,13 @@ def scorecard(evidence: Mapping[str, xr.Dataset], *, quick: bool = False) -> dic
             "n_failed": sum(int((ds["status"] != 0).sum()) for ds in evidence.values() if "status" in ds),
             "content_sha256": {name: str(ds.attrs["content_sha256"]) for name, ds in evidence.items()},
         },
-        "claims": [assessed(claim, evidence[claim.evidence], quiet) for claim in CLAIMS],
+        "claims": [assess(claim, evidence[claim.evidence], quiet) for claim in CLAIMS],
         "not_simulated": list(NOT_SIMULATED),
     }
 
 
-def assessed(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
-    """One claim as plain data: its words, what was measured on the presets, and the verdict."""
+def assess(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
+    """Judge one claim; returns its words, its numbers on the presets and the grid, and the verdict as plain data."""
     holds, numbers = claim.holds(ds), claim.numbers(ds)
     of_coils = claim.evidence == "coils"
     judged = holds if of_coils else holds.sel(tuning=sound(quiet).values)
@@ -89,14 +89,14 @@ def assessed(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
 
 
 def _of_hunting(holds: xr.DataArray, known: xr.Dataset) -> xr.DataArray | None:
-    """The tunings that hunt with the backlash, as the paper's does; None where there is none."""
+    """Select the tunings that hunt with the backlash, as the paper's does; None if no tuning does."""
     if "hunts" not in known or not known["hunts"].any():
         return None
     return holds.sel(tuning=known["hunts"].values)
 
 
 def _median(values: xr.DataArray) -> float | None:
-    """Median over all that there is; None where it never came within the run, or is no number."""
+    """Median over tunings and days; None for a time that never came within the run, or NaN."""
     value = float(values.median())
     return value if math.isfinite(value) else None
 
@@ -107,7 +107,7 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
 
 
 def _percent(share: float | None, limits: tuple[float, float] | None = None) -> str:
-    """A share, with its interval where there is one."""
+    """Write a share, with its interval if it has one."""
     within = f" ({100 * limits[0]:.0f} to {100 * limits[1]:.0f})" if limits else ""
     return "—" if share is None else percent(share) + within
 
@@ -117,7 +117,7 @@ def _number(value: float | None) -> str:
 
 
 def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
-    """The scorecard to read: a table of verdicts, then every claim with its numbers, then the figures."""
+    """Write the scorecard in Markdown: a table of verdicts, then every claim with its numbers, then the figures."""
     grid, claims = card["grid"], card["claims"]
     presets = grid["presets"]
     days, long_days = (f"seeds {grid[n][0]} to {grid[n][-1]}" for n in ("day_seeds", "long_day_seeds"))
@@ -125,14 +125,15 @@ def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
         f"# {card['title']}", "",
         f"Made by `{card['command']}`, every number by simulation.  {card['caveat']}", "",
         f"The grid: {grid['n_tunings_tried']} tunings ({', '.join(presets)}, and gains × sample times × an ideal loop "
-        f"and one with sensor lag and stroke time), of which {grid['n_left_out']} hunt without any backlash and are "
-        f"left out.  The other {grid['n_tunings']} meet {len(grid['day_seeds'])} days of 8 h ({days}; with start and "
-        f"step of the learner {len(grid['long_day_seeds'])} long ones, {long_days}), noise seed {grid['noise_seed']}, "
-        f"backlash {percent(grid['backlash'])}.  The share is that of tunings × days; in brackets its 95 % interval "
-        "over other such days with the same tunings, where days are involved and differ.", "",
-        "A claim *holds* at a share of 95 % or more, *does not hold* at 5 % or less.  Between, the verdict names the "
-        "region of tunings that tells best, of those tried on this very grid, where it holds: it *holds only if* a "
-        "tuning lies there where the share elsewhere is 5 % or less, else *in part, more often if* it does.", "",
+        f"and one with sensor lag and stroke time).  {grid['n_left_out']} of them hunt without any backlash and are "
+        f"left out.  The other {grid['n_tunings']} run on {len(grid['day_seeds'])} days of 8 h ({days}); where start "
+        f"and step of the learner vary, on {len(grid['long_day_seeds'])} long days ({long_days}).  Noise seed "
+        f"{grid['noise_seed']}, backlash {percent(grid['backlash'])}.  The share is of tunings × days.  In brackets: "
+        "its 95 % interval over other such days with the same tunings, where the days differ.", "",
+        "A claim *holds* at a share of 95 % or more, and *does not hold* at 5 % or less.  Between, the verdict names "
+        "the region of tunings, of those tried on this same grid, that predicts best where it holds.  If the share "
+        "elsewhere is 5 % or less, it *holds only if* a tuning lies there; else it *holds in part, more often if* it "
+        "does.", "",
         *_table(
             ["section", "claim", "verdict", "share", "hunting", *(f"`{p}`" for p in presets)],
             (
@@ -142,8 +143,9 @@ def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
                 for c in claims
             ),
         ),
-        "", f"Under *hunting*: the share among the {grid['n_hunting']} tunings that, as the paper's, hunt by "
-        "themselves with the backlash.  Under the presets: days on which it holds.", "", "## Claim by claim", "",
+        "", f"Under *hunting*: the share among the {grid['n_hunting']} tunings that hunt by themselves with the "
+        "backlash, as the paper's does.  Under the presets: days on which the claim holds.", "",
+        "## Claim by claim", "",
     ]  # fmt: skip
     for c in claims:
         verdict = c["verdict_text"][0].upper() + c["verdict_text"][1:]
@@ -161,11 +163,11 @@ def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
 
 
 def screen(card: Mapping[str, Any]) -> list[str]:
-    """The verdicts, a line each."""
+    """Write the verdicts, a line each."""
     grid = card["grid"]
     lines = [
         f"{card['title']}: {grid['n_tunings']} tunings × {len(grid['day_seeds'])} days "
-        f"({grid['n_left_out']} of {grid['n_tunings_tried']} left out, they hunt without backlash)",
+        f"({grid['n_left_out']} of {grid['n_tunings_tried']} left out: they hunt without backlash)",
         f"Share, and share among the {grid['n_hunting']} tunings that hunt with it:",
     ]
     for c in card["claims"]:

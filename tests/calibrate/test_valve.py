@@ -222,7 +222,7 @@ def test_the_interval_of_a_backlash_estimated_at_0_allows_for_correlated_noise(s
 def test_the_figure_has_parity_curves_and_profile(fit):
     titles = [axes.get_title() for axes in fit.plot().axes]
     assert titles[:2] == ["Parity", "Data over the hysteresis curves"]
-    assert titles[2].startswith("Profile, 95 %")
+    assert titles[2].startswith("Profile: 95 % interval")
 
 
 # ----------------------------------------------------------------------------------------------------------- real data
