@@ -29,7 +29,7 @@ def read_columns(
 
     A bad value of a measured column becomes NaN; rows with any other bad value are cut from the table.  Both are
     problems of the table unless ``drop`` is true; None where the caller does not offer it.  Where it is ``strict``,
-    readings just outside a bound are bad values too, and nobody looks for sensors that are off.
+    readings just outside a bound are bad values too, and a temperature of 0 is never a sensor that is off.
     """
     known: dict[str, Array] = {}
     bad: dict[str, Mask] = {}
@@ -45,12 +45,11 @@ def read_columns(
         if unit is None:
             continue
         values = _convert(table, series, column, unit)
-        off = np.zeros(values.size, dtype=bool)
-        if not strict:
-            values = _at_bounds(table, series, values, notes) if series.scatters else values
-            off = _sensor_off(table, series, column, values)
-        bad[name] = series.is_bad(values)
-        if name in wanted.measured and off.any():
+        if series.scatters and not strict:
+            values = _at_bounds(table, series, values, notes)
+        known[name], bad[name] = values, series.is_bad(values)
+        off = np.zeros(values.size, dtype=bool) if strict else _sensor_off(table, series, column, values)
+        if off.any() and name in wanted.measured:
             first = first_row(table.row_numbers, off)
             notes.append(f"{counted(off, 'value')} left out: {name} is 0, sensor off ({first})")
             bad[name] &= ~off
@@ -58,11 +57,9 @@ def read_columns(
         elif off.any():
             first = first_row(table.row_numbers, off)
             complaints.append(f"{name} is 0, {first}, where others are far above: sensor off")
+            bad[name] |= off
         elif bad[name].any():
             complaints.append(_complaint(table, series, column, unit, bad[name]))
-        if name not in wanted.measured:
-            bad[name] |= off
-        known[name] = values
     if complaints and not drop:
         if drop is not None:
             complaints[-1] += f"; or leave such rows out and count them: {declared.cure('drop=True', '--drop')}"

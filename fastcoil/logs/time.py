@@ -1,7 +1,7 @@
 """The time of a log: how it is written, where it jumps or has gaps, and the unbroken pieces between.
 
-Another way to write a time belongs into `timestamp_of`.  A shift in time between two columns would be found per piece,
-from the numbers that `number_pieces` returns.
+New formats of a time go into `timestamp_of`.  A lag between two columns is to be sought piece by piece, as
+`number_pieces` numbers them.
 """
 
 from __future__ import annotations

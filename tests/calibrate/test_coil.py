@@ -89,7 +89,7 @@ def test_a_coil_that_is_never_wet_says_so():
 
 def test_a_slow_log_holds_the_heat_capacity_of_the_water():
     """Samples at the end of holds, 20 min apart: little is seen of the dynamics."""
-    slow = coil_log(hours=10, seed=10, sd=0.02).isel(elapsed_time=slice(299, None, 1200))
+    slow = coil_log(hours=7, seed=10, sd=0.02).isel(elapsed_time=slice(299, None, 1200))
     fit = fc.fit_coil(slow, split=1.0)
     assert fit.held["C_w"] == "held at a prior: the data do not identify it"
     assert any(line.startswith("C_w = ") and "held at a prior" in line for line in fit.summary())

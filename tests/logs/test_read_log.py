@@ -19,7 +19,7 @@ def coil_log(tmp_path):
     return lambda rows, header=COIL_HEADER: write_csv(tmp_path / "coil.csv", header, rows)
 
 
-def assert_said(text, words):
+def assert_has(text, words):
     for word in words:
         assert word in text, text
 
@@ -50,7 +50,7 @@ def assert_said(text, words):
 )
 def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, header, change, words):
     rows = valve_rows() if change is None else changed(valve_rows(), *change)
-    assert_said(refusal(fc.fit_valve, valve_log(rows, header)), words)
+    assert_has(refusal(fc.fit_valve, valve_log(rows, header)), words)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, hea
 )
 def test_bad_logs_and_arguments_of_a_coil_are_refused(coil_log, header, change, options, words):
     rows = coil_rows() if change is None else changed(coil_rows(), *change)
-    assert_said(refusal(fc.fit_coil, coil_log(rows, header), **options), words)
+    assert_has(refusal(fc.fit_coil, coil_log(rows, header), **options), words)
 
 
 def test_the_advice_to_drop_rows_comes_only_where_it_helps(valve_log):
@@ -100,17 +100,17 @@ def test_the_advice_to_drop_rows_comes_only_where_it_helps(valve_log):
 
 def test_an_unknown_constant_that_is_no_number_is_refused(coil_log):
     text = refusal(fc.fit_coil, coil_log(coil_rows()), constants={"T_set": "x"})
-    assert_said(text, ["constants has unknown 'T_set'", "constants has T_set = 'x'"])
+    assert_has(text, ["constants has unknown 'T_set'", "constants has T_set = 'x'"])
 
 
 # ------------------------------------------------------------------------------------------------------------- time
 
 
 def test_rows_that_run_backwards_or_share_a_time_are_refused_with_the_cure(valve_log):
-    assert_said(refusal(fc.fit_valve, valve_log(valve_rows()[::-1])), ["(59 such rows)", "oldest first"])
+    assert_has(refusal(fc.fit_valve, valve_log(valve_rows()[::-1])), ["(59 such rows)", "oldest first"])
     to_the_hour = [[t // 3600, c, m] for t, c, m in valve_rows()]
     header = ["elapsed_time [h]", *VALVE_HEADER[1:]]
-    assert_said(refusal(fc.fit_valve, valve_log(to_the_hour, header)), ["same time", "a time of its own"])
+    assert_has(refusal(fc.fit_valve, valve_log(to_the_hour, header)), ["same time", "a time of its own"])
 
 
 def test_a_log_with_two_times_must_say_which_to_read(valve_log):
