@@ -1,4 +1,4 @@
-"""The numbers that describe a day, with units and bounds, and how they are checked."""
+"""The numbers that describe a day, with units and bounds, and their checks."""
 
 from __future__ import annotations
 

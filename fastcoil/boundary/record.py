@@ -1,4 +1,4 @@
-"""What acts on the loop from outside, second by second: entering air and water, set-point, recorded noise."""
+"""The series that act on the loop from outside, second by second: entering air and water, set-point, noise."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ class Boundary:
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Boundary:
-        """Inverse of `to_dataset`; variables of other names are left alone.
+        """Inverse of `to_dataset`; ignores variables of other names.
 
         Strict: ``elapsed_time`` in steps of 1 s (from any start), and a ``units`` attribute on every series.
         """

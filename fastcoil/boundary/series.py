@@ -1,4 +1,4 @@
-"""The series of a boundary, and how the values that a user gives for them are read and checked."""
+"""The series of a boundary, and the checks of the values that a user gives for them."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
 
 
 def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
-    """What is wrong with the first bad value of a series: none or one sentence."""
+    """A sentence on the first bad value of a series, if it has one."""
     bad = series.is_bad(given.values)
     if not bad.any():
         return []

@@ -31,7 +31,7 @@ from fastcoil.logs.notes import counted
 _PRIOR_EXPONENT = {BETA2: -0.2, BETA4: -0.45, BETA6: -0.42}
 """Exponents of turbulent flow: NTU = UA/(m cp) with UA rising as m^0.8 in the tubes, m^0.55 over the fins."""
 _UNKNOWN = {True: 0.7, False: 0.5}
-"""With a standard error above this the data do not identify a parameter: of a logarithm (factor 2), of an exponent."""
+"""A parameter with a larger standard error is not identified: of a logarithm (a factor of 2), of an exponent."""
 _CONSTANT = 0.02
 """A flow that varies by less than this share is constant."""
 _N_STARTS = 256
@@ -43,7 +43,7 @@ _STILL = 0.02
 _COARSE = 10.0
 """Between samples further apart than this an input may step, s."""
 COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
-"""What the data may not tell apart: these are then held at the values of those."""
+"""Parameters that the data may not tell apart: the first is then held at the value of the second."""
 _AS_DRY = "as that of heat alone"
 
 

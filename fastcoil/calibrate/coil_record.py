@@ -1,4 +1,4 @@
-"""A log of a coil as 1-s series, and what the model makes of it with many parameter sets at once."""
+"""A log of a coil as 1-s series, and the model run over it with many parameter sets at once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COIL = ("C_w", "C_c", "beta1", "beta2", "beta3", "beta4", "beta5", "beta6")
 LOGS = np.array([True, True, True, False, True, False, True, False])
 """Which of ``COIL`` are searched by their logarithm."""
 LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
-"""What is searched: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
+"""The searched parameters: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
 _ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
 _AIR_FLOWS = 9
 _LONGEST = 60 * 86400
@@ -44,7 +44,7 @@ class Piece(NamedTuple):
 
 
 class CoilRun(NamedTuple):
-    """What the model gives at each sample for each parameter set, (n, sets): °C, °C, number of wet volumes."""
+    """Output of the model at each sample for each parameter set, (n, sets): °C, °C, number of wet volumes."""
 
     T_sup: Array
     T_w_out: Array
@@ -53,7 +53,7 @@ class CoilRun(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """What enters the coil second by second, and when something is measured.
+    """The series that enter the coil second by second, and the seconds of the samples.
 
     pieces: the unbroken pieces of the log; each starts from ``T_initial``.  m_w, m_a: typical flows, kg/s.  m_w_max,
     m_a_span, wet_slope: of the whole log, for the limits of stability: largest water flow, least and largest air flow,
@@ -79,7 +79,7 @@ class Record:
         return replace(self, pieces=tuple(kept))
 
     def named(self) -> Array:
-        """Matrix that turns what is searched into (the logarithms of) ``COIL``: ln β = ln NTU - β' ln m."""
+        """Matrix from the searched parameters to (the logarithms of) ``COIL``: ln β = ln NTU - β' ln m."""
         A = np.eye(8)
         A[LN_NTU_W, BETA2] = -math.log(self.m_w)
         A[LN_NTU_A, BETA4] = A[LN_NTU_STAR, BETA6] = -math.log(self.m_a)

@@ -107,7 +107,7 @@ def replay(
 
 
 def _seconds(log: Log) -> Array:
-    """What the controller sees at every second, (n_steps, 3): the last recorded values."""
+    """Input of the controller at every second, (n_steps, 3): the last recorded values."""
     require_whole_seconds(log.name, log.step)
     recorded = {"enabled": np.ones(log.time.size), **log.values}
     values = {name: recorded[name] for name in REPLAY_COLUMNS}

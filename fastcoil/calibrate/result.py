@@ -158,7 +158,7 @@ class Fit:
 
 
 def is_fit(path: Path) -> bool:
-    """Whether ``to_toml`` wrote a file."""
+    """Whether a file was written by ``to_toml``."""
     with path.open("rb") as file:
         return b" fitted to " in file.readline()
 

@@ -20,7 +20,7 @@ from fastcoil.logs.arguments import Wanted
 _LEAST_REACH = 0.02
 """A command that stays below this share of the stroke has the wrong unit."""
 _LEAST_SHARE = 0.8
-"""Noise lifts no reading so far that the asymptotic flow is below this share of it."""
+"""Noise may lift readings above the asymptotic flow, but it is at least this share of them."""
 _WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
 

@@ -1,4 +1,4 @@
-"""What a log of commands and flows shows before anything is fitted: holds, reversals, the flow meter's floor."""
+"""Properties of a log of commands and flows before the fit: holds, reversals, the flow meter's floor."""
 
 from __future__ import annotations
 

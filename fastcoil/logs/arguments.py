@@ -1,4 +1,4 @@
-"""What a caller may say about a log, and the checks of it."""
+"""What a caller wants of a log and declares about it, and the checks of both."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "co
 class Wanted(NamedTuple):
     """The series that a caller reads.
 
-    needed: must be in the log, of a tuple exactly one.  optional: may be.  measured: those of both that the model does
-    not need: a bad value becomes NaN, and its row stays.
+    needed: must be in the log, of a tuple exactly one.  optional: may be in the log.  measured: outputs of the model
+    among both; a bad value of one becomes NaN, and its row stays.
     """
 
     needed: Sequence[str | tuple[str, ...]]
@@ -31,7 +31,7 @@ class Wanted(NamedTuple):
 
 
 class Declared(NamedTuple):
-    """What the caller says about a log besides its header.
+    """What the caller declares about a log in addition to its header.
 
     columns: our name → header; None if the log has our names.  units: our name → unit, for headers without one.
     constants: our name → number, for series that the log lacks; None where the caller offers none.  has_command:

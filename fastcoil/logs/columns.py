@@ -15,14 +15,14 @@ from fastcoil.logs.table import Table, label_and_unit
 _OUTPUTS = ("command", "T_sup", "T_w_out")
 """Always measured: no message suggests a constant for them."""
 _MOST_NAMED = 3
-"""So many unknown columns are named, the rest are counted."""
+"""A message names this many unknown columns and counts the rest."""
 
 
 def find_columns(table: Table, declared: Declared, wanted: Wanted, *, strict: bool) -> dict[str, int]:
     """Index of each column to read; unknown, missing and doubled ones, and bad constants, are problems.
 
-    Where it is ``strict``, columns that are not wanted are unknown, and a column comes before a constant of its name;
-    else the two are a problem.
+    With ``strict``, columns that are not wanted are unknown, and a column comes before a constant of its name; else
+    the two together are a problem.
     """
     series = wanted.names if strict else list(COLUMNS)
     names = [*dict.fromkeys([*series, *TIMES])]
@@ -49,7 +49,7 @@ def find_columns(table: Table, declared: Declared, wanted: Wanted, *, strict: bo
 
 
 def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
-    """Index by our name of what ``columns`` (our name: header) asks for; an absent one is a problem."""
+    """Index by our name of the columns that ``columns`` (our name: header) names; an absent one is a problem."""
     found = {name: table.column(header) for name, header in columns.items()}
     table.problems += [
         f"{name}: there is no column {columns[name]!r}{nearest(columns[name], table.header)}"
@@ -111,7 +111,7 @@ def _unknown(cells: list[str], names: list[str], say_which: str) -> list[str]:
 
 
 def _missing(choices: tuple[str, ...], declared: Declared) -> str:
-    """That none of these columns exists, and every way to give one."""
+    """A sentence that none of these columns exists, with every way to give one."""
     name, series = choices[0], COLUMNS[choices[0]]
     which = " or ".join((", ".join(choices[:-1]), choices[-1])) if len(choices) > 1 else name
     text = f"{which} is missing: add a column '{name} [{series.unit}]', or say which one it is: "

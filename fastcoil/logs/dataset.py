@@ -1,4 +1,4 @@
-"""A Dataset as the table that a CSV file of it would be, so that one reader checks both."""
+"""A Dataset as the table of a CSV file, so that one reader checks both."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How messages and notes on the samples of a log say how many there are and where the first one is."""
+"""How messages and notes say how many samples they mean and where the first one is."""
 
 from __future__ import annotations
 

@@ -28,8 +28,8 @@ def read_columns(
     """Every column ``found`` but ``timestamp`` as numbers in our units, (n,), and notes on what was left out.
 
     A bad value of a measured column becomes NaN; rows with any other bad value are cut from the table.  Both are
-    problems of the table unless ``drop`` is true; None where the caller does not offer it.  Where it is ``strict``,
-    readings just outside a bound are bad values too, and a temperature of 0 is never a sensor that is off.
+    problems of the table unless ``drop`` is true; None where the caller does not offer it.  With ``strict``,
+    readings just outside a bound are bad values too, and a temperature of 0 never means a sensor that is off.
     """
     known: dict[str, Array] = {}
     bad: dict[str, Mask] = {}
@@ -93,7 +93,7 @@ def _convert(table: Table, series: Series, column: int, unit: str) -> Array:
 
 
 def _complaint(table: Table, series: Series, column: int, unit: str, bad: Mask) -> str:
-    """What is wrong with the first ``bad`` cell of a column in ``unit``, how many there are, and the cure."""
+    """A sentence on the first ``bad`` cell of a column in ``unit``: its row, how many there are, and the cure."""
     i, n_bad = int(np.argmax(bad)), int(bad.sum())
     cell, row = table.rows[i][column], table.row_numbers[i]
     value = _number(cell)
@@ -137,7 +137,7 @@ def _sensor_off(table: Table, series: Series, column: int, values: Array) -> Mas
 def _drop_measured(
     table: Table, known: dict[str, Array], bad: dict[str, Mask], wanted: Wanted, notes: list[str]
 ) -> None:
-    """Make the bad values of measured columns NaN; they are bad no more."""
+    """Make the bad values of measured columns NaN, and take them out of ``bad``."""
     for name in [n for n in wanted.measured if n in bad]:
         lost = bad.pop(name)
         if lost.any():

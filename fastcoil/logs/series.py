@@ -74,7 +74,7 @@ class Series:
             return ~(good & (values == np.rint(values))) if self.whole else ~good
 
     def sentence(self, value: float, where: str, n_bad: int, unit: str | None = None) -> str:
-        """What is wrong with ``value`` (in ``unit``), ``where``, and the cure."""
+        """A sentence on a bad ``value`` (in ``unit``): where it is, the bounds, and the cure."""
         unit = unit or self.unit
         if not math.isfinite(value):
             return f"{self.name} is {value:g}{where}: fill or cut the gap{in_total(n_bad)}"
@@ -123,7 +123,7 @@ COLUMNS: dict[str, Series] = {
         Series("batch", "number of the experiment", NUMBER, 0.0, 1e9, hold=True, whole=True, needs_no_unit=True),
     )
 }
-"""What a column of a log may be; besides, ``timestamp``."""
+"""Every column that a log may have, except ``timestamp``."""
 
 TIMES = ("elapsed_time", "timestamp")
 """A log gives its time in one of these columns."""

@@ -108,7 +108,7 @@ class Table:
         return labels.index(header) if header in labels else None
 
     def check_names(self, what: str, given: Iterable[str], known: Iterable[str]) -> None:
-        """Make every name ``given`` in the argument ``what`` that is not ``known`` a problem."""
+        """Every name ``given`` in the argument ``what`` that is not ``known`` is a problem."""
         known = list(known)
         self.problems += [
             f"{what} has unknown {name!r}{nearest(name, known)}: use {', '.join(known)}"

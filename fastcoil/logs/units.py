@@ -51,7 +51,7 @@ TIME: Units = {"s": (1.0, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0)}
 NUMBER: Units = {"1": (1.0, 0.0)}
 
 _ABBREVIATIONS = {"lpm": "L/min", "lps": "L/s", "lph": "L/h", "cms": "m3/s", "cmh": "m3/h"}
-"""Units of the trade that look more like another unit than like the one they mean."""
+"""Abbreviations that look more like another unit than like the one they mean."""
 
 
 def known_units(units: Units) -> str:
