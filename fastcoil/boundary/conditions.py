@@ -1,10 +1,11 @@
-"""The numbers that describe a day, with units and bounds, and how they are checked."""
+"""The numbers that describe a day, with units and bounds, and their checks."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from fastcoil.errors import InputError
+from fastcoil.logs.arguments import MAX_GAP
 from fastcoil.parameter_table import PARAMETERS, Parameter
 
 _TABLE = (
@@ -20,7 +21,7 @@ _TABLE = (
     Parameter("W_return", "boundary", "1", None, "humidity ratio of the return air", 0.0, 0.1),
     Parameter("start_hour", "boundary", "h", 9.0, "hour of the day at the start", 0.0, 24.0),
     Parameter("start", "boundary", "h", 0.0, "hours from the first row of a log to the start", 0.0, 8784.0),
-    Parameter("max_gap", "boundary", "s", None, "longest step of a log that is bridged", 1.0),
+    MAX_GAP,
     PARAMETERS["pressure"],
 )
 CONDITIONS = {p.name: p for p in _TABLE}

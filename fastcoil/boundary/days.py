@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import require, whole_seconds
-from fastcoil.boundary.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
-from fastcoil.boundary.record import LARGEST_DAY_LABEL, Boundary
-from fastcoil.boundary.series import Array, Values
+from fastcoil.boundary.record import Boundary
+from fastcoil.boundary.series import LARGEST_DAY_LABEL, Values
 from fastcoil.errors import InputError
+from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
 
 MOST_SAMPLES = 50_000_000
 """Most 1-s samples of one series over all days (3 GB for the seven series)."""
@@ -207,8 +208,8 @@ def design_day(
 
     The outdoor temperature follows `RANGE_FRACTIONS`, straight between the hours.  In cooling ``T_design`` is
     its maximum (hours 14 and 15), in heating its minimum (hour 5).  The humidity ratio is constant, that of
-    ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but at most saturated.  What
-    is left out stands in `DESIGNS`; heating has no daily range there: give one for a day that varies.
+    ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but at most saturated.  The
+    defaults are in `DESIGNS`; heating has no daily range there: give one for a day that varies.
     Nothing here is faster than the hourly profile.
 
     Parameters

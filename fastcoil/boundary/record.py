@@ -1,23 +1,33 @@
-"""What acts on the loop from outside, second by second: entering air and water, set-point, recorded noise."""
+"""The series that act on the loop from outside, second by second: entering air and water, set-point, noise."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.boundary.series import DIFFERENCE, SERIES, Array, Given, Series, Values, read
+from fastcoil.arrays import Array
+from fastcoil.boundary.series import (
+    BOUNDARY_SERIES,
+    Given,
+    Values,
+    carried_labels,
+    common_size,
+    label_array,
+    read,
+    value_problems,
+)
 from fastcoil.errors import InputError
+from fastcoil.logs.series import Series
+from fastcoil.logs.units import DIFFERENCE
 
 if TYPE_CHECKING:
     import xarray as xr
-
-LARGEST_DAY_LABEL = 2**32 - 1
 
 
 class Boundary:
@@ -38,7 +48,7 @@ class Boundary:
         the order, seed the noise of a day.  One number labels a boundary without a dim ``day``.
 
     Each series is a number, a 1-D array of 1-s samples, a 2-D array (day, second) or a DataArray with dims
-    ``elapsed_time`` and/or ``day``; at least one must have samples, and all of them equally many.  A
+    ``elapsed_time`` and/or ``day``; at least one must have samples, and all the same number.  A
     DataArray that declares ``units`` is converted from them.  All mistakes are raised together, in one
     `InputError`.
     """
@@ -66,22 +76,22 @@ class Boundary:
         }
         problems: list[str] = []
         given: dict[str, Given] = {}
-        for name, series in SERIES.items():
+        for name, series in BOUNDARY_SERIES.items():
             try:
                 given[name] = read(series, arguments[name])
             except InputError as error:
                 problems += error.problems
-        n_steps = _size_of("elapsed_time", "samples", given, problems)
-        n_days = _size_of("day", "days", given, problems)
+        n_steps = common_size("elapsed_time", "samples", given, problems)
+        n_days = common_size("day", "days", given, problems)
         if n_steps is None and not problems:
             problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
-        labels = _labels(given, problems) if day is None else _label_array(day, problems)
+        labels = carried_labels(given, problems) if day is None else label_array(day, problems)
         if labels is None:
             labels = np.arange(n_days) if n_days else np.asarray(0)
         elif n_days is not None and labels.size != n_days:
             problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
         for name, one in given.items():
-            problems += _value_problems(SERIES[name], one, labels)
+            problems += value_problems(BOUNDARY_SERIES[name], one, labels)
         if problems:
             # Series that share a coordinate share its mistakes.
             raise InputError(dict.fromkeys(problems))
@@ -132,8 +142,8 @@ class Boundary:
         """One line: the length, the days, and the range of every series that is not at its default."""
         ranges = []
         for name, values in self._series.items():
-            low, high, unit = values.min(), values.max(), SERIES[name].unit
-            if not low == high == SERIES[name].default:
+            low, high, unit = values.min(), values.max(), BOUNDARY_SERIES[name].unit
+            if not low == high == BOUNDARY_SERIES[name].default:
                 span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
                 ranges.append(f"{name} {span}{'' if unit == '1' else ' ' + unit}")
         return f"{self._extent}: {', '.join(ranges)}"
@@ -167,7 +177,7 @@ class Boundary:
 
         dims = ("day", "elapsed_time") if self._has_day_dim else ("elapsed_time",)
         rows = self._rows().items()
-        variables = {name: (dims, values.copy(), _attributes(SERIES[name])) for name, values in rows}
+        variables = {name: (dims, values.copy(), _attributes(BOUNDARY_SERIES[name])) for name, values in rows}
         seconds = np.arange(self.n_steps, dtype=np.float64)
         return xr.Dataset(
             variables,
@@ -179,19 +189,19 @@ class Boundary:
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Boundary:
-        """Inverse of `to_dataset`; variables of other names are left alone.
+        """Inverse of `to_dataset`; ignores variables of other names.
 
         Strict: ``elapsed_time`` in steps of 1 s (from any start), and a ``units`` attribute on every series.
         """
         problems = [
             f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})"
-            for name, series in SERIES.items()
+            for name, series in BOUNDARY_SERIES.items()
             if name in ds and "units" not in ds[name].attrs
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
         try:
-            boundary = cls(**{name: ds.get(name) for name in SERIES})
+            boundary = cls(**{name: ds.get(name) for name in BOUNDARY_SERIES})
         except InputError as error:
             problems += error.problems
         if problems:
@@ -199,67 +209,63 @@ class Boundary:
         return boundary
 
     @classmethod
-    def from_csv(cls, path: str | Path, **options: Any) -> Boundary:
-        """Read a trend log: see `fastcoil.boundary.trends.read_trend_log` for the format and the options."""
-        from fastcoil.boundary.trends import read_trend_log
+    def from_csv(
+        cls,
+        path: str | Path,
+        *,
+        units: Mapping[str, str] | None = None,
+        columns: Mapping[str, str] | None = None,
+        constants: Mapping[str, float] | None = None,
+        pressure: float = 101325.0,
+        start: float = 0.0,
+        hours: float | None = None,
+        max_gap: float | None = None,
+    ) -> Boundary:
+        """Read the trend log of a building into 1-s samples.
 
-        return read_trend_log(path, **options)
+        The header names each column and its unit: ``m_a [kg/s]``, ``T_a_in [degF]``; a volume flow of air is taken at
+        1.2 kg/m3.  Time is ``elapsed_time [s]`` (min, h) or ``timestamp`` (ISO 8601, one UTC offset); humidity is
+        ``W_a_in``, ``RH_a_in`` or ``T_dp_in``.  Samples are 1 s apart or more; between them ``T_set`` and ``enabled``
+        hold, the others run straight.
 
+        Parameters
+        ----------
+        path
+            A CSV file: UTF-8, commas, decimal points, a header row.
+        units
+            Units by series, for headers without one: ``{"T_a_in": "degF"}``.
+        columns
+            Headers by series, where they differ: ``{"T_a_in": "AHU1 MAT [degF]"}``.  Columns of other names are then
+            ignored.
+        constants
+            Numbers for series that the log lacks, in the units of `Boundary`; relative humidity as a fraction, dew
+            point in degC.
+        pressure
+            Barometric pressure, for relative humidity and dew point [Pa].
+        start, hours
+            Hours from the first row to the first sample; how many hours to take, up to the last row if left out.
+        max_gap
+            Longest step to be bridged [s]; three times the median step if left out.
 
-def _size_of(dim: str, word: str, given: dict[str, Given], problems: list[str]) -> int | None:
-    """Size of ``dim``, None if no series has it; series that differ from the first are problems."""
-    having = {name: one for name, one in given.items() if dim in one.dims}
-    sizes: dict[str, int] = {name: one.values.shape[one.dims.index(dim)] for name, one in having.items()}
-    if not sizes:
-        return None
-    first, size = next(iter(sizes.items()))
-    problems += [
-        f"{name} has {other} {word} where {first} has {size}: give every series as many"
-        for name, other in sizes.items()
-        if other != size
-    ]
-    return size
+        Raises
+        ------
+        InputError
+            With one sentence for each mistake in the file or the arguments: column, row, cure.
+        """
+        from fastcoil.boundary.trend_log import trend_log_series
 
-
-def _labels(given: dict[str, Given], problems: list[str]) -> NDArray[Any] | None:
-    """The day labels that the series themselves carry as a coordinate, None if none does."""
-    carried = {name: one.day for name, one in given.items() if one.day is not None}
-    carried = {name: day for name, day in carried.items() if day.ndim} or carried
-    if not carried:
-        return None
-    first, labels = next(iter(carried.items()))
-    problems += [
-        f"{name} has day {day!s:.40} where {first} has {labels!s:.40}: align them, or give day=..."
-        for name, day in carried.items()
-        if not np.array_equal(day, labels)
-    ]
-    return _label_array(labels, problems)
-
-
-def _label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
-    labels = np.asarray(day)
-    numbers = labels.dtype.kind in "iuf" and labels.ndim < 2 and labels.size > 0
-    if not numbers or np.any((labels != np.rint(labels)) | (labels < 0) | (labels > LARGEST_DAY_LABEL)):
-        problems.append(f"day = {day!r:.60}: give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day")
-        return None
-    values, counts = np.unique(labels, return_counts=True)
-    if counts.max() > 1:
-        problems.append(f"day label {values[counts.argmax()]} stands twice: give each day its own label")
-        return None
-    return labels
-
-
-def _value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
-    bad = series.is_bad(given.values)
-    if not bad.any():
-        return []
-    first = np.unravel_index(int(np.argmax(bad)), bad.shape)
-    where = dict(zip(given.dims, first, strict=True))
-    text = f" at second {where['elapsed_time']}" if "elapsed_time" in where else ""
-    if "day" in where:
-        i = where["day"]
-        text += f" of day {labels[i] if labels.ndim and i < labels.size else i}"
-    return [series.sentence(float(given.values[first]), text, int(bad.sum()))]
+        return cls(
+            **trend_log_series(
+                path,
+                units=units,
+                columns=columns,
+                constants=constants,
+                pressure=pressure,
+                start=start,
+                hours=hours,
+                max_gap=max_gap,
+            )
+        )
 
 
 def _attributes(series: Series) -> dict[str, str]:

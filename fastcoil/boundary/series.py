@@ -1,144 +1,25 @@
-"""Every boundary series once: name, meaning, units, bounds, hold or linear between samples.
-
-Validation, the attributes of a Dataset and the reading of trend logs and weather derive from this table.
-"""
+"""The series of a boundary, and the checks of the values that a user gives for them."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.errors import InputError, nearest
+from fastcoil.arrays import Array
+from fastcoil.errors import InputError
+from fastcoil.logs.series import COLUMNS, Series
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Array: TypeAlias = NDArray[np.float64]
-Units: TypeAlias = Mapping[str, tuple[float, float]]
 Values: TypeAlias = Any
 """What a user may give for a series: a number, array-like or DataArray; examined at run time."""
 
-STANDARD_AIR = 1.2
-"""Density that turns a volume flow of air into a mass flow, kg/m3 (ASHRAE standard air)."""
-
-WATER = 1000.0
-"""Density that turns a volume flow of water into a mass flow, kg/m3."""
-
-_POUND, _FOOT, _GALLON = 0.45359237, 0.3048, 3.785411784e-3
-
-# Each unit's (scale, offset) into the first of its family, which is the unit used inside fastcoil.
-TEMPERATURE: Units = {"degC": (1.0, 0.0), "degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
-DIFFERENCE: Units = {"K": (1.0, 0.0), "degC": (1.0, 0.0), "degF": (5 / 9, 0.0)}
-AIR_FLOW: Units = {
-    "kg s-1": (1.0, 0.0),
-    "kg/s": (1.0, 0.0),
-    "kg/h": (1 / 3600, 0.0),
-    "lb/h": (_POUND / 3600, 0.0),
-    "m3/s": (STANDARD_AIR, 0.0),
-    "m3/h": (STANDARD_AIR / 3600, 0.0),
-    "L/s": (STANDARD_AIR / 1000, 0.0),
-    "cfm": (STANDARD_AIR * _FOOT**3 / 60, 0.0),
-}
-WATER_FLOW: Units = {
-    "kg s-1": (1.0, 0.0),
-    "kg/s": (1.0, 0.0),
-    "kg/h": (1 / 3600, 0.0),
-    "lb/h": (_POUND / 3600, 0.0),
-    "m3/s": (WATER, 0.0),
-    "m3/h": (WATER / 3600, 0.0),
-    "L/s": (WATER / 1000, 0.0),
-    "L/min": (WATER / 60e3, 0.0),
-    "L/h": (WATER / 3600e3, 0.0),
-    "gpm": (WATER * _GALLON / 60, 0.0),
-}
-HUMIDITY_RATIO: Units = {"1": (1.0, 0.0), "kg/kg": (1.0, 0.0), "g/kg": (1e-3, 0.0)}
-FRACTION: Units = {"1": (1.0, 0.0), "percent": (0.01, 0.0), "%": (0.01, 0.0)}
-TRAVEL: Units = {**FRACTION, "deg": (1 / 90, 0.0), "V": (0.1, 0.0)}
-"""Travel of a valve; degrees of a quarter turn, volts of 0–10."""
-PRESSURE: Units = {"Pa": (1.0, 0.0), "hPa": (100.0, 0.0), "kPa": (1000.0, 0.0)}
-TIME: Units = {"s": (1.0, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0)}
-NUMBER: Units = {"1": (1.0, 0.0)}
-
-_MISSING_MARKS = (-99.0, -999.0, -9999.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Series:
-    """One series: bounds are inclusive, in the first of ``units``; no ``default`` if it must be given."""
-
-    name: str
-    long_name: str
-    units: Units
-    lower: float = -math.inf
-    upper: float = math.inf
-    hold: bool = False
-    whole: bool = False
-    default: float | None = None
-
-    @property
-    def unit(self) -> str:
-        return next(iter(self.units))
-
-    @property
-    def known_units(self) -> str:
-        return f"known units: {', '.join(self.units)}"
-
-    def spelled(self, unit: str) -> str:
-        """``unit`` as ``units`` spells it; ``°C``, ``l/s`` and ``GPM`` are understood."""
-        by_folded = {_folded(known): known for known in self.units}
-        if _folded(unit) not in by_folded:
-            raise InputError(f"{self.name} is in {unit!r}{nearest(unit, self.units)} ({self.known_units})")
-        return by_folded[_folded(unit)]
-
-    def convert(self, values: Array, unit: str) -> Array:
-        """``values`` from a declared ``unit`` into ours."""
-        scale, offset = self.units[self.spelled(unit)]
-        return values * scale + offset
-
-    def is_bad(self, values: Array) -> NDArray[np.bool_]:
-        """Where ``values`` (in our unit) are not finite, out of bounds, or not whole where they must be."""
-        with np.errstate(invalid="ignore"):
-            good = np.isfinite(values) & (values >= self.lower) & (values <= self.upper)
-            return ~(good & (values == np.rint(values))) if self.whole else ~good
-
-    def sentence(self, value: float, where: str, n_bad: int, unit: str | None = None) -> str:
-        """What is wrong with ``value`` (in ``unit``), ``where``, and the cure."""
-        unit = unit or self.unit
-        more = f" ({n_bad} samples are so)" if n_bad > 1 else ""
-        if not math.isfinite(value):
-            return f"{self.name} is {value:g}{where}: fill or cut the gap{more}"
-        shown = "" if unit == "1" else f" {unit}"
-        scale, offset = self.units[unit]
-        low, high = (round((bound - offset) / scale, 6) for bound in (self.lower, self.upper))
-        text = f"{self.name} = {value:g}{shown}{where}: must be {'whole, ' if self.whole else ''}"
-        text += f"from {low:g} to {high:g}{shown}"
-        missing = value in _MISSING_MARKS
-        cure = "it marks a missing value, fill or cut the gap" if missing else "check its unit"
-        return f"{text}; {cure}{more}"
-
-
-def _folded(unit: str) -> str:
-    return unit.replace("°", "deg").casefold()
-
-
-SERIES: dict[str, Series] = {
-    s.name: s
-    for s in (
-        Series("m_a", "air flow", AIR_FLOW, 0.0, 200.0),
-        Series("T_a_in", "entering air temperature", TEMPERATURE, -40.0, 60.0),
-        Series("W_a_in", "humidity ratio of the entering air", HUMIDITY_RATIO, 0.0, 0.1),
-        Series("T_w_in", "entering water temperature", TEMPERATURE, 0.5, 120.0),
-        Series("T_set", "set-point of the supply air temperature", TEMPERATURE, -20.0, 80.0, hold=True),
-        Series("noise", "recorded noise of the measured temperature", DIFFERENCE, -50.0, 50.0, default=0.0),
-        Series("enabled", "whether the loop is in operation", NUMBER, 0.0, 1.0, hold=True, whole=True, default=1.0),
-    )
-}
+BOUNDARY_SERIES = {name: COLUMNS[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled")}
 """Every series of a `Boundary` by name."""
+LARGEST_DAY_LABEL = 2**32 - 1
 
 
 class Given(NamedTuple):
@@ -166,6 +47,64 @@ def read(series: Series, value: Values) -> Given:
     if values.ndim > 2:
         raise InputError(f"{series.name} has {values.ndim} dimensions: give (seconds) or (days, seconds)")
     return Given(("day", "elapsed_time")[2 - values.ndim :], values)
+
+
+def common_size(dim: str, word: str, given: dict[str, Given], problems: list[str]) -> int | None:
+    """Size of ``dim``, None if no series has it; series that differ from the first are problems."""
+    having = {name: one for name, one in given.items() if dim in one.dims}
+    sizes: dict[str, int] = {name: one.values.shape[one.dims.index(dim)] for name, one in having.items()}
+    if not sizes:
+        return None
+    first, size = next(iter(sizes.items()))
+    problems += [
+        f"{name} has {other} {word} where {first} has {size}: give every series the same number"
+        for name, other in sizes.items()
+        if other != size
+    ]
+    return size
+
+
+def carried_labels(given: dict[str, Given], problems: list[str]) -> NDArray[Any] | None:
+    """The day labels that the series themselves carry as a coordinate, None if none does."""
+    carried = {name: one.day for name, one in given.items() if one.day is not None}
+    carried = {name: day for name, day in carried.items() if day.ndim} or carried
+    if not carried:
+        return None
+    first, labels = next(iter(carried.items()))
+    problems += [
+        f"{name} has day {day!s:.40} where {first} has {labels!s:.40}: align them, or give day=..."
+        for name, day in carried.items()
+        if not np.array_equal(day, labels)
+    ]
+    return label_array(labels, problems)
+
+
+def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
+    """Day labels as an array; None, and a problem, if they are not distinct whole numbers."""
+    labels = np.asarray(day)
+    numbers = labels.dtype.kind in "iuf" and labels.ndim < 2 and labels.size > 0
+    if not numbers or np.any((labels != np.rint(labels)) | (labels < 0) | (labels > LARGEST_DAY_LABEL)):
+        problems.append(f"day = {day!r:.60}: give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day")
+        return None
+    values, counts = np.unique(labels, return_counts=True)
+    if counts.max() > 1:
+        problems.append(f"day label {values[counts.argmax()]} appears twice: give each day its own label")
+        return None
+    return labels
+
+
+def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
+    """A sentence on the first bad value of a series, if it has one."""
+    bad = series.is_bad(given.values)
+    if not bad.any():
+        return []
+    first = np.unravel_index(int(np.argmax(bad)), bad.shape)
+    where = dict(zip(given.dims, first, strict=True))
+    text = f" at second {where['elapsed_time']}" if "elapsed_time" in where else ""
+    if "day" in where:
+        i = where["day"]
+        text += f" of day {labels[i] if labels.ndim and i < labels.size else i}"
+    return [series.sentence(float(given.values[first]), text, int(bad.sum()))]
 
 
 def _read_labelled(series: Series, value: xr.DataArray) -> Given:

@@ -5,19 +5,34 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import require, whole_seconds
-from fastcoil.boundary.moist_air import humidity_ratio, humidity_ratio_from_dew_point, mix
 from fastcoil.boundary.record import Boundary
-from fastcoil.boundary.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Array, Series, Values
-from fastcoil.boundary.table import Table
+from fastcoil.boundary.series import Values
 from fastcoil.errors import InputError
+from fastcoil.logs.columns import asked_columns
+from fastcoil.logs.readings import read_numbers
+from fastcoil.logs.series import Series
+from fastcoil.logs.table import Table
+from fastcoil.logs.units import FRACTION, NUMBER, PRESSURE, TEMPERATURE
+from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_dew_point, mix
+
+
+class WeatherColumn(NamedTuple):
+    """A series of a weather file, its usual header, and the unit under that header."""
+
+    series: Series
+    header: str
+    unit: str
+
 
 WEATHER_COLUMNS = {
-    s.name: (s, header, unit)
-    for s, header, unit in (
+    series.name: WeatherColumn(series, header, unit)
+    for series, header, unit in (
         (Series("hour_of_year", "hour of the year", NUMBER, 1, 8784, whole=True), "hour_of_year", "1"),
         (Series("month", "month", NUMBER, 1, 12, whole=True), "month", "1"),
         (Series("day", "day of the month", NUMBER, 1, 31, whole=True), "day", "1"),
@@ -28,7 +43,7 @@ WEATHER_COLUMNS = {
         (Series("p", "barometric pressure", PRESSURE, 50e3, 110e3), "p_Pa", "Pa"),
     )
 }
-"""What a column of a weather file may be, with its usual header and the unit of that."""
+"""What a column of a weather file may be."""
 
 
 def weather_day(
@@ -53,9 +68,9 @@ def weather_day(
 ) -> Boundary:
     """Hourly weather, mixed with return air, as the air that enters the coil.
 
-    A row holds at the full hour it names (hour 1 is 01:00); between rows the values run straight, and a
-    warning says what this cannot show.  The humidity is that of the dew point if the file has one, else of
-    the relative humidity.  The mixture keeps dry air, water and enthalpy.
+    A row gives the values at the full hour it names (hour 1 is 01:00); between rows they run straight, and a warning
+    says what this cannot show.  The humidity comes from the dew point if the file has one, else from the relative
+    humidity.  The mixture keeps dry air, water and enthalpy.
 
     Parameters
     ----------
@@ -68,8 +83,8 @@ def weather_day(
     hours
         Length of the day [h].
     start_hour
-        First hour as an hour of the year, from 1.  Or give ``month``, ``day`` and ``hour`` as the file has
-        them.  Or ``days``, several days of the year from 1, and ``hour``: a dim ``day`` with those labels.
+        First hour as an hour of the year, from 1.  Or give ``month``, ``day`` and ``hour`` as in the file.  Or
+        ``days``, several days of the year from 1, and ``hour``: a dim ``day`` with those labels.
     pressure
         Barometric pressure [Pa]; that of the file if left out, 101325 if it has none.
     columns, units
@@ -105,26 +120,29 @@ def weather_day(
 
 
 def _weather(table: Table, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> dict[str, Array]:
-    """The columns of a weather file that there are, checked, by name."""
+    """The columns of a weather file, checked, by name."""
     columns, units = dict(columns or {}), dict(units or {})
     table.check_names("columns", columns, WEATHER_COLUMNS)
     table.check_names("units", units, WEATHER_COLUMNS)
-    found = table.renamed(columns)
-    for name, (_, header, unit) in WEATHER_COLUMNS.items():
-        column = table.column(header)
+    found = asked_columns(table, columns)
+    for name, usual in WEATHER_COLUMNS.items():
+        column = table.column(usual.header)
         if name not in columns and column is not None:
             found[name] = column
-            units.setdefault(name, unit)
+            units.setdefault(name, usual.unit)
     for name in ("hour_of_year", "T_drybulb"):
         if name not in found and name not in columns:
-            header = WEATHER_COLUMNS[name][1]
+            header = WEATHER_COLUMNS[name].header
             table.problems.append(f"{name} is missing: add a column {header!r}, or name one in columns")
     if not {"T_dewpoint", "RH"} & {*found, *columns}:
         table.problems.append("T_dewpoint and RH are both missing: add or name a column for one of them")
     table.stop_if_wrong()
     if "T_dewpoint" in found:
         found.pop("RH", None)
-    weather = {name: table.numbers(WEATHER_COLUMNS[name][0], column, units.get(name)) for name, column in found.items()}
+    weather = {
+        name: read_numbers(table, WEATHER_COLUMNS[name].series, column, units.get(name))
+        for name, column in found.items()
+    }
     jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
         row = table.row_numbers[jump]

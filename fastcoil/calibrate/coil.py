@@ -10,14 +10,17 @@ from fastcoil.arguments import is_number
 from fastcoil.calibrate.coil_problem import CoilProblem
 from fastcoil.calibrate.coil_record import in_operation, record_of
 from fastcoil.calibrate.coil_result import coil_fit
-from fastcoil.calibrate.data import Log, read_log
 from fastcoil.calibrate.result import Fit
 from fastcoil.errors import InputError, shown
+from fastcoil.logs import Log, read_log
+from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.series import HUMIDITIES
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop
 
-HUMIDITY = ("W_a_in", "RH_a_in", "T_dp_in")
 OUTPUTS = {"T_sup": ("T_sup",), "both": ("T_sup", "T_w_out")}
+_INPUTS = ("m_w", "m_a", "T_w_in", "T_a_in", *HUMIDITIES)
+_NEEDED = ("m_w", "m_a", "T_w_in", "T_a_in", HUMIDITIES, "T_sup")
 
 
 def fit_coil(
@@ -45,26 +48,27 @@ def fit_coil(
     Parameters
     ----------
     log
-        Path of a CSV file, or a Dataset: ``m_w``, ``m_a``, ``T_w_in``, ``T_a_in``, one of ``W_a_in``, ``RH_a_in``,
-        ``T_dp_in``, ``T_sup``, if there ``T_w_out`` and ``enabled``, and ``elapsed_time`` or ``timestamp``; samples 1 s
-        apart or more.  After a gap, and after a time without air flow or ``enabled``, the record begins anew.
+        Path of a CSV file, or a Dataset.  Needed: ``m_w``, ``m_a``, ``T_w_in``, ``T_a_in``, one of ``W_a_in``,
+        ``RH_a_in``, ``T_dp_in``, ``T_sup``, and ``elapsed_time`` or ``timestamp``; optional: ``T_w_out`` and
+        ``enabled``.  Samples are 1 s apart or more.  After a gap, and after a time without air flow or ``enabled``, the
+        model starts again from ``T_initial``.
     units, columns, constants
         As in ``fc.Boundary.from_csv``.
     minimise_on
-        ``T_sup`` as in the paper, or ``both`` for the leaving water as well.
+        ``T_sup`` as in the paper, or ``both`` to compare the leaving water too.
     warm_up, T_initial
-        Seconds left out wherever the record begins [s], and all temperatures there [degC].
+        Seconds left out at each start of the model [s], and all temperatures there [degC].
     n_volumes, air_march, pressure
         Of the model, see ``fc.parameters()``.
     holds
         Name or names of inputs that hold between samples; the others run straight.
     split, fit_until
-        Share of the log that is fitted (of its pieces, if there are at least four), 0.7 if left out, the rest is held
-        back for validation; or the last second that is fitted.
+        Share of the log that is fitted (of its pieces, if it has at least four), 0.7 if left out; or the last second
+        that is fitted.  The rest is held back for validation.
     validation
         Another log, of the same columns, to validate with; then all of the first is fitted.
     drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.calibrate.data.read_log``.
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
 
     Returns
     -------
@@ -82,37 +86,49 @@ def fit_coil(
     Cai and Braun (2016), section 2.2: start at 20 °C, the first 1,800 s left out, T_sup alone minimised.  A trial set
     that is unstable at the recorded flows gets a large residual.
     """
-    began = time.perf_counter()
-    if minimise_on not in tuple(OUTPUTS):
-        raise InputError(f"minimise_on = {minimise_on!r}: choose 'T_sup' or 'both'")
-    inputs = ("m_w", "m_a", "T_w_in", "T_a_in", *HUMIDITY)
-    one = isinstance(holds, str) or not isinstance(holds, Iterable)
-    names: tuple[Any, ...] = () if holds is None else (holds,) if one else tuple(holds)
-    wrong = [f"holds has {n!r}: choose from {', '.join(inputs)}" for n in names if n not in inputs]
-    if not (is_number(warm_up) and warm_up >= 0.0):
-        wrong.append(f"warm_up = {warm_up!r}: give a number of seconds, 0 or more")
-    if wrong:
-        raise InputError(wrong)
+    started = time.perf_counter()
+    held_inputs = _checked_arguments(minimise_on, warm_up, holds)
     loop = Loop(n_volumes=n_volumes, air_march=air_march, pressure=pressure, T_initial=T_initial)
     if loop.swept:
         raise InputError(
             [f"{name} = {shown(array.values.tolist())}: give one value" for name, array in loop.swept.items()]
         )
-    needed: list[str | tuple[str, ...]] = ["m_w", "m_a", "T_w_in", "T_a_in", HUMIDITY, "T_sup"]
-    optional = ["enabled"] if minimise_on == "both" else ["enabled", "T_w_out"]
-    needed += ["T_w_out"] if minimise_on == "both" else []
+    both = minimise_on == "both"
+    wanted = Wanted(
+        needed=(*_NEEDED, "T_w_out") if both else _NEEDED,
+        optional=("enabled",) if both else ("enabled", "T_w_out"),
+        measured=("T_sup", "T_w_out"),
+    )
 
     def read(source: Any) -> Log:
-        return in_operation(
-            read_log(
-                source, needed, measured=("T_sup", "T_w_out"), optional=optional, units=units, columns=columns,
-                constants=constants, drop=drop, jumps=jumps, max_gap=max_gap,
-            )
-        )  # fmt: skip
+        found = read_log(
+            source,
+            wanted,
+            units=units,
+            columns=columns,
+            constants={} if constants is None else constants,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            has_command=True,
+        )
+        return in_operation(found)
 
     data = read(log) if validation is None else read(log).followed_by(read(validation))
-    held_series = tuple("W_a_in" if n in HUMIDITY else n for n in names)
-    problem = CoilProblem(
-        data, record_of(data, loop, held_series), OUTPUTS[minimise_on], warm_up, split, fit_until, held_series
-    )
-    return coil_fit(problem, *problem.solve(), began)
+    record = record_of(data, loop, held_inputs)
+    problem = CoilProblem(data, record, OUTPUTS[minimise_on], warm_up, split, fit_until, held_inputs)
+    return coil_fit(problem, problem.solve(), started)
+
+
+def _checked_arguments(minimise_on: Any, warm_up: Any, holds: Any) -> tuple[str, ...]:
+    """The inputs that hold, under the names that the model has for them."""
+    if minimise_on not in tuple(OUTPUTS):
+        raise InputError(f"minimise_on = {minimise_on!r}: choose 'T_sup' or 'both'")
+    one = isinstance(holds, str) or not isinstance(holds, Iterable)
+    names: tuple[Any, ...] = () if holds is None else (holds,) if one else tuple(holds)
+    wrong = [f"holds has {name!r}: choose from {', '.join(_INPUTS)}" for name in names if name not in _INPUTS]
+    if not (is_number(warm_up) and warm_up >= 0.0):
+        wrong.append(f"warm_up = {warm_up!r}: give a number of seconds, 0 or more")
+    if wrong:
+        raise InputError(wrong)
+    return tuple("W_a_in" if name in HUMIDITIES else name for name in names)

@@ -1,14 +1,14 @@
-"""The least-squares problem of a coil: what of a record is compared, what is held, and the fit in full."""
+"""The least-squares problem of a coil: which samples are compared, which parameters are held, and its solution."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fastcoil.boundary.series import Array
+from fastcoil.arrays import Array, Mask
 from fastcoil.calibrate.coil_record import (
     BETA2,
     BETA4,
@@ -22,31 +22,41 @@ from fastcoil.calibrate.coil_record import (
     Record,
     residual_rows,
 )
-from fastcoil.calibrate.columns import counted
-from fastcoil.calibrate.data import Log
 from fastcoil.calibrate.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
 from fastcoil.calibrate.split import fitted_part
 from fastcoil.errors import InputError
+from fastcoil.logs import Log
+from fastcoil.logs.notes import counted
 
 _PRIOR_EXPONENT = {BETA2: -0.2, BETA4: -0.45, BETA6: -0.42}
 """Exponents of turbulent flow: NTU = UA/(m cp) with UA rising as m^0.8 in the tubes, m^0.55 over the fins."""
 _UNKNOWN = {True: 0.7, False: 0.5}
-"""A standard error above this says that the data tell nothing: of a logarithm (factor 2), of an exponent."""
+"""A parameter with a larger standard error is not identified: of a logarithm (a factor of 2), of an exponent."""
 _CONSTANT = 0.02
 """A flow that varies by less than this share is constant."""
 _N_STARTS = 256
 _STEP = 2e-3
-"""Of the differences: long against the jumps where a volume turns wet."""
+"""Of the differences: long compared with the jumps where a volume turns wet."""
 _FEWEST_SAMPLES = 16
 _STILL = 0.02
-"""Water stands still below this share of its typical flow: what its sensor then reads is not the coil's."""
+"""Water stands still below this share of its typical flow: its sensor then says nothing of the coil."""
 _COARSE = 10.0
-"""Samples further apart than this leave open what happens between them, s."""
+"""Between samples further apart than this an input may step, s."""
 COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
+"""Parameters that the data may not tell apart: the first is then held at the value of the second."""
+_AS_DRY = "as that of heat alone"
+
+
+class CoilSolution(NamedTuple):
+    """The minimum, how well it is known, and the wet volumes of the fitted samples, (n,)."""
+
+    estimate: Estimate
+    uncertainty: Uncertainty
+    wet_volumes: Array
 
 
 class CoilProblem:
-    """The record, what of it is compared, what is held."""
+    """The record, which samples of it are compared, and which parameters are held."""
 
     def __init__(
         self,
@@ -69,7 +79,7 @@ class CoilProblem:
             for name in ("T_sup", "T_w_out")
             if (values := data.values.get(name)) is not None
         }
-        self._say_what_is_not_compared(warm_up, flowing)
+        self._note_what_is_not_compared(warm_up, flowing)
         compared = self.compared["T_sup"] & self.fitting
         if compared.sum() < _FEWEST_SAMPLES:
             raise InputError(
@@ -82,7 +92,8 @@ class CoilProblem:
             raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor")
         if data.step > _COARSE and not holds:
             self.notes.append(
-                f"between samples {data.step:g} s apart the inputs run straight: name in holds those that step"
+                f"samples are {data.step:g} s apart and the inputs run straight between them: if some hold until the "
+                "next sample, name them: holds=['m_w'], --hold m_w"
             )
         self.prior = self._prior()
         self.held: dict[int, str] = {}
@@ -91,19 +102,20 @@ class CoilProblem:
             if np.ptp(values) < _CONSTANT * values.mean():
                 self.held |= {k: f"held at a prior: the {what} flow is constant" for k in exponents}
 
-    def _say_what_is_not_compared(self, warm_up: float, flowing: NDArray[np.bool_]) -> None:
+    def _note_what_is_not_compared(self, warm_up: float, flowing: Mask) -> None:
         batch = self.data.batch
         if self.data.n_batches > 1:
             short = self.data.n_batches - np.unique(batch[self.warm]).size
             self.notes.append(
-                f"{counted(self.data.n_batches, 'unbroken piece')}, each from {self.record.loop['T_initial']:g} degC "
-                f"on, the first {warm_up:g} s of each left out ({short} shorter than that)"
+                f"{counted(self.data.n_batches, 'unbroken piece')}, each starting at "
+                f"{self.record.loop['T_initial']:g} degC, the first {warm_up:g} s of each left out "
+                f"({short} shorter than that)"
             )
         if "T_w_out" in self.compared and not flowing.all():
             self.notes.append(f"{counted(~flowing, 'sample')} of T_w_out not compared: no water flows")
 
     def _prior(self) -> Array:
-        """What is taken for a parameter that the data do not identify."""
+        """The values of parameters that the data do not identify."""
         x = np.array([self._least_C_w() + math.log(1.05), 0.0, math.log(0.35), 0.0, math.log(0.35), 0.0, 0.0, 0.0])
         x[LN_C_C] = x[LN_C_W] + math.log(10.0 / 8.8)
         x[LN_NTU_STAR] = x[LN_NTU_A]
@@ -117,7 +129,7 @@ class CoilProblem:
         return math.log(self.record.m_w_max * float(loop["cp_w"]) * int(loop["n_volumes"]) / 8.0)  # type: ignore[arg-type]
 
     def complete(self, sets: Array) -> Array:
-        """Parameter sets with what is coupled to another filled in: a dry coil's ε* is its ε."""
+        """Parameter sets with the coupled ones filled in: a dry coil's ε* is its ε."""
         sets = sets.copy()
         for k, other in COUPLED.items():
             if is_coupled(self.held, k):
@@ -132,8 +144,8 @@ class CoilProblem:
         used = [self.compared[name][:n] for name in self.outputs]
 
         def residuals(sets: Array) -> Array:
-            found = dict(zip(("T_sup", "T_w_out"), part.run(self.complete(sets))[:2], strict=True))
-            rows = [residual_rows(found[o], m, u) for o, m, u in zip(self.outputs, measured, used, strict=True)]
+            run = part.run(self.complete(sets))
+            rows = [residual_rows(getattr(run, o), m, u) for o, m, u in zip(self.outputs, measured, used, strict=True)]
             return np.concatenate(rows)
 
         low = self._least_C_w()
@@ -157,16 +169,14 @@ class CoilProblem:
             x[k] = self.prior[k]
         return np.asarray(x)
 
-    def solve(self) -> tuple[Estimate, Uncertainty, Array]:
-        """Fit, hold what turns out to be unknown, and fit again until all that is free is known.
-
-        Returns the minimum, how well it is known, and the wet volumes of the fitted samples, (n,).
-        """
+    def solve(self) -> CoilSolution:
+        """Fit, hold parameters that turn out to be unknown, and fit again until all free ones are known."""
         model, starts = self.model(), self.starts()
         best = minimise(model, starts, fixed=list(self.held))
-        wet = self.record.until(self.n_fit).run(self.complete(best.x[:, None]))[2][self.warm[: self.n_fit], 0]
+        run = self.record.until(self.n_fit).run(self.complete(best.x[:, None]))
+        wet = run.wet_volumes[self.warm[: self.n_fit], 0]
         if not wet.any():
-            self.held |= {k: "as that of heat alone: the coil is never wet" for k in COUPLED}
+            self.held |= {k: f"{_AS_DRY}: the coil is never wet" for k in COUPLED}
             best = minimise(model, best.x[:, None], fixed=list(self.held))
         spread = uncertainty(model, best, list(self.held))
         needed: set[int] = set()
@@ -174,27 +184,27 @@ class CoilProblem:
             x = best.x.copy()
             x[k] = self.prior[k]
             if k in COUPLED:
-                self.held[k] = "as that of heat alone: the data do not tell them apart"
+                self.held[k] = f"{_AS_DRY}: the data do not tell them apart"
             else:
                 self.held[k] = "held at a prior: the data do not identify it"
             tried = minimise(model, x[:, None], fixed=list(self.held))
             if tried.rss - best.rss > spread.quantile() ** 2 * spread.variance * spread.inflation[k]:
-                del self.held[k]  # little is known of it, but the prior it is not
+                del self.held[k]  # little is known of it, but it is not the prior
                 needed.add(k)
                 continue
             best, needed = tried, set()
             spread = uncertainty(model, best, list(self.held))
-        return best, spread, wet
+        return CoilSolution(estimate=best, uncertainty=spread, wet_volumes=wet)
 
     def _least_known(self, model: Model, best: Estimate, spread: Uncertainty, needed: set[int]) -> int | None:
-        """The free parameter that the data say least of, if that is nothing."""
+        """The free parameter that the data say least about, if they do not identify it."""
         error = np.sqrt(np.diag(spread.covariance)) / np.where(LOGS, _UNKNOWN[True], _UNKNOWN[False])
         span = model.upper - model.lower
         far_down = best.x < model.lower + 1e-6 * span
-        far_down[LN_C_W] = False  # where the scheme is still stable, a good answer
+        far_down[LN_C_W] = False  # a good answer: there the scheme is just stable
         far = far_down | (best.x > model.upper - 1e-6 * span)
         error = np.where(far | np.isin(np.arange(8), spread.dead), np.inf, np.nan_to_num(error, posinf=np.inf))
-        # a factor is the last thing to give up: without it nothing is exchanged
+        # give up a factor last: without it no heat is exchanged
         rank = np.where(np.isin(np.arange(8), (LN_NTU_W, LN_NTU_A)), error / 10.0, error)
         rank[[*self.held, *needed]] = 0.0
         k = int(np.argmax(rank))
@@ -203,4 +213,4 @@ class CoilProblem:
 
 def is_coupled(held: Mapping[int, str], k: int) -> bool:
     """Whether a parameter is held at the value of another."""
-    return held.get(k, "").startswith("as")
+    return held.get(k, "").startswith(_AS_DRY)

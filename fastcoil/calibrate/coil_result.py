@@ -1,4 +1,4 @@
-"""The fit of a coil in full: parameters as a study takes them, how well they are known, residuals of the whole log."""
+"""The result of a coil fit: parameters as a study takes them, their uncertainty, residuals of the whole log."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.boundary.series import Array
-from fastcoil.calibrate.coil_problem import COUPLED, CoilProblem, is_coupled
+from fastcoil.arrays import Array
+from fastcoil.calibrate.coil_problem import COUPLED, CoilProblem, CoilSolution, is_coupled
 from fastcoil.calibrate.coil_record import COIL, LN_C_W, LOGS
-from fastcoil.calibrate.least_squares import Estimate, Uncertainty
 from fastcoil.calibrate.result import (
     AT_BOUND,
-    FITTING,
     NOT_UNIQUE,
-    UNUSED,
-    VALIDATION,
     Fit,
     labelled,
     natural_interval,
@@ -27,15 +23,17 @@ from fastcoil.calibrate.result import (
     rms,
     sample_variables,
 )
+from fastcoil.calibrate.split import FITTING, UNUSED, VALIDATION
 
 _NOTHING = 5.0
-"""Half an interval as wide says nothing: a factor of 150, or an exponent."""
-_STABLE = "at the bound of what can be run (γ = 1 at the largest flow)"
+"""Half an interval this wide means nothing: a factor of 150, or an exponent."""
+_STABLE = "at the stability limit (γ = 1 at the largest flow)"
 
 
-def coil_fit(problem: CoilProblem, best: Estimate, spread: Uncertainty, wet: Array, began: float) -> Fit:
-    """The fit with everything a user may ask of it; ``wet``: wet volumes of the fitted samples, (n,)."""
+def coil_fit(problem: CoilProblem, solution: CoilSolution, started: float) -> Fit:
+    """The fit with everything a user may ask of it; ``started``: time of the call, by ``time.perf_counter``."""
     record, data, notes = problem.record, problem.data, problem.notes
+    best, spread, wet = solution
     x = problem.complete(best.x[:, None])
     values = record.values(x)[:, 0]
     A = record.named() @ _coupling(problem.held)
@@ -54,7 +52,7 @@ def coil_fit(problem: CoilProblem, best: Estimate, spread: Uncertainty, wet: Arr
     y = A @ x[:, 0]
     residuals, rmse = _residuals(problem, x)
     fitted = problem.compared["T_sup"] & problem.fitting
-    notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns and how the inputs run between samples")
+    notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns, and how the inputs run between samples")
     notes.append(f"{(wet > 0).mean():.0%} of the fitted samples have wet volumes, {wet.mean():.1f} on average")
     notes.append(f"stable up to the recorded {record.m_w_max:.3g} kg/s of water; for more, raise C_w in proportion")
     return Fit(
@@ -72,12 +70,12 @@ def coil_fit(problem: CoilProblem, best: Estimate, spread: Uncertainty, wet: Arr
         n_effective=spread.n_effective,
         held=held,
         notes=notes,
-        seconds=time.perf_counter() - began,
+        seconds=time.perf_counter() - started,
     )
 
 
 def _coupling(held: Mapping[int, str]) -> Array:
-    """Matrix (8, 8) that gives what is coupled the value, and the uncertainty, of what it is coupled to."""
+    """Matrix (8, 8) that gives a coupled parameter the value, and the uncertainty, of the other."""
     C = np.eye(8)
     for k, other in COUPLED.items():
         if is_coupled(held, k):
@@ -88,7 +86,7 @@ def _coupling(held: Mapping[int, str]) -> Array:
 def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, float]]:
     """Measured and modelled temperatures over all samples, and RMSE by part."""
     data, compared = problem.data, problem.compared
-    found = dict(zip(("T_sup", "T_w_out", "wet_volumes"), (a[:, 0] for a in problem.record.run(x)), strict=True))
+    found = {name: values[:, 0] for name, values in problem.record.run(x)._asdict().items()}
     part = np.where(problem.fitting, FITTING, VALIDATION)
     variables: dict[str, Any] = sample_variables(data, np.where(compared["T_sup"], part, UNUSED))
     rmse = {}

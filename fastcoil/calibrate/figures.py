@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from fastcoil.boundary.series import Array
-from fastcoil.calibrate.result import FITTING, UNUSED, VALIDATION, Fit
+from fastcoil.arrays import Array, Index, Mask
+from fastcoil.calibrate.split import FITTING, UNUSED, VALIDATION
 from fastcoil.engine.valve_loop import valve_flows
 from fastcoil.plots.style import COLOURS, DOTTED, FAINT, apply_style
 
@@ -22,18 +22,40 @@ _MOST_POINTS = 4000
 _LEGEND: Any = {"framealpha": 0.8, "edgecolor": "none"}
 
 
-def figure(fit: Fit) -> Figure:
-    """The figure that suits the kind of fit."""
+class Branches(NamedTuple):
+    """Flow over the command from 0 to 1, kg/s, opening and closing."""
+
+    rising: Array
+    falling: Array
+
+
+def valve_figure(residuals: xr.Dataset, profile: xr.Dataset, curve: Array, floor: float, *, identified: bool) -> Figure:
+    """Parity, data over the hysteresis curves, and profile.
+
+    Parameters
+    ----------
+    residuals, profile
+        As in the fit.
+    curve, floor
+        x_BL, m_max, a, b, c of Eqs (1) and (2), and the lowest reading of the flow meter [kg/s].
+    identified
+        Whether the data identify the backlash.
+    """
     with apply_style():
-        return _valve(fit) if fit.kind == "valve" else _coil(fit)
+        return _valve(residuals, profile, curve, floor, identified)
 
 
-def _valve(fit: Fit) -> Figure:
+def coil_figure(residuals: xr.Dataset, rmse: Mapping[str, float]) -> Figure:
+    """Supply air, leaving water and flows over time, a column for each part; ``rmse``: by part, as in the fit."""
+    with apply_style():
+        return _coil(residuals, rmse)
+
+
+def _valve(ds: xr.Dataset, profile: xr.Dataset, curve: Array, floor: float, identified: bool) -> Figure:
     from matplotlib.figure import Figure
 
     fig = Figure(figsize=(10.5, 3.6), layout="constrained")
-    parity, curves, profile = fig.subplots(1, 3)
-    ds = fit.residuals
+    parity, curves, profile_axes = fig.subplots(1, 3)
     looks = ((FITTING, _FITTED, "o"), (VALIDATION, _HELD_BACK, "x"))
     for part, colour, marker in looks:
         here = _thinned(ds["part"].values == part)
@@ -45,20 +67,19 @@ def _valve(fit: Fit) -> Figure:
     parity.plot([0, top], [0, top], color="black", lw=0.8)
     parity.set(xlabel="measured flow [kg/s]", ylabel="modelled flow [kg/s]", title="Parity", aspect="equal")
     parity.set(xlim=(0, top), ylim=(0, top))
-    rising, falling = _branches(fit.extras["curve"], float(fit.extras["floor"]))
-    command = np.linspace(0.0, 100.0, rising.size)
-    curves.plot(command, rising, color=_MODEL, lw=1.5, label="model, opening")
-    curves.plot(command, falling, color=_MODEL, lw=1.5, ls="--", label="model, closing")
+    branches = _branches(curve, floor)
+    command = np.linspace(0.0, 100.0, branches.rising.size)
+    curves.plot(command, branches.rising, color=_MODEL, lw=1.5, label="model, opening")
+    curves.plot(command, branches.falling, color=_MODEL, lw=1.5, ls="--", label="model, closing")
     curves.set(xlabel="command [%]", ylabel="flow [kg/s]", title="Data over the hysteresis curves")
     curves.set_ylim(0, top)
     for axes in (parity, curves):
         axes.legend(loc="lower right", fontsize=8, **_LEGEND)
-    _profile(profile, fit)
+    _profile(profile_axes, profile, identified)
     return fig
 
 
-def _branches(curve: Array, floor: float) -> tuple[Array, Array]:
-    """Flow over the command from 0 to 1, opening and closing."""
+def _branches(curve: Array, floor: float) -> Branches:
     up = np.linspace(0.0, 1.0, 201)
     flows = []
     for command, start in ((up, 1.0), (up[::-1], 0.0)):
@@ -66,31 +87,27 @@ def _branches(curve: Array, floor: float) -> tuple[Array, Array]:
         batch = np.zeros(up.size, dtype=np.int64)
         valve_flows(np.ascontiguousarray(command), batch, curve[:, None].copy(), np.full((1, 1), start), openings, flow)
         flows.append(np.maximum(flow[:, 0], floor))
-    return flows[0], flows[1][::-1]
+    return Branches(rising=flows[0], falling=flows[1][::-1])
 
 
-def _profile(axes: Axes, fit: Fit) -> None:
-    ds = fit.profile
-    assert ds is not None
+def _profile(axes: Axes, ds: xr.Dataset, identified: bool) -> None:
     axes.plot(100 * ds["backlash"], ds["rmse"], color=_MODEL, marker=".", ms=4)
     axes.axhline(ds.attrs["limit"], color="black", lw=0.8, ls=DOTTED, label="limit of the 95 % interval")
     low, high = ds.attrs["interval_95"]
     axes.axvspan(100 * low, 100 * high, color=_FITTED, alpha=0.3, lw=0, label="95 % interval")
-    known = "backlash" in fit.parameters
     axes.set(
         xlabel="backlash [%]",
         ylabel="least RMSE of the fitted part [kg/s]",
         title=f"Profile: 95 % interval {100 * low:.3g} to {100 * high:.3g} %"
-        if known
+        if identified
         else "Profile: the backlash is not identified",
     )
     axes.legend(loc="upper center", fontsize=8, **_LEGEND)
 
 
-def _coil(fit: Fit) -> Figure:
+def _coil(ds: xr.Dataset, rmse: Mapping[str, float]) -> Figure:
     from matplotlib.figure import Figure
 
-    ds = fit.residuals
     parts = [part for part in (FITTING, VALIDATION) if (ds["part"] == part).any()]
     fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 5.6), layout="constrained")
     rows = fig.subplots(3, len(parts), squeeze=False, sharex="col", height_ratios=(3, 2, 1.2))
@@ -100,8 +117,8 @@ def _coil(fit: Fit) -> Figure:
         own = ds["log"].values == str(ds["log"][span[0]].values)
         first = int(span[0]) if part == VALIDATION and own[0] else int(np.argmax(own))
         one = ds.isel(elapsed_time=slice(first, int(span[-1]) + 1))
-        _temperature(column[0], one, "T_sup", f"{part}: RMSE {fit.rmse[part]:.2g} K", "supply air [°C]")
-        measured = f", RMSE {fit.rmse[part + '_T_w_out']:.2g} K" if part + "_T_w_out" in fit.rmse else ", not measured"
+        _temperature(column[0], one, "T_sup", f"{part}: RMSE {rmse[part]:.2g} K", "supply air [°C]")
+        measured = f", RMSE {rmse[part + '_T_w_out']:.2g} K" if part + "_T_w_out" in rmse else ", not measured"
         _temperature(column[1], one, "T_w_out", f"leaving water{measured}", "leaving water [°C]")
         for name, style in (("water", {"color": _MODEL}), ("air", {"color": _HELD_BACK, "ls": "--"})):
             _by_piece(column[2], one, f"m_{name[0]}", lw=1, label=name, **style)
@@ -124,26 +141,26 @@ def _temperature(axes: Axes, ds: xr.Dataset, name: str, title: str, label: str) 
 
 
 def _entitled(axes: Axes, title: str) -> None:
-    """Title and legend above the axes, where they hide nothing."""
+    """Title and legend above the axes, so that they hide nothing."""
     axes.set_title(title, loc="left")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False, borderaxespad=0.2)
 
 
 def _by_piece(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> None:
-    """A line that is broken where the record is."""
+    """A line with a break wherever the record has one."""
     breaks = np.flatnonzero(np.diff(ds["batch"])) + 1
     hours, values = (np.insert(ds[n].values.astype(float), breaks, np.nan) for n in ("elapsed_time", name))
     axes.plot(hours / 3600, values, **style)
 
 
 def _shaded(axes: Axes, ds: xr.Dataset) -> None:
-    """What is not compared, in grey."""
+    """Samples that are not compared, in grey."""
     hours, unused = ds["elapsed_time"].values / 3600, ds["part"].values == UNUSED
     unused[1:] |= unused[:-1]  # up to the next sample
     bottom_to_top = axes.get_xaxis_transform()
     axes.fill_between(hours, 0.0, 1.0, where=unused, transform=bottom_to_top, color=FAINT, lw=0, zorder=0)
 
 
-def _thinned(here: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _thinned(here: Mask) -> Index:
     index = np.flatnonzero(here)
     return index[:: max(index.size // _MOST_POINTS, 1)]

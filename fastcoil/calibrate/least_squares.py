@@ -1,9 +1,9 @@
 """Nonlinear least squares whose Jacobian comes from lanes: perturbed parameter sets in the same kernel call.
 
 Levenberg-Marquardt within bounds (``scipy.optimize.least_squares``, ``trf``), started from the best of many sets that
-are screened as lanes; covariance by SVD, widened by what the autocorrelation of the residuals costs.  The paper's
-``lm`` knows no bounds, and these problems have some that matter: a backlash of 0, the least C_w that is stable, an
-exponent that the data leave open.  Where none is met both end in the same minimum.
+are screened as lanes; covariance by SVD, widened for the autocorrelation of the residuals.  The paper's ``lm`` knows no
+bounds, and these problems have some that matter: a backlash of 0, the least C_w that is stable, an exponent that the
+data do not identify.  Where no bound is met both end in the same minimum.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fastcoil.boundary.series import Array
+from fastcoil.arrays import Array, Index, Mask
 
 CONFIDENCE = 0.95
 _RANK_TOLERANCE = 1e-8
 _MAX_LAG_SHARE = 4
-"""Autocorrelation is estimated to lags of this part of a segment."""
+"""Autocorrelation is estimated up to lags of one segment divided by this."""
 _REFINED = 4
 _POLISH = 20.0
 _SCREENED_AT_ONCE = 64
@@ -32,20 +31,20 @@ FORBIDDEN = 1e6
 class Model:
     """A least-squares problem whose residuals are known for many parameter sets at once.
 
-    residuals: (p, sets) → (n, sets), 0 at samples that are not compared.  lower, upper, step: (p,), the box and the
-    steps of the central differences.  segment: (n,), number of the unbroken piece of each sample.  used: (n,), where
-    there is something to compare.  The last parameters may be ``nuisance``: one for each number in ``owner`` (n,),
-    acting on the samples of that number only, so that all of them share one pair of lanes.
+    residuals: (p, sets) → (n, sets), 0 at samples that are not compared.  lower, upper, step: (p,), the bounds and the
+    steps of the central differences.  segment: (n,), number of the unbroken piece of each sample.  used: (n,), which
+    samples are compared.  The last parameters may be ``nuisance``: one for each number in ``owner`` (n,), acting on the
+    samples of that number only, so that all of them share one pair of lanes.
     """
 
     residuals: Callable[[Array], Array]
     lower: Array
     upper: Array
     step: Array
-    segment: NDArray[np.int64]
-    used: NDArray[np.bool_]
+    segment: Index
+    used: Mask
     n_nuisance: int = 0
-    owner: NDArray[np.int64] | None = None
+    owner: Index | None = None
 
     @property
     def n_common(self) -> int:
@@ -78,7 +77,7 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
     forbidden = np.atleast_1d((np.abs(found) >= FORBIDDEN).any(axis=0))
     for k in range(pairs):
         for side in (1 + 2 * k, 2 + 2 * k):
-            if forbidden[side]:  # a neighbour that cannot be run says nothing of the slope: take the other side's
+            if forbidden[side]:  # the slope then comes from the other side alone
                 sets[:, side], found[:, side] = sets[:, 0], found[:, 0]
         difference = found[:, 1 + 2 * k] - found[:, 2 + 2 * k]
         if k < common:
@@ -109,10 +108,10 @@ def minimise(
     best = min(found, key=lambda one: one.rss)
     if starts.shape[1] == 1:
         return best
-    # long steps see past the kinks of Eq (1), short ones end nearer to the minimum
+    # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
     polished = _descend(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)
     x = min(best, polished, key=lambda one: one.rss).x
-    r, J = evaluate(model, x)  # short steps take a kink for a slope
+    r, J = evaluate(model, x)  # with short steps a kink looks like a slope
     return Estimate(x, r, J, float(r @ r))
 
 
@@ -153,7 +152,7 @@ def _descend(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> E
 
 
 def _condensed(A: Array) -> Array:
-    """A square matrix R with RᵀR = AᵀA: all that a descent needs of n residuals, and far quicker to decompose."""
+    """A square matrix R with RᵀR = AᵀA: enough for a descent on n residuals, and far quicker to decompose."""
     norms = np.linalg.norm(A, axis=0)
     norms[norms == 0.0] = 1.0
     rows = np.ascontiguousarray((A / norms).T)
@@ -164,10 +163,10 @@ def _condensed(A: Array) -> Array:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of the estimate, (p, p), NaN for what is fixed or at its bound; and what it rests on.
+    """Covariance of the estimate, (p, p), NaN for parameters that are fixed or at a bound; and its basis.
 
     inflation: (p,), factor on the variance of white residuals.  dead: index of the parameters without any effect.
-    weak: directions that the data leave open, each as {parameter: share}.
+    weak: directions that the data do not identify, each as {parameter: share}.
     """
 
     covariance: Array
@@ -189,11 +188,11 @@ class Uncertainty:
 def uncertainty(
     model: Model, estimate: Estimate, fixed: Sequence[int] = (), profiled: Sequence[int] = ()
 ) -> Uncertainty:
-    """Covariance by SVD of the Jacobian; residuals that go together count as fewer.
+    """Covariance by SVD of the Jacobian; correlated residuals count as fewer samples.
 
     The variance of each estimate is that of residuals with their estimated autocorrelation ρ,
-    aᵀ Jᵀ Ω J a with Ω = ρ(t - s), never less than that of white ones.  Those that are ``profiled`` have one also at
-    their bound: how far the profile may rise depends on it.
+    aᵀ Jᵀ Ω J a with Ω = ρ(t - s), never less than that of white ones.  ``profiled`` parameters have one at their bound
+    too: the limit of the profile depends on it.
     """
     r, n = estimate.r, int(model.used.sum())
     p = estimate.x.size
@@ -225,7 +224,7 @@ def uncertainty(
     return Uncertainty(covariance, factors, n, n_effective, freedom, variance, dead, weak)
 
 
-def autocorrelation(r: Array, segment: NDArray[np.int64], used: NDArray[np.bool_]) -> Array:
+def autocorrelation(r: Array, segment: Index, used: Mask) -> Array:
     """ρ(1), ρ(2), … of the residuals up to where they are lost in noise (Geyer's initial monotone sequence)."""
     r = np.where(used, r, 0.0)
     ends = np.flatnonzero(np.diff(segment)) + 1
@@ -255,7 +254,7 @@ def _autoproducts(x: Array) -> Array:
     return np.fft.irfft(f * np.conj(f), size)[: x.size]
 
 
-def _lagged_products(Z: Array, segment: NDArray[np.int64], rho: Array) -> Array:
+def _lagged_products(Z: Array, segment: Index, rho: Array) -> Array:
     """Sum over lags of ρ(k) times the sum over t of z[t] z[t + k], for every column of Z."""
     total = np.zeros(Z.shape[1])
     for piece in np.split(Z, np.flatnonzero(np.diff(segment)) + 1):
@@ -267,10 +266,10 @@ def _lagged_products(Z: Array, segment: NDArray[np.int64], rho: Array) -> Array:
 
 def profile(
     model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = (), max_steps: int = 30
-) -> tuple[Array, list[Estimate]]:
-    """Least residual sum of squares with parameter k held at each value of ``grid`` (ascending).
+) -> list[Estimate]:
+    """The minimum with parameter k held at each value of ``grid`` (ascending).
 
-    Walks outward from the minimum, each value starting where its neighbour ended.
+    Walks outward from the free minimum, each value starting where its neighbour ended.
     """
     middle = int(np.searchsorted(grid, best.x[k]))
     found: dict[int, Estimate] = {}
@@ -281,5 +280,4 @@ def profile(
             start[k] = grid[i]
             found[i] = minimise(model, start[:, None], fixed=[*fixed, k], max_steps=max_steps)
             x = found[i].x
-    estimates = [found[i] for i in range(grid.size)]
-    return np.array([one.rss for one in estimates]), estimates
+    return [found[i] for i in range(grid.size)]

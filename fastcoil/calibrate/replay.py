@@ -11,16 +11,22 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.arguments import whole_number_problems
-from fastcoil.boundary.series import Array
-from fastcoil.calibrate.data import Log, read_log
+from fastcoil.arrays import Array
 from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.engine.replay_loop import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.errors import InputError
+from fastcoil.logs import Log, read_log
+from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.seconds import at_seconds, require_whole_seconds
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.resources import available_memory, gib
 from fastcoil.simulation.scenarios import columns_of
+
+_WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))
+_ROUND_OFF = 1e-6
+"""Of the times of a log, s."""
 
 
 def replay(
@@ -35,16 +41,17 @@ def replay(
 ) -> xr.Dataset:
     """Feed recorded temperatures and set-points to the controllers of a loop, and return what they command.
 
-    The loop stays open: the commands do not change the record.  Plant and sensor parameters play no part, but for
-    ``sensor_resolution``; noise is what the record has.
+    The loop stays open: the commands do not change the record.  Plant and sensor parameters play no part, except
+    ``sensor_resolution``; the record has its own noise.
 
     Parameters
     ----------
     loop
         One loop or a sweep of them: PI, inverse and learner.
     log
-        Path of a CSV file or a Dataset with ``T_sup`` (as the controller read it), ``T_set``, if there ``enabled``,
-        and ``elapsed_time`` or ``timestamp``; samples 1 s apart or more.  A value holds until the next.
+        Path of a CSV file, or a Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
+        ``elapsed_time`` or ``timestamp``; optional: ``enabled``.  Samples are 1 s apart or more.  A value holds until
+        the next.
     units, columns, constants
         As in ``fc.Boundary.from_csv``.
     trace_interval
@@ -64,15 +71,20 @@ def replay(
 
     Notes
     -----
-    Cai and Braun (2016), section 3.3 and Fig 8.  Fed with ``T_measured`` of a simulation it returns that simulation's
-    commands to the last bit.
+    Cai and Braun (2016), section 3.3 and Fig 8.  With ``T_measured`` of a simulation as ``T_sup`` it returns the
+    commands of that simulation to the last bit.
     """
     if not isinstance(loop, Loop):
         raise InputError(f"loop is a {type(loop).__name__}: give a fastcoil.Loop")
     data = read_log(
-        log, ["T_sup", "T_set"], optional=["enabled"], units=units, columns=columns, constants=constants,
+        log,
+        _WANTED,
+        units=units,
+        columns=columns,
+        constants={} if constants is None else constants,
         max_gap=max_gap,
-    )  # fmt: skip
+        unbroken=True,
+    )
     series = _seconds(data)
     problems = whole_number_problems("trace_interval", trace_interval, 1, series.shape[0])
     if problems:
@@ -94,17 +106,10 @@ def replay(
     return ds
 
 
-def _seconds(data: Log) -> Array:
-    """What the controller sees at every second, (n_steps, 3): the last recorded values."""
-    if data.batch[-1] > 0:
-        k = int(np.argmax(data.batch > 0))
-        raise InputError(
-            f"{data.name}: the record is broken between rows {data.rows[k - 1]} and {data.rows[k]}: cut the log "
-            f"there, or bridge it: max_gap={data.time[k] - data.time[k - 1]:g}"
-        )
-    if data.step < 0.999:
-        raise InputError(f"{data.name}: rows are {data.step:g} s apart: thin the log to 1 s or more")
-    values = {"enabled": np.ones(data.time.size), **data.values}
-    seconds = np.arange(int(data.time[-1] + 1e-6) + 1)
-    latest = np.searchsorted(data.time, seconds + 1e-6, side="right") - 1
-    return np.stack([values[name][latest] for name in REPLAY_COLUMNS], axis=1)
+def _seconds(log: Log) -> Array:
+    """Input of the controller at every second, (n_steps, 3): the last recorded values."""
+    require_whole_seconds(log.name, log.step)
+    recorded = {"enabled": np.ones(log.time.size), **log.values}
+    values = {name: recorded[name] for name in REPLAY_COLUMNS}
+    seconds = np.arange(int(log.time[-1] + _ROUND_OFF) + 1, dtype=float)
+    return np.stack(list(at_seconds(log.time, values, seconds, REPLAY_COLUMNS, _ROUND_OFF).values()), axis=1)

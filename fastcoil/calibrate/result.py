@@ -1,4 +1,4 @@
-"""What a fit gives back: parameters, how well they are known, residuals; in words, as TOML, as a figure."""
+"""The result of a fit: parameters, their uncertainty, residuals; in words, as TOML, as a figure."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from fastcoil.calibrate.split import FITTING, VALIDATION
 from fastcoil.errors import InputError
 from fastcoil.files import commit
 from fastcoil.parameter_table import PARAMETERS
@@ -20,14 +21,13 @@ from fastcoil.parameter_table import PARAMETERS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fastcoil.boundary.series import Array
-    from fastcoil.calibrate.data import Log
+    from fastcoil.arrays import Array
+    from fastcoil.logs import Log
 
-FITTING, VALIDATION, UNUSED = "fit", "validation", "unused"
 AT_BOUND = "at the bound of its range: the data do not limit it"
 NOT_UNIQUE = "one of many that fit as well: the data do not identify it"
 _POOR = 0.8
-"""Share of the variance that a model of the right thing explains at least."""
+"""A model of the right thing explains at least this share of the variance."""
 _MUCH = 2.0
 _ROUND_OFF = 1e-9
 
@@ -41,27 +41,27 @@ class Fit:
     kind, source
         ``valve`` or ``coil``, and the name of the log.
     parameters
-        Name → value, ready for ``loop.assign(**fit.parameters)``; held ones are there, unidentified ones without a
-        prior are not.
+        Name → value, ready for ``loop.assign(**fit.parameters)``; with the held ones, without unidentified ones that
+        have no prior.
     standard_errors, intervals
-        Standard error and 95 % interval by name, of the estimated ones; residuals that go together are allowed for.
+        Standard error and 95 % interval of each estimated parameter; they allow for correlated residuals.
     covariance, correlation
-        DataArrays (``parameter``, ``parameter_2``) of the estimated ones.
+        DataArrays (``parameter``, ``parameter_2``) over the estimated parameters.
     profile
-        Dataset over ``backlash``: least RMSE of the fitted part with the backlash held there, and the ``limit`` that
-        the 95 % interval stays below.  None for a coil.
+        Dataset over ``backlash``: least RMSE of the fitted part with the backlash held at each value, and the ``limit``
+        that the 95 % interval stays below.  None for a coil.
     residuals
         Dataset over ``elapsed_time``: measured and modelled values, their difference, the ``part`` (fit, validation,
-        unused), the ``batch`` (unbroken piece), and the ``row`` of the file, by name in ``log``; seconds count from the
-        first row of that.
+        unused), the ``batch`` (unbroken piece), the ``row`` in the file, and the name of the ``log``; seconds
+        count from the first row of that log.
     rmse
-        By part, in ``unit``; besides those of the model without backlash (valve) and of the leaving water (coil).
+        By part, in ``unit``; also of the model without backlash (valve) and of the leaving water (coil).
     n_used, n_effective, seconds
-        Samples compared; how many independent ones they are worth; what the fit took [s].
+        Samples compared; how many independent ones they are worth; duration of the fit [s].
     held
-        Name → why the data do not give it and what is taken instead.
+        Name → why the data do not give it, and what is taken instead.
     notes
-        What was left out of the log, and what to know of the result.
+        What was left out of the log, and remarks on the result.
     """
 
     kind: str
@@ -90,12 +90,16 @@ class Fit:
 
     def plot(self) -> Figure:
         """Figs 2 (valve) or 4 and 5 (coil) of the paper for this fit, as a matplotlib ``Figure``."""
-        from fastcoil.calibrate.figures import figure
+        from fastcoil.calibrate.figures import coil_figure, valve_figure
 
-        return figure(self)
+        if self.kind == "coil":
+            return coil_figure(self.residuals, self.rmse)
+        assert self.profile is not None
+        curve, floor = self.extras["curve"], float(self.extras["floor"])
+        return valve_figure(self.residuals, self.profile, curve, floor, identified="backlash" in self.parameters)
 
     def summary(self) -> list[str]:
-        """The fit in words, a line each."""
+        """The fit in words, line by line."""
         lines = [
             f"{self.source}: {self.n_used:,} samples compared, worth {self.n_effective:,.0f} independent ones; "
             f"{self.seconds:.1f} s"
@@ -113,7 +117,7 @@ class Fit:
         for i, j in zip(*np.nonzero(np.triu(np.abs(np.nan_to_num(correlation)) > 0.95, 1)), strict=True):
             names = self.covariance["parameter"].values
             lines.append(
-                f"{names[i]} and {names[j]} are only known together (correlation {correlation[i, j]:.3f}): "
+                f"{names[i]} and {names[j]} are known only together (correlation {correlation[i, j]:.3f}): "
                 "keep them as a pair"
             )
         for name, value in self.rmse.items():
@@ -125,7 +129,7 @@ class Fit:
     def to_toml(self, path: str | Path | None = None) -> str:
         """The fit as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
 
-        ``[loop]`` holds the parameters; ``[fit]`` and what is below it is for readers.
+        ``[loop]`` holds the parameters; ``[fit]`` and its tables are for readers.
         """
         lines = [f"# {self.kind} fitted to {self.source} by fastcoil"]
         lines += [f"# {line}" for line in self.summary()[1:]]
@@ -154,7 +158,7 @@ class Fit:
 
 
 def is_fit(path: Path) -> bool:
-    """Whether ``to_toml`` wrote a file."""
+    """Whether a file was written by ``to_toml``."""
     with path.open("rb") as file:
         return b" fitted to " in file.readline()
 
@@ -185,18 +189,18 @@ def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[fl
 
 
 def sample_variables(data: Log, part: NDArray[np.str_]) -> dict[str, Any]:
-    """Of every sample the part it plays, its batch, its row, and the name of its log."""
-    columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.log]}
+    """Part, batch, row and name of the log of every sample."""
+    columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
     return {name: ("elapsed_time", values) for name, values in columns.items()}
 
 
 def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:
-    """Notes if the model explains little of what was fitted, if nothing validates it, if what does says no."""
+    """Notes if the model explains little of the fitted data, if nothing validates it, if the validation fails."""
     notes = []
     if VALIDATION not in rmse:
         notes.append("nothing was held back: the fit is not validated")
     elif (ratio := rmse[VALIDATION] / max(rmse[FITTING], _ROUND_OFF * float(np.std(fitted)))) > _MUCH:
-        notes.append(f"the validation errs {ratio:.1f} times as much as the fit: it may not hold for other operation")
+        notes.append(f"the validation errs {ratio:.1f} times as much as the fit: do not rely on it in other operation")
     explained = 1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2
     if explained < _POOR:
         notes.append(f"the model explains only {max(explained, 0.0):.0%} of the variance of {name}: check {check}")
@@ -204,5 +208,5 @@ def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> lis
 
 
 def rms(r: Array) -> float:
-    """Root mean square; NaN of nothing."""
+    """Root mean square; NaN without values."""
     return float(np.sqrt(np.mean(r**2))) if r.size else math.nan

@@ -1,31 +1,32 @@
-"""Which part of a log is fitted, and which is held back to validate the fit."""
+"""Which part of a log is fitted, and which is held back to validate the fit; the names of the parts."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastcoil.arguments import is_number
-from fastcoil.calibrate.data import Log
+from fastcoil.arrays import Mask
 from fastcoil.errors import InputError
+from fastcoil.logs import Log
 
+FITTING, VALIDATION, UNUSED = "fit", "validation", "unused"
 SPLIT = 0.7
-"""Share of a log that is fitted if nothing else is said."""
+"""Share of a log that is fitted by default."""
 _BATCHES_TO_SPLIT_BY = 4
 
 
-def fitted_part(data: Log, split: float | None, fit_until: float | None) -> NDArray[np.bool_]:
-    """Where the samples are fitted, (n,): the first ``split`` of the log, or what is up to ``fit_until`` s.
+def fitted_part(data: Log, split: float | None, fit_until: float | None) -> Mask:
+    """Which samples are fitted, (n,): the first ``split`` of the log, or those up to ``fit_until`` s.
 
-    Of at least four batches as many are fitted, whole, as hold that share of the samples; but not the last.  Where
-    there is a second log to validate with, all of the first is fitted.
+    A log of at least four batches is split between batches, and the last is never fitted.  With a second log to
+    validate with, all of the first is fitted.
     """
     given = [name for name, value in (("split", split), ("fit_until", fit_until)) if value is not None]
     given += ["validation"] * (len(data.names) - 1)
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} both say what is held back: give one of them")
     if len(data.names) > 1:
-        return np.asarray(data.log == 0)
+        return np.asarray(data.source == 0)
     if fit_until is not None:
         if not (is_number(fit_until) and data.time[0] < fit_until):
             raise InputError(f"fit_until = {fit_until!r}: give seconds after the first row, which is 0")

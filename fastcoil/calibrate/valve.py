@@ -8,22 +8,20 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastcoil.arguments import is_number
-from fastcoil.boundary.series import Array
-from fastcoil.calibrate.data import Log, read_log
-from fastcoil.calibrate.least_squares import Estimate, Uncertainty, minimise, profile, uncertainty
 from fastcoil.calibrate.result import Fit
-from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, LARGEST_BACKLASH, X_BL, ValveProblem
+from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, ValveProblem
+from fastcoil.calibrate.valve_result import valve_fit
 from fastcoil.errors import InputError
+from fastcoil.logs import Log, read_log
+from fastcoil.logs.arguments import Wanted
 
-_PROFILE_POINTS = 25
-_FINE_POINTS = 12
 _LEAST_REACH = 0.02
-"""A command that stays below this share of the stroke is in another unit."""
+"""A command that stays below this share of the stroke has the wrong unit."""
 _LEAST_SHARE = 0.8
-"""Noise may lift a reading above the asymptotic flow, but not that far."""
+"""Noise may lift readings above the asymptotic flow, but it is at least this share of them."""
+_WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
 
 def fit_valve(
@@ -47,9 +45,9 @@ def fit_valve(
     Parameters
     ----------
     log
-        Path of a CSV file, or a Dataset: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s, m3/h,
-        gpm, …), ``elapsed_time`` or ``timestamp``; if there ``enabled``, 0 where the pump is off, and ``batch``, where
-        experiments were put in a row.
+        Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s,
+        m3/h, gpm, …), and ``elapsed_time`` or ``timestamp``; optional: ``enabled``, 0 where the pump is off, and
+        ``batch``, the number of the experiment if the log holds several.
     units, columns
         As in ``fc.Boundary.from_csv``.
     m_max
@@ -62,17 +60,17 @@ def fit_valve(
     initial
         Where in the gap each batch starts: ``unknown`` (estimated), ``rising`` or ``falling``.
     split, fit_until
-        Share of the log that is fitted (of its batches, if there are at least four), 0.7 if left out, the rest is held
-        back for validation; or the last second that is fitted.
+        Share of the log that is fitted (of its batches, if it has at least four), 0.7 if left out; or the last second
+        that is fitted.  The rest is held back for validation.
     validation
         Another log, of the same columns, to validate with; then all of the first is fitted.
     drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.calibrate.data.read_log``.
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
 
     Returns
     -------
     Fit
-        ``backlash`` is not among its parameters where the data cannot tell it; ``held`` then says why.
+        ``backlash`` is not among its parameters if the data do not identify it; ``held`` then says why.
 
     Raises
     ------
@@ -81,10 +79,10 @@ def fit_valve(
 
     Notes
     -----
-    Cai and Braun (2016), section 2.1.3.  In Eq (2) only b/(1 - x_BL) and (1 - x_BL) c act: α = 1/(1 - x_BL) assumes
-    that a full command opens fully.
+    Cai and Braun (2016), section 2.1.3.  Only b/(1 - x_BL) and (1 - x_BL) c enter Eq (2): α = 1/(1 - x_BL) assumes
+    that a full command opens the valve fully.
     """
-    began = time.perf_counter()
+    started = time.perf_counter()
     wrong = []
     if m_max is not None and not (is_number(m_max) and 0.0 < m_max < math.inf):
         wrong.append(f"m_max = {m_max!r}: give a number above 0")
@@ -98,27 +96,22 @@ def fit_valve(
 
     def read(source: Any) -> Log:
         return read_log(
-            source, ["command", "m_w"], measured=["m_w"], optional=["enabled"], units=units, columns=columns,
-            drop=drop, jumps=jumps, max_gap=max_gap,
-        )  # fmt: skip
+            source,
+            _WANTED,
+            units=units,
+            columns=columns,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            has_command=True,
+        )
 
     data = read(log)
     _check(data, floor, m_max)
     if validation is not None:
         data = data.followed_by(read(validation))
     problem = ValveProblem(data, floor, settle, split, fit_until)
-    model, fixed = problem.model(m_max, initial)
-    best = minimise(model, problem.starts(m_max, initial), fixed=fixed)
-    for better_ones in range(3):
-        spread = uncertainty(model, best, fixed, profiled=[X_BL])
-        grid = _grid(best, spread)
-        sums, others = profile(model, best, X_BL, grid, fixed)
-        if sums.min() > best.rss * (1.0 - 1e-6) or better_ones == 2:
-            break
-        best = minimise(model, np.stack([best.x, others[int(sums.argmin())].x], axis=1), fixed=fixed)
-    limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
-    interval = _interval(grid, sums, best, limit)
-    return problem.result(model, best, spread, (grid, sums, limit, interval), others[0], fixed, began)
+    return valve_fit(problem, problem.solve(m_max, initial), started)
 
 
 def _check(data: Log, floor: float | None, m_max: float | None) -> None:
@@ -136,33 +129,8 @@ def _check(data: Log, floor: float | None, m_max: float | None) -> None:
     if reach < _LEAST_REACH:
         problems.append(f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit")
     if floor is not None and floor >= top:
-        problems.append(f"floor = {floor:g} kg/s: {data.name} has no larger flow than {top:.3g} kg/s, give less")
+        problems.append(f"floor = {floor:g} kg/s: {data.name} has no larger flow than {top:.3g} kg/s, lower it")
     if m_max is not None and m_max < _LEAST_SHARE * top:
-        problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give as much at least")
+        problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give at least that")
     if problems:
         raise InputError(problems)
-
-
-def _grid(best: Estimate, spread: Uncertainty) -> Array:
-    """Sizes of backlash to profile: coarse over all that may be, fine where the minimum is."""
-    x, variance = float(best.x[X_BL]), spread.covariance[X_BL, X_BL]
-    top = min(max(0.25, 2.0 * x), LARGEST_BACKLASH)
-    width = 3.0 * math.sqrt(variance) if np.isfinite(variance) else 0.02
-    width = min(max(width, 2e-3), 0.1)
-    fine = np.linspace(max(x - width, 0.0), min(x + width, top), _FINE_POINTS)
-    return np.unique(np.round(np.concatenate([np.linspace(0.0, top, _PROFILE_POINTS), fine]), 6))
-
-
-def _interval(grid: Array, sums: Array, best: Estimate, limit: float) -> tuple[float, float]:
-    """Where the profile stays below its limit, between the outermost crossings."""
-    x = np.append(grid, best.x[X_BL])
-    order = np.argsort(x, kind="stable")
-    x, y = x[order], np.append(sums, best.rss)[order]
-    inside: NDArray[np.int64] = np.flatnonzero(y <= limit)
-    first, last = int(inside[0]), int(inside[-1])
-    low, high = x[first], x[last]
-    if first > 0:
-        low = x[first] + (x[first - 1] - x[first]) * (limit - y[first]) / max(y[first - 1] - y[first], 1e-300)
-    if last < x.size - 1:
-        high = x[last] + (x[last + 1] - x[last]) * (limit - y[last]) / max(y[last + 1] - y[last], 1e-300)
-    return float(low), float(high)

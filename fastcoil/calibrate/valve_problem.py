@@ -1,44 +1,59 @@
-"""The least-squares problem of a valve: what of a log is compared, the model over it, and the fit in full."""
+"""The least-squares problem of a valve: which samples are compared, the model over them, and its solution."""
 
 from __future__ import annotations
 
 import math
-import time
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 
-from fastcoil.boundary.series import Array
-from fastcoil.calibrate.columns import counted
-from fastcoil.calibrate.data import Log
-from fastcoil.calibrate.least_squares import Estimate, Model, Uncertainty
-from fastcoil.calibrate.result import (
-    AT_BOUND,
-    FITTING,
-    NOT_UNIQUE,
-    UNUSED,
-    VALIDATION,
-    Fit,
-    labelled,
-    natural_interval,
-    poor,
-    rms,
-    sample_variables,
-)
+from fastcoil.arrays import Array, Index
+from fastcoil.calibrate.least_squares import Estimate, Model, Uncertainty, minimise, profile, uncertainty
 from fastcoil.calibrate.split import fitted_part
-from fastcoil.calibrate.valve_record import compared, gaps_unknown, lowest_reading, reversals, sensor_off
-from fastcoil.engine.valve_loop import VALVE_ROWS, valve_flows
+from fastcoil.calibrate.valve_record import lowest_reading, reversals, sensor_off, settled
+from fastcoil.engine.valve_loop import valve_flows
 from fastcoil.errors import InputError
+from fastcoil.logs import Log
+from fastcoil.logs.notes import counted, first_row
 
 FEWEST_SAMPLES = 20
 LARGEST_BACKLASH = 0.5
-X_BL, _M_MAX, _A, _B, _C = range(5)
-_LOGS = (_M_MAX, _A, _B)
+X_BL, M_MAX, _A, _B, _C = range(5)
+LOGS = (M_MAX, _A, _B)
+"""Parameters that are searched by their logarithm."""
+_PROFILE_POINTS = 25
+_FINE_POINTS = 12
+
+
+class BacklashProfile(NamedTuple):
+    """Least sum of squares with the backlash held at each value of ``grid``, (n,).
+
+    limit: the sum that the 95 % ``interval`` stays below.
+    """
+
+    grid: Array
+    sums: Array
+    limit: float
+    interval: tuple[float, float]
+
+
+class ValveSolution(NamedTuple):
+    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash.
+
+    without_backlash: the minimum with a backlash of 0.  fixed: indices of the parameters that were held.
+    """
+
+    model: Model
+    estimate: Estimate
+    uncertainty: Uncertainty
+    profile: BacklashProfile
+    without_backlash: Estimate
+    fixed: list[int]
 
 
 class ValveProblem:
-    """The log, what of it is compared, and the model over it."""
+    """The log, which samples of it are compared, and the model over it."""
 
     def __init__(
         self, data: Log, floor: float | None, settle: float | None, split: float | None, fit_until: float | None
@@ -49,20 +64,20 @@ class ValveProblem:
         self.floor = lowest_reading(self.flow, self.notes) if floor is None else floor
         off = sensor_off(self.command, self.flow, self.floor)
         if off.any():
-            row = data.rows[int(np.argmax(off))]
             self.notes.append(
                 f"{counted(off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve open "
-                f"(first in row {row})"
+                f"({first_row(data.rows.tolist(), off)})"
             )
-        settled = compared(data, settle, self.notes)
+        at_rest = settled(data, settle, self.notes)
         enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
         if not enabled.all():
             self.notes.append(f"{counted(~enabled, 'flow')} not compared: enabled is 0")
-        self.good = np.isfinite(self.flow) & ~off & settled & enabled
+        self.good = np.isfinite(self.flow) & ~off & at_rest & enabled
         self.fitting = fitted_part(data, split, fit_until)
-        if (self.good & self.fitting).sum() < FEWEST_SAMPLES:
+        to_fit = self.good & self.fitting
+        if to_fit.sum() < FEWEST_SAMPLES:
             raise InputError(
-                f"{data.name}: {counted(self.good & self.fitting, 'flow')} left to fit, of {FEWEST_SAMPLES} at least: "
+                f"{data.name}: {counted(to_fit, 'flow')} left to fit: give at least {FEWEST_SAMPLES}, "
                 f"lower settle, raise split, or give a longer log ({'; '.join(self.notes)})"
             )
         last = int(np.flatnonzero(self.fitting)[-1]) + 1
@@ -75,12 +90,12 @@ class ValveProblem:
         """Openings and flows of parameter sets (5, sets) over the first n samples, the meter's floor included."""
         openings, flows = np.empty((n, sets.shape[1])), np.empty((n, sets.shape[1]))
         rows = sets.copy()
-        rows[list(_LOGS)] = np.exp(rows[list(_LOGS)])
+        rows[list(LOGS)] = np.exp(rows[list(LOGS)])
         valve_flows(self.command[:n], self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
         return openings, np.maximum(flows, self.floor)
 
     def model(self, m_max: float | None, initial: str) -> tuple[Model, list[int]]:
-        """The least-squares problem of the part to fit, and the index of what is held in it."""
+        """The least-squares problem of the part to fit, and the indices of the parameters held in it."""
         n, n_batches = self.n_fit, int(self.batch[self.n_fit - 1]) + 1
         used = self.good[:n] & self.fitting[:n]
         measured = np.where(used, self.flow[:n], 0.0)[:, None]
@@ -92,15 +107,15 @@ class ValveProblem:
         lower = np.array([0.0, top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_batches])
         upper = np.array([LARGEST_BACKLASH, top + 3.0, math.log(20.0), math.log(200.0), 3.0, *[1.0] * n_batches])
         if m_max is not None:
-            lower[_M_MAX] = min(lower[_M_MAX], math.log(m_max) - 1.0)
-            upper[_M_MAX] = max(upper[_M_MAX], math.log(m_max) + 1.0)
+            lower[M_MAX] = min(lower[M_MAX], math.log(m_max) - 1.0)
+            upper[M_MAX] = max(upper[M_MAX], math.log(m_max) + 1.0)
         step = np.array([1e-3, 1e-4, 1e-4, 1e-4, 1e-4, *[0.02] * n_batches])
-        fixed = [] if m_max is None else [_M_MAX]
+        fixed = [] if m_max is None else [M_MAX]
         fixed += [] if initial == "unknown" else list(range(5, 5 + n_batches))
         return Model(residuals, lower, upper, step, self.batch[:n], used, n_batches, self.batch[:n]), fixed
 
     def starts(self, m_max: float | None, initial: str) -> Array:
-        """Parameter sets to start from, (p, sets): shapes of curve by sizes of backlash."""
+        """Parameter sets to start from, (p, sets): shapes of the curve, each with several backlashes."""
         place = {"unknown": 0.5, "rising": 1.0, "falling": 0.0}[initial]
         n_batches = int(self.batch[self.n_fit - 1]) + 1
         flows = [math.log(m_max)] if m_max else [math.log(self.top * f) for f in (1.03, 1.5)]
@@ -113,96 +128,49 @@ class ValveProblem:
         )
         return np.array([[*shape, *[place] * n_batches] for shape in shapes]).T
 
-    def result(
-        self,
-        model: Model,
-        best: Estimate,
-        spread: Uncertainty,
-        found: tuple[Array, Array, float, tuple[float, float]],
-        without: Estimate,
-        fixed: list[int],
-        began: float,
-    ) -> Fit:
-        """The fit with everything a user may ask of it."""
-        grid, sums, limit, interval = found
-        natural = best.x[:5].copy()
-        natural[list(_LOGS)] = np.exp(natural[list(_LOGS)])
-        slope = np.where(np.isin(np.arange(5), _LOGS), natural, 1.0)
-        covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
-        why = gaps_unknown(self.n_reversals, float(natural[X_BL]), interval, grid[-1])
-        held = {"backlash": why} if why else {}
-        if _M_MAX in fixed:
-            held["m_max"] = "given"
-        for name, variance in zip(VALVE_ROWS[1:], np.diag(spread.covariance)[1:5], strict=True):
-            if math.isnan(variance) and name not in held:
-                held[name] = AT_BOUND
-            elif math.isinf(variance) and name not in held:
-                held[name] = NOT_UNIQUE
-        parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
-        estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
-        half = spread.quantile() * np.sqrt(np.diag(spread.covariance)[:5])
-        bounds = [natural_interval(best.x[k], half[k], k in _LOGS) for k in range(5)]
-        bounds[X_BL] = interval
-        intervals = {VALVE_ROWS[k]: bounds[k] for k in estimated}
-        if why:
-            del parameters["backlash"]
-            self.notes.append(
-                f"the curve goes with a backlash of {natural[X_BL]:.3g}, which is not known: sweep it in a study"
-            )
-        reach = float(self.command[: self.n_fit].max())
-        if reach < 0.9:
-            self.notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
-        n_compared = model.used.sum()
-        residuals, rmse, extras = self._residuals(best, without)
-        self.notes += poor(rmse, self.flow[self.good & self.fitting], "m_w", "units, columns, and whether the pump ran")
-        errors = np.sqrt(np.diag(covariance))
-        return Fit(
-            kind="valve",
-            source=self.data.name,
-            parameters=parameters,
-            standard_errors={VALVE_ROWS[k]: float(errors[k]) for k in estimated},
-            intervals=intervals,
-            covariance=labelled(covariance[np.ix_(estimated, estimated)], [VALVE_ROWS[k] for k in estimated]),
-            profile=xr.Dataset(
-                {"rmse": ("backlash", np.sqrt(sums / n_compared), {"units": "kg s-1"})},
-                {"backlash": ("backlash", grid, {"units": "1"})},
-                {"limit": math.sqrt(limit / n_compared), "interval_95": list(interval)},
-            ),
-            residuals=residuals,
-            rmse=rmse,
-            unit="kg/s",
-            n_used=spread.n_used,
-            n_effective=spread.n_effective,
-            held=held,
-            notes=self.notes,
-            seconds=time.perf_counter() - began,
-            extras=extras | {"curve": natural},
+    def solve(self, m_max: float | None, initial: str) -> ValveSolution:
+        """Fit, profile over the backlash, and fit again from a better minimum if the profile finds one."""
+        model, fixed = self.model(m_max, initial)
+        best = minimise(model, self.starts(m_max, initial), fixed=fixed)
+        for n_restarts in range(3):
+            spread = uncertainty(model, best, fixed, profiled=[X_BL])
+            grid = _grid(best, spread)
+            minima = profile(model, best, X_BL, grid, fixed)
+            sums = np.array([one.rss for one in minima])
+            if sums.min() > best.rss * (1.0 - 1e-6) or n_restarts == 2:
+                break
+            best = minimise(model, np.stack([best.x, minima[int(sums.argmin())].x], axis=1), fixed=fixed)
+        limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
+        return ValveSolution(
+            model=model,
+            estimate=best,
+            uncertainty=spread,
+            profile=BacklashProfile(grid=grid, sums=sums, limit=limit, interval=_interval(grid, sums, best, limit)),
+            without_backlash=minima[0],
+            fixed=fixed,
         )
 
-    def _residuals(self, best: Estimate, without: Estimate) -> tuple[xr.Dataset, dict[str, float], dict[str, Array]]:
-        """Measured and modelled flows over the whole log, RMSE by part, openings; without backlash besides."""
-        n, n_batches = self.command.size, int(self.batch[-1]) + 1
-        modelled = []
-        for one in (best, without):
-            start = np.full((n_batches, 1), 0.5)  # of a batch held back nothing is known
-            start[: one.x.size - 5, 0] = one.x[5:]
-            modelled.append([a[:, 0] for a in self.flows(one.x[:5, None], start, n)])
-        (openings, flow), (_, plain) = modelled
-        part = np.where(self.good, np.where(self.fitting, FITTING, VALIDATION), UNUSED)
-        rmse = {}
-        for name in (FITTING, VALIDATION):
-            here = part == name
-            if here.any():
-                rmse[name] = rms((flow - self.flow)[here])
-                rmse[f"{name}_without_backlash"] = rms((plain - self.flow)[here])
-        names = ("m_w", "modelled", "modelled_without_backlash", "residual", "command", "opening")
-        values = (self.flow, flow, plain, self.flow - flow, self.command, openings)
-        ds = xr.Dataset(
-            {
-                name: ("elapsed_time", v, {"units": "1" if name in ("command", "opening") else "kg s-1"})
-                for name, v in zip(names, values, strict=True)
-            }
-            | sample_variables(self.data, part),
-            {"elapsed_time": ("elapsed_time", self.data.time, {"units": "s"})},
-        )
-        return ds, rmse, {"floor": np.array(self.floor)}
+
+def _grid(best: Estimate, spread: Uncertainty) -> Array:
+    """Backlashes to profile: coarse over the whole range, fine around the minimum."""
+    x, variance = float(best.x[X_BL]), spread.covariance[X_BL, X_BL]
+    top = min(max(0.25, 2.0 * x), LARGEST_BACKLASH)
+    width = 3.0 * math.sqrt(variance) if np.isfinite(variance) else 0.02
+    width = min(max(width, 2e-3), 0.1)
+    fine = np.linspace(max(x - width, 0.0), min(x + width, top), _FINE_POINTS)
+    return np.unique(np.round(np.concatenate([np.linspace(0.0, top, _PROFILE_POINTS), fine]), 6))
+
+
+def _interval(grid: Array, sums: Array, best: Estimate, limit: float) -> tuple[float, float]:
+    """Where the profile stays below its limit, between the outermost crossings."""
+    x = np.append(grid, best.x[X_BL])
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], np.append(sums, best.rss)[order]
+    inside: Index = np.flatnonzero(y <= limit)
+    first, last = int(inside[0]), int(inside[-1])
+    low, high = x[first], x[last]
+    if first > 0:
+        low = x[first] + (x[first - 1] - x[first]) * (limit - y[first]) / max(y[first - 1] - y[first], 1e-300)
+    if last < x.size - 1:
+        high = x[last] + (x[last + 1] - x[last]) * (limit - y[last]) / max(y[last + 1] - y[last], 1e-300)
+    return float(low), float(high)

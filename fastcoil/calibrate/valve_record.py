@@ -1,53 +1,52 @@
-"""What a log of commands and flows tells before anything is fitted: holds, reversals, the flow meter's floor."""
+"""Properties of a log of commands and flows before the fit: holds, reversals, the flow meter's floor."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fastcoil.boundary.series import Array
-from fastcoil.calibrate.data import Log
+from fastcoil.arrays import Array, Index, Mask
+from fastcoil.logs import Log
 
 _STILL = 2e-3
 """Commands within this of each other are one hold, fraction of stroke."""
 _TURN = 0.01
-"""A reversal is a way back of more than this, fraction of stroke."""
+"""A reversal goes back by more than this, fraction of stroke."""
 _HOLD_SAMPLES = 4
-"""A typical hold of at least so many samples makes the log one of holds."""
+"""If a typical hold has at least this many samples, the command is taken to be held."""
 _FLOOR_SHARE, _FLOOR_SAMPLES = 0.02, 5
 _SURELY_OPEN = 0.25
-"""A valve that is by this further open than one that lets water through lets water through, whatever its gap."""
+"""A valve this much further open than one that passes water passes water too, whatever its backlash."""
 _BIN, _BIN_SAMPLES = 0.05, 3
 _FEWEST_REVERSALS = 2
 _SMALL = 0.02
-"""An interval that starts at 0 and ends below this says that there is no backlash."""
+"""An interval from 0 to less than this means no backlash."""
 
 
-def compared(data: Log, settle: float | None, notes: list[str]) -> NDArray[np.bool_]:
+def settled(log: Log, settle: float | None, notes: list[str]) -> Mask:
     """Where the flow has settled after the last change of the command, (n,)."""
-    command = data.values["command"]
-    since, lengths, began, held = np.zeros(command.size), [], 0, command[0]
+    command = log.values["command"]
+    since, lengths, first, held = np.zeros(command.size), [], 0, command[0]
     for t in range(1, command.size):
-        if abs(command[t] - held) > _STILL or data.batch[t] != data.batch[t - 1]:
-            lengths.append(t - began)
-            began, held = t, command[t]
-        since[t] = data.time[t] - data.time[began]
-    lengths.append(command.size - began)
+        if abs(command[t] - held) > _STILL or log.batch[t] != log.batch[t - 1]:
+            lengths.append(t - first)
+            first, held = t, command[t]
+        since[t] = log.time[t] - log.time[first]
+    lengths.append(command.size - first)
     typical = float(np.median(lengths))
     if settle is None and typical < _HOLD_SAMPLES:
         return np.ones(command.size, dtype=bool)
-    wait = settle if settle is not None else 0.5 * typical * data.step
+    wait = settle if settle is not None else 0.5 * typical * log.step
     good = since >= wait
     good[:1] = wait == 0.0
     if not good.all():
         notes.append(
             f"{int((~good).sum()):,} of {good.size:,} flows not compared: less than {wait:g} s after the command "
-            f"changed ({len(lengths):,} holds, typically {typical * data.step:g} s)"
+            f"changed ({len(lengths):,} holds, typically {typical * log.step:g} s)"
         )
     return np.asarray(good)
 
 
-def reversals(command: Array, batch: NDArray[np.int64]) -> int:
+def reversals(command: Array, batch: Index) -> int:
     """How often the command turns by more than 1 % of stroke."""
     n, extreme, way = 0, command[0], 0
     for t in range(1, command.size):
@@ -63,7 +62,7 @@ def reversals(command: Array, batch: NDArray[np.int64]) -> int:
 
 
 def lowest_reading(flow: Array, notes: list[str]) -> float:
-    """The flow meter's floor: its lowest reading above 0 if that comes again and again, else 0."""
+    """The flow meter's floor: its lowest reading above 0 if that is frequent, else 0."""
     above = flow[np.isfinite(flow) & (flow > 0.0)]
     if above.size == 0:
         return 0.0
@@ -71,44 +70,44 @@ def lowest_reading(flow: Array, notes: list[str]) -> float:
     times = int((above == lowest).sum())
     if times < max(_FLOOR_SAMPLES, _FLOOR_SHARE * above.size):
         return 0.0
-    notes.append(f"the flow meter reads {lowest:.4g} kg/s {times:,} times and never less: taken for its floor")
+    notes.append(f"the flow meter reads {lowest:.4g} kg/s {times:,} times and never less: taken as its floor")
     return lowest
 
 
-def sensor_off(command: Array, flow: Array, floor: float) -> NDArray[np.bool_]:
-    """Where no flow is measured that cannot be the valve's doing: the sensor or the pump is off.
+def sensor_off(command: Array, flow: Array, floor: float) -> Mask:
+    """Where the valve does not explain that no flow is measured: the sensor or the pump is off.
 
-    That is 0 below the meter's floor; and 0, or the floor, with the valve much further open than where most samples
-    begin to flow.
+    That is a reading of 0 below the meter's floor; and 0, or the floor, with the valve much further open than where
+    most samples show flow.
     """
     still = flow <= floor
-    begins = 1.0
+    flows_from = 1.0
     for low in np.arange(0.0, 1.0, _BIN):
         here = (command >= low) & (command < low + _BIN) & np.isfinite(flow)
         if here.sum() >= _BIN_SAMPLES and still[here].mean() < 0.5:
-            begins = low
+            flows_from = low
             break
-    off = still & (command > begins + _SURELY_OPEN)
+    off = still & (command > flows_from + _SURELY_OPEN)
     return np.asarray(off | (flow == 0.0) if floor > 0.0 else off)
 
 
-def gaps_unknown(n_reversals: int, x_BL: float, interval: tuple[float, float], most: float) -> str:
-    """Why the data cannot tell the backlash; empty if they can.
+def why_unidentified(n_reversals: int, x_BL: float, interval: tuple[float, float], most: float) -> str:
+    """Why the data do not identify the backlash; empty if they do.
 
-    They can if its interval is no wider than ``x_BL`` itself, or below ``_SMALL``.  An interval that just misses 0 is
-    met by chance, and then its middle is too large.
+    They do if its interval is no wider than ``x_BL`` itself, or below ``_SMALL``.  An interval that just misses 0 can
+    be chance, and its middle is then too large.
     """
     low, high = interval
     if n_reversals < _FEWEST_REVERSALS:
         return (
-            f"not identified: the command turns {n_reversals} times by more than {_TURN:.0%} of stroke, and only a "
-            "reversal shows a gap; give a log in which it goes up and down"
+            f"not identified: the command turns {n_reversals} times by more than {_TURN:.0%} of stroke, and only "
+            "reversals show backlash; give a log in which it goes up and down"
         )
     if high >= most or high - low > max(x_BL, _SMALL):
-        tried = " (the most that is tried)" if high >= most else ""
+        tried = " (the largest value tried)" if high >= most else ""
         return (
             f"not identified: anything from {low:.3g} to {high:.3g}{tried} fits as well (95 %): the flow's noise is "
-            "larger than the gap's effect, or no reversal ends within the gap; give a longer log, with small reversals "
-            "too, where the curve is steep"
+            "larger than the effect of the backlash, or no reversal ends within it; give a longer log, with small "
+            "reversals too, where the curve is steep"
         )
     return ""

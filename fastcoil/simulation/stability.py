@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.boundary import Boundary, moist_air
+from fastcoil import moist_air
+from fastcoil.boundary import Boundary
 from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.engine.rows import PARAMETER_ROWS
 from fastcoil.engine.step_numbers import worst_numbers

@@ -11,7 +11,7 @@ from helpers.refusals import assert_only_problem, only_problem, problems
 
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import paper_day
-from fastcoil.boundary.series import SERIES
+from fastcoil.boundary.series import BOUNDARY_SERIES
 
 DIGEST = "833d7cdae034ccc50d8af7c8ae5fe9cbcbc3e6d90c9daa8a685df525d604295a"
 GOOD = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.full(60, 14.0)}
@@ -22,7 +22,7 @@ GOOD = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.f
 
 def test_every_series_is_float64_days_by_steps_and_read_only():
     boundary = Boundary(**GOOD)
-    assert list(boundary.series) == list(SERIES)
+    assert list(boundary.series) == list(BOUNDARY_SERIES)
     for values in boundary.series.values():
         assert values.shape == (1, 60)
         assert values.dtype == np.float64
@@ -155,7 +155,7 @@ def test_describe_and_repr_are_one_short_line():
         ("m_a", np.ones((1, 1, 60)), ["m_a has 3 dimensions", "(days, seconds)"]),
         ("m_a", None, ["m_a is missing", "air flow", "kg s-1"]),
         ("m_a", xr.DataArray(np.ones(60), dims="time"), ["m_a", "('time',)", "elapsed_time"]),
-        ("m_a", np.ones(59), ["T_set has 60 samples where m_a has 59", "as many"]),
+        ("m_a", np.ones(59), ["T_set has 60 samples where m_a has 59", "the same number"]),
     ],
 )
 def test_a_bad_series_is_named_with_its_value_and_the_cure(name, value, words):
@@ -167,7 +167,7 @@ def test_the_first_offending_second_and_day_are_named():
     T_a_in[1, 40:43] = 61.0
     message = only_problem(Boundary, **GOOD | {"T_a_in": T_a_in}, day=[10, 20, 30])
     assert "T_a_in = 61 degC at second 40 of day 20" in message
-    assert "(3 samples are so)" in message
+    assert "(3 samples in total)" in message
     masked = np.ma.masked_equal(T_a_in[1], 61.0)
     assert "T_a_in is nan at second 40" in only_problem(Boundary, **GOOD | {"T_a_in": masked})
 

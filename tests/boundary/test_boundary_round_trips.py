@@ -10,7 +10,7 @@ from helpers.refusals import only_problem
 
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import paper_day
-from fastcoil.boundary.series import SERIES
+from fastcoil.boundary.series import BOUNDARY_SERIES
 
 
 @pytest.mark.parametrize("seed", [1, [5, 3]])
@@ -40,7 +40,7 @@ def test_dataset_has_units_names_and_coordinates():
     assert ds.sizes == {"day": 2, "elapsed_time": 360}
     assert ds.elapsed_time.attrs["units"] == "s"
     assert ds.elapsed_time.values[-1] == 359.0
-    for name, series in SERIES.items():
+    for name, series in BOUNDARY_SERIES.items():
         assert ds[name].attrs["units"] == series.unit
         assert ds[name].attrs["long_name"]
     assert ds.noise.attrs["units_metadata"] == "temperature: difference"

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from helpers.refusals import assert_only_problem, only_problem, problems
 
-from fastcoil.boundary import days, moist_air
+from fastcoil import moist_air
+from fastcoil.boundary import days
 from fastcoil.boundary.days import constant_day, design_day
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from fastcoil.boundary import moist_air
+from fastcoil import moist_air
 
 PRESSURES = (101325.0, 98934.0, 70e3)
 ABOVE_FREEZING = np.linspace(0.02, 50.0, 60)

@@ -5,7 +5,8 @@ import pytest
 from helpers.refusals import assert_only_problem
 from scipy.signal import lfilter
 
-from fastcoil.boundary import days, moist_air
+from fastcoil import moist_air
+from fastcoil.boundary import days
 from fastcoil.boundary.days import paper_day
 
 

@@ -4,11 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
-from helpers.measured import measured
 from helpers.refusals import problems
+from helpers.shared_data import measured
 from helpers.trend_logs import replaced
 
-from fastcoil.boundary import moist_air
+from fastcoil import moist_air
 from fastcoil.boundary.weather import weather_day
 
 PLANT = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.25, "T_return": 24.0, "RH_return": 0.5}
@@ -98,7 +98,7 @@ def test_weather_by_relative_humidity_other_headers_and_pressure(write):
         ({"start_hour": 0}, ["start_hour = 0"]),
         ({"start_hour": 66}, ["hours of the year 1 to 72", "66 to 73.9997", "fewer hours"]),
         ({"days": [1, 4], "hour": 8}, ["1 to 72", "80 to"]),
-        ({"days": [1, 1], "hour": 8}, ["day label 1 stands twice"]),
+        ({"days": [1, 1], "hour": 8}, ["day label 1 appears twice"]),
         ({"days": 2, "hour": 8}, ["days = 2", "list"]),
         ({"days": [2]}, ["hour = None", "from 0 to 24"]),
         ({"month": 2, "day": 1, "hour": 8}, ["0 rows for month 2, day 1, hour 8", "file's own dates"]),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.measured import measured
+from helpers.shared_data import measured
 
 import fastcoil as fc
 from fastcoil.control.pi import clipped, desired_opening, integrated
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.kernel
 
 
 def recorded(ds, boundary):
-    """A simulation as a log: what the sensor said, and the set-point."""
+    """A simulation as a log: readings of the sensor, and the set-point."""
     log = ds[["T_measured"]].rename(T_measured="T_sup")
     log["T_set"] = boundary.to_dataset()["T_set"]
     log["enabled"] = boundary.to_dataset()["enabled"]
@@ -86,7 +86,7 @@ def test_a_log_of_coarse_samples_holds_between_them(tmp_path):
         ("elapsed_time [s],T_sup [degC],T_set [degC]\n0,15,14\n0,16,14\n", ["row 3 is at the same time as row 2"]),
         (
             "elapsed_time [s],T_sup [degC],T_set [degC]\n0,15,14\n60,15,14\n120,15,14\n999,15,14\n",
-            ["broken between rows 4 and 5", "max_gap=879"],
+            ["rows 4 and 5 are 879 s apart", "max_gap=879"],
         ),
     ],
 )

@@ -29,3 +29,8 @@ def assert_only_problem(words: Iterable[str], function: Callable[..., Any], *arg
     problem = only_problem(function, *args, **options)
     for word in words:
         assert word in problem, problem
+
+
+def refusal(function: Callable[..., Any], *args: Any, **options: Any) -> str:
+    """All sentences with which a call is refused, a line each."""
+    return "\n".join(problems(function, *args, **options))

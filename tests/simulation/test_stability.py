@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.boundary import moist_air
+from fastcoil import moist_air
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.simulation.scenarios import Layout
 from fastcoil.simulation.stability import check_stability

@@ -9,7 +9,6 @@ from typing import Any
 
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import constant_day, design_day, paper_day
-from fastcoil.boundary.trends import read_trend_log
 from fastcoil.boundary.weather import weather_day
 from fastcoil.errors import InputError, nearest
 
@@ -17,7 +16,7 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "paper_day": paper_day,
     "constant_day": constant_day,
     "design_day": design_day,
-    "csv": read_trend_log,
+    "csv": Boundary.from_csv,
     "weather": weather_day,
 }
 

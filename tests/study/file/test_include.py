@@ -175,7 +175,7 @@ def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
     (logs / "ahu.toml").write_text('[loop]\npreset = "lbnl"\n')
     found = fastcoil("fit", "valve", "valve.csv", "-o", "ahu.toml")
     assert found.exit_code == 2, found.output
-    assert "-o ahu.toml: it is there and is no fit" in found.output
+    assert "-o ahu.toml: this file exists and is no fit" in found.output
     assert (logs / "ahu.toml").read_text() == '[loop]\npreset = "lbnl"\n'
     assert fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--split", "1").exit_code == 0
     before = (logs / "valve.toml").read_text()

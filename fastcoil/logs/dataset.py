@@ -1,28 +1,26 @@
-"""A Dataset as the table that a CSV file of it would be, so that one reader checks both."""
+"""A Dataset as the table of a CSV file, so that one reader checks both."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fastcoil.boundary.table import Table
 from fastcoil.errors import InputError
+from fastcoil.logs.table import Table
 
 if TYPE_CHECKING:
     import xarray as xr
 
 _TIMES = ("elapsed_time", "timestamp", "time")
-_UNIT_CURE = "give it attrs['units'] = '{unit}', or pass units={{'{name}': '{unit}'}}"
 
 
 def table_of(ds: xr.Dataset, columns: Mapping[str, str] | None, names: Collection[str]) -> Table:
-    """The variables of ``ds`` that have one of our ``names``, or that ``columns`` (our name: its name) asks for.
+    """The variables of ``ds`` with one of our ``names``, and those that ``columns`` (our name: its name) asks for.
 
     They lie along one coordinate: ``elapsed_time``, or one of datetime64 called so, ``timestamp`` or ``time``.  Rows
-    count from 0, as ``isel`` does.
+    count from 0, as in ``isel``.
     """
     if not hasattr(ds, "data_vars"):
         raise InputError(f"log is a {type(ds).__name__}: give the path of a CSV file or an xarray.Dataset")
@@ -48,11 +46,11 @@ def table_of(ds: xr.Dataset, columns: Mapping[str, str] | None, names: Collectio
         header.append(f"{name} [{ds[name].attrs['units']}]" if "units" in ds[name].attrs else name)
         cells.append(_cells(ds[name].values))
     rows = [list(row) for row in zip(*cells, strict=True)]
-    return Table(Path("Dataset"), header, rows, list(range(len(rows))), unit_cure=_UNIT_CURE)
+    return Table("Dataset", header, rows, list(range(len(rows))), unit_cure="give it attrs['units'] = '{unit}'")
 
 
 def _time(time: xr.DataArray, asked: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
-    """Header and cells of the time: timestamps as such, unless they are asked for as seconds."""
+    """Header and cells of the time: timestamps stay timestamps, unless ``asked`` wants them as seconds."""
     name, values = str(time.name), time.values
     label = name if name in asked.values() else "elapsed_time"
     if values.dtype.kind == "M" and asked.get("elapsed_time") != name:

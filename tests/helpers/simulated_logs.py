@@ -1,8 +1,7 @@
-"""Twins: valves and coils of known parameters, simulated and spoilt with noise, as the logs to fit them to."""
+"""Simulated logs: valves and coils of known parameters, with noise, to fit models to."""
 
 from __future__ import annotations
 
-import csv
 import math
 
 import numpy as np
@@ -17,7 +16,7 @@ INPUTS = ["m_a", "T_a_in", "W_a_in", "T_w_in"]
 
 
 def flows(command, start=0.0, **truth):
-    """Eqs (1) and (2) in plain Python; ``start`` is the place in the gap, 1 on the rising flank."""
+    """Eqs (1) and (2) in plain Python; ``start``: place within the backlash, 1 on the rising flank."""
     p = VALVE_TRUTH | truth
     x_bl = p["backlash"]
     low, high = max(command[0] - x_bl, 0.0), min(command[0], 1.0 - x_bl)
@@ -30,7 +29,7 @@ def flows(command, start=0.0, **truth):
 
 
 def walk(rng, n=400, top=1.0, largest=0.3):
-    """A command that wanders: every sample another one, most moves small, so that the gap matters."""
+    """A random walk of the command: it moves at every sample, mostly by little, so that the backlash matters."""
     command = [rng.uniform(0.2, 0.8) * top]
     while len(command) < n:
         moved = command[-1] + rng.normal(0.0, largest / 2)
@@ -100,40 +99,3 @@ def assert_covered(fit, truth, names=None):
     for name in names or fit.intervals:
         low, high = fit.intervals[name]
         assert low <= truth[name] <= high, f"{name} = {truth[name]} is not in {low:.4g} to {high:.4g}"
-
-
-def write_csv(path, header, rows):
-    """Rows below a header; returns the path."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([header, *rows])
-    return path
-
-
-def changed(rows, row, column, value):
-    """Rows with one cell changed."""
-    rows = [list(r) for r in rows]
-    rows[row][column] = value
-    return rows
-
-
-VALVE_HEADER = ["elapsed_time [s]", "command [1]", "m_w [kg/s]"]
-COIL_HEADER = [
-    "elapsed_time [s]",
-    "m_w [kg/s]",
-    "m_a [kg/s]",
-    "T_w_in [degC]",
-    "T_a_in [degC]",
-    "RH_a_in [%]",
-    "T_sup [degC]",
-]
-
-
-def valve_rows(n=60):
-    """Cells of a valve's log without noise, a sample a minute."""
-    command = walk(np.random.default_rng(17), n=n)
-    return [[60 * i, f"{c:.4f}", f"{m:.4f}"] for i, (c, m) in enumerate(zip(command, flows(command), strict=True))]
-
-
-def coil_rows(n=80):
-    """Cells of a coil's log, a sample a minute; good numbers, but of no coil."""
-    return [[60 * i, 1.0 + 0.5 * (i // 5 % 2), 1.2, 7.0, 26.0, 50.0, 15.0 + i % 3] for i in range(n)]

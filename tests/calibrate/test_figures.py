@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
-from helpers.twins import coil_log, flows, log_of, noisy, walk
+from helpers.simulated_logs import coil_log, flows, log_of, noisy, walk
 
 import fastcoil as fc
 

@@ -1,4 +1,4 @@
-"""Moist-air relations on NumPy arrays, for what the host makes of weather and trend logs.
+"""Moist-air relations on NumPy arrays, for what the host does with days, weather and logs.
 
 Sources: ASHRAE Handbook - Fundamentals (2017), chapter 1 (equation numbers below); Hyland & Wexler (1983).
 Temperatures are in degC, pressures in Pa, humidity ratios W in kg/kg dry air, enthalpies in kJ/kg dry air.
@@ -13,9 +13,9 @@ would make air of -20 degC as moist as air of 0 degC.  The continuation is withi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from fastcoil.arrays import Array
 
 MASS_RATIO = 0.621945
 """Molar mass of water over that of dry air, eq (20)."""

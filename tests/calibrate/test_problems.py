@@ -4,22 +4,24 @@ import math
 
 import numpy as np
 import pytest
-from helpers.twins import COIL_TRUTH, INPUTS, VALVE_TRUTH, coil_log, flows, log_of, noise, noisy, walk
+from helpers.simulated_logs import COIL_TRUTH, INPUTS, VALVE_TRUTH, coil_log, flows, log_of, noise, noisy, walk
 from scipy.optimize import least_squares
 
 import fastcoil as fc
 from fastcoil.calibrate.coil_problem import CoilProblem
 from fastcoil.calibrate.coil_record import record_of
-from fastcoil.calibrate.data import read_log
 from fastcoil.calibrate.least_squares import FORBIDDEN, autocorrelation, evaluate
 from fastcoil.calibrate.valve_problem import ValveProblem
 from fastcoil.engine.valve_loop import valve_flows
+from fastcoil.logs import read_log
+from fastcoil.logs.arguments import Wanted
 
+COIL_SERIES = Wanted(needed=("m_w", *INPUTS, "T_sup"), measured=("T_sup", "T_w_out"), optional=("T_w_out",))
 pytestmark = pytest.mark.kernel
 
 
 def problem_of(log, **truth):
-    data = read_log(log, ["m_w", *INPUTS, "T_sup"], measured=("T_sup", "T_w_out"), optional=["T_w_out"])
+    data = read_log(log, COIL_SERIES)
     return CoilProblem(data, record_of(data, fc.Loop(**truth), ()), ("T_sup",), 600.0, 1.0, None)
 
 
@@ -64,7 +66,7 @@ def test_the_jacobian_of_a_valve_is_that_of_single_runs():
     command = walk(rng, n=120)
     batch = np.repeat([0.0, 1.0, 2.0, 3.0], 30)
     log = log_of(command, noisy(rng, flows(command), 0.01), batch=batch)
-    problem = ValveProblem(read_log(log, ["command", "m_w"]), None, None, 1.0, None)
+    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, 1.0, None)
     model, _ = problem.model(None, "unknown")
     x = np.array([0.05, math.log(2.1), math.log(0.8), math.log(8.0), 0.4, 0.3, 0.5, 0.6, 0.7])
     assert_jacobian_is_of_single_runs(model, x)
@@ -150,7 +152,7 @@ def test_levenberg_marquardt_without_bounds_ends_in_the_same_minimum_of_a_valve(
     command = walk(rng, n=400)
     log = log_of(command, noisy(rng, flows(command, start=1.0), 0.02))
     fit = fc.fit_valve(log, split=1.0, initial="rising")
-    problem = ValveProblem(read_log(log, ["command", "m_w"]), None, None, 1.0, None)
+    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, 1.0, None)
     model, _ = problem.model(None, "rising")
     x0 = np.array([0.06, math.log(2.2), math.log(0.8), math.log(8.0), 0.42, 1.0])
     x, rss = minimum_by_lm(model, x0, np.arange(5))

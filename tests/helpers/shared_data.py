@@ -1,4 +1,4 @@
-"""The measured series beside the checkout."""
+"""Measured series, in a folder next to the checkout."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ DATA = Path(__file__).parents[3] / "shared" / "data"
 
 
 def measured(name: str) -> Path:
-    """The file of a measured series; the test is skipped where there are none."""
+    """Path of a measured series; the test is skipped if the folder is missing."""
     if not DATA.is_dir():
-        pytest.skip("the measured series are not beside this checkout")
+        pytest.skip("the measured series are not next to this checkout")
     return DATA / name

@@ -4,7 +4,7 @@ import pytest
 from helpers.refusals import assert_only_problem, problems
 from helpers.trend_logs import HEADER, ROWS, replaced, row
 
-from fastcoil.boundary.trends import read_trend_log
+from fastcoil.boundary import Boundary
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ from fastcoil.boundary.trends import read_trend_log
     ],
 )
 def test_bad_rows_are_named_with_value_and_cure(write, rows, words):
-    assert_only_problem(words, read_trend_log, write(HEADER, rows))
+    assert_only_problem(words, Boundary.from_csv, write(HEADER, rows))
 
 
 @pytest.mark.parametrize(
@@ -42,28 +42,36 @@ def test_bad_rows_are_named_with_value_and_cure(write, rows, words):
         ([*HEADER[:2], "T_a_in", *HEADER[3:]], ["T_a_in has no unit", "'T_a_in [degC]'", "units={'T_a_in': 'degC'}"]),
         ([*HEADER[:2], "T_a_in [celsius]", *HEADER[3:]], ["T_a_in is in 'celsius'", "degC, degF, K"]),
         ([*HEADER[:1], "m_a [kg/min]", *HEADER[2:]], ["m_a is in 'kg/min', did you mean 'kg/", "cfm"]),
-        ([*HEADER[:5], "T_a_in [degC]"], ["column 'T_a_in [degC]' stands twice"]),
+        ([*HEADER[:5], "T_a_in [degC]"], ["column 'T_a_in [degC]' appears twice"]),
         ([f"time {HEADER[0]}"], ["row 2 has 6 cells where the header has 1"]),
         (["elapsed_time [s];m_a [kg/s];T_a_in [degC]"], ["';'", "use commas"]),
     ],
 )
 def test_bad_headers_are_named_with_the_cure(write, header, words):
-    assert_only_problem(words, read_trend_log, write(header, ROWS))
+    assert_only_problem(words, Boundary.from_csv, write(header, ROWS))
 
 
 def test_an_unknown_column_is_named_with_the_nearest_known_one(write):
-    found = problems(read_trend_log, write([*HEADER[:2], "T_a_inn [degC]", *HEADER[3:]], ROWS))
+    found = problems(Boundary.from_csv, write([*HEADER[:2], "T_a_inn [degC]", *HEADER[3:]], ROWS))
     assert "column 'T_a_inn [degC]' is unknown, did you mean 'T_a_in'?" in found[0]
     assert "T_a_in is missing: add a column 'T_a_in [degC]'" in found[1]
 
 
 def test_humidity_and_time_are_given_once(write):
     both = [*HEADER, "RH_a_in [1]"], [[*r, 0.5] for r in ROWS]
-    assert_only_problem(["W_a_in and RH_a_in are both there", "give one of"], read_trend_log, write(*both))
+    assert_only_problem(["W_a_in and RH_a_in are both given", "leave one out"], Boundary.from_csv, write(*both))
     neither = [[cell for i, cell in enumerate(r) if i != 3] for r in [HEADER, *ROWS]]
-    assert_only_problem(["W_a_in is missing", "RH_a_in, T_dp_in"], read_trend_log, write(neither[0], neither[1:]))
+    assert_only_problem(
+        ["W_a_in, RH_a_in or T_dp_in is missing", "constants={'W_a_in': NUMBER}"],
+        Boundary.from_csv,
+        write(neither[0], neither[1:]),
+    )
     untimed = [r[1:] for r in [HEADER, *ROWS]]
-    assert_only_problem(["elapsed_time is missing", "timestamp"], read_trend_log, write(untimed[0], untimed[1:]))
+    assert_only_problem(
+        ["elapsed_time or timestamp is missing", "columns={'elapsed_time'"],
+        Boundary.from_csv,
+        write(untimed[0], untimed[1:]),
+    )
 
 
 @pytest.mark.parametrize(
@@ -77,18 +85,18 @@ def test_humidity_and_time_are_given_once(write):
 )
 def test_bad_timestamps(write, stamps, words):
     path = write(["timestamp", *HEADER[1:]], replaced(0, stamps))
-    assert_only_problem(words, read_trend_log, path)
+    assert_only_problem(words, Boundary.from_csv, path)
 
 
 def test_a_gap_is_bridged_on_request(write):
     path = write(HEADER, [*ROWS, row(180, T_w_in=7.0), row(500, T_w_in=8.6)])
-    boundary = read_trend_log(path, max_gap=320)
+    boundary = Boundary.from_csv(path, max_gap=320)
     assert boundary.series["T_w_in"][0, 340] == pytest.approx(7.8)
 
 
 def test_all_mistakes_of_a_file_are_raised_at_once(write):
     rows = replaced(1, [1, -2, 1], replaced(2, [25, 25, "x"], replaced(4, [7, 7, -999], replaced(0, [0, 60, 60]))))
-    found = problems(read_trend_log, write(HEADER, rows))
+    found = problems(Boundary.from_csv, write(HEADER, rows))
     assert len(found) == 4
     for text, words in zip(found, ("m_a = -2", "T_a_in = 'x'", "T_w_in = -999", "same time"), strict=True):
         assert words in text
@@ -107,14 +115,14 @@ def test_all_mistakes_of_a_file_are_raised_at_once(write):
 def test_bad_files(tmp_path, content, words):
     path = tmp_path / "bytes.csv"
     path.write_bytes(content)
-    found = problems(read_trend_log, path)
+    found = problems(Boundary.from_csv, path)
     for word in words:
         assert word in found[0]
 
 
 def test_missing_files_and_directories(tmp_path):
-    assert_only_problem(["none.csv", "No such file", "give a CSV file"], read_trend_log, tmp_path / "none.csv")
-    assert_only_problem([str(tmp_path), "directory", "give a CSV file"], read_trend_log, tmp_path)
+    assert_only_problem(["none.csv", "No such file", "give a CSV file"], Boundary.from_csv, tmp_path / "none.csv")
+    assert_only_problem([str(tmp_path), "directory", "give a CSV file"], Boundary.from_csv, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -124,9 +132,10 @@ def test_missing_files_and_directories(tmp_path):
         ({"columns": {"T_a_in": "T_a_im [degC]"}}, ["T_a_in: there is no column", "did you mean 'T_a_in [degC]'?"]),
         ({"units": {"T_oa": "degC"}}, ["units has unknown 'T_oa'", "use m_a"]),
         ({"units": {"T_a_in": "degF"}}, ["T_a_in is in 'degC' by its header, in 'degF' by units"]),
-        ({"constants": {"RH_a_in": 0.5}}, ["constants has unknown 'RH_a_in'"]),
+        ({"constants": {"RH_a_in": 50}}, ["constants has RH_a_in = 50", "number from 0 to 1"]),
+        ({"constants": {"T_sup": 14.0}}, ["constants has unknown 'T_sup'"]),
         ({"constants": {"noise": "0"}}, ["constants has noise = '0'", "number"]),
-        ({"constants": {"noise": 60.0}}, ["noise = 60 K", "from -50 to 50"]),
+        ({"constants": {"noise": 60.0}}, ["noise = 60", "from -50 to 50 K"]),
         ({"hours": 1.0}, ["hours = 1", "120 s", "lower it"]),
         ({"start": 1.0}, ["start = 1 h", "120 s"]),
         ({"start": -1.0}, ["start = -1 h", "from 0"]),
@@ -137,6 +146,6 @@ def test_missing_files_and_directories(tmp_path):
 )
 def test_bad_arguments(write, arguments, words):
     path = write(HEADER, ROWS)
-    found = problems(read_trend_log, path, **arguments)
+    found = problems(Boundary.from_csv, path, **arguments)
     for word in words:
         assert word in found[0], found

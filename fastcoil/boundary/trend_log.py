@@ -1,0 +1,59 @@
+"""The series of a boundary from the trend log of a building, on 1-s steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from fastcoil.arrays import Array
+from fastcoil.boundary.conditions import require, whole_seconds
+from fastcoil.boundary.series import BOUNDARY_SERIES
+from fastcoil.errors import InputError
+from fastcoil.logs import Log, read_log
+from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.seconds import at_seconds, require_whole_seconds
+from fastcoil.logs.series import HUMIDITIES
+
+_WANTED = Wanted(needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled"))
+_HOLD = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
+
+
+def trend_log_series(
+    path: str | Path,
+    *,
+    units: Mapping[str, str] | None,
+    columns: Mapping[str, str] | None,
+    constants: Mapping[str, float] | None,
+    pressure: float,
+    start: float,
+    hours: float | None,
+    max_gap: float | None,
+) -> dict[str, Array]:
+    """Series by name, each (n_steps,): arguments and errors as of `fastcoil.Boundary.from_csv`."""
+    require(pressure=pressure, start=start, max_gap=max_gap)
+    log = read_log(
+        path,
+        _WANTED,
+        units=units,
+        columns=columns,
+        constants={} if constants is None else constants,
+        max_gap=max_gap,
+        strict=True,
+        unbroken=True,
+    )
+    require_whole_seconds(log.name, log.step)
+    values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
+    values["W_a_in"] = log.humidity_ratio(pressure)
+    return at_seconds(log.time, values, _wanted_seconds(log, start, hours), _HOLD)
+
+
+def _wanted_seconds(log: Log, start: float, hours: float | None) -> Array:
+    """The seconds of the log to sample at, (n_steps,)."""
+    first, covered = start * 3600, log.time[-1]
+    n_steps = int(np.floor(covered - first + 1e-6)) + 1 if hours is None else whole_seconds(hours)
+    if n_steps < 1 or first + n_steps - 1 > covered + 1e-6:
+        asked = f"start = {start:g} h" + ("" if hours is None else f", hours = {hours:g}")
+        raise InputError(f"{log.name}: {asked} needs more than the {covered:g} s of the log: lower it")
+    return np.asarray(np.minimum(first + np.arange(n_steps), covered))

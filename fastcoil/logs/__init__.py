@@ -1,0 +1,4 @@
+"""One reader for every log: a CSV file or a Dataset as checked columns, for boundaries, fits and replay."""
+
+from fastcoil.logs.log import Log as Log
+from fastcoil.logs.log import read_log as read_log

@@ -1,0 +1,134 @@
+"""Which column of a log holds which series, and in which unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fastcoil.arguments import is_number
+from fastcoil.errors import collecting, nearest, shown
+from fastcoil.logs.arguments import Declared, Wanted
+from fastcoil.logs.series import COLUMNS, TIMES, Series
+from fastcoil.logs.table import Table, label_and_unit
+
+_OUTPUTS = ("command", "T_sup", "T_w_out")
+"""Always measured: no message suggests a constant for them."""
+_MOST_NAMED = 3
+"""A message names this many unknown columns and counts the rest."""
+
+
+def find_columns(table: Table, declared: Declared, wanted: Wanted, *, strict: bool) -> dict[str, int]:
+    """Index of each column to read; unknown, missing and doubled ones, and bad constants, are problems.
+
+    With ``strict``, columns that are not wanted are unknown, and a column comes before a constant of its name; else
+    the two together are a problem.
+    """
+    series = wanted.names if strict else list(COLUMNS)
+    names = [*dict.fromkeys([*series, *TIMES])]
+    asked, constants = declared.columns or {}, declared.constants or {}
+    table.check_names("columns", asked, names)
+    table.check_names("units", declared.units, [name for name in names if name != "timestamp"])
+    table.check_names("constants", constants, wanted.names)
+    table.problems += _bad_constants(constants)
+    found = _find_headers(table, declared, names, wanted.names[0])
+    for one in [*wanted.needed, *wanted.optional, TIMES]:
+        choices = (one,) if isinstance(one, str) else one
+        standing_in = [f"constant {n}" for n in choices if n in constants and not (strict and n in found)]
+        given = [name for name in choices if name in found] + standing_in
+        preferred = [name for name in choices if name in asked]
+        if len(given) > 1 and len(preferred) == 1 and not standing_in:
+            for name in set(choices) - set(preferred):
+                found.pop(name, None)
+        elif len(given) > 1:
+            which = "" if standing_in else f", or say which to read: {declared.column_cure(given[0])}"
+            table.problems.append(f"{' and '.join(given)} are both given: leave one out{which}")
+        elif not given and not preferred and one not in wanted.optional:
+            table.problems.append(_missing(choices, declared))
+    return {name: column for name, column in found.items() if name in (*wanted.names, *TIMES, "batch")}
+
+
+def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
+    """Index by our name of the columns that ``columns`` (our name: header) names; an absent one is a problem."""
+    found = {name: table.column(header) for name, header in columns.items()}
+    table.problems += [
+        f"{name}: there is no column {columns[name]!r}{nearest(columns[name], table.header)}"
+        for name, column in found.items()
+        if column is None
+    ]
+    return {name: column for name, column in found.items() if column is not None}
+
+
+def find_unit(table: Table, series: Series, column: int, given: str | None, option: str = "") -> str | None:
+    """Unit of a column: from its header, or as ``given``; None, and a problem, if there is no known one.
+
+    option: what a command calls the argument ``units``, for the message.
+    """
+    declared = label_and_unit(table.header[column])[1]
+    unit = declared or given or ("1" if series.needs_no_unit else None)
+    if declared and given and declared != given:
+        table.problems.append(f"{series.name} is in {declared!r} by its header, in {given!r} by units: drop one")
+    elif not unit:
+        cure = table.unit_cure.format(header=table.header[column], unit=series.unit)
+        cure += f", or pass units={{{series.name!r}: {series.unit!r}}}{option}"
+        table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
+    else:
+        with collecting(table.problems):
+            return series.spelled(unit)
+    return None
+
+
+def _find_headers(table: Table, declared: Declared, names: list[str], example: str) -> dict[str, int]:
+    """Index of each of our ``names`` in the header, or where the caller says.
+
+    Other columns are problems, unless the caller says what to read; ``example``: a name for the message.
+    """
+    unknown = []
+    found = asked_columns(table, declared.columns or {})
+    for column, cell in enumerate(table.header):
+        label = label_and_unit(cell)[0]
+        if label in names:
+            found.setdefault(label, column)
+        else:
+            unknown.append(cell)
+    if declared.columns is None:
+        say_which = declared.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
+        table.problems += _unknown(unknown, names, f"or say what to read: {say_which}")
+    return found
+
+
+def _unknown(cells: list[str], names: list[str], say_which: str) -> list[str]:
+    """A sentence for each column whose name is nearly ours, and one for all others together."""
+    hints = {cell: nearest(label_and_unit(cell)[0], names) for cell in cells}
+    others = [cell for cell, hint in hints.items() if not hint]
+    one_by_one = [cell for cell in cells if hints[cell] or len(others) == 1]
+    sentences = [f"column {cell!r} is unknown{hints[cell]}: rename or delete it, {say_which}" for cell in one_by_one]
+    if len(others) > 1:
+        more = f" and {len(others) - _MOST_NAMED} more" if len(others) > _MOST_NAMED else ""
+        first = ", ".join(map(repr, others[:_MOST_NAMED]))
+        sentences.append(f"columns {first}{more} are unknown: rename or delete them, {say_which}")
+    return sentences
+
+
+def _missing(choices: tuple[str, ...], declared: Declared) -> str:
+    """A sentence that none of these columns exists, with every way to give one."""
+    name, series = choices[0], COLUMNS[choices[0]]
+    which = " or ".join((", ".join(choices[:-1]), choices[-1])) if len(choices) > 1 else name
+    text = f"{which} is missing: add a column '{name} [{series.unit}]', or say which one it is: "
+    text += declared.column_cure(name)
+    if declared.constants is not None and name not in (*TIMES, *_OUTPUTS):
+        constant = declared.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
+        text += f"; or give a constant: {constant}"
+    return text
+
+
+def _bad_constants(constants: Mapping[str, float]) -> list[str]:
+    problems = []
+    for name, series in COLUMNS.items():
+        value = constants.get(name, 0.0)
+        if name in constants and (not is_number(value) or series.is_bad(np.array([value], dtype=float))[0]):
+            what = "whole number" if series.whole else "number"
+            unit = "" if series.unit == "1" else f" {series.unit}"
+            bounds = f"from {series.lower:g} to {series.upper:g}{unit}"
+            problems.append(f"constants has {name} = {shown(value)}: give a {what} {bounds}")
+    return problems

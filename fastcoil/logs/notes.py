@@ -1,0 +1,20 @@
+"""How messages and notes say how many samples they mean and where the first one is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fastcoil.arrays import Mask
+
+
+def counted(what: Mask | int, noun: str) -> str:
+    """``1 row``, ``2 rows``; of a mask, how many it marks."""
+    n = int(np.sum(what))
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
+def first_row(row_numbers: Sequence[int], where: Mask) -> str:
+    """``first in row 7``: the row number of the first sample that ``where`` marks."""
+    return f"first in row {row_numbers[int(np.argmax(where))]}"

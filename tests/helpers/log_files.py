@@ -1,0 +1,46 @@
+"""Small logs of a valve and of a coil as CSV files: headers, rows, and rows with other values."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+
+from helpers.simulated_logs import flows, walk
+
+
+def write_csv(path, header, rows):
+    """Write rows below a header; returns the path."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([header, *rows])
+    return path
+
+
+def changed(rows, row, column, value):
+    """Rows with one cell changed."""
+    rows = [list(r) for r in rows]
+    rows[row][column] = value
+    return rows
+
+
+VALVE_HEADER = ["elapsed_time [s]", "command [1]", "m_w [kg/s]"]
+COIL_HEADER = [
+    "elapsed_time [s]",
+    "m_w [kg/s]",
+    "m_a [kg/s]",
+    "T_w_in [degC]",
+    "T_a_in [degC]",
+    "RH_a_in [%]",
+    "T_sup [degC]",
+]
+
+
+def valve_rows(n=60):
+    """Cells of a valve's log without noise, a sample a minute."""
+    command = walk(np.random.default_rng(17), n=n)
+    return [[60 * i, f"{c:.4f}", f"{m:.4f}"] for i, (c, m) in enumerate(zip(command, flows(command), strict=True))]
+
+
+def coil_rows(n=80):
+    """Cells of a coil's log, a sample a minute; good numbers, but of no coil."""
+    return [[60 * i, 1.0 + 0.5 * (i // 5 % 2), 1.2, 7.0, 26.0, 50.0, 15.0 + i % 3] for i in range(n)]

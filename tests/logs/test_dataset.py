@@ -1,0 +1,63 @@
+"""Datasets of every kind are read as the same log in a file."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.simulated_logs import (
+    flows,
+    log_of,
+    noisy,
+    walk,
+)
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+
+def test_a_dataset_with_timestamps_is_as_one_with_seconds():
+    rng = np.random.default_rng(25)
+    log = log_of(c := walk(rng, n=200), noisy(rng, flows(c), 0.02))
+    stamps = np.datetime64("2024-07-01T08:00") + np.arange(200) * np.timedelta64(60, "s")
+    expected = fc.fit_valve(log)
+    for name in ("timestamp", "time", "elapsed_time"):
+        stamped = log.drop_vars("elapsed_time").rename({"elapsed_time": name}).assign_coords({name: stamps})
+        xr.testing.assert_equal(fc.fit_valve(stamped).residuals, expected.residuals)
+    since = log.assign_coords(elapsed_time=stamps - stamps[0])
+    xr.testing.assert_equal(fc.fit_valve(since).residuals, expected.residuals)
+
+
+def test_a_dataset_of_other_names_and_units_is_read_as_a_file_would_be():
+    rng = np.random.default_rng(26)
+    log = log_of(c := walk(rng, n=200), noisy(rng, flows(c), 0.02))
+    named = log.rename(command="CHW valve", m_w="CHW flow")
+    for name in ("CHW valve", "CHW flow"):
+        del named[name].attrs["units"]
+    columns = {"command": "CHW valve", "m_w": "CHW flow"}
+    units = {"command": "1", "m_w": "kg/s"}
+    assert fc.fit_valve(named, columns=columns, units=units).parameters == fc.fit_valve(log).parameters
+    with pytest.raises(fc.InputError, match=r"m_w has no unit: give it attrs\['units'\] = 'kg s-1'"):
+        fc.fit_valve(named, columns=columns)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda ds: ds.drop_vars("m_w"), "m_w is missing"),
+        (lambda ds: ds.rename(elapsed_time="t"), "no coordinate elapsed_time, nor timestamp"),
+        (lambda ds: ds.expand_dims(loop=2), "choose one loop"),
+        (lambda ds: ds.isel(elapsed_time=[0]), "fewer than two samples"),
+        (
+            lambda ds: ds.assign(m_w=ds["m_w"].astype(str).where(ds["m_w"] > 1.0, "off").assign_attrs(units="kg/s")),
+            "m_w = 'off' in row",
+        ),
+        (lambda ds: ds.where(ds["elapsed_time"] != 300.0), "command is nan in row 5"),
+        (lambda ds: ds["m_w"], "log is a DataArray"),
+        (lambda ds: ds.to_dataframe(), "log is a DataFrame"),
+        (lambda ds: 7, "log is a int"),
+    ],
+)
+def test_bad_datasets_are_refused(change, words):
+    log = log_of(c := walk(np.random.default_rng(27), n=60), flows(c))
+    with pytest.raises(fc.InputError, match=words):
+        fc.fit_valve(change(log))

@@ -1,0 +1,130 @@
+"""The options of ``read_log``: the same log read strictly or with tolerance, and cures that suit the caller."""
+
+import numpy as np
+import pytest
+from helpers.refusals import only_problem, problems
+
+from fastcoil import moist_air
+from fastcoil.logs import read_log
+from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.series import HUMIDITIES
+
+HEADER = ["elapsed_time [s]", "m_a [kg/s]", "T_a_in [degC]"]
+ROWS = [[0, 1.0, 25.0], [60, 1.2, 25.5], [120, 1.1, 26.0], [180, 1.3, 25.5]]
+WANTED = Wanted(needed=("m_a", "T_a_in"), optional=("enabled",))
+
+
+def changed(row, column, value):
+    return [[value if (i, k) == (row, column) else cell for k, cell in enumerate(r)] for i, r in enumerate(ROWS)]
+
+
+# ------------------------------------------------------------------------------------------------------------- strict
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [(1, -0.001, "m_a = -0.001 kg/s in row 3: must be from 0"), (2, 0.0, None)],
+    ids=["just outside a bound", "sensor off"],
+)
+def test_strict_reading_takes_every_reading_as_it_is(write, column, value, words):
+    path = write(HEADER, changed(1, column, value))
+    if words:
+        assert words in only_problem(read_log, path, WANTED, strict=True)
+        assert any("1 value of m_a just outside" in note for note in read_log(path, WANTED).notes)
+    else:
+        assert read_log(path, WANTED, strict=True).values["T_a_in"][1] == 0.0
+        assert "T_a_in is 0, first in row 3" in only_problem(read_log, path, WANTED)
+
+
+def test_strict_reading_refuses_columns_that_others_ignore(write):
+    path = write([*HEADER, "T_set [degC]"], [[*row, 14.0] for row in ROWS])
+    assert "T_set" not in read_log(path, WANTED).values
+    assert "column 'T_set [degC]' is unknown" in only_problem(read_log, path, WANTED, strict=True)
+
+
+def test_in_strict_reading_a_column_comes_before_a_constant(write):
+    path = write(HEADER, ROWS)
+    log = read_log(path, WANTED, constants={"m_a": 9.0}, strict=True)
+    np.testing.assert_array_equal(log.values["m_a"], [1.0, 1.2, 1.1, 1.3])
+    message = only_problem(read_log, path, WANTED, constants={"m_a": 9.0})
+    assert "m_a and constant m_a are both given: leave one out" in message
+
+
+# ----------------------------------------------------------------------------------------------------------- unbroken
+
+
+def test_gaps_and_batches_make_pieces_or_are_refused(write):
+    gap = write(HEADER, [*ROWS, [999, 1.0, 25.0]], "gap.csv")
+    log = read_log(gap, WANTED)
+    np.testing.assert_array_equal(log.batch, [0, 0, 0, 0, 1])
+    assert any("1 gap in time (first: 819 s between rows 5 and 6)" in note for note in log.notes)
+    message = only_problem(read_log, gap, WANTED, unbroken=True)
+    assert "rows 5 and 6 are 819 s apart, others 60 s" in message
+    assert "max_gap=819" in message
+    assert read_log(gap, WANTED, unbroken=True, max_gap=819).n_batches == 1
+    batches = write([*HEADER, "batch"], [[*row, i // 2] for i, row in enumerate(ROWS)], "batches.csv")
+    assert read_log(batches, WANTED).n_batches == 2
+    message = only_problem(read_log, batches, WANTED, unbroken=True)
+    assert "batch changes between rows 3 and 4" in message
+
+
+def test_bad_values_and_bad_times_are_reported_together(write):
+    rows = [[time, *row[1:]] for time, row in zip((0, 60, 30, 180), changed(1, 2, "x"), strict=True)]
+    first, second, *others = problems(read_log, write(HEADER, rows), WANTED)
+    assert "T_a_in = 'x' in row 3" in first
+    assert "row 4 is earlier than row 3" in second
+    assert not others
+
+
+# -------------------------------------------------------------------------------------------------- cures that suit
+
+
+def test_options_of_a_command_are_named_only_where_there_is_one(write):
+    path = write(["t [s]", "m_a", "T_a_in [degC]"], ROWS)
+    plain = "\n".join(problems(read_log, path, WANTED, constants={}))
+    assert "--" not in plain
+    assert "columns={'elapsed_time': 'its header'}" in plain
+    both = "\n".join(problems(read_log, path, WANTED, constants={}, has_command=True))
+    assert "columns={'elapsed_time': 'its header'}, --column elapsed_time='its header'" in both
+    unit = write(["elapsed_time [s]", "m_a", "T_a_in [degC]"], ROWS)
+    assert "units={'m_a': 'kg s-1'} (" in only_problem(read_log, unit, WANTED)
+    assert "units={'m_a': 'kg s-1'}, --unit m_a='kg s-1' (" in only_problem(read_log, unit, WANTED, has_command=True)
+
+
+def test_a_constant_is_suggested_only_where_it_can_be_given(write):
+    wanted = Wanted(needed=("m_a", "T_a_in", HUMIDITIES, "T_sup"))
+    path = write(HEADER, ROWS)
+    humidity, supply = problems(read_log, path, wanted, constants={}, has_command=True)
+    assert "W_a_in, RH_a_in or T_dp_in is missing" in humidity
+    assert "constants={'W_a_in': NUMBER}, --constant W_a_in=NUMBER" in humidity
+    assert "constant" not in supply  # what a sensor should show is no constant
+    assert "constant" not in problems(read_log, path, wanted, has_command=True)[0]
+
+
+def test_one_sentence_for_many_unknown_columns_and_one_for_each_that_is_nearly_ours(write):
+    header = [*HEADER, "T_a_inn [degC]", *(f"point {i}" for i in range(27))]
+    close, others = problems(read_log, write(header, [[*row, *[1] * 28] for row in ROWS]), WANTED)
+    assert "column 'T_a_inn [degC]' is unknown, did you mean 'T_a_in'?: rename or delete it" in close
+    assert "columns 'point 0', 'point 1', 'point 2' and 24 more are unknown: rename or delete them" in others
+    assert "columns={'m_a': 'its header', ...}" in others
+
+
+def test_a_column_that_was_asked_for_in_vain_is_reported_once(write):
+    message = only_problem(read_log, write(HEADER[:2], [row[:2] for row in ROWS]), WANTED, columns={"T_a_in": "MAT"})
+    assert "T_a_in: there is no column 'MAT'" in message
+
+
+# ---------------------------------------------------------------------------------------------------------- humidity
+
+
+@pytest.mark.parametrize(("name", "value"), [("RH_a_in", 0.5), ("T_dp_in", 12.0), ("W_a_in", 0.008)])
+def test_the_humidity_ratio_comes_from_any_form(write, name, value):
+    wanted = Wanted(needed=("m_a", "T_a_in", HUMIDITIES))
+    log = read_log(write(HEADER, ROWS), wanted, constants={name: value})
+    T = np.array([row[2] for row in ROWS])
+    expected = {
+        "RH_a_in": moist_air.humidity_ratio(T, 0.5, 95e3),
+        "T_dp_in": np.full(4, moist_air.humidity_ratio_from_dew_point(12.0, 95e3)),
+        "W_a_in": np.full(4, 0.008),
+    }[name]
+    np.testing.assert_array_equal(log.humidity_ratio(95e3), expected)
