@@ -12,6 +12,8 @@ from fastcoil.errors import InputError, StorageError
 
 UNFINISHED = ".tmp"
 """Suffix of a file that is being written."""
+_CHUNK = 1 << 20
+"""Bytes read at once."""
 _PROBE = 1 << 20
 """Bytes that do not fit on a full disk."""
 
@@ -40,7 +42,8 @@ def read_text(path: Path, what: str, limit: int) -> str:
     try:
         return read_bytes(path, limit).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as UTF-8") from None
+        format = "'CSV UTF-8'" if path.suffix.lower() == ".csv" else "UTF-8"  # as spreadsheets call it
+        raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as {format}") from None
     except TooLargeError as error:
         raise InputError(f"{path} {error}: give {what}") from None
     except FileNotFoundError:
@@ -61,11 +64,14 @@ def read_bytes(path: Path, limit: int) -> bytes:
     TooLargeError
         If it has more than ``limit`` bytes.
     """
+    data = bytearray()
     with path.open("rb") as file:
-        data = file.read(limit + 1)  # the size of a device or a pipe is not known before
-    if len(data) > limit:
-        raise TooLargeError(f"has more than {limit:,} bytes")
-    return data
+        # piece by piece: the size of a device or a pipe is not known before
+        while chunk := file.read(_CHUNK):
+            data += chunk
+            if len(data) > limit:
+                raise TooLargeError(f"has more than {limit:,} bytes")
+    return bytes(data)
 
 
 def commit(path: Path, data: bytes | memoryview) -> None:

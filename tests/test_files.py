@@ -27,7 +27,7 @@ def test_a_file_of_just_the_limit_is_read(tmp_path):
     ("data", "sentence"),
     [
         (b"123456", "has more than 5 bytes: give a CSV file"),
-        (b"ab\xe9", r"is not UTF-8 \(byte 2\): save it as UTF-8"),
+        (b"ab\xe9", r"is not UTF-8 \(byte 2\): save it as 'CSV UTF-8'"),
         (None, "does not exist: give a CSV file"),
     ],
 )
@@ -57,3 +57,9 @@ def test_a_file_without_permission_is_refused(tmp_path):
 def test_a_device_without_end_is_refused_at_once():
     with pytest.raises(InputError, match="has more than 1,000 bytes"):
         read_text(Path("/dev/zero"), "a CSV file", limit=1000)
+
+
+def test_a_text_that_is_no_csv_file_is_to_be_saved_as_utf_8(tmp_path):
+    (tmp_path / "study.toml").write_bytes(b"\xe9")
+    with pytest.raises(InputError, match=r"is not UTF-8 \(byte 0\): save it as UTF-8$"):
+        read_text(tmp_path / "study.toml", "a study file", limit=5)

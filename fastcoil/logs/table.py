@@ -17,8 +17,11 @@ import numpy as np
 
 from fastcoil.arrays import Mask
 from fastcoil.errors import InputError, nearest
+from fastcoil.files import read_text
 from fastcoil.logs.notes import counted
 
+_LARGEST = 2**31
+"""Bytes; as a table of text, a larger file would fill the memory."""
 _HEADER = re.compile(r"\s*(?P<label>.*?)\s*(?:\[\s*(?P<unit>.*?)\s*\])?\s*")
 
 
@@ -54,7 +57,7 @@ class Table:
         """
         path = Path(path)
         try:
-            reader = csv.reader(io.StringIO(_text(path), newline=""))
+            reader = csv.reader(io.StringIO(read_text(path, "a CSV file", _LARGEST), newline=""))
             numbered = [(i, row) for i, row in enumerate(reader, start=1) if any(map(str.strip, row))]
         except csv.Error as error:
             raise InputError(f"{path} is not a CSV file ({error}): save it as 'CSV UTF-8'") from None
@@ -121,14 +124,3 @@ class Table:
         index = np.flatnonzero(kept).tolist()
         self.rows = [self.rows[i] for i in index]
         self.row_numbers = [self.row_numbers[i] for i in index]
-
-
-def _text(path: Path) -> str:
-    """The text of a file, with its line ends as they are."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return file.read()
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not UTF-8 text: save it as 'CSV UTF-8'") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): give a CSV file") from None

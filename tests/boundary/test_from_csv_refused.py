@@ -121,8 +121,8 @@ def test_bad_files(tmp_path, content, words):
 
 
 def test_missing_files_and_directories(tmp_path):
-    assert_only_problem(["none.csv", "No such file", "give a CSV file"], Boundary.from_csv, tmp_path / "none.csv")
-    assert_only_problem([str(tmp_path), "directory", "give a CSV file"], Boundary.from_csv, tmp_path)
+    assert_only_problem(["none.csv", "does not exist", "give a CSV file"], Boundary.from_csv, tmp_path / "none.csv")
+    assert_only_problem([str(tmp_path), "is a folder", "give a CSV file"], Boundary.from_csv, tmp_path)
 
 
 @pytest.mark.parametrize(

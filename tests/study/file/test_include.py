@@ -142,7 +142,7 @@ def test_two_files_to_a_study_of_that_ahu(fastcoil, logs):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["fit", "valve", "no.csv"], "no.csv cannot be read"),
+        (["fit", "valve", "no.csv"], "no.csv does not exist: give a CSV file"),
         (["fit", "valve", "bad.csv"], "bad.csv: m_w is blank in row 3"),
         (["fit", "valve", "bad.csv", "-o", "no/valve.toml"], "-o no/valve.toml: give a file NAME.toml"),
         (["fit", "valve", "bad.csv", "-o", "bad.csv"], "-o bad.csv: give a file NAME.toml"),
