@@ -1,11 +1,10 @@
-"""The scripts in ``studies/``: each runs on its study made small, and what it prints is what plain Python finds."""
+"""The scripts in ``studies/``: each runs on its study made small, and its tables hold what plain Python finds."""
 
 from __future__ import annotations
 
 import math
 import re
 import statistics
-from pathlib import Path
 
 import answers
 import conditions
@@ -14,6 +13,8 @@ import learning_maps
 import numpy as np
 import population
 import pytest
+import report
+import scorecard
 import xarray as xr
 from scipy import stats
 
@@ -21,7 +22,8 @@ import fastcoil as fc
 
 pytestmark = pytest.mark.kernel
 
-STUDIES = Path(answers.__file__).parent
+STUDIES = report.HERE
+PAGES = report.PAGES
 SHORT = {r"(seed = \[\d+, \d+).*\]": r"\1]", r"hours = \d+": "hours = 2", r"size = 4096": "size = 16",
          r"size = 1024": "size = 4"}  # fmt: skip
 FEW_RULES = {
@@ -36,7 +38,7 @@ FEW_RULES = {
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    """Return a function that runs a study of the repository made small, once, in place of ``answers.results``."""
+    """Return a function that runs a study of the repository made small, once, in place of ``report.results``."""
     folder = tmp_path_factory.mktemp("studies")
 
     def small(name):
@@ -49,10 +51,20 @@ def small(tmp_path_factory):
     return small
 
 
-def rows(printed, title):
-    """The cells of the table below a title, head first."""
-    lines = printed.split(title)[1].split("\n\n")[1].splitlines()
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if "---" not in line]
+@pytest.fixture
+def written(monkeypatch, tmp_path):
+    """Have tables written elsewhere; return a function that reads one: title, then rows of cells, head first."""
+    monkeypatch.setattr(report, "TABLES", tmp_path / "tables")
+    monkeypatch.setattr(report, "PAGES", tmp_path / "docs")
+
+    def written(name):
+        title, table = (tmp_path / "tables" / f"{name}.md").read_text().split("\n\n")
+        rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
+        assert set(rows.pop(1)) == {"---"}
+        assert len({len(row) for row in rows}) == 1
+        return title.strip("*"), rows
+
+    return written
 
 
 def median_low(values):
@@ -140,11 +152,10 @@ def quick(monkeypatch, small):
     return small("learning_step")
 
 
-def test_learning_prints_what_it_found_and_draws_its_figures(quick, capsys, monkeypatch, tmp_path):
+def test_learning_writes_what_it_found_and_draws_its_figures(quick, written, monkeypatch, tmp_path):
     monkeypatch.setattr(learning, "HERE", tmp_path / "studies")
     learning.main()
-    printed = capsys.readouterr().out
-    head, *ship = rows(printed, "### What to ship")
+    _, (head, *ship) = written("learning_choice")
     assert [row[:2] for row in ship] == [["paper_like", "0"], ["paper_like", "0.1"], ["g36", "0"], ["g36", "0.1"],
                                          ["all", "all"]]  # fmt: skip
     for row in ship:
@@ -152,8 +163,11 @@ def test_learning_prints_what_it_found_and_draws_its_figures(quick, capsys, monk
         assert (row[head.index("safe?")] == "yes") == (failed <= 5.0)
         assert row[head.index("safe?")] in ("yes", "**none is safe**; the best:")
     assert {row[head.index("safe?")] for row in ship if row[1] == "0.1"} == {"**none is safe**; the best:"}
-    for title in ("### What it does on the 2 fresh days", "### How often the rules fail", "### A perfectly quiet day"):
-        assert len({len(row) for row in rows(printed, title)}) == 1
+    title, cost = written("learning_cost")
+    assert title == "What it does on the 2 fresh days: medians"
+    assert [row[:2] for row in cost[1:]] == [row[:2] for row in ship]
+    assert len(written("learning_failures")[1]) == len(ship)
+    assert [row[0] for row in written("learning_quiet")[1][1:]] == ["paper_like", "g36"]
     figures = tmp_path / "results" / "learning_step" / "figures"
     assert {p.name for p in figures.iterdir()} == {
         "learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"
@@ -215,14 +229,14 @@ def test_the_failure_map_shows_the_share_of_learners_in_every_cell(small):
 # ------------------------------------------------------------------------------------------------ the other scripts
 
 
-def test_population_prints_what_plain_python_finds(small, capsys, monkeypatch):
+def test_population_writes_what_plain_python_finds(small, written, monkeypatch):
     monkeypatch.setattr(population, "results", small)
     population.main()
-    printed = capsys.readouterr().out
     ds = small("valve_population")
     names = [str(name) for name in ds.controller.values]
     rmse = {name: [float(x) for x in ds.rmse.sel(controller=name)] for name in names}
-    head, *table = rows(printed, "### A population of 16 valves and loops (0 of 128 days failed)")
+    title, (head, *table) = written("population")
+    assert title == "A population of 16 valves and loops (0 of 128 days failed)"
     assert [row[0] for row in table] == names[1:]
     for row in table:
         pairs = list(zip(rmse[row[0]], rmse["pi"], strict=True))
@@ -230,33 +244,39 @@ def test_population_prints_what_plain_python_finds(small, capsys, monkeypatch):
         changes = [a / b - 1 for a, b in pairs]
         assert row[2].split(", ")[1] == f"{100 * statistics.median(changes):+.0f} %"
         assert row[head.index("lower RMSE in")] == f"{100 * sum(c < 0 for c in changes) / len(changes):.0f} %"
-    _, *ended = rows(printed, "### What became of the learners")
+    _, (_, *ended) = written("population_learners")
     for name, valves, _, within in ended:
         assert sum(int(n.replace(",", "")) for n in re.findall(r"[\d,]*\d", valves)) == 16
         learned = [float(x) for x in (ds.estimate_final / ds.backlash).sel(controller=name)]
         assert within == f"{100 * sum(0.8 <= x <= 1.2 for x in learned) / 16:.0f} %"
-    _, *indices = rows(printed, "### What the change of RMSE depends on")
+    _, (_, *indices) = written("sensitivity")
     assert len(indices) == 11
 
 
-def test_answers_print_what_plain_python_finds(small, capsys, monkeypatch):
+def test_answers_write_what_plain_python_finds(small, written, monkeypatch):
     monkeypatch.setattr(answers, "results", small)
     answers.main()
-    printed = capsys.readouterr().out
     ds = small("robustness")
-    _, *table = rows(printed, "### Robustness: 11,160 days")
+    title, (_, *table) = written("robustness")
+    assert title.endswith("11,160 days")
     for row in table:
         pairs = zip(ds.rmse.sel(estimate_ratio=float(row[0])).values.ravel(),
                     ds.rmse.sel(estimate_ratio=0.0).values.ravel(), strict=True)  # fmt: skip
         changes = [a / b - 1 for a, b in pairs]
         assert row[1] == f"{100 * statistics.median(changes):+.0f} %"
         assert row[3] == f"{sum(c < 0 for c in changes) / len(changes):.1%}"
+    _, (_, *table) = written("robustness_by_backlash")
+    for row in table:
+        at = ds.sel(backlash=float(row[0].rstrip("%")) / 100).rmse
+        pairs = zip(at.sel(estimate_ratio=0.95).values, at.sel(estimate_ratio=0.0).values, strict=True)
+        assert row[2] == f"{100 * statistics.median(a / b - 1 for a, b in pairs):+.0f} %"
     ds = small("paper_like")
-    _, *table = rows(printed, "median of 2 days")
+    title, (_, *table) = written("paper_like")
+    assert title.endswith("median of 2 days")
     of_sixty = ds.sel(backlash=0.07, estimate_ratio=0.6).rmse
     assert ["estimate 60%", f"{statistics.mean(map(float, of_sixty)):.3f}"] in [row[:2] for row in table]
     ds = small("learner")
-    _, *table = rows(printed, "### The self-learning rule")
+    _, (_, *table) = written("learner")
     for rule, loop, _, _, confirmed, after, *_ in table:
         times = ds.learn_time_confirmed.sel(rule=rule, loop=loop).values
         n = sum(not math.isnan(t) for t in times)
@@ -269,24 +289,76 @@ def test_times_that_never_came_count_as_later_than_all_others():
     assert answers.hours(xr.DataArray([3600.0, np.nan, np.nan])) == "—"
 
 
-def test_conditions_count_what_plain_python_counts():
+def test_conditions_count_what_plain_python_counts(written, monkeypatch):
     ds = conditions.tunings(n=2)
-    counted = [row.strip("|").split("|")[1:] for row in conditions.hunting_table(ds)[2:]]
+    counted = [cells for _, *cells in conditions.hunting_rows(ds)]
     for column, plant in enumerate(conditions.PLANTS):
         *classes, alone = [[int(n) for n in re.findall(r"\d+", row[column])] for row in counted]
         assert sum(n for _, n in classes) + alone[0] == ds.sel(plant=plant).overshoot.size == 16
         hunt = zip(ds.hunts.sel(plant=plant).values.ravel(), ds.alone.sel(plant=plant).values.ravel(), strict=True)
         assert sum(k for k, _ in classes) == sum(bool(h and not a) for h, a in hunt)
     above = conditions.overestimates(n=2)
-    for row, Ts in zip(conditions.overestimate_table(above)[2:], above.sample_time.values, strict=True):
+    for row, Ts in zip(conditions.overestimate_rows(above), above.sample_time.values, strict=True):
         rmse = above.rmse_settled.sel(sample_time=Ts)
         exact, larger = (rmse.sel(estimate_ratio=r).values.ravel().tolist() for r in (1.0, 1.5))
         rises = [b > a for a, b in zip(exact, larger, strict=True)]
-        assert row.split(" | ")[-1] == f"{sum(rises) / 4:.0%} |"
+        assert row[-1] == f"{sum(rises) / 4:.0%}"
     end = conditions.learned_when_quiet(n=2)
-    for row, (plant, buffer) in zip(
-        conditions.quiet_table(end)[2:], ((p, b) for p in conditions.PLANTS for b in end.buffer.values), strict=True
-    ):
+    lines = ((p, b) for p in conditions.PLANTS for b in end.buffer.values)
+    for row, (plant, buffer) in zip(conditions.quiet_rows(end), lines, strict=True):
         sizes = end.sel(plant=plant, buffer=buffer).values.ravel().tolist()
         found = sum(0.063 - 1e-4 <= x <= 0.077 + 1e-4 for x in sizes) / len(sizes)
-        assert row.split(" | ")[2:] == [f"{found:.0%}", f"{sum(x > 0.2 for x in sizes) / len(sizes):.0%} |"]
+        assert row[2:] == [f"{found:.0%}", f"{sum(x > 0.2 for x in sizes) / len(sizes):.0%}"]
+    for name, few in (("tunings", ds), ("overestimates", above), ("learned_when_quiet", end)):
+        monkeypatch.setattr(conditions, name, lambda few=few: few)
+    conditions.main()
+    mild = [float(x) < 0.2 for x in ds.overshoot.values.ravel()]
+    alone, hunts = (ds[name].values.ravel().tolist() for name in ("alone", "hunts"))
+    counted = [bool(h) for m, a, h in zip(mild, alone, hunts, strict=True) if m and not a]
+    title, _ = written("conditions_hunting")
+    assert title.endswith(f"of the {len(counted)} with less than 20 % overshoot {sum(counted)} hunt")
+    assert [row[0] for row in written("conditions_overestimates")[1][1:]] == ["1 s", "5 s", "15 s", "30 s", "60 s"]
+    assert len(written("conditions_quiet")[1]) == 1 + 2 * 3
+
+
+# ------------------------------------------------------------------------------------------------ tables and pages
+
+
+def test_a_table_is_written_into_the_pages_that_quote_it(written, tmp_path):
+    page = tmp_path / "docs" / "page.md"
+    page.parent.mkdir()
+    page.write_text(
+        "before\n\n<!-- table one -->\nold\n<!-- end one -->\n\n<!-- table two -->\nkept\n<!-- end two -->\n"
+    )
+    for _ in range(2):
+        report.write_table("one", "A \\title", ["a", "b"], [["1", "2"]])
+    assert written("one") == ("A \\title", [["a", "b"], ["1", "2"]])
+    table = "**A \\title**\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n"
+    assert page.read_text() == (
+        f"before\n\n<!-- table one -->\n\n{table}\n<!-- end one -->\n\n<!-- table two -->\nkept\n<!-- end two -->\n"
+    )
+
+
+def test_every_table_is_quoted_by_exactly_one_page_as_it_is():
+    quoted = []
+    for page in sorted(PAGES.glob("*.md")):
+        text = page.read_text()
+        for name in re.findall("<!-- table (.*) -->", text):
+            table = (STUDIES / "tables" / f"{name}.md").read_text()
+            assert report.quoting(text, name, table) == text, f"{page.name} quotes an old {name}: run its script"
+            assert f"<!-- end {name} -->" in text
+            quoted.append(name)
+    assert sorted(quoted) == sorted(path.stem for path in (STUDIES / "tables").iterdir())
+
+
+def test_the_scorecard_quotes_the_first_table_of_the_paper_s(written, monkeypatch, tmp_path):
+    def regenerate(folder, *, quick):
+        folder.mkdir(parents=True)
+        (folder / "scorecard.md").write_text(
+            "# Title\n\nwords\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n\nmore\n\n| c |\n| --- |\n| 3 |\n"
+        )
+
+    monkeypatch.setattr(scorecard, "HERE", tmp_path / "studies")
+    monkeypatch.setattr(scorecard, "regenerate", regenerate)
+    scorecard.main()
+    assert written("scorecard")[1] == [["a", "b"], ["1", "2"]]
