@@ -127,7 +127,7 @@ def report(results: dict[str, Any]) -> Iterator[str]:
     cpu = results["machine_info"].get("cpu", {})
     brand, load = cpu.get("brand_raw", platform.processor()), f"{os.getloadavg()[1]:.1f} (the suite's own included)"
     yield "# Results of the benchmarks\n"
-    yield "Written by `make bench`; what the rows mean is told in [README.md](README.md).\n"
+    yield "Written by `make bench`; [README.md](README.md) says what the rows mean.\n"
     yield f"- Machine: {brand}, {get_host_cpu_name()}, {os.cpu_count()} cores, {platform.system()}"
     yield f"- Versions: {', '.join(versions())}"
     yield f"- Date: {datetime.now(UTC):%Y-%m-%d}; kernel {fingerprint()}; load of the last 5 minutes {load}\n"
