@@ -131,12 +131,12 @@ def choices(**metrics):
         ((0.3, 0.2, 0.1, 0.4), (1.0, 2.0, 9.0, 0.5), (0, 0, 0, 0), "c"),
     ],
 )
-def test_chosen_is_the_soonest_of_the_safe_or_the_safest(failed, confirmed, error, best):
+def test_the_choice_is_the_fastest_safe_one_or_the_safest(failed, confirmed, error, best):
     assert learning.chosen(choices(failed=failed, confirmed=confirmed, error=error))["rule"] == best
 
 
 @pytest.mark.parametrize(("low", "high", "arrow"), [(0, 0, ""), (0.4, 0, "↓"), (0.1, 0.4, "↑"), (0.2, 0.3, "↕")])
-def test_arrows_tell_early_stops_from_runaways(low, high, arrow):
+def test_arrows_show_early_stops_and_runaways(low, high, arrow):
     assert learning_maps.way(low, high) == arrow
 
 
@@ -189,7 +189,7 @@ def test_the_front_is_the_least_that_can_be_had_by_a_time(quick):
     assert drawn > 1
 
 
-def test_a_choice_is_tried_on_fresh_days_against_plain_pi_and_the_known_size(quick):
+def test_a_choice_is_tried_on_fresh_days_against_the_plain_pi_and_a_known_backlash(quick):
     loop = {"tuning": "g36", "noise_std": 0.1}
     settings = {"learning_step": 0.028, "learning_interval": 900, "learning_ratio": 1.5, "buffer": 0.01}
     day = fc.paper_day(hours=2, seed=[301, 302])
