@@ -11,8 +11,10 @@ study: $(VENV)/.installed
 paper: $(VENV)/.installed
 	$(BIN)/fastcoil paper -o results/paper
 
+# on all cores; then, one by one, the tests that measure time or want the machine to themselves
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal -m "not alone"
+	$(BIN)/python -m pytest -m alone
 
 # also what takes minutes
 test-full: export FASTCOIL_FULL = 1
@@ -37,6 +39,11 @@ bench-quick: $(VENV)/.installed-test
 	out=$$(mktemp -d) && trap 'rm -rf "$$out"' EXIT && \
 	$(BENCH) --benchmark-columns=median --benchmark-json="$$out/results.json" && \
 	$(BIN)/python benchmarks/report.py "$$out/results.json"
+
+# the same numbers as another checkout, and no slower?  make against OTHER=../before
+.PHONY: against
+against: $(VENV)/.installed-test
+	$(BIN)/python benchmarks/against.py $(OTHER)
 
 clean:
 	rm -rf $(VENV) results

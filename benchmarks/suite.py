@@ -16,9 +16,10 @@ from peers import c_peer, common, numpy_lanes, scalar_numba
 
 import fastcoil as fc
 from fastcoil.engine.host import run_block
-from fastcoil.engine.lanes import LANES, blocks
+from fastcoil.engine.lanes import blocks, parameter_matrix
+from fastcoil.engine.rows import LANES
 from fastcoil.outputs import METRICS
-from fastcoil.simulation.plan import Plan, prepare
+from fastcoil.simulation.plan import Plan, plan_simulation
 
 MODE = os.environ.get("FASTCOIL_BENCH", "")
 """``quick``: everything once and tiny, to see that it runs; ``full``: also 10⁶ scenarios."""
@@ -58,12 +59,14 @@ def plan(lanes: int, seconds: int, sample_time: float, options: Options = OPTION
     for name, value in options.loop.items():
         swept[name] = (value[0], np.linspace(*value[1], lanes)) if isinstance(value, tuple) else value
     series |= {name: np.full(seconds, value) for name, value in options.series.items()}
-    return prepare(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP, traces=options.traces)
+    return plan_simulation(
+        fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP, traces=options.traces
+    )
 
 
 def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
     """Return a function that runs all blocks of ``work`` through the kernel, and nothing else."""
-    cut = blocks(work.layout.columns(np.arange(work.n_scenarios)))
+    cut = blocks(parameter_matrix(work.layout.columns(np.arange(work.n_scenarios))))
     rows = {name: list(METRICS).index(name) for name in ("rmse", "switch_frequency")}
 
     def one(entry: tuple[np.ndarray, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -104,7 +107,9 @@ def _peer(run: Callable[..., common.Arrays], **options: int) -> Callable[..., Ca
 def _kernel(threads: int) -> Callable[..., Callable[[], common.Arrays]]:
     def ready(scenarios: common.Arrays, series: common.Arrays) -> Callable[[], common.Arrays]:
         swept = {{"estimate": "backlash_estimate"}.get(k, k): ("case", v) for k, v in scenarios.items()}
-        return kernel(prepare(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP), threads)
+        return kernel(
+            plan_simulation(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP), threads
+        )
 
     return ready
 

@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from fastcoil.analysis.compare import compare as compare
     from fastcoil.analysis.sobol import sobol_indices as sobol_indices
     from fastcoil.boundary import Boundary as Boundary
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from fastcoil.calibrate.valve import fit_valve as fit_valve
     from fastcoil.errors import InputError as InputError
     from fastcoil.simulation.loop import Loop as Loop
+    from fastcoil.simulation.presets import presets as presets
     from fastcoil.simulation.simulate import simulate as simulate
     from fastcoil.study.folder.results import open_study as open_study
     from fastcoil.study.runner import run_study as run_study
@@ -36,6 +38,7 @@ _HOME = {
     "fit_valve": "calibrate.valve",
     "open_study": "study.folder.results",
     "paper_day": "boundary.days",
+    "presets": "simulation.presets",
     "replay": "calibrate.replay",
     "run_study": "study.runner",
     "simulate": "simulation.simulate",
@@ -43,7 +46,7 @@ _HOME = {
     "weather_day": "boundary.weather",
 }
 
-__all__ = [*_HOME, "parameters"]  # noqa: PLE0604
+__all__ = [*_HOME, "__version__", "parameters"]  # noqa: PLE0604
 
 
 def parameters() -> dict[str, Any]:
@@ -54,9 +57,14 @@ def parameters() -> dict[str, Any]:
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name == "__version__":
+        from fastcoil.version import package_version
+
+        value: Any = package_version()
+    elif name in _HOME:
+        value = getattr(import_module(f"fastcoil.{_HOME[name]}"), name)
+    else:
         raise AttributeError(f"module 'fastcoil' has no attribute {name!r}")
-    value = getattr(import_module(f"fastcoil.{_HOME[name]}"), name)
     globals()[name] = value
     return value
 

@@ -26,8 +26,9 @@ ESTIMATE_WINDOW = 7200
 class Output:
     """One result variable.
 
-    ``difference`` marks temperature differences, ``per_volume`` a dim ``volume``; ``flags`` are the meanings of a
-    variable that is 0, 1, ….
+    ``long_name`` and ``comment`` are its attributes in a result, ``label`` is a few words for the axis of a figure.
+    ``difference`` marks temperature differences, ``per_volume`` a dim ``volume``, ``censored`` that NaN means "not
+    within the run"; ``flags`` are the meanings of a variable that is 0, 1, ….
     """
 
     name: str
@@ -37,102 +38,80 @@ class Output:
     difference: bool = False
     per_volume: bool = False
     flags: tuple[str, ...] = ()
+    label: str = ""
+    censored: bool = False
 
 
+# fmt: off
 METRICS: dict[str, Output] = {
     m.name: m
     for m in (
-        Output(
-            "rmse", "K", "RMS control error", "sqrt of mean e^2, e = T_sup - T_set, true temperature", difference=True
-        ),
-        Output(
-            "rmse_settled",
-            "K",
-            "RMS control error, settled",
-            "as rmse, where 600 s have passed since the last set-point change",
-            difference=True,
-        ),
-        Output("iae", "K h", "integral of absolute control error", "sum of |e| dt / 3600"),
-        Output(
-            "hunting_amplitude",
-            "K",
-            "peak-to-peak supply temperature, settled",
-            "mean over settled windows of max - min of T_sup",
-            difference=True,
-        ),
-        Output(
-            "hunting_period",
-            "s",
-            "period of the control error",
-            "settled seconds per upward zero crossing of e; NaN below 2 crossings",
-        ),
-        Output(
-            "switch_frequency",
-            "1",
-            "mode switches per 10 min",
-            "mean over whole 600-s blocks from the end of the warm-up",
-        ),
-        Output("stem_travel", "1", "travel of the valve stem", "sum of |change of opening|, strokes"),
-        Output("motor_travel", "1", "travel of the actuator motor", "sum of |change of position|, strokes"),
-        Output(
-            "reversals", "1", "reversals of the valve stem", "sign changes of successive opening changes above 1e-9"
-        ),
-        Output("estimate_final", "1", "backlash estimate at the end"),
-        Output("estimate_settled", "1", "mean backlash estimate of the last 7200 s"),
-        Output(
-            "learn_time_reached",
-            "s",
-            "time at which the estimate reached the backlash",
-            "first update with estimate >= backlash - step/2; NaN = never (censored)",
-        ),
-        Output(
-            "learn_time_confirmed",
-            "s",
-            "time at which the learned backlash was confirmed",
-            "first step down at or after learn_time_reached; NaN = never (censored)",
-        ),
-        Output("learn_time_first_down", "s", "time of the first step down", "NaN = never (censored)"),
-        Output("estimate_first_down", "1", "backlash estimate after the first step down", "NaN = never (censored)"),
-        Output(
-            "learning_status",
-            "1",
-            "what became of the learner",
-            "no_evidence, not_identifiable: no interval could serve as reference, the last one for lack or excess of "
-            "switches",
-            flags=LEARNING_STATUS,
-        ),
-        Output(
-            "coil_energy",
-            "kW h",
-            "heat exchanged by the water",
-            "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating",
-        ),
-        Output("coil_peak_power", "kW", "peak heat rate of the water", "largest mean over whole 900-s blocks"),
-        Output("water_volume", "m3", "water through the coil", "at 1000 kg/m3"),
-        Output("condensate", "kg", "condensate", "sum over the volumes of m_a (W_in - W_out) dt"),
+        Output("rmse", "K", "RMS control error", "sqrt of mean e^2, e = T_sup - T_set, true temperature",
+               difference=True, label="RMS error"),
+        Output("rmse_settled", "K", "RMS control error, settled",
+               "as rmse, where 600 s have passed since the last set-point change",
+               difference=True, label="settled RMS error"),
+        Output("iae", "K h", "integral of absolute control error", "sum of |e| dt / 3600",
+               label="integrated absolute error"),
+        Output("hunting_amplitude", "K", "peak-to-peak supply temperature, settled",
+               "mean over settled windows of max - min of T_sup", difference=True, label="hunting, peak to peak"),
+        Output("hunting_period", "s", "period of the control error",
+               "settled seconds per upward zero crossing of e; NaN below 2 crossings", label="hunting period"),
+        Output("switch_frequency", "1", "mode switches per 10 min",
+               "mean over whole 600-s blocks from the end of the warm-up", label="mode switches per 10 min"),
+        Output("stem_travel", "1", "travel of the valve stem", "sum of |change of opening|, strokes",
+               label="stem travel, strokes"),
+        Output("motor_travel", "1", "travel of the actuator motor", "sum of |change of position|, strokes",
+               label="motor travel, strokes"),
+        Output("reversals", "1", "reversals of the valve stem",
+               "sign changes of successive opening changes above 1e-9", label="stem reversals"),
+        Output("estimate_final", "1", "backlash estimate at the end", label="final estimate"),
+        Output("estimate_settled", "1", "mean backlash estimate of the last 7200 s", label="settled estimate"),
+        Output("learn_time_reached", "s", "time at which the estimate reached the backlash",
+               "first update with estimate >= backlash - step/2; NaN = never (censored)",
+               censored=True, label="time to reach the backlash"),
+        Output("learn_time_confirmed", "s", "time at which the learned backlash was confirmed",
+               "first step down at or after learn_time_reached; NaN = never (censored)",
+               censored=True, label="time to confirm the backlash"),
+        Output("learn_time_first_down", "s", "time of the first step down", "NaN = never (censored)",
+               censored=True, label="time of the first step down"),
+        Output("estimate_first_down", "1", "backlash estimate after the first step down", "NaN = never (censored)",
+               censored=True, label="estimate after the first step down"),
+        Output("learning_status", "1", "how the learning went",
+               "no_evidence, not_identifiable: no interval could serve as reference; the last one had too few switches "
+               "or too many", flags=LEARNING_STATUS, label="learning status"),
+        Output("coil_energy", "kW h", "heat exchanged by the water",
+               "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating", label="coil energy"),
+        Output("coil_peak_power", "kW", "peak heat rate of the water", "largest mean over whole 900-s blocks",
+               label="peak coil power"),
+        Output("water_volume", "m3", "water through the coil", "at 1000 kg/m3", label="water volume"),
+        Output("condensate", "kg", "condensate", "sum over the volumes of m_a (W_in - W_out) dt", label="condensate"),
     )
 }
 
 TRACES: dict[str, Output] = {
     t.name: t
     for t in (
-        Output("T_sup", "degC", "supply air temperature", "leaves control volume 1"),
-        Output("T_measured", "degC", "measured supply air temperature", "sensor lag, noise and resolution applied"),
-        Output("u", "1", "PI output, desired opening"),
-        Output("integral", "1", "integral part of the PI output"),
-        Output("command", "1", "command to the actuator"),
-        Output("position", "1", "motor position"),
-        Output("opening", "1", "valve opening, Eq (1)"),
-        Output("m_w", "kg s-1", "water flow, Eq (2)"),
-        Output("estimate", "1", "backlash estimate of the inverse"),
-        Output("mode", "1", "mode of the inverse", "-1 falling, +1 rising, 0 open loop or failed"),
-        Output("T_w_out", "degC", "leaving water temperature"),
-        Output("W_sup", "1", "humidity ratio of the supply air", "kg/kg dry air"),
-        Output("wet_volumes", "1", "number of wet control volumes"),
-        Output("power", "kW", "heat rate of the water"),
-        Output("T_w", "degC", "water temperature", "leaving each control volume", per_volume=True),
-        Output("T_c", "degC", "coil material temperature", per_volume=True),
-        Output("T_a", "degC", "air temperature", "leaving each control volume", per_volume=True),
-        Output("W_a", "1", "humidity ratio of the air", "leaving each control volume, kg/kg dry air", per_volume=True),
+        Output("T_sup", "degC", "supply air temperature", "leaves control volume 1", label="supply air"),
+        Output("T_measured", "degC", "measured supply air temperature", "sensor lag, noise and resolution applied",
+               label="measured supply air"),
+        Output("u", "1", "PI output, desired opening", label="desired opening u"),
+        Output("integral", "1", "integral part of the PI output", label="integral part of u"),
+        Output("command", "1", "command to the actuator", label="command"),
+        Output("position", "1", "motor position", label="motor position"),
+        Output("opening", "1", "valve opening, Eq (1)", label="opening"),
+        Output("m_w", "kg s-1", "water flow, Eq (2)", label="water flow"),
+        Output("estimate", "1", "backlash estimate of the inverse", label="backlash estimate"),
+        Output("mode", "1", "mode of the inverse", "-1 falling, +1 rising, 0 open loop or failed", label="mode"),
+        Output("T_w_out", "degC", "leaving water temperature", label="leaving water"),
+        Output("W_sup", "1", "humidity ratio of the supply air", "kg/kg dry air", label="supply humidity ratio"),
+        Output("wet_volumes", "1", "number of wet control volumes", label="wet volumes"),
+        Output("power", "kW", "heat rate of the water", label="coil power"),
+        Output("T_w", "degC", "water temperature", "leaving each control volume", per_volume=True, label="water"),
+        Output("T_c", "degC", "coil material temperature", per_volume=True, label="coil metal"),
+        Output("T_a", "degC", "air temperature", "leaving each control volume", per_volume=True, label="air"),
+        Output("W_a", "1", "humidity ratio of the air", "leaving each control volume, kg/kg dry air", per_volume=True,
+               label="humidity ratio"),
     )
 }
+# fmt: on

@@ -1,7 +1,7 @@
 """Every parameter once: name, unit, bounds, default, meaning.
 
 Kernel rows, ``Loop``, study files, the command line and the attributes of a result derive from this
-table, so a name never changes on its way from a TOML key to a NetCDF coordinate.  Defaults are the
+table, so a name never changes on its way from a TOML key to a NetCDF coordinate.  The defaults are the
 preset ``paper_like``.
 """
 
@@ -21,8 +21,9 @@ LARGEST = sys.float_info.max
 class Parameter:
     """One number (or word) of a control loop.
 
-    ``default`` is ``None`` for parameters that replace others when given (``rangeability``, …).
-    Bounds are inclusive unless ``open_lower``/``open_upper``.
+    ``text`` says what it is, in help and docs; ``label`` is a few words for the axis of a figure.  ``default`` is
+    ``None`` for parameters that replace others when given (``rangeability``, …).  Bounds are inclusive unless
+    ``open_lower``/``open_upper``.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Parameter:
     open_upper: bool = False
     whole: bool = False
     choices: tuple[str, ...] = ()
+    label: str = ""
 
     @property
     def is_word(self) -> bool:
@@ -56,6 +58,10 @@ class Parameter:
             text += f"and below {high}" if self.open_upper else f"to {high}"
         return f"whole, {text}" if self.whole else text
 
+    def equation(self, value: object) -> str:
+        """``name = value unit``, as loops and presets are printed."""
+        return f"{self.name} = {value}" + ("" if self.unit in ("", "1") else f" {self.unit}")
+
     def problem(self, value: object) -> str | None:
         """One sentence naming field, value and cure if ``value`` is not admissible, else ``None``."""
         if self.is_word:
@@ -75,147 +81,106 @@ class Parameter:
         return None
 
 
-def _positive(name: str, group: str, unit: str, default: float | None, text: str) -> Parameter:
-    return Parameter(name, group, unit, default, text, lower=0.0, open_lower=True)
+def _positive(name: str, group: str, unit: str, default: float | None, text: str, *, label: str) -> Parameter:
+    return Parameter(name, group, unit, default, text, lower=0.0, open_lower=True, label=label)
 
 
+# fmt: off
 _TABLE = (
-    _positive("C_w", "coil", "kJ K-1", 8.8, "heat capacity of the water in one control volume (of 8), Eq (3)"),
-    _positive("C_c", "coil", "kJ K-1", 30.0, "heat capacity of the metal of one control volume (of 8), Eq (3)"),
-    _positive("beta1", "coil", "1", 0.32, "water-side effectiveness: factor, Eq (4)"),
-    Parameter("beta2", "coil", "1", -0.20, "water-side effectiveness: exponent of m_w, Eq (4)", -5.0, 5.0),
-    _positive("beta3", "coil", "1", 0.40, "air-side effectiveness (heat): factor, Eq (4)"),
-    Parameter("beta4", "coil", "1", -0.45, "air-side effectiveness (heat): exponent of m_a, Eq (4)", -5.0, 5.0),
-    _positive("beta5", "coil", "1", 0.42, "air-side effectiveness (heat and mass): factor, Eq (4)"),
-    Parameter(
-        "beta6", "coil", "1", -0.42, "air-side effectiveness (heat and mass): exponent of m_a, Eq (4)", -5.0, 5.0
-    ),
-    _positive("cp_w", "coil", "kJ kg-1 K-1", 4.186, "specific heat of water"),
-    _positive("cp_a", "coil", "kJ kg-1 K-1", 1.02, "specific heat of moist air"),
-    Parameter("pressure", "coil", "Pa", 101325.0, "barometric pressure", 50e3, 110e3),
-    Parameter("n_volumes", "coil", "1", 8, "number of control volumes N along the water", 1, 64, whole=True),
-    Parameter(
-        "air_march",
-        "coil",
-        "",
-        "lagged",
-        "time level of the upstream air: as printed in Eq (3), or this step's",
-        choices=("lagged", "quasistatic"),
-    ),
-    Parameter("T_initial", "coil", "degC", 20.0, "all temperatures at the start", 0.0, 50.0),
-    _positive("m_max", "valve", "kg s-1", 2.0, "asymptotic water flow, Eq (2)"),
-    _positive("valve_a", "valve", "1", 0.7, "asymmetry a of the flow curve, Eq (2)"),
-    _positive("valve_b", "valve", "1", 9.0, "growth rate b of the flow curve per unit opening, Eq (2)"),
-    Parameter("valve_c", "valve", "1", 0.38, "opening c of steepest growth, Eq (2)", -5.0, 5.0),
-    Parameter(
-        "rangeability",
-        "valve",
-        "1",
-        None,
-        "inherent rangeability R of an equal-percentage valve (with authority and m_full, for Eq (2))",
-        1.0,
-        1000.0,
-        open_lower=True,
-    ),
-    Parameter(
-        "authority",
-        "valve",
-        "1",
-        None,
-        "valve authority N: share of the total pressure drop, fully open",
-        0.0,
-        1.0,
-        open_lower=True,
-        open_upper=True,
-    ),
-    _positive("m_full", "valve", "kg s-1", None, "water flow at full opening"),
-    Parameter("backlash", "actuator", "1", 0.07, "true backlash x_BL, fraction of stroke, Eq (1)", 0.0, 0.9),
-    Parameter("stroke_time", "actuator", "s", 0.0, "time of a full stroke of the motor; 0 = instantaneous", 0.0),
-    Parameter("command_resolution", "actuator", "1", 0.0, "step of the actuator's input; 0 = continuous", 0.0, 0.5),
-    Parameter("sensor_time_constant", "sensor", "s", 0.0, "first-order lag of the supply air sensor; 0 = none", 0.0),
-    Parameter(
-        "noise_std", "sensor", "K", 0.0, "standard deviation of the measurement noise at controller samples", 0.0
-    ),
-    Parameter("sensor_resolution", "sensor", "K", 0.0, "step of the measured temperature; 0 = continuous", 0.0),
-    Parameter("kp", "controller", "K-1", 0.03, "proportional gain K_p, stroke per kelvin"),
-    _positive("ti", "controller", "s", 8.0, "integral time T_i"),
-    Parameter("sample_time", "controller", "s", 30.0, "controller sample time", 1, 3600, whole=True),
-    Parameter("action", "controller", "", "cooling", "sign of the loop", choices=("cooling", "heating")),
-    Parameter(
-        "backlash_estimate",
-        "inverse",
-        "1",
-        0.0,
-        "backlash size the inverse starts from; 0 = plain PI",
-        0.0,
-        1.0,
-        open_upper=True,
-    ),
-    Parameter(
-        "estimate_ratio", "inverse", "1", None, "backlash_estimate / backlash, in place of backlash_estimate", 0.0
-    ),
-    Parameter(
-        "buffer", "inverse", "1", 1e-9, "reversal of u that the inverse ignores; 0 = none", 0.0, 1.0, open_upper=True
-    ),
-    Parameter("learning_step", "learner", "1", 0.0, "step of the learned estimate; 0 = no learning", 0.0, 0.25),
-    Parameter(
-        "learning_interval", "learner", "s", 1800.0, "time between updates of the estimate", 600, 86400, whole=True
-    ),
-    _positive(
-        "learning_ratio",
-        "learner",
-        "1",
-        2.0,
-        "switch frequency, relative to the first interval's, that trips the learner",
-    ),
-    Parameter("learning_floor", "learner", "1", 0.0, "least reference switch frequency, switches per 10 min", 0.0),
-    Parameter(
-        "learning_cap", "learner", "1", 0.25, "largest estimate the learner may reach", 0.0, 0.9, open_lower=True
-    ),
-    Parameter(
-        "learning_min_switches",
-        "learner",
-        "1",
-        0.0,
-        "mode switches below which an interval is no evidence: no step",
-        0.0,
-    ),
-    Parameter(
-        "learning_max_reference",
-        "learner",
-        "1",
-        1.0,
-        "share of samples with a switch above which the first interval is no reference: no step",
-        0.0,
-        1.0,
-        open_lower=True,
-    ),
-    Parameter(
-        "learning_early_trip",
-        "learner",
-        "1",
-        0.0,
-        "1 = step down as soon as the switches exceed those of a whole interval, 0 = at its end",
-        0.0,
-        1.0,
-        whole=True,
-    ),
-    Parameter(
-        "learning_growth", "learner", "1", 1.0, "factor of each step up over the last, until one goes down", 1.0, 10.0
-    ),
-    Parameter("learning_shrink", "learner", "1", 1.0, "factor of all steps after one down", 0.0, 1.0, open_lower=True),
-    Parameter(
-        "learning_final", "learner", "1", 1.0, "factor of the estimate where learning stops", 0.0, 1.0, open_lower=True
-    ),
-    Parameter(
-        "learning_stop",
-        "learner",
-        "",
-        "never",
-        "whether the first step down ends the learning",
-        choices=("never", "first_step_down"),
-    ),
+    _positive("C_w", "coil", "kJ K-1", 8.8, "heat capacity of the water in one control volume (of 8), Eq (3)",
+              label="water heat capacity C_w"),
+    _positive("C_c", "coil", "kJ K-1", 30.0, "heat capacity of the metal of one control volume (of 8), Eq (3)",
+              label="metal heat capacity C_c"),
+    _positive("beta1", "coil", "1", 0.32, "water-side effectiveness: factor, Eq (4)", label="water-side factor β1"),
+    Parameter("beta2", "coil", "1", -0.20, "water-side effectiveness: exponent of m_w, Eq (4)", -5.0, 5.0,
+              label="water-side exponent β2"),
+    _positive("beta3", "coil", "1", 0.40, "air-side effectiveness (heat): factor, Eq (4)",
+              label="air-side heat factor β3"),
+    Parameter("beta4", "coil", "1", -0.45, "air-side effectiveness (heat): exponent of m_a, Eq (4)", -5.0, 5.0,
+              label="air-side heat exponent β4"),
+    _positive("beta5", "coil", "1", 0.42, "air-side effectiveness (heat and mass): factor, Eq (4)",
+              label="air-side heat and mass factor β5"),
+    Parameter("beta6", "coil", "1", -0.42, "air-side effectiveness (heat and mass): exponent of m_a, Eq (4)", -5.0, 5.0,
+              label="air-side heat and mass exponent β6"),
+    _positive("cp_w", "coil", "kJ kg-1 K-1", 4.186, "specific heat of water", label="specific heat of water"),
+    _positive("cp_a", "coil", "kJ kg-1 K-1", 1.02, "specific heat of moist air", label="specific heat of air"),
+    Parameter("pressure", "coil", "Pa", 101325.0, "barometric pressure", 50e3, 110e3, label="barometric pressure"),
+    Parameter("n_volumes", "coil", "1", 8, "number of control volumes N along the water", 1, 64, whole=True,
+              label="control volumes N"),
+    Parameter("air_march", "coil", "", "lagged",
+              "upstream air that a control volume takes: of the step before, as printed in Eq (3), or of this step",
+              choices=("lagged", "quasistatic"), label="air march"),
+    Parameter("T_initial", "coil", "degC", 20.0, "all temperatures at the start", 0.0, 50.0,
+              label="initial temperature"),
+    _positive("m_max", "valve", "kg s-1", 2.0, "asymptotic water flow, Eq (2)", label="asymptotic water flow"),
+    _positive("valve_a", "valve", "1", 0.7, "asymmetry a of the flow curve, Eq (2)", label="valve asymmetry a"),
+    _positive("valve_b", "valve", "1", 9.0, "growth rate b of the flow curve per unit opening, Eq (2)",
+              label="valve growth rate b"),
+    Parameter("valve_c", "valve", "1", 0.38, "opening c of steepest growth, Eq (2)", -5.0, 5.0,
+              label="opening of steepest growth c"),
+    Parameter("rangeability", "valve", "1", None,
+              "inherent rangeability R of an equal-percentage valve (with authority and m_full, replaces Eq (2)'s "
+              "m_max, a, b, c)", 1.0, 1000.0, open_lower=True, label="rangeability"),
+    Parameter("authority", "valve", "1", None, "valve authority N: share of the total pressure drop, fully open",
+              0.0, 1.0, open_lower=True, open_upper=True, label="valve authority"),
+    _positive("m_full", "valve", "kg s-1", None, "water flow at full opening", label="water flow, fully open"),
+    Parameter("backlash", "actuator", "1", 0.07, "true backlash x_BL, fraction of stroke, Eq (1)", 0.0, 0.9,
+              label="backlash"),
+    Parameter("stroke_time", "actuator", "s", 0.0, "time the motor takes for a full stroke; 0 = instantaneous", 0.0,
+              label="stroke time"),
+    Parameter("command_resolution", "actuator", "1", 0.0, "step of the actuator's input; 0 = continuous", 0.0, 0.5,
+              label="command resolution"),
+    Parameter("sensor_time_constant", "sensor", "s", 0.0, "first-order lag of the supply air sensor; 0 = none", 0.0,
+              label="sensor time constant"),
+    Parameter("noise_std", "sensor", "K", 0.0, "standard deviation of the measurement noise at controller samples", 0.0,
+              label="measurement noise"),
+    Parameter("sensor_resolution", "sensor", "K", 0.0, "step of the measured temperature; 0 = continuous", 0.0,
+              label="sensor resolution"),
+    Parameter("kp", "controller", "K-1", 0.03, "proportional gain K_p, stroke per kelvin",
+              label="proportional gain Kp"),
+    _positive("ti", "controller", "s", 8.0, "integral time T_i", label="integral time Ti"),
+    Parameter("sample_time", "controller", "s", 30.0, "controller sample time", 1, 3600, whole=True,
+              label="sample time"),
+    Parameter("action", "controller", "", "cooling", "whether the valve opens to cool or to heat",
+              choices=("cooling", "heating"), label="action"),
+    Parameter("backlash_estimate", "inverse", "1", 0.0,
+              "backlash that the inverse assumes; 0 = plain PI; the learner starts here and never goes below it",
+              0.0, 1.0, open_upper=True, label="backlash estimate"),
+    Parameter("estimate_ratio", "inverse", "1", None, "backlash_estimate / backlash, in place of backlash_estimate",
+              0.0, label="estimate / backlash"),
+    Parameter("buffer", "inverse", "1", 1e-9, "reversals of u up to this size are ignored by the inverse; 0 = none are",
+              0.0, 1.0, open_upper=True, label="buffer"),
+    Parameter("learning_step", "learner", "1", 0.0, "step by which the learner changes its estimate; 0 = no learning",
+              0.0, 0.25, label="learning step"),
+    Parameter("learning_interval", "learner", "s", 1800.0, "time between updates of the estimate",
+              600, 86400, whole=True, label="learning interval"),
+    _positive("learning_ratio", "learner", "1", 2.0,
+              "the learner steps down if switches are more than this many times as frequent as in the first interval",
+              label="learning ratio"),
+    Parameter("learning_floor", "learner", "1", 0.0,
+              "lower limit of the first interval's switch frequency, switches per 10 min", 0.0, label="learning floor"),
+    Parameter("learning_cap", "learner", "1", 0.25, "largest estimate the learner may reach", 0.0, 0.9, open_lower=True,
+              label="learning cap"),
+    Parameter("learning_min_switches", "learner", "1", 0.0,
+              "an interval with fewer mode switches is not counted: the estimate stays", 0.0,
+              label="least switches per interval"),
+    Parameter("learning_max_reference", "learner", "1", 1.0,
+              "a first interval with switches in more than this share of samples is not counted: the estimate stays",
+              0.0, 1.0, open_lower=True, label="largest reference switch share"),
+    Parameter("learning_early_trip", "learner", "1", 0.0,
+              "1 = step down as soon as an interval has too many switches, 0 = at its end", 0.0, 1.0, whole=True,
+              label="early trip"),
+    Parameter("learning_growth", "learner", "1", 1.0,
+              "each step up is this many times the one before, until the first step down", 1.0, 10.0,
+              label="step growth"),
+    Parameter("learning_shrink", "learner", "1", 1.0, "factor applied to all steps after a step down", 0.0, 1.0,
+              open_lower=True, label="step shrink"),
+    Parameter("learning_final", "learner", "1", 1.0, "factor applied to the estimate when learning stops", 0.0, 1.0,
+              open_lower=True, label="final factor"),
+    Parameter("learning_stop", "learner", "", "never", "whether the first step down ends the learning",
+              choices=("never", "first_step_down"), label="learning stop"),
 )
+# fmt: on
 
 PARAMETERS: dict[str, Parameter] = {p.name: p for p in _TABLE}
 """Every parameter by name, in the order of the loop: coil, valve, actuator, sensor, controller, learner."""
@@ -226,7 +191,7 @@ STAND_INS = {
     "authority": ("m_max", "valve_a", "valve_b", "valve_c"),
     "m_full": ("m_max", "valve_a", "valve_b", "valve_c"),
 }
-"""Parameters without a default, and those they replace."""
+"""Parameters without a default, and the ones they replace."""
 
 INSTALLED_VALVE = ("rangeability", "authority", "m_full")
 

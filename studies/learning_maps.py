@@ -1,6 +1,6 @@
 """The figures of ``learning.py``: time against failures, maps over a rule's settings, maps over noise and sample time.
 
-All maps go from light to dark as they go from good to bad, with the number in each cell; bold numbers are safe.
+Maps go from light (good) to dark (bad), with the number in each cell; bold numbers are safe.
 """
 
 from __future__ import annotations
@@ -9,31 +9,33 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from fastcoil.plots.study import COLOURS, STYLE
+from fastcoil.plots.labels import quantity
+from fastcoil.plots.style import BLUE, GREY, RED, YELLOW, apply_style, wrapped
 
-LOOK = STYLE | {"axes.grid": False, "savefig.dpi": 200, "axes.titlesize": 9}
+WIDTH = 7.0
+SMALL = 7
+"""Font size of the small print."""
 DARK = 0.55
-"""Part of the scale above which numbers are white."""
+"""Share of the scale above which numbers are white."""
 SPLIT = 0.25
-"""Share of the failures below which one of the two kinds gets no arrow."""
+"""Share of the failures below which a kind of failure gets no arrow."""
 SHORTEST = 0.25
-"""Where the scale of hours begins."""
+"""Start of the scale of hours."""
 
 
 def _figure(rows: int, columns: int, height: float, small_print: str) -> tuple[Figure, np.ndarray]:
-    figure = Figure(figsize=(7.0, height), layout="constrained")
-    figure.supxlabel(small_print, fontsize=7, color="0.3")
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    figure.supxlabel(wrapped(small_print, WIDTH, SMALL), fontsize=SMALL, color="0.3")
     return figure, figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
 
 
-def _cells(axes: Axes, values: np.ndarray, texts: Sequence[str], norm: Normalize, safe: np.ndarray) -> AxesImage:
-    """A map of ``values``, first row below, with a text in each cell."""
+def _draw_cells(axes: Axes, values: np.ndarray, texts: Sequence[str], norm: Normalize, safe: np.ndarray) -> AxesImage:
+    """Draw a map of ``values``, first row below, with a text in each cell."""
     image = axes.imshow(values, origin="lower", aspect="auto", cmap="cividis_r", norm=norm)
     for (row, column), text in zip(np.ndindex(values.shape), texts, strict=True):
         colour = "white" if norm(values[row, column]) > DARK else "black"
@@ -48,7 +50,7 @@ def _cells(axes: Axes, values: np.ndarray, texts: Sequence[str], norm: Normalize
 
 
 def way(low: float, high: float) -> str:
-    """Which way failures go: down where learners stop early, up where they run away, or both."""
+    """Arrow of the failures: down where learners stop early, up where they run away, or both."""
     if low + high == 0.0:
         return ""
     down, up = low >= SPLIT * (low + high), high >= SPLIT * (low + high)
@@ -56,20 +58,20 @@ def way(low: float, high: float) -> str:
 
 
 def failure_map(of: xr.Dataset, safe: float, small_print: str) -> Figure:
-    """Failures over noise × sample time: loops side by side, rules and buffers below each other."""
+    """Draw failures over noise × sample time: loops side by side, rules and buffers below each other."""
     norm = Normalize(0.0, 100.0)
     kinds = [(rule, buffer) for rule in of.rule.values for buffer in of.buffer.values]
-    with rc_context(LOOK):
+    with apply_style(axes_grid=False):
         figure, axes = _figure(len(kinds), of.sizes["tuning"], 1.9 * len(kinds) + 0.8, small_print)
         for row, (rule, buffer) in zip(axes, kinds, strict=True):
             for panel, tuning in zip(row, of.tuning.values, strict=True):
                 cell = of.sel(rule=rule, buffer=buffer, tuning=tuning).transpose("noise_std", "sample_time")
                 low, high, failed = (cell[n].values for n in ("low", "high", "failed"))
                 texts = [f"{100 * f:.0f}{way(a, b)}" for a, b, f in zip(low.flat, high.flat, failed.flat, strict=True)]
-                image = _cells(panel, 100 * failed, texts, norm, failed <= safe)
+                image = _draw_cells(panel, 100 * failed, texts, norm, failed <= safe)
             buffered = f"buffer {100 * buffer:.0f} %" if buffer > 1e-6 else "no buffer"
             row[0].set_ylabel(f"{rule}, {buffered}\nnoise [K]")
-        _name(axes, of.tuning.values, "sample time [s]")
+        _label(axes, of.tuning.values, quantity("sample_time").axis)
         axes[0, 0].set_xticks(range(of.sizes["sample_time"]), [f"{t:g}" for t in of.sample_time.values])
         axes[0, 0].set_yticks(range(of.sizes["noise_std"]), [f"{s:g}" for s in of.noise_std.values])
         figure.colorbar(
@@ -79,9 +81,9 @@ def failure_map(of: xr.Dataset, safe: float, small_print: str) -> Figure:
 
 
 def settings(of: xr.Dataset, rules: Sequence[str], hours: float, safe: float, small_print: str) -> Figure:
-    """Failures, then hours to confirm, over step, interval and ratio: loops side by side, rules below each other."""
+    """Draw failures, then hours to confirm, over step, interval and ratio: loops side by side, a row for each rule."""
     lines = of.stack(line=["learning_interval", "learning_ratio"]).transpose("line", "learning_step", ...)
-    with rc_context(LOOK):
+    with apply_style(axes_grid=False):
         figure, axes = _figure(2 * len(rules), of.sizes["tuning"], 2.2 * 2 * len(rules) + 0.6, small_print)
         kinds = (
             (100 * lines.failed, "{:.0f}", Normalize(0.0, 100.0), "failures [% of learners]"),
@@ -94,34 +96,34 @@ def settings(of: xr.Dataset, rules: Sequence[str], hours: float, safe: float, sm
                     shown = values.sel(cell).values
                     texts = [form.format(x) if np.isfinite(x) else "–" for x in shown.flat]
                     is_safe = lines.failed.sel(cell).values <= safe
-                    image = _cells(panel, np.minimum(shown, norm.vmax), texts, norm, is_safe)
+                    image = _draw_cells(panel, np.minimum(shown, norm.vmax), texts, norm, is_safe)
                 row[0].set_ylabel(f"{rule}\ninterval [min], ratio")
             bar = figure.colorbar(image, ax=rows, label=name, aspect=40)
             if isinstance(norm, LogNorm):
                 bar.set_ticks([SHORTEST, 1, 4, hours], labels=[f"{t:g}" for t in (SHORTEST, 1, 4, hours)])
                 bar.minorticks_off()
-        _name(axes, of.tuning.values, "step [%]")
+        _label(axes, of.tuning.values, quantity("learning_step").axis)
         axes[0, 0].set_xticks(range(of.sizes["learning_step"]), [f"{100 * s:g}" for s in of.learning_step.values])
         axes[0, 0].set_yticks(range(lines.sizes["line"]), [f"{i / 60:.0f}, {r:g}" for i, r in lines.line.values])
     return figure
 
 
 LINES = {
-    "literal": {"color": COLOURS[0], "ls": "-", "lw": 1.2},
-    "hold": {"color": "0.55", "ls": "--", "lw": 1.2},
-    "early": {"color": "0.3", "ls": ":", "lw": 1.4},
-    "growing": {"color": COLOURS[2], "ls": "-", "lw": 2.4},
-    "stopping": {"color": COLOURS[1], "ls": "-.", "lw": 1.2},
+    "literal": {"color": BLUE, "ls": "-", "lw": 1.2},
+    "hold": {"color": GREY, "ls": "--", "lw": 1.2},
+    "early": {"color": "black", "ls": ":", "lw": 1.4},
+    "growing": {"color": YELLOW, "ls": "-", "lw": 2.4},
+    "stopping": {"color": RED, "ls": "-.", "lw": 1.2},
 }
 
 
 def front(of: xr.Dataset, what: str, label: str, top: float, hours: float, small_print: str) -> Figure:
-    """What can be had: the least of ``what`` (a share, to be drawn in %) among the choices that confirm by a time.
+    """Draw what each rule can reach: the lowest ``what`` (a share, drawn in %) of the choices that confirm by a time.
 
     A line for each rule, loops side by side, noises below each other.
     """
     choices = [d for d in of.confirmed.dims if d not in ("tuning", "noise_std", "rule")]
-    with rc_context(LOOK | {"axes.grid": True}):
+    with apply_style():
         figure, axes = _figure(of.sizes["noise_std"], of.sizes["tuning"], 1.6 * of.sizes["noise_std"] + 1, small_print)
         for row, noise in zip(axes, of.noise_std.values, strict=True):
             for panel, tuning in zip(row, of.tuning.values, strict=True):
@@ -132,7 +134,7 @@ def front(of: xr.Dataset, what: str, label: str, top: float, hours: float, small
                     end = [*cell.confirmed.values, hours], [*least, *least[-1:]]
                     panel.step(*(end if least.size else ([], [])), where="post", label=rule, **LINES[rule])
             row[0].set_ylabel(f"noise {noise:g} K\n{label}")
-        _name(axes, of.tuning.values, "confirmed after [h]")
+        _label(axes, of.tuning.values, "confirmed after [h]")
         axes[0, 0].set(xscale="log", xlim=(SHORTEST, hours), ylim=(-0.03 * top, top))
         axes[0, 0].set_xticks([0.5, 1, 2, 4, 8], ["½", "1", "2", "4", "8"])
         for panel in axes.flat:
@@ -141,8 +143,8 @@ def front(of: xr.Dataset, what: str, label: str, top: float, hours: float, small
     return figure
 
 
-def _name(axes: np.ndarray, tunings: np.ndarray, x_label: str) -> None:
-    """Loops above the columns, what varies along them below."""
+def _label(axes: np.ndarray, tunings: np.ndarray, x_label: str) -> None:
+    """Name the loops above the columns, and the x axis below."""
     for panel, tuning in zip(axes[0], tunings, strict=True):
         panel.set_title(str(tuning))
     for panel in axes[-1]:

@@ -24,6 +24,7 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
+    config.addinivalue_line("markers", "alone: measures time or signals processes; `make test` runs it by itself")
     config.addinivalue_line("markers", "full: takes minutes; run by `make test-full`")
 
 

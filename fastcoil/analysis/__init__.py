@@ -1,1 +1,1 @@
-"""What results say: paired comparisons, Sobol' indices, summaries in words."""
+"""Reading results: paired comparisons, Sobol' indices, summaries."""

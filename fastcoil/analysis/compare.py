@@ -1,7 +1,7 @@
 """``compare``: paired differences against a baseline, over the days and noise realisations that both share.
 
-All controllers of a study meet the same days and the same noise (common random numbers), so that the difference
-within a pair says more than two means with their spread.
+All controllers of a study see the same days and the same noise (common random numbers), so the difference within a
+pair says more than two means with their spread.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import check_result, level_problems, names_of
+from fastcoil.analysis.result import check_result
+from fastcoil.arguments import level_problems, names_of
 from fastcoil.errors import InputError, nearest, shown
 from fastcoil.outputs import METRICS, STATUS_OK
 
-CENSORED = tuple(m.name for m in METRICS.values() if "censored" in m.comment)
-"""Metrics in which NaN means: not within this run."""
+CENSORED = tuple(m.name for m in METRICS.values() if m.censored)
+"""Metrics in which NaN means that it did not happen within the run."""
 QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
 STATISTICS = ("baseline", "value", "mean", "low", "high", *QUANTILES, "share_lower", "n_pairs", "n_censored")
 
@@ -37,30 +38,30 @@ def compare(
     ds
         A result with ``status``.
     baseline
-        Dim → label of the baseline, such as ``{"estimate_ratio": 0.0}`` for the plain PI; the labels of these dims
-        are compared with it.
+        Dim → label of the baseline, such as ``{"estimate_ratio": 0.0}`` for the plain PI; every label of these dims
+        is compared with it.
     over
-        Dim or dims along which pairs are gathered, such as ``["day", "replicate"]``.
+        Dim or dims whose labels are the pairs, such as ``["day", "replicate"]``.
     metrics
         Name or names; all metrics of ``ds`` by default.
     level
-        Of the interval ``low``–``high``.
+        Level of the interval ``low``–``high``.
 
     Returns
     -------
     xarray.Dataset
         The metrics over the other dims and a dim ``statistic``: median of the ``baseline`` and of the ``value``;
         ``mean`` of the paired differences (value - baseline) with its interval ``low``–``high``; their quantiles
-        ``q05`` to ``q95`` and ``median``; ``share_lower``, the share of pairs that lie below their baseline (ties,
-        both censored among them, count half); ``n_pairs``; ``n_censored``, values that never came in this run.
+        ``q05`` to ``q95`` and ``median``; ``share_lower``, the share of pairs below their baseline (ties count half,
+        also if both are censored); ``n_pairs``; ``n_censored``, the number of values that never came in this run.
 
         The interval is Student's, from the scatter between the means of days (of each label of a dim ``over``):
-        replicates that share a day do not count as independent.  Where there are several such dims, their variances
-        add up, and the dim of the fewest labels gives the degrees of freedom; beside ``day``, ``replicate`` does not
-        count.  It is NaN where one of these dims has a single label.
+        replicates that share a day do not count as independent.  With several such dims, their variances add up and
+        the dim with the fewest labels gives the degrees of freedom; with ``day``, ``replicate`` does not count.  The
+        interval is NaN if one of these dims has a single label.
 
-        Times that never came are later than all that did: quantiles then may be ±inf (beyond the run), the mean is NaN.
-        Pairs with a failed scenario are left out.
+        A time that never came counts as later than any that did: quantiles may then be ±inf (beyond the run), and the
+        mean is NaN.  Pairs with a failed scenario are left out.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def compare(
     _check(ds, baseline, over, names, level)
     ok = ds["status"] == STATUS_OK
     shape = [ds.sizes[d] for d in over]
-    # the noise of one day is independent of that of another, but the same for all else
+    # noise is independent between days, but shared by everything else
     units = [axis for axis, d in enumerate(over) if d != "replicate" or "day" not in over]
     results = {}
     for name in names:
@@ -96,10 +97,10 @@ def compare(
 
 
 def _statistics(values: np.ndarray, reference: np.ndarray, units: Sequence[int], level: float) -> np.ndarray:
-    """(cells, len(STATISTICS)).
+    """Return all statistics, (cells, len(STATISTICS)).
 
-    values, reference: (cells, *over), NaN where failed, inf where censored; units: those of ``over`` whose labels are
-    independent.
+    values, reference: (cells, *over), NaN if failed, inf if censored; units: the axes of ``over`` with independent
+    labels.
     """
     shape = values.shape
     values, reference = values.reshape(shape[0], -1), reference.reshape(shape[0], -1)
@@ -132,7 +133,7 @@ def _statistics(values: np.ndarray, reference: np.ndarray, units: Sequence[int],
 def _quantile(rows: np.ndarray, n: np.ndarray, q: float) -> np.ndarray:
     """Quantile of the first ``n`` sorted values of each row: the least value that a share q does not exceed.
 
-    It needs no arithmetic, so that values may be infinite.
+    It needs no arithmetic, so values may be infinite.
     """
     place = np.clip(np.ceil(q * n - 1e-9).astype(int) - 1, 0, None)
     return np.take_along_axis(np.sort(rows, axis=1), place[:, None], axis=1)[:, 0]
@@ -160,6 +161,11 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
             f'baseline = {shown(baseline)}: must be a dict of dimension and label, such as {{"estimate_ratio": 0.0}}'
         )
     dims = [str(d) for d in ds["status"].dims]
+    if not dims:
+        raise InputError(
+            "ds is a single scenario without dimensions, so there is nothing to compare: give a sweep that holds the "
+            "baseline, on several days or replicates"
+        )
     problems = [
         f"{what}: {dim!r} is no dimension of the result{nearest(str(dim), dims)}; it has {', '.join(dims)}"
         for what, given in (("baseline", list(baseline)), ("over", over))

@@ -1,4 +1,4 @@
-"""``sobol_indices``: which parameter of a population the spread of a result comes from."""
+"""``sobol_indices``: which parameters drive the spread of a result over a population."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import check_result, level_problems, names_of
+from fastcoil.analysis.result import check_result
+from fastcoil.arguments import level_problems, names_of
 from fastcoil.errors import InputError, nearest
 from fastcoil.outputs import METRICS, STATUS_OK
 
@@ -24,20 +25,20 @@ def sobol_indices(
     Parameters
     ----------
     ds
-        The result of a study with ``[sample] method = "saltelli"``: dims ``sample`` and ``design``, and others.  Of
-        ``design`` it must have ``A``, ``B`` and the parameters whose indices are sought.
+        The result of a study with ``[sample] method = "saltelli"``, with dims ``sample`` and ``design``.  ``design``
+        must have ``A``, ``B`` and the parameters whose indices you want.
     metrics
         Name or names of variables; ``rmse`` by default.
     drop_failed
-        Whether samples in which a scenario failed, or has no such result, are left out; else they are refused.
+        Leave out samples in which a scenario failed or has no such result; otherwise they are refused.
     level
-        Of the interval.
+        Level of the intervals.
 
     Returns
     -------
     xarray.Dataset
         Each metric over (other dims, ``parameter``, ``index``: first_order or total, ``edge``: value, low, high), and
-        ``n_samples``, how many base samples were used.  Estimators of Saltelli et al. (2010) and Jansen (1999),
+        ``METRIC_n_samples``, the number of base samples used.  Estimators of Saltelli et al. (2010) and Jansen (1999),
         doi:10.1016/j.cpc.2009.09.018; NaN where the metric does not vary.
 
     Raises
@@ -68,8 +69,8 @@ def sobol_indices(
         missing = int(values.isnull().any("design").sum())
         if missing and not drop_failed:
             raise InputError(
-                f"{name} is missing in {missing:,} of {values.isnull().any('design').size:,} samples, since a scenario "
-                "failed or has no such result: give drop_failed=True to leave these samples out"
+                f"{name} is missing in {missing:,} of {values.isnull().any('design').size:,} samples, because a "
+                "scenario failed or has no such result: give drop_failed=True to leave these samples out"
             )
         others = [d for d in values.dims if d not in ("sample", "design")]
         cells = (
@@ -86,7 +87,7 @@ def sobol_indices(
 
 
 def _is_metric(values: xr.DataArray) -> bool:
-    """Whether these are numbers over the design, and no flags."""
+    """Whether these are numbers over the design, not flags."""
     flags = values.name == "status" or values.name in METRICS and METRICS[str(values.name)].flags
     return not flags and values.dtype.kind in "fiu" and {"sample", "design"} <= set(values.dims)
 
@@ -97,7 +98,7 @@ def _indices(values: np.ndarray, level: float) -> np.ndarray:
     n = values.shape[0]
     if n < 2:
         return np.full((values.shape[1] - 2, 2, 3), np.nan)
-    # the estimators do not depend on the mean, but their scatter does
+    # the mean does not change the estimators, but does change their scatter
     values = values - values[:, :2].mean()
     rng = np.random.default_rng(0)
     weights = np.concatenate([np.ones((1, n)), rng.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES)]) / n

@@ -1,4 +1,4 @@
-"""What a study found, in words."""
+"""The findings of a study in a few lines."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastcoil.plots.study import numeric_dims
 
 
 def summary(ds: xr.Dataset) -> list[str]:
-    """A few lines: how much was run, how fast, and the answer."""
+    """Return a few lines: how much was run, how fast, and the answer."""
     n, failed = ds["status"].size, int((ds["status"] != STATUS_OK).sum())
     sizes = " × ".join(f"{size} {dim}" for dim, size in ds["status"].sizes.items())
     lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
@@ -65,7 +65,7 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
 
 
 def _share(holds: xr.DataArray, valid: xr.DataArray) -> float:
-    """Share of the valid loops in which something holds."""
+    """Share of the valid loops in which the condition holds."""
     return float(holds.where(valid.notnull()).mean())
 
 

@@ -6,10 +6,10 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from fastcoil.arguments import is_number
 from fastcoil.calibrate.coil_problem import CoilProblem
 from fastcoil.calibrate.coil_record import in_operation, record_of
 from fastcoil.calibrate.coil_result import coil_fit
-from fastcoil.calibrate.columns import is_number
 from fastcoil.calibrate.data import Log, read_log
 from fastcoil.calibrate.result import Fit
 from fastcoil.errors import InputError, shown

@@ -14,8 +14,9 @@ from fastcoil.boundary.series import Array
 from fastcoil.calibrate.columns import counted
 from fastcoil.calibrate.data import Log
 from fastcoil.calibrate.least_squares import FORBIDDEN
-from fastcoil.engine.coil_loop import COIL_SERIES, run_coil
-from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, Block, parameter_matrix
+from fastcoil.engine.coil_loop import COIL_COLUMNS, run_coil
+from fastcoil.engine.lanes import parameter_matrix
+from fastcoil.engine.rows import PARAMETER_ROWS
 from fastcoil.engine.step_numbers import worst_numbers
 from fastcoil.errors import InputError
 from fastcoil.simulation.loop import Loop
@@ -37,7 +38,7 @@ _STILL, _MOSTLY = 0.05, 0.95
 class Record:
     """What enters the coil second by second, and when something is measured.
 
-    pieces: of each unbroken piece series (n_steps, 5) as ``COIL_SERIES``, and at (n,), second of each sample; every
+    pieces: of each unbroken piece series (n_steps, 5) as ``COIL_COLUMNS``, and at (n,), second of each sample; every
     piece starts from ``T_initial``.  m_w, m_a: typical flows, kg/s.  m_w_max, m_a_span, wet_slope: of the whole log,
     for the limits of stability: largest water flow, least and largest air flow, kg/s, and largest dh_s/dT, kJ/(kg K).
     """
@@ -74,22 +75,12 @@ class Record:
 
     def run(self, sets: Array) -> tuple[Array, Array, Array]:
         """T_sup, T_w_out and wet volumes of each parameter set, (n, sets); NaN of those that are unstable."""
-        n_sets = sets.shape[1]
         base = parameter_matrix(columns_of(self.loop, {}, np.array([0])))
-        matrix = np.repeat(base, n_sets, axis=1)
+        matrix = np.repeat(base, sets.shape[1], axis=1)
         matrix[_ROWS] = self.values(sets)
+        of_pieces = [run_coil(matrix, series, at) for series, at in self.pieces]
+        found = [np.concatenate(parts) for parts in zip(*of_pieces, strict=True)]
         unstable = self._unstable(matrix)
-        found = [np.empty((sum(at.size for _, at in self.pieces), n_sets)) for _ in range(3)]
-        n_volumes, lagged = int(base[PARAMETER_ROWS.index("n_volumes"), 0]), bool(self.loop["air_march"] == "lagged")
-        for first in range(0, n_sets, LANES):
-            lanes = np.minimum(np.arange(first, first + LANES), n_sets - 1)
-            rows = np.ascontiguousarray(matrix[:, lanes])
-            block = Block(rows, n_volumes, lagged, 1, True, 0, False, False)
-            sets_here, n = slice(first, first + min(LANES, n_sets - first)), 0
-            for series, at in self.pieces:
-                for whole, part in zip(found, run_coil(block, series, at), strict=True):
-                    whole[n : n + at.size, sets_here] = part[:, : sets_here.stop - first]
-                n += at.size
         for whole in found:
             whole[:, unstable] = np.nan
         return found[0], found[1], found[2]
@@ -153,7 +144,7 @@ def record_of(data: Log, loop: Loop, holds: tuple[str, ...]) -> Record:
         latest = np.searchsorted(time, seconds + 1e-6, side="right") - 1
         columns = [
             values[name][samples][latest] if name in holds else np.interp(seconds, time, values[name][samples])
-            for name in COIL_SERIES
+            for name in COIL_COLUMNS
         ]
         pieces.append((np.stack(columns, axis=1), np.floor(time + 0.5).astype(np.int64)))
     dew_point = float(moist_air.dew_point(values["W_a_in"].max(), pressure))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcoil.arguments import is_number
 from fastcoil.boundary.series import TEMPERATURE, TRAVEL, WATER_FLOW, Array, Series
 from fastcoil.boundary.table import Table, label_and_unit
 from fastcoil.boundary.trends import LOG_COLUMNS
@@ -35,11 +35,6 @@ _CURE = "; or leave such rows out, they are counted: drop=True, --drop"
 _MAPPINGS = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
 
 Mask = NDArray[np.bool_]
-
-
-def is_number(value: Any) -> bool:
-    """Whether it is one real number, of Python or numpy; True and False are none."""
-    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def require_mappings(**given: Any) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fastcoil.boundary.series import Array
 from fastcoil.calibrate.result import FITTING, UNUSED, VALIDATION, Fit
 from fastcoil.engine.valve_loop import valve_flows
-from fastcoil.plots.study import COLOURS, STYLE
+from fastcoil.plots.style import COLOURS, DOTTED, FAINT, apply_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,40 +19,37 @@ if TYPE_CHECKING:
 
 _MODEL, _FITTED, _HELD_BACK = COLOURS
 _MOST_POINTS = 4000
-_STROKE = "[fraction of stroke]"
 _LEGEND: Any = {"framealpha": 0.8, "edgecolor": "none"}
 
 
 def figure(fit: Fit) -> Figure:
     """The figure that suits the kind of fit."""
-    from matplotlib import rc_context
-
-    with rc_context(STYLE):
+    with apply_style():
         return _valve(fit) if fit.kind == "valve" else _coil(fit)
 
 
 def _valve(fit: Fit) -> Figure:
     from matplotlib.figure import Figure
 
-    fig = Figure(figsize=(13, 4.2), layout="constrained")
+    fig = Figure(figsize=(10.5, 3.6), layout="constrained")
     parity, curves, profile = fig.subplots(1, 3)
     ds = fit.residuals
     looks = ((FITTING, _FITTED, "o"), (VALIDATION, _HELD_BACK, "x"))
     for part, colour, marker in looks:
         here = _thinned(ds["part"].values == part)
         if here.size:
-            style = {"color": colour, "marker": marker, "s": 10, "alpha": 0.5, "lw": 0.8 * (marker == "x")}
+            style = {"color": colour, "marker": marker, "s": 10, "alpha": 0.6, "lw": 0.8 * (marker == "x")}
             parity.scatter(ds["m_w"][here], ds["modelled"][here], label=part, **style)
-            curves.scatter(ds["command"][here], ds["m_w"][here], label=part, **style)
+            curves.scatter(100 * ds["command"][here], ds["m_w"][here], label=part, **style)
     top = 1.05 * float(np.nanmax(ds["m_w"]))
-    parity.plot([0, top], [0, top], color="0.4", lw=0.8)
+    parity.plot([0, top], [0, top], color="black", lw=0.8)
     parity.set(xlabel="measured flow [kg/s]", ylabel="modelled flow [kg/s]", title="Parity", aspect="equal")
     parity.set(xlim=(0, top), ylim=(0, top))
     rising, falling = _branches(fit.extras["curve"], float(fit.extras["floor"]))
-    command = np.linspace(0.0, 1.0, rising.size)
+    command = np.linspace(0.0, 100.0, rising.size)
     curves.plot(command, rising, color=_MODEL, lw=1.5, label="model, opening")
     curves.plot(command, falling, color=_MODEL, lw=1.5, ls="--", label="model, closing")
-    curves.set(xlabel=f"command {_STROKE}", ylabel="flow [kg/s]", title="Data over the hysteresis curves")
+    curves.set(xlabel="command [%]", ylabel="flow [kg/s]", title="Data over the hysteresis curves")
     curves.set_ylim(0, top)
     for axes in (parity, curves):
         axes.legend(loc="lower right", fontsize=8, **_LEGEND)
@@ -75,15 +72,17 @@ def _branches(curve: Array, floor: float) -> tuple[Array, Array]:
 def _profile(axes: Axes, fit: Fit) -> None:
     ds = fit.profile
     assert ds is not None
-    axes.plot(ds["backlash"], ds["rmse"], color=_MODEL, marker=".", ms=4)
-    axes.axhline(ds.attrs["limit"], color="0.4", lw=0.8, ls=":", label="limit, 95 %")
+    axes.plot(100 * ds["backlash"], ds["rmse"], color=_MODEL, marker=".", ms=4)
+    axes.axhline(ds.attrs["limit"], color="black", lw=0.8, ls=DOTTED, label="limit of the 95 % interval")
     low, high = ds.attrs["interval_95"]
-    axes.axvspan(low, high, color=_FITTED, alpha=0.2, lw=0, label="below the limit")
+    axes.axvspan(100 * low, 100 * high, color=_FITTED, alpha=0.3, lw=0, label="95 % interval")
     known = "backlash" in fit.parameters
     axes.set(
-        xlabel=f"backlash {_STROKE}",
+        xlabel="backlash [%]",
         ylabel="least RMSE of the fitted part [kg/s]",
-        title=f"Profile, 95 %: {low:.3g} to {high:.3g}" if known else "Profile: the backlash is not identified",
+        title=f"Profile: 95 % interval {100 * low:.3g} to {100 * high:.3g} %"
+        if known
+        else "Profile: the backlash is not identified",
     )
     axes.legend(loc="upper center", fontsize=8, **_LEGEND)
 
@@ -93,11 +92,11 @@ def _coil(fit: Fit) -> Figure:
 
     ds = fit.residuals
     parts = [part for part in (FITTING, VALIDATION) if (ds["part"] == part).any()]
-    fig = Figure(figsize=(6.5 * len(parts), 6.0), layout="constrained")
+    fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 5.6), layout="constrained")
     rows = fig.subplots(3, len(parts), squeeze=False, sharex="col", height_ratios=(3, 2, 1.2))
     for column, part in zip(rows.T, parts, strict=True):
         span = np.flatnonzero(ds["part"].values == part)
-        # what comes before the fitted part is the warm-up, and worth a look
+        # the warm-up before the fitted part is worth a look
         own = ds["log"].values == str(ds["log"][span[0]].values)
         first = int(span[0]) if part == VALIDATION and own[0] else int(np.argmax(own))
         one = ds.isel(elapsed_time=slice(first, int(span[-1]) + 1))
@@ -111,12 +110,14 @@ def _coil(fit: Fit) -> Figure:
         _entitled(column[2], "flows")
         for axes in column:
             _shaded(axes, one)
+    if (ds["part"] == UNUSED).any():
+        fig.supxlabel("Grey: not compared", fontsize=8)
     return fig
 
 
 def _temperature(axes: Axes, ds: xr.Dataset, name: str, title: str, label: str) -> None:
     if np.isfinite(ds[name]).any():
-        _by_piece(axes, ds, name, color=_HELD_BACK, lw=1.2, label="measured")
+        _by_piece(axes, ds, name, color=_HELD_BACK, lw=2.2, label="measured")
     _by_piece(axes, ds, f"{name}_modelled", color=_MODEL, lw=1, ls="--", label="modelled")
     axes.set_ylabel(label)
     _entitled(axes, title)
@@ -140,7 +141,7 @@ def _shaded(axes: Axes, ds: xr.Dataset) -> None:
     hours, unused = ds["elapsed_time"].values / 3600, ds["part"].values == UNUSED
     unused[1:] |= unused[:-1]  # up to the next sample
     bottom_to_top = axes.get_xaxis_transform()
-    axes.fill_between(hours, 0.0, 1.0, where=unused, transform=bottom_to_top, color="0.5", alpha=0.15, lw=0)
+    axes.fill_between(hours, 0.0, 1.0, where=unused, transform=bottom_to_top, color=FAINT, lw=0, zorder=0)
 
 
 def _thinned(here: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import whole_number_problems
 from fastcoil.boundary.series import Array
 from fastcoil.calibrate.data import Log, read_log
-from fastcoil.engine.lanes import blocks
-from fastcoil.engine.replay_loop import REPLAY_SERIES, REPLAY_TRACES, run_replay
+from fastcoil.engine.lanes import parameter_matrix
+from fastcoil.engine.replay_loop import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.errors import InputError
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.plan import available_memory, gib, whole_number_problems
+from fastcoil.simulation.resources import available_memory, gib
 from fastcoil.simulation.scenarios import columns_of
 
 
@@ -81,17 +82,14 @@ def replay(
     needed = 8 * n * len(REPLAY_TRACES) * points.size
     if 2 * needed > available_memory():
         raise InputError(f"the commands need {gib(needed)} of memory: raise trace_interval or sweep fewer values")
-    found = {name: np.empty((n, points.size)) for name in REPLAY_TRACES}
-    for members, block in blocks(columns_of(loop, loop.sizes, np.arange(n))):
-        for name, values in run_replay(block, series, trace_interval).items():
-            found[name][members] = values[:, : members.size].T
+    found = run_replay(parameter_matrix(columns_of(loop, loop.sizes, np.arange(n))), series, trace_interval)
     ds = xr.Dataset(coords={name: c.assign_attrs(coordinate_attrs(name)) for name, c in loop.coordinates().items()})
     ds = ds.assign_coords(
         elapsed_time=("elapsed_time", points.astype(float), coordinate_attrs("elapsed_time")),
     )
     for name, values in found.items():
         shape = (*loop.sizes.values(), points.size)
-        ds[name] = ((*loop.sizes, "elapsed_time"), values.reshape(shape), attributes(TRACES[name]))
+        ds[name] = ((*loop.sizes, "elapsed_time"), values.T.reshape(shape), attributes(TRACES[name]))
     ds.attrs = {"title": "fastcoil replay", **provenance(), "parameters": json.dumps(loop.constants), "log": data.name}
     return ds
 
@@ -109,4 +107,4 @@ def _seconds(data: Log) -> Array:
     values = {"enabled": np.ones(data.time.size), **data.values}
     seconds = np.arange(int(data.time[-1] + 1e-6) + 1)
     latest = np.searchsorted(data.time, seconds + 1e-6, side="right") - 1
-    return np.stack([values[name][latest] for name in REPLAY_SERIES], axis=1)
+    return np.stack([values[name][latest] for name in REPLAY_COLUMNS], axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.calibrate.columns import is_number
+from fastcoil.arguments import is_number
 from fastcoil.calibrate.data import Log
 from fastcoil.errors import InputError
 

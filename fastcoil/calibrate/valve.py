@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcoil.arguments import is_number
 from fastcoil.boundary.series import Array
-from fastcoil.calibrate.columns import is_number
 from fastcoil.calibrate.data import Log, read_log
 from fastcoil.calibrate.least_squares import Estimate, Uncertainty, minimise, profile, uncertainty
 from fastcoil.calibrate.result import Fit

@@ -142,7 +142,7 @@ def _written(out: Path) -> None:
 
 
 def _tell(found: Fit, out: Path) -> None:
-    from fastcoil.plots.study import write
+    from fastcoil.plots.files import write
 
     found.to_toml(out)
     figures = write({out.stem: found.plot()}, out.parent)

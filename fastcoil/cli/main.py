@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from fastcoil.cli.fit import fit
+from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
+from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.progress import announce_compilation, duration, told
+from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 
 if TYPE_CHECKING:
@@ -72,7 +75,7 @@ def run(
         click.echo(line)
     click.echo(f"Results: {folder / RESULTS}")
     if figures:
-        for path in _figures(folder, finished.results, redraw=finished.n_run > 0):
+        for path in draw_standard_figures(folder, finished.results, redraw=finished.n_run > 0):
             click.echo(f"Figure:  {path}")
     if bool((finished.results["status"] != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
@@ -83,7 +86,7 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and say how large it is and how long it will take; writes nothing."""
-    from fastcoil.simulation.plan import available_memory, check_disk, gib
+    from fastcoil.simulation.resources import available_memory, check_disk, gib
     from fastcoil.simulation.simulate import probe, workers
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.runner import default_folder
@@ -91,7 +94,7 @@ def plan(study: Path, jobs: int | None) -> None:
     n_jobs = workers(jobs)
     asked = read_study(study)
     planned, traces_kept = asked.plan, asked.reduction is None
-    check_disk(planned, default_folder(study), traces_kept=traces_kept)
+    check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))
     announce_compilation()
     seconds = planned.lane_steps * probe(planned) / n_jobs
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
@@ -106,7 +109,8 @@ def plan(study: Path, jobs: int | None) -> None:
     click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} while it is merged")
 
 
-main.add_command(fit)
+for command in (fit, init, parameters, plot, presets, schema):
+    main.add_command(command)
 
 
 @main.command()
@@ -149,34 +153,6 @@ def rerun(folder: Path, at: str) -> None:
 
 
 @main.command()
-@click.argument("folder", type=FOLDER)
-@click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
-@click.option("-x", help="Swept parameter along the x axis.")
-@click.option("-y", help="Second swept parameter: a map instead of a band.")
-@click.option("--by", help="Second swept parameter: a curve for some of its values.")
-def plot(folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, by: str | None) -> None:
-    """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
-    from fastcoil.plots import study as plots
-    from fastcoil.study.folder.results import open_study
-
-    ds = open_study(folder)
-    if x is None:
-        if metrics or y or by:
-            raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
-        figures = plots.standard_figures(ds)
-    elif y and by:
-        raise InputError(f"-y {y} and --by {by}: give one of them, -y for a map or --by for curves")
-    else:
-        wanted = metrics or plots.STANDARD_METRICS
-        name = "_".join([*metrics, *(n for n in (y, by) if n), x])
-        figures = {name: plots.maps(ds, x, y, wanted) if y else plots.bands(ds, x, by, wanted)}
-    if not figures:
-        click.echo("Nothing is swept in this study: there is nothing to draw.")
-    for path in plots.write(figures, folder / "figures"):
-        click.echo(path)
-
-
-@main.command()
 @click.option("-o", "--out", type=FOLDER, default="results/paper", show_default=True, help="Folder of the results.")
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
 @click.option("--quick", is_flag=True, help="A few tunings and days only: to try it, not to quote it.")
@@ -189,55 +165,3 @@ def paper(out: Path, jobs: int | None, quick: bool) -> None:
     for line in verdicts:
         click.echo(line)
     click.echo(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")
-
-
-@main.command()
-@click.argument("study", type=STUDY, default="study.toml")
-def init(study: Path) -> None:
-    """Write a commented STUDY file to start from."""
-    from fastcoil.study.file.template import TEMPLATE
-
-    try:
-        with study.open("x", encoding="utf-8") as file:
-            file.write(TEMPLATE)
-    except FileExistsError:
-        raise InputError(f"{study} exists: choose another name, or delete it") from None
-    except OSError as error:
-        raise InputError(f"{study} cannot be written: {error.strerror}") from None
-    click.echo(f"{study} written.  Edit it, then: fastcoil plan {study}, fastcoil run {study}")
-
-
-@main.command()
-@click.argument("names", nargs=-1)
-def parameters(names: tuple[str, ...]) -> None:
-    """List the parameters of a loop (or only NAMES): default, unit, admissible values, meaning."""
-    from fastcoil.parameter_table import PARAMETERS, check_name
-
-    group = ""
-    for p in [PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values():
-        if p.group != group:
-            group = p.group
-            click.echo(f"{group}")
-        default = "-" if p.default is None else f"{p.default}"
-        unit = "" if p.unit == "1" else p.unit
-        click.echo(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
-
-
-@main.command()
-def schema() -> None:
-    """Print the JSON Schema of study files, for editors that complete and check TOML."""
-    import json
-
-    from fastcoil.study.file.schema import study_schema
-
-    click.echo(json.dumps(study_schema(), indent=2, ensure_ascii=False))
-
-
-def _figures(folder: Path, ds: Any, *, redraw: bool) -> list[Path]:
-    """The standard figures of a study: drawn, or those that lie there already."""
-    there = sorted((folder / "figures").glob("*.png"))
-    if there and not redraw:
-        return there
-    from fastcoil.plots import study as plots
-
-    return plots.write(plots.standard_figures(ds), folder / "figures")

@@ -22,11 +22,11 @@ def chatters(f, f_ref, ratio, floor):
 
 @exact
 def evidence(switches, f, f_ref, sample_time, min_switches, max_reference):
-    """What an interval is good for: ENOUGH, or nothing, because it is too QUIET or an UNMEASURABLE reference.
+    """Whether an interval is ENOUGH evidence for a step, too QUIET, or UNMEASURABLE as a reference.
 
-    f_ref: negative until an interval has served as reference.  A controller switches at most once a sample: a
-    reference near that cannot be exceeded ``ratio`` times, whatever the backlash.  With ``min_switches`` 0 and
-    ``max_reference`` 1 every interval is good, as in the paper.
+    f_ref: negative until there is a reference.  A controller switches at most once a sample: a reference near that
+    limit cannot be exceeded ``ratio`` times, whatever the backlash.  With ``min_switches`` 0 and ``max_reference`` 1
+    every interval is enough, as in the paper.
     """
     unmeasurable = f_ref < 0.0 and f > max_reference * 600.0 / sample_time
     reason = UNMEASURABLE if unmeasurable else ENOUGH
@@ -43,12 +43,12 @@ def updated(x_hat, step, down, lower, cap):
 
 @exact
 def step_size(last, down, climbing, growth):
-    """Size of a step: it grows while the estimate climbs for the first time, and one down undoes the last one up."""
+    """Next step: it grows during the first climb of the estimate; a step down undoes the last one up."""
     return last * growth if climbing and not down else last
 
 
 @exact
 def final_estimate(x_hat, factor, lower):
-    """Estimate that is kept where learning stops: a little less is safer than a little more."""
+    """Estimate to keep when learning stops: slightly too low is safer than slightly too high."""
     kept = x_hat * factor
     return lower if kept < lower else kept

@@ -22,7 +22,7 @@ def sample_number(t, sample_time):
 
 @exact
 def integrated(integral, e, ki):
-    """Integral part at a controller sample, 0–1; ki = K_p T_s / T_i, 1/K.  Added to before use."""
+    """Integral part at a controller sample, 0–1; ki = K_p T_s / T_i, 1/K.  The new error is added before use."""
     return clipped(integral + ki * e)
 
 

@@ -7,38 +7,42 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.engine.host import aligned
-from fastcoil.engine.initial_state import fill_coil, prepare
-from fastcoil.engine.lanes import LANES, T_A, T_W, VOLUME_STRIDE, Block, R
+from fastcoil.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
+from fastcoil.engine.lanes import Block, run_sets, work_space
 from fastcoil.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
+from fastcoil.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, positions
 from fastcoil.numerics.elementary import log
 from fastcoil.numerics.jit import kernel
 
-COIL_SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
+COIL_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
 """Columns of what enters the coil."""
+C = positions(COIL_COLUMNS)
 NO_FLOW = 1e-9
-"""Water flow, kg/s, below which there is none: the conductance is then 0 whatever the exponent."""
+"""A water flow below this, kg/s, counts as none: the conductance is then 0 whatever the exponent."""
 
 
 @kernel
 def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
     """March the coils of a block through a record.
 
-    series: (n_steps, 5), columns as in COIL_SERIES, 1-s samples.  at: (n,), ascending seconds to look at.
-    S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): states at those seconds, °C, and
-    the number of wet volumes.
+    series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  at: (n,), the seconds to record, ascending.
+    S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): temperatures at those seconds, °C,
+    and the number of wet volumes.
     """
     n_volumes, n_steps = block.n_volumes, series.shape[0]
-    prepare(S, block, False)
-    fill_coil(S, V, n_volumes, series[0, 2])
+    derive(S, block)
+    set_initial_state(S, True)
+    reset_sums(S, True)
+    fill_coil(S, V, n_volumes, series[0, C.W_a_in])
 
     first, last = VOLUME_STRIDE, n_volumes * VOLUME_STRIDE
     m_a_known, m_w_known = np.nan, np.nan
     k = 0
     for t in range(n_steps):
-        m_a, T_a_in, W_a_in, T_w_in, m_w = series[t, 0], series[t, 1], series[t, 2], series[t, 3], series[t, 4]
-        looked_at = k < at.size and at[k] == t
-        if looked_at:
+        m_a, T_a_in, W_a_in = series[t, C.m_a], series[t, C.T_a_in], series[t, C.W_a_in]
+        T_w_in, m_w = series[t, C.T_w_in], series[t, C.m_w]
+        recorded = k < at.size and at[k] == t
+        if recorded:
             for j in range(LANES):
                 T_sup[k, j] = V[first + T_A + j]
                 T_w_out[k, j] = V[last + T_W + j]
@@ -54,10 +58,10 @@ def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
             m_w_known = m_w
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
         march_water(S, V, n_volumes)
-        if looked_at and block.lagged_air:
+        if recorded and block.lagged_air:
             count_wet(S, V, n_volumes)
         march_air(S, V, n_volumes, block.lagged_air, False, 0.0, 0.0, m_a, False)
-        if looked_at:
+        if recorded:
             if not block.lagged_air:
                 count_wet(S, V, n_volumes)
             for j in range(LANES):
@@ -65,9 +69,15 @@ def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
             k += 1
 
 
-def run_coil(block: Block, series: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """March one block through a record.  Returns T_sup, T_w_out and wet volumes at the seconds ``at``, (n, LANES)."""
-    T_sup, T_w_out, wet = (np.empty((at.size, LANES)) for _ in range(3))
-    S, V = aligned(len(R) * LANES), aligned((block.n_volumes + 2) * VOLUME_STRIDE)
-    march_coil(block, series, at, S, V, T_sup, T_w_out, wet)
-    return T_sup, T_w_out, wet
+def run_coil(matrix: np.ndarray, series: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, ...]:
+    """March many parameter sets, (len(PARAMETER_ROWS), n_sets), through a record.
+
+    Returns T_sup, T_w_out, °C, and the number of wet volumes at the seconds ``at``, (n, n_sets).
+    """
+
+    def run(block: Block) -> list[np.ndarray]:
+        T_sup, T_w_out, wet = (np.empty((at.size, LANES)) for _ in range(3))
+        march_coil(block, series, at, *work_space(block.n_volumes), T_sup, T_w_out, wet)
+        return [T_sup, T_w_out, wet]
+
+    return run_sets(matrix, run)

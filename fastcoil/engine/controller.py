@@ -7,7 +7,8 @@ import numpy as np
 from fastcoil.control.inverse import direction, extreme, inverse
 from fastcoil.control.learner import ENOUGH, chatters, evidence, final_estimate, step_size, switch_frequency, updated
 from fastcoil.control.pi import desired_opening, integrated, sample_number
-from fastcoil.engine.lanes import LANES, R
+from fastcoil.engine.metrics import account_learner_step
+from fastcoil.engine.rows import LANES, R
 from fastcoil.numerics.jit import section
 from fastcoil.numerics.noise import MEASUREMENT, normal_pair
 from fastcoil.physics.sensor import measured
@@ -15,7 +16,7 @@ from fastcoil.physics.sensor import measured
 
 @section
 def learn(S, t):
-    """Updates of the estimate, section 3.3: where an interval ends, or, with an early trip, as soon as it chatters."""
+    """Update the estimates, section 3.3, where an interval ends or, with an early trip, as soon as it chatters."""
     for j in range(LANES):
         if S[R.learning + j] > 0.0:
             interval, sample_time = S[R.learning_interval + j], S[R.sample_time + j]
@@ -32,7 +33,7 @@ def learn(S, t):
             if ends and f_ref < 0.0 and good == ENOUGH:
                 S[R.reference + j] = f
             down = chatters(f, S[R.reference + j], S[R.learning_ratio + j], S[R.learning_floor + j])
-            # other lanes of the block may be looked at more often than this one samples
+            # for the sake of other lanes this may run more often than this one samples
             samples = sample_number(t, sample_time) * sample_time == t
             trips = S[R.learning_early_trip + j] > 0.0 and S[R.reference + j] >= 0.0 and down and samples
             if ends or trips:
@@ -45,17 +46,13 @@ def learn(S, t):
 
 @section
 def step_estimate(S, j, t, down):
-    """One step of lane j's estimate, and what the metrics keep of it."""
+    """One step of lane j's estimate."""
     lower, cap = S[R.backlash_estimate + j], S[R.learning_cap + j]
-    step = step_size(S[R.step + j], down, np.isnan(S[R.time_first_down + j]), S[R.learning_growth + j])
+    step = step_size(S[R.step + j], down, S[R.climbing + j] > 0.0, S[R.learning_growth + j])
     x_hat = updated(S[R.estimate + j], step, down, lower, cap)
-    if np.isnan(S[R.time_reached + j]) and x_hat >= S[R.backlash + j] - 0.5 * S[R.learning_step + j] - 1e-12:
-        S[R.time_reached + j] = t
-    if down and np.isnan(S[R.time_confirmed + j]) and S[R.time_reached + j] <= t:
-        S[R.time_confirmed + j] = t
-    if down and np.isnan(S[R.time_first_down + j]):
-        S[R.time_first_down + j] = t
-        S[R.estimate_first_down + j] = x_hat
+    account_learner_step(S, j, t, down, x_hat)
+    if down and S[R.climbing + j] > 0.0:
+        S[R.climbing + j] = 0.0
         if S[R.learning_stop + j] > 0.0:
             S[R.learning + j] = 0.0
             x_hat = final_estimate(x_hat, S[R.learning_final + j], lower)
@@ -65,7 +62,7 @@ def step_estimate(S, j, t, down):
 
 @section
 def draw_noise(S, t, k, block, day):
-    """Hold a new normal in the lanes that sample now; k: index of the sample where all lanes sample together."""
+    """Draw a normal number for the lanes that sample now.  k: number of the sample, where all lanes sample together."""
     if block.samples_together and k % 2 == 1:
         for j in range(LANES):
             S[R.noise + j] = S[R.noise_next + j]
@@ -83,7 +80,7 @@ def draw_noise(S, t, k, block, day):
 
 @section
 def control(S, t, T_set, noise, enabled, counts_switches):
-    """PI and inverse of the lanes that sample now; the others hold u, and so their command."""
+    """Run PI and inverse of the lanes that sample now; the others hold u, and so their command."""
     for j in range(LANES):
         y = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
         e = S[R.sign + j] * (y - T_set)

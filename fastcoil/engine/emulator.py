@@ -1,7 +1,7 @@
-"""THE loop: time × control volumes × lanes, Figs 6 and 8 of the paper closed.
+"""THE loop: time × control volumes × lanes, the closed loop of Figs 6 and 8 of the paper.
 
-``emulate`` runs one block of lanes through one day.  It holds the order of things and the state; every
-formula is a scalar function of ``physics`` or ``control``.  In step t: measure, learn, PI, inverse, actuator,
+``emulate`` runs one block of lanes through one day.  It keeps the state and the order of the steps; every
+formula is a scalar function of ``physics`` or ``control``.  In second t: measure, learn, PI, inverse, actuator,
 Eq (1), Eq (2), record states[t] and signals[t], then Eqs (3) and (4) give states[t + 1].
 
 Sections that would change nothing are skipped for the whole block; a lane's bits are the same either way.
@@ -14,23 +14,24 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.engine.controller import control, draw_noise, learn
-from fastcoil.engine.initial_state import fill_coil, prepare
-from fastcoil.engine.lanes import LANES, T_A, T_W, VOLUME_STRIDE, R
+from fastcoil.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
 from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
 from fastcoil.engine.plant import actuate, air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
+from fastcoil.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, positions
 from fastcoil.engine.schedule import COUNTED, IN_SWITCH_BLOCK, Schedule
 from fastcoil.numerics.jit import kernel, section
 from fastcoil.physics.sensor import lagged, measured
 
-SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled")
+DAY_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled")
 """Columns of ``Day.series``."""
+C = positions(DAY_COLUMNS)
 
 
 class Day(NamedTuple):
-    """What all lanes of a block live through.
+    """The day that all lanes of a block share.
 
-    series: (n_steps, 7), columns as in SERIES.  command: (n_steps,) for an open loop, or empty.  label: of the
-    day, keys its noise.  seed: two 32-bit words.
+    series: (n_steps, 7), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label: of the
+    day; it and the seed, two 32-bit words, key the noise.
     """
 
     series: np.ndarray
@@ -42,7 +43,7 @@ class Day(NamedTuple):
 
 @section
 def record(S, V, rows, traces):
-    """Copy rows into ``traces`` (n_rows, LANES).  An offset of S is given as it is, one of V below 0 as -1 - offset."""
+    """Copy rows into ``traces``, (n_rows, LANES); ``rows`` are offsets of S, or -1 - offset for those of V."""
     for k in range(rows.size):
         row = rows[k]
         traces[k] = S[row : row + LANES] if row >= 0 else V[-1 - row : -1 - row + LANES]
@@ -59,19 +60,21 @@ def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval,
     """
     n_volumes, n_steps = block.n_volumes, day.series.shape[0]
     open_loop = day.command.size > 0
-    prepare(S, block, open_loop)
-    fill_coil(S, V, n_volumes, day.series[0, 2])
+    derive(S, block)
+    set_initial_state(S, open_loop)
+    reset_sums(S, open_loop)
+    fill_coil(S, V, n_volumes, day.series[0, C.W_a_in])
 
     shared = block.shares_air_side
     eps = np.empty((2, n_steps if shared else 0))
-    shared_air_side(S, day.series, eps)
+    shared_air_side(S, day.series[:, C.m_a], eps)
     m_a_known = np.nan
     was_enabled = True
     running = False
     for t in range(n_steps):
-        m_a, T_a_in, W_a_in = day.series[t, 0], day.series[t, 1], day.series[t, 2]
-        T_w_in, T_set, noise = day.series[t, 3], day.series[t, 4], day.series[t, 5]
-        enabled = day.series[t, 6] != 0.0
+        m_a, T_a_in, W_a_in = day.series[t, C.m_a], day.series[t, C.T_a_in], day.series[t, C.W_a_in]
+        T_w_in, T_set, noise = day.series[t, C.T_w_in], day.series[t, C.T_set], day.series[t, C.noise]
+        enabled = day.series[t, C.enabled] != 0.0
         flags = day.schedule.flags[t]
         counted = flags & COUNTED != 0
 

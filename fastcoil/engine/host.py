@@ -1,4 +1,4 @@
-"""One block through the kernel, seen from the host: arrays out, traces by name."""
+"""Run one block through the kernel: arrays out, traces by name."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.engine.emulator import SERIES, Day, emulate
-from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, VOLUME_ROWS, VOLUME_STRIDE, Block, R, trace_rows
+from fastcoil.engine.emulator import DAY_COLUMNS, C, Day, emulate
+from fastcoil.engine.lanes import Block, blocks, parameter_matrix, trace_rows, work_space
 from fastcoil.engine.metrics import N_METRICS
+from fastcoil.engine.rows import LANES, VOLUME_ROWS
 from fastcoil.engine.schedule import schedule
 from fastcoil.outputs import STATUS_OK
+from fastcoil.parameter_table import PARAMETERS
 
-_CACHE_LINE = 8
-"""Doubles in a cache line of 64 bytes."""
 KNOWN_AFTER_MARCH = ("wet_volumes",)
-"""Traces of step t that only the march of step t finds out."""
+"""Traces of step t that are known only after the march of step t."""
 
 
 class Traces(NamedTuple):
@@ -40,7 +40,7 @@ def run_block(block: Block, day: Day, wanted: Traces) -> tuple[np.ndarray, np.nd
     n_points = wanted.n_points(day.series.shape[0])
     traces = np.empty((n_points, rows.size + rows_after.size, LANES))
     metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
-    S, V = aligned(len(R) * LANES), aligned((block.n_volumes + 2) * VOLUME_STRIDE)
+    S, V = work_space(block.n_volumes)
     emulate(block, day, S, V, metrics, status, rows, rows_after, wanted.interval, traces)
 
     traces[:, :, status != STATUS_OK] = np.nan
@@ -55,16 +55,11 @@ def run_block(block: Block, day: Day, wanted: Traces) -> tuple[np.ndarray, np.nd
     return metrics, status, named
 
 
-def aligned(size: int) -> np.ndarray:
-    """Work space from a cache line's edge on: a vector across two lines costs twice."""
-    space = np.empty(size + _CACHE_LINE)
-    start = -space.ctypes.data // space.itemsize % _CACHE_LINE
-    return space[start : start + size]
-
-
 def compile_kernel() -> None:
-    """Compile the kernel, or load it from the cache, by running it for no time at all."""
-    nothing = np.empty((0, len(SERIES)))
-    day = Day(nothing, np.empty(0), schedule(np.empty(0), np.empty(0), 0), 0, (0, 0))
-    block = Block(np.ones((len(PARAMETER_ROWS), LANES)), 1, True, 1, True, 0, False, True)
+    """Compile the kernel, or load it from the cache, by running the default loop for one second."""
+    second = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": 14.0, "noise": 0.0, "enabled": 1.0}
+    series = np.array([[second[name] for name in DAY_COLUMNS]])
+    day = Day(series, np.empty(0), schedule(series[:, C.T_set], series[:, C.enabled], 0), 0, (0, 0))
+    defaults = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
+    ((_, block),) = blocks(parameter_matrix(defaults | {"replicate": np.zeros(1)}))
     run_block(block, day, Traces())

@@ -1,25 +1,24 @@
-"""The state in which every run of a block begins."""
+"""The state in which a run of a block starts: derived rows, state rows, sums."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from fastcoil.control.inverse import FALLING
-from fastcoil.engine.lanes import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
+from fastcoil.engine.rows import LANES, PARAMETER_ROWS, STATE_AT, SUMS_AT, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import section
 from fastcoil.physics.valve import installed_valve
 
 
 @section
-def prepare(S, block, open_loop):
-    """Parameters, initial state, and what they amount to per step and per volume (they are given for 8)."""
-    S[:] = 0.0
+def derive(S, block):
+    """Fill the parameter rows and the derived rows; coil parameters are given for 8 volumes."""
+    S[:STATE_AT] = 0.0
     for k in range(len(PARAMETER_ROWS)):
         for j in range(LANES):
             S[k * LANES + j] = block.rows[k, j]
     per_volume = 8.0 / block.n_volumes
-    nothing = np.nan if open_loop else 0.0
     for j in range(LANES):
         S[R.dt_C_w + j] = 1.0 / (per_volume * S[R.C_w + j])
         S[R.dt_C_c + j] = 1.0 / (per_volume * S[R.C_c + j])
@@ -40,26 +39,42 @@ def prepare(S, block, open_loop):
         S[R.log_m_max + j] = log(S[R.m_max + j])
         if S[R.estimate_ratio + j] >= 0.0:
             S[R.backlash_estimate + j] = S[R.estimate_ratio + j] * S[R.backlash + j]
+
+
+@section
+def set_initial_state(S, open_loop):
+    """Fill the state rows: everything at rest, and no controller in an open loop."""
+    S[STATE_AT:SUMS_AT] = 0.0
+    nothing = np.nan if open_loop else 0.0
+    for j in range(LANES):
         S[R.y_s + j] = S[R.T_initial + j]
         S[R.u + j] = nothing
         S[R.integral + j] = nothing
-        S[R.sum_switches + j] = nothing
-        S[R.estimate + j] = np.nan if open_loop else S[R.backlash_estimate + j]
         S[R.mode + j] = 0.0 if open_loop else FALLING
+        S[R.estimate + j] = np.nan if open_loop else S[R.backlash_estimate + j]
         S[R.next_update + j] = S[R.learning_interval + j]
-        S[R.learning + j] = 1.0 if S[R.learning_step + j] > 0.0 else 0.0
-        S[R.step + j] = S[R.learning_step + j] / S[R.learning_growth + j]  # as if one had gone up before
         S[R.reference + j] = -1.0
+        S[R.learning + j] = 1.0 if S[R.learning_step + j] > 0.0 else 0.0
+        S[R.climbing + j] = 1.0
+        S[R.step + j] = S[R.learning_step + j] / S[R.learning_growth + j]  # as if one had gone up before
+
+
+@section
+def reset_sums(S, open_loop):
+    """Fill the rows of the sums: nothing counted yet."""
+    S[SUMS_AT:] = 0.0
+    for j in range(LANES):
+        S[R.sum_switches + j] = np.nan if open_loop else 0.0
+        S[R.peak_power + j] = -np.inf
         S[R.time_reached + j] = np.nan
         S[R.time_confirmed + j] = np.nan
         S[R.time_first_down + j] = np.nan
         S[R.estimate_first_down + j] = np.nan
-        S[R.peak_power + j] = -np.inf
 
 
 @section
 def fill_coil(S, V, n_volumes, W_a):
-    """Every volume at ``T_initial``, with air of humidity ratio W_a."""
+    """Set every volume to ``T_initial``, with air of humidity ratio W_a."""
     for i in range(1, n_volumes + 1):
         v = i * VOLUME_STRIDE
         for j in range(LANES):

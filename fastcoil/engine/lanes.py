@@ -1,62 +1,26 @@
-"""A block of lanes: which row of its state holds what, and how scenarios are cut into blocks.
-
-A block is LANES scenarios side by side.  Its state is one flat array of rows of LANES doubles, so that row
-offsets are compile-time constants and the compiler needs no alias checks between rows.
-"""
+"""Blocks of lanes, seen from the host: scenarios cut into blocks, and the work space of one block."""
 
 from __future__ import annotations
 
-from collections import namedtuple
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from fastcoil.engine.rows import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.parameter_table import PARAMETERS
-
-LANES = 64
 
 Columns = Mapping[str, np.ndarray]
 """Parameter name → one value per scenario; words as words, NaN where a stand-in is not given."""
-
-PARAMETER_ROWS = (*PARAMETERS, "replicate")
-STATE_ROWS = (
-    # what the parameters amount to per step: see emulator.prepare
-    "dt_C_w", "dt_C_c", "ntu_w_factor", "ntu_a_factor", "ntu_star_factor", "log_m_max", "max_travel", "sensor_decay",
-    "ki", "sign",
-    # sensor, controller, inverse
-    "y_s", "noise", "noise_next", "measured", "u", "integral", "mode", "u_ext", "command",
-    # learner
-    "estimate", "next_update", "switches", "reference", "learning", "step", "evidence",
-    # actuator, valve
-    "position", "q", "opening", "growth", "log_m_w", "m_w",
-    # coil: flow, conductance and effectiveness of this step
-    "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
-    # sums of the metrics
-    "sum_e2", "sum_e2_settled", "sum_abs_e", "e_previous", "crossings", "highest", "lowest", "sum_swing",
-    "sum_switches", "stem_travel", "motor_travel", "last_turn", "reversals", "sum_estimate",
-    "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate", "farthest_T_c",
-    "time_reached", "time_confirmed", "time_first_down", "estimate_first_down",
-)  # fmt: skip
-VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")
-"""Rows of each control volume: the states, heat from the metal into the water, and saturation at T_c.
-
-Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a and W_a.
-"""
-
-Rows = namedtuple("Rows", PARAMETER_ROWS + STATE_ROWS)  # type: ignore[misc]
-R: Any = Rows(*(LANES * k for k in range(len(Rows._fields))))
-"""Offset of each row in the flat state S: constants to the compiler."""
-T_W, T_C, T_A, W_A, Q_W, W_S = (LANES * k for k in range(len(VOLUME_ROWS)))
-"""Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""
-VOLUME_STRIDE = LANES * len(VOLUME_ROWS)
+_CACHE_LINE = 8
+"""Doubles in a cache line of 64 bytes."""
 
 
 class Block(NamedTuple):
     """LANES scenarios that share a day, a number of volumes and an air march, ready for the kernel.
 
-    ``rows`` is (len(PARAMETER_ROWS), LANES).  Periods are what the lanes have in common, s (0 = nobody
-    learns); a flag tells what the whole block may skip or share, which changes no lane's bits.
+    ``rows`` is (len(PARAMETER_ROWS), LANES).  Periods are common divisors of the lanes' own, s (0 = no lane
+    learns).  Flags say what the whole block may skip or share; they change no lane's bits.
     """
 
     rows: np.ndarray
@@ -69,16 +33,16 @@ class Block(NamedTuple):
     shares_air_side: bool
 
 
-def blocks(columns: Columns) -> list[tuple[np.ndarray, Block]]:
+def blocks(matrix: np.ndarray) -> list[tuple[np.ndarray, Block]]:
     """Cut scenarios of one day into blocks: (index of the scenario in each used lane, block).
 
-    Scenarios that share N and air march are sorted by sample time, so that most blocks sample in step; the
-    last block of each kind is padded with copies of its last scenario.
+    matrix: (len(PARAMETER_ROWS), n), see ``parameter_matrix``.  Scenarios that share N and air march are sorted by
+    sample time, so that most blocks sample in step; the last block of each kind is padded with copies of its last
+    scenario.
     """
-    matrix = parameter_matrix(columns)
-    order = np.lexsort([matrix[PARAMETER_ROWS.index(name)] for name in
-                        ("learning_interval", "sample_time", "air_march", "n_volumes")])  # fmt: skip
-    kind = matrix[[PARAMETER_ROWS.index("n_volumes"), PARAMETER_ROWS.index("air_march")]][:, order]
+    row = _by_name(matrix)
+    order = np.lexsort([row[name] for name in ("learning_interval", "sample_time", "air_march", "n_volumes")])
+    kind = np.stack([row["n_volumes"], row["air_march"]])[:, order]
     starts = np.flatnonzero(np.any(np.diff(kind, axis=1, prepend=-1.0) != 0.0, axis=0))
     cut = []
     for group in np.split(order, starts[1:]):
@@ -87,6 +51,21 @@ def blocks(columns: Columns) -> list[tuple[np.ndarray, Block]]:
             padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
             cut.append((members, _block(np.ascontiguousarray(matrix[:, padded]))))
     return cut
+
+
+def run_sets(matrix: np.ndarray, run: Callable[[Block], Sequence[np.ndarray]]) -> tuple[np.ndarray, ...]:
+    """Run many parameter sets over one record, block by block.
+
+    matrix: (len(PARAMETER_ROWS), n_sets).  run: takes a block, returns arrays (…, LANES).  Returns the same arrays for
+    all sets, (…, n_sets), in their order.
+    """
+    found: tuple[np.ndarray, ...] = ()
+    for members, block in blocks(matrix):
+        parts = run(block)
+        found = found or tuple(np.empty((*part.shape[:-1], matrix.shape[1])) for part in parts)
+        for whole, part in zip(found, parts, strict=True):
+            whole[..., members] = part[..., : members.size]
+    return found
 
 
 def parameter_matrix(columns: Columns) -> np.ndarray:
@@ -101,8 +80,12 @@ def _numbers(name: str, values: np.ndarray) -> np.ndarray:
     return np.asarray(values, dtype=float)
 
 
+def _by_name(matrix: np.ndarray) -> dict[str, np.ndarray]:
+    return dict(zip(PARAMETER_ROWS, matrix, strict=True))
+
+
 def _block(rows: np.ndarray) -> Block:
-    row = dict(zip(PARAMETER_ROWS, rows, strict=True))
+    row = _by_name(rows)
     learners = row["learning_step"] > 0.0
     return Block(
         rows=rows,
@@ -117,16 +100,28 @@ def _block(rows: np.ndarray) -> Block:
 
 
 def _learning_period(row: Mapping[str, np.ndarray], learners: np.ndarray) -> int:
-    """Seconds between two looks at the learners: intervals end at multiples of it, early trips come at samples."""
+    """Seconds between calls of the learners: intervals end at multiples of it, early trips come at samples."""
     early = learners & (row["learning_early_trip"] > 0.0)
     seconds = np.concatenate([row["learning_interval"][learners], row["sample_time"][early]])
     return int(np.gcd.reduce(seconds.astype(np.int64), initial=0))
 
 
-def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
-    """Where the named traces are, volume by volume where they have volumes; (n_rows,).
+def work_space(n_volumes: int) -> tuple[np.ndarray, np.ndarray]:
+    """The flat states S and V of one block, uninitialised."""
+    return _aligned(len(R) * LANES), _aligned((n_volumes + 2) * VOLUME_STRIDE)
 
-    Offsets of S as they are, offsets of V as -1 - offset.
+
+def _aligned(size: int) -> np.ndarray:
+    """Allocate from the edge of a cache line on: a vector across two lines costs twice."""
+    space = np.empty(size + _CACHE_LINE)
+    start = -space.ctypes.data // space.itemsize % _CACHE_LINE
+    return space[start : start + size]
+
+
+def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
+    """Offsets of the named traces, (n_rows,), volume by volume where they have volumes.
+
+    Offsets of S are given as they are, offsets of V as -1 - offset.
     """
     volume = {"T_w": T_W, "T_c": T_C, "T_a": T_A, "W_a": W_A}
     ends = {"T_sup": T_A + VOLUME_STRIDE, "W_sup": W_A + VOLUME_STRIDE, "T_w_out": T_W + n_volumes * VOLUME_STRIDE}

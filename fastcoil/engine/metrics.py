@@ -1,14 +1,14 @@
-"""The metrics of a run, summed while it goes: one number per scenario and metric, no traces.
+"""The metrics of a run, accumulated in the loop: one number per scenario and metric, no traces needed.
 
-``account_*`` add what one second contributes; ``summarise`` turns the sums into the rows of ``METRICS``.
+``account_*`` add one event or second to the sums; ``summarise`` turns the sums into the rows of ``METRICS``.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.control.learner import ENOUGH
-from fastcoil.engine.lanes import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
+from fastcoil.control.learner import ENOUGH, QUIET
+from fastcoil.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R, positions
 from fastcoil.engine.schedule import (
     IN_ESTIMATE_WINDOW,
     IN_PEAK_BLOCK,
@@ -18,17 +18,16 @@ from fastcoil.engine.schedule import (
     WINDOW_STARTS,
 )
 from fastcoil.numerics.jit import scalar, section
-from fastcoil.outputs import METRICS, PEAK_BLOCK, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
+from fastcoil.outputs import LEARNING_STATUS, METRICS, PEAK_BLOCK, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
 
 N_METRICS = len(METRICS)
-(
-    RMSE, RMSE_SETTLED, IAE, HUNTING_AMPLITUDE, HUNTING_PERIOD, SWITCH_FREQUENCY, STEM_TRAVEL, MOTOR_TRAVEL, REVERSALS,
-    ESTIMATE_FINAL, ESTIMATE_SETTLED, LEARN_TIME_REACHED, LEARN_TIME_CONFIRMED, LEARN_TIME_FIRST_DOWN,
-    ESTIMATE_FIRST_DOWN, LEARNING_STATUS, COIL_ENERGY, COIL_PEAK_POWER, WATER_VOLUME, CONDENSATE,
-) = range(N_METRICS)  # fmt: skip
+M = positions(METRICS)
+"""Row of each metric in the kernel's output."""
+LEARNING = positions(LEARNING_STATUS)
+"""Values of ``learning_status``."""
 
 WATCH_INTERVAL = 60
-"""Seconds between two looks at the range of temperatures: what leaves it does not come back."""
+"""Seconds between checks of the temperature range: a temperature that leaves it does not come back."""
 MOVED = 1e-9
 """Change of opening, fraction, that counts as a movement of the stem."""
 T_CENTRE, T_HALF_RANGE = 50.0, 100.0
@@ -38,7 +37,7 @@ _WATER_DENSITY = 1000.0
 
 @section
 def account_travel(S, j, d_opening, d_position):
-    """Stem and motor travel and reversals of lane j from one second's movements, fractions of stroke."""
+    """Add one second's movements of lane j, fractions of stroke, to stem and motor travel and reversals."""
     S[R.stem_travel + j] += abs(d_opening)
     S[R.motor_travel + j] += abs(d_position)
     moved = abs(d_opening) > MOVED
@@ -49,7 +48,7 @@ def account_travel(S, j, d_opening, d_position):
 
 @section
 def account_second(S, V, flags, T_set, T_w_in, n_volumes):
-    """All that one counted second adds: control error, hunting, energy."""
+    """Add one counted second to control error, hunting and energy."""
     first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
     for j in range(LANES):
         e = first[T_A + j] - T_set
@@ -89,10 +88,25 @@ def account_second(S, V, flags, T_set, T_w_in, n_volumes):
 
 
 @section
-def watch(S, V, n_volumes):
-    """Keep how far the metal has been from the middle of the range of temperatures.
+def account_learner_step(S, j, t, down, x_hat):
+    """Note when lane j's learner reached the backlash, confirmed it, and first stepped down.
 
-    Water and air are weighted means of it and of what enters, so that nothing leaves the range before it does.
+    Called at every step of the learner, ``down`` or up, with the new estimate x_hat.
+    """
+    if np.isnan(S[R.time_reached + j]) and x_hat >= S[R.backlash + j] - 0.5 * S[R.learning_step + j] - 1e-12:
+        S[R.time_reached + j] = t
+    if down and np.isnan(S[R.time_confirmed + j]) and S[R.time_reached + j] <= t:
+        S[R.time_confirmed + j] = t
+    if down and np.isnan(S[R.time_first_down + j]):
+        S[R.time_first_down + j] = t
+        S[R.estimate_first_down + j] = x_hat
+
+
+@section
+def watch(S, V, n_volumes):
+    """Keep how far the metal has ever been from the middle of the temperature range.
+
+    Water and air are weighted means of the metal and of what enters, so neither leaves the range before it does.
     """
     for i in range(1, n_volumes + 1):
         cv = V[i * VOLUME_STRIDE :]
@@ -103,9 +117,9 @@ def watch(S, V, n_volumes):
 
 @scalar
 def status_of(S, V, j, n_volumes):
-    """0 ok, 1 non-finite, 2 out of range.  A lane that has met inf or NaN never becomes finite again."""
+    """0 ok, 1 non-finite, 2 out of range.  A lane that was once inf or NaN never becomes finite again."""
     total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j]
-    total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j]  # there is none in open loop
+    total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j]  # an open loop has no integral
     for i in range(1, n_volumes + 1):
         v = i * VOLUME_STRIDE + j
         total += V[v + T_W] + V[v + T_C] + V[v + T_A] + V[v + W_A]
@@ -116,40 +130,42 @@ def status_of(S, V, j, n_volumes):
 
 @scalar
 def learning_status_of(S, j):
-    """Position in ``outputs.LEARNING_STATUS``."""
+    """What became of the learner: one of LEARNING."""
     if S[R.learning_step + j] <= 0.0 or S[R.mode + j] == 0.0:  # a mode of 0 is open loop
-        return 0.0
+        return LEARNING.off
     if not np.isnan(S[R.time_first_down + j]):
-        return 2.0 if S[R.learning + j] > 0.0 else 3.0
-    return 1.0 if S[R.reference + j] >= 0.0 or S[R.evidence + j] == ENOUGH else 3.0 + S[R.evidence + j]
+        return LEARNING.stepped_down if S[R.learning + j] > 0.0 else LEARNING.stopped
+    if S[R.reference + j] >= 0.0 or S[R.evidence + j] == ENOUGH:
+        return LEARNING.learning
+    return LEARNING.no_evidence if S[R.evidence + j] == QUIET else LEARNING.not_identifiable
 
 
 @section
 def summarise(S, V, n_volumes, schedule, metrics, status):
-    """Fill ``metrics`` (N_METRICS, LANES) and ``status`` (LANES,) at the end of a run; failed lanes are NaN."""
+    """Fill ``metrics``, (N_METRICS, LANES), and ``status``, (LANES,), at the end of a run; failed lanes are NaN."""
     seconds, settled, blocks = schedule.n_counted, schedule.n_settled, schedule.n_switch_blocks
     for j in range(LANES):
         status[j] = status_of(S, V, j, n_volumes)
         m = metrics[:, j]
-        m[RMSE] = np.sqrt(S[R.sum_e2 + j] / seconds)
-        m[RMSE_SETTLED] = np.sqrt(S[R.sum_e2_settled + j] / settled)
-        m[IAE] = S[R.sum_abs_e + j] / 3600.0
-        m[HUNTING_AMPLITUDE] = S[R.sum_swing + j] / schedule.n_windows
-        m[HUNTING_PERIOD] = settled / S[R.crossings + j] if S[R.crossings + j] >= 2.0 else np.nan
-        m[SWITCH_FREQUENCY] = S[R.sum_switches + j] / blocks
-        m[STEM_TRAVEL] = S[R.stem_travel + j]
-        m[MOTOR_TRAVEL] = S[R.motor_travel + j]
-        m[REVERSALS] = S[R.reversals + j]
-        m[ESTIMATE_FINAL] = S[R.estimate + j]
-        m[ESTIMATE_SETTLED] = S[R.sum_estimate + j] / schedule.n_estimate
-        m[LEARN_TIME_REACHED] = S[R.time_reached + j]
-        m[LEARN_TIME_CONFIRMED] = S[R.time_confirmed + j]
-        m[LEARN_TIME_FIRST_DOWN] = S[R.time_first_down + j]
-        m[ESTIMATE_FIRST_DOWN] = S[R.estimate_first_down + j]
-        m[LEARNING_STATUS] = learning_status_of(S, j)
-        m[COIL_ENERGY] = S[R.sum_power + j] / 3600.0
-        m[COIL_PEAK_POWER] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
-        m[WATER_VOLUME] = S[R.sum_m_w + j] / _WATER_DENSITY
-        m[CONDENSATE] = S[R.condensate + j]
+        m[M.rmse] = np.sqrt(S[R.sum_e2 + j] / seconds)
+        m[M.rmse_settled] = np.sqrt(S[R.sum_e2_settled + j] / settled)
+        m[M.iae] = S[R.sum_abs_e + j] / 3600.0
+        m[M.hunting_amplitude] = S[R.sum_swing + j] / schedule.n_windows
+        m[M.hunting_period] = settled / S[R.crossings + j] if S[R.crossings + j] >= 2.0 else np.nan
+        m[M.switch_frequency] = S[R.sum_switches + j] / blocks
+        m[M.stem_travel] = S[R.stem_travel + j]
+        m[M.motor_travel] = S[R.motor_travel + j]
+        m[M.reversals] = S[R.reversals + j]
+        m[M.estimate_final] = S[R.estimate + j]
+        m[M.estimate_settled] = S[R.sum_estimate + j] / schedule.n_estimate
+        m[M.learn_time_reached] = S[R.time_reached + j]
+        m[M.learn_time_confirmed] = S[R.time_confirmed + j]
+        m[M.learn_time_first_down] = S[R.time_first_down + j]
+        m[M.estimate_first_down] = S[R.estimate_first_down + j]
+        m[M.learning_status] = learning_status_of(S, j)
+        m[M.coil_energy] = S[R.sum_power + j] / 3600.0
+        m[M.coil_peak_power] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
+        m[M.water_volume] = S[R.sum_m_w + j] / _WATER_DENSITY
+        m[M.condensate] = S[R.condensate + j]
         if status[j] != STATUS_OK:
             m[:] = np.nan

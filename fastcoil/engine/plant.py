@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from fastcoil.engine.lanes import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
 from fastcoil.engine.metrics import account_travel
+from fastcoil.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
 from fastcoil.numerics.elementary import exp
 from fastcoil.numerics.jit import section
 from fastcoil.physics.actuator import accepted, motor
@@ -23,7 +23,7 @@ from fastcoil.physics.valve import backlash, growth, log_flow, opening
 
 @section
 def actuate(S, counted):
-    """Motor and gearbox, Eq (1).  Returns whether a lane moved its valve, and whether a motor still runs."""
+    """Move motor and gearbox, Eq (1).  Returns whether any valve moved, and whether any motor still runs."""
     moved, running = False, False
     for j in range(LANES):
         target = accepted(S[R.command + j], S[R.command_resolution + j])
@@ -72,16 +72,16 @@ def air_side(S, m_a):
 
 
 @section
-def shared_air_side(S, series, eps):
-    """Air-side effectiveness of the whole day, where β3…β6 are those of lane 0; eps: out, (2, n_steps)."""
+def shared_air_side(S, m_a, eps):
+    """Air-side effectiveness of the whole day, where all lanes share β3…β6; eps: out, ε_a and ε_a*, (2, n_steps)."""
     for t in range(eps.shape[1]):
-        eps[0, t] = effectiveness(S[R.ntu_a_factor], S[R.beta4], series[t, 0])
-        eps[1, t] = effectiveness(S[R.ntu_star_factor], S[R.beta6], series[t, 0])
+        eps[0, t] = effectiveness(S[R.ntu_a_factor], S[R.beta4], m_a[t])
+        eps[1, t] = effectiveness(S[R.ntu_star_factor], S[R.beta6], m_a[t])
 
 
 @section
 def enter(V, n_volumes, T_a_in, W_a_in, T_w_in):
-    """The air and the water that enter the coil in this step."""
+    """Set the air and the water that enter the coil in this step."""
     air = V[(n_volumes + 1) * VOLUME_STRIDE :]
     for j in range(LANES):
         air[T_A + j] = T_a_in
@@ -91,10 +91,10 @@ def enter(V, n_volumes, T_a_in, W_a_in, T_w_in):
 
 @section
 def march_water(S, V, n_volumes):
-    """Eq (3) for the water of every volume; what the air's march reads besides: heat into the water, saturation.
+    """Eq (3) for the water of every volume, and what the air march reads: heat into the water, saturation.
 
-    Taken from the water's exit on, so that what enters a volume is still its state [t].  It stands apart from the
-    air's because two short chains of arithmetic overlap better than a long one.
+    It runs from the water's outlet to its inlet, so that the water entering a volume is still in state [t].  It is
+    separate from the air march because two short chains of arithmetic overlap better than a long one.
     """
     for k in range(n_volumes):
         i = n_volumes - k
@@ -112,9 +112,9 @@ def march_water(S, V, n_volumes):
 def march_air(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, counted):
     """Eq (3) for the air and the metal of every volume: states[t] become states[t + 1].
 
-    Volume i takes in the air that the row of volume i + 1 holds.  Taken from the water's entrance on, that is
-    still its state [t] (lagged, as printed); from the air's entrance on, its outlet of this step (quasistatic).
-    ``shared``: all lanes have the effectiveness eps_a, eps_star, else it stands in the rows of that name.
+    Air enters volume i from the row of volume i + 1.  In a march that starts at the water's inlet that row still
+    holds state [t] (lagged, as printed); in one that starts at the air's inlet, this step's outlet (quasistatic).
+    ``shared``: all lanes have the effectiveness eps_a, eps_star; otherwise it is in the rows of that name.
     """
     m_a_counted = m_a if counted else 0.0
     for k in range(n_volumes):
@@ -139,7 +139,7 @@ def march_air(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, counted
 
 @section
 def count_wet(S, V, n_volumes):
-    """Number of wet volumes: before a lagged march, or after a quasistatic one, the rows hold what it compared."""
+    """Count the wet volumes: the rows hold what a march compares before a lagged one, after a quasistatic one."""
     for j in range(LANES):
         S[R.wet_volumes + j] = 0.0
     for i in range(1, n_volumes + 1):

@@ -9,13 +9,14 @@ import numpy as np
 
 from fastcoil.engine.controller import control, learn
 from fastcoil.engine.emulator import record
-from fastcoil.engine.host import aligned
-from fastcoil.engine.initial_state import prepare
-from fastcoil.engine.lanes import LANES, Block, R, trace_rows
+from fastcoil.engine.initial_state import derive, reset_sums, set_initial_state
+from fastcoil.engine.lanes import Block, run_sets, trace_rows, work_space
+from fastcoil.engine.rows import LANES, R, positions
 from fastcoil.numerics.jit import kernel
 
-REPLAY_SERIES = ("T_sup", "T_set", "enabled")
+REPLAY_COLUMNS = ("T_sup", "T_set", "enabled")
 """Columns of what the controller sees."""
+C = positions(REPLAY_COLUMNS)
 REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 
 
@@ -23,27 +24,34 @@ REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 def command_of(block, series, S, V, rows, interval, traces):
     """What the controllers of a block command on a record.
 
-    series: (n_steps, 3), columns as in REPLAY_SERIES, 1-s samples.  S, V: work space as for ``emulate``; V is not
+    series: (n_steps, 3), columns as in REPLAY_COLUMNS, 1-s samples.  S, V: work space as for ``emulate``; V is not
     read.  rows: offsets of the traced rows.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
     """
-    prepare(S, block, False)
+    derive(S, block)
+    set_initial_state(S, False)
+    reset_sums(S, False)
     was_enabled = True
     for t in range(series.shape[0]):
-        enabled = series[t, 2] != 0.0
+        enabled = series[t, C.enabled] != 0.0
         for j in range(LANES):
-            S[R.y_s + j] = series[t, 0]
+            S[R.y_s + j] = series[t, C.T_sup]
         if block.learning_period > 0 and t > 0 and t % block.learning_period == 0:
             learn(S, t)
         if t % block.control_period == 0 or was_enabled != enabled:
-            control(S, t, series[t, 1], 0.0, enabled, 0.0)
+            control(S, t, series[t, C.T_set], 0.0, enabled, 0.0)
         was_enabled = enabled
         if t % interval == 0:
             record(S, V, rows, traces[t // interval])
 
 
-def run_replay(block: Block, series: np.ndarray, interval: int) -> dict[str, np.ndarray]:
-    """Replay one block.  Returns each of REPLAY_TRACES, (n_points, LANES)."""
-    rows = trace_rows(REPLAY_TRACES, block.n_volumes)
-    traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
-    command_of(block, series, aligned(len(R) * LANES), aligned(LANES), rows, interval, traces)
-    return {name: traces[:, k] for k, name in enumerate(REPLAY_TRACES)}
+def run_replay(matrix: np.ndarray, series: np.ndarray, interval: int) -> dict[str, np.ndarray]:
+    """Replay many controllers, (len(PARAMETER_ROWS), n_sets).  Returns each of REPLAY_TRACES, (n_points, n_sets)."""
+
+    def run(block: Block) -> list[np.ndarray]:
+        rows = trace_rows(REPLAY_TRACES, block.n_volumes)
+        traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
+        command_of(block, series, *work_space(block.n_volumes), rows, interval, traces)
+        return [traces]
+
+    (found,) = run_sets(matrix, run)
+    return {name: found[:, k] for k, name in enumerate(REPLAY_TRACES)}

@@ -1,7 +1,7 @@
 """Which metrics a second of a day counts towards.
 
-All lanes of a block live the same day, so the seconds that count, settle, or begin and end a block of the
-metrics are known before the loop runs.
+All lanes of a block share the day, so which seconds count, are settled, or start or end a block of the metrics is
+known before the loop runs.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ IN_ESTIMATE_WINDOW = 128
 
 
 class Schedule(NamedTuple):
-    """``flags`` is (n_steps,) int64, a sum of the constants above; the others count flagged seconds or blocks."""
+    """``flags``, (n_steps,) int64, are sums of the constants above; the others count flagged seconds or blocks."""
 
     flags: np.ndarray
     n_counted: int
@@ -35,7 +35,7 @@ class Schedule(NamedTuple):
 
 
 def whole_blocks(counted: np.ndarray, warm_up: int, length: int) -> np.ndarray:
-    """Seconds that lie in blocks of ``length`` s from ``warm_up`` on, all of whose seconds are counted."""
+    """Which seconds lie in blocks of ``length`` s, aligned at ``warm_up``, that are counted throughout."""
     inside = np.zeros(counted.size, bool)
     n_blocks = max((counted.size - warm_up) // length, 0)
     whole = counted[warm_up : warm_up + n_blocks * length].reshape(n_blocks, length).all(axis=1)

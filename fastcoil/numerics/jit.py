@@ -13,7 +13,7 @@ Flags:
     nogil=True           threads are the only parallelism: no ``parallel=True``, whose threading layers abort
                          or oversubscribe inside a thread pool.
     fastmath "contract"  a*b + c in one instruction: a third of the arithmetic of Eq (3).  All lanes run the same
-                         instructions, so they still get the same bits; ``tests/test_lanes.py`` would tell.
+                         instructions, so they still get the same bits: see ``tests/engine/test_lanes.py``.
     never more of it     it deletes NaN tests and lets a lane's bits depend on its neighbours.
 """
 
@@ -50,7 +50,7 @@ def scalar(function: Callable[..., Any]) -> Any:
 
 def exact(function: Callable[..., Any]) -> Any:
     """Compile one formula with its roundings as written."""
-    # said aloud: a function without flags takes those of whoever makes it compile first
+    # explicit, because a function without flags takes those of the caller that compiles it first
     return numba.njit(**_FLAGS, forceinline=True, fastmath=False)(function)
 
 
@@ -58,7 +58,7 @@ section = scalar
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache on disk, in which a damaged file is as good as none."""
+    """Numba's cache on disk; a damaged file counts as missing."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -105,7 +105,7 @@ else:
 
 @cache
 def model_sha256() -> str:
-    """Hash of the sources that decide what a simulation gives."""
+    """Hash of the sources that decide the results of a simulation."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
     for part in ("parameter_table.py", "outputs.py", "numerics", "physics", "control", "engine"):
@@ -116,7 +116,7 @@ def model_sha256() -> str:
 
 @cache
 def fingerprint() -> str:
-    """Hash of all that decides what a compiled kernel does.
+    """Hash of everything that decides what a compiled kernel does.
 
     Numba invalidates a cached kernel when its own file changes, not when a formula it calls does; a folder
     named by this hash cannot hold stale physics.
@@ -142,7 +142,7 @@ def cache_root() -> Path:
 
 @cache
 def cache_folder() -> Path | None:
-    """The folder of this fingerprint, made if need be; ``None``, with a warning, where nothing can be written."""
+    """The folder of this fingerprint, created if missing; ``None``, with a warning, where it cannot be written."""
     folder = cache_root() / fingerprint()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -150,7 +150,7 @@ def cache_folder() -> Path | None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        warnings.warn(f"kernels are compiled anew in every process: {folder} cannot be written ({error})", stacklevel=2)
+        warnings.warn(f"every process compiles the kernels again: {folder} cannot be written ({error})", stacklevel=2)
         return None
     os.utime(folder)
     _prune(folder)
@@ -158,7 +158,7 @@ def cache_folder() -> Path | None:
 
 
 def _prune(current: Path) -> None:
-    """Remove all but the most recently used folders; one in use by another process is merely compiled again."""
+    """Remove all but the most recently used folders; a process that still needs another compiles again."""
     folders = sorted((f for f in current.parent.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime)
     for folder in folders[:-_KEPT_CACHES]:
         if folder != current:
@@ -166,6 +166,6 @@ def _prune(current: Path) -> None:
 
 
 def is_compiled(kernel_name: str) -> bool:
-    """Whether a kernel of this fingerprint lies in the cache, so that it need not be compiled."""
+    """Whether the cache holds a kernel of this fingerprint, so that it need not be compiled."""
     folder = cache_folder()
     return folder is not None and any(folder.rglob(f"*.{kernel_name}-*.nbc"))

@@ -1,6 +1,6 @@
 """The paper's claims: each in our words, and when it counts as holding for one tuning on one day.
 
-A claim reads one of the grid's Datasets; its criterion is a function of ``criteria.py``, in words in ``when``.
+A claim reads one of the grid's Datasets.  Its criterion is a function of ``criteria.py``; ``when`` puts it in words.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from fastcoil.paper.criteria import (
     eight_is_largest,
     energy_ratio,
     error_doubles,
-    error_falls_up_to_the_size,
+    error_falls_up_to_the_backlash,
     exact_inverse_is_unity,
     hunts_with_backlash_only,
     ninety_five_is_almost_perfect,
@@ -42,7 +42,7 @@ from fastcoil.paper.runs import BUFFER_SIGMAS, NOISE, STEP, arithmetic, percent
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One claim; ``evidence`` names the Dataset of the grid it is judged on."""
+    """One claim; ``evidence`` names the Dataset of the grid that it is judged on."""
 
     name: str
     section: str
@@ -54,9 +54,9 @@ class Claim:
     note: str = ""
 
 
-_IN_TIME = f"It finds the size, to within {percent(STEP, 1)}, and has confirmed it by stepping down before 3 h."
+_IN_TIME = f"It finds the backlash to within {percent(STEP, 1)}, and confirms it by a step down before 3 h."
 _GROWING = (
-    "A variant of ours: every step is half as large again as the last, until one goes down, at once when it chatters."
+    "Our variant: every step up is 1.5 times the last, until the first step down, which comes as soon as it chatters."
 )
 
 CLAIMS = (
@@ -71,7 +71,7 @@ CLAIMS = (
         "days", error_doubles, at("rmse_settled", "no backlash", "plain PI"),
     ),
     Claim(
-        "sixty", "3.3, Fig 9", "An inverse of 60 % of the size helps, but not enough.",
+        "sixty", "3.3, Fig 9", "An inverse of 60 % of the backlash helps, but not enough.",
         "The settled RMSE lies between those of the plain PI and of the exact inverse.",
         "days", sixty_helps_but_not_enough, at("rmse_settled", "plain PI", "60 %", "100 %"),
     ),
@@ -86,39 +86,39 @@ CLAIMS = (
         "days", exact_inverse_is_unity, at("rmse_settled", "no backlash", "100 %"),
     ),
     Claim(
-        "flat", "3.3, Fig 11", "Below the true size the mode switches are about constant.",
-        "From 0 to 90 % of the size the largest frequency is at most 1.5 times the least.",
+        "flat", "3.3, Fig 11", "Below the true backlash the mode switches are about constant.",
+        "From 0 to 90 % of the backlash the highest switch frequency is at most 1.5 times the lowest.",
         "days", switches_flat_below, at("switch_frequency", "plain PI", "60 %", "90 %"),
     ),
     Claim(
-        "jump", "3.3, Fig 11", "Above the true size the mode switches rise dramatically.",
-        "At 110 % it is more than twice that at 10 %: what the learning rule needs.",
+        "jump", "3.3, Fig 11", "Above the true backlash the mode switches rise dramatically.",
+        "At 110 % the switch frequency is more than twice that at 10 %, as the learning rule needs it.",
         "days", switches_double_above, at("switch_frequency", "10 %", "110 %"),
     ),
     Claim(
-        "falls", "3.3, Fig 11", "The error falls consistently up to the true size.",
-        "The RMSE falls with every step from 0 over 20, 40, 60, 80 to 100 %.",
-        "days", error_falls_up_to_the_size, at("rmse", "plain PI", "60 %", "100 %"),
+        "falls", "3.3, Fig 11", "The error falls consistently up to the true backlash.",
+        "The RMSE falls with every step of the estimate: 0, 20, 40, 60, 80, 100 %.",
+        "days", error_falls_up_to_the_backlash, at("rmse", "plain PI", "60 %", "100 %"),
     ),
     Claim(
-        "rises", "3.3, Fig 11", "Beyond the true size the error rises again.",
+        "rises", "3.3, Fig 11", "Beyond the true backlash the error rises again.",
         "The RMSE at 120 % exceeds that at 100 % by more than 1 %.",
         "days", rises_beyond("rmse"), at("rmse", "100 %", "120 %"),
     ),
     Claim(
-        "rises, settled", "3.3, Fig 11", "Beyond the true size the settled error rises again.",
+        "rises, settled", "3.3, Fig 11", "Beyond the true backlash the settled error rises again.",
         "The settled RMSE at 120 % exceeds that at 100 % by more than 1 %.",
         "days", rises_beyond("rmse_settled"), at("rmse_settled", "100 %", "120 %"),
-        "Ours: the same without the 10 min after each set-point step, where an overestimate may help.",
+        "Our addition: without the 10 min after each set-point step, where an overestimate may help.",
     ),
     Claim(
-        "best", "6", "The best estimate is the true size or slightly less.",
-        f"Of the estimates up to {percent(RATIOS[-1])} the RMSE is least at one from 90 to 100 %.",
+        "best", "6", "The best estimate is the true backlash or slightly less.",
+        f"Of the estimates up to {percent(RATIOS[-1])}, one from 90 to 100 % has the lowest RMSE.",
         "days", best_at_or_just_below, best_estimate,
     ),
     Claim(
         "finds", "3.3, Fig 12", "The learning rule identifies the backlash.",
-        "As printed, within 8 h, its first step down leads to the size, to within a step.",
+        "As printed: within 8 h its first step down leads to the backlash, to within a step.",
         "learning", rule_finds("literal"), rule_numbers("literal"),
     ),
     Claim(
@@ -133,14 +133,14 @@ CLAIMS = (
             "learning", rule_in_time(rule), rule_numbers(rule), note,
         )
         for rule, text, note in (
-            ("every 15 min", "an update every 15 min", "A variant of ours."),
-            ("twice the step", "twice the step", "A variant of ours; it reaches the size after 2 h."),
+            ("every 15 min", "an update every 15 min", "Our variant."),
+            ("twice the step", "twice the step", "Our variant; it reaches the backlash after 2 h."),
             ("growing steps", "growing steps", _GROWING),
         )
     ),
     Claim(
         "any start", "3.3", "Initial guess and step may be any small value.",
-        f"Given 24 h, the rule finds the size to within a step from all {len(STARTS_AND_STEPS)} pairs tried: "
+        f"Within 24 h the rule finds the backlash to within a step from all {len(STARTS_AND_STEPS)} pairs tried: "
         + ", ".join(f"{percent(start, 1)} by {percent(step, 2)}" for start, step in STARTS_AND_STEPS) + ".",
         "starts", any_start_and_step, start_numbers,
     ),
@@ -148,16 +148,16 @@ CLAIMS = (
         "volumes", "2.2", "Eight volumes are the largest number stable at 1 s.",
         "Eight satisfy γ ≤ 1 and λ ≤ 1, nine do not.",
         "coils", eight_is_largest, lambda ds: {"largest stable number [1]": ds["largest"]},
-        "The presets' water content was chosen for it; the shares are over coils, not tunings.",
+        "The presets' water content was chosen to make it so; the shares are of coils, not of tunings.",
     ),
     Claim(
         "energy", "1", "Fluctuation raises the cooling energy.",
-        "With 7 % backlash the plain PI takes more than 1 % more energy than without.",
+        "With 7 % backlash the plain PI uses over 1 % more energy than without.",
         "days", raises_energy, lambda ds: {"energy with / without backlash [1]": energy_ratio(ds)},
     ),
     Claim(
         "peak", "1", "Fluctuation raises the peak demand.",
-        "With 7 % backlash the largest 15-min mean of the cooling power is more than 1 % higher.",
+        "With 7 % backlash the highest 15-min mean of the cooling power is over 1 % higher than without.",
         "days", raises_peak, lambda ds: {"peak with / without backlash [1]": peak_ratio(ds)},
     ),
     Claim(
@@ -167,23 +167,23 @@ CLAIMS = (
     ),
     Claim(
         "buffer", "6", "A buffer cures that, and control is better.",
-        f"With a buffer of {BUFFER_SIGMAS:g} Kp σ the switches are at most 1.5 times those without noise, and the "
-        "settled RMSE is below the plain PI's.",
+        f"With a buffer of {BUFFER_SIGMAS:g} Kp σ there are at most 1.5 times as many switches as without noise, and "
+        "the settled RMSE is below that of the plain PI.",
         "days", buffer_cures_the_inverse,
         lambda ds: at("switch_frequency", "95 %", "95 %, noise, buffer")(ds)
         | at("rmse_settled", "plain PI, noise", "95 %, noise, buffer")(ds),
-        "The paper announces a buffer and describes none: this one is ours.",
+        "The paper announces a buffer but does not describe it: this one is ours.",
     ),
     Claim(
         "noise, learner", "6", "Measurement noise breaks the learning rule where it works.",
-        f"The rule as printed finds the size within 8 h, and does not with noise of {NOISE} K.",
+        f"The rule as printed finds the backlash within 8 h, but not with noise of {NOISE} K.",
         "learning", noise_breaks_the_learner, rule_numbers("literal", "noise"),
-        "Ours: the paper says it of the inverse only.",
+        "Our addition: the paper says so of the inverse only.",
     ),
     Claim(
-        "buffer, learner", "6", "With a buffer the rule finds the size despite the noise.",
-        f"The same noise, a buffer of {BUFFER_SIGMAS:g} Kp σ: within 8 h it finds the size to within a step.",
+        "buffer, learner", "6", "With a buffer the rule finds the backlash despite the noise.",
+        f"With the same noise and a buffer of {BUFFER_SIGMAS:g} Kp σ: within 8 h it finds the backlash, to a step.",
         "learning", rule_finds("noise, buffer"), rule_numbers("noise, buffer"),
-        "Ours: the paper says it of the inverse only.",
+        "Our addition: the paper says so of the inverse only.",
     ),
 )  # fmt: skip

@@ -1,7 +1,7 @@
 """When a claim holds: for one tuning on one day, from the Datasets of the grid.
 
-All functions read a Dataset with the dims ``tuning``, ``case`` and, if there are days, ``day``, and give a boolean over
-``tuning`` and ``day``, or numbers by name with unit over the same dims.  A scenario that failed holds nothing.
+Every function reads a Dataset with the dims ``tuning``, ``case`` and, where there are days, ``day``.  It returns a
+boolean over ``tuning`` and ``day``, or numbers over these dims by name and unit.  In a failed scenario no claim holds.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Numbers = Callable[[xr.Dataset], dict[str, xr.DataArray]]
 
 
 def at(metric: str, *cases: str) -> Numbers:
-    """Numbers: a metric in these cases."""
+    """Return a function that looks up a metric in these cases."""
     unit = {"rmse": "K", "rmse_settled": "K", "switch_frequency": "per 10 min", "swing": "K"}[metric]
     text = {"rmse": "RMSE", "rmse_settled": "settled RMSE", "switch_frequency": "switches", "swing": "peak to peak"}
     return lambda ds: {f"{text[metric]}, {c} [{unit}]": ds[metric].sel(case=c, drop=True) for c in cases}
@@ -31,7 +31,7 @@ def _of(ds: xr.Dataset, metric: str, name: str) -> xr.DataArray:
 
 
 def hunts_with_backlash_only(ds: xr.Dataset) -> xr.DataArray:
-    """Hunts by itself on the quiet day with the backlash, and not without."""
+    """The loop hunts on the quiet day with the backlash, and not without."""
     return ds["hunts"].sel(case="plain PI", drop=True) & ~ds["hunts"].sel(case="no backlash", drop=True)
 
 
@@ -53,36 +53,38 @@ def ninety_five_is_almost_perfect(ds: xr.Dataset) -> xr.DataArray:
 
 
 def exact_inverse_is_unity(ds: xr.Dataset) -> xr.DataArray:
-    """The settled error of the exact inverse is that without backlash, to 5 %."""
+    """The settled error of the exact inverse is within 5 % of that without backlash."""
     without, exact = _of(ds, "rmse_settled", "no backlash"), _of(ds, "rmse_settled", "100 %")
     return abs(exact - without) <= 0.05 * without
 
 
-def error_falls_up_to_the_size(ds: xr.Dataset) -> xr.DataArray:
-    """Every step of the estimate towards the size lowers the error."""
+def error_falls_up_to_the_backlash(ds: xr.Dataset) -> xr.DataArray:
+    """Every step of the estimate towards the backlash lowers the error."""
     errors = ds["rmse"].sel(case=[case(r) for r in RATIOS if r in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)])
     return (errors.diff("case") < 0.0).all("case")
 
 
 def rises_beyond(metric: str) -> Holds:
-    """Claim that an error at 120 % is larger than at 100 %, by more than 1 %."""
+    """Return the claim that an error is over 1 % larger at 120 % than at 100 %."""
     return lambda ds: _of(ds, metric, "120 %") > 1.01 * _of(ds, metric, "100 %")
 
 
 def best_estimate(ds: xr.Dataset) -> dict[str, xr.DataArray]:
-    """Numbers: the relative estimate with the least error."""
+    """Find the relative estimate with the lowest error."""
     best = ds["rmse"].sel(case=[case(r) for r in RATIOS]).fillna(np.inf).argmin("case")
-    return {"estimate of the least RMSE [% of the size]": 100.0 * xr.DataArray(np.array(RATIOS), dims="case")[best]}
+    return {
+        "estimate of the lowest RMSE [% of the backlash]": 100.0 * xr.DataArray(np.array(RATIOS), dims="case")[best]
+    }
 
 
 def best_at_or_just_below(ds: xr.Dataset) -> xr.DataArray:
-    """Of all estimates one from 90 to 100 % has the least error."""
+    """Of all estimates, one from 90 to 100 % has the lowest error."""
     (best,) = best_estimate(ds).values()
     return (best >= 90.0) & (best <= 100.0) & ds["rmse"].notnull().all("case")
 
 
 def switches_flat_below(ds: xr.Dataset) -> xr.DataArray:
-    """Below the size the switch frequency varies by a factor of at most 1.5."""
+    """Below the backlash the switch frequency varies by a factor of at most 1.5."""
     below = ds["switch_frequency"].sel(case=[case(r) for r in RATIOS if r <= 0.9])
     return below.max("case") <= 1.5 * below.min("case")
 
@@ -110,17 +112,17 @@ def raises_peak(ds: xr.Dataset) -> xr.DataArray:
 
 
 def finds(ds: xr.Dataset, step: float | xr.DataArray = STEP) -> xr.DataArray:
-    """Whether the first step down leads to the backlash, to within a step; never (NaN) is no."""
+    """The first step down leads to the backlash, to within a step; without one (NaN) the rule does not find it."""
     return abs(ds["estimate_first_down"] - BACKLASH) <= 1.001 * step
 
 
 def rule_finds(rule: str) -> Holds:
-    """Claim that a rule finds the size."""
+    """Return the claim that a rule finds the backlash."""
     return lambda ds: finds(ds.sel(case=rule, drop=True))
 
 
 def rule_in_time(rule: str) -> Holds:
-    """Claim that a rule finds the size and has confirmed it before three hours."""
+    """Return the claim that a rule finds the backlash and confirms it before three hours."""
 
     def holds(ds: xr.Dataset) -> xr.DataArray:
         of_rule = ds.sel(case=rule, drop=True)
@@ -130,7 +132,7 @@ def rule_in_time(rule: str) -> Holds:
 
 
 def rule_numbers(*rules: str) -> Numbers:
-    """Numbers: when rules reached and confirmed the size, and what they then took for it."""
+    """Return a function that looks up when rules reached and confirmed the backlash, and their estimate then."""
 
     def numbers(ds: xr.Dataset) -> dict[str, xr.DataArray]:
         found = {}
@@ -145,12 +147,12 @@ def rule_numbers(*rules: str) -> Numbers:
 
 
 def any_start_and_step(ds: xr.Dataset) -> xr.DataArray:
-    """The rule finds the size from every initial guess with every step."""
+    """The rule finds the backlash from every initial guess with every step."""
     return finds(ds, ds["learning_step"]).all("case")
 
 
 def start_numbers(ds: xr.Dataset) -> dict[str, xr.DataArray]:
-    """Numbers: where the first step down led, by initial guess and step."""
+    """Look up the estimate after the first step down, by initial guess and step."""
     return {
         f"after the first step down, {c} [1]": _of(ds, "estimate_first_down", c).fillna(np.inf)
         for c in ds["case"].values
@@ -163,13 +165,13 @@ def noise_multiplies_switches(ds: xr.Dataset) -> xr.DataArray:
 
 
 def buffer_cures_the_inverse(ds: xr.Dataset) -> xr.DataArray:
-    """With a buffer about as few switches as without noise, and less error than the plain PI."""
+    """With a buffer there are about as few switches as without noise, and less error than with the plain PI."""
     calm = _of(ds, "switch_frequency", "95 %, noise, buffer") <= 1.5 * _of(ds, "switch_frequency", "95 %")
     return calm & (_of(ds, "rmse_settled", "95 %, noise, buffer") < _of(ds, "rmse_settled", "plain PI, noise"))
 
 
 def noise_breaks_the_learner(ds: xr.Dataset) -> xr.DataArray:
-    """The rule finds the size without noise, and does not with it."""
+    """The rule finds the backlash without noise, and does not with it."""
     return rule_finds("literal")(ds) & ~rule_finds("noise")(ds)
 
 

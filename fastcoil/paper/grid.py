@@ -1,7 +1,7 @@
 """The grid of tunings on which the paper's claims are judged: gains × sample times × ideal and real loops.
 
-Every simulation has the dim ``tuning``, with the presets first, by name.  A loop that hunts without any backlash is
-nobody's tuning: such ones are tried and counted, but left out of the shares.
+Every simulation has the dim ``tuning``, with the presets first, by name.  Nobody would accept a loop that hunts without
+any backlash: such tunings are tried and counted, but left out of the shares.
 """
 
 from __future__ import annotations
@@ -17,33 +17,34 @@ from fastcoil.boundary.days import constant_day, paper_day
 from fastcoil.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, buffers, percent, rehashed
 from fastcoil.physics.valve import water_flow
 from fastcoil.simulation.dataset import provenance
-from fastcoil.simulation.loop import PRESETS, Loop
+from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.simulate import simulate
 from fastcoil.simulation.stability import stable
 
 REAL_LOOP = {n: Loop.preset("lbnl")[n] for n in ("C_c", "sensor_time_constant", "stroke_time")}
 DAYS = range(2010, 2016)
 LONG_DAYS = range(2016, 2022)
-"""Seeds of the days, fresh ones."""
+"""Seeds of the days; no other study of this repository uses them."""
 RATIOS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0, 1.1, 1.2, 1.5)
 """Estimates relative to the backlash."""
 STARTS_AND_STEPS = ((0.001, 0.0035), (0.007, 0.007), (0.02, 0.007), (0.001, 0.014), (0.028, 0.028))
-"""Initial guess and step of the learner; the first needs 10 h to arrive."""
+"""Initial guess and step of the learner; the first pair needs 10 h to reach the backlash."""
 LONG_HOURS = 24
 QUIET_HOURS = 6
 STEP_AT = 3 * 3600
 T_BEFORE, T_AFTER = 14.0, 15.0
-"""Of the quiet day, on which nothing happens but one set-point step, s and degC."""
+"""Hours of the quiet day, and its only event: a set-point step at this second, from and to these temperatures (°C)."""
 HUNTS = 0.1
-"""Peak-to-peak supply temperature, K, in the last hour of the quiet day that counts as hunting, if it crosses the
-set-point."""
+"""Peak-to-peak supply temperature in the last hour of the quiet day above which a loop hunts, if it crosses the
+set-point, K."""
 MOST_VOLUMES = 30
 
 
 def tunings(*, quick: bool = False) -> Loop:
-    """The presets, then the grid, along the dim ``tuning``."""
+    """Loops of the presets, then of the grid, along the dim ``tuning``."""
     n = 2 if quick else 8
-    varied = sorted({name for preset in PRESETS.values() for name in preset})
+    varied = sorted({name for preset in PRESETS.values() for name in preset.values})
     cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in varied} for p in PRESETS}
     sample_times = (5.0, 30.0) if quick else (1.0, 5.0, 10.0, 15.0, 30.0, 60.0)
     kp, ti = np.geomspace(0.005, 0.08, n), np.geomspace(5.0, 600.0, n)
@@ -55,12 +56,12 @@ def tunings(*, quick: bool = False) -> Loop:
 
 
 def named(tuning: xr.DataArray) -> list[str]:
-    """The presets among the labels of ``tuning``."""
+    """Find the presets among the labels of ``tuning``."""
     return [name for name in PRESETS if name in tuning.values]
 
 
 def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
-    """Overshoot of a set-point step without backlash, and whether the loop hunts by itself, without and with it."""
+    """Simulate the quiet day: overshoot without backlash, and whether the loop hunts by itself, without and with it."""
     T_set = np.full(QUIET_HOURS * 3600, T_BEFORE)
     T_set[STEP_AT:] = T_AFTER
     day = constant_day(hours=QUIET_HOURS, T_set=T_set)
@@ -80,7 +81,7 @@ def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
 
 
 def on_days(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
-    """Without backlash, with the plain PI, with inverses of all sizes, with noise and buffer, on paper days."""
+    """Simulate paper days: no backlash, the plain PI, inverses of all estimates, noise, and noise with a buffer."""
     cases: dict[str, dict[str, float]] = {"no backlash": {"backlash": 0.0}}
     cases |= {case(ratio): {"backlash": BACKLASH, "backlash_estimate": ratio * BACKLASH} for ratio in RATIOS}
     with_noise = ("plain PI, noise", 0.0), ("95 %, noise", 0.95), ("95 %, noise, buffer", 0.95)
@@ -91,12 +92,12 @@ def on_days(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr
 
 
 def case(ratio: float) -> str:
-    """Label of an estimate without noise."""
+    """Label of an estimate, relative to the backlash, without noise."""
     return percent(ratio) if ratio else "plain PI"
 
 
 def learning(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
-    """The learning rule as printed, faster variants, and the printed one with noise and with a buffer."""
+    """Simulate the learning rule as printed, faster variants, and the printed rule with noise and with a buffer."""
     cases = {name: LITERAL | rule for name, rule in RULES.items()}
     cases |= {name: LITERAL | {"noise_std": NOISE} for name in ("noise", "noise, buffer")}
     swept = loop.assign(backlash=BACKLASH, **along("case", cases), buffer=_buffers(loop, cases))
@@ -104,7 +105,7 @@ def learning(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> x
 
 
 def starts(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
-    """The printed rule from several initial guesses with several steps, on a day long enough for all."""
+    """Simulate the printed rule from several initial guesses with several steps, on days long enough for all."""
     pairs = STARTS_AND_STEPS[1:3] if quick else STARTS_AND_STEPS
     cases = {
         f"from {percent(start, 1)} by {percent(step, 2)}": LITERAL | {"backlash_estimate": start, "learning_step": step}
@@ -121,7 +122,7 @@ def _buffers(loop: Loop, cases: Mapping[str, Any]) -> xr.DataArray:
 
 
 def coils(*, quick: bool = False) -> xr.Dataset:
-    """Whether a coil is stable at 1 s with 1, 2, … control volumes: the presets, then water contents × flows."""
+    """Find the numbers of control volumes with which a coil is stable at 1 s: presets, then water contents × flows."""
     n = 3 if quick else 24
     names = ("C_w", "C_c", "m_max")
     cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in names} for p in PRESETS}

@@ -1,6 +1,6 @@
 """The simulations behind the paper's figures, as labelled Datasets.
 
-Everything runs on the presets ``paper_like`` and ``paper_like_fast``: generic loops, searched for so that the
+All of them run on the presets ``paper_like`` and ``paper_like_fast``: generic loops, searched for so that the
 paper's phenomena appear, not the paper's unpublished fit.  Nothing is digitised from its figures.
 """
 
@@ -18,18 +18,19 @@ from fastcoil.simulation.dataset import content_sha256
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.simulate import simulate
 
-PRESETS = ("paper_like", "paper_like_fast")
+FIGURE_PRESETS = ("paper_like", "paper_like_fast")
 BACKLASH = 0.07
 STEP = 0.007
 INTERVAL = 1800
-"""Size of the backlash, step and interval of the learner, and the three hours below: as printed in the paper."""
+"""Backlash, step and interval of the learner: as printed in the paper."""
 THREE_HOURS = 3 * 3600
+"""In less than this, the paper says, the rule finds the backlash."""
 NOISE = 0.05
-"""Standard deviation of the measurement noise where there is some, K: a choice, the paper prints none."""
+"""Standard deviation of the measurement noise, K: our choice, the paper gives none."""
 BUFFER_SIGMAS = 6.0
-"""Buffer in standard deviations Kp σ of the noise on the PI's output: a choice, the paper prints none."""
+"""Buffer in standard deviations Kp σ of the noise on the PI's output: our choice, the paper gives none."""
 SEED = 2016
-"""Of the measurement noise."""
+"""Seed of the measurement noise."""
 FIGURE_DAY = 2000
 BAND_DAYS = range(2000, 2010)
 """Seeds of the days: no other study of this repository uses them."""
@@ -40,23 +41,23 @@ RULES: dict[str, dict[str, Any]] = {
     "twice the step": {"learning_step": 2 * STEP, "backlash_estimate": 2 * STEP},
     "growing steps": {"learning_growth": 1.5, "learning_early_trip": 1, "learning_shrink": 0.5},
 }
-"""The learning rule as printed, and variants that are meant to be faster."""
+"""The learning rule as printed, and variants meant to be faster."""
 LITERAL = {"learning_step": STEP, "backlash_estimate": STEP, "learning_interval": INTERVAL}
 
 
 def percent(share: float, digits: int = 0) -> str:
-    """A share in words."""
+    """Write a share in per cent."""
     return f"{100 * share:.{digits}f} %"
 
 
 def buffers(is_buffered: xr.DataArray, loop: Loop) -> xr.DataArray:
-    """Where ``is_buffered`` is 1, a buffer that keeps most of the noise from turning the inverse; else the default."""
+    """Buffers that keep most of the noise from turning the inverse where ``is_buffered`` is 1; else the default."""
     wide = BUFFER_SIGMAS * NOISE * xr.DataArray(loop["kp"])
     return (1 - is_buffered) * float(str(PARAMETERS["buffer"].default)) + is_buffered * wide
 
 
 def along(dim: str, cases: Mapping[str, Mapping[str, Any]]) -> dict[str, xr.DataArray]:
-    """Named alternatives zipped along ``dim``; what one of them does not give has its default there."""
+    """Named alternatives zipped along ``dim``; a parameter that one of them does not give has its default there."""
     names = list(dict.fromkeys(n for case in cases.values() for n in case))
     labels = {dim: np.array(list(cases))}
     return {
@@ -68,21 +69,21 @@ def along(dim: str, cases: Mapping[str, Mapping[str, Any]]) -> dict[str, xr.Data
 def preset_loops() -> Loop:
     """The two loops of the figures along a dim ``preset``."""
     names = ("C_c", "kp", "ti", "sample_time")
-    return Loop(**along("preset", {p: {n: Loop.preset(p)[n] for n in names} for p in PRESETS}))
+    return Loop(**along("preset", {p: {n: Loop.preset(p)[n] for n in names} for p in FIGURE_PRESETS}))
 
 
 def valve_curves() -> xr.Dataset:
-    """Fig 1: the valve driven open and closed, with a small loop inside, in open loop."""
+    """Fig 1: simulate the valve driven open and closed, with a small loop inside, in open loop."""
     knots = (0.0, 1.0, 0.0, 0.6, 0.4, 0.6, 0.5, 0.6, 0.0)
     seconds = 600
     command = np.interp(np.arange(seconds * (len(knots) - 1) + 1) / seconds, np.arange(len(knots)), knots)
     day = constant_day(hours=command.size / 3600)
-    loop = Loop.preset(PRESETS[0]).assign(backlash=BACKLASH)
+    loop = Loop.preset(FIGURE_PRESETS[0]).assign(backlash=BACKLASH)
     return simulate(loop, day, command=command, traces=["command", "opening", "m_w"], warm_up=0)
 
 
 def tracking() -> xr.Dataset:
-    """Figs 7, 9 and 10: one day without backlash, with it, and with inverses of 60 % and 95 %."""
+    """Figs 7, 9 and 10: simulate one day without backlash, with it, and with inverses of 60 % and 95 %."""
     cases = {"no backlash": {"backlash": 0.0, "backlash_estimate": 0.0}} | {
         name: {"backlash": BACKLASH, "backlash_estimate": ratio * BACKLASH}
         for name, ratio in (("plain PI", 0.0), ("60 %", 0.6), ("95 %", 0.95))
@@ -94,7 +95,7 @@ def tracking() -> xr.Dataset:
 
 
 def with_set_point(ds: xr.Dataset, day: Any) -> xr.Dataset:
-    """Add the set-point as it was at the points of the traces."""
+    """Add the set-point at the points of the traces."""
     points = ds["elapsed_time"].values.astype(int)
     attrs = {"long_name": "set-point of the supply air temperature", "units": "degC"}
     ds["T_set"] = ("elapsed_time", day.series["T_set"][0][points], attrs)
@@ -102,7 +103,7 @@ def with_set_point(ds: xr.Dataset, day: Any) -> xr.Dataset:
 
 
 def estimates(*, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
-    """Fig 11: estimates of 0 to 150 %, over days and noise realisations, without noise, with it, with a buffer."""
+    """Fig 11: simulate estimates of 0 to 150 % over days and noise realisations: no noise, noise, noise and buffer."""
     loop = preset_loops()
     cases = ("no noise", "noise", "noise, buffer")
     labels = {"case": np.array(cases)}
@@ -118,7 +119,7 @@ def estimates(*, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
 
 
 def staircases() -> xr.Dataset:
-    """Fig 12: the learned estimate by rule, and the switches it saw in blocks of 10 min."""
+    """Fig 12: simulate the learned estimate by rule, and the switches that it saw in blocks of 10 min."""
     rules = {name: LITERAL | rule for name, rule in RULES.items()}
     loop = preset_loops().assign(backlash=BACKLASH, **along("rule", rules))
     ds = simulate(loop, paper_day(hours=8, seed=FIGURE_DAY), traces=["estimate", "mode"], trace_interval=10)
@@ -127,7 +128,7 @@ def staircases() -> xr.Dataset:
 
 
 def switches_per_block(mode: xr.DataArray, seconds: int = 600) -> xr.DataArray:
-    """Mode switches in every block of ``seconds``; the first rise counts."""
+    """Count the mode switches in every block of ``seconds``; the first rise counts."""
     step = int(mode["elapsed_time"][1] - mode["elapsed_time"][0])
     turned = mode != mode.shift(elapsed_time=1, fill_value=-1)
     blocks = turned.coarsen(elapsed_time=seconds // step, boundary="trim").sum()
@@ -138,20 +139,20 @@ def switches_per_block(mode: xr.DataArray, seconds: int = 600) -> xr.DataArray:
 
 
 def rehashed(ds: xr.Dataset, **attrs: Any) -> xr.Dataset:
-    """The Dataset with the hash of what it holds now."""
+    """The Dataset with more attributes, and with the hash of its present content."""
     ds = ds.assign_attrs(attrs)
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
 
 
 def arithmetic() -> str:
-    """Why the literal rule cannot keep the paper's three hours, from its own numbers."""
+    """Why the literal rule cannot keep the paper's three hours, by its own numbers."""
     steps = round((BACKLASH - STEP) / STEP)
     reached, known = steps * INTERVAL, (steps + 2) * INTERVAL
     updates = (THREE_HOURS - 1) // INTERVAL
-    start, size = percent(STEP, 1), percent(BACKLASH, 1)
+    start, backlash = percent(STEP, 1), percent(BACKLASH, 1)
     return (
-        f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {size}: "
+        f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {backlash}: "
         f"{steps} × {INTERVAL / 3600:g} h = {reached / 3600:g} h, and {known / 3600:g} h until "
         f"{percent(BACKLASH + STEP, 1)} has been tried and taken back.  In less than {THREE_HOURS // 3600} h there are "
         f"{updates} updates, which lead to {percent((updates + 1) * STEP, 1)} at most."

@@ -1,9 +1,9 @@
 """From booleans over the grid to a verdict: the share in which a claim holds, and where it does.
 
-The rule: a claim *holds* in at least 95 % of the tunings and days, *does not hold* in at most 5 %; between, it *holds
-only if* the tuning lies in the region, of those in ``REGIONS`` and their pairs, that tells best where it holds (by
-Youden's index: share of the cases with it that lie inside, less that of the cases without).  The shares inside and
-elsewhere say how sharply it does.
+The rule: a claim *holds* if it does so in at least 95 % of the tunings and days, and *does not hold* if it does so in
+at most 5 %.  Between, it *holds only if* the tuning lies in a region: the one of ``REGIONS`` and their pairs that
+predicts best where the claim holds, by Youden's index (the share of the holding cases that lie inside, less that of the
+others).  The shares inside and elsewhere say how sharp the region is.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from fastcoil.parameter_table import PARAMETERS
 HOLDS, ONLY_IF, DOES_NOT_HOLD = "holds", "holds only if", "does not hold"
 SURELY = 0.95
 LEVEL = 0.95
-"""Of the intervals of shares."""
-TELLS = 0.3
-"""Least Youden index of a region that is worth naming."""
+"""Confidence of the intervals of shares."""
+WORTH_NAMING = 0.3
+"""Lowest Youden index of a region that is worth naming."""
 PAIR_GAIN = 0.1
-"""What a pair of regions must tell more than the better one of them."""
+"""By how much the index of a pair of regions must exceed that of any single one."""
 
 
 def _above(name: str, limit: float) -> Callable[[xr.Dataset], xr.DataArray]:
@@ -54,12 +54,12 @@ REGIONS: dict[str, tuple[str, Callable[[xr.Dataset], xr.DataArray]]] = {
         lambda f: (f["renewal"] >= 1.0) & (f["renewal"] < 9 / 8),
     ),
 }
-"""Words → the feature of a tuning that it is about, and the region."""
+"""Words → the feature of a tuning that the region is about, and the region."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """``condition`` and the shares inside and elsewhere only where the claim holds in a part of the grid."""
+    """``condition`` and the shares inside and elsewhere are given only where the claim holds in a part of the grid."""
 
     word: str
     share: float
@@ -73,13 +73,13 @@ class Verdict:
         if self.word != ONLY_IF:
             return self.word
         if self.condition is None or self.inside is None or self.elsewhere is None:
-            return "holds in part (no region tried tells where)"
+            return "holds in part (no region tried predicts where)"
         when = ONLY_IF if self.elsewhere <= 1.0 - SURELY else "holds in part, more often if"
         return f"{when} {self.condition} ({percent(self.inside)} there, {percent(self.elsewhere)} elsewhere)"
 
 
 def features(quiet: xr.Dataset) -> xr.Dataset:
-    """What is known of every tuning: gains, sample time, overshoot, whether it hunts with backlash."""
+    """Features of every tuning: gains, sample time, overshoot, whether it hunts with the backlash, ideal or not."""
     known = {name: quiet[name] for name in ("kp", "ti", "sample_time", "overshoot")}
     known["hunts"] = quiet["hunts"].sel(case="plain PI", drop=True)
     known["ideal"] = quiet["stroke_time"] == 0.0
@@ -87,20 +87,20 @@ def features(quiet: xr.Dataset) -> xr.Dataset:
 
 
 def coil_features(coils: xr.Dataset) -> xr.Dataset:
-    """Seconds in which the water of one of eight volumes is renewed at full flow."""
+    """Feature of every coil: seconds in which full flow renews the water of one of eight volumes."""
     return xr.Dataset({"renewal": coils["C_w"] / (coils["full_flow"] * float(str(PARAMETERS["cp_w"].default)))})
 
 
 def sound(quiet: xr.Dataset) -> xr.DataArray:
-    """The tunings that do not hunt without backlash."""
+    """Find the tunings that do not hunt without backlash."""
     return ~quiet["hunts"].sel(case="no backlash", drop=True)
 
 
 def interval(holds: xr.DataArray) -> tuple[float, float] | None:
     """95 % interval of the share that other days would give on the same tunings; None without days, or where all agree.
 
-    Tunings are a design and stay; days are drawn, and all tunings share them.  So it is Student's interval of the mean
-    of the days' shares, within 0 and 1: few days make it wide, however many tunings there are.
+    Tunings are chosen and days are drawn, and all tunings share the days.  So this is Student's interval of the mean of
+    the days' shares, clipped to 0 and 1: few days make it wide, however many tunings there are.
     """
     n_days = holds.sizes.get("day", 1)
     if n_days < 2:
@@ -116,12 +116,12 @@ def interval(holds: xr.DataArray) -> tuple[float, float] | None:
 
 
 def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
-    """Verdict on ``holds``, over ``tuning`` and perhaps ``day``; regions about the feature ``about`` are not tried."""
+    """Judge ``holds``, over ``tuning`` and perhaps ``day``; regions about the feature ``about`` are not tried."""
     share = float(holds.mean())
     if share >= SURELY or share <= 1.0 - SURELY:
         return Verdict(HOLDS if share >= SURELY else DOES_NOT_HOLD, share)
     rate = holds.mean([d for d in holds.dims if d != "tuning"]).values
-    best, gained, chosen = "", TELLS, np.zeros(rate.size, dtype=bool)
+    best, gained, chosen = "", WORTH_NAMING, np.zeros(rate.size, dtype=bool)
     for words, region, margin in _regions(known, about):
         gain = rate[region].sum() / rate.sum() - (1 - rate)[region].sum() / (1 - rate).sum()
         if gain - margin > gained:
@@ -132,7 +132,7 @@ def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
 
 
 def _regions(known: xr.Dataset, about: str) -> Iterator[tuple[str, np.ndarray, float]]:
-    """Words, region (tuning,), and what it must gain more than others to be named."""
+    """Yield words, region (tuning,), and by how much its index must exceed that of the others."""
     single = [
         (words, feature, region(known).values)
         for words, (feature, region) in REGIONS.items()

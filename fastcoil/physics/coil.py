@@ -44,7 +44,7 @@ def air_heat(wet, m_a, cooled, dried, cp_a):
 def condensed(wet, W_in, cooled, dried, T_out):
     """Water that the air loses, W_in - W_out: its fall in enthalpy less that of cooling, as vapour at T_out.
 
-    ε_a* and ε_a are fitted apart, so a barely wet volume could add moisture: it then condenses nothing.
+    ε_a* and ε_a are fitted separately, so a barely wet volume could add moisture: it then condenses nothing.
     """
     dW = (dried - heat_capacity(W_in) * cooled) / vapour_enthalpy(T_out)
     dW = 0.0 if dW < 0.0 else dW

@@ -49,7 +49,7 @@ def saturation_humidity_ratio(T, pressure):
 
 
 # enthalpy is 1.006 T + W (2501 + 1.86 T), kJ/kg of dry air (ASHRAE Fundamentals 2017, ch. 1, Eq 30); the kernel
-# needs differences of it alone
+# needs only its differences
 
 
 @scalar

@@ -30,7 +30,7 @@ def backlash(q, position, x_bl):
 def started(position, x_bl, x):
     """Stem position q of a gearbox first seen at ``position``, Eq (1): x = 0 on the falling flank, 1 on the rising.
 
-    Of the gap only what leaves the opening within 0–1 can be met: the stem ends where the valve does.
+    Only that part of the gap is possible which keeps the opening within 0–1: the stem stops where the valve does.
     """
     highest = 1.0 - x_bl if position > 1.0 - x_bl else position
     lowest = 0.0 if position < x_bl else position - x_bl

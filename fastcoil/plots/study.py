@@ -1,44 +1,36 @@
-"""Figures of a study: maps over two swept parameters, bands over all the rest.
+"""Figures of a study: maps over two swept parameters, curves along one, dots for named alternatives.
 
 Every function returns a matplotlib ``Figure`` that belongs to no window, so it works without a display.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, nearest
-from fastcoil.files import commit_written, reported
-from fastcoil.outputs import METRICS
+from fastcoil.outputs import METRICS, STATUS_OK
 from fastcoil.parameter_table import PARAMETERS
+from fastcoil.plots.labels import quantity
+from fastcoil.plots.spread import describe, draw_curve, draw_dots
+from fastcoil.plots.style import BLUE, DOTTED, GREY, apply_style, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
-_BAND = (0.1, 0.9)
 _CURVES = 3
-STYLE: Any = {
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "font.size": 9,
-    "axes.titlesize": 10,
-    "figure.dpi": 100,
-    "savefig.dpi": 150,
-    "svg.hashsalt": "fastcoil",
-}
-LINE_STYLES = ("-", "--", ":")
-# dark to light in print, too
-COLOURS = ("#1b3a5c", "#2a7f62", "#d9822b")
+_PANEL = 3.2
+"""Width of a panel, inches."""
+_PANELS_ABREAST = 3
+_OTHERS: Any = {"color": GREY, "lw": 0.8}
+_SIZES = {"backlash", "backlash_estimate"}
+_ALTERNATIVES = 100
+"""More rows of names than this are no figure."""
 
 
 def numeric_dims(ds: xr.Dataset) -> list[str]:
@@ -49,96 +41,81 @@ def numeric_dims(ds: xr.Dataset) -> list[str]:
     ]  # fmt: skip
 
 
-def label(name: str) -> str:
-    """Axis label of a metric or parameter, with its unit."""
-    output, parameter = METRICS.get(name), PARAMETERS.get(name)
-    if output:
-        unit, text = output.unit, output.long_name
-    elif parameter:
-        unit, text = parameter.unit, name.replace("_", " ")
-    else:
-        return name
-    shown = {"1": "", "K-1": "1/K", "kg s-1": "kg/s", "kJ K-1": "kJ/K", "kW h": "kWh", "degC": "°C"}.get(unit, unit)
-    return f"{text} [{shown}]" if shown else text
-
-
+@apply_style()
 def maps(ds: xr.Dataset, x: str, y: str, metrics: Sequence[str] = STANDARD_METRICS) -> Figure:
     """Metrics over two swept parameters, one panel each: the median over all other dimensions."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     _check(ds, metrics, x, y)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(4.2 * len(metrics), 3.6), layout="constrained")
-        for axes, metric in zip(np.atleast_1d(figure.subplots(1, len(metrics), sharey=True)), metrics, strict=True):
-            others = [d for d in ds[metric].dims if d not in (x, y)]
-            values = ds[metric].median(others).transpose(y, x)
-            if not np.isfinite(values).any():
-                axes.text(0.5, 0.5, "no finite value", ha="center", transform=axes.transAxes)
-                continue
-            mesh = axes.pcolormesh(ds[x], ds[y], values, cmap="cividis", shading="nearest", rasterized=True)
-            axes.grid(visible=False)
-            figure.colorbar(mesh, ax=axes, label=label(metric))
-            axes.set(xlabel=label(x), title=METRICS[metric].long_name)
-            if {x, y} == {"backlash", "estimate_ratio"}:
-                (axes.axvline if x == "estimate_ratio" else axes.axhline)(1.0, color="white", lw=0.8, ls="--")
-        figure.axes[0].set_ylabel(label(y))
-        figure.suptitle(_over(ds, x, y), fontsize=9)
+    figure, panels = _figure(-(-len(metrics) // _PANELS_ABREAST), min(len(metrics), _PANELS_ABREAST), 3.0)
+    of_x, of_y = quantity(x), quantity(y)
+    for axes, metric in zip(panels.flat, metrics, strict=False):
+        shown = quantity(metric)
+        axes.set_title(wrapped(shown.axis, 0.8 * _PANEL, 9))
+        axes.set(xlabel=of_x.axis, ylabel=of_y.axis)
+        values = shown.factor * ds[metric].median([d for d in ds[metric].dims if d not in (x, y)]).transpose(y, x)
+        if _say_if_empty(axes, values):
+            continue
+        mesh = axes.pcolormesh(
+            of_x.factor * ds[x], of_y.factor * ds[y], values, cmap="cividis", shading="nearest", rasterized=True
+        )
+        axes.grid(visible=False)
+        figure.colorbar(mesh, ax=axes)
+        _mark_exact(axes, x, y)
+    _remove_empty(panels, len(metrics))
+    _head(figure, ds, describe(ds, _pooled(ds, x, y), "Colour", "", "") + _exact_in_words(x, y))
     return figure
 
 
+@apply_style()
 def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] = STANDARD_METRICS) -> Figure:
-    """Metrics along a swept parameter: median and 10–90 % band over all other dimensions.
+    """Metrics along a swept parameter: median and 10–90 % band, or single lines, over all other dims.
 
-    ``by``: a second swept parameter; a curve for its first, middle and last value instead of a band over it.
+    ``by``: a second swept parameter; a row of panels each for its first, middle and last value instead of pooling it.
     """
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     _check(ds, metrics, x, *([by] if by else []))
     picked = np.unique(np.linspace(0, ds.sizes[by] - 1, _CURVES).round().astype(int)) if by else [None]
-    with rc_context(STYLE):
-        figure = Figure(figsize=(4.2 * len(metrics), 3.4), layout="constrained")
-        for axes, metric in zip(np.atleast_1d(figure.subplots(1, len(metrics))), metrics, strict=True):
-            for k, index in enumerate(picked):
-                part = ds[metric] if index is None else ds[metric].isel({by: index})
-                name = None if index is None else f"{label(str(by))} = {float(ds[by][index]):.3g}"
-                _band(axes, part, x, name, k)
-            axes.set(xlabel=label(x), ylabel=label(metric), title=METRICS[metric].long_name)
-            axes.set_ylim(bottom=0.0)
-            if x == "estimate_ratio":
-                axes.axvline(1.0, color="0.5", lw=0.8, ls="--")
-        if by:
-            figure.axes[0].legend(frameon=False, fontsize=8)
-        figure.suptitle(_over(ds, x, *([by] if by else []), band=True), fontsize=9)
+    if by:
+        figure, panels = _figure(len(picked), len(metrics), 2.2, sharex="col", sharey="col")
+    else:
+        figure, panels = _figure(-(-len(metrics) // _PANELS_ABREAST), min(len(metrics), _PANELS_ABREAST), 2.8)
+    along = quantity(x).factor * ds[x]
+    for k, index in enumerate(picked):
+        for axes, metric in zip(panels[k] if by else panels.flat, metrics, strict=False):
+            shown = quantity(metric)
+            values = shown.factor * ds[metric]
+            part, name = values, None
+            if by and index is not None:
+                part, name = values.isel({by: index}), quantity(by).equals(float(ds[by][index]))
+                axes.set_title(name, loc="left")
+                rest = values.isel({by: [other for other in picked if other != index]})
+                axes.plot(along, rest.median([d for d in rest.dims if d not in (x, by)]).transpose(x, by), **_OTHERS)
+            draw_curve(axes, along, part, label=name, color=BLUE)
+            axes.set_ylabel(wrapped(shown.axis, 2.0, 9))
+            if not by or k == len(picked) - 1:
+                axes.set_xlabel(quantity(x).axis)
+            _mark_exact(axes, x)
+            _say_if_empty(axes, values)
+    _remove_empty(panels, len(metrics) * len(picked))
+    for alike in panels.T if by else panels.reshape(-1, 1):
+        _from_zero(alike, "y")
+    words = describe(ds, _pooled(ds, x, *([by] if by else [])), "Line", "band", "thin lines")
+    _head(figure, ds, words + ("; grey: medians of the other rows" if by else "") + _exact_in_words(x))
     return figure
 
 
-def _band(axes: Axes, part: xr.DataArray, x: str, name: str | None, k: int) -> None:
-    others = [d for d in part.dims if d != x]
-    colour = COLOURS[k % len(COLOURS)]
-    if others:
-        low, high = part.quantile(_BAND[0], others), part.quantile(_BAND[1], others)
-        axes.fill_between(part[x], low, high, color=colour, alpha=0.18, lw=0)
-    axes.plot(part[x], part.median(others), color=colour, ls=LINE_STYLES[k % len(LINE_STYLES)], label=name)
-
-
+@apply_style()
 def alternatives(ds: xr.Dataset, dim: str, metrics: Sequence[str] = STANDARD_METRICS) -> Figure:
-    """Metrics of named alternatives: median and 10–90 % range over all other dimensions."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    with rc_context(STYLE):
-        figure = Figure(figsize=(4.2 * len(metrics), 1.2 + 0.25 * ds.sizes[dim]), layout="constrained")
-        rows = np.arange(ds.sizes[dim])
-        for axes, metric in zip(np.atleast_1d(figure.subplots(1, len(metrics), sharey=True)), metrics, strict=True):
-            others = [d for d in ds[metric].dims if d != dim]
-            middle = ds[metric].median(others)
-            spread = abs(ds[metric].quantile(list(_BAND), others) - middle)
-            axes.errorbar(middle, rows, xerr=spread, fmt="o", color=COLOURS[0], ms=4, lw=1)
-            axes.set(xlabel=label(metric), title=METRICS[metric].long_name)
-        figure.axes[0].set_yticks(rows, [str(v) for v in ds[dim].values])
-        figure.axes[0].invert_yaxis()
+    """Metrics of named alternatives: median and 10–90 % range, or single dots, over all other dims."""
+    n = ds.sizes[dim]
+    figure, panels = _figure(1, len(metrics), 1.0 + 0.22 * n, sharey=True)
+    for axes, metric in zip(panels.flat, metrics, strict=True):
+        shown = quantity(metric)
+        draw_dots(axes, shown.factor * ds[metric], dim, BLUE)
+        axes.set_xlabel(wrapped(shown.axis, 0.8 * _PANEL, 9))
+        _from_zero([axes], "x")
+        _say_if_empty(axes, ds[metric])
+    panels[0, 0].set_yticks(np.arange(n), [str(v) for v in ds[dim].values])
+    panels[0, 0].set_ylim(n - 0.4, -0.6)
+    _head(figure, ds, describe(ds, _pooled(ds, dim), "Dot", "line", "small dots"))
     return figure
 
 
@@ -153,34 +130,66 @@ def standard_figures(ds: xr.Dataset) -> dict[str, Figure]:
         figures["bands"] = bands(ds, x, by=y)
     elif numeric:
         figures["bands"] = bands(ds, numeric[0])
-    figures |= {dim: alternatives(ds, dim) for dim in named if ds[dim].dtype.kind in "OUST"}
+    figures |= {
+        dim: alternatives(ds, dim) for dim in named if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _ALTERNATIVES
+    }
     return figures
 
 
-def write(figures: dict[str, Figure], folder: Path) -> list[Path]:
-    """Write figures as PNG; returns their paths.
+def _figure(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
+    """Panels of one width, all of the same height."""
+    from matplotlib.figure import Figure
 
-    Raises
-    ------
-    StorageError
-        If one cannot be written; nothing half-written is left behind.
-    """
-    with reported(folder, "made"):
-        folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, figure in figures.items():
-        paths.append(folder / f"{name}.png")
-        commit_written(paths[-1], partial(figure.savefig, format="png", metadata={"Software": "fastcoil"}))
-    return paths
+    figure = Figure(figsize=(_PANEL * max(columns, 2), height * rows + 0.5), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def _over(ds: xr.Dataset, *shown: str, band: bool = False) -> str:
-    others = [
-        f"{ds.sizes[d]} {d}s" if not str(d).endswith("s") else str(d) for d in ds["status"].dims if d not in shown
-    ]
-    if not others:
-        return ""
-    return f"median{' and 10–90 % band' if band else ''} over {' × '.join(others)}"
+def _remove_empty(panels: np.ndarray, used: int) -> None:
+    for axes in panels.flat[used:]:
+        axes.remove()
+
+
+def _say_if_empty(axes: Axes, values: xr.DataArray) -> bool:
+    if np.isfinite(values).any():
+        return False
+    axes.text(0.5, 0.5, "no finite value", ha="center", transform=axes.transAxes)
+    return True
+
+
+def _from_zero(alike: Iterable[Axes], which: Literal["x", "y"]) -> None:
+    """Let the axis of some panels start at 0 and end above all that is drawn, unless some of it is negative."""
+    drawn = [getattr(axes.dataLim, f"interval{which}") for axes in alike]
+    low, high = min(d[0] for d in drawn), max(d[1] for d in drawn)
+    if low >= 0.0 and high > 0.0:
+        for axes in alike:
+            getattr(axes, f"set_{which}lim")(0.0, 1.05 * high)
+
+
+def _mark_exact(axes: Axes, x: str, y: str = "") -> None:
+    """Mark where the estimate is the backlash."""
+    look: Any = {"color": "white" if y else "black", "lw": 0.8, "ls": DOTTED}
+    if x == "estimate_ratio":
+        axes.axvline(100.0, **look)
+    if y == "estimate_ratio":
+        axes.axhline(100.0, **look)
+    if {x, y} == _SIZES:
+        axes.axline((0.0, 0.0), slope=1.0, **look)
+
+
+def _exact_in_words(*shown: str) -> str:
+    return "; dotted: estimate = backlash" if "estimate_ratio" in shown or {*shown} == _SIZES else ""
+
+
+def _pooled(ds: xr.Dataset, *shown: str) -> list[str]:
+    return [str(d) for d in ds["status"].dims if d not in shown]
+
+
+def _head(figure: Figure, ds: xr.Dataset, words: str) -> None:
+    """Write the title of the study, what is drawn, and how much of it failed."""
+    failed = int((ds["status"] != STATUS_OK).sum())
+    words += f"; without {failed:,} of {ds['status'].size:,} scenarios, which failed" if failed else ""
+    lines = [str(ds.attrs["title"])] if ds.attrs.get("title") else []
+    figure.suptitle(wrapped("\n".join([*lines, words]), figure.get_figwidth(), 9))
 
 
 def _check(ds: xr.Dataset, metrics: Sequence[str], *dims: str) -> None:

@@ -1,1 +1,1 @@
-"""Loops, scenarios and days as labelled Datasets: what ``fc.simulate`` is made of."""
+"""Loops, scenarios and days as labelled Datasets: the parts of ``fc.simulate``."""

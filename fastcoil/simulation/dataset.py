@@ -20,6 +20,7 @@ from fastcoil.files import commit_written
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.simulation.scenarios import Layout
+from fastcoil.version import package_version
 
 FORMAT = 1
 """Of results on disk; a file of a later one is refused."""
@@ -42,10 +43,10 @@ _HASHED_AT_ONCE = 2**20
 _COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
 
 
-def flat(
+def flat_dataset(
     index: np.ndarray, metrics: np.ndarray, status: np.ndarray, traces: Mapping[str, np.ndarray], trace_interval: int
 ) -> xr.Dataset:
-    """Name what was found for some scenarios, along the dim ``scenario``.
+    """Name the results of some scenarios, along the dim ``scenario``.
 
     index: (n,) flat indices; metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or
     (n, N, n_points).
@@ -69,21 +70,21 @@ def flat(
     return ds
 
 
-def gather(
+def join_flat(
     n_scenarios: int,
     parts: Iterable[xr.Dataset],
     names: Collection[str] | None = None,
     allocate: Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray] = np.full,
 ) -> xr.Dataset:
-    """Put flat parts (see ``flat``) in their places.
+    """Join flat parts (see ``flat_dataset``) into one Dataset of all scenarios.
 
-    names: of the variables, all by default.  allocate: makes an array of a shape, value and type.
-    A scenario that is in no part has the status ``not_run`` and results of NaN.
+    names: the variables to join, all by default.  allocate: makes an array of a shape, value and type.
+    A scenario that no part holds gets the status ``not_run`` and NaN as results.
 
     Raises
     ------
     IntegrityError
-        If a scenario is in two parts.
+        If two parts hold the same scenario.
     """
     whole: dict[Hashable, tuple[Any, np.ndarray, dict[Any, Any]]] = {}
     coordinates: dict[Hashable, Any] = {}
@@ -105,8 +106,8 @@ def gather(
     return xr.Dataset(whole, coords=coordinates)
 
 
-def unflattened(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
-    """Give flat results of all scenarios the dims and coordinates of the study."""
+def unflatten(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
+    """Give the flat results of all scenarios the dims and coordinates of the study."""
     dims, shape = tuple(layout.sizes), tuple(layout.sizes.values())
     variables = {
         name: ((*dims, *v.dims[1:]), v.values.reshape((*shape, *v.shape[1:])), v.attrs)
@@ -131,13 +132,14 @@ def attributes(output: Output) -> dict[str, Any]:
 def coordinate_attrs(name: str) -> dict[str, str]:
     """CF attributes of a coordinate: a parameter, a reserved dimension, or a user's own."""
     if name in PARAMETERS:
-        unit = PARAMETERS[name].unit
-        return {"long_name": PARAMETERS[name].text} | ({"units": unit} if unit else {})
+        parameter = PARAMETERS[name]
+        units = {"units": parameter.unit} if parameter.unit else {}
+        return {"long_name": parameter.label, **units, "comment": parameter.text}
     return dict(_DIM_ATTRS.get(name, {"long_name": name}))
 
 
 def provenance() -> dict[str, Any]:
-    """What made a result: versions and machine, no user and no path."""
+    """Attributes that say what made a result: versions and machine, no user and no path."""
     packages = {}
     for package in ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4"):
         try:
@@ -160,16 +162,8 @@ def provenance() -> dict[str, Any]:
     }
 
 
-def package_version() -> str:
-    """Version of the installed package."""
-    try:
-        return version("fastcoil")
-    except PackageNotFoundError:  # run from a source tree that is not installed
-        return "unknown"
-
-
 def content_sha256(ds: xr.Dataset) -> str:
-    """Hash of names, dims, values and the attributes that are not volatile: equal for equal results.
+    """Hash of names, dims, values and all attributes but the volatile ones: equal for equal results.
 
     It survives a round trip through NetCDF, where strings and attributes change their types.
     """
@@ -177,7 +171,7 @@ def content_sha256(ds: xr.Dataset) -> str:
 
 
 def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) -> str:
-    """The same from the hashes of variables, those of ``ds`` and of its traces elsewhere by default."""
+    """``content_sha256`` from the hashes of variables, by default those of ``ds`` and of its traces in other files."""
     if variables is None:
         elsewhere = json.loads(ds.attrs.get("trace_sha256", "{}"))
         variables = elsewhere | {str(n): variable_sha256(v) for n, v in ds.variables.items()}
@@ -189,7 +183,7 @@ def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) 
 
 
 def variable_sha256(variable: xr.Variable) -> str:
-    """Hash of a variable's dims, values and attributes; read piece by piece if it is on the disk."""
+    """Hash of a variable's dims, values and attributes; a variable on disk is read piece by piece."""
     digest = hashlib.sha256(f"{variable.dims} {variable.shape}\n".encode())
     rows = variable.shape[0] if variable.ndim else 1
     step = max(1, _HASHED_AT_ONCE * rows // max(1, variable.size))

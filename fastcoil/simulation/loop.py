@@ -7,37 +7,31 @@ dimension) or an ``xarray.DataArray``.  The union of the dimensions is the shape
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Iterable, Mapping
+import warnings
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, nearest
-from fastcoil.outputs import METRICS, TRACES
-from fastcoil.parameter_table import INSTALLED_VALVE, LARGEST, PARAMETERS, STAND_INS, Parameter, Scalar, check_name
+from fastcoil.outputs import METRICS
+from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS, STAND_INS, Scalar, check_name
+from fastcoil.simulation.parameter_values import checked_value
+from fastcoil.simulation.presets import PRESETS
+from fastcoil.simulation.signature import UNCHANGED, describe_parameters, take_parameters
 
-_REAL_LOOP = {"C_c": 10.0, "sensor_time_constant": 30.0, "stroke_time": 90.0}
-PRESETS: dict[str, dict[str, Scalar]] = {
-    "paper_like": {},
-    "paper_like_fast": {"C_c": 10.0, "kp": 0.05, "ti": 5.0, "sample_time": 10.0},
-    "lbnl": {**_REAL_LOOP, "kp": 0.018, "ti": 30.0, "sample_time": 15.0},
-    "g36": {**_REAL_LOOP, "kp": 0.05, "ti": 600.0, "sample_time": 5.0},
-}
-"""Differences from the defaults.  ``paper_like*`` are generic coils and tunings on which the paper's phenomena
-appear; ``lbnl`` is the recorded tuning of LBNL building 33 AHU-2, ``g36`` the default of ASHRAE Guideline 36
-in the Modelica Buildings library.  None is the paper's unpublished fit."""
-
+_DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
 _VALVE_CURVE = STAND_INS["rangeability"]
 _ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
-FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time"} | {"status"} | set(METRICS) | set(TRACES)
-"""Dimensions that a sweep cannot have: those of a result, and the names of its variables."""
 
 
+@describe_parameters
 class Loop:
     """An immutable set of loop parameters, each a number, a word or an ``xarray.DataArray``.
 
-    ``fc.Loop()`` is the preset ``paper_like``; ``fc.parameters()`` lists names, units and bounds.
+    ``fc.Loop()`` is the preset ``paper_like``.  A parameter may be a number or word, a list (a dimension of its own),
+    ``(dim, values)`` (zipped with others along a shared dimension) or a DataArray.
 
     Examples
     --------
@@ -49,39 +43,56 @@ class Loop:
     __slots__ = ("_values",)
     _values: dict[str, Scalar | xr.DataArray]
 
+    @take_parameters(_DEFAULTS)
     def __init__(self, **values: Any) -> None:
-        defaults = {p.name: p.default for p in PARAMETERS.values() if p.default is not None}
-        self._values = _assigned(defaults, values)
+        self._values = _assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, values)
 
     @classmethod
     def preset(cls, name: str) -> Loop:
-        """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl`` or ``g36``."""
+        """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl`` or ``g36`` (see ``fc.presets()``)."""
         if not isinstance(name, str) or name not in PRESETS:
             raise InputError(
                 f"preset = {name!r}: unknown{nearest(str(name), PRESETS)}; choose one of {', '.join(PRESETS)}"
             )
-        return cls(**PRESETS[name])
+        return cls(**PRESETS[name].values)
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Loop:
-        """Rebuild the loop behind a result, or behind a part of it such as ``ds.isel(backlash=3)``."""
+        """Rebuild the loop behind a result, or behind a part of it such as ``ds.isel(backlash=3)``.
+
+        A parameter that the result does not hold takes its default, with a warning: either it was added after the
+        result was made, or its coordinate was dropped, as by ``ds.isel(backlash=3, drop=True)``.
+
+        Raises
+        ------
+        InputError
+            If ``ds`` was not made by fastcoil, or has no labels along a dimension named after a parameter.
+        """
         if "parameters" not in ds.attrs:
             raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil")
-        loop = cls()
-        loop._values = dict(json.loads(ds.attrs["parameters"]))
         dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
+        unlabelled = [d for d in dims if d in PARAMETERS and d not in ds.coords]
+        if unlabelled:
+            raise InputError(
+                [f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled]
+            )
         names = [n for n in ds.coords if n in PARAMETERS]
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
-        swept = {n: ds[n].reset_coords(drop=True) for n in names}
-        return loop.assign(**{str(n): da.item() if da.ndim == 0 else da for n, da in swept.items()})
+        swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
+        constants = dict(json.loads(ds.attrs["parameters"]))
+        loop = cls()
+        loop._values = constants | _defaults_of_missing(constants, swept)
+        return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
 
+    @take_parameters(dict.fromkeys(PARAMETERS, UNCHANGED))
     def assign(self, **values: Any) -> Loop:
         """Return a copy with parameters changed.
 
         Raises
         ------
         InputError
-            With one sentence for each unknown name, wrong type, value out of bounds, empty or duplicated axis.
+            With one sentence for each unknown name, wrong type, value out of bounds, empty or duplicated axis, or
+            zipped parameter of another length.
         """
         changed = Loop.__new__(Loop)
         changed._values = _assigned(self._values, values)
@@ -102,24 +113,16 @@ class Loop:
 
     @property
     def constants(self) -> dict[str, Scalar]:
-        """The parameters that have none."""
+        """The parameters that have no dimensions."""
         return {n: v for n, v in self._values.items() if not isinstance(v, xr.DataArray)}
 
     @property
     def sizes(self) -> dict[str, int]:
         """Dimension → length, in the order in which the dimensions were first assigned."""
-        sizes: dict[str, int] = {}
-        for name, value in self.swept.items():
-            for dim, size in value.sizes.items():
-                if sizes.setdefault(str(dim), size) != size:
-                    raise InputError(
-                        f"{name} has {size} values along {dim!r}, other parameters have {sizes[str(dim)]}: "
-                        "zipped parameters need the same length"
-                    )
-        return sizes
+        return {str(dim): size for value in self.swept.values() for dim, size in value.sizes.items()}
 
     def coordinates(self) -> dict[str, xr.DataArray]:
-        """The labels of every dimension, and the swept parameters along them."""
+        """Labels of every dimension, and the swept parameters along them."""
         labels: dict[str, xr.DataArray] = {}
         for name, value in self.swept.items():
             for dim in value.dims:
@@ -127,7 +130,7 @@ class Loop:
                     index = value.coords[dim].reset_coords(drop=True)
                     if not labels.setdefault(str(dim), index).identical(index):
                         raise InputError(
-                            f"the labels of dimension {dim!r} given with {name} differ from those given before"
+                            f"dimension {dim!r} has other labels with {name} than with the parameters before it"
                         )
         for dim, size in self.sizes.items():
             own = self._values.get(dim)
@@ -143,16 +146,14 @@ class Loop:
         return labels
 
     def __repr__(self) -> str:
-        default = {p.name: p.default for p in PARAMETERS.values()}
         lines = [f"  {dim}: {size}" for dim, size in self.sizes.items()]
         text = ["<fastcoil.Loop>"] + (["Dimensions:", *lines] if lines else [])
         differs = []
         for name, value in self._values.items():
             if isinstance(value, xr.DataArray):
                 differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_brief(value.values)}")
-            elif value != default[name]:
-                unit = PARAMETERS[name].unit
-                differs.append(f"  {name} = {value}" + ("" if unit in ("", "1") else f" {unit}"))
+            elif value != _DEFAULTS[name]:
+                differs.append(f"  {PARAMETERS[name].equation(value)}")
         return "\n".join(text + (["Differs from paper_like:", *differs] if differs else ["paper_like"]))
 
     def __eq__(self, other: object) -> bool:
@@ -169,12 +170,12 @@ def _brief(values: np.ndarray) -> str:
 
 
 def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Apply ``changes``, all of their mistakes reported at once."""
+    """Apply ``changes``; all of their mistakes are reported together."""
     problems: list[str] = []
     checked: dict[str, Any] = {}
     for name, value in changes.items():
         try:
-            checked[name] = _checked(PARAMETERS[check_name(name)], value)
+            checked[name] = checked_value(PARAMETERS[check_name(name)], value)
         except InputError as error:
             problems += error.problems
     for stand_ins, replaced in _ALTERNATIVES:
@@ -207,86 +208,35 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
     for name, value in checked.items():
         result.pop(name, None) if isinstance(value, xr.DataArray) else None
         result[name] = value
+    _check_lengths(result)
     return result
 
 
-def _checked(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
-    """A scalar in its canonical type, or a DataArray of admissible values."""
-    if isinstance(value, xr.DataArray):
-        data = value if value.ndim else value.item()
-        if value.ndim == 0:
-            return _checked(parameter, data)
-        return _checked_array(parameter, value)
-    if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and not isinstance(value[1], str):
-        return _checked_array(parameter, xr.DataArray(_vector(parameter, value[1]), dims=value[0]))
-    if isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
-        return _checked_array(parameter, xr.DataArray(_vector(parameter, value), dims=parameter.name))
-    if isinstance(value, np.generic):
-        value = value.item()
-    problem = parameter.problem(value)
-    if problem:
-        raise InputError(problem)
-    return value if parameter.is_word else int(value) if parameter.name == "n_volumes" else float(value)
+def _check_lengths(values: Mapping[str, Any]) -> None:
+    """Refuse parameters of different lengths along a dimension that they share."""
+    first: dict[str, str] = {}
+    problems = []
+    for name, value in values.items():
+        if not isinstance(value, xr.DataArray):
+            continue
+        for dim, size in value.sizes.items():
+            other = first.setdefault(str(dim), name)
+            expected = values[other].sizes[dim]
+            if size != expected:
+                problems.append(
+                    f"{name} has {size} values along {dim!r}, {other} has {expected}: zipped parameters need the same "
+                    "length; to change it, give all of them in one call"
+                )
+    if problems:
+        raise InputError(problems)
 
 
-def _vector(parameter: Parameter, values: Any) -> np.ndarray:
-    if not isinstance(values, (list, tuple, range)) and np.ndim(values) != 1:
-        raise InputError(
-            f"{parameter.name}: a sweep is a list of values; give a DataArray with named dims for more dimensions"
-        )
-    for value in values:
-        plain = value.item() if isinstance(value, np.generic) else value
-        if np.ndim(plain) if isinstance(plain, np.ndarray) else isinstance(plain, (list, tuple)):
-            raise InputError(
-                f"{parameter.name} = {plain!r} in a list: give a DataArray with named dims for more dimensions"
-            )
-        fits = isinstance(plain, str) if parameter.is_word else type(plain) in (int, float) and abs(plain) <= LARGEST
-        problem = None if fits else parameter.problem(plain)
-        if problem:
-            raise InputError(problem)
-    return np.asarray(values)
-
-
-def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
-    name = parameter.name
-    if array.size == 0:
-        raise InputError(f"{name} = []: a sweep needs at least one value")
-    for dim in array.dims:
-        _check_dim(name, dim, array.ndim)
-    if not parameter.is_word:
-        if array.dtype.kind not in "iuf":
-            raise InputError(f"{name} has values of type {array.dtype}: give numbers")
-        array = array.astype(int if name == "n_volumes" and array.dtype.kind in "iu" else float)
-    flat = array.values.ravel()
-    bad = [p for p in (parameter.problem(v) for v in _suspects(parameter, flat)) if p]
-    if bad:
-        raise InputError(bad[0] if len(bad) == 1 else f"{bad[0]} (and {len(bad) - 1} more of its values)")
-    if name == "n_volumes":
-        array = array.astype(int)
-    if array.dims == (name,):
-        # a label such as 0.07 must be found on an axis made by linspace
-        values = flat if parameter.is_word else np.array([float(f"{v:.12g}") for v in flat], dtype=array.dtype)
-        unique, counts = np.unique(values, return_counts=True)
-        if unique.size < values.size:
-            raise InputError(f"{name}: {unique[counts > 1][0]} stands twice on its axis, leave one out")
-        array = xr.DataArray(values, dims=name)
-    return array
-
-
-def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
-    """The values that are not plainly admissible, so that a million good ones cost nothing."""
-    if parameter.is_word:
-        return [v for v in flat.tolist() if v not in parameter.choices]
-    fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
-    if parameter.whole:
-        fine &= flat == np.floor(flat)
-    return [v for v in flat[~fine].tolist()]
-
-
-def _check_dim(name: str, dim: Hashable, ndim: int) -> None:
-    if not isinstance(dim, str) or dim in FORBIDDEN_DIMS:
-        raise InputError(f"{name}: {dim!r} cannot be the name of a swept dimension, it is taken; choose another")
-    if not dim.isidentifier() or dim in ("method", "tolerance", "drop", "indexers", "missing_dims"):
-        raise InputError(f"{name}: {dim!r} cannot be the name of a dimension; use letters, digits and _")
-    if dim in PARAMETERS and dim == name and ndim > 1:
-        raise InputError(f"{name}: its own name can only be the dimension of a plain list of its values")
+def _defaults_of_missing(constants: Mapping[str, Scalar], swept: Mapping[str, xr.DataArray]) -> dict[str, Scalar]:
+    """Defaults of the parameters that a result has neither as constant nor as coordinate, with a warning."""
+    known = constants.keys() | swept.keys()
+    replaced = {name for stand_in, names in STAND_INS.items() if stand_in in known for name in names}
+    missing = {n: v for n, v in _DEFAULTS.items() if v is not None and n not in known | replaced}
+    if missing:
+        taken = ", ".join(PARAMETERS[name].equation(value) for name, value in missing.items())
+        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {taken}", stacklevel=3)
+    return missing

@@ -1,38 +1,46 @@
-"""A validated simulation: what will be run, how large it is, and whether it fits."""
+"""A validated simulation: its scenarios, its size, and the shards it is cut into."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import joblib
 import numpy as np
 
+from fastcoil.arguments import whole_number_problems
 from fastcoil.boundary import Boundary
-from fastcoil.engine.emulator import SERIES, Day
+from fastcoil.engine.emulator import DAY_COLUMNS, Day
 from fastcoil.engine.host import Traces
-from fastcoil.engine.lanes import LANES
+from fastcoil.engine.rows import LANES
 from fastcoil.engine.schedule import schedule
 from fastcoil.errors import InputError, nearest
 from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
+from fastcoil.simulation.resources import check_memory
 from fastcoil.simulation.scenarios import Layout
 from fastcoil.simulation.stability import check_stability
 
-RUN_LIMITS: dict[str, tuple[int, int | None]] = {
-    "trace_interval": (1, None),
-    "warm_up": (0, None),
-    "seed": (0, 2**64 - 1),
-    "replicates": (1, 2**32),
+
+class Limits(NamedTuple):
+    """Bounds of a whole number; ``None``: no upper one."""
+
+    least: int
+    most: int | None = None
+
+
+RUN_LIMITS = {
+    "trace_interval": Limits(1),
+    "warm_up": Limits(0),
+    "seed": Limits(0, 2**64 - 1),
+    "replicates": Limits(1, 2**32),
 }
-"""Least and largest value of the whole numbers that say how to run; a boundary may limit them further."""
+"""Limits of the whole numbers that say how to run; a boundary may limit them further."""
 
 _LANE_STEPS_PER_SHARD = 60e6
 """About 1 to 2 s of work on one core."""
@@ -42,7 +50,7 @@ _BYTES_PER_SHARD = 64 * 2**20
 
 @dataclass(frozen=True)
 class Plan:
-    """A validated simulation: everything a shard needs, and the size of what will come out."""
+    """A validated simulation: everything a shard needs, and the size of the result."""
 
     layout: Layout
     traces: Traces
@@ -80,9 +88,9 @@ class Plan:
         return self.n_scenarios * 8 * rows * self.traces.n_points(self.n_steps)
 
     def memory_bytes(self, n_jobs: int, *, traces_on_disk: bool) -> int:
-        """Memory that the run takes at most: the result, its image on the way to disk, a copy while it is put together.
+        """Most memory that the run takes: the result, its image on the way to disk, a copy while it is put together.
 
-        Traces on the disk are only in memory by the shard.
+        Traces on disk are in memory only one shard at a time.
         """
         if not traces_on_disk:
             return 3 * (self.metric_bytes + self.trace_bytes)
@@ -90,11 +98,11 @@ class Plan:
         return 3 * self.metric_bytes + 3 * (n_jobs + 1) * of_shard
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
-        """Room that a study takes at most on the disk while it is merged."""
+        """Most room that a study takes on disk, while it is merged."""
         return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept
 
     def shard_size(self, n_jobs: int, n_scenarios: int | None = None) -> int:
-        """Scenarios of a shard where ``n_scenarios`` (all) are to be run: whole blocks."""
+        """Scenarios of a shard, in whole blocks, if ``n_scenarios`` (all by default) are to be run."""
         by_work = _LANE_STEPS_PER_SHARD / self.n_steps
         by_workers = (n_scenarios or self.n_scenarios) / (n_jobs * _SHARDS_PER_WORKER)
         by_size = _BYTES_PER_SHARD * self.n_scenarios / (self.metric_bytes + self.trace_bytes)
@@ -112,7 +120,7 @@ class Plan:
         return [day[start : start + size] for day in of_days for start in range(0, day.size, size)]
 
 
-def prepare(
+def plan_simulation(
     loop: Loop,
     boundary: Boundary,
     *,
@@ -124,7 +132,13 @@ def prepare(
     replicates: int = 1,
     traces_on_disk: bool = False,
 ) -> Plan:
-    """Validate the arguments of ``simulate``; nothing is allocated and nothing run.  All mistakes at once."""
+    """Validate the arguments of ``simulate``: nothing is allocated and nothing runs.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake.
+    """
     if not isinstance(loop, Loop):
         raise InputError(f"loop is a {type(loop).__name__}: give a fastcoil.Loop")
     if not isinstance(boundary, Boundary):
@@ -132,18 +146,9 @@ def prepare(
             f"boundary is a {type(boundary).__name__}: give a fastcoil.Boundary, such as fastcoil.paper_day()"
         )
     given = {"trace_interval": trace_interval, "warm_up": warm_up, "seed": seed, "replicates": replicates}
-    limits = RUN_LIMITS | {"trace_interval": (1, boundary.n_steps)}
+    limits = RUN_LIMITS | {"trace_interval": Limits(1, boundary.n_steps)}
     problems = [p for name, value in given.items() for p in whole_number_problems(name, value, *limits[name])]
-    if not isinstance(traces, (list, tuple)):
-        problems.append(f"traces = {traces!r}: give a list of names")
-        traces = ()
-    known = [n for n in traces if isinstance(n, str) and n in TRACES]
-    problems += [
-        f"traces: {n!r} is not a trace{nearest(str(n), TRACES)}; known: {', '.join(TRACES)}"
-        for n in traces
-        if n not in known
-    ]
-    problems += [f"traces: {n} is listed twice" for n in sorted(set(known)) if known.count(n) > 1]
+    problems += _trace_problems(traces, boundary) + _series_problems(loop, boundary)
     if not problems and boundary.n_steps <= warm_up:
         problems.append(
             f"the boundary lasts {boundary.n_steps} s, the warm-up {warm_up} s: nothing is left to count, "
@@ -156,7 +161,7 @@ def prepare(
     words = (seed & 0xFFFFFFFF, seed >> 32)
     days = tuple(
         Day(
-            series=np.stack([boundary.series[n][d] for n in SERIES], axis=1),
+            series=np.stack([boundary.series[n][d] for n in DAY_COLUMNS], axis=1),
             command=commands[d] if commands is not None else np.empty(0),
             schedule=schedule(boundary.series["T_set"][d], boundary.series["enabled"][d], warm_up),
             label=int(boundary.day[d]),
@@ -165,14 +170,14 @@ def prepare(
         for d in range(boundary.n_days)
     )
     plan = Plan(layout, Traces(tuple(traces), trace_interval), warm_up, seed, commands, days)
-    _check_memory(plan, traces_on_disk)
+    check_memory(plan.memory_bytes(1, traces_on_disk=traces_on_disk), plan.n_scenarios)
     layout.check_together()
     check_stability(layout)
     return plan
 
 
-def settings(plan: Plan) -> dict[str, Any]:
-    """The attributes that, with the coordinates, say what was simulated."""
+def simulation_attributes(plan: Plan) -> dict[str, Any]:
+    """Attributes of a result that, with its coordinates, say what was simulated."""
     attrs = {
         "parameters": json.dumps(plan.layout.loop.constants),
         "boundary": plan.layout.boundary.describe(),
@@ -188,52 +193,33 @@ def settings(plan: Plan) -> dict[str, Any]:
 
 
 def day_sha256(day: Day) -> str:
-    """Hash of all that a scenario meets on a day, its label included: that keys the noise."""
+    """Hash of a day's series and command, and of its label, which keys the noise."""
     return hashlib.sha256(f"{day.label} ".encode() + day.series.tobytes() + day.command.tobytes()).hexdigest()
 
 
-def available_memory() -> int:
-    """Bytes of memory that can be used without swapping."""
-    try:
-        fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-        return int(fields["MemAvailable"].split()[0]) * 1024
-    except (OSError, KeyError, ValueError):  # not Linux: take what the machine has
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
+    """Lists of values that are as long as the boundary: most likely series, and not sweeps."""
+    if boundary.n_steps < SHORTEST_SERIES:
+        return []
+    return [
+        f"{name} has {value.size:,} values, one for each second of the boundary: {SERIES_HINT}; "
+        f'to sweep it, name the dimension: {name}=("sample", values)'
+        for name, value in loop.swept.items()
+        if value.dims == (name,) and value.size == boundary.n_steps
+    ]
 
 
-def check_disk(plan: Plan, folder: Path, *, traces_kept: bool = True) -> None:
-    """Refuse a result that cannot fit where it is to be written."""
-    nearest_existing = next(p for p in [folder, *folder.absolute().parents] if p.exists())
-    free = shutil.disk_usage(nearest_existing).free
-    needed = plan.disk_bytes(traces_kept=traces_kept)
-    if needed > free:
-        raise InputError(
-            f"the study needs up to {gib(needed)} on disk, {gib(free)} are free in {nearest_existing}: "
-            "choose another folder, or sweep fewer values, ask for fewer traces or a longer trace_interval"
-        )
-
-
-def gib(n_bytes: float) -> str:
-    """Bytes in words."""
-    return f"{n_bytes / 2**30:,.1f} GiB" if n_bytes >= 2**30 else f"{n_bytes / 2**20:,.1f} MiB"
-
-
-def _check_memory(plan: Plan, traces_on_disk: bool) -> None:
-    needed, available = plan.memory_bytes(1, traces_on_disk=traces_on_disk), available_memory()
-    if needed > available:
-        raise InputError(
-            f"{plan.n_scenarios:,} scenarios need {gib(needed)} of memory for their results, "
-            f"{gib(available)} are available: sweep fewer values, ask for fewer traces or a longer trace_interval"
-        )
-
-
-def whole_number_problems(name: str, value: object, low: int, high: int | None) -> list[str]:
-    """A sentence if ``value`` is not a whole number from ``low`` to ``high``, else nothing."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        return [f"{name} = {value!r}: give a whole number"]
-    if value < low or (high is not None and value > high):
-        return [f"{name} = {value}: must be at least {low}" + (f" and at most {high}" if high is not None else "")]
-    return []
+def _trace_problems(traces: object, boundary: Boundary) -> list[str]:
+    if not isinstance(traces, (list, tuple)):
+        return [f"traces = {traces!r}: give a list of names"]
+    known = [n for n in traces if isinstance(n, str) and n in TRACES]
+    problems = []
+    for name in traces:
+        if isinstance(name, str) and name in boundary.series:
+            problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
+        elif name not in known:
+            problems.append(f"traces: {name!r} is not a trace{nearest(str(name), TRACES)}; known: {', '.join(TRACES)}")
+    return problems + [f"traces: {n} is listed twice" for n in sorted(set(known)) if known.count(n) > 1]
 
 
 def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:

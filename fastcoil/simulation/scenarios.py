@@ -1,4 +1,4 @@
-"""The scenarios of a study in one flat order: every loop × day × replicate, made only when asked for."""
+"""The scenarios of a study in one flat order: every loop × day × replicate, each made only when needed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Layout:
         return columns_of(self.loop, self.sizes, index)
 
     def describe(self, flat: int) -> str:
-        """One scenario in words: the labels of its place in the sweep, empty if there is only one."""
+        """One scenario in words: its labels in the sweep; empty if there is only one scenario."""
         labels, swept = self.coordinates(), self.loop.swept
         place = np.unravel_index(flat, tuple(self.sizes.values())) if self.sizes else ()
         at = {d: labels[d].values[i] for d, i in zip(self.sizes, place, strict=True)}
@@ -52,7 +52,7 @@ class Layout:
         return coordinates
 
     def check_together(self) -> None:
-        """Refuse what no single parameter shows: an estimate of 1 or more, a learner that starts above its cap."""
+        """Refuse values that only clash together: an estimate of 1 or more, a learner that starts above its cap."""
         value: Mapping[str, Scalar | xr.DataArray | None] = {n: self.loop[n] for n in PARAMETERS}
         problems = []
         estimate = value["backlash_estimate"]

@@ -1,6 +1,6 @@
 """``simulate``: loops × days × replicates → Dataset.
 
-Scenarios are run in shards, contiguous ranges of the flat order: a shard is the unit of scheduling and of
+Scenarios run in shards, contiguous ranges of the flat order.  A shard is the unit of scheduling and of
 progress, and its parameters exist only while it runs.
 """
 
@@ -14,14 +14,16 @@ import joblib
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import whole_number_problems
 from fastcoil.boundary import Boundary
 from fastcoil.engine.host import run_block
-from fastcoil.engine.lanes import LANES, blocks
+from fastcoil.engine.lanes import blocks, parameter_matrix
+from fastcoil.engine.rows import LANES
 from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
-from fastcoil.simulation.dataset import content_sha256, flat, gather, provenance, unflattened
+from fastcoil.simulation.dataset import content_sha256, flat_dataset, join_flat, provenance, unflatten
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.plan import Plan, prepare, settings, whole_number_problems
+from fastcoil.simulation.plan import Plan, plan_simulation, simulation_attributes
 
 
 def simulate(
@@ -41,18 +43,21 @@ def simulate(
     Parameters
     ----------
     loop
-        One loop or a sweep of them; its dimensions become those of the result.
+        One loop or a sweep; its dimensions become those of the result.
     boundary
-        What acts on the loop; several days become the dim ``day``.
+        Entering air and water and the set-point, second by second; several days become the dim ``day``.
     command
-        Open loop: the command to the actuator, 0–1, (n_steps,) or (day, n_steps) in 1-s samples.  The controller is
-        then off: ``u``, ``integral``, ``estimate`` are NaN, ``mode`` is 0.
+        For an open loop: the command to the actuator, 0–1, (n_steps,) or (day, n_steps) in 1-s samples.  The
+        controller is then off: ``u``, ``integral``, ``estimate`` are NaN, ``mode`` is 0.
     traces
-        Names of the signals to keep (see ``fastcoil.outputs.TRACES``), the sample at every ``trace_interval`` s.
+        Names of the signals to keep: T_sup, T_measured, u, integral, command, position, opening, m_w, estimate, mode,
+        T_w_out, W_sup, wet_volumes, power and, with dim ``volume``, T_w, T_c, T_a, W_a.
+    trace_interval
+        Seconds between the samples of a trace; a sample is the value at that second, not a mean.
     warm_up
-        Seconds left out of every metric.
+        Seconds at the start that no metric counts.
     seed
-        Of the measurement noise, 0 … 2**64 - 1.
+        Seed of the measurement noise, 0 … 2**64 - 1.
     replicates
         Noise realisations; more than one become the dim ``replicate``.
     n_jobs
@@ -61,30 +66,33 @@ def simulate(
     Returns
     -------
     xarray.Dataset
-        Metrics and ``status`` over the dims of the sweep, traces with ``elapsed_time`` besides.
+        Metrics and ``status`` over the dims of the sweep; traces over these dims and ``elapsed_time``.
 
     Raises
     ------
     InputError
-        For any mistake in the arguments, an unstable coil, or a result that does not fit in memory.
+        With one sentence for each mistake in the arguments; for an unstable coil; for a result that does not fit in
+        memory.
     """
-    plan = prepare(loop, boundary, command=command, traces=traces, trace_interval=trace_interval, warm_up=warm_up,
-                   seed=seed, replicates=replicates)  # fmt: skip
-    return run(plan, workers(n_jobs))
+    plan = plan_simulation(
+        loop, boundary, command=command, traces=traces, trace_interval=trace_interval, warm_up=warm_up, seed=seed,
+        replicates=replicates,
+    )  # fmt: skip
+    return run_plan(plan, workers(n_jobs))
 
 
-def run(plan: Plan, n_jobs: int) -> xr.Dataset:
-    """Run all shards of a plan on threads and put the pieces together."""
+def run_plan(plan: Plan, n_jobs: int) -> xr.Dataset:
+    """Run all shards of a plan on threads and join their results."""
     tasks = (joblib.delayed(run_shard)(plan, shard) for shard in plan.shards(n_jobs))
     found = joblib.Parallel(n_jobs=n_jobs, backend="threading", batch_size=1, return_as="generator_unordered")(tasks)
-    ds = unflattened(gather(plan.n_scenarios, found), plan.layout)
-    ds.attrs = {"title": "fastcoil simulation", **provenance(), **settings(plan)}
+    ds = unflatten(join_flat(plan.n_scenarios, found), plan.layout)
+    ds.attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
 
 
 def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
-    """Run the scenarios ``index``, which share a day, block by block.  Returns a flat Dataset, see ``results.flat``."""
+    """Run the scenarios ``index``, which share a day, block by block.  Returns a flat Dataset, see ``flat_dataset``."""
     columns = plan.layout.columns(index)
     metrics, status = np.empty((len(METRICS), index.size)), np.empty(index.size, dtype=np.int8)
     traces: dict[str, np.ndarray] = {}
@@ -93,17 +101,17 @@ def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
         shape = (index.size, plan.n_volumes, n_points) if TRACES[name].per_volume else (index.size, n_points)
         traces[name] = np.full(shape, np.nan)
     day = plan.days[columns["day"][0]]
-    for members, block in blocks(columns):
+    for members, block in blocks(parameter_matrix(columns)):
         found, flags, signals = run_block(block, day, plan.traces)
         metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
         for name, signal in signals.items():
             volumes = (slice(block.n_volumes),) if TRACES[name].per_volume else ()
             traces[name][members, *volumes] = signal[..., : members.size].T
-    return flat(index, metrics, status, traces, plan.traces.interval)
+    return flat_dataset(index, metrics, status, traces, plan.traces.interval)
 
 
 def workers(n_jobs: int | None) -> int:
-    """Return a number of threads: all cores by default."""
+    """Number of threads: all cores by default."""
     if n_jobs is None:
         return int(joblib.cpu_count())
     problems = whole_number_problems("n_jobs", n_jobs, 1, 1024)
@@ -113,11 +121,11 @@ def workers(n_jobs: int | None) -> int:
 
 
 def probe(plan: Plan) -> float:
-    """Seconds per lane and step on one thread, measured on one block from the middle of the plan, compiled before."""
+    """Seconds per lane and step on one thread, measured on one compiled block from the middle of the plan."""
     shards = plan.shards(1)
     middle = shards[len(shards) // 2]
     columns = plan.layout.columns(middle[:LANES])
-    _, block = blocks(columns)[0]
+    _, block = blocks(parameter_matrix(columns))[0]
     day = plan.days[columns["day"][0]]
     seconds = []
     for _ in range(2):

@@ -1,16 +1,19 @@
-"""Whether the explicit scheme of Eq (3) is stable at dt = 1 s, before anything runs.
+"""Stability of the explicit scheme of Eq (3) at dt = 1 s, checked before anything runs.
 
-Every temperature stays a weighted mean of its neighbours, so that nothing overshoots, exactly if γ ≤ 1 and
+Every temperature stays a weighted mean of its neighbours, and nothing overshoots, exactly if γ ≤ 1 and
 λ ≤ 1 in every control volume (γ: Courant number of the water, λ: rate of the metal).
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import xarray as xr
 
 from fastcoil.boundary import Boundary, moist_air
-from fastcoil.engine.lanes import PARAMETER_ROWS, parameter_matrix
+from fastcoil.engine.lanes import parameter_matrix
+from fastcoil.engine.rows import PARAMETER_ROWS
 from fastcoil.engine.step_numbers import worst_numbers
 from fastcoil.errors import InputError
 from fastcoil.parameter_table import PARAMETERS
@@ -22,21 +25,29 @@ _AIR_FLOWS = 17
 """Air flows tried between the least and the largest of the boundary: λ need not rise with the flow."""
 
 
+class _Worst(NamedTuple):
+    """The least stable scenario: its flat index, γ and λ."""
+
+    flat: int = 0
+    gamma: float = 0.0
+    lam: float = 0.0
+
+
 def check_stability(layout: Layout) -> None:
     """Refuse the whole study if one scenario breaks γ ≤ 1 or λ ≤ 1.
 
-    Flows are the largest that can occur: water at full opening, air over the boundary's series; the wet λ has
+    Flows are the largest that can occur: water at full opening, air over the boundary's series.  The wet λ takes
     dh_s/dT at the largest entering dew point, unless the coil cannot get wet.
 
     Raises
     ------
     InputError
-        With how many scenarios, the worst of them, and the largest stable ``n_volumes`` or the capacitance at fault.
+        With the number of scenarios, the worst one, and the largest stable ``n_volumes`` or the capacitance at fault.
     """
     coil = _coil_and_valve(layout)
     boundary = layout.boundary
     m_a = _air_flows(boundary)
-    n_bad, worst_flat, worst = 0, 0, (0.0, 0.0)
+    n_bad, worst = 0, _Worst()
     for start in range(0, coil.size, _CHUNK):
         index = np.arange(start, min(start + _CHUNK, coil.size))
         columns = coil.columns(index)
@@ -44,14 +55,14 @@ def check_stability(layout: Layout) -> None:
         broken = np.maximum(gamma, lam)
         n_bad += int(np.count_nonzero(~(broken <= 1.0)))
         k = int(np.nanargmax(broken))
-        if broken[k] > max(worst):
-            worst_flat, worst = start + k, (float(gamma[k]), float(lam[k]))
+        if broken[k] > max(worst.gamma, worst.lam):
+            worst = _Worst(start + k, float(gamma[k]), float(lam[k]))
     if n_bad:
-        raise InputError(_verdict(layout, coil, n_bad, worst_flat, worst, m_a))
+        raise InputError(_verdict(layout, coil, n_bad, worst, m_a))
 
 
 def stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
-    """Whether γ ≤ 1 and λ ≤ 1, over the dims of ``loop``: what ``check_stability`` asks, without a refusal."""
+    """Whether γ ≤ 1 and λ ≤ 1, over the dims of ``loop``: as ``check_stability``, without refusing."""
     layout = Layout(loop, boundary)
     columns = layout.columns(np.arange(layout.size))
     gamma, lam = worst_numbers(parameter_matrix(columns), _air_flows(boundary), _wet_slope(boundary, columns))
@@ -64,7 +75,7 @@ def _air_flows(boundary: Boundary) -> np.ndarray:
 
 
 def _coil_and_valve(layout: Layout) -> Layout:
-    """The study with nothing swept but what stability depends on."""
+    """The study with only the parameters swept that stability depends on."""
     names = [p.name for p in PARAMETERS.values() if p.group in ("coil", "valve")]
     given = {n: v for n, v in layout.loop.items() if n in names}
     axes = {d for v in given.values() if isinstance(v, xr.DataArray) for d in v.dims}
@@ -83,25 +94,24 @@ def _wet_slope(boundary: Boundary, columns: dict[str, np.ndarray]) -> float:
     return float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
 
 
-def _verdict(layout: Layout, coil: Layout, n_bad: int, flat: int, worst: tuple[float, float], m_a: np.ndarray) -> str:
-    columns = coil.columns(np.array([flat]))
+def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: _Worst, m_a: np.ndarray) -> str:
+    columns = coil.columns(np.array([worst.flat]))
     matrix, slope = parameter_matrix(columns), _wet_slope(layout.boundary, columns)
     n_volumes = int(columns["n_volumes"][0])
-    gamma, lam = worst
-    stable = 0
+    largest_stable = 0
     for n in range(n_volumes - 1, 0, -1):
         matrix[PARAMETER_ROWS.index("n_volumes")] = n
         if max(x[0] for x in worst_numbers(matrix, m_a, slope)) <= 1.0:
-            stable = n
+            largest_stable = n
             break
-    what = [f"γ = m_w cp_w dt/C_w = {gamma:.3g}"] if gamma > 1.0 else []
-    what += [f"λ = dt (G_a + G_w)/C_c = {lam:.3g}"] if lam > 1.0 else []
-    cures = [f"n_volumes = {stable} or less is stable"] if stable else []
-    for name, number in (("C_w", gamma), ("C_c", lam)):
+    what = [f"γ = m_w cp_w dt/C_w = {worst.gamma:.3g}"] if worst.gamma > 1.0 else []
+    what += [f"λ = dt (G_a + G_w)/C_c = {worst.lam:.3g}"] if worst.lam > 1.0 else []
+    cures = [f"n_volumes = {largest_stable} or less is stable"] if largest_stable else []
+    for name, number in (("C_w", worst.gamma), ("C_c", worst.lam)):
         if 1.0 < number < np.inf:
             given = float(columns[name][0])
             cures.append(f"raise {name} from {given:g} to at least {_ceil3(given * number):g} kJ/K")
-    place = ", ".join(filter(None, [coil.describe(flat), f"n_volumes={n_volumes}"]))
+    place = ", ".join(filter(None, [coil.describe(worst.flat), f"n_volumes={n_volumes}"]))
     share = n_bad * (layout.size // coil.size)
     return (
         f"unstable at dt = 1 s: {share:,} of {layout.size:,} scenarios have γ or λ above 1; "
@@ -110,6 +120,6 @@ def _verdict(layout: Layout, coil: Layout, n_bad: int, flat: int, worst: tuple[f
 
 
 def _ceil3(x: float) -> float:
-    """X rounded up to 3 significant digits, so that the advice works when followed."""
+    """Round up to 3 significant digits, so that following the advice is enough."""
     scale = 10.0 ** (np.floor(np.log10(x)) - 2)
     return float(np.ceil(x / scale * (1 - 1e-12)) * scale)

@@ -16,7 +16,7 @@ from fastcoil.files import reported
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import coordinate_attrs, provenance, save
-from fastcoil.simulation.plan import settings
+from fastcoil.simulation.plan import simulation_attributes
 from fastcoil.simulation.simulate import run_shard
 from fastcoil.study.folder.merge import opened, trace_problems
 from fastcoil.study.folder.results import begun_study, is_current, open_study
@@ -90,7 +90,7 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     for name, coordinate in coordinates.items():
         one = coordinate.isel({d: place[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
         ds = ds.assign_coords({name: one.assign_attrs(coordinate_attrs(name))})
-    ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **settings(plan)}
+    ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in place.items()) or "scenario"
     path = folder / RERUNS / (re.sub(r"[^\w.=+-]", "-", name) + ".nc")
     with reported(path.parent, "made"):

@@ -16,7 +16,7 @@ import xarray as xr
 from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import model_sha256
-from fastcoil.simulation.plan import check_disk
+from fastcoil.simulation.resources import check_disk
 from fastcoil.simulation.simulate import workers
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.extend import reusable
@@ -132,7 +132,7 @@ def execute(
         for part in committed(folder, run.key):
             done[part["scenario"].values] = True
         todo = np.flatnonzero(~done)
-        check_disk(plan, folder, traces_kept=study.reduction is None)
+        check_disk(plan.disk_bytes(traces_kept=study.reduction is None), folder)
         start = time.monotonic()
         if todo.size:
             tell = progress(todo.size) if progress else None

@@ -189,6 +189,15 @@ def test_a_mistake_gets_a_sentence(options, sentence):
     assert len(caught.value.problems) == 1
 
 
+def test_a_single_scenario_has_nothing_to_compare():
+    alone = result(("kp", "day"), rmse=np.zeros((1, 1))).isel(kp=0, day=0)
+    with pytest.raises(fc.InputError) as caught:
+        fc.compare(alone, baseline={"kp": 0}, over="day")
+    (problem,) = caught.value.problems
+    assert "ds is a single scenario without dimensions" in problem
+    assert "give a sweep that holds the baseline" in problem
+
+
 @pytest.mark.parametrize("given", ["results/study", xr.DataArray([1.0], dims="day"), None, {}])
 def test_what_is_no_result_gets_a_sentence(given):
     with pytest.raises(fc.InputError, match="ds is a .*: give a Dataset of fastcoil.simulate or open_study"):

@@ -9,7 +9,6 @@ import pytest
 from click.testing import CliRunner
 
 from fastcoil.cli.main import main
-from fastcoil.parameter_table import PARAMETERS
 
 pytestmark = pytest.mark.kernel
 
@@ -46,14 +45,6 @@ def test_plan_says_how_large_and_writes_nothing(fastcoil, tmp_path):
     for part in ("6 (2 backlash × 3 estimate_ratio)", "3,600 s each, 21,600 in all", "Time:", "Memory:", "Disk:"):
         assert part in result.output
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
-
-
-def test_init_writes_a_study_that_plans_and_never_overwrites(fastcoil):
-    assert fastcoil("init", "mine.toml").exit_code == 0
-    assert fastcoil("plan", "mine.toml").exit_code == 0
-    again = fastcoil("init", "mine.toml")
-    assert again.exit_code == 2
-    assert "mine.toml exists" in again.output
 
 
 def test_plot_draws_a_figure_of_choice(fastcoil, tmp_path):
@@ -93,13 +84,6 @@ def test_the_help_shows_the_example_line_by_line(fastcoil):
         "fastcoil run study.toml",
     ]
     assert lines[first + 3].endswith("NetCDF and figures")
-
-
-def test_parameters_lists_every_one_with_unit_and_bounds(fastcoil):
-    output = fastcoil("parameters").output
-    for name in PARAMETERS:
-        assert name in output
-    assert "did you mean 'kp'" in fastcoil("parameters", "kpp").output
 
 
 @pytest.mark.parametrize(

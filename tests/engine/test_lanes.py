@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.engine.emulator import SERIES, Day
+from fastcoil.engine.emulator import DAY_COLUMNS, Day
 from fastcoil.engine.host import Traces, run_block
-from fastcoil.engine.lanes import LANES, blocks
+from fastcoil.engine.lanes import blocks, parameter_matrix, run_sets
+from fastcoil.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.engine.schedule import schedule
 from fastcoil.outputs import METRICS, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
 from fastcoil.parameter_table import PARAMETERS
@@ -24,14 +25,14 @@ TRACES = Traces(("T_sup", "T_measured", "command", "mode", "wet_volumes"), 7)
 def day():
     """20 minutes with recorded noise, an air flow that changes every minute, and an hour off within."""
     boundary = fc.paper_day(hours=1 / 3, seed=2)
-    series = {name: boundary.series[name][0].copy() for name in SERIES}
+    series = {name: boundary.series[name][0].copy() for name in DAY_COLUMNS}
     seconds = np.arange(boundary.n_steps)
     series["noise"] = 0.02 * np.sin(seconds / 11.0)
     series["enabled"] = np.where((seconds > 800) & (seconds < 857), 0.0, 1.0)
     series["m_a"] = series["m_a"][seconds // 60 * 60]
     series["T_set"] = np.where(seconds < 500, 14.0, 16.0)
     flags = schedule(series["T_set"], series["enabled"], 100)
-    table = np.stack([series[name] for name in SERIES], axis=1)
+    table = np.stack([series[name] for name in DAY_COLUMNS], axis=1)
     return Day(np.ascontiguousarray(table), np.empty(0), flags, 3, (17, 1))
 
 
@@ -78,7 +79,7 @@ def part(columns, index):
 def run(columns, day, change=lambda block: block):
     """Metrics, status and traces of every lane, in the order of the columns, as one array per lane."""
     found = [np.empty(0)] * columns["kp"].size
-    for lanes, block in blocks(columns):
+    for lanes, block in blocks(parameter_matrix(columns)):
         metrics, status, traces = run_block(change(block), day, TRACES)
         for j, lane in enumerate(lanes):
             found[lane] = np.concatenate([[status[j]], metrics[:, j], *(traces[name][:, j] for name in TRACES.names)])
@@ -179,12 +180,21 @@ def test_out_of_range_is_below_minus_50_or_above_150(mixed, day, T_initial, stat
 
 
 def test_blocks_never_mix_volumes_or_air_march_and_hold_every_lane_once(mixed):
-    cut = blocks(mixed)
+    cut = blocks(parameter_matrix(mixed))
     assert sorted(np.concatenate([lanes for lanes, _ in cut]).tolist()) == list(range(N))
     for lanes, block in cut:
         assert np.all(mixed["n_volumes"][lanes] == block.n_volumes)
         assert np.all((mixed["air_march"][lanes] == "lagged") == block.lagged_air)
         assert block.rows.shape[1] == LANES
+
+
+def test_many_sets_on_one_record_come_back_in_their_order(mixed):
+    """Sets of both kinds, in several blocks: every set finds its own numbers, whatever was padded."""
+    matrix = parameter_matrix(mixed)
+    kp, beta3 = PARAMETER_ROWS.index("kp"), PARAMETER_ROWS.index("beta3")
+    gains, both = run_sets(matrix, lambda block: [block.rows[kp], block.rows[[kp, beta3]]])
+    np.testing.assert_array_equal(gains, mixed["kp"])
+    np.testing.assert_array_equal(both, matrix[[kp, beta3]])
 
 
 # Through simulate
@@ -224,7 +234,7 @@ def test_size_of_shards(sweep, days, lane_steps, monkeypatch):
 
 def test_shards_hold_whole_blocks_of_one_day_and_every_scenario_once(sweep, days, monkeypatch):
     monkeypatch.setattr(plans, "_LANE_STEPS_PER_SHARD", 2e5)
-    plan = plans.prepare(sweep, days, warm_up=100, replicates=2)
+    plan = plans.plan_simulation(sweep, days, warm_up=100, replicates=2)
     shards = plan.shards(2)
     assert [k for shard in shards for k in shard] == list(range(plan.n_scenarios))
     assert len({len(shard) for shard in shards}) > 1

@@ -1,4 +1,6 @@
-"""``Loop``: presets, values, stand-ins, round trips and what it shows of itself."""
+"""``Loop``: values, stand-ins, round trips, repr."""
+
+import json
 
 import numpy as np
 import pytest
@@ -8,41 +10,8 @@ from helpers.refusals import assert_only_problem
 import fastcoil as fc
 from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
-from fastcoil.simulation.loop import PRESETS
 
-COMMON = {
-    "C_w": 8.8, "beta1": 0.32, "beta2": -0.20, "beta3": 0.40, "beta4": -0.45, "beta5": 0.42, "beta6": -0.42,
-    "cp_w": 4.186, "cp_a": 1.02, "pressure": 101325.0, "n_volumes": 8, "air_march": "lagged", "T_initial": 20.0,
-    "m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38,
-    "rangeability": None, "authority": None, "m_full": None, "backlash": 0.07,
-    "command_resolution": 0.0, "noise_std": 0.0, "sensor_resolution": 0.0, "action": "cooling",
-    "backlash_estimate": 0.0, "estimate_ratio": None, "buffer": 1e-9, "learning_step": 0.0, "learning_interval": 1800.0,
-    "learning_ratio": 2.0, "learning_floor": 0.0, "learning_cap": 0.25, "learning_stop": "never",
-    "learning_min_switches": 0.0, "learning_max_reference": 1.0, "learning_early_trip": 0.0, "learning_growth": 1.0,
-    "learning_shrink": 1.0, "learning_final": 1.0,
-}  # fmt: skip
-VARYING = ("C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time")
-DESIGN_TABLE = {
-    "paper_like": (30.0, 0.03, 8.0, 30.0, 0.0, 0.0),
-    "paper_like_fast": (10.0, 0.05, 5.0, 10.0, 0.0, 0.0),
-    "lbnl": (10.0, 0.018, 30.0, 15.0, 30.0, 90.0),
-    "g36": (10.0, 0.05, 600.0, 5.0, 30.0, 90.0),
-}
-
-
-# Presets and values
-
-
-@pytest.mark.parametrize("name", DESIGN_TABLE)
-def test_presets_are_the_design_table(name):
-    loop = fc.Loop.preset(name)
-    expected = COMMON | dict(zip(VARYING, DESIGN_TABLE[name], strict=True))
-    assert {p: loop[p] for p in PARAMETERS} == expected
-
-
-def test_every_preset_is_tested_and_the_default_is_paper_like():
-    assert PRESETS.keys() == DESIGN_TABLE.keys()
-    assert fc.Loop() == fc.Loop.preset("paper_like")
+# Values
 
 
 def test_assign_leaves_the_original_alone():
@@ -164,6 +133,42 @@ def test_from_a_part_of_a_dataset_comes_the_loop_of_that_part(short):
 def test_one_metric_of_a_dataset_is_enough(short):
     ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
     assert fc.Loop.from_dataset(ds[["rmse"]]).sizes == {"backlash": 2}
+
+
+def without(ds, *names):
+    """The result as a version would have made it that does not know these parameters."""
+    known = json.loads(ds.attrs["parameters"])
+    return ds.assign_attrs(parameters=json.dumps({n: v for n, v in known.items() if n not in names}))
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"backlash": [0.02, 0.07], "kp": 0.02},
+        {"estimate_ratio": 0.6},
+        {"estimate_ratio": [0.0, 0.6]},
+        {"rangeability": [20.0, 50.0], "authority": 0.3, "m_full": 1.8},
+    ],
+)
+def test_parameters_that_an_older_result_lacks_have_their_defaults(values, short):
+    loop = fc.Loop(**values)
+    ds = fc.simulate(loop, short, warm_up=60)
+    with pytest.warns(UserWarning, match=r"learning_growth = 1\.0, learning_stop = never") as warned:
+        back = fc.Loop.from_dataset(without(ds, "learning_stop", "learning_growth"))
+    assert len(warned) == 1
+    assert {name: back[name] is None for name in PARAMETERS} == {name: loop[name] is None for name in PARAMETERS}
+    assert back.constants == loop.constants
+    again = fc.simulate(back, short, warm_up=60)
+    assert bool((again.status == 0).all())
+    np.testing.assert_array_equal(again.rmse.values, ds.rmse.values)
+
+
+@pytest.mark.kernel
+def test_a_dim_without_its_values_is_refused(short):
+    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
+    with pytest.raises(fc.InputError, match="no values along its dimension backlash"):
+        fc.Loop.from_dataset(ds.drop_vars("backlash"))
 
 
 def test_from_a_foreign_dataset_is_refused():

@@ -1,10 +1,10 @@
-"""``simulate``: the shape and words of a result, what is refused, and what leaves a result the same."""
+"""``simulate``: the shape and words of a result, and what leaves a result the same."""
 
 import json
 import os
+import re
 import subprocess
 import sys
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,6 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, TRACES
 from fastcoil.parameter_table import PARAMETERS
-from fastcoil.simulation import plan as plans
 
 pytestmark = pytest.mark.kernel
 
@@ -46,6 +45,16 @@ def test_coordinates_are_labels_and_the_parameters_along_them(swept):
     assert swept.volume.values.tolist() == list(range(1, 9))
     assert swept.elapsed_time.values.tolist() == list(range(0, 900, 50))
     assert swept.rmse.sel(backlash=0.07, day=1, n_volumes=8).sizes == {"tuning": 2, "replicate": 2}
+
+
+def test_the_docstring_names_every_trace():
+    for name in TRACES:
+        assert re.search(rf"\b{name}\b", fc.simulate.__doc__), name
+
+
+def test_a_swept_parameter_has_label_unit_and_text(swept):
+    attrs, parameter = swept.backlash.attrs, PARAMETERS["backlash"]
+    assert attrs == {"long_name": parameter.label, "units": "1", "comment": parameter.text}
 
 
 def test_variables_are_metrics_status_and_the_traces_asked_for(swept):
@@ -130,123 +139,13 @@ def test_each_day_may_have_its_own_command(days):
     np.testing.assert_array_equal(same.command.values, np.full((2, 900), 0.2))
 
 
-@pytest.mark.parametrize(
-    ("command", "words"),
-    [
-        (np.zeros(899), ["shape (899,)", "(900,)", "(2, 900)"]),
-        (np.zeros((3, 900)), ["shape (3, 900)"]),
-        (0.5, ["shape ()"]),
-        (np.r_[np.zeros(400), 1.1, np.zeros(499)], ["1.1 at second 400", "0 to 1"]),
-        (np.r_[np.zeros(400), np.nan, np.zeros(499)], ["nan at second 400", "0 to 1"]),
-        (np.full(900, -0.01), ["-0.01 at second 0", "0 to 1"]),
-        ("half", ["command"]),
-    ],
-)
-def test_bad_command(days, command, words, refused):
-    (problem,) = refused(fc.Loop(), days, command=command, warm_up=60)
-    assert problem.startswith("command")
-    assert all(word in problem for word in words)
-
-
-# Refusals
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"traces": ["T_supp"]}, ["'T_supp'", "'T_sup'", "wet_volumes"]),
-        ({"traces": ["T_sup", "T_sup"]}, ["T_sup", "twice"]),
-        ({"traces": [None]}, ["None", "not a trace"]),
-        ({"trace_interval": 0}, ["trace_interval = 0", "at least 1"]),
-        ({"trace_interval": 901}, ["trace_interval = 901", "at most 900"]),
-        ({"trace_interval": 2.0}, ["trace_interval = 2.0", "whole"]),
-        ({"warm_up": -1}, ["warm_up = -1", "at least 0"]),
-        ({"warm_up": True}, ["warm_up = True", "whole"]),
-        ({"warm_up": 900}, ["900 s", "warm-up"]),
-        ({"seed": -1}, ["seed = -1"]),
-        ({"seed": 2**64}, ["seed", str(2**64 - 1)]),
-        ({"seed": "7"}, ["seed = '7'", "whole"]),
-        ({"replicates": 0}, ["replicates = 0"]),
-        ({"n_jobs": 0}, ["n_jobs = 0"]),
-        ({"n_jobs": True}, ["n_jobs = True"]),
-    ],
-)
-def test_bad_options_are_named_with_the_cure(days, options, words, refused):
-    (problem,) = refused(fc.Loop(), days, **{"warm_up": 60} | options)
-    assert all(word in problem for word in words), problem
-
-
-@pytest.mark.parametrize("traces", [None, [["T_sup"]]])
-def test_traces_that_are_no_list_of_names(days, traces, refused):
-    assert refused(fc.Loop(), days, traces=traces, warm_up=60)
-
-
-def test_all_bad_options_are_reported_at_once(days, refused):
-    assert len(refused(fc.Loop(), days, traces=["u", "u", "v"], trace_interval=0, seed=-1, replicates=1.5)) == 5
-
-
-def test_the_default_warm_up_refuses_a_shorter_boundary(days, refused):
-    (problem,) = refused(fc.Loop(), days)
-    assert "900 s" in problem
-    assert "1800 s" in problem
-
-
-def test_other_things_than_a_loop_and_a_boundary(days, refused):
-    assert "dict" in refused({}, days)[0]
-    assert "paper_day" in refused(fc.Loop(), days.to_dataset())[0]
+# Sameness
 
 
 def test_seeds_up_to_64_bits_are_taken(days):
     loop = fc.Loop(noise_std=0.1, sample_time=5)
     found = {float(fc.simulate(loop, days, warm_up=60, seed=seed).rmse[0]) for seed in (0, 1, 2**32, 2**64 - 1)}
     assert len(found) == 4
-
-
-@pytest.mark.parametrize(
-    "loop",
-    [
-        fc.Loop(backlash=np.linspace(0, 0.9, 10**6), kp=np.linspace(0, 1, 10**6)),
-        fc.Loop(**{name: np.linspace(1.0, 2.0, 1000) for name in ("kp", "ti", "beta1", "cp_a")}),
-    ],
-)
-def test_a_million_million_scenarios_are_refused_without_allocating(loop, days, refused):
-    (problem,) = refused(loop, days, warm_up=60)
-    assert "2,000,000,000,000 scenarios" in problem
-    assert "GiB" in problem
-    assert "fewer" in problem
-
-
-TOGETHER = {
-    "learner": {
-        "learning_step": np.linspace(0.01, 0.1, 200),
-        "backlash_estimate": np.linspace(0.0, 0.1, 200),
-        "learning_cap": np.linspace(0.1, 0.2, 200),
-    },
-    "ratio": {"estimate_ratio": np.linspace(0.0, 1.0, 3000), "backlash": np.linspace(0.0, 0.1, 3000)},
-}
-
-
-@pytest.mark.parametrize("name", TOGETHER)
-def test_nor_is_anything_allocated_to_check_parameters_together(name, days, monkeypatch, refused):
-    monkeypatch.setattr(plans, "available_memory", lambda: 10**6)
-    loop = fc.Loop(**TOGETHER[name])
-    tracemalloc.start()
-    try:
-        assert "scenarios need" in refused(loop, days, warm_up=60)[0]
-        assert tracemalloc.get_traced_memory()[1] < 2e6
-    finally:
-        tracemalloc.stop()
-
-
-def test_traces_count_towards_the_memory(days, monkeypatch, refused):
-    monkeypatch.setattr(plans, "available_memory", lambda: 10**6)
-    loop = fc.Loop(backlash=np.linspace(0.0, 0.1, 20))
-    fc.simulate(loop, days, warm_up=60)
-    (problem,) = refused(loop, days, warm_up=60, traces=["T_c"])
-    assert "trace_interval" in problem
-
-
-# Sameness
 
 
 def test_content_hash_does_not_depend_on_the_threads(days, swept, sweep):

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import whole_number_problems
 from fastcoil.errors import InputError, collecting, nearest, shown
 from fastcoil.parameter_table import PARAMETERS, Parameter, check_name
-from fastcoil.simulation.plan import RUN_LIMITS, whole_number_problems
+from fastcoil.simulation.plan import RUN_LIMITS
 from fastcoil.study.file.tables import are_numbers
 
 SAMPLE, DESIGN = "sample", "design"

@@ -18,8 +18,9 @@ from fastcoil.boundary.conditions import CONDITIONS
 from fastcoil.boundary.days import DESIGNS
 from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS, Parameter
-from fastcoil.simulation.loop import FORBIDDEN_DIMS, PRESETS
+from fastcoil.simulation.parameter_values import FORBIDDEN_DIMS
 from fastcoil.simulation.plan import RUN_LIMITS
+from fastcoil.simulation.presets import PRESETS
 from fastcoil.study.file.boundary import BOUNDARY_KINDS
 from fastcoil.study.file.loop import LONGEST_AXIS
 from fastcoil.study.file.sampling import CHOICE, DESIGN, DISTRIBUTIONS, LARGEST_SAMPLE, METHODS, POWERS_OF_TWO, SAMPLE

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from fastcoil.errors import InputError, collecting
-from fastcoil.simulation.plan import Plan, prepare
+from fastcoil.simulation.plan import Plan, plan_simulation
 from fastcoil.study.file.boundary import study_boundary
 from fastcoil.study.file.include import included
 from fastcoil.study.file.loop import study_loop
@@ -97,7 +97,7 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
         boundary = study_boundary(file.boundary, folder)
     if loop is not None and boundary is not None:
         with collecting(problems):
-            plan = prepare(loop, boundary, **file.run.model_dump(exclude={"reduce"}), traces_on_disk=True)
+            plan = plan_simulation(loop, boundary, **file.run.model_dump(exclude={"reduce"}), traces_on_disk=True)
     if file.run.reduce is not None:
         with collecting(problems, "[run] "):
             reduction = find_reduction(file.run.reduce, folder)

@@ -13,7 +13,7 @@ from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.errors import InputError
 from fastcoil.outputs import STATUS_NOT_RUN
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.plan import Plan, settings
+from fastcoil.simulation.plan import Plan, simulation_attributes
 from fastcoil.simulation.scenarios import columns_of
 
 _AT_ONCE = 10_000
@@ -38,7 +38,7 @@ def reusable(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> tuple[np
     InputError
         If the study depends on something else than ``earlier`` did, or would drop a scenario of it.
     """
-    attrs = settings(plan) | attrs
+    attrs = simulation_attributes(plan) | attrs
     differs = [words for name, words in _SAME.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))]
     if differs:
         raise InputError(

@@ -17,15 +17,15 @@ from fastcoil.files import commit_written, reported
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import (
     combined_sha256,
-    gather,
+    join_flat,
     load,
     provenance,
     save,
-    unflattened,
+    unflatten,
     variable_sha256,
     write,
 )
-from fastcoil.simulation.plan import Plan, settings
+from fastcoil.simulation.plan import Plan, simulation_attributes
 from fastcoil.study.folder.store import RESULTS, discard_shards
 
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
@@ -62,11 +62,11 @@ def merge(
         if n > 0:
             raise IntegrityError(f"{folder}: {n:,} scenarios were lost after they had been run: run the study again")
 
-    attrs = {"title": "", **provenance(), **settings(plan), **attrs}
+    attrs = {"title": "", **provenance(), **simulation_attributes(plan), **attrs}
     everything = found([], plan.n_scenarios if complete else 0)
     with reported(folder / RESULTS, "written"):
-        whole = gather(plan.n_scenarios, _without_traces(everything), allocate=_allocated(folder))
-    ds = unflattened(whole, plan.layout)
+        whole = join_flat(plan.n_scenarios, _without_traces(everything), allocate=_allocated(folder))
+    ds = unflatten(whole, plan.layout)
     n_run = int((ds["status"] != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
     ds.attrs = attrs
@@ -91,8 +91,8 @@ def tidied(folder: Path, ds: xr.Dataset) -> xr.Dataset:
 
 def partial(plan: Plan, parts: Iterable[xr.Dataset], attrs: dict[str, Any]) -> xr.Dataset:
     """What has been computed of a study, in memory; the rest has the status ``not_run``."""
-    ds = unflattened(gather(plan.n_scenarios, parts), plan.layout)
-    ds.attrs = {**provenance(), **settings(plan), **attrs}
+    ds = unflatten(join_flat(plan.n_scenarios, parts), plan.layout)
+    ds.attrs = {**provenance(), **simulation_attributes(plan), **attrs}
     return ds
 
 
@@ -132,7 +132,7 @@ def _merge_traces(path: Path, plan: Plan, parts: Parts, traces: Sequence[str], a
 
     def write_all(unfinished: Path) -> None:
         for k, name in enumerate(traces):
-            ds = unflattened(gather(plan.n_scenarios, parts([name]), [name], _allocated(path.parent)), plan.layout)
+            ds = unflatten(join_flat(plan.n_scenarios, parts([name]), [name], _allocated(path.parent)), plan.layout)
             found.update({n: variable_sha256(ds[n].variable) for n in (name, *_own_coordinates(ds))})
             ds.attrs = attrs
             write(ds, unfinished, mode="a" if k else "w")

@@ -14,7 +14,7 @@ import xarray as xr
 from fastcoil.errors import InputError
 from fastcoil.numerics.jit import fingerprint, model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, TRACES
-from fastcoil.simulation.dataset import flat
+from fastcoil.simulation.dataset import flat_dataset
 from fastcoil.simulation.plan import Plan
 from fastcoil.simulation.simulate import run_shard
 from fastcoil.study.file.reduction import Reduction
@@ -65,7 +65,7 @@ def identity() -> tuple[str, str]:
 
 
 def work(key: str, index: np.ndarray, expected: tuple[str, str] | None = None) -> xr.Dataset:
-    """Run the scenarios ``index`` of a job that was received.  Returns a flat Dataset, see ``results.flat``.
+    """Run the scenarios ``index`` of a job that was received.  Returns a flat Dataset, see ``flat_dataset``.
 
     expected: the identity that this worker must have, which may have joined after the others were asked.
     """
@@ -101,4 +101,4 @@ def crashed(job: Job, index: np.ndarray) -> xr.Dataset:
         n: np.full((index.size, *((job.plan.n_volumes,) if TRACES[n].per_volume else ()), points), np.nan)
         for n in names
     }
-    return flat(index, nothing, np.full(index.size, STATUS_CRASHED), traces, job.plan.traces.interval)
+    return flat_dataset(index, nothing, np.full(index.size, STATUS_CRASHED), traces, job.plan.traces.interval)

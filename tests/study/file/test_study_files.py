@@ -109,7 +109,7 @@ def test_all_mistakes_are_named_at_once(read):
         ("[loop]\nC_c = 0.3", "raise C_c from 0.3 to at least"),
         ("[loop]\nrangeability = 50", "authority and m_full missing"),
         ("[loop]\nm_max = 2\nrangeability = 50\nauthority = 0.3\nm_full = 1.5", "give one or the other"),
-        ("[loop]\n[sweep]\nkp = [0.1, 0.1]", "kp: 0.1 stands twice"),
+        ("[loop]\n[sweep]\nkp = [0.1, 0.1]", "kp: 0.1 appears twice"),
         ("[loop]\nkp = 0.1\n[sweep]\nkp = [0.1]", "kp stands in [loop] and in [sweep]"),
         ("[loop]\n[sweep]\nkp = 'all'", "kp = 'all': give a list of values"),
         ("[loop]\n[sweep]\nkp = { geomspace = [0, 1, 3] }", "must be above 0"),

@@ -1,4 +1,9 @@
-"""Eq (1): the one-clamp play equals the paper's three branches, and has the laws of a play operator."""
+"""The valve: Eq (1), one clamp that equals the paper's three branches, and Eq (2), its flow curve.
+
+Eq (1) must keep the laws of a play operator; Eq (2) must equal an equal-percentage valve of given authority exactly.
+"""
+
+import math
 
 import numpy as np
 import pytest
@@ -6,12 +11,24 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.physics.valve import backlash, opening
+from fastcoil.physics.valve import backlash, installed_valve, opening, water_flow
 
 FRACTION = st.floats(0.0, 1.0, allow_subnormal=False)
 # halts, and both ends of the stroke, more often than chance would have them
 POSITIONS = st.lists(st.one_of(FRACTION, st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)
 BACKLASHES = st.floats(0.0, 0.9, allow_subnormal=False)
+OPENINGS = np.linspace(0.0, 1.0, 201).tolist()
+CURVES = [
+    (2.0, 0.7, 9.0, 0.38),
+    (0.8, 2.0, 7.8, 0.535),
+    (1.0, 1.0, 5.0, 0.5),
+    (3.0, 0.05, 30.0, 0.9),
+    (2.5, 6.0, 2.0, -0.5),
+]
+VALVES = [(50.0, 0.3, 1.8), (30.0, 0.9, 2.0), (50.0, 0.05, 0.4), (1.5, 0.5, 1.0), (500.0, 0.001, 3.0)]
+
+
+# Eq (1)
 
 
 def play(positions, x_bl):
@@ -116,3 +133,57 @@ def test_order_and_distance_are_kept(pairs, x_bl):
     gap = play(high.tolist(), x_bl) - play(low.tolist(), x_bl)
     assert np.all(gap >= 0.0)
     assert np.all(gap <= np.max(high - low) + 1e-15)
+
+
+# Eq (2)
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_curve_is_the_printed_formula(curve):
+    for open_ in OPENINGS:
+        assert water_flow(open_, *curve) == pytest.approx(reference.richards_valve(open_, *curve), rel=1e-14)
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_flow_rises_towards_the_asymptote(curve):
+    flows = [water_flow(open_, *curve) for open_ in OPENINGS]
+    assert np.all(np.diff(flows) > 0.0)
+    assert 0.0 < flows[0] < flows[-1] < curve[0]
+    assert water_flow(1000.0, *curve) == pytest.approx(curve[0], rel=1e-15)
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_growth_is_steepest_at_c(curve):
+    _, _, b, c = curve
+    open_ = c + np.linspace(-0.5, 0.5, 1001) / b
+    flows = np.array([water_flow(x, *curve) for x in open_.tolist()])
+    steepest = open_[1:-1][np.argmax(flows[2:] - flows[:-2])]
+    assert steepest == pytest.approx(c, abs=0.002 / b)
+
+
+def test_logistic_curve_is_half_open_at_c():
+    assert water_flow(0.4, 2.0, 1.0, 9.0, 0.4) == pytest.approx(1.0, rel=1e-15)
+
+
+@pytest.mark.parametrize("valve", VALVES)
+def test_installed_valve_is_the_hydraulic_circuit(valve):
+    rangeability, authority, m_full = valve
+    curve = installed_valve(*valve)
+    # coil and pipes in series with the valve, fully open: the valve takes the share `authority` of 1 Pa
+    coil = (1.0 - authority) / m_full**2
+    open_valve = authority / m_full**2
+    for open_ in OPENINGS:
+        inherent = rangeability ** (open_ - 1.0)
+        m_w = math.sqrt(1.0 / (coil + open_valve / inherent**2))
+        assert water_flow(open_, *curve) == pytest.approx(m_w, rel=1e-12)
+
+
+@pytest.mark.parametrize("valve", VALVES)
+def test_installed_valve_is_the_references(valve):
+    assert installed_valve(*valve) == pytest.approx(reference.valve_from_authority(*valve), rel=1e-14, abs=1e-14)
+
+
+def test_full_authority_leaves_the_inherent_characteristic():
+    curve = installed_valve(50.0, 1.0 - 1e-12, 2.0)
+    for open_ in OPENINGS:
+        assert water_flow(open_, *curve) == pytest.approx(2.0 * 50.0 ** (open_ - 1.0), rel=1e-6)

@@ -1,4 +1,4 @@
-"""``Loop``: every sentence about a bad value, name or preset."""
+"""Values of parameters: every sentence about a bad value or name."""
 
 import math
 
@@ -77,17 +77,6 @@ def test_an_unknown_name_like_no_other_is_answered_without_a_guess():
     assert "did you mean" not in problem
 
 
-def test_unknown_preset():
-    with pytest.raises(fc.InputError, match=r"'paperlike'.*'paper_like'.*lbnl, g36"):
-        fc.Loop.preset("paperlike")
-
-
-@pytest.mark.parametrize("name", [None, ["lbnl"]])
-def test_a_preset_is_a_word(name):
-    with pytest.raises(fc.InputError):
-        fc.Loop.preset(name)
-
-
 def test_all_mistakes_are_reported_at_once():
     found = problems(
         fc.Loop, baklash=0.1, ti=0.0, kp=math.nan, action="cool", backlash=[], estimate_ratio=0.5, backlash_estimate=0.1
@@ -95,6 +84,19 @@ def test_all_mistakes_are_reported_at_once():
     assert len(found) == 6
     words = ["baklash", "ti = 0", "kp = nan", "action = 'cool'", "backlash = []", "estimate_ratio"]
     assert all(word in problem for word, problem in zip(words, found, strict=True))
+
+
+LONG = 3600
+"""Values, as many as an hour has seconds."""
+
+
+def test_a_long_list_with_duplicates_may_be_meant_as_a_series():
+    problem = only_problem(fc.Loop, backlash=[0.07] * LONG)
+    assert "0.07 appears twice" in problem
+    assert "did you mean a series?" in problem
+    assert "fc.Boundary" in problem
+    assert "series" not in only_problem(fc.Loop, backlash=[0.07] * (LONG - 1))
+    assert fc.Loop(backlash=np.linspace(0.0, 0.9, LONG)).sizes == {"backlash": LONG}
 
 
 @pytest.mark.parametrize("values", [{"kp": [0.1, [0.2, 0.3]]}, {"kp": 10**400}], ids=["ragged list", "huge integer"])

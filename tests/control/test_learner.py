@@ -81,7 +81,7 @@ def test_paper_rule_reaches_7_percent_after_4_h_30_and_confirms_after_5_h_30(pap
 
 
 @pytest.mark.kernel
-def test_paper_rule_hunts_for_ever_between_the_size_and_one_step_more(paper_staircase):
+def test_paper_rule_hunts_for_ever_between_the_backlash_and_one_step_more(paper_staircase):
     ds, stairs = paper_staircase
     np.testing.assert_allclose(stairs[10:], [0.077, 0.07, 0.077, 0.07, 0.077, 0.07], atol=1e-15)
     assert float(ds.estimate_final) == pytest.approx(0.07, abs=1e-15)
@@ -102,7 +102,7 @@ def test_half_the_interval_takes_half_the_time(working_day):
 
 
 @pytest.mark.kernel
-def test_first_step_down_ends_the_learning_when_told_so(working_day, paper_staircase):
+def test_first_step_down_ends_the_learning_where_learning_stop_says_so(working_day, paper_staircase):
     ds, stairs = learned(
         {"learning_step": STEP, "backlash_estimate": STEP, "learning_stop": "first_step_down"}, working_day
     )

@@ -1,27 +1,24 @@
-"""The house rules that a machine can check: layers, one file of compiler flags, and loops that stay vectorised."""
+"""The house rules: layers, no circles, one file that names the compiler and its flags, short files, docstrings."""
 
 import ast
-import platform
-import re
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-import fastcoil as fc
-from fastcoil.numerics.jit import _FLAGS, JIT_ENABLED
+import fastcoil
+from fastcoil.numerics.jit import _FLAGS
 
-PACKAGE = Path(fc.__file__).parent
+PACKAGE = Path(fastcoil.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
     {"errors"},
-    {"parameter_table", "outputs", "files"},
+    {"parameter_table", "outputs", "files", "arguments", "version"},
     {"numerics"},
     {"physics", "control"},
     {"engine"},
-    {"arguments"},
     {"boundary"},
     {"simulation"},
     {"plots"},
@@ -63,6 +60,39 @@ def test_nobody_imports_upward(path):
         if package == "fastcoil":
             other = rest.split(".")[0]
             assert other == layer(path) or RANK[other] < RANK[layer(path)], f"{is_named(path)} imports {name}"
+
+
+def module_name(path):
+    """Dotted name; that of a package for its __init__."""
+    return ".".join(("fastcoil", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__")
+
+
+def circle(graph):
+    """One circle of a graph, {module: those it imports}: each imports the next.  Empty if there is none."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return error.args[1][::-1]
+    return []
+
+
+def test_no_circle_of_modules_inside_a_package_either():
+    """Imports inside functions and those for the type checker alone count too."""
+    names = {module_name(path) for path in MODULES}
+    graph = {
+        # what is imported is a module itself, or a name in one
+        module_name(path): {name if name in names else name.rpartition(".")[0] for name in imports(path)} & names
+        for path in MODULES
+    }
+    assert sum(map(len, graph.values())) > len(names)
+    found = circle(graph)
+    assert not found, " imports ".join(found)
+
+
+def test_a_circle_is_found():
+    found = circle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}})
+    assert "".join(found) in ("abca", "bcab", "cabc")
+    assert not circle({"a": {"b"}, "b": {"c"}, "d": {"a", "c"}})
 
 
 @pytest.mark.parametrize("path", MODULES, ids=is_named)
@@ -108,75 +138,3 @@ def test_the_package_loads_nothing_until_asked():
     root = {"PYTHONPATH": str(PACKAGE.parent), "PATH": ""}
     found = subprocess.run([sys.executable, "-c", code], env=root, capture_output=True, text=True, check=True)
     assert not {"numba", "numpy", "scipy", "xarray", "matplotlib"} & set(found.stdout.split())
-
-
-# Machine code
-
-ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
-
-
-# Most scalar operations for each packed one: none in a loop over lanes of one array; ln m_a, taken out of its
-# loop; and, where two arrays might overlap, the whole loop once more, which never runs.
-SCALAR_SHARE = {
-    "control": 0,
-    "actuate": 0,
-    "deliver": 0,
-    "air_side": 0.3,
-    "march_water": 1.1,
-    "march_air": 1.1,
-    "account_second": 1.1,
-}
-
-
-def assembly_of(name):
-    """Assembly of one section, compiled alone with the flags of the kernel."""
-    import numba
-    from numba import types as T
-
-    from fastcoil.engine import controller, metrics, plant
-
-    f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
-    section, signature = {
-        "control": (controller.control, (A, i, f, f, b, f)),
-        "actuate": (plant.actuate, (A, b)),
-        "deliver": (plant.deliver, (A,)),
-        "air_side": (plant.air_side, (A, f)),
-        "march_water": (plant.march_water, (A, A, i)),
-        "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
-        "account_second": (metrics.account_second, (A, A, i, f, f, i)),
-    }[name]
-    return next(iter(numba.njit(signature, **_FLAGS)(section.py_func).inspect_asm().values()))
-
-
-@pytest.mark.kernel
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads x86-64 assembly")
-@pytest.mark.parametrize("name", SCALAR_SHARE)
-def test_sections_are_vectorised(name):
-    import llvmlite.binding
-
-    assembly = assembly_of(name)
-    packed = re.findall(ARITHMETIC + r"pd\t.*", assembly)
-    scalar = re.findall(ARITHMETIC + r"sd\t.*", assembly)
-    assert len(packed) > 20
-    assert len(scalar) <= SCALAR_SHARE[name] * len(packed)
-    if llvmlite.binding.get_host_cpu_features().get("avx2"):
-        assert sum("%ymm" in line or "%zmm" in line for line in packed) > 0.9 * len(packed)
-    assert not re.search(r"\$_?(exp|log|pow|sin|cos|floor|fmod)\b", assembly)
-
-
-@pytest.mark.kernel
-def test_one_compiled_signature_serves_every_kind_of_run(short):
-    from fastcoil.engine.emulator import emulate
-
-    days = fc.paper_day(hours=0.1, seed=[1, 2])
-    fc.simulate(fc.Loop(), short, warm_up=60)
-    fc.simulate(fc.Loop(), days, warm_up=60, command=np.full((2, 360), 0.3), traces=["T_c", "wet_volumes"])
-    fc.simulate(fc.Loop(noise_std=[0.0, 0.1], n_volumes=4), days, warm_up=0, seed=2**63 + 1, replicates=2)
-    assert len(emulate.signatures) == 1
-
-
-def test_the_interpreter_runs_the_same_formulas():
-    from fastcoil.physics.valve import water_flow
-
-    formula = water_flow.py_func if JIT_ENABLED else water_flow
-    assert formula(0.5, 2.0, 0.7, 9.0, 0.38) == pytest.approx(water_flow(0.5, 2.0, 0.7, 9.0, 0.38), rel=1e-15)

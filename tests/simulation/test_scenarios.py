@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.refusals import only_problem, problems
+from helpers.refusals import assert_only_problem, only_problem, problems
 
 import fastcoil as fc
 from fastcoil.parameter_table import RESERVED_DIMS
@@ -110,9 +110,20 @@ def zipped_problem(**values):
     return str(caught.value)
 
 
-def test_zipped_parameters_of_different_length():
-    problem = zipped_problem(kp=("tuning", [0.01, 0.02]), ti=("tuning", [10.0, 20.0, 30.0]))
-    assert all(word in problem for word in ("ti", "'tuning'", "3", "2", "same length"))
+DIFFERENT = {"kp": ("tuning", [0.01, 0.02]), "ti": ("tuning", [10.0, 20.0, 30.0])}
+
+
+def test_zipped_parameters_of_different_length_are_refused_where_they_are_given():
+    words = ["ti has 3 values", "'tuning'", "kp has 2", "same length"]
+    assert_only_problem(words, fc.Loop, **DIFFERENT)
+    assert_only_problem(words, fc.Loop().assign, **DIFFERENT)
+    assert_only_problem(words, fc.Loop(kp=DIFFERENT["kp"]).assign, ti=DIFFERENT["ti"])
+
+
+def test_the_length_of_zipped_parameters_is_changed_in_one_call():
+    loop = fc.Loop(kp=("tuning", [0.01, 0.02]), ti=("tuning", [10.0, 20.0]))
+    longer = loop.assign(kp=("tuning", [0.01, 0.02, 0.03]), ti=("tuning", [10.0, 20.0, 30.0]))
+    assert longer.sizes == {"tuning": 3}
 
 
 def differing_labels():

@@ -1,0 +1,62 @@
+"""``fastcoil plot``: the figures of a finished study, as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fastcoil.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
+@click.option("-x", help="Swept parameter along the x axis.")
+@click.option("-y", help="Second swept parameter: a map instead of a curve.")
+@click.option("--by", help="Second swept parameter: a row of panels for each of some of its values.")
+@click.option("--format", default="png", show_default=True, help="png, pdf or svg.")
+@click.option("--dpi", default="200", show_default=True, help="Dots per inch, 50 to 1200.")
+def plot(
+    folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, by: str | None, format: str, dpi: str
+) -> None:
+    """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
+    from fastcoil.plots import study as plots
+    from fastcoil.plots.files import check_format, write
+    from fastcoil.study.folder.results import open_study
+
+    dots = int(dpi) if dpi.isdecimal() else dpi
+    check_format(format, dots)
+    ds = open_study(folder)
+    if x is None and (metrics or y or by):
+        raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
+    if y and by:
+        raise InputError(f"-y {y} and --by {by}: give one of them, -y for a map or --by for curves")
+    if x is None:
+        figures = plots.standard_figures(ds)
+    else:
+        wanted = metrics or plots.STANDARD_METRICS
+        name = "_".join([*metrics, *(n for n in (y, by) if n), x])
+        figures = {name: plots.maps(ds, x, y, wanted) if y else plots.bands(ds, x, by, wanted)}
+    if not figures:
+        click.echo("Nothing is swept in this study: there is nothing to draw.")
+    for path in write(figures, folder / "figures", format=format, dpi=int(dots)):
+        click.echo(path)
+
+
+def draw_standard_figures(folder: Path, ds: xr.Dataset, *, redraw: bool) -> list[Path]:
+    """Draw the standard figures of the study in ``folder``, unless it has some and ``redraw`` is false.
+
+    Returns their paths.
+    """
+    found = sorted((folder / "figures").glob("*.png"))
+    if found and not redraw:
+        return found
+    from fastcoil.plots import study as plots
+    from fastcoil.plots.files import write
+
+    return write(plots.standard_figures(ds), folder / "figures")

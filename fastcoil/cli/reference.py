@@ -1,0 +1,39 @@
+"""``fastcoil parameters``, ``presets`` and ``schema``: what a study file may say."""
+
+from __future__ import annotations
+
+import click
+
+
+@click.command()
+@click.argument("names", nargs=-1)
+def parameters(names: tuple[str, ...]) -> None:
+    """List the parameters of a loop (or only NAMES): default, unit, meaning, allowed values."""
+    from fastcoil.parameter_table import PARAMETERS, check_name
+
+    group = ""
+    for p in [PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values():
+        if p.group != group:
+            group = p.group
+            click.echo(group)
+        default = "-" if p.default is None else f"{p.default}"
+        unit = "" if p.unit == "1" else p.unit
+        click.echo(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
+
+
+@click.command()
+def presets() -> None:
+    """List the named loops that a study can start from, and how they differ from the defaults."""
+    from fastcoil.simulation.presets import PRESETS
+
+    click.echo(repr(PRESETS))
+
+
+@click.command()
+def schema() -> None:
+    """Print the JSON Schema of study files, for editors that complete and check TOML."""
+    import json
+
+    from fastcoil.study.file.schema import study_schema
+
+    click.echo(json.dumps(study_schema(), indent=2, ensure_ascii=False))

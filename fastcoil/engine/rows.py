@@ -1,0 +1,68 @@
+"""The state of a block of lanes: which row holds what.
+
+A block is LANES scenarios side by side.  Its state is one flat array of rows of LANES doubles, so that row
+offsets are compile-time constants and the compiler needs no alias checks between rows.
+
+Behind the parameters come three groups of rows.  *Derived* rows follow from the parameters and stay as they are.
+*State* rows are what a later day would have to carry over.  *Sums* are what the metrics accumulate; they start again
+with every run.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Iterable
+from typing import Any
+
+from fastcoil.parameter_table import PARAMETERS
+
+LANES = 64
+
+PARAMETER_ROWS = (*PARAMETERS, "replicate")
+DERIVED_ROWS = (
+    "dt_C_w", "dt_C_c", "ntu_w_factor", "ntu_a_factor", "ntu_star_factor", "log_m_max", "max_travel", "sensor_decay",
+    "ki", "sign",
+)  # fmt: skip
+"""What the parameters amount to per step."""
+LEARNER_ROWS = ("next_update", "switches", "reference", "learning", "climbing", "step", "evidence")
+"""What the learner remembers besides the estimate.  Another estimator brings a tuple of its own into STATE_ROWS."""
+STATE_ROWS = (
+    # sensor
+    "y_s", "noise", "noise_next", "measured",
+    # PI, inverse
+    "u", "integral", "mode", "u_ext", "command",
+    # estimator
+    "estimate", *LEARNER_ROWS,
+    # actuator, valve
+    "position", "q", "opening", "growth", "log_m_w", "m_w",
+    # coil: flow, conductance and effectiveness of this step
+    "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
+)  # fmt: skip
+"""What the next step, or a later day, starts from.  The temperatures of the coil are in VOLUME_ROWS."""
+SUM_ROWS = (
+    "sum_e2", "sum_e2_settled", "sum_abs_e", "e_previous", "crossings", "highest", "lowest", "sum_swing",
+    "sum_switches", "stem_travel", "motor_travel", "last_turn", "reversals", "sum_estimate",
+    "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate", "farthest_T_c",
+    "time_reached", "time_confirmed", "time_first_down", "estimate_first_down",
+)  # fmt: skip
+"""What the metrics are made of."""
+VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")
+"""Rows of each control volume: the states, heat from the metal into the water, and saturation at T_c.
+
+Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a and W_a.
+"""
+
+
+def positions(names: Iterable[str], stride: int = 1) -> Any:
+    """Each name's place in an enumeration, times ``stride``; as a named tuple, whose fields the compiler folds."""
+    places = namedtuple("Positions", names)  # type: ignore[misc]
+    return places(*(stride * k for k in range(len(places._fields))))
+
+
+R = positions(PARAMETER_ROWS + DERIVED_ROWS + STATE_ROWS + SUM_ROWS, LANES)
+"""Offset of each row in the flat state S."""
+STATE_AT, SUMS_AT = R[len(PARAMETER_ROWS + DERIVED_ROWS)], R[-len(SUM_ROWS)]
+"""Where the state rows and the sums start in S."""
+T_W, T_C, T_A, W_A, Q_W, W_S = positions(VOLUME_ROWS, LANES)
+"""Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""
+VOLUME_STRIDE = LANES * len(VOLUME_ROWS)

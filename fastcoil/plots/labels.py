@@ -1,0 +1,55 @@
+"""Words for axes and legends: a short name, the unit a reader expects, the factor to it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from fastcoil.outputs import METRICS, TRACES
+from fastcoil.parameter_table import PARAMETERS
+
+_UNITS = {"1": "", "K-1": "1/K", "kg s-1": "kg/s", "kJ K-1": "kJ/K", "kW h": "kWh", "degC": "°C", "m3": "m³"}
+_PERCENT = frozenset(
+    (
+        "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
+        "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "estimate_first_down",
+        "u", "integral", "command", "position", "opening", "estimate",
+    )
+)  # fmt: skip
+"""Shares that are read in per cent."""
+_HOURS = frozenset(("learn_time_reached", "learn_time_confirmed", "learn_time_first_down"))
+_MINUTES = frozenset(("learning_interval",))
+
+
+class Quantity(NamedTuple):
+    """``value × factor`` is in ``unit``."""
+
+    text: str
+    unit: str
+    factor: float
+
+    @property
+    def axis(self) -> str:
+        """Label of an axis."""
+        return f"{self.text} [{self.unit}]" if self.unit else self.text
+
+    def equals(self, value: float) -> str:
+        """``backlash = 7 %``, for legends and headings."""
+        return f"{self.text} = {self.number(value)}"
+
+    def number(self, value: float) -> str:
+        """``7 %``."""
+        return f"{value * self.factor:.3g} {self.unit}".rstrip()
+
+
+def quantity(name: str) -> Quantity:
+    """How a parameter, metric or trace is shown; another name is its own label."""
+    entry = METRICS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
+    if entry is None:
+        return Quantity(name.replace("_", " "), "", 1.0)
+    if name in _PERCENT:
+        return Quantity(entry.label, "%", 100.0)
+    if name in _HOURS:
+        return Quantity(entry.label, "h", 1 / 3600)
+    if name in _MINUTES:
+        return Quantity(entry.label, "min", 1 / 60)
+    return Quantity(entry.label, _UNITS.get(entry.unit, entry.unit), 1.0)

@@ -1,0 +1,110 @@
+"""The value of one parameter: a number, a word, or a sweep over named dimensions, checked and in its own type."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.errors import InputError
+from fastcoil.outputs import METRICS, TRACES
+from fastcoil.parameter_table import LARGEST, PARAMETERS, Parameter, Scalar
+
+FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *TRACES}
+"""Names that a swept dimension cannot have: dimensions and variables of a result."""
+SHORTEST_SERIES = 3600
+"""Values, an hour of seconds: a list of that many may be a time series by mistake."""
+SERIES_HINT = (
+    "did you mean a series?  A parameter does not change during a run: a series goes into fc.Boundary(…), an open-loop "
+    "command into simulate(…, command=…)"
+)
+
+
+def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
+    """Return a scalar in the parameter's type, or a DataArray of admissible values.
+
+    value: a number, a word, a list (its own dimension), ``(dim, values)`` or a DataArray.
+
+    Raises
+    ------
+    InputError
+        For a wrong type, a value out of bounds, an empty or duplicated axis, or a dimension that cannot be swept.
+    """
+    if isinstance(value, xr.DataArray):
+        return _checked_array(parameter, value) if value.ndim else checked_value(parameter, value.item())
+    if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and not isinstance(value[1], str):
+        return _checked_array(parameter, xr.DataArray(_vector(parameter, value[1]), dims=value[0]))
+    if isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
+        return _checked_array(parameter, xr.DataArray(_vector(parameter, value), dims=parameter.name))
+    if isinstance(value, np.generic):
+        value = value.item()
+    problem = parameter.problem(value)
+    if problem:
+        raise InputError(problem)
+    return value if parameter.is_word else int(value) if parameter.name == "n_volumes" else float(value)
+
+
+def _vector(parameter: Parameter, values: Any) -> np.ndarray:
+    if not isinstance(values, (list, tuple, range)) and np.ndim(values) != 1:
+        raise InputError(
+            f"{parameter.name}: a sweep is a list of values; give a DataArray with named dims for more dimensions"
+        )
+    for value in values:
+        plain = value.item() if isinstance(value, np.generic) else value
+        if np.ndim(plain) if isinstance(plain, np.ndarray) else isinstance(plain, (list, tuple)):
+            raise InputError(
+                f"{parameter.name} = {plain!r} in a list: give a DataArray with named dims for more dimensions"
+            )
+        fits = isinstance(plain, str) if parameter.is_word else type(plain) in (int, float) and abs(plain) <= LARGEST
+        problem = None if fits else parameter.problem(plain)
+        if problem:
+            raise InputError(problem)
+    return np.asarray(values)
+
+
+def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
+    name = parameter.name
+    if array.size == 0:
+        raise InputError(f"{name} = []: a sweep needs at least one value")
+    for dim in array.dims:
+        _check_dim(name, dim, array.ndim)
+    if not parameter.is_word:
+        if array.dtype.kind not in "iuf":
+            raise InputError(f"{name} has values of type {array.dtype}: give numbers")
+        array = array.astype(int if name == "n_volumes" and array.dtype.kind in "iu" else float)
+    flat = array.values.ravel()
+    bad = [p for p in (parameter.problem(v) for v in _suspects(parameter, flat)) if p]
+    if bad:
+        raise InputError(bad[0] if len(bad) == 1 else f"{bad[0]} (and {len(bad) - 1} more of its values)")
+    if name == "n_volumes":
+        array = array.astype(int)
+    if array.dims == (name,):
+        # a label such as 0.07 must be found on an axis made by linspace
+        values = flat if parameter.is_word else np.array([float(f"{v:.12g}") for v in flat], dtype=array.dtype)
+        unique, counts = np.unique(values, return_counts=True)
+        if unique.size < values.size:
+            hint = f"; {SERIES_HINT}" if values.size >= SHORTEST_SERIES else ""
+            raise InputError(f"{name}: {unique[counts > 1][0]} appears twice on its axis: leave one out{hint}")
+        array = xr.DataArray(values, dims=name)
+    return array
+
+
+def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
+    """Return the values that may be inadmissible; so a million good ones cost nothing."""
+    if parameter.is_word:
+        return [v for v in flat.tolist() if v not in parameter.choices]
+    fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
+    if parameter.whole:
+        fine &= flat == np.floor(flat)
+    return [v for v in flat[~fine].tolist()]
+
+
+def _check_dim(name: str, dim: Hashable, ndim: int) -> None:
+    if not isinstance(dim, str) or dim in FORBIDDEN_DIMS:
+        raise InputError(f"{name}: {dim!r} cannot be the name of a swept dimension: it is taken, choose another")
+    if not dim.isidentifier() or dim in ("method", "tolerance", "drop", "indexers", "missing_dims"):
+        raise InputError(f"{name}: {dim!r} cannot be the name of a dimension; use letters, digits and _")
+    if dim in PARAMETERS and dim == name and ndim > 1:
+        raise InputError(f"{name}: its own name can only be the dimension of a plain list of its values")

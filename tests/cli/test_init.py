@@ -1,0 +1,92 @@
+"""``fastcoil init``: the template, and the studies that come with fastcoil."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from fastcoil.cli.main import main
+from fastcoil.errors import StorageError
+from fastcoil.study import shipped
+
+ROOT = Path(__file__).parents[2]
+STUDIES = {path.stem: path for path in (ROOT / "studies").glob("*.toml")}
+
+
+@pytest.fixture
+def fastcoil(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: CliRunner().invoke(main, words)
+
+
+@pytest.mark.kernel
+def test_init_writes_a_study_that_plans_and_never_overwrites(fastcoil):
+    assert fastcoil("init", "mine.toml").exit_code == 0
+    assert fastcoil("plan", "mine.toml").exit_code == 0
+    again = fastcoil("init", "mine.toml")
+    assert again.exit_code == 2
+    assert "mine.toml exists" in again.output
+
+
+def test_every_study_of_the_repository_is_shipped_as_it_is():
+    assert {study.name: study.text for study in shipped.shipped_studies()} == {
+        name: path.read_text(encoding="utf-8") for name, path in STUDIES.items()
+    }
+
+
+def test_a_shipped_study_is_written_under_its_name_or_another(fastcoil, tmp_path):
+    first, second = fastcoil("init", "--from", "robustness"), fastcoil("init", "--from", "robustness", "mine.toml")
+    assert (first.exit_code, second.exit_code) == (0, 0), first.output
+    expected = STUDIES["robustness"].read_bytes()
+    assert (tmp_path / "robustness.toml").read_bytes() == (tmp_path / "mine.toml").read_bytes() == expected
+    assert "fastcoil run mine.toml" in second.output
+    assert "Analysis" not in second.output
+    assert fastcoil("init", "--from", "robustness").exit_code == 2
+
+
+@pytest.mark.kernel
+def test_a_shipped_study_plans(fastcoil):
+    fastcoil("init", "--from", "paper_like")
+    planned = fastcoil("plan", "paper_like.toml")
+    assert planned.exit_code == 0, planned.output
+    assert "10 day" in planned.output
+
+
+def test_the_list_names_every_study_with_its_title_and_writes_nothing(fastcoil, tmp_path):
+    listed = fastcoil("init", "--list")
+    assert listed.exit_code == 0
+    assert [line.split()[0] for line in listed.output.splitlines()] == sorted(STUDIES)
+    assert all(tomllib.loads(path.read_text())["title"] in listed.output for path in STUDIES.values())
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_study_is_answered_with_the_nearest_and_the_list(fastcoil, tmp_path):
+    wrong = fastcoil("init", "--from", "robustnes")
+    assert wrong.exit_code == 2
+    assert "did you mean 'robustness'?" in wrong.output
+    assert all(name in wrong.output for name in STUDIES)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_study_that_a_script_analyses_says_so(fastcoil):
+    said = fastcoil("init", "--from", "learning_step").output
+    assert "Analysis: `python studies/learning.py`" in said
+    analysed = {study.name: study.analysis for study in shipped.shipped_studies() if study.analysis}
+    assert analysed.keys() == {"learning_step", "learning_failures", "valve_population", "valve_sensitivity"}
+    for name, words in analysed.items():
+        script = ROOT / words.split("`")[1].removeprefix("python ")
+        assert name in script.read_text()
+
+
+def test_an_installed_package_has_its_own_studies(tmp_path, monkeypatch):
+    monkeypatch.setattr(shipped, "files", lambda _: tmp_path / "fastcoil")
+    with pytest.raises(StorageError, match="install it again"):
+        shipped.shipped_studies()
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "foreign.toml").write_text('title = "of another package"')
+    with pytest.raises(StorageError, match="install it again"):
+        shipped.shipped_studies()
+    (tmp_path / "fastcoil" / "studies").mkdir(parents=True)
+    (tmp_path / "fastcoil" / "studies" / "mine.toml").write_text('title = "Mine"')
+    assert [study.title for study in shipped.shipped_studies()] == ["Mine"]

@@ -1,0 +1,35 @@
+"""``fastcoil parameters``, ``presets`` and ``schema``."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.parameter_table import PARAMETERS
+
+
+@pytest.fixture
+def fastcoil():
+    return lambda *words: CliRunner().invoke(main, words)
+
+
+def test_parameters_lists_every_one_with_unit_and_bounds(fastcoil):
+    output = fastcoil("parameters").output
+    for name in PARAMETERS:
+        assert name in output
+    assert "did you mean 'kp'" in fastcoil("parameters", "kpp").output
+
+
+def test_the_help_of_the_estimate_says_what_it_is_to_the_learner(fastcoil):
+    line = next(line for line in fastcoil("parameters", "backlash_estimate").output.splitlines() if "0.0" in line)
+    assert "the learner starts here and never goes below it" in line
+
+
+def test_presets_are_listed_as_in_python(fastcoil):
+    assert fastcoil("presets").output == f"{fc.presets()!r}\n"
+
+
+def test_the_schema_is_json_that_knows_every_parameter(fastcoil):
+    assert PARAMETERS.keys() <= json.loads(fastcoil("schema").output)["$defs"].keys()

@@ -1,0 +1,118 @@
+"""Machine code of the kernel: sections are vectorised, one signature serves all runs, no index is out of bounds."""
+
+import os
+import platform
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.numerics.jit import _FLAGS, JIT_ENABLED
+
+ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
+# Most scalar operations for each packed one: none in a loop over lanes of one array; ln m_a, taken out of its
+# loop; and, where two arrays might overlap, the whole loop once more, which never runs.
+SCALAR_SHARE = {
+    "control": 0,
+    "actuate": 0,
+    "deliver": 0,
+    "air_side": 0.3,
+    "march_water": 1.1,
+    "march_air": 1.1,
+    "account_second": 1.1,
+}
+
+
+def assembly_of(name):
+    """Assembly of one section, compiled alone with the flags of the kernel."""
+    import numba
+    from numba import types as T
+
+    from fastcoil.engine import controller, metrics, plant
+
+    f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
+    section, signature = {
+        "control": (controller.control, (A, i, f, f, b, f)),
+        "actuate": (plant.actuate, (A, b)),
+        "deliver": (plant.deliver, (A,)),
+        "air_side": (plant.air_side, (A, f)),
+        "march_water": (plant.march_water, (A, A, i)),
+        "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
+        "account_second": (metrics.account_second, (A, A, i, f, f, i)),
+    }[name]
+    return next(iter(numba.njit(signature, **_FLAGS)(section.py_func).inspect_asm().values()))
+
+
+@pytest.mark.kernel
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads x86-64 assembly")
+@pytest.mark.parametrize("name", SCALAR_SHARE)
+def test_sections_are_vectorised(name):
+    import llvmlite.binding
+
+    assembly = assembly_of(name)
+    packed = re.findall(ARITHMETIC + r"pd\t.*", assembly)
+    scalar = re.findall(ARITHMETIC + r"sd\t.*", assembly)
+    assert len(packed) > 20
+    assert len(scalar) <= SCALAR_SHARE[name] * len(packed)
+    if llvmlite.binding.get_host_cpu_features().get("avx2"):
+        assert sum("%ymm" in line or "%zmm" in line for line in packed) > 0.9 * len(packed)
+    assert not re.search(r"\$_?(exp|log|pow|sin|cos|floor|fmod)\b", assembly)
+
+
+@pytest.mark.kernel
+def test_one_compiled_signature_serves_every_kind_of_run(short):
+    from fastcoil.engine.emulator import emulate
+    from fastcoil.engine.host import compile_kernel
+
+    days = fc.paper_day(hours=0.1, seed=[1, 2])
+    compile_kernel()
+    fc.simulate(fc.Loop(), short, warm_up=60)
+    fc.simulate(fc.Loop(), days, warm_up=60, command=np.full((2, 360), 0.3), traces=["T_c", "wet_volumes"])
+    fc.simulate(fc.Loop(noise_std=[0.0, 0.1], n_volumes=4), days, warm_up=0, seed=2**63 + 1, replicates=2)
+    assert len(emulate.signatures) == 1
+
+
+def test_the_interpreter_runs_the_same_formulas():
+    from fastcoil.physics.valve import water_flow
+
+    formula = water_flow.py_func if JIT_ENABLED else water_flow
+    assert formula(0.5, 2.0, 0.7, 9.0, 0.38) == pytest.approx(water_flow(0.5, 2.0, 0.7, 9.0, 0.38), rel=1e-15)
+
+
+# In the interpreter NumPy checks every index.  Small runs of all kernels, with everything switched on.
+EVERY_KERNEL = """
+import numpy as np
+import fastcoil as fc
+from fastcoil.engine.coil_loop import run_coil
+from fastcoil.engine.host import compile_kernel
+from fastcoil.engine.lanes import parameter_matrix
+from fastcoil.engine.replay_loop import run_replay
+from fastcoil.engine.valve_loop import valve_flows
+from fastcoil.outputs import TRACES
+from fastcoil.simulation.scenarios import columns_of
+
+np.seterr(all="ignore")
+compile_kernel()
+learner = {"learning_step": 0.01, "learning_early_trip": 1, "sample_time": 5}
+loop = fc.Loop(**learner, noise_std=0.1, n_volumes=[1, 3], air_march=["lagged", "quasistatic"])
+day = fc.paper_day(hours=12 / 3600, seed=1)
+ds = fc.simulate(loop, day, warm_up=2, traces=list(TRACES), trace_interval=5, n_jobs=1)
+assert ds.sizes["elapsed_time"] == 3 and not ds.status.any()
+matrix = parameter_matrix(columns_of(loop, loop.sizes, np.arange(4)))
+found = run_coil(matrix, np.tile([1.0, 25.0, 0.01, 7.0, 0.5], (4, 1)), np.array([0, 3]))
+assert [part.shape for part in found] == [(2, 4)] * 3
+assert run_replay(matrix, np.tile([15.0, 14.0, 1.0], (7, 1)), 3)["u"].shape == (3, 4)
+openings, flows = np.empty((3, 1)), np.empty((3, 1))
+sets = np.array([[0.07], [2.0], [0.7], [9.0], [0.38]])
+valve_flows(np.array([0.2, 0.2, 0.5]), np.array([0, 0, 1]), sets, np.zeros((2, 1)), openings, flows)
+print("within bounds")
+"""
+
+
+def test_no_kernel_reads_out_of_bounds(tmp_path):
+    env = os.environ | {"NUMBA_DISABLE_JIT": "1", "XDG_CACHE_HOME": str(tmp_path)}
+    found = subprocess.run([sys.executable, "-c", EVERY_KERNEL], env=env, capture_output=True, text=True, check=False)
+    assert found.stdout == "within bounds\n", found.stderr

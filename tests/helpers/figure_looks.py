@@ -1,0 +1,49 @@
+"""What every figure must keep: texts inside it and apart from each other, colours of the one palette."""
+
+from itertools import combinations
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
+from matplotlib.text import Text
+
+from fastcoil.plots.style import COLOURS, FAINT, GREY
+
+PALETTE = {to_hex(colour) for colour in (*COLOURS, GREY, FAINT, "black", "white")}
+
+
+def assert_texts_fit(figure):
+    """Every text with letters lies within the figure and on no other."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    # ticks outside of an axis, or hidden by a neighbour's, are Texts, too
+    extents = {
+        text: text.get_window_extent(canvas.get_renderer())
+        for text in figure.findobj(Text)
+        if any(map(str.isalpha, text.get_text()))
+    }
+    extents = {text: extent for text, extent in extents.items() if extent.width > 1.0}
+    assert extents
+    for text, extent in extents.items():
+        assert -1 <= extent.x0 < extent.x1 <= figure.bbox.x1 + 1, text
+        assert -1 <= extent.y0 < extent.y1 <= figure.bbox.y1 + 1, text
+    for (one, here), (other, there) in combinations(extents.items(), 2):
+        assert not here.shrunk(0.98, 0.98).overlaps(there.shrunk(0.98, 0.98)), (one, other)
+
+
+def colours(figure):
+    """The colours of all lines, areas and dots; maps have a scale of their own."""
+    found = set()
+    for axes in figure.axes:
+        found |= {to_hex(line.get_color()) for line in axes.lines}
+        found |= {to_hex(patch.get_facecolor()) for patch in axes.patches if patch.get_fill()}
+        found |= {to_hex(patch.get_edgecolor()) for patch in axes.patches if not patch.get_fill()}
+        for drawn in axes.collections:
+            if not isinstance(drawn, QuadMesh):
+                found |= {to_hex(colour) for colour in [*drawn.get_facecolor(), *drawn.get_edgecolor()]}
+    return found
+
+
+def assert_palette(figure):
+    """Lines, areas and dots have colours that can be told apart."""
+    assert colours(figure) <= PALETTE

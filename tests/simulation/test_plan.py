@@ -1,0 +1,137 @@
+"""Plans: arguments of ``simulate`` that are refused, and results too large for the machine."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.simulation import resources
+from fastcoil.simulation.plan import plan_simulation
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (np.zeros(899), ["shape (899,)", "(900,)", "(2, 900)"]),
+        (np.zeros((3, 900)), ["shape (3, 900)"]),
+        (0.5, ["shape ()"]),
+        (np.r_[np.zeros(400), 1.1, np.zeros(499)], ["1.1 at second 400", "0 to 1"]),
+        (np.r_[np.zeros(400), np.nan, np.zeros(499)], ["nan at second 400", "0 to 1"]),
+        (np.full(900, -0.01), ["-0.01 at second 0", "0 to 1"]),
+        ("half", ["command"]),
+    ],
+)
+def test_bad_command(days, command, words, refused):
+    (problem,) = refused(fc.Loop(), days, command=command, warm_up=60)
+    assert problem.startswith("command")
+    assert all(word in problem for word in words)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"traces": ["T_supp"]}, ["'T_supp'", "'T_sup'", "wet_volumes"]),
+        ({"traces": ["T_sup", "T_sup"]}, ["T_sup", "twice"]),
+        ({"traces": [None]}, ["None", "not a trace"]),
+        ({"trace_interval": 0}, ["trace_interval = 0", "at least 1"]),
+        ({"trace_interval": 901}, ["trace_interval = 901", "at most 900"]),
+        ({"trace_interval": 2.0}, ["trace_interval = 2.0", "whole"]),
+        ({"warm_up": -1}, ["warm_up = -1", "at least 0"]),
+        ({"warm_up": True}, ["warm_up = True", "whole"]),
+        ({"warm_up": 900}, ["900 s", "warm-up"]),
+        ({"seed": -1}, ["seed = -1"]),
+        ({"seed": 2**64}, ["seed", str(2**64 - 1)]),
+        ({"seed": "7"}, ["seed = '7'", "whole"]),
+        ({"replicates": 0}, ["replicates = 0"]),
+        ({"n_jobs": 0}, ["n_jobs = 0"]),
+        ({"n_jobs": True}, ["n_jobs = True"]),
+    ],
+)
+def test_bad_options_are_named_with_the_cure(days, options, words, refused):
+    (problem,) = refused(fc.Loop(), days, **{"warm_up": 60} | options)
+    assert all(word in problem for word in words), problem
+
+
+@pytest.mark.parametrize("traces", [None, [["T_sup"]]])
+def test_traces_that_are_no_list_of_names(days, traces, refused):
+    assert refused(fc.Loop(), days, traces=traces, warm_up=60)
+
+
+def test_inputs_are_no_traces_and_are_in_the_boundary(days, refused):
+    (problem,) = refused(fc.Loop(), days, traces=["T_set"], warm_up=60)
+    assert problem == "traces: 'T_set' is an input: it is in the boundary, as boundary.series['T_set']"
+    assert days.series["T_set"].shape == (2, 900)
+
+
+def test_a_list_of_values_as_long_as_the_boundary_may_be_meant_as_a_series(refused):
+    hour = fc.constant_day(hours=1)
+    values = np.linspace(0.0, 0.1, hour.n_steps)
+    (problem,) = refused(fc.Loop(backlash=values, kp=[0.01, 0.02]), hour)
+    assert problem.startswith("backlash has 3,600 values, one for each second of the boundary: did you mean a series?")
+    assert 'backlash=("sample", values)' in problem
+    plan_simulation(fc.Loop(backlash=("sample", values)), hour)
+    plan_simulation(fc.Loop(backlash=values[:-1]), hour)
+    short = fc.constant_day(hours=0.6)
+    plan_simulation(fc.Loop(backlash=np.linspace(0.0, 0.1, short.n_steps)), short)
+
+
+def test_all_bad_options_are_reported_at_once(days, refused):
+    assert len(refused(fc.Loop(), days, traces=["u", "u", "v"], trace_interval=0, seed=-1, replicates=1.5)) == 5
+
+
+def test_the_default_warm_up_refuses_a_shorter_boundary(days, refused):
+    (problem,) = refused(fc.Loop(), days)
+    assert "900 s" in problem
+    assert "1800 s" in problem
+
+
+def test_other_things_than_a_loop_and_a_boundary(days, refused):
+    assert "dict" in refused({}, days)[0]
+    assert "paper_day" in refused(fc.Loop(), days.to_dataset())[0]
+
+
+@pytest.mark.parametrize(
+    "loop",
+    [
+        fc.Loop(backlash=np.linspace(0, 0.9, 10**6), kp=np.linspace(0, 1, 10**6)),
+        fc.Loop(**{name: np.linspace(1.0, 2.0, 1000) for name in ("kp", "ti", "beta1", "cp_a")}),
+    ],
+)
+def test_a_million_million_scenarios_are_refused_without_allocating(loop, days, refused):
+    (problem,) = refused(loop, days, warm_up=60)
+    assert "2,000,000,000,000 scenarios" in problem
+    assert "GiB" in problem
+    assert "fewer" in problem
+
+
+TOGETHER = {
+    "learner": {
+        "learning_step": np.linspace(0.01, 0.1, 200),
+        "backlash_estimate": np.linspace(0.0, 0.1, 200),
+        "learning_cap": np.linspace(0.1, 0.2, 200),
+    },
+    "ratio": {"estimate_ratio": np.linspace(0.0, 1.0, 3000), "backlash": np.linspace(0.0, 0.1, 3000)},
+}
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_nor_is_anything_allocated_to_check_parameters_together(name, days, monkeypatch, refused):
+    monkeypatch.setattr(resources, "available_memory", lambda: 10**6)
+    loop = fc.Loop(**TOGETHER[name])
+    tracemalloc.start()
+    try:
+        assert "scenarios need" in refused(loop, days, warm_up=60)[0]
+        assert tracemalloc.get_traced_memory()[1] < 2e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_traces_count_towards_the_memory(days, monkeypatch, refused):
+    monkeypatch.setattr(resources, "available_memory", lambda: 10**6)
+    loop = fc.Loop(backlash=np.linspace(0.0, 0.1, 20))
+    fc.simulate(loop, days, warm_up=60)
+    (problem,) = refused(loop, days, warm_up=60, traces=["T_c"])
+    assert "trace_interval" in problem

@@ -1,0 +1,52 @@
+"""The figures of the learning study: texts that fit, colours of the palette, whatever the numbers."""
+
+from __future__ import annotations
+
+import learning_maps
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.figure_looks import PALETTE, assert_palette, assert_texts_fit
+from matplotlib.colors import to_hex
+
+TUNINGS = ["paper_like", "paper_like_fast", "lbnl", "g36"]
+SMALL_PRINT = "Of all steps, intervals, ratios and buffers the best, over as many learners as there are. " * 3
+
+
+def judged(**dims):
+    """Made-up shares of failures and hours over these dims; some never confirm."""
+    rng = np.random.default_rng(1)
+    shape = tuple(len(labels) for labels in dims.values())
+    low, high = rng.random((2, *shape)) / 2
+    values = {"low": low, "high": high, "failed": low + high, "error": rng.random(shape)}
+    values["confirmed"] = np.where(rng.random(shape) < 0.2, np.inf, 16 * rng.random(shape))
+    return xr.Dataset({name: (tuple(dims), value) for name, value in values.items()}, coords=dims)
+
+
+def test_every_rule_has_a_colour_of_the_palette_and_a_look_of_its_own():
+    looks = learning_maps.LINES.values()
+    assert {to_hex(look["color"]) for look in looks} <= PALETTE
+    assert len({to_hex(look["color"]) for look in looks}) == len(learning_maps.LINES)
+
+
+@pytest.fixture
+def settings():
+    return judged(
+        rule=list(learning_maps.LINES), tuning=TUNINGS, learning_step=[0.0035, 0.028],
+        learning_interval=[600, 1800], learning_ratio=[1.25, 2.0],
+    )  # fmt: skip
+
+
+def test_the_front_fits(settings):
+    of = settings.expand_dims(noise_std=[0.0, 0.05])
+    figure = learning_maps.front(of, "failed", "failures [% of learners]", 100.0, 16, SMALL_PRINT)
+    assert_palette(figure)
+    assert_texts_fit(figure)
+
+
+def test_the_maps_fit(settings):
+    assert_texts_fit(learning_maps.settings(settings, ("literal", "growing"), 16, 0.05, SMALL_PRINT))
+    of = judged(
+        rule=["literal", "growing"], buffer=[1e-9, 0.01], tuning=TUNINGS, noise_std=[0.0, 0.1], sample_time=[1, 30]
+    )
+    assert_texts_fit(learning_maps.failure_map(of, 0.05, SMALL_PRINT))
