@@ -45,8 +45,8 @@ def run(folder, code):
 
 
 def test_the_example_fits_the_sources(extended):
-    told = run(extended, "import fastcoil as fc; print(fc.Loop(error_dead_band=0.2)['error_dead_band'])")
-    assert float(told) == 0.2
+    printed = run(extended, "import fastcoil as fc; print(fc.Loop(error_dead_band=0.2)['error_dead_band'])")
+    assert float(printed) == 0.2
     formula = "from fastcoil.control.pi import holds; print(holds(-0.2, 0.2), holds(0.21, 0.2), holds(0.0, 0.0))"
     assert run(extended, formula).split() == ["True", "False", "False"]
 
