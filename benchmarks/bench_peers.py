@@ -1,7 +1,7 @@
-"""The peers on the same work, each only after it gave fastcoil's RMSE and switches.
+"""The peers on the same work.  Each must first give fastcoil's RMSE and switches.
 
-One benchmark after the other: a ratio of these times includes whatever the machine did in between.  The
-ratios of the report come from alternating runs, see ``report.py``.
+They run one after the other, so a ratio of these times includes whatever the machine did in between.  The ratios
+of the report come from alternating runs, see ``report.py``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def test_peer(timed: Timed, name: str, sample_time: int) -> None:
 
 
 def test_c_is_here() -> None:
-    """Say aloud that the yardstick is missing."""
+    """Skip with a message where the yardstick is missing."""
     try:
         c_peer.compiled()
     except c_peer.Unavailable as reason:
@@ -34,6 +34,6 @@ def test_c_is_here() -> None:
 
 
 def test_jax_is_here() -> None:
-    """Say aloud that JAX is missing; XLA decides itself how many of the cores it uses."""
+    """Skip with a message where JAX is missing.  XLA decides how many cores it uses."""
     pytest.importorskip("jax")
     assert any(c.name == "JAX" and c.threads == ALL for c in CONTENDERS.values())

@@ -15,7 +15,7 @@ import fastcoil as fc
 
 SIZES = [100] if MODE == "quick" else [1_000, 10_000, 100_000, 1_000_000]
 SECONDS = {"quick": 3600, "": 2 * 3600, "full": 8 * 3600}[MODE]
-"""Of the day, the same for all sizes: what a call costs besides its steps is then told from what a step costs."""
+"""Of the day, the same for all sizes, so that the cost of a call can be told apart from the cost of a step."""
 
 PEAK = """
 import resource, sys

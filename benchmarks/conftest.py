@@ -1,4 +1,4 @@
-"""Rounds, warm-up and what every benchmark writes down."""
+"""Rounds, warm-up, and what every benchmark records."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ PAUSE = 0.0 if QUICK else 0.1
 
 
 def alternate(runs: Mapping[Any, Callable[[], object]], rounds: int) -> dict[Any, np.ndarray]:
-    """Seconds of each run, (rounds,): A B C C B A A B C …, so that a slow moment of the machine meets all."""
+    """Seconds of each run, (rounds,): A B C C B A A B C …, so that a slow moment of the machine hits all."""
     seconds: dict[Any, list[float]] = {name: [] for name in runs}
     for k in range(WARM_UP_ROUNDS + rounds):
         for name, run in list(runs.items())[:: -1 if k % 2 else 1]:
@@ -127,7 +127,7 @@ def report(results: dict[str, Any]) -> Iterator[str]:
     cpu = results["machine_info"].get("cpu", {})
     brand, load = cpu.get("brand_raw", platform.processor()), f"{os.getloadavg()[1]:.1f} (the suite's own included)"
     yield "# Results of the benchmarks\n"
-    yield "Written by `make bench`; what the rows mean is told in [README.md](README.md).\n"
+    yield "Written by `make bench`; [README.md](README.md) says what the rows mean.\n"
     yield f"- Machine: {brand}, {get_host_cpu_name()}, {os.cpu_count()} cores, {platform.system()}"
     yield f"- Versions: {', '.join(versions())}"
     yield f"- Date: {datetime.now(UTC):%Y-%m-%d}; kernel {fingerprint()}; load of the last 5 minutes {load}\n"
@@ -136,8 +136,8 @@ def report(results: dict[str, Any]) -> Iterator[str]:
     yield "## Peers\n"
     yield (
         f"Alternating runs, {ROUNDS} rounds, {LANES_IN_ALL} scenarios × {SECONDS} s; the ratio is that of each round "
-        "to the C on as many threads in the same round.  Everybody gave the same RMSE and switches before.  C, "
-        "scalar Numba, NumPy and JAX keep two metrics, fastcoil all of them.  JAX chooses its threads itself.\n"
+        "to the C on as many threads in the same round.  All gave the same RMSE and switches first.  C, scalar "
+        "Numba, NumPy and JAX keep two metrics, fastcoil all of them.  JAX chooses its own threads.\n"
     )
     for sample_time in SAMPLE_TIMES:
         yield f"Sample time {sample_time} s:\n"

@@ -1,4 +1,4 @@
-"""What the benchmarks have in common: sizes, contenders, and blocks ready for the kernel."""
+"""What the benchmarks share: sizes, contenders, and blocks ready for the kernel."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fastcoil.outputs import METRICS
 from fastcoil.simulation.plan import Plan, plan_simulation
 
 MODE = os.environ.get("FASTCOIL_BENCH", "")
-"""``quick``: everything once and tiny, to see that it runs; ``full``: 10⁶ scenarios besides."""
+"""``quick``: everything once and tiny, to see that it runs; ``full``: also 10⁶ scenarios."""
 QUICK = MODE == "quick"
 ALL = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 """Cores this process may use."""
@@ -88,7 +88,7 @@ def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
 
 
 class Contender(NamedTuple):
-    """Somebody who does the common work: ``ready(scenarios, series)`` returns what is timed."""
+    """A program that does the common work: ``ready(scenarios, series)`` returns what is timed."""
 
     name: str
     threads: int
@@ -115,7 +115,7 @@ def _kernel(threads: int) -> Callable[..., Callable[[], common.Arrays]]:
 
 
 def contenders() -> Iterator[Contender]:
-    """Everybody who can run here; those that share a number of threads follow one another."""
+    """Every program that can run here; those with the same number of threads follow one another."""
     has_c, has_jax = True, importlib.util.find_spec("jax") is not None
     try:
         c_peer.compiled()

@@ -1,32 +1,12 @@
-"""The tables of ``studies/README.md``: what the studies found, from their results.
+"""Tables of what ``robustness.toml``, ``paper_like.toml`` and ``learner.toml`` found.
 
-Run with ``python studies/answers.py`` in the repository; studies that are not finished in ``results/`` are run.
+Run with ``python studies/answers.py`` in the repository.  Studies that are not finished in ``results/`` are run first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from pathlib import Path
-
 import xarray as xr
-
-import fastcoil as fc
-
-HERE = Path(__file__).parent
-
-
-def results(name: str) -> xr.Dataset:
-    """Open the results of a study of this folder, run first if need be."""
-    return fc.run_study(HERE / f"{name}.toml", HERE.parent / "results" / name)
-
-
-def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print a table in Markdown."""
-    head = list(head)
-    print("| " + " | ".join(head) + " |", "|---" * len(head) + "|", sep="\n")
-    for row in rows:
-        print("| " + " | ".join(row) + " |")
-    print()
+from report import results, write_table
 
 
 def change(values: xr.DataArray, reference: xr.DataArray) -> str:
@@ -43,8 +23,9 @@ def robustness() -> None:
     """Estimate by estimate against the plain PI of the same loop; then tuning by tuning at 95 %."""
     ds = results("robustness")
     plain = ds.sel(estimate_ratio=0.0)
-    print(f"### Robustness: {ds.rmse.size:,} days\n")
-    table(
+    write_table(
+        "robustness",
+        f"Robustness: change against the plain PI, {ds.rmse.size:,} days",
         ["estimate / backlash", "RMSE", "settled RMSE", "lower RMSE in", "switches per 10 min", "motor travel"],
         (
             [
@@ -60,7 +41,9 @@ def robustness() -> None:
         ),
     )
     at, exact = ds.sel(estimate_ratio=0.95), ds.sel(estimate_ratio=1.0)
-    table(
+    write_table(
+        "robustness_by_backlash",
+        "Robustness: change against the plain PI, by backlash",
         ["backlash", "RMSE of the plain PI (median)", "RMSE at 95 %", "settled RMSE at 95 %", "RMSE at 100 %"],
         (
             [
@@ -79,21 +62,24 @@ def paper_like() -> None:
     """Section 3 of the paper on one loop, median of ten days."""
     days = results("paper_like")
     ds = days.median("day")
-    print(f"### The paper's phenomena on `paper_like`, backlash 7 %, median of {days.sizes['day']} days\n")
     without = ds.sel(backlash=0.0, estimate_ratio=0.0)
     columns = ("rmse", "rmse_settled", "hunting_amplitude", "switch_frequency")
     rows = [["no backlash, plain PI", *(f"{float(without[c]):.3f}" for c in columns)]]
     for ratio in (0.0, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.3, 1.5):
         d = ds.sel(backlash=0.07, estimate_ratio=ratio)
         rows.append([f"estimate {ratio:.0%}", *(f"{float(d[c]):.3f}" for c in columns)])
-    table(["", "RMSE, K", "settled RMSE, K", "peak to peak, K", "switches per 10 min"], rows)
+    write_table(
+        "paper_like",
+        f"The paper's phenomena on `paper_like`: backlash 7 %, median of {days.sizes['day']} days",
+        ["", "RMSE, K", "settled RMSE, K", "peak to peak, K", "switches per 10 min"],
+        rows,
+    )
 
 
 def learner() -> None:
-    """When the rule reaches the size, how often, and where it ends."""
+    """When the rule reaches the backlash, how often, and where it ends."""
     ds = results("learner")
     n_days = ds.sizes["day"]
-    print(f"### The self-learning rule, backlash 7 %, {n_days} days of 8 h\n")
     rows = []
     for rule in ds.rule.values:
         for loop in ds.loop.values:
@@ -112,17 +98,17 @@ def learner() -> None:
                 ]
             )
     head = ["rule", "loop", "reached on", "after", "confirmed on", "after", "first step down to", "final estimate"]
-    table(head, rows)
+    write_table("learner", f"The self-learning rule: backlash 7 %, {n_days} days of 8 h", head, rows)
 
 
 def hours(times: xr.DataArray) -> str:
-    """Median time in hours if at least half of the days have one: the others are censored, not missing."""
+    """Median time in hours; a dash where fewer than half of the days have one, for the others come later than all."""
     in_time = times.fillna(float("inf")).median()
     return f"{float(in_time) / 3600:.2f} h" if float(in_time) < float("inf") else "—"
 
 
 def main() -> None:
-    """Print every table."""
+    """Write every table."""
     robustness()
     paper_like()
     learner()

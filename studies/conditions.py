@@ -1,14 +1,15 @@
 """Under which conditions the observations of the paper hold.
 
-Does backlash alone make a loop hunt, does the error rise above the exact size, does the learner find it on a
-quiet day?  Run with ``python studies/conditions.py``; it prints the tables of ``studies/README.md``.  Plants are
-generic (the presets); the days are constant but for one set-point step, or ``paper_day``.
+Does backlash alone make a loop hunt?  Does the error rise where the estimate exceeds the backlash?  Does the learner
+find the backlash on a quiet day?  Run with ``python studies/conditions.py`` to write the tables.  Plants are generic
+(the presets); the days are constant but for one set-point step, or ``paper_day``.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from report import write_table
 
 import fastcoil as fc
 
@@ -17,7 +18,7 @@ HOURS = 5
 STEP_AT = 3600
 T_BEFORE, T_AFTER = 14.0, 15.0
 HUNTS = 0.1
-"""Peak-to-peak supply temperature, K, in the last hour that counts as hunting, if it crosses the set-point."""
+"""Peak-to-peak supply temperature, K, in the last hour that counts as hunting where it crosses the set-point."""
 
 
 def stepped_day() -> fc.Boundary:
@@ -49,20 +50,19 @@ def _hunts(T_sup: xr.DataArray) -> xr.DataArray:
     return (high - low > HUNTS) & (low < T_AFTER) & (high > T_AFTER)
 
 
-def hunting_table(ds: xr.Dataset) -> list[str]:
-    """Share of tunings that hunt with 7 % backlash, by their overshoot without."""
-    lines = ["| overshoot without backlash | " + " | ".join(ds.plant.values) + " |", "|---" * 3 + "|"]
+def hunting_rows(ds: xr.Dataset) -> list[list[str]]:
+    """Overshoot without backlash, and on each plant the number of tunings that hunt with 7 %."""
+    rows = []
     for low, high in ((-np.inf, 0.05), (0.05, 0.2), (0.2, 0.4), (0.4, 0.7), (0.7, np.inf)):
         chosen = (ds.overshoot >= low) & (ds.overshoot < high) & ~ds.alone
+        name = f"{max(low, 0):.0%} to {high:.0%}" if np.isfinite(high) else f"above {low:.0%}"
         cells = [
             f"{int((chosen & ds.hunts).sel(plant=p).sum())} of {int(chosen.sel(plant=p).sum())} hunt"
             for p in ds.plant.values
         ]
-        name = f"{max(low, 0):.0%} to {high:.0%}" if np.isfinite(high) else f"above {low:.0%}"
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+        rows.append([name, *cells])
     alone = [f"{int(ds.alone.sel(plant=p).sum())}" for p in ds.plant.values]
-    lines.append("| (hunts without backlash, too) | " + " | ".join(alone) + " |")
-    return lines
+    return [*rows, ["(hunts without backlash, too)", *alone]]
 
 
 def learned_when_quiet(n: int = 8) -> xr.DataArray:
@@ -76,51 +76,60 @@ def learned_when_quiet(n: int = 8) -> xr.DataArray:
     return xr.concat(found, xr.DataArray(list(PLANTS), dims="plant", name="plant"))
 
 
-def quiet_table(end: xr.DataArray) -> list[str]:
-    """Shares that end at the size and far above it, by plant and buffer."""
-    lines = ["| plant | buffer | ends within a step of the size | ends above 20 % |", "|---|---|---|---|"]
+def quiet_rows(end: xr.DataArray) -> list[list[str]]:
+    """Plant, buffer, and the shares that end at the backlash and far above it."""
+    rows = []
     for name in end.plant.values:
         for buffer in end.buffer.values:
             part = end.sel(plant=name, buffer=buffer)
             found, ran_away = abs(part - 0.07) < 0.0071, part > 0.2
-            lines.append(f"| {name} | {buffer:g} | {float(found.mean()):.0%} | {float(ran_away.mean()):.0%} |")
-    return lines
+            rows.append([str(name), f"{buffer:g}", f"{float(found.mean()):.0%}", f"{float(ran_away.mean()):.0%}"])
+    return rows
 
 
 def overestimates(n: int = 6) -> xr.Dataset:
-    """Errors with the exact size and above it: n × n gains."""
+    """Errors with the exact estimate and with larger ones: n × n gains."""
     kp, ti = np.geomspace(0.01, 0.08, n), np.geomspace(8.0, 120.0, n)
     loop = fc.Loop().assign(backlash=0.07, estimate_ratio=[1.0, 1.2, 1.5], kp=kp, ti=ti)
     return fc.simulate(loop.assign(sample_time=[1.0, 5.0, 15.0, 30.0, 60.0]), fc.paper_day(hours=8, seed=1))
 
 
-def overestimate_table(ds: xr.Dataset) -> list[str]:
-    """In how many tunings the error rises above the exact size, by sample time."""
-    lines = [
-        "| sample time | RMSE, 120 % | settled RMSE, 120 % | RMSE, 150 % | settled RMSE, 150 % |",
-        "|---" * 5 + "|",
-    ]
+def overestimate_rows(ds: xr.Dataset) -> list[list[str]]:
+    """Sample time, and the shares of tunings in which the error exceeds that of the exact estimate."""
+    rows = []
     for sample_time in ds.sample_time.values:
         part = ds[["rmse", "rmse_settled"]].sel(sample_time=sample_time)
         above = (part.sel(estimate_ratio=[1.2, 1.5]) > part.sel(estimate_ratio=1.0)).mean(["kp", "ti"])
         shares = [above[m].sel(estimate_ratio=r) for r in (1.2, 1.5) for m in ("rmse", "rmse_settled")]
-        lines.append(f"| {sample_time:g} s | " + " | ".join(f"{float(share):.0%}" for share in shares) + " |")
-    return lines
+        rows.append([f"{sample_time:g} s", *(f"{float(share):.0%}" for share in shares)])
+    return rows
 
 
 def main() -> None:
-    """Print every table."""
+    """Write every table."""
     ds, above, end = tunings(), overestimates(), learned_when_quiet()
     mild = (ds.overshoot < 0.2) & ~ds.alone
-    print(f"### Does backlash alone make a loop hunt? ({ds.overshoot.size:,} tunings, backlash 7 %)\n")
-    print(*hunting_table(ds), sep="\n")
-    print(f"\nOf {int(mild.sum())} tunings with less than 20 % overshoot, {int((mild & ds.hunts).sum())} hunt.\n")
+    write_table(
+        "conditions_hunting",
+        f"Does backlash alone make a loop hunt?  {ds.overshoot.size:,} tunings, backlash 7 %; of the {int(mild.sum())} "
+        f"with less than 20 % overshoot {int((mild & ds.hunts).sum())} hunt",
+        ["overshoot without backlash", *map(str, ds.plant.values)],
+        hunting_rows(ds),
+    )
     n = above.sizes["kp"] * above.sizes["ti"]
-    print(f"### In how many tunings is the error larger than with the exact size? ({n} per sample time)\n")
-    print(*overestimate_table(above), sep="\n")
+    write_table(
+        "conditions_overestimates",
+        f"In how many tunings is the error larger than with the exact estimate?  {n} tunings per sample time",
+        ["sample time", *(f"{metric}, {ratio}" for ratio in ("120 %", "150 %") for metric in ("RMSE", "settled RMSE"))],
+        overestimate_rows(above),
+    )
     n = end.isel(plant=0, buffer=0).size
-    print(f"\n### Does the learner find 7 % on a constant day of 24 h? ({n} tunings per line)\n")
-    print(*quiet_table(end), sep="\n")
+    write_table(
+        "conditions_quiet",
+        f"Does the learner find 7 % on a constant day of 24 h?  {n} tunings per line",
+        ["plant", "buffer", "ends within a step of the backlash", "ends above 20 %"],
+        quiet_rows(end),
+    )
 
 
 if __name__ == "__main__":

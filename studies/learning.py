@@ -1,8 +1,8 @@
-"""Which learning rule to ship: the tables and figures of ``studies/README.md`` on learning.
+"""Which learning rule to ship: tables and figures.
 
-Run with ``python studies/learning.py`` in the repository: runs ``learning_step.toml`` and ``learning_failures.toml``
-where they are not finished in ``results/``, chooses a rule for each loop and noise, and tries the choice on days it has
-not seen.
+Run with ``python studies/learning.py`` in the repository.  It runs ``learning_step.toml`` and
+``learning_failures.toml`` where they are not finished in ``results/``, chooses a rule for each loop and noise, and
+tries the choice on fresh days.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import Any
 import learning_maps
 import numpy as np
 import xarray as xr
-from answers import HERE, results, table
 from matplotlib.figure import Figure
+from report import HERE, results, write_table
 from scipy.stats import beta
 
 import fastcoil as fc
 from fastcoil.plots.files import write
 
 TOO_LOW, TOO_HIGH = 0.8, 1.2
-"""A learned size outside these shares of the true one is a failure: the learner stopped early, or ran away."""
+"""A final estimate outside these shares of the backlash is a failure: the learner stopped early, or ran away."""
 MOST_FAILURES = 0.05
 LEVEL = 0.95
 RESAMPLES = 2000
@@ -34,14 +34,14 @@ FRESH_DAYS = range(301, 401)
 
 
 def judged(ds: xr.Dataset, over: Sequence[str] = PAIRED) -> xr.Dataset:
-    """Shares of failures, error, and hours to reach and confirm, over all days, sizes and starts."""
-    learned = (ds.estimate_final / ds.backlash).round(9)  # steps of 1.4 % lead to 80 % of 7 % but for round-off
+    """Shares of failures, error, and hours to reach and confirm, over all days, backlashes and starts."""
+    learned = (ds.estimate_final / ds.backlash).round(9)  # steps of 1.4 % reach 80 % of 7 % but for round-off
     hours = {n: ds[f"learn_time_{n}"].fillna(np.inf) / 3600.0 for n in ("reached", "confirmed")}
     return xr.Dataset(
         {
             "low": (learned < TOO_LOW).mean(over),
             "high": (learned > TOO_HIGH).mean(over),
-            # also what came to no end
+            # an estimate of NaN fails, too
             "failed": (~((learned >= TOO_LOW) & (learned <= TOO_HIGH))).mean(over),
             "error": abs(learned - 1.0).reduce(middle, over),
             # never is later than all else: the median is censored where it is infinite
@@ -53,7 +53,7 @@ def judged(ds: xr.Dataset, over: Sequence[str] = PAIRED) -> xr.Dataset:
 
 
 def middle(values: np.ndarray, axis: int | tuple[int, ...] = -1) -> np.ndarray:
-    """Median that is one of the values, the lower one of two, so that they may be infinite."""
+    """Lower median: always one of the values, so that they may be infinite."""
     axes = {k % values.ndim for k in np.atleast_1d(axis)}
     kept = [k for k in range(values.ndim) if k not in axes]
     rows = np.sort(values.transpose(*kept, *sorted(axes)).reshape(*(values.shape[k] for k in kept), -1), axis=-1)
@@ -61,7 +61,7 @@ def middle(values: np.ndarray, axis: int | tuple[int, ...] = -1) -> np.ndarray:
 
 
 def chosen(of: xr.Dataset) -> dict[str, Any]:
-    """The safe choice that confirms soonest, the more accurate one of equals; where none is safe, the safest."""
+    """The safe choice that confirms soonest; ties go to the more accurate.  Where none is safe, the safest."""
     flat = of.stack(choice=CHOICE)
     beyond = np.maximum(flat.failed.values.round(9) - MOST_FAILURES, 0.0)
     best = flat.isel(choice=int(np.lexsort((flat.error.values, flat.confirmed.values, beyond))[0]))
@@ -69,10 +69,10 @@ def chosen(of: xr.Dataset) -> dict[str, Any]:
 
 
 def tried(ds: xr.Dataset, choice: dict[str, Any], loop: dict[str, Any], days: fc.Boundary) -> xr.Dataset:
-    """What a choice does on days it was not chosen on, and what it costs.
+    """What a choice does on fresh days, and what it costs.
 
-    ``rmse`` and ``travel`` of the motor are relative to the plain PI of the same size, day and noise, ``rmse_known`` to
-    an inverse of the true size from the start, with the same buffer.
+    ``rmse`` and ``travel`` of the motor are relative to the plain PI of the same backlash, day and noise,
+    ``rmse_known`` to an inverse that knows the backlash from the start, with the same buffer.
     """
     learner = fc.Loop.from_dataset(ds.sel(choice | loop).isel(day=0))
     without = learner.assign(learning_step=0.0, backlash_estimate=0.0, buffer=fc.parameters()["buffer"].default)
@@ -96,7 +96,7 @@ def share_with_interval(failed: float, n_days: int) -> str:
 
 
 def median_with_interval(values: xr.DataArray) -> tuple[float, float, float]:
-    """Median over all days, sizes and starts, and its bootstrap interval, for which days are drawn as wholes."""
+    """Median over all days, backlashes and starts, and its bootstrap interval, which draws whole days."""
     by_day = values.transpose("day", ...).values.reshape(values.sizes["day"], -1)
     drawn = np.random.default_rng(0).integers(len(by_day), size=(RESAMPLES, len(by_day)))
     medians = np.sort(middle(by_day[drawn], (1, 2)))
@@ -106,7 +106,7 @@ def median_with_interval(values: xr.DataArray) -> tuple[float, float, float]:
 
 
 def words(values: xr.DataArray, form: str, scale: float = 1.0) -> str:
-    """A median with its interval; what is later than the day is said so."""
+    """A median with its interval; a time beyond the day is given as such."""
     texts = [form.format(scale * x) if np.isfinite(x) else f"> {HOURS}" for x in median_with_interval(values)]
     return "{} ({} to {})".format(*texts)
 
@@ -134,16 +134,18 @@ def recommendations(ds: xr.Dataset, of: xr.Dataset) -> None:
              words(new.rmse, "{:+.0f}", 100), words(new.rmse_known, "{:+.0f}", 100), words(new.travel, "{:.2f}"),
              f"{words(new.switch_frequency, '{:.1f}')}; {float(new.plain_switches.median()):.1f}"]
         )  # fmt: skip
-    print("### What to ship\n")
-    table(
+    write_table(
+        "learning_choice",
+        "What to ship",
         ["loop", "noise, K", "rule", "step", "interval", "ratio", "buffer", "safe?", "failures: days chosen on",
          f"{days.n_days} fresh days"],
         ship,
     )  # fmt: skip
-    print(f"### What it does on the {days.n_days} fresh days: medians\n")
-    table(
-        ["loop", "noise, K", "reached, min", "confirmed, min", "never confirmed", "error of the size, %",
-         "RMSE against plain PI, %", "RMSE against known size, %", "motor travel / plain PI",
+    write_table(
+        "learning_cost",
+        f"What it does on the {days.n_days} fresh days: medians",
+        ["loop", "noise, K", "reached, min", "confirmed, min", "never confirmed", "error of the estimate, %",
+         "RMSE against plain PI, %", "RMSE against known backlash, %", "motor travel / plain PI",
          "switches per 10 min; plain PI"],
         found,
     )  # fmt: skip
@@ -162,10 +164,11 @@ def described(choice: dict[str, Any]) -> list[str]:
 
 def failures(of: xr.Dataset) -> None:
     """How often each rule fails over loops and noise, all of its settings together."""
-    print("### How often the rules fail: stops early / runs away, % of learners\n")
     rest = [d for d in CHOICE if d not in ("rule", "buffer")]
     low, high = (100 * of[n].mean(rest) for n in ("low", "high"))
-    table(
+    write_table(
+        "learning_failures",
+        "How often the rules fail: stops early / runs away, % of learners",
         ["loop", "noise, K", *(f"{r}, buffer {100 * b:.0f} %" for r in of.rule.values for b in of.buffer.values)],
         (
             [str(t), f"{n:g}"]
@@ -182,15 +185,16 @@ def failures(of: xr.Dataset) -> None:
 
 
 def quiet(ds: xr.Dataset, of: xr.Dataset) -> None:
-    """A day on which nothing changes: what each rule makes of it, and what the choice without noise does."""
-    still, size = fc.constant_day(hours=HOURS), {"backlash": 0.07, "backlash_estimate": 0.0}
-    print("### A perfectly quiet day, backlash 7 %, steps of 0.7 % every 30 min: final estimate\n")
+    """A day on which nothing changes: where each rule ends, and where the choice for no noise does."""
+    still, valve = fc.constant_day(hours=HOURS), {"backlash": 0.07, "backlash_estimate": 0.0}
     printed = {"learning_step": 0.007, "learning_interval": 1800, "learning_ratio": 2.0}
-    cell = ds.isel(day=0, noise_std=0, buffer=0).sel(printed | size)
+    cell = ds.isel(day=0, noise_std=0, buffer=0).sel(printed | valve)
     found = fc.simulate(fc.Loop.from_dataset(cell), still).estimate_final
     loops = [{"tuning": str(t), "noise_std": 0.0} for t in ds.tuning.values]
-    shipped = [fc.Loop.from_dataset(ds.isel(day=0).sel(loop | chosen(of.sel(loop)) | size)) for loop in loops]
-    table(
+    shipped = [fc.Loop.from_dataset(ds.isel(day=0).sel(loop | chosen(of.sel(loop)) | valve)) for loop in loops]
+    write_table(
+        "learning_quiet",
+        "A perfectly quiet day: backlash 7 %, steps of 0.7 % every 30 min, final estimate",
         ["loop", *map(str, found.rule.values), "the choice to ship"],
         (
             [loop["tuning"]]
@@ -207,10 +211,10 @@ def figures(ds: xr.Dataset, of: xr.Dataset) -> dict[str, Figure]:
     noises_too, days = [*PAIRED, "noise_std"], ["backlash", "day"]
     noises = ", ".join(f"{n:g}" for n in ds.noise_std.values)
     bold = f"Bold: at most {100 * MOST_FAILURES:.0f} % fail."
-    best = "Of all steps, intervals, ratios and buffers the best."
+    best = "The best of all steps, intervals, ratios and buffers."
     return {
         "learning_front": learning_maps.front(of, "failed", "failures [% of learners]", 100.0, HOURS, best),
-        "learning_front_error": learning_maps.front(of, "error", "error of the size [%]", 50.0, HOURS, best),
+        "learning_front_error": learning_maps.front(of, "error", "error of the estimate [%]", 50.0, HOURS, best),
         "learning_settings": learning_maps.settings(
             judged(ds.isel(buffer=-1), noises_too), ("literal", "growing"), HOURS, MOST_FAILURES,
             f"Buffer {100 * float(ds.buffer[-1]):.0f} %, noise of {noises} K together: "
@@ -227,7 +231,7 @@ def _learners(ds: xr.Dataset, over: Sequence[str]) -> int:
 
 
 def main() -> None:
-    """Print the tables, draw the figures."""
+    """Write the tables, draw the figures."""
     ds = results("learning_step").load()
     of = judged(ds)
     recommendations(ds, of)

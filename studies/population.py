@@ -1,14 +1,14 @@
 """Valve populations: how the benefit of an inverse is distributed, and what it depends on.
 
-Run with ``python studies/population.py`` in the repository: runs ``valve_population.toml`` and
-``valve_sensitivity.toml`` where they are not finished in ``results/``, and prints the tables of ``studies/README.md``.
+Run with ``python studies/population.py`` in the repository.  It runs ``valve_population.toml`` and
+``valve_sensitivity.toml`` where they are not finished in ``results/``, and writes their tables.
 """
 
 from __future__ import annotations
 
 import xarray as xr
-from answers import results, table
 from learning import TOO_HIGH, TOO_LOW
+from report import results, write_table
 
 import fastcoil as fc
 
@@ -21,8 +21,9 @@ def benefit() -> None:
     pairs = fc.compare(ds, baseline={"controller": "pi"}, over="sample")
     relative = ds[list(METRICS)] / ds[list(METRICS)].sel(controller="pi", drop=True) - 1.0
     failed = int((ds.status > 0).sum())
-    print(f"### A population of {ds.sizes['sample']:,} valves and loops ({failed} of {ds.status.size:,} days failed)\n")
-    table(
+    write_table(
+        "population",
+        f"A population of {ds.sizes['sample']:,} valves and loops ({failed} of {ds.status.size:,} days failed)",
         ["controller", "RMSE, mean difference in K (95 % interval)", "RMSE: 5 %, median, 95 % of the valves",
          "settled RMSE, median", "lower RMSE in", "motor travel, median"],
         (
@@ -40,7 +41,6 @@ def benefit() -> None:
             for p in [pairs.rmse.sel(controller=name)]
         ),
     )  # fmt: skip
-    print("### What became of the learners: share of the valves, and learned size over true size\n")
     meanings = ds.learning_status.attrs["flag_meanings"].split()
     rows = []
     for name in (str(c) for c in ds.controller.values if str(c).startswith("learner")):
@@ -55,7 +55,12 @@ def benefit() -> None:
                 f"{100 * float(((learned >= TOO_LOW) & (learned <= TOO_HIGH)).mean()):.0f} %",
             ]
         )
-    table(["controller", "valves", "5, 25, 50, 75, 95 % of the valves", "within 80 to 120 %"], rows)
+    write_table(
+        "population_learners",
+        "What became of the learners, and learned over true backlash",
+        ["controller", "valves", "5, 25, 50, 75, 95 % of the valves", "within 80 to 120 %"],
+        rows,
+    )
 
 
 def dependence() -> None:
@@ -65,13 +70,14 @@ def dependence() -> None:
     given = xr.Dataset({"benefit": benefit, "status": ds.status.sel(controller=["fixed_95", "fixed_120"])})
     found = fc.sobol_indices(given, ["benefit"], drop_failed=True)
     n = int(found.benefit_n_samples.min())
-    print(f"### What the change of RMSE depends on: Sobol' indices from {n:,} base samples\n")
 
     def cell(at: xr.DataArray) -> str:
         return "{:.2f} ({:.2f} to {:.2f})".format(*(float(at.sel(edge=e)) for e in ("value", "low", "high")))
 
     largest = found.benefit.sel(edge="value", index="total", controller="fixed_95")
-    table(
+    write_table(
+        "sensitivity",
+        f"What the change of RMSE depends on: Sobol' indices from {n:,} base samples",
         ["parameter", *(f"{c}, {i}" for c in ("95 %", "120 %") for i in ("first order", "total"))],
         (
             [str(name)]
@@ -86,7 +92,7 @@ def dependence() -> None:
 
 
 def main() -> None:
-    """Print every table."""
+    """Write every table."""
     benefit()
     dependence()
 

@@ -1,7 +1,7 @@
 """JAX: a compiled ``scan`` over time, scenarios as arrays, float64.
 
 Under lagged air every control volume reads states of the step before, so that the arrays are (volumes,
-scenarios).  Controller and valve run, by ``cond``, only in seconds in which somebody samples.  Agrees with
+scenarios).  Controller and valve run, by ``cond``, only in seconds in which a scenario samples.  Agrees with
 fastcoil to 1e-9 in RMSE and in every switch.  Importing this module needs JAX and switches it to float64.
 """
 

@@ -1,8 +1,8 @@
 """Scalar Numba: ``prange`` over scenarios, one scenario at a time, as one would write it first.
 
-The formulas stand in the loop as in the paper, with ``math.exp`` and ``**``.  What an attentive author sees
-at once is done: air-side effectiveness before the loop, valve flow and water-side effectiveness only when the
-stem moved, saturation from the package's polynomial.  Agrees with fastcoil to 1e-9 in RMSE and in every
+The formulas are in the loop as in the paper, with ``math.exp`` and ``**``.  It does what a careful author sees at
+once: air-side effectiveness before the loop, valve flow and water-side effectiveness only when the stem moved,
+saturation from the package's polynomial.  Agrees with fastcoil to 1e-9 in RMSE and in every
 switch.
 """
 

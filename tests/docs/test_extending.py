@@ -1,0 +1,65 @@
+"""The example of ``docs/extending.md`` fits the sources, and works."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import fastcoil as fc
+
+PACKAGE = Path(fc.__file__).parent
+PAGE = PACKAGE.parent / "docs" / "extending.md"
+
+
+@pytest.fixture
+def extended(tmp_path):
+    """A copy of the package with the error dead band of the page."""
+    shutil.copytree(PACKAGE, tmp_path / "fastcoil", ignore=shutil.ignore_patterns("__pycache__"))
+    diffs = re.findall(r"^```diff\n\+\+\+ (\S+)\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
+    assert len(diffs) == 4
+    for name, diff in diffs:
+        lines = [(line[:1], line[1:]) for line in diff.splitlines()]
+        old = "".join(f"{text}\n" for sign, text in lines if sign != "+")
+        new = "".join(f"{text}\n" for sign, text in lines if sign != "-")
+        path = tmp_path / name
+        assert path.read_text().count(old) == 1, f"{name} has changed: change docs/extending.md with it"
+        path.write_text(path.read_text().replace(old, new))
+    return tmp_path
+
+
+def run(folder, code):
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(folder), "XDG_CACHE_HOME": str(folder)},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    ).stdout
+
+
+def test_the_example_fits_the_sources(extended):
+    printed = run(extended, "import fastcoil as fc; print(fc.Loop(error_dead_band=0.2)['error_dead_band'])")
+    assert float(printed) == 0.2
+    formula = "from fastcoil.control.pi import holds; print(holds(-0.2, 0.2), holds(0.21, 0.2), holds(0.0, 0.0))"
+    assert run(extended, formula).split() == ["True", "False", "False"]
+
+
+@pytest.mark.full
+@pytest.mark.kernel
+def test_the_example_works(extended):
+    """The motor rests more; a dead band of 0 changes no bit."""
+    code = (
+        "import fastcoil as fc; loop = fc.Loop.preset('lbnl').assign(error_dead_band=[0.0, 0.3], noise_std=0.02);"
+        "ds = fc.simulate(loop, fc.paper_day(hours=2)); print(*ds.motor_travel.values, *ds.rmse.values)"
+    )
+    without, held, rmse, _ = map(float, run(extended, code).split())
+    ds = fc.simulate(fc.Loop.preset("lbnl").assign(noise_std=0.02), fc.paper_day(hours=2))
+    assert (without, rmse) == (float(ds.motor_travel), float(ds.rmse))
+    assert held < 0.8 * without

@@ -1,0 +1,213 @@
+"""README and the pages of ``docs/``: what they show runs, and their commands, links and file names lead somewhere."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.study.file.spec import read_study
+
+ROOT = Path(__file__).parents[2]
+PAGES = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    ROOT / "studies" / "README.md",
+    ROOT / "benchmarks" / "README.md",
+]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+SPAN = re.compile(r"`([^`\n]+)`")
+FILE = re.compile(r"(?<![\w.*/-])[\w./-]*\w\.(?:py|toml|md|png|csv|nc|json|c|cff)\b(?!\()")
+PLACES = ("", "docs", "studies", "benchmarks", "fastcoil", "fastcoil/engine")
+MADE = {
+    *("study.toml", "sweep.toml", "mine.toml", "ahu.toml", "valve.toml", "coil.toml"),
+    *(
+        "results.nc",
+        "study.schema.json",
+        "logs.py",
+        "valve.csv",
+        "coil.csv",
+        "log.csv",
+        "other.csv",
+        "valve.png",
+        "coil.png",
+    ),
+    *("learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"),
+    *("scorecard.md", "scorecard.json"),
+}
+"""Files that the reader makes, or that a command of the page writes."""
+TOOLS = {"pip", "dask", "."}
+
+
+def is_named(path):
+    return str(path.relative_to(ROOT))
+
+
+def blocks(page, *kinds):
+    """(kind, text) of the fenced blocks of a page."""
+    return [(kind, text) for kind, text in FENCE.findall(page.read_text()) if not kinds or kind in kinds]
+
+
+def prose(page):
+    """A page without its fenced blocks."""
+    return FENCE.sub("", page.read_text())
+
+
+def commands(text):
+    """The commands of a block, word by word."""
+    for line in text.splitlines():
+        words = shlex.split(line.removesuffix("&"), comments=True)
+        if words:
+            yield [words[0].removeprefix(".venv/bin/"), *words[1:]]
+
+
+def says(line, shown):
+    """Whether a printed line is the one shown, but for numbers that another CPU or library may round otherwise."""
+    if NUMBER.sub("0", line.strip()) != NUMBER.sub("0", shown.strip()):
+        return False
+    return [float(n) for n in NUMBER.findall(line)] == pytest.approx(
+        [float(n) for n in NUMBER.findall(shown)], rel=0.01
+    )
+
+
+RUN = [page for page in PAGES if blocks(page, "python")]
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("page", RUN, ids=is_named)
+def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
+    """Its Python, its study files and the commands on them; and what it says they print is printed."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names, printed = {"__name__": page.stem}, ""
+    for kind, text in blocks(page):
+        if kind == "python":
+            exec(compile(text, page.name, "exec"), names)
+            printed = capsys.readouterr().out
+        elif kind == "toml":
+            path = Path(re.match(r"# (\w+\.toml)\n", text)[1])
+            path.write_text(text)
+            read_study(path)
+        elif kind == "sh":
+            for program, *words in commands(text):
+                if program == "fastcoil":
+                    found = CliRunner().invoke(main, words)
+                    assert found.exit_code == 0, (words, found.output)
+                    printed = found.output
+        elif kind == "text":
+            lines = printed.splitlines()
+            assert all(any(says(line, shown) for line in lines) for shown in text.splitlines() if shown != "…"), printed
+
+
+def test_the_readme_shows_the_script_of_the_first_look():
+    script = (ROOT / "studies" / "first_look.py").read_text()
+    docstring = ast.parse(script).body[0]
+    code = "\n".join(script.splitlines()[docstring.end_lineno :]).strip()
+    _, shown = blocks(ROOT / "README.md", "python")[0]
+    assert shown.strip() == code
+
+
+def test_the_speeds_that_are_quoted_are_measured():
+    """README and promises give what RESULTS.md, written by ``make bench``, has."""
+    results = (ROOT / "benchmarks" / "RESULTS.md").read_text()
+    peers, fits = results.split("## Kernel")[0], results.split("## Every benchmark")[1]
+
+    def ns(name):
+        """ns per lane-step on one thread at sample times of 30 s and of 1 s."""
+        slow, fast = re.findall(rf"^\| {name} \| 1 \| ([\d.]+) ", peers, re.MULTILINE)
+        return float(slow), float(fast)
+
+    def words(name, form="{:.0f}"):
+        """The two ratios to fastcoil, the lower one first."""
+        return " to ".join(form.format(r) for r in sorted(a / b for a, b in zip(ns(name), kernel, strict=True)))
+
+    def seconds(name):
+        return float(re.search(rf"^\| fit: {name} \|.*?\| ([\d.]+) \(", fits, re.MULTILINE)[1])
+
+    kernel = ns("fastcoil, kernel")
+    readme, promises = ((ROOT / page).read_text() for page in ("README.md", "docs/promises.md"))
+    assert f"One thread needs {kernel[0]} ns" in readme
+    assert f"| {kernel[0]} ns at a sample time of 30 s, {kernel[1]} ns at 1 s |" in promises
+    assert f"| against scalar Numba | {words('scalar Numba')} times faster |" in promises
+    assert f"| against NumPy | {words('NumPy')} times faster |" in promises
+    slower = {f"{float(r):.1f}" for r in re.findall(r"^\| fastcoil, kernel \| 1 .*\| ([\d.]+) \(", peers, re.MULTILINE)}
+    assert f"with two metrics | {' to '.join(sorted(slower))} times slower |" in promises
+    assert f"| fit of a valve | {seconds('valve'):.1f} s |" in promises
+    assert f"| fit of a coil to 8 h of seconds | {seconds('coil_on_seconds'):.1f} s |" in promises
+
+
+def command_problem(program, words, targets):
+    """What is wrong with a command, or None."""
+    if program == "make":
+        return None if words and words[0] in targets else f"make has no {words}"
+    if program == "python":
+        return None if words[0] in MADE or (ROOT / words[0]).is_file() else f"no {words[0]}"
+    if program != "fastcoil":
+        return None if program in TOOLS else f"{program} is unknown"
+    command = main
+    words = list(words)
+    while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+        name = words.pop(0)
+        command = command.commands.get(name)
+        if command is None:
+            return f"fastcoil has no {name}"
+    known = {option for p in command.params for option in (*p.opts, *p.secondary_opts)} | {"--help", "--version"}
+    unknown = [w for w in words if w.startswith("-") and w.partition("=")[0] not in known]
+    return f"{command.name} has no {unknown}" if unknown else None
+
+
+@pytest.mark.parametrize("page", PAGES, ids=is_named)
+def test_every_command_exists(page):
+    targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    given = [words for _, text in blocks(page, "sh") for words in commands(text)]
+    spans = [span for span in SPAN.findall(prose(page)) if re.match(r"(\.venv/bin/)?(fastcoil|make|python) ", span)]
+    given += [words for span in spans for words in commands(span.partition(">")[0])]
+    problems = [p for program, *words in given if (p := command_problem(program, words, targets))]
+    assert not problems
+
+
+@pytest.mark.parametrize("page", PAGES, ids=is_named)
+def test_every_name_of_the_library_exists(page):
+    names = set(re.findall(r"`fc\.(\w+)", prose(page)))
+    assert not {name for name in names if not hasattr(fc, name)}
+
+
+def anchors(page):
+    """Anchors of the headings of a page, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=is_named)
+def test_every_link_leads_somewhere(page):
+    text = prose(page)
+    targets = [*re.findall(r"\]\(([^)\s]+)\)", text), *re.findall(r"^\[[^\]]+\]: (\S+)$", text, re.MULTILINE)]
+    assert not set(re.findall(r"\]\[([^\]]+)\]", text)) - set(re.findall(r"^\[([^\]]+)\]: ", text, re.MULTILINE))
+    for target in targets:
+        if not target.startswith("https://"):
+            path, _, anchor = target.partition("#")
+            other = (page.parent / path).resolve() if path else page
+            assert other.exists(), target
+            assert not anchor or anchor in anchors(other), target
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=is_named)
+def test_every_file_that_is_named_exists(page):
+    text = re.sub(r"\]\([^)]*\)", "]", prose(page))
+    for name in FILE.findall(text):
+        places = [page.parent, *(ROOT / place for place in PLACES)]
+        assert Path(name).name in MADE or any((place / name).is_file() for place in places), name
+
+
+def test_every_page_can_be_reached_from_the_index():
+    index = (ROOT / "docs" / "index.md").read_text()
+    pages = {page.name for page in (ROOT / "docs").glob("*.md")} - {"index.md"}
+    assert pages <= set(re.findall(r"\]\((\w[\w-]*\.md)\)", index))

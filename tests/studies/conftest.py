@@ -1,0 +1,52 @@
+"""The studies of the repository made small, and the tables that the scripts write."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+import report
+
+import fastcoil as fc
+
+SHORT = {r"(seed = \[\d+, \d+).*\]": r"\1]", r"hours = \d+": "hours = 2", r"size = 4096": "size = 16",
+         r"size = 1024": "size = 4"}  # fmt: skip
+FEW_RULES = {
+    r"\n(learning_step) = \[.*": r"\n\1 = [0.007, 0.028]",
+    r"\n(learning_interval) = \[.*": r"\n\1 = [900, 1800]",
+    r"\n(learning_ratio) = \[.*": r"\n\1 = [1.5, 2.0]",
+    r"\n(noise_std) = \[.*": r"\n\1 = [0.0, 0.1]",
+    r"\n(sample_time) = \[.*": r"\n\1 = [1, 30]",
+    r"\n(hold|early|stopping|paper_like_fast|lbnl) = .*": "",
+}
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """Return a function that runs a study of the repository made small, once, in place of ``report.results``."""
+    folder = tmp_path_factory.mktemp("studies")
+
+    def small(name):
+        text = (report.HERE / f"{name}.toml").read_text()
+        for long, short in (SHORT | FEW_RULES if name.startswith("learning") else SHORT).items():
+            text = re.sub(long, short, text)
+        (folder / f"{name}.toml").write_text(text)
+        return fc.run_study(folder / f"{name}.toml", folder / name).load()
+
+    return small
+
+
+@pytest.fixture
+def written(monkeypatch, tmp_path):
+    """Have tables written elsewhere; return a function that reads one: title, then rows of cells, head first."""
+    monkeypatch.setattr(report, "TABLES", tmp_path / "tables")
+    monkeypatch.setattr(report, "PAGES", tmp_path / "docs")
+
+    def written(name):
+        title, table = (tmp_path / "tables" / f"{name}.md").read_text().split("\n\n")
+        rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
+        assert set(rows.pop(1)) == {"---"}
+        assert len({len(row) for row in rows}) == 1
+        return title.strip("*"), rows
+
+    return written

@@ -1,0 +1,177 @@
+"""``learning.py``: what it counts and chooses is what plain Python finds, and its tables and figures show it."""
+
+from __future__ import annotations
+
+import math
+import re
+import statistics
+
+import learning
+import learning_maps
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+
+def median_low(values):
+    return statistics.median_low([math.inf if math.isnan(v) else v for v in np.asarray(values).ravel()])
+
+
+# numbers and choices
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 10), (3, 10), (10, 10), (16, 100)])
+def test_a_share_has_the_interval_of_clopper_and_pearson(k, n):
+    exact = stats.binomtest(k, n).proportion_ci(0.95, method="exact")
+    assert (
+        learning.share_with_interval(k / n, n)
+        == f"{100 * k / n:.0f} % ({100 * exact.low:.0f} to {100 * exact.high:.0f})"
+    )
+
+
+def learners(**metrics):
+    """Learners of 10 % backlash over days and starts: final size, hours until reached and confirmed."""
+    dims = ("day", "backlash_estimate")
+    ds = xr.Dataset({name: (dims, np.array(values, dtype=float)) for name, values in metrics.items()})
+    return ds.assign_coords(backlash=0.1, day=range(ds.sizes["day"]))
+
+
+def test_failures_errors_and_censored_times_are_counted_one_by_one():
+    ds = learners(
+        estimate_final=[[0.10, 0.12], [0.08, 0.0799], [0.121, np.nan], [0.11, 0.02]],
+        learn_time_reached=3600 * np.array([[1.0, 2.0], [3.0, np.nan], [0.5, np.nan], [1.5, 1.0]]),
+        learn_time_confirmed=3600 * np.array([[1.0, 2.0], [np.nan, np.nan], [0.5, np.nan], [np.nan, 1.0]]),
+    )
+    found = {n: float(v) for n, v in learning.judged(ds, ["day", "backlash_estimate"]).items()}
+    assert (found["low"], found["high"], found["failed"]) == (2 / 8, 1 / 8, 4 / 8)
+    assert found["never"] == 4 / 8
+    assert found["reached"] == median_low(ds.learn_time_reached) / 3600 == 1.5
+    assert found["confirmed"] == median_low(ds.learn_time_confirmed) / 3600 == 2.0
+    by_day = learning.judged(ds, ["backlash_estimate"]).confirmed
+    assert by_day.values.tolist() == [1.0, np.inf, 0.5, 1.0]
+
+
+def test_the_interval_of_a_median_draws_whole_days():
+    of_day = np.random.default_rng(3).normal(1.0, 0.2, 60)
+    learner = xr.DataArray(np.repeat(of_day[:, None], 8, axis=1), dims=("day", "backlash"))
+    middle, low, high = learning.median_with_interval(learner)
+    assert middle == statistics.median_low(of_day)
+    days = stats.bootstrap((of_day,), np.median, method="percentile", rng=1).confidence_interval
+    np.testing.assert_allclose((low, high), days, atol=0.02)
+    never = learner.where(learner < np.median(of_day) - 0.1, np.inf)
+    assert learning.words(never, "{:.1f}") == f"> {learning.HOURS} (> {learning.HOURS} to > {learning.HOURS})"
+
+
+def choices(**metrics):
+    """Choices that differ in the rule only."""
+    ds = xr.Dataset({name: ("rule", np.array(values, dtype=float)) for name, values in metrics.items()})
+    others = {dim: [0.01] for dim in learning.CHOICE[1:]}
+    return ds.assign_coords(rule=list("abcd")).expand_dims(others)
+
+
+@pytest.mark.parametrize(
+    ("failed", "confirmed", "error", "best"),
+    [
+        ((0.2, 0.05, 0.0, 0.0), (1.0, 2.0, 3.0, 4.0), (0, 0, 0, 0), "b"),
+        ((0.0, 0.0, 0.0, 0.0), (np.inf, 2.0, 2.0, 4.0), (0, 0.2, 0.1, 0), "c"),
+        ((0.3, 0.2, 0.1, 0.4), (1.0, 2.0, 9.0, 0.5), (0, 0, 0, 0), "c"),
+    ],
+)
+def test_the_choice_is_the_fastest_safe_one_or_the_safest(failed, confirmed, error, best):
+    assert learning.chosen(choices(failed=failed, confirmed=confirmed, error=error))["rule"] == best
+
+
+@pytest.mark.parametrize(("low", "high", "arrow"), [(0, 0, ""), (0.4, 0, "↓"), (0.1, 0.4, "↑"), (0.2, 0.3, "↕")])
+def test_arrows_show_early_stops_and_runaways(low, high, arrow):
+    assert learning_maps.way(low, high) == arrow
+
+
+# the script
+
+
+@pytest.fixture
+def quick(monkeypatch, small):
+    """The learning script on small studies and few fresh days."""
+    monkeypatch.setattr(learning, "results", small)
+    monkeypatch.setattr(learning, "FRESH_DAYS", range(301, 303))
+    monkeypatch.setattr(learning, "HOURS", 2)
+    return small("learning_step")
+
+
+def test_learning_writes_what_it_found_and_draws_its_figures(quick, written, monkeypatch, tmp_path):
+    monkeypatch.setattr(learning, "HERE", tmp_path / "studies")
+    learning.main()
+    _, (head, *ship) = written("learning_choice")
+    assert [row[:2] for row in ship] == [["paper_like", "0"], ["paper_like", "0.1"], ["g36", "0"], ["g36", "0.1"],
+                                         ["all", "all"]]  # fmt: skip
+    for row in ship:
+        failed = float(row[head.index("2 fresh days")].split(" %")[0])
+        assert (row[head.index("safe?")] == "yes") == (failed <= 5.0)
+        assert row[head.index("safe?")] in ("yes", "**none is safe**; the best:")
+    assert {row[head.index("safe?")] for row in ship if row[1] == "0.1"} == {"**none is safe**; the best:"}
+    title, cost = written("learning_cost")
+    assert title == "What it does on the 2 fresh days: medians"
+    assert [row[:2] for row in cost[1:]] == [row[:2] for row in ship]
+    assert len(written("learning_failures")[1]) == len(ship)
+    assert [row[0] for row in written("learning_quiet")[1][1:]] == ["paper_like", "g36"]
+    figures = tmp_path / "results" / "learning_step" / "figures"
+    assert {p.name for p in figures.iterdir()} == {
+        "learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"
+    }  # fmt: skip
+
+
+def test_the_front_is_the_least_that_can_be_had_by_a_time(quick):
+    of = learning.judged(quick)
+    figure = learning_maps.front(of, "error", "error", 50.0, 16, "")
+    panel = figure.axes[0]
+    cell = of.isel(tuning=0, noise_std=0)
+    drawn = 0
+    for line in panel.get_lines():
+        at = cell.sel(rule=line.get_label())
+        pairs = [(t, e) for t, e in zip(at.confirmed.values.ravel(), at.error.values.ravel(), strict=True) if t < 99]
+        for time, least in line.get_xydata():
+            assert least == pytest.approx(100 * min(e for t, e in pairs if t <= time))
+            drawn += 1
+    assert drawn > 1
+
+
+def test_a_choice_is_tried_on_fresh_days_against_the_plain_pi_and_a_known_backlash(quick):
+    loop = {"tuning": "g36", "noise_std": 0.1}
+    settings = {"learning_step": 0.028, "learning_interval": 900, "learning_ratio": 1.5, "buffer": 0.01}
+    day = fc.paper_day(hours=2, seed=[301, 302])
+    found = learning.tried(quick, {"rule": "growing"} | settings, loop, day)
+    found = found.sel(backlash=0.12, backlash_estimate=0.014)
+    real = fc.Loop.preset("g36").assign(backlash=0.12, noise_std=0.1)
+    rule = settings | {
+        "learning_min_switches": 1, "learning_max_reference": 0.4, "learning_early_trip": 1, "learning_growth": 2,
+        "learning_shrink": 0.5, "backlash_estimate": 0.014,
+    }  # fmt: skip
+    learner, plain = fc.simulate(real.assign(**rule), day), fc.simulate(real, day)
+    known = fc.simulate(real.assign(backlash_estimate=0.12, buffer=0.01), day)
+    np.testing.assert_array_equal(found.estimate_final, learner.estimate_final)
+    np.testing.assert_allclose(found.rmse, learner.rmse / plain.rmse - 1)
+    np.testing.assert_allclose(found.rmse_known, learner.rmse / known.rmse - 1)
+    np.testing.assert_allclose(found.travel, learner.motor_travel / plain.motor_travel)
+    np.testing.assert_array_equal(found.plain_switches, plain.switch_frequency)
+
+
+def test_the_failure_map_shows_the_share_of_learners_in_every_cell(small):
+    ds = small("learning_failures")
+    figure = learning_maps.failure_map(learning.judged(ds, ["backlash", "day"]), 0.05, "")
+    (panel,) = (a for a in figure.axes if a.get_title() == "g36")  # of the first rule, without a buffer
+    texts = {text.get_position(): text for text in panel.texts}
+    cell = ds.isel(buffer=0).sel(rule="literal", tuning="g36")
+    for x, sample_time in enumerate(ds.sample_time.values):
+        for y, noise in enumerate(ds.noise_std.values):
+            at = cell.sel(sample_time=sample_time, noise_std=noise)
+            learned = [float(final / size) for size, row in zip(ds.backlash.values, at.estimate_final.transpose(
+                "backlash", "day").values, strict=True) for final in row]  # fmt: skip
+            low, high = sum(v < 0.8 for v in learned), sum(v > 1.2 for v in learned)
+            failed = (low + high) / len(learned)
+            assert re.match(r"\d+", texts[x, y].get_text())[0] == f"{100 * failed:.0f}"
+            assert texts[x, y].get_weight() == ("bold" if failed <= 0.05 else "normal")
