@@ -31,13 +31,14 @@ def hold(folder: Path) -> Iterator[None]:
     StorageError
         If it cannot be written or its file system has no locks.
     """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file: choose another folder with -o")
     try:
         str(folder.absolute()).encode()
     except UnicodeEncodeError:  # the NetCDF library would refuse it, after everything was run
         raise InputError(f"{str(folder)!r} is not UTF-8: choose another folder with -o") from None
-    made = [p for p in (folder, *folder.parents) if not p.exists()]
+    with storage_errors(folder, "written"):  # a folder above it may be closed to us
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder} is a file: choose another folder with -o")
+        made = [p for p in (folder, *folder.parents) if not p.exists()]
     lock = FileLock(folder / _LOCK)
     try:
         with storage_errors(folder, "written"):

@@ -149,13 +149,29 @@ def test_too_few_open_files_end_a_run_with_4_or_are_enough(harness, tmp_path):
     resumed(out, TRACED)
 
 
+def let_others_in(folder):
+    """Let every user enter a folder of a test."""
+    for parent in [folder, *folder.parents][:4]:
+        parent.chmod(parent.stat().st_mode | 0o755)
+
+
+def test_a_folder_that_cannot_be_reached_ends_a_run_with_4(harness, tmp_path):
+    if os.getuid():
+        pytest.skip("only root can become another user")
+    out = tmp_path / "closed" / "out"
+    out.parent.mkdir(mode=0o700)
+    let_others_in(tmp_path)
+    code, _, said = harness(PLAIN, out, user=65534)
+    assert code == 4, said
+    assert "Permission denied" in said
+
+
 def test_a_folder_that_must_not_be_written_ends_a_run_with_4(harness, tmp_path):
     if os.getuid():
         pytest.skip("only root can become another user")
     out = tmp_path / "out"
     out.mkdir(mode=0o755)
-    for parent in [tmp_path, *tmp_path.parents][:3]:
-        parent.chmod(parent.stat().st_mode | 0o755)
+    let_others_in(tmp_path)
     code, _, said = harness(PLAIN, out, user=65534)
     assert code == 4, said
     assert "Permission denied" in said
