@@ -11,10 +11,9 @@ study: $(VENV)/.installed
 paper: $(VENV)/.installed
 	$(BIN)/fastcoil paper -o results/paper
 
-# on all cores; then, one by one, the tests that measure time or want the machine to themselves
+# on all cores, but one at a time the tests that measure time or signal processes
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal -m "not alone"
-	$(BIN)/python -m pytest -m alone
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 # also what takes minutes
 test-full: export FASTCOIL_FULL = 1

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 import reference
+from filelock import FileLock
 from hypothesis import settings
 
 # a failed assertion tells in them what it found, as it does in a test
@@ -24,7 +25,7 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
-    config.addinivalue_line("markers", "alone: measures time or signals processes; `make test` runs it by itself")
+    config.addinivalue_line("markers", "alone: measures time or signals processes; one such test at a time")
     config.addinivalue_line("markers", "full: takes minutes; run by `make test-full`")
 
 
@@ -43,6 +44,18 @@ def pytest_collection_modifyitems(config, items):
         for item in items:
             if item.get_closest_marker("kernel"):
                 item.add_marker(skip)
+
+
+@pytest.fixture(autouse=True)
+def _one_at_a_time(request, tmp_path_factory):
+    """Let a test marked ``alone`` wait until no other such test runs in another process of pytest-xdist."""
+    if not request.node.get_closest_marker("alone"):
+        yield
+        return
+    shared = tmp_path_factory.getbasetemp()
+    shared = shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared
+    with FileLock(shared / "alone.lock"):
+        yield
 
 
 @pytest.fixture(scope="session")

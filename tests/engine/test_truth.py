@@ -4,6 +4,8 @@ With the package's saturation function handed to the reference only the logic is
 the trace.  With the reference's own Hyland-Wexler formula the approximation is compared too.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -89,6 +91,11 @@ CASES = {
     "learner without a reference": Case({**LEARNER, "learning_max_reference": 0.25, "noise_std": 0.1}),
 }
 
+EXACT = (
+    "plain PI", "inverse 95 %", "wet", "dry to wet and back", "steps, wet", "quasistatic, wet", "5 volumes",
+    "98 kPa, other specific heats", "learner", "heating",
+)  # fmt: skip
+"""Cases that are also compared with exact saturation by default; `make test-full` does so with all."""
 
 WORKING_DAYS = {
     "learner": {"learning_step": 0.007, "backlash_estimate": 0.007},
@@ -102,13 +109,18 @@ STRETCHING = {
 """Hunting loops in which the reference itself moves by more than 1e-9 when its start moves by round-off."""
 
 
+def full_but(cases, chosen):
+    """All cases, those that are not chosen only in `make test-full`."""
+    return [pytest.param(name, marks=() if name in chosen else pytest.mark.full) for name in cases]
+
+
 class Run(NamedTuple):
-    """A loop as the package, the reference, and the reference with exact saturation saw it."""
+    """A loop as the package and the reference saw it; ``exact`` runs the reference with its own saturation."""
 
     ds: Any
     traces: dict[str, np.ndarray]
     metrics: dict[str, float]
-    exact_traces: dict[str, np.ndarray]
+    exact: Callable[[], tuple[dict[str, np.ndarray], dict[str, float]]]
 
 
 def with_series(boundary, series):
@@ -117,8 +129,7 @@ def with_series(boundary, series):
 
 def run_all(run_reference, loop, day, **options):
     ds = fc.simulate(loop, day, traces=list(TRACES), **options)
-    exact_traces, _ = run_reference(loop, day, exact=True, **options)
-    return Run(ds, *run_reference(loop, day, **options), exact_traces)
+    return Run(ds, *run_reference(loop, day, **options), partial(run_reference, loop, day, exact=True, **options))
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -153,8 +164,9 @@ def test_metrics(case):
     assert_metrics_equal(case.ds, case.metrics)
 
 
+@pytest.mark.parametrize("case", full_but(CASES, EXACT), indirect=True)
 def test_traces_with_exact_saturation(case):
-    assert_traces_equal(case.ds, case.exact_traces, 1e-5)
+    assert_traces_equal(case.ds, case.exact()[0], 1e-5)
 
 
 def test_traces_over_eight_hours(eight_hours):
@@ -165,8 +177,9 @@ def test_metrics_over_eight_hours(eight_hours):
     assert_metrics_equal(eight_hours.ds, eight_hours.metrics)
 
 
+@pytest.mark.parametrize("eight_hours", full_but(WORKING_DAYS, ["learner"]), indirect=True)
 def test_traces_over_eight_hours_with_exact_saturation(eight_hours):
-    assert_traces_equal(eight_hours.ds, eight_hours.exact_traces, 1e-4)
+    assert_traces_equal(eight_hours.ds, eight_hours.exact()[0], 1e-4)
 
 
 @pytest.mark.parametrize("name", STRETCHING)

@@ -85,7 +85,7 @@ def killed_before_each(harness, tmp_path, situation, stride=1):
     return n
 
 
-@pytest.mark.parametrize(("situation", "stride"), [("plain", 2), ("traced", 7), ("extended, unfinished", 13)])
+@pytest.mark.parametrize(("situation", "stride"), [("plain", 3), ("traced", 11), ("extended, unfinished", 19)])
 def test_a_run_killed_at_any_step_is_completed_by_the_next(harness, tmp_path, situation, stride):
     assert killed_before_each(harness, tmp_path, situation, stride) > 60
 

@@ -143,6 +143,27 @@ def test_workers_that_die_by_chance_lose_no_scenario(job, n_workers, falls_toget
     assert pool.most_flying <= n_workers + 1
 
 
+class Unlucky:
+    """A scenario whose worker dies with it a number of times, and then no more."""
+
+    def __init__(self, scenario, deaths):
+        self.scenario, self.deaths = scenario, deaths
+
+    def intersection(self, index):
+        dies = self.scenario in index and self.deaths > 0
+        self.deaths -= dies
+        return {self.scenario} if dies else set()
+
+
+@pytest.mark.parametrize(("deaths", "status"), [(1, STATUS_OK), (2, STATUS_OK), (3, STATUS_CRASHED)])
+def test_a_scenario_is_blamed_only_when_it_dies_alone_twice(job, deaths, status):
+    pool = Pool(1, falls_together=True)
+    pool.culprits = Unlucky(5, deaths)
+    found_status = found(pool, job, in_shards(1))
+    assert found_status[5] == status
+    assert {flag for k, flag in found_status.items() if k != 5} == {STATUS_OK}
+
+
 @pytest.mark.parametrize("falls_together", [True, False])
 @pytest.mark.parametrize("size", [1, 7, N])
 def test_workers_that_all_die_end_in_a_sentence_and_no_mark(job, falls_together, size):
