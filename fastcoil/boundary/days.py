@@ -13,6 +13,7 @@ from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import LARGEST_DAY_LABEL, Values
 from fastcoil.errors import InputError
 from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
+from fastcoil.numerics.low_pass import low_pass
 
 MOST_SAMPLES = 50_000_000
 """Most 1-s samples of one series over all days (3 GB for the seven series)."""
@@ -83,8 +84,6 @@ def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
     ``stream`` (seed, number of the signal) names the random stream.  The filters start 10 time constants
     early, from zero; the scale is the theoretical standard deviation: that of the samples differs a little.
     """
-    from scipy.signal import lfilter
-
     seed, number = stream
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     lead = 10 * drift.tau
@@ -92,7 +91,7 @@ def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
     k = 1.0 - a
     x = random.standard_normal(lead + n_steps)
     for _ in range(2):
-        x = lfilter([k], [1.0, -a], x)
+        low_pass(x, a, x)
     # The two filters' response to an impulse is k^2 (n + 1) a^n; the sum of its squares:
     stationary_std = k**2 * np.sqrt((1.0 + a**2) / (1.0 - a**2) ** 3)
     return np.asarray(x[lead:] * (drift.std / stationary_std))
