@@ -109,7 +109,7 @@ def in_shards(size, n=N):
     return [np.arange(start, min(start + size, n)) for start in range(0, n, size)]
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),
@@ -129,7 +129,7 @@ def test_exactly_the_scenarios_that_kill_or_hang_are_crashed(
     assert pool.most_flying <= n_workers + 1
 
 
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),
