@@ -174,7 +174,7 @@ def paper(out: Path, jobs: int | None, quick: bool) -> None:
     from fastcoil.paper.regenerate import regenerate
 
     announce_compilation()
-    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, tell=lambda line: click.echo(line, err=True))
+    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, report=lambda line: click.echo(line, err=True))
     for line in verdicts:
         click.echo(line)
     click.echo(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")

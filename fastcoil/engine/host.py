@@ -18,7 +18,7 @@ KNOWN_AFTER_MARCH = ("wet_volumes",)
 """Traces of step t that are known only after the march of step t."""
 
 
-class Traces(NamedTuple):
+class TraceRequest(NamedTuple):
     """Which traces to record, every how many seconds."""
 
     names: tuple[str, ...] = ()
@@ -29,7 +29,7 @@ class Traces(NamedTuple):
         return -(-n_steps // self.interval) if self.names else 0
 
 
-def run_block(block: Block, day: Day, wanted: Traces) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+def run_block(block: Block, day: Day, wanted: TraceRequest) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Run one block.  Returns metrics (N_METRICS, LANES), status (LANES,) and traces by name.
 
     A trace is (n_points, LANES), or (n_points, N, LANES) if it has volumes; those of failed lanes are NaN.
@@ -62,4 +62,4 @@ def compile_kernel() -> None:
     day = Day(series, np.empty(0), schedule(series[:, C.T_set], series[:, C.enabled], 0), 0, (0, 0))
     defaults = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
     ((_, block),) = blocks(parameter_matrix(defaults | {"replicate": np.zeros(1)}))
-    run_block(block, day, Traces())
+    run_block(block, day, TraceRequest())

@@ -50,11 +50,11 @@ def captions(*, quick: bool) -> dict[str, str]:
 
 
 def regenerate(
-    folder: Path, *, quick: bool = False, n_jobs: int | None = None, tell: Callable[[str], None] = lambda line: None
+    folder: Path, *, quick: bool = False, n_jobs: int | None = None, report: Callable[[str], None] = lambda line: None
 ) -> tuple[list[str], list[Path]]:
     """Write figures (NetCDF, PNG, SVG) and the scorecard (Markdown, JSON) into ``folder``.
 
-    quick: a few tunings and days only.  tell: is called with a line for each stage.
+    quick: a few tunings and days only.  report: is called with a line for each stage.
     Returns the verdicts in lines, and the paths of the files written.
 
     Raises
@@ -80,7 +80,7 @@ def regenerate(
         for suffix in ("png", "svg"):
             paths.extend(write({name: figure}, folder, format=suffix))
 
-    tell("Figures …")
+    report("Figures …")
     save_figure("fig01", figures.valve_curves(save_data("fig01", runs.valve_curves())))
     days = runs.tracking()
     for name, other in (("fig07", "no backlash"), ("fig09", "60 %"), ("fig10", "95 %")):
@@ -99,7 +99,7 @@ def regenerate(
         "coils": lambda: grid.coils(quick=quick),
     }
     for name, simulated in stages.items():
-        tell(f"Grid of {loop.sizes['tuning']} tunings: {name} …")
+        report(f"Grid of {loop.sizes['tuning']} tunings: {name} …")
         evidence[name] = save_data(f"grid_{name}", simulated())
     card = scorecard(evidence, quick=quick)
     save_figure("scorecard", figures.shares(card))

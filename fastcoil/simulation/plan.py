@@ -14,7 +14,7 @@ import numpy as np
 from fastcoil.arguments import whole_number_problems
 from fastcoil.boundary import Boundary
 from fastcoil.engine.emulator import DAY_COLUMNS, Day
-from fastcoil.engine.host import Traces
+from fastcoil.engine.host import TraceRequest
 from fastcoil.engine.rows import LANES
 from fastcoil.engine.schedule import schedule
 from fastcoil.errors import InputError, nearest
@@ -53,7 +53,7 @@ class Plan:
     """A validated simulation: everything a shard needs, and the size of the result."""
 
     layout: Layout
-    traces: Traces
+    traces: TraceRequest
     warm_up: int
     seed: int
     command: np.ndarray | None
@@ -169,7 +169,7 @@ def plan_simulation(
         )
         for d in range(boundary.n_days)
     )
-    plan = Plan(layout, Traces(tuple(traces), trace_interval), warm_up, seed, commands, days)
+    plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
     check_memory(plan.memory_bytes(1, traces_on_disk=traces_on_disk), plan.n_scenarios)
     layout.check_together()
     check_stability(layout)

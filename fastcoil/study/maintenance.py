@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from fastcoil.engine.host import Traces, compile_kernel
+from fastcoil.engine.host import TraceRequest, compile_kernel
 from fastcoil.errors import FastcoilError, InputError, IntegrityError, nearest
 from fastcoil.files import storage_errors
 from fastcoil.numerics.jit import model_sha256
@@ -89,7 +89,7 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     labels = {dim: coordinates[dim].values for dim in layout.sizes}
     position = _find_position(labels, at)
     flat = int(np.ravel_multi_index(tuple(position.values()), tuple(layout.sizes.values()))) if position else 0
-    plan = replace(study.plan, traces=Traces(tuple(TRACES), 1))
+    plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
     compile_kernel()
     ds = run_shard(plan, np.array([flat])).squeeze("scenario", drop=True)
     for name, coordinate in coordinates.items():

@@ -7,7 +7,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.engine.emulator import DAY_COLUMNS, Day
-from fastcoil.engine.host import Traces, run_block
+from fastcoil.engine.host import TraceRequest, run_block
 from fastcoil.engine.lanes import blocks, parameter_matrix, run_sets
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.engine.schedule import schedule
@@ -18,7 +18,7 @@ from fastcoil.simulation import plan as plans
 pytestmark = pytest.mark.kernel
 
 N = 130
-TRACES = Traces(("T_sup", "T_measured", "command", "mode", "wet_volumes"), 7)
+TRACES = TraceRequest(("T_sup", "T_measured", "command", "mode", "wet_volumes"), 7)
 
 
 @pytest.fixture(scope="module")
