@@ -7,14 +7,13 @@ import os
 import random
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import time
 import warnings
 from pathlib import Path
 
 import pytest
+from helpers.processes import environment
 from helpers.studies import DAYS, PLAIN, SITUATIONS, TRACED, golden, run, shards, unfinished
 
 from fastcoil.study import maintenance
@@ -22,18 +21,15 @@ from fastcoil.study import maintenance
 pytestmark = pytest.mark.kernel
 
 TESTS = Path(__file__).parents[2]
-ENVIRONMENT = os.environ | {
-    "PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS), os.environ.get("PYTHONPATH", "")])
-}
-LONG = PLAIN.replace("hours = 0.25", "hours = 8").replace("[0.0, 0.9]", "{ linspace = [0.0, 1.5, 6000] }")
-"""Seconds of work in several shards a day."""
 
 
 @pytest.fixture(scope="module")
 def harness():
     """Return a function that runs a study in a process forked for it: exit code, operations on files, what it said."""
     command = [sys.executable, str(TESTS / "helpers" / "fork_server.py")]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as server:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment()
+    ) as server:
         assert server.stdout.readline() == "ready\n"
 
         def run(text, folder, **order):
@@ -225,96 +221,3 @@ def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(harness, 
     assert codes == {0, 4}
     # it was full before, among and after the shards: while they were merged
     assert kept >= {0, DAYS}
-
-
-# --- signals, locks, pipes --------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def command(tmp_path):
-    """Return a function that starts the command line on a study of some seconds, one worker."""
-    (tmp_path / "my study.toml").write_text(LONG)
-    started = []
-
-    def start(*words, **options):
-        options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": tmp_path} | options
-        words = words or ("run", "my study.toml", "-o", "out", "-j", "1", "--no-figures")
-        process = subprocess.Popen([sys.executable, "-m", "fastcoil", *words], env=ENVIRONMENT, **options)
-        started.append(process)
-        return process
-
-    yield start
-    for process in started:
-        if process.poll() is None:
-            process.kill()
-        process.communicate(timeout=60)
-
-
-def wait_for_shards(process, folder, n=1):
-    """Until there are some, or a minute is over."""
-    end = time.monotonic() + 60
-    while len([p for p in shards(folder) if p.suffix == ".nc" and not p.name.startswith(".")]) < n:
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
-@pytest.mark.alone
-@pytest.mark.parametrize(
-    ("number", "code"),
-    [(signal.SIGINT, 130), (signal.SIGTERM, 143), pytest.param(signal.SIGHUP, 143, marks=pytest.mark.full)],
-    ids=str,
-)
-def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(command, tmp_path, number, code):
-    process = command()
-    wait_for_shards(process, tmp_path / "out")
-    process.send_signal(number)
-    _, said = process.communicate(timeout=5)
-    assert process.returncode == code, said
-    assert "finished scenarios are kept, to resume: fastcoil run" in said
-    assert "Traceback" not in said
-    assert not (tmp_path / "out" / "results.nc").exists()
-    assert unfinished(tmp_path / "out") == []
-    assert maintenance.verify(tmp_path / "out") == []
-    assert any("Unfinished" in line for line in maintenance.status(tmp_path / "out"))
-
-
-@pytest.mark.alone
-def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(command, tmp_path):
-    first = command()
-    wait_for_shards(first, tmp_path / "out")
-    second = command()
-    _, said = second.communicate(timeout=60)
-    assert second.returncode == 5
-    assert f"in use by another run (process {first.pid} on " in said
-    assert "Traceback" not in said
-    first.kill()
-    first.wait(timeout=60)
-    third = command()
-    assert any("Resuming:" in line for line in third.stderr)
-    assert f"process {third.pid} " in (tmp_path / "out" / ".holder").read_text()
-
-
-@pytest.mark.alone
-def test_ctrl_c_before_the_first_shard_leaves_no_folder(command, tmp_path):
-    process = command("run", "my study.toml", "-o", "deep/out", "-j", "1", "--no-figures")
-    end = time.monotonic() + 60
-    while not (tmp_path / "deep" / "out" / ".holder").exists():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-    if shards(tmp_path / "deep" / "out"):
-        pytest.skip("this machine was faster")
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=5)
-    assert process.returncode == 130, said
-    assert not (tmp_path / "deep").exists()
-    assert "to resume" not in said
-
-
-def test_a_reader_that_closes_the_pipe_gets_no_traceback(command):
-    process = command("parameters")
-    process.stdout.close()
-    said = process.stderr.read()
-    process.wait(timeout=60)
-    assert "Traceback" not in said
-    assert "Exception" not in said
