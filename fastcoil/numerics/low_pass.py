@@ -1,4 +1,4 @@
-"""A first-order low-pass filter.  SciPy's ``lfilter`` gives the same bits, but importing it takes half of a start."""
+"""A first-order low-pass filter.  SciPy's ``lfilter`` gives the same bits, but importing it delays every start."""
 
 from __future__ import annotations
 
