@@ -40,6 +40,11 @@ from numba.extending import intrinsic
 
 _FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _KEPT_CACHES = 4
+_SETTINGS = (
+    "BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "DISABLE_INTEL_SVML", "DISABLE_JIT", "ENABLE_AVX", "LOOP_VECTORIZE",
+    "OPT", "SLP_VECTORIZE",
+)  # fmt: skip
+"""Settings of Numba, from the environment or its configuration file, that decide what is compiled."""
 JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
@@ -121,17 +126,23 @@ def fingerprint() -> str:
     Numba invalidates a cached kernel when its own file changes, not when a formula it calls does; a folder
     named by this hash cannot hold stale physics.
     """
-    settings = [
-        model_sha256(),
-        numba.__version__,
-        llvmlite.__version__,
-        np.__version__,
-        sys.version,
-        platform.machine(),
-    ]
-    settings += [llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()]
+    settings = [model_sha256(), sys.version, *(f"{name}={value}" for name, value in compiled_for().items())]
     settings += [f"{k}={v}" for k, v in sorted(os.environ.items()) if k.startswith("NUMBA_") and k != "NUMBA_CACHE_DIR"]
     return hashlib.sha256("\n".join(settings).encode()).hexdigest()[:16]
+
+
+def compiled_for() -> dict[str, str]:
+    """On what the bits of a result depend besides the sources: processor, libraries and settings of the compiler."""
+    features = llvmlite.binding.get_host_cpu_features().flatten()
+    return {
+        "machine": platform.machine(),
+        "cpu": llvmlite.binding.get_host_cpu_name(),
+        "cpu_features": hashlib.sha256(features.encode()).hexdigest()[:16],
+        "numba": numba.__version__,
+        "llvmlite": llvmlite.__version__,
+        "numpy": np.__version__,
+        **{f"numba_{name.lower()}": str(getattr(config, name, None)) for name in _SETTINGS},
+    }
 
 
 def cache_root() -> Path:
