@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from fastcoil.arguments import is_number, level_problems, names_of, whole_number_problems
+from fastcoil.arguments import is_number, level_of, names_of, whole_number_problems
 from fastcoil.errors import InputError
 
 
@@ -47,9 +47,10 @@ def test_a_whole_number_may_have_no_upper_limit():
 
 @pytest.mark.parametrize("level", [0, 1, 95, -0.1, float("nan"), "0.9", None, True])
 def test_a_level_is_between_0_and_1(level):
-    (problem,) = level_problems(level)
-    assert problem == f"level = {level!r}: must be a number between 0 and 1, such as 0.95"
-    assert level_problems(0.95) == level_problems(np.float32(0.5)) == []
+    with pytest.raises(InputError) as caught:
+        level_of(level)
+    assert caught.value.problems == [f"level = {level!r}: must be a number between 0 and 1, such as 0.95"]
+    assert (level_of(0.95), level_of(np.float32(0.5))) == (0.95, 0.5)
 
 
 def test_names_are_one_or_several():

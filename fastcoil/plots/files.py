@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fastcoil.errors import InputError, nearest
+from fastcoil.arguments import checking, choice_of, whole_of
 from fastcoil.files import commit, storage_errors
 
 if TYPE_CHECKING:
@@ -34,14 +34,10 @@ def check_format(format: str, dpi: object) -> None:
     InputError
         If ``format`` is none of ``FORMATS`` or ``dpi`` no whole number from 50 to 1200.
     """
-    problems = []
-    if format not in FORMATS:
-        problems.append(f"format = {format!r}{nearest(str(format), FORMATS)}: give {', '.join(FORMATS[:-1])} or svg")
     low, high = _DPI_RANGE
-    if isinstance(dpi, bool) or not isinstance(dpi, int) or not low <= dpi <= high:
-        problems.append(f"dpi = {dpi!r}: give a whole number from {low} to {high}")
-    if problems:
-        raise InputError(problems)
+    with checking() as check:
+        check(choice_of, "format", format, FORMATS)
+        check(whole_of, "dpi", dpi, low, high, f"give a whole number from {low} to {high}")
 
 
 def encode(figure: Figure, format: str = "png", dpi: int = DPI) -> bytes:
