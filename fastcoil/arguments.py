@@ -56,14 +56,27 @@ def checking() -> Iterator[Checks]:
 
 
 def plain(value: Any) -> Any:
-    """A number, flag or word of numpy, also as an array of no dimensions, as one of Python; all else as it is."""
+    """A number, flag or word of numpy or of a user's class as one of Python; all else as it is.
+
+    An array of no dimensions counts as its value; a duration of numpy is no number.
+    """
+    if type(value) in (int, float, str, bool):
+        return value
+    if isinstance(value, float):
+        return float.__float__(value)
+    if isinstance(value, int):
+        return int.__int__(value)
+    if isinstance(value, str):
+        return str.__str__(value)
     numpy = sys.modules.get("numpy")
     if numpy is None:
         return value
     if type(value) is numpy.ndarray and value.ndim == 0:
         value = value[()]
-    kind = value.dtype.kind if isinstance(value, numpy.generic) else ""
-    return {"b": bool, "i": int, "u": int, "f": float, "U": str}[kind](value) if kind and kind in "biufU" else value
+    if not isinstance(value, numpy.generic):
+        return value
+    of_python = {"b": bool, "i": int, "u": int, "f": float, "U": str}.get(value.dtype.kind)
+    return value if of_python is None else of_python(value)
 
 
 def is_number(value: Any) -> bool:

@@ -204,6 +204,6 @@ def check_name(name: str) -> str:
     if not isinstance(name, str):
         raise InputError(WrongType(f"{shown(name)} is not the name of a parameter (see `fastcoil parameters`)"))
     if name not in PARAMETERS:
-        text = name if name.isprintable() else shown(name)
+        text = name if name.isidentifier() and len(name) < 60 else shown(name)
         raise InputError(f"{text} is not a parameter{nearest(name, PARAMETERS)} (see `fastcoil parameters`)")
     return name

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.analysis.result import check_result
 from fastcoil.arguments import checking, level_of, mapping_of, names_of, plain
 from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.simulation.result import check_result
 
 CENSORED = tuple(m.name for m in METRICS.values() if m.censored)
 """Metrics in which NaN means that it did not happen within the run."""

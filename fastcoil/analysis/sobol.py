@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from fastcoil.analysis.result import check_result
 from fastcoil.arguments import checking, flag_of, level_of, names_of
 from fastcoil.errors import InputError, nearest, shown
 from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.simulation.result import check_result
 
 INDICES = ("first_order", "total")
 EDGES = ("value", "low", "high")

@@ -90,7 +90,7 @@ def fit_valve(
     with checking() as check:
         log = check(log_of, "log", log)
         validation = check.unless_none(log_of, "validation", validation)
-        m_max = check.unless_none(number_of, "m_max", m_max, "give a number above 0, in kg/s", **flow)
+        m_max = check.unless_none(number_of, "m_max", m_max, "give a number above 0 and at most 1e6 kg/s", **flow)
         floor = check.unless_none(number_of, "floor", floor, "give a number, 0 or more", least=0.0)
         settle = check.unless_none(number_of, "settle", settle, "give a number, 0 or more", least=0.0)
         initial = check(choice_of, "initial", initial, ("unknown", "rising", "falling"))

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fastcoil.arguments import checking, choice_of, whole_of
+from fastcoil.arguments import checking, choice_of, mapping_of, path_of, whole_of
+from fastcoil.errors import InputError, WrongType
 from fastcoil.files import commit, storage_errors
 
 if TYPE_CHECKING:
@@ -40,6 +41,15 @@ def check_format(format: str, dpi: object) -> None:
         check(whole_of, "dpi", dpi, low, high, f"give a whole number from {low} to {high}")
 
 
+def _check_figures(figures: Mapping[str, Figure]) -> None:
+    """Refuse anything but figures by file name."""
+    cure = "give figures by file name, such as {'rmse': figure}"
+    for name, figure in mapping_of("figures", figures, cure).items():
+        path_of("figures", name, cure)
+        if not hasattr(type(figure), "savefig"):
+            raise InputError(WrongType(f"figures has a {type(figure).__name__}: {cure}"))
+
+
 def encode(figure: Figure, format: str = "png", dpi: int = DPI) -> bytes:
     """Encode a figure as the bytes of a file."""
     from matplotlib import rc_context
@@ -69,7 +79,10 @@ def write(figures: Mapping[str, Figure], folder: Path, *, format: str = "png", d
     StorageError
         If a file cannot be written; nothing half-written is left behind.
     """
-    check_format(format, dpi)
+    with checking() as check:
+        check(check_format, format, dpi)
+        folder = check(path_of, "folder", folder, "give the path of a folder")
+        check(_check_figures, figures)
     with storage_errors(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
     paths = []
