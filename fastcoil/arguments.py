@@ -27,6 +27,14 @@ _LARGEST = sys.float_info.max
 _MOST_NAMES = 1000
 _LONGEST_NAME = 255
 """Bytes of a file name, on all common file systems."""
+_AS_PYTHON: Mapping[type, Callable[[Any], object]] = {
+    float: float.__float__,
+    int: int.__int__,
+    str: str.__str__,
+}
+"""Past what a user's class makes of itself."""
+_OF_NUMPY: Mapping[str, Callable[[Any], object]] = {"b": bool, "i": int, "u": int, "f": float, "U": str}
+"""By the kinds of its types."""
 
 
 class Checks:
@@ -60,23 +68,16 @@ def plain(value: Any) -> Any:
 
     An array of no dimensions counts as its value; a duration of numpy is no number.
     """
-    if type(value) in (int, float, str, bool):
-        return value
-    if isinstance(value, float):
-        return float.__float__(value)
-    if isinstance(value, int):
-        return int.__int__(value)
-    if isinstance(value, str):
-        return str.__str__(value)
+    for kind, as_python in _AS_PYTHON.items():
+        if isinstance(value, kind):
+            return value if type(value) in (kind, bool) else as_python(value)
     numpy = sys.modules.get("numpy")
     if numpy is None:
         return value
     if type(value) is numpy.ndarray and value.ndim == 0:
         value = value[()]
-    if not isinstance(value, numpy.generic):
-        return value
-    of_python = {"b": bool, "i": int, "u": int, "f": float, "U": str}.get(value.dtype.kind)
-    return value if of_python is None else of_python(value)
+    of_numpy = value.dtype.kind if isinstance(value, numpy.generic) else ""
+    return _OF_NUMPY[of_numpy](value) if of_numpy in _OF_NUMPY else value
 
 
 def is_number(value: Any) -> bool:
@@ -180,11 +181,13 @@ def mapping_of(name: str, value: object, cure: str, *, to_text: bool = False) ->
     """A mapping of names, ``to_text`` if its values must be text too."""
     try:
         items = list(value.items()) if isinstance(value, Mapping) else [(None, None)]
-        texts = [text for key, of_key in items for text in ((key, of_key) if to_text else (key,))]
+        texts: list[Any] = [text for key, of_key in items for text in ((key, of_key) if to_text else (key,))]
     except Exception:  # a user's class may raise anything
         texts = [None]
     if not all(isinstance(text, str) for text in texts):
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
+    if not all(map(is_text, texts)):
+        raise InputError(f"{name} = {shown(value)}: it has characters that no file can hold, leave them out")
     return cast("Mapping[str, Any]", value)
 
 

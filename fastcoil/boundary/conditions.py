@@ -30,9 +30,9 @@ CONDITIONS = {p.name: p for p in _TABLE}
 
 
 def condition_of(name: str, value: Any) -> Any:
-    """A number that describes a day, within its bounds; None passes."""
+    """A number that describes a day, within its bounds."""
     number = plain(value)
-    if number is not None and (problem := CONDITIONS[name].problem(number)):
+    if problem := CONDITIONS[name].problem(number):
         raise InputError(problem)
     return number
 

@@ -236,7 +236,7 @@ def design_day(
         mode = check(choice_of, "mode", mode, DESIGNS)
         n_steps = check(whole_seconds, hours)
         start_hour = check(condition_of, "start_hour", start_hour)
-        given = {name: check(condition_of, name, value) for name, value in given.items()}
+        given = {name: check.unless_none(condition_of, name, value) for name, value in given.items()}
         outdoor_fraction = check(condition_of, "outdoor_fraction", outdoor_fraction)
         pressure = check(condition_of, "pressure", pressure)
     series = {"T_w_in": T_w_in, "T_set": T_set}

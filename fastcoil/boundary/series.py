@@ -94,7 +94,8 @@ def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
 
 
 def _no_label(labels: NDArray[Any]) -> NDArray[np.bool_]:
-    return np.asarray((labels != np.rint(labels)) | (labels < 0) | (labels > LARGEST_DAY_LABEL))
+    with np.errstate(over="ignore"):  # no half-precision number is that large
+        return np.asarray((labels != np.rint(labels)) | (labels < 0) | (labels > LARGEST_DAY_LABEL))
 
 
 def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:

@@ -13,7 +13,7 @@ from fastcoil.boundary.conditions import condition_of, whole_seconds
 from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
-from fastcoil.logs.arguments import Wanted, require_mappings, require_max_gap
+from fastcoil.logs.arguments import Wanted, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
 
@@ -39,7 +39,7 @@ def trend_log_series(
         start = check(condition_of, "start", start)
         if hours is not None:
             check(whole_seconds, hours)
-        check(require_max_gap, max_gap)
+        check(max_gap_of, max_gap)
         check(require_mappings, columns=columns, units=units, constants=constants)
     log = read_log(
         path,

@@ -99,11 +99,15 @@ def weather_day(
         n_steps = check(whole_seconds, hours)
         outdoor_fraction = check(condition_of, "outdoor_fraction", outdoor_fraction)
         T_return = check(condition_of, "T_return", T_return)
-        RH_return = check(condition_of, "RH_return", RH_return)
-        W_return = check(condition_of, "W_return", W_return)
-        pressure = check(condition_of, "pressure", pressure)
+        RH_return = check.unless_none(condition_of, "RH_return", RH_return)
+        W_return = check.unless_none(condition_of, "W_return", W_return)
+        pressure = check.unless_none(condition_of, "pressure", pressure)
+        start_hour = check.unless_none(_whole, "start_hour", start_hour, 1, 8784)
+        month = check.unless_none(_whole, "month", month, 1, 12)
+        day = check.unless_none(_whole, "day", day, 1, 31)
+        hour = check.unless_none(_whole, "hour", hour, 0, 24)
         check(require_mappings, columns=columns, units=units)
-        days = None if days is None else check(_days_of, days)
+        days = check.unless_none(_days_of, "days", days)
     if (RH_return is None) == (W_return is None):
         raise InputError("RH_return and W_return: give one of them")
     weather = _weather(Table.read(path), columns, units)
@@ -181,7 +185,7 @@ def _start_hours(
         given = [way for way, is_given in ways.items() if is_given]
         raise InputError(f"the start is given as {given}: give start_hour, or month, day, hour, or days and hour")
     if start_hour is not None:
-        starts = [_whole("start_hour", start_hour, 1, 8784)]
+        starts = [start_hour]
     elif days is not None:
         first = _whole("hour", hour, 0, 24)
         starts = [24 * (one - 1) + first for one in days]
@@ -210,13 +214,15 @@ def _start_hours(
     return np.array(starts, dtype=np.float64)
 
 
-def _days_of(days: object) -> list[int]:
+def _days_of(name: str, days: object) -> list[int]:
     """Days of the year, as a list."""
     try:
         several = list(islice(cast("Iterable[object]", days), _DAYS_OF_A_YEAR + 1))
     except Exception:  # nothing to iterate over; a user's class may raise anything
-        raise InputError(WrongType(f"days = {shown(days)}: give a list of days of the year, or start_hour")) from None
-    return [_whole("days", one, 1, _DAYS_OF_A_YEAR) for one in several]
+        raise InputError(WrongType(f"{name} = {shown(days)}: give a list of days of the year, or start_hour")) from None
+    if not several:
+        raise InputError(f"{name} is empty: give a list of days of the year, or start_hour")
+    return [_whole(name, one, 1, _DAYS_OF_A_YEAR) for one in several]
 
 
 def _whole(name: str, value: object, low: int, high: int) -> int:

@@ -8,7 +8,7 @@ from itertools import islice
 from typing import Any
 
 from fastcoil.arguments import checking, choice_of, number_of, plain
-from fastcoil.calibrate.arguments import check_reading, check_split
+from fastcoil.calibrate.arguments import check_reading, split_of
 from fastcoil.calibrate.coil_problem import CoilProblem
 from fastcoil.calibrate.coil_record import in_operation, record_of
 from fastcoil.calibrate.coil_result import coil_fit
@@ -99,7 +99,7 @@ def fit_coil(
         for name, array in loop.swept.items() if loop else ():
             check.problems.append(f"{name} = {shown(array.values.tolist())}: give one value")
         check_reading(check, units=units, columns=columns, constants=constants, drop=drop, jumps=jumps, max_gap=max_gap)
-        check_split(check, split, fit_until)
+        split, fit_until = split_of(check, split, fit_until)
     both = minimise_on == "both"
     wanted = Wanted(
         needed=(*_NEEDED, "T_w_out") if both else _NEEDED,

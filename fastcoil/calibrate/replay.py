@@ -16,7 +16,7 @@ from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.engine.replay_loop import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
-from fastcoil.logs.arguments import Wanted, log_of, require_mappings, require_max_gap
+from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_whole_seconds
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
@@ -78,7 +78,7 @@ def replay(
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
         log = check(log_of, "log", log)
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
-        check(require_max_gap, max_gap)
+        check(max_gap_of, max_gap)
         check(require_mappings, columns=columns, units=units, constants=constants)
     data = read_log(
         log,

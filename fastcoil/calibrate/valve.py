@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fastcoil.arguments import checking, choice_of, number_of
-from fastcoil.calibrate.arguments import check_reading, check_split
+from fastcoil.calibrate.arguments import check_reading, split_of
 from fastcoil.calibrate.result import Fit
 from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, ValveProblem
 from fastcoil.calibrate.valve_result import valve_fit
@@ -95,7 +95,7 @@ def fit_valve(
         settle = check.unless_none(number_of, "settle", settle, "give a number, 0 or more", least=0.0)
         initial = check(choice_of, "initial", initial, ("unknown", "rising", "falling"))
         check_reading(check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap)
-        check_split(check, split, fit_until)
+        split, fit_until = split_of(check, split, fit_until)
 
     def read(source: Any) -> Log:
         return read_log(

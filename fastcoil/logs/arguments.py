@@ -59,11 +59,12 @@ def require_mappings(**given: Any) -> None:
             check.unless_none(mapping_of, name, value, cure, to_text=name != "constants")
 
 
-def require_max_gap(max_gap: Any) -> None:
-    """Raise an `InputError` if the longest step to be bridged is not admissible; None passes."""
-    value = plain(max_gap)
+def max_gap_of(max_gap: Any) -> float | None:
+    """The longest step to be bridged; None passes."""
+    value: float | None = plain(max_gap)
     if value is not None and (problem := MAX_GAP.problem(value)):
         raise InputError(problem)
+    return value
 
 
 def log_of(name: str, source: Any) -> Any:

@@ -151,7 +151,7 @@ def plan_simulation(
         check.problems += _trace_problems(traces, boundary) + _series_problems(loop, boundary)
         if not check.problems and boundary.n_steps <= warm_up:
             check.problems.append(
-                f"the boundary lasts {boundary.n_steps} s, the warm-up {warm_up} s: nothing is left to count, "
+                f"the boundary lasts {boundary.n_steps} s, the warm-up {shown(warm_up)} s: nothing is left to count, "
                 "give a longer boundary"
             )
     layout = Layout(loop, boundary, replicates)
@@ -226,7 +226,8 @@ def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:
     """The open-loop command as (n_days, n_steps), or None in closed loop."""
     if command is None:
         return None
-    values = array_of("command", command, "give 1-s samples, an array of numbers").astype(float)
+    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+        values = array_of("command", command, "give 1-s samples, an array of numbers").astype(float)
     shape = (boundary.n_days, boundary.n_steps)
     if values.shape not in (shape, shape[1:]):
         raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")
