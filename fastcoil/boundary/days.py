@@ -57,8 +57,9 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
         Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
     """
     seed = plain(seed)
-    n_steps = whole_seconds(hours)
-    seeds = _distinct_seeds(seed, n_steps)
+    with checking() as check:
+        n_steps = check(whole_seconds, hours)
+        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
     h = np.arange(n_steps) / 3600
     D = np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)
     noise = {
