@@ -94,8 +94,9 @@ def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
 
 
 def _no_label(labels: NDArray[Any]) -> NDArray[np.bool_]:
-    with np.errstate(over="ignore"):  # no half-precision number is that large
-        return np.asarray((labels != np.rint(labels)) | (labels < 0) | (labels > LARGEST_DAY_LABEL))
+    with np.errstate(over="ignore"):  # what does not fit is infinite
+        wide = labels.astype(np.float64)
+    return np.asarray((wide != np.rint(wide)) | (wide < 0) | (wide > LARGEST_DAY_LABEL))
 
 
 def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
