@@ -40,7 +40,8 @@ class InputError(FastcoilError, ValueError):
 
     exit_code = EXIT_INPUT
 
-    def __new__(cls, problems: str | Collection[str]) -> InputError:
+    def __new__(cls, problems: str | Collection[str] = ()) -> InputError:
+        # some libraries that carry errors between processes make them without arguments
         sentences = [problems] if isinstance(problems, str) else problems
         of_type = cls is InputError and any(isinstance(one, WrongType) for one in sentences)
         return super().__new__(InputTypeError if of_type else cls)

@@ -42,6 +42,7 @@ def test_a_sentence_on_a_wrong_type_makes_a_type_error_of_the_whole_call():
     assert str(mixed) == "n = 3: lower it\nm = 'x': give a number"
     same = pickle.loads(pickle.dumps(mixed))
     assert (type(same), str(same)) == (fc.InputTypeError, str(mixed))
+    assert type(fc.InputTypeError.__new__(fc.InputTypeError)) is fc.InputTypeError
 
 
 def test_a_sentence_collected_as_it_is_keeps_its_kind_and_one_of_a_file_does_not():
