@@ -206,24 +206,26 @@ def _head(figure: Figure, ds: xr.Dataset, words: str) -> None:
 
 def _check(ds: xr.Dataset, metrics: Sequence[str], **dims: str) -> list[str]:
     """The metrics to draw; ``dims``: the arguments that name axes."""
+    check_result(ds)
+    swept, given = numeric_dims(ds), list(dims.values())
     with checking() as check:
-        check(check_result, ds)
         names = check(_metrics_of, metrics)
+        check.problems += [
+            f"metrics: {m} is not in this result: choose another metric" for m in names or () if m not in ds
+        ]
         for argument, dim in dims.items():
-            check(text_of, argument, dim)
-    swept = numeric_dims(ds)
-    axes = ", ".join(swept) or "none"
-    given = list(dims.values())
-    problems = [
-        f"{quoted(d)} is not a swept number of this study{nearest(d, swept)}; its axes are: {axes}"
-        for d in dict.fromkeys(given)
-        if d not in swept
-    ]
-    problems += [f"{d} is named twice: choose two different axes" for d in dict.fromkeys(given) if given.count(d) > 1]
-    problems += [f"metrics: {m} is not in this result: choose another metric" for m in names if m not in ds]
-    if problems:
-        raise InputError(problems)
+            check(_axis_of, argument, dim, swept)
+        if not check.problems and len(set(given)) < len(given):
+            check.problems.append(f"{given[0]} is named twice: choose two different axes")
     return names
+
+
+def _axis_of(argument: str, dim: str, swept: list[str]) -> None:
+    if text_of(argument, dim) not in swept:
+        axes = ", ".join(swept) or "none"
+        raise InputError(
+            f"{quoted(dim)} is not a swept number of this study{nearest(dim, swept)}; its axes are: {axes}"
+        )
 
 
 def _metrics_of(metrics: Sequence[str]) -> list[str]:
