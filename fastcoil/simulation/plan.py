@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,13 +12,12 @@ import numpy as np
 
 from fastcoil.arguments import whole_number_problems
 from fastcoil.boundary import Boundary
-from fastcoil.engine.emulator import DAY_COLUMNS, Day
 from fastcoil.engine.host import TraceRequest
 from fastcoil.engine.rows import LANES
-from fastcoil.engine.schedule import schedule
 from fastcoil.errors import InputError, nearest
 from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
+from fastcoil.simulation.days import Days
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.simulation.resources import check_memory
@@ -57,7 +55,7 @@ class Plan:
     warm_up: int
     seed: int
     command: np.ndarray | None
-    days: tuple[Day, ...] = field(repr=False)
+    days: Days = field(repr=False)
 
     @property
     def n_scenarios(self) -> int:
@@ -94,30 +92,42 @@ class Plan:
         """
         if not traces_on_disk:
             return 3 * (self.metric_bytes + self.trace_bytes)
-        of_shard = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios) * self.shard_size(n_jobs)
+        of_shard = 0
         return 3 * self.metric_bytes + 3 * (n_jobs + 1) * of_shard
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
         """Most room that a study takes on disk, while it is merged."""
         return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept
 
-    def shard_size(self, n_jobs: int, n_scenarios: int | None = None) -> int:
-        """Scenarios of a shard, in whole blocks, if ``n_scenarios`` (all by default) are to be run."""
-        by_work = _LANE_STEPS_PER_SHARD / self.n_steps
-        by_workers = (n_scenarios or self.n_scenarios) / (n_jobs * _SHARDS_PER_WORKER)
-        by_size = _BYTES_PER_SHARD * self.n_scenarios / (self.metric_bytes + self.trace_bytes)
-        return max(1, round(min(by_work, by_workers, by_size) / LANES)) * LANES
-
     def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
-        """Cut the scenarios ``todo``, all by default, into whole blocks of one day: enough to keep all workers busy.
+        """Cut the scenarios ``todo``, all by default, into shards: enough of them to keep all workers busy.
 
-        Returns flat indices, ascending.
+        A shard is a contiguous range of ``todo`` of whole blocks.  It may span days, a block does not: a day with one
+        scenario is a block too.  Returns flat indices, ascending.
         """
         todo = np.arange(self.n_scenarios) if todo is None else todo
-        size = self.shard_size(n_jobs, todo.size)
-        per_day = self.n_scenarios // len(self.days)
-        of_days = np.split(todo, np.searchsorted(todo, np.arange(1, len(self.days)) * per_day))
-        return [day[start : start + size] for day in of_days for start in range(0, day.size, size)]
+        edges = self._block_edges(todo)
+        most_blocks, most_scenarios = self.shard_limits(n_jobs, edges.size - 1)
+        shards, first = [], 0
+        while first < edges.size - 1:
+            within = int(np.searchsorted(edges, edges[first] + most_scenarios, side="right")) - 1
+            end = max(first + 1, min(first + most_blocks, within, edges.size - 1))
+            shards.append(todo[edges[first] : edges[end]])
+            first = end
+        return shards
+
+    def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
+        """Most blocks and most scenarios of a shard, if ``n_blocks`` are to be run."""
+        by_work = _LANE_STEPS_PER_SHARD / (self.n_steps * LANES)
+        by_workers = n_blocks / (n_jobs * _SHARDS_PER_WORKER)
+        by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
+        return max(1, round(min(by_work, by_workers))), max(LANES, by_size)
+
+    def _block_edges(self, todo: np.ndarray) -> np.ndarray:
+        """Where in ``todo`` a block of LANES scenarios of a day starts, and the end of ``todo``."""
+        day = todo // (self.n_scenarios // len(self.days))
+        in_day = np.arange(todo.size) - np.searchsorted(day, day)
+        return np.append(np.flatnonzero(in_day % LANES == 0), todo.size)
 
 
 def plan_simulation(
@@ -158,17 +168,7 @@ def plan_simulation(
         raise InputError(problems)
     layout = Layout(loop, boundary, replicates)
     commands = _commands(command, boundary)
-    words = (seed & 0xFFFFFFFF, seed >> 32)
-    days = tuple(
-        Day(
-            series=np.stack([boundary.series[n][d] for n in DAY_COLUMNS], axis=1),
-            command=commands[d] if commands is not None else np.empty(0),
-            schedule=schedule(boundary.series["T_set"][d], boundary.series["enabled"][d], warm_up),
-            label=int(boundary.day[d]),
-            seed=words,
-        )
-        for d in range(boundary.n_days)
-    )
+    days = Days(boundary, commands, warm_up, seed)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
     check_memory(plan.memory_bytes(1, traces_on_disk=traces_on_disk), plan.n_scenarios)
     layout.check_together()
@@ -182,7 +182,7 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
         "parameters": json.dumps(plan.layout.loop.constants),
         "boundary": plan.layout.boundary.describe(),
         "boundary_sha256": plan.layout.boundary.sha256,
-        "day_sha256": json.dumps([day_sha256(day) for day in plan.days]),
+        "day_sha256": json.dumps(plan.days.sha256),
         "warm_up_s": plan.warm_up,
         "seed": str(plan.seed),
         "rng": RNG,
@@ -190,11 +190,6 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
     if plan.command is not None:
         attrs["command_sha256"] = joblib.hash(plan.command, hash_name="sha1")
     return attrs
-
-
-def day_sha256(day: Day) -> str:
-    """Hash of a day's series and command, and of its label, which keys the noise."""
-    return hashlib.sha256(f"{day.label} ".encode() + day.series.tobytes() + day.command.tobytes()).hexdigest()
 
 
 def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:

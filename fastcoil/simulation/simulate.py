@@ -92,21 +92,24 @@ def run_plan(plan: Plan, n_jobs: int) -> xr.Dataset:
 
 
 def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
-    """Run the scenarios ``index``, which share a day, block by block.  Returns a flat Dataset, see ``flat_dataset``."""
+    """Run the scenarios ``index``, day by day and block by block.  Returns a flat Dataset, see ``flat_dataset``."""
     columns = plan.layout.columns(index)
+    matrix = parameter_matrix(columns)
     metrics, status = np.empty((len(METRICS), index.size)), np.empty(index.size, dtype=np.int8)
     traces: dict[str, np.ndarray] = {}
     n_points = plan.traces.n_points(plan.n_steps)
     for name in plan.traces.names:
         shape = (index.size, plan.n_volumes, n_points) if TRACES[name].per_volume else (index.size, n_points)
         traces[name] = np.full(shape, np.nan)
-    day = plan.days[columns["day"][0]]
-    for members, block in blocks(parameter_matrix(columns)):
-        found, flags, signals = run_block(block, day, plan.traces)
-        metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
-        for name, signal in signals.items():
-            volumes = (slice(block.n_volumes),) if TRACES[name].per_volume else ()
-            traces[name][members, *volumes] = signal[..., : members.size].T
+    for k in np.unique(columns["day"]):
+        day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
+        for lanes, block in blocks(matrix[:, of_day]):
+            found, flags, signals = run_block(block, day, plan.traces)
+            members = of_day[lanes]
+            metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
+            for name, signal in signals.items():
+                volumes = (slice(block.n_volumes),) if TRACES[name].per_volume else ()
+                traces[name][members, *volumes] = signal[..., : members.size].T
     return flat_dataset(index, metrics, status, traces, plan.traces.interval)
 
 
