@@ -85,7 +85,7 @@ def run(
         click.echo(line)
     click.echo(f"Results: {folder / RESULTS}")
     if figures:
-        for path in draw_standard_figures(folder, finished.results, redraw=finished.n_run > 0):
+        for path in draw_standard_figures(folder, finished.results):
             click.echo(f"Figure:  {path}")
     if bool((finished.results["status"] != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
