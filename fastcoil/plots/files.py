@@ -32,9 +32,11 @@ _METADATA: Mapping[str, dict[str, Any]] = {
 _CARRIER = {"png": "Source", "pdf": "Keywords", "svg": "Source"}
 """Field of the metadata that says from which results a figure was drawn: these formats know no name of ours."""
 _ORIGIN = "content_sha256 "
+_HASH = _ORIGIN.encode() + rb"([0-9a-f]{64})"
 _CARRIED = {
-    format: re.compile(before + _ORIGIN.encode() + rb"([0-9a-f]{64})(?![0-9a-f])")
-    for format, before in (("png", rb"tEXtSource\0"), ("pdf", rb"/Keywords \("), ("svg", rb"<dc:source>"))
+    "png": re.compile(rb"\0\0\0VtEXtSource\0" + _HASH),  # V: the length of this text, 86
+    "pdf": re.compile(rb"/Keywords \(" + _HASH + rb"\)"),
+    "svg": re.compile(rb"<dc:source>" + _HASH + rb"</dc:source>"),
 }
 _LARGEST = 2**26
 """Bytes of a figure file."""

@@ -75,6 +75,18 @@ def test_a_figure_carries_the_hash_of_its_results_and_is_the_same_every_time(fig
     assert files.origin(plain) is None
 
 
+def test_whatever_bytes_follow_the_hash(tmp_path):
+    """A checksum does in a PNG; its first byte is any, also a hexadecimal digit."""
+    follow = set()
+    for k in range(24):
+        digest = f"{k:064x}"
+        (path,) = files.write({"drawn": Figure(figsize=(0.1, 0.1))}, tmp_path, dpi=50, drawn_from=digest)
+        assert files.origin(path) == digest
+        data = path.read_bytes()
+        follow.add(data[data.index(digest.encode()) + 64 :][:1])
+    assert follow & set(map(bytes, zip(b"0123456789abcdef", strict=True)))
+
+
 @pytest.mark.parametrize("format", files.FORMATS)
 def test_a_hash_in_a_title_is_not_that_of_the_results(figure, tmp_path, format):
     figure.suptitle(f"content_sha256 {OTHER} /Keywords (content_sha256 {OTHER})")
@@ -96,7 +108,7 @@ def test_figures_of_other_results_are_stale_and_those_that_do_not_say_are_neithe
     assert files.stale_figures(tmp_path / "none", ONE) == []
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89PNG", b"tEXtSource\0content_sha256 " + b"1a" * 31, b"\xff" * 5000])
+@pytest.mark.parametrize("content", [b"", b"\x89PNG", b"\0\0\0VtEXtSource\0content_sha256 " + b"1a" * 31, b"\xff" * 5000])
 def test_any_bytes_may_be_in_a_figure_file(tmp_path, content):
     (tmp_path / "bad.png").write_bytes(content)
     assert files.origin(tmp_path / "bad.png") is None
@@ -105,5 +117,5 @@ def test_any_bytes_may_be_in_a_figure_file(tmp_path, content):
 
 def test_a_file_larger_than_any_figure_is_not_read_on(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "_LARGEST", 1000)
-    (tmp_path / "large.png").write_bytes(b"tEXtSource\0content_sha256 " + ONE.encode() + bytes(1000))
+    (tmp_path / "large.png").write_bytes(b"\0\0\0VtEXtSource\0content_sha256 " + ONE.encode() + bytes(1000))
     assert files.origin(tmp_path / "large.png") is None
