@@ -12,6 +12,7 @@ import numpy as np
 
 from fastcoil.arguments import whole_number_problems
 from fastcoil.boundary import Boundary
+from fastcoil.engine.emulator import DAY_COLUMNS
 from fastcoil.engine.host import TraceRequest
 from fastcoil.engine.rows import LANES
 from fastcoil.errors import InputError, nearest
@@ -44,6 +45,16 @@ _LANE_STEPS_PER_SHARD = 60e6
 """About 1 to 2 s of work on one core."""
 _SHARDS_PER_WORKER = 4
 _BYTES_PER_SHARD = 64 * 2**20
+_OF_KERNELS = 64 * 2**20
+_OF_PROCESS = {"loky": 140 * 2**20, "dask": 170 * 2**20}
+"""Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
+
+
+class MemoryOfRun(NamedTuple):
+    """Bytes that a run takes besides what this process has: the run itself, and each of its workers."""
+
+    alone: int
+    each: int
 
 
 @dataclass(frozen=True)
@@ -82,18 +93,37 @@ class Plan:
     @property
     def trace_bytes(self) -> int:
         """Size of the traces of all scenarios."""
-        rows = sum(self.n_volumes if TRACES[n].per_volume else 1 for n in self.traces.names)
+        return sum(map(self._trace_bytes, self.traces.names))
+
+    def _trace_bytes(self, name: str) -> int:
+        rows = self.n_volumes if TRACES[name].per_volume else 1
         return self.n_scenarios * 8 * rows * self.traces.n_points(self.n_steps)
 
-    def memory_bytes(self, n_jobs: int, *, traces_on_disk: bool) -> int:
-        """Most memory that the run takes: the result, its image on the way to disk, a copy while it is put together.
+    @property
+    def boundary_bytes(self) -> int:
+        return len(self.days) * self.n_steps * 8 * len(DAY_COLUMNS)
 
-        Traces on disk are in memory only one shard at a time.
+    def memory_bytes(self) -> int:
+        """Most memory that ``simulate`` takes: measured, five times the metrics and twice the traces."""
+        return 5 * self.metric_bytes + 3 * self.trace_bytes
+
+    def memory_of_run(self, n_jobs: int, backend: str) -> MemoryOfRun:
+        """Most memory that a run with traces on disk takes.
+
+        Itself: the kernels, the results, a shard on its way to the disk; or in the merge, when the workers are done,
+        the largest trace.  A worker: a shard, another on its way, a block and a day; one that is a process has Python,
+        its libraries and the boundary too.
         """
-        if not traces_on_disk:
-            return 3 * (self.metric_bytes + self.trace_bytes)
-        of_shard = 0
-        return 3 * self.metric_bytes + 3 * (n_jobs + 1) * of_shard
+        n_blocks = len(self.days) * -(-self.n_scenarios // len(self.days) // LANES)
+        blocks, scenarios = self.shard_limits(n_jobs, n_blocks)
+        of_scenario = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios)
+        of_shard = of_scenario * min(blocks * LANES, scenarios, self.n_scenarios)
+        each = 2 * of_shard + of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
+        if backend in _OF_PROCESS:
+            each += _OF_PROCESS[backend] + of_shard + 2 * self.boundary_bytes
+        largest = max((self._trace_bytes(name) for name in self.traces.names), default=0)
+        alone = _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest - n_jobs * each)
+        return MemoryOfRun(alone, each)
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
         """Most room that a study takes on disk, while it is merged."""
@@ -170,7 +200,7 @@ def plan_simulation(
     commands = _commands(command, boundary)
     days = Days(boundary, commands, warm_up, seed)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
-    check_memory(plan.memory_bytes(1, traces_on_disk=traces_on_disk), plan.n_scenarios)
+    check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
     layout.check_together()
     check_stability(layout)
     return plan

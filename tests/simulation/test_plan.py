@@ -141,6 +141,20 @@ def test_traces_count_towards_the_memory(days, monkeypatch, refused):
     assert "trace_interval" in problem
 
 
+def test_the_memory_of_a_run_is_that_of_its_results_its_shards_and_its_workers(days):
+    loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 4000)))
+    plain = plan_simulation(loop, days, warm_up=60)
+    traced = plan_simulation(loop, days, warm_up=60, traces=["T_c", "u"])
+    alone, each = plain.memory_of_run(2, "threads")
+    assert alone > 5 * plain.metric_bytes
+    for n_jobs in (1, 2, 16):
+        alone, each = traced.memory_of_run(n_jobs, "threads")
+        assert alone + n_jobs * each > 8 / 9 * traced.trace_bytes  # T_c is put together as a whole
+        assert traced.memory_of_run(n_jobs, "loky").each > each + 100 * 2**20
+    year = plan_simulation(fc.Loop(), fc.constant_day(hours=400))
+    assert year.memory_of_run(1, "threads").each > 2 * year.boundary_bytes
+
+
 # How scenarios are cut into shards
 
 
