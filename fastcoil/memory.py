@@ -91,5 +91,6 @@ def _number(path: Path) -> int | None:
 def _text(path: Path) -> str:
     """The text of a small file; empty if there is none, or anything is odd about it."""
     with contextlib.suppress(OSError, ValueError):
-        return read_bytes(path, _LARGEST).decode()
+        if path.is_file():  # a pipe would be waited for
+            return read_bytes(path, _LARGEST).decode()
     return ""

@@ -104,8 +104,8 @@ def _require_memory(n_days: int, n_steps: int) -> None:
     needed, available = 3 * n_days * n_steps * 8 * len(BOUNDARY_SERIES), available_memory()
     if needed > available:
         raise InputError(
-            f"seed has {n_days:,} values: days of {n_steps:,} s for all of them need {gib(needed)} of memory while they "
-            f"are made, {gib(available)} are available: give fewer, or shorter days"
+            f"seed has {n_days:,} values: days of {n_steps:,} s for all of them need {gib(needed)} of memory while "
+            f"they are made, {gib(available)} are available: give fewer, or shorter days"
         )
 
 

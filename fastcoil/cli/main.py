@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -96,18 +97,23 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
+    from fastcoil.engine.host import compile_kernel
     from fastcoil.memory import available_memory, gib
+    from fastcoil.simulation.duration import estimate_seconds
     from fastcoil.simulation.resources import check_disk
-    from fastcoil.simulation.simulate import probe, workers
+    from fastcoil.simulation.simulate import workers
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.runner import default_folder
 
     n_jobs = workers(jobs)
+    start = time.perf_counter()
     asked = read_study(study)
+    reading = time.perf_counter() - start
     planned, traces_kept = asked.plan, asked.reduction is None
     check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))
     announce_compilation()
-    seconds = planned.lane_steps * probe(planned) / n_jobs
+    compile_kernel()
+    seconds = reading + estimate_seconds(planned, n_jobs)
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
     alone, each = planned.memory_of_run(n_jobs, "threads")
     memory = alone + n_jobs * each
@@ -115,7 +121,9 @@ def plan(study: Path, jobs: int | None) -> None:
     n_shards = len(planned.shards(n_jobs))
     click.echo(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
     click.echo(f"Boundary:    {planned.layout.boundary.describe()}")
-    click.echo(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
+    click.echo(
+        f"Time:        about {duration(seconds)} on {n_jobs} threads without figures (measured on blocks of this study)"
+    )
     click.echo(f"Memory:      up to {gib(memory)} ({gib(available_memory())} available)")
     click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 

@@ -112,7 +112,7 @@ def origin(path: Path) -> str | None:
     Only the bytes are searched: no library decodes the file, whoever wrote it.
     """
     try:
-        data = read_bytes(path, _LARGEST)
+        data = read_bytes(path, _LARGEST) if path.is_file() else b""
     except (OSError, ValueError):  # no file, or none of ours
         return None
     found = _CARRIED[path.suffix[1:]].search(data)

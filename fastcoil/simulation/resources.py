@@ -16,8 +16,7 @@ def check_memory(needed: int, n_scenarios: int) -> None:
     available = available_memory()
     if needed > available:
         raise InputError(
-            f"{n_scenarios:,} scenarios need {gib(needed)} of memory, "
-            f"{gib(available)} are available: {_CURE}"
+            f"{n_scenarios:,} scenarios need {gib(needed)} of memory, {gib(available)} are available: {_CURE}"
         )
 
 

@@ -6,7 +6,6 @@ progress, and its parameters exist only while it runs.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,7 +17,6 @@ from fastcoil.arguments import whole_number_problems
 from fastcoil.boundary import Boundary
 from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import blocks, parameter_matrix
-from fastcoil.engine.rows import LANES
 from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.dataset import content_sha256, flat_dataset, join_flat, provenance, unflatten
@@ -121,18 +119,3 @@ def workers(n_jobs: int | None) -> int:
     if problems:
         raise InputError(problems)
     return n_jobs
-
-
-def probe(plan: Plan) -> float:
-    """Seconds per lane and step on one thread, measured on one compiled block from the middle of the plan."""
-    shards = plan.shards(1)
-    middle = shards[len(shards) // 2]
-    columns = plan.layout.columns(middle[:LANES])
-    _, block = blocks(parameter_matrix(columns))[0]
-    day = plan.days[columns["day"][0]]
-    seconds = []
-    for _ in range(2):
-        start = time.perf_counter()
-        run_block(block, day, plan.traces)
-        seconds.append(time.perf_counter() - start)
-    return min(seconds) / plan.n_steps / LANES

@@ -108,7 +108,9 @@ def test_figures_of_other_results_are_stale_and_those_that_do_not_say_are_neithe
     assert files.stale_figures(tmp_path / "none", ONE) == []
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89PNG", b"\0\0\0VtEXtSource\0content_sha256 " + b"1a" * 31, b"\xff" * 5000])
+@pytest.mark.parametrize(
+    "content", [b"", b"\x89PNG", b"\0\0\0VtEXtSource\0content_sha256 " + b"1a" * 31, b"\xff" * 5000]
+)
 def test_any_bytes_may_be_in_a_figure_file(tmp_path, content):
     (tmp_path / "bad.png").write_bytes(content)
     assert files.origin(tmp_path / "bad.png") is None
