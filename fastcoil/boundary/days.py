@@ -12,8 +12,9 @@ from fastcoil.arguments import checking, choice_of, plain, whole_of
 from fastcoil.arrays import MOST_VALUES, Array
 from fastcoil.boundary.conditions import condition_of, whole_seconds
 from fastcoil.boundary.record import Boundary
-from fastcoil.boundary.series import LARGEST_DAY_LABEL, Values
+from fastcoil.boundary.series import BOUNDARY_SERIES, LARGEST_DAY_LABEL, Values
 from fastcoil.errors import InputError, WrongType, shown
+from fastcoil.memory import available_memory, gib
 from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
 from fastcoil.numerics.low_pass import low_pass
 
@@ -60,6 +61,7 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     with checking() as check:
         n_steps = check(whole_seconds, hours)
         seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+    _require_memory(len(seeds), n_steps)
     h = np.arange(n_steps) / 3600
     D = np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)
     noise = {
@@ -96,6 +98,16 @@ def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
     # The two filters' response to an impulse is k^2 (n + 1) a^n; the sum of its squares:
     stationary_std = k**2 * np.sqrt((1.0 + a**2) / (1.0 - a**2) ** 3)
     return np.asarray(x[lead:] * (drift.std / stationary_std))
+
+
+def _require_memory(n_days: int, n_steps: int) -> None:
+    """Refuse days that do not fit into memory while they are made, three times what they take in the end."""
+    needed, available = 3 * n_days * n_steps * 8 * len(BOUNDARY_SERIES), available_memory()
+    if needed > available:
+        raise InputError(
+            f"seed has {n_days:,} values: days of {n_steps:,} s for all of them need {gib(needed)} of memory while "
+            f"they are made, {gib(available)} are available: give fewer, or shorter days"
+        )
 
 
 def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:

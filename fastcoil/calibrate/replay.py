@@ -18,10 +18,10 @@ from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_whole_seconds
+from fastcoil.memory import available_memory, gib
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.resources import available_memory, gib
 from fastcoil.simulation.scenarios import columns_of
 
 _WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))

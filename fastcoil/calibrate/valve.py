@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,6 +25,10 @@ _LEAST_SHARE = 0.8
 """Noise may lift readings above the asymptotic flow, but it is at least this share of them."""
 _LARGEST_FLOW = 1e6
 """Of any valve, kg/s."""
+_FEWEST_ROWS = 3
+"""Rows of a piece of the log, on average: where in its gap a piece starts is one more unknown."""
+_MANY_PIECES = 50
+"""A fit of more takes minutes."""
 _WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
 
@@ -110,11 +115,36 @@ def fit_valve(
         )
 
     data = read(log)
+    _check_order(data)
     _check(data, floor, m_max)
     if validation is not None:
-        data = data.followed_by(read(validation))
+        to_validate = read(validation)
+        _check_order(to_validate)
+        data = data.followed_by(to_validate)
     problem = ValveProblem(data, floor, settle, split, fit_until)
     return valve_fit(problem, problem.solve(m_max, initial), started)
+
+
+def _check_order(data: Log) -> None:
+    """Refuse a log that is no record in time, before any work; warn of one whose fit takes long."""
+    n_back, n_rows, n_pieces = int((np.diff(data.time) <= 0.0).sum()), data.time.size, data.n_batches
+    if 2 * n_back > n_rows:
+        raise InputError(
+            f"{data.name}: time goes back after {n_back:,} of {n_rows:,} rows: the log looks reversed, newest row "
+            "first; sort its rows, oldest first"
+        )
+    if n_rows < _FEWEST_ROWS * n_pieces:
+        raise InputError(
+            f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces, each with a start of its own to be found: "
+            f"give at least {_FEWEST_ROWS} rows for each piece; where gaps cut the log, pass max_gap to bridge them, "
+            "where time goes back, sort the rows, oldest first"
+        )
+    if n_pieces > _MANY_PIECES:
+        warnings.warn(
+            f"{data.name} is in {n_pieces:,} pieces, each with a start of its own to be found: this takes minutes; "
+            "where gaps cut the log, max_gap bridges them",
+            stacklevel=3,
+        )
 
 
 def _check(data: Log, floor: float | None, m_max: float | None) -> None:

@@ -5,7 +5,8 @@ Every function returns a matplotlib ``Figure`` that belongs to no window, so it 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -130,21 +131,24 @@ def alternatives(ds: xr.Dataset, dim: str, metrics: Sequence[str] = STANDARD_MET
     return figure
 
 
-def standard_figures(ds: xr.Dataset) -> dict[str, Figure]:
-    """The figures that suit a study's dimensions, by file name without suffix; empty for a single scenario."""
+def standard_figures(ds: xr.Dataset) -> dict[str, Callable[[], Figure]]:
+    """What draws the figures that suit a study's dimensions, by file name without suffix; empty for a single scenario.
+
+    Nothing is drawn, or imported to draw, before one of them is called.
+    """
     check_result(ds)
     numeric = numeric_dims(ds)
     named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
-    figures = {}
+    figures: dict[str, Callable[[], Figure]] = {}
     if len(numeric) >= 2:
         y, x = numeric[:2]
-        figures["maps"] = maps(ds, x, y)
-        figures["bands"] = bands(ds, x, by=y)
+        figures["maps"] = partial(maps, ds, x, y)
+        figures["bands"] = partial(bands, ds, x, by=y)
     elif numeric:
-        figures["bands"] = bands(ds, numeric[0])
-    figures |= {
-        dim: alternatives(ds, dim) for dim in named if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _ALTERNATIVES
-    }
+        figures["bands"] = partial(bands, ds, numeric[0])
+    for dim in named:
+        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _ALTERNATIVES:
+            figures[dim] = partial(alternatives, ds, dim)
     return figures
 
 

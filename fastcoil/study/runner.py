@@ -17,7 +17,7 @@ from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import model_sha256
-from fastcoil.simulation.resources import check_disk
+from fastcoil.simulation.resources import check_disk, check_workers
 from fastcoil.simulation.simulate import workers
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.extend import match_scenarios
@@ -149,6 +149,8 @@ def execute(
         computed = Computed.find(store, study, manifest)
         todo = computed.missing()
         check_disk(plan.disk_bytes(traces_kept=study.reduction is None), folder)
+        if scheduler is None and todo.size:
+            check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
         start = time.monotonic()
         if todo.size:
             advance = progress(todo.size) if progress else _ignore

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fastcoil.cli.main import main as main_command
 from fastcoil.errors import FastcoilError
 from fastcoil.study import runner
 from fastcoil.study.workers.worker import Job, run_scenarios
@@ -47,6 +48,8 @@ def child(order: dict, counted: int) -> int:
 
     try:
         with operations(folder, before):
+            if "arguments" in order:
+                return int(main_command(order["arguments"], standalone_mode=False) or 0)
             runner.execute(study, folder, n_jobs=1, extend=order.get("extend", False))
     except FastcoilError as error:
         print(error, file=sys.stderr)
