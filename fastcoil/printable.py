@@ -1,11 +1,11 @@
-"""Text of strangers as it may be shown: nothing in it moves the cursor, hides a line or turns the direction of reading."""
+"""Text of strangers as it may be shown: nothing in it moves the cursor, hides a line or turns the writing round."""
 
 from __future__ import annotations
 
 import unicodedata
 
 _UNSAFE = {"Cc", "Cf", "Cs", "Zl", "Zp"}
-"""Categories of Unicode: control and format characters (bidirectional ones too), half characters, separators of lines."""
+"""Categories of Unicode: control and format (bidirectional too), half characters, separators of lines."""
 
 
 def printable(text: str) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fastcoil.cli.progress import announce_compilation
+from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
 if TYPE_CHECKING:
@@ -206,8 +207,7 @@ def _write_and_print(found: Fit, out: Path) -> None:
 
     found.to_toml(out)
     figures = write({out.stem: found.plot()}, out.parent)
-    for line in found.summary():
-        click.echo(line)
-    click.echo(f'Fitted:  {out} (in a study: [loop] include = ["{out.name}"])')
+    say(*found.summary())
+    say(f'Fitted:  {out} (in a study: [loop] include = ["{out.name}"])')
     for path in figures:
-        click.echo(f"Figure:  {path}")
+        say(f"Figure:  {path}")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
 
@@ -19,7 +20,7 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
 
     if only_list:
         for each in shipped_studies():
-            click.echo(f"{each.name:<20}{each.title}")
+            say(f"{each.name:<20}{each.title}")
         return
     if name is None:
         from fastcoil.study.file.template import TEMPLATE
@@ -29,9 +30,9 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
         chosen = shipped_study(name)
         path, text, analysis = study or Path(f"{name}.toml"), chosen.text, chosen.analysis
     _write_new(path, text)
-    click.echo(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
+    say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
     if analysis:
-        click.echo(f"Analysis: {analysis}")
+        say(f"Analysis: {analysis}")
 
 
 def _write_new(path: Path, text: str) -> None:

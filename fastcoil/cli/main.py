@@ -14,6 +14,7 @@ from fastcoil.cli.interrupts import Commands, interruptible
 from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.progress import announce_compilation, duration, report_progress
 from fastcoil.cli.reference import parameters, presets, schema
+from fastcoil.cli.terminal import say
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 
 if TYPE_CHECKING:
@@ -80,13 +81,12 @@ def run(
             asked, folder, n_jobs=jobs, backend=chosen, scheduler=scheduler, extend=extend, progress=progress
         )
     if not finished.n_run:
-        click.echo(f"{folder} holds this study, finished: nothing to do.")
-    for line in summary(finished.results):
-        click.echo(line)
-    click.echo(f"Results: {folder / RESULTS}")
+        say(f"{folder} holds this study, finished: nothing to do.")
+    say(*summary(finished.results))
+    say(f"Results: {folder / RESULTS}")
     if figures:
         for path in draw_standard_figures(folder, finished.results, redraw=finished.n_run > 0):
-            click.echo(f"Figure:  {path}")
+            say(f"Figure:  {path}")
     if bool((finished.results["status"] != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
 
@@ -109,13 +109,13 @@ def plan(study: Path, jobs: int | None) -> None:
     seconds = planned.lane_steps * probe(planned) / n_jobs
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
     memory = planned.memory_bytes(n_jobs, traces_on_disk=True)
-    click.echo(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
+    say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
     n_shards = len(planned.shards(n_jobs))
-    click.echo(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
-    click.echo(f"Boundary:    {planned.layout.boundary.describe()}")
-    click.echo(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
-    click.echo(f"Memory:      up to {gib(memory)} for results ({gib(available_memory())} available)")
-    click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
+    say(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
+    say(f"Boundary:    {planned.layout.boundary.describe()}")
+    say(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
+    say(f"Memory:      up to {gib(memory)} for results ({gib(available_memory())} available)")
+    say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
 for command in (fit, init, parameters, plot, presets, schema):
@@ -128,8 +128,7 @@ def status(folder: Path) -> None:
     """Show the progress of the study in FOLDER, and how to resume it."""
     from fastcoil.study import maintenance
 
-    for line in maintenance.status(folder):
-        click.echo(line)
+    say(*maintenance.status(folder))
 
 
 @main.command()
@@ -141,7 +140,7 @@ def verify(folder: Path) -> None:
     problems = maintenance.verify(folder)
     if problems:
         raise IntegrityError("\n".join(problems))
-    click.echo(f"{folder} is sound.")
+    say(f"{folder} is sound.")
 
 
 @main.command()
@@ -160,9 +159,8 @@ def rerun(folder: Path, at: str) -> None:
         raise InputError(f"--at {at}: give dimension=label, several of them separated by commas")
     announce_compilation()
     path, found = maintenance.rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
-    for line in found:
-        click.echo(line)
-    click.echo(f"Traces:  {path}")
+    say(*found)
+    say(f"Traces:  {path}")
 
 
 @main.command()
@@ -174,7 +172,6 @@ def paper(out: Path, jobs: int | None, quick: bool) -> None:
     from fastcoil.paper.regenerate import regenerate
 
     announce_compilation()
-    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, report=lambda line: click.echo(line, err=True))
-    for line in verdicts:
-        click.echo(line)
-    click.echo(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")
+    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, report=lambda line: say(line, err=True))
+    say(*verdicts)
+    say(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")

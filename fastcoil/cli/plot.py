@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,9 +44,9 @@ def plot(
         name = "_".join([*metrics, *(n for n in (y, by) if n), x])
         figures = {name: plots.maps(ds, x, y, wanted) if y else plots.bands(ds, x, by, wanted)}
     if not figures:
-        click.echo("Nothing is swept in this study: there is nothing to draw.")
+        say("Nothing is swept in this study: there is nothing to draw.")
     for path in write(figures, folder / "figures", format=format, dpi=int(dots)):
-        click.echo(path)
+        say(path)
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset, *, redraw: bool) -> list[Path]:

@@ -1,4 +1,4 @@
-"""One writer at a time: the lock and the note of its holder lead nowhere else, and are not taken for what they are not."""
+"""One writer at a time: neither the lock nor the note of its holder leads elsewhere, and both may be damaged."""
 
 from __future__ import annotations
 
@@ -67,11 +67,16 @@ def test_a_note_that_is_a_pipe_is_not_waited_for(folder):
 
 
 @pytest.mark.timeout(20)
-@pytest.mark.parametrize("make", [lambda p: p.symlink_to("absent"), lambda p: p.symlink_to("file"), os.mkfifo, os.mkdir])
+@pytest.mark.parametrize(
+    "make", [lambda p: p.symlink_to("absent"), lambda p: p.symlink_to("file"), os.mkfifo, os.mkdir]
+)
 def test_a_lock_that_is_no_file_is_refused(folder, make):
     (folder / "file").write_text("precious")
     make(folder / ".lock")
-    with pytest.raises(StorageError, match=r"\.lock is a link, a pipe or a folder, but not a file: delete it"), hold(folder):
+    with (
+        pytest.raises(StorageError, match=r"\.lock is a link, a pipe or a folder, but not a file: delete it"),
+        hold(folder),
+    ):
         pass
     assert find_holder(folder) is None
     assert not (folder / "absent").exists()
