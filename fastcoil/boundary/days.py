@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import require, whole_seconds
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import LARGEST_DAY_LABEL, Values
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, shown
 from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
 from fastcoil.numerics.low_pass import low_pass
 
@@ -111,7 +112,7 @@ def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
             raise InputError(f"seed gives more than {most} days of {n_steps} s: give fewer, or fewer hours")
         seeds.append(int(one))
     if not seeds or len(set(seeds)) < len(seeds):
-        twice = next((s for s in seeds if seeds.count(s) > 1), None)
+        twice = next((s for s, count in Counter(seeds).items() if count > 1), None)
         raise InputError(f"seed {f'has {twice} twice' if seeds else 'is empty'}: {wanted}")
     return seeds
 
@@ -224,8 +225,8 @@ def design_day(
     pressure
         Barometric pressure [Pa].
     """
-    if mode not in DESIGNS:
-        raise InputError(f"mode = {mode!r}: choose {' or '.join(map(repr, DESIGNS))}")
+    if not isinstance(mode, str) or mode not in DESIGNS:
+        raise InputError(f"mode = {shown(mode)}: choose {' or '.join(map(repr, DESIGNS))}")
     n_steps = whole_seconds(hours)
     given = {
         "T_design": T_design,

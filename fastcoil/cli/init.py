@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
 
 @click.command()
-@click.argument("study", type=click.Path(path_type=Path), required=False)
+@click.argument("study", type=PATH, required=False)
 @click.option("--from", "name", metavar="NAME", help="Start from a study that comes with fastcoil.")
 @click.option("--list", "only_list", is_flag=True, help="List the studies that come with fastcoil; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:

@@ -11,6 +11,7 @@ import click
 from fastcoil.cli.fit import fit
 from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
+from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.progress import announce_compilation, duration, report_progress
 from fastcoil.cli.reference import parameters, presets, schema
@@ -19,9 +20,6 @@ from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 
 if TYPE_CHECKING:
     from fastcoil.study.runner import Advance
-
-STUDY = click.Path(path_type=Path)
-FOLDER = click.Path(path_type=Path)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -38,8 +36,8 @@ def main() -> None:
 
 
 @main.command()
-@click.argument("study", type=STUDY)
-@click.option("-o", "--out", type=FOLDER, help="Folder of the results; results/NAME by default.")
+@click.argument("study", type=PATH)
+@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.  Results do not depend on it.")
 @click.option("--backend", help="threads, loky (processes) or dask.  [default: threads]")
 @click.option("--engine", hidden=True, help="Earlier name of --backend.")
@@ -92,7 +90,7 @@ def run(
 
 
 @main.command()
-@click.argument("study", type=STUDY)
+@click.argument("study", type=PATH)
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
@@ -123,7 +121,7 @@ for command in (fit, init, parameters, plot, presets, schema):
 
 
 @main.command()
-@click.argument("folder", type=FOLDER)
+@click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
     """Show the progress of the study in FOLDER, and how to resume it."""
     from fastcoil.study import maintenance
@@ -132,7 +130,7 @@ def status(folder: Path) -> None:
 
 
 @main.command()
-@click.argument("folder", type=FOLDER)
+@click.argument("folder", type=PATH)
 def verify(folder: Path) -> None:
     """Check everything in the FOLDER of a study against its hashes; changes nothing."""
     from fastcoil.study import maintenance
@@ -144,7 +142,7 @@ def verify(folder: Path) -> None:
 
 
 @main.command()
-@click.argument("folder", type=FOLDER)
+@click.argument("folder", type=PATH)
 @click.option(
     "--at",
     default="",
@@ -164,7 +162,7 @@ def rerun(folder: Path, at: str) -> None:
 
 
 @main.command()
-@click.option("-o", "--out", type=FOLDER, default="results/paper", show_default=True, help="Folder of the results.")
+@click.option("-o", "--out", type=PATH, default="results/paper", show_default=True, help="Folder of the results.")
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
 @click.option("--quick", is_flag=True, help="A few tunings and days only: to try it out, not to quote.")
 def paper(out: Path, jobs: int | None, quick: bool) -> None:

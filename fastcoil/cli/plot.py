@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
 @click.option("-x", help="Swept parameter along the x axis.")
 @click.option("-y", help="Second swept parameter: a map instead of a curve.")
