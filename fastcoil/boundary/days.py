@@ -12,7 +12,7 @@ from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import require, whole_seconds
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import LARGEST_DAY_LABEL, Values
-from fastcoil.errors import InputError, shown
+from fastcoil.errors import InputError
 from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
 from fastcoil.numerics.low_pass import low_pass
 
@@ -225,8 +225,8 @@ def design_day(
     pressure
         Barometric pressure [Pa].
     """
-    if not isinstance(mode, str) or mode not in DESIGNS:
-        raise InputError(f"mode = {shown(mode)}: choose {' or '.join(map(repr, DESIGNS))}")
+    if mode not in DESIGNS:
+        raise InputError(f"mode = {mode!r}: choose {' or '.join(map(repr, DESIGNS))}")
     n_steps = whole_seconds(hours)
     given = {
         "T_design": T_design,

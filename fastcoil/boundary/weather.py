@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,13 +11,12 @@ import numpy as np
 
 from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import require, whole_seconds
-from fastcoil.boundary.days import MOST_SAMPLES
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import Values
-from fastcoil.errors import InputError, shown
-from fastcoil.logs.arguments import require_mappings
+from fastcoil.errors import InputError
 from fastcoil.logs.columns import asked_columns
 from fastcoil.logs.readings import read_numbers
+from fastcoil.logs.seconds import MOST_SECONDS
 from fastcoil.logs.series import Series
 from fastcoil.logs.table import Table
 from fastcoil.logs.units import FRACTION, NUMBER, PRESSURE, TEMPERATURE
@@ -104,10 +103,11 @@ def weather_day(
         W_hourly = humidity_ratio_from_dew_point(weather["T_dewpoint"], p)
     else:
         W_hourly = humidity_ratio(weather["T_drybulb"], weather["RH"], p)
-    n_days = len(days) if isinstance(days, Sized) else 1
-    if n_days * n_steps > MOST_SAMPLES:
-        raise InputError(f"days = {n_days:,} days of {n_steps:,} s: give at most {MOST_SAMPLES:,} s in all")
     starts = _start_hours(weather, Path(path).name, n_steps, start_hour, month, day, hour, days)
+    if starts.size * n_steps > MOST_SECONDS:
+        raise InputError(
+            f"days: {starts.size} days of {n_steps:,} s each: give {MOST_SECONDS:,} s in all, fewer days or hours"
+        )
     at = np.add.outer(starts, np.arange(n_steps) / 3600)
     T_out, W_out, p_out = (
         np.interp(at, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))
@@ -126,7 +126,6 @@ def weather_day(
 
 def _weather(table: Table, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> dict[str, Array]:
     """The columns of a weather file, checked, by name."""
-    require_mappings(columns=columns, units=units)
     columns, units = dict(columns or {}), dict(units or {})
     table.check_names("columns", columns, WEATHER_COLUMNS)
     table.check_names("units", units, WEATHER_COLUMNS)
@@ -180,8 +179,8 @@ def _start_hours(
         starts = [_whole("start_hour", start_hour, 1, 8784)]
     elif days is not None:
         first = _whole("hour", hour, 0, 24)
-        if isinstance(days, str) or not isinstance(days, Iterable):
-            raise InputError(f"days = {shown(days)}: give a list of days of the year, or start_hour")
+        if isinstance(days, int | np.integer):
+            raise InputError(f"days = {days}: give a list of days of the year, or start_hour")
         starts = [24 * (_whole("days", one, 1, 366) - 1) + first for one in days]
     else:
         date = {
@@ -194,8 +193,8 @@ def _start_hours(
             raise InputError(f"{file} has no column {', '.join(absent)}: name it, or give start_hour")
         rows = np.flatnonzero(np.all([weather[name] == value for name, value in date.items()], axis=0))
         if rows.size != 1:
-            asked = ", ".join(f"{name} {value}" for name, value in date.items())
-            raise InputError(f"{file} has {rows.size} rows for {asked}: give one of the file's own dates")
+            shown = ", ".join(f"{name} {value}" for name, value in date.items())
+            raise InputError(f"{file} has {rows.size} rows for {shown}: give one of the file's own dates")
         starts = [int(weather["hour_of_year"][rows[0]])]
     low, high = weather["hour_of_year"][[0, -1]]
     for start in starts:
@@ -210,5 +209,5 @@ def _start_hours(
 
 def _whole(name: str, value: object, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-        raise InputError(f"{name} = {shown(value)}: give a whole number from {low} to {high}")
+        raise InputError(f"{name} = {value!r}: give a whole number from {low} to {high}")
     return int(value)

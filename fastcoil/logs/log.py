@@ -11,7 +11,7 @@ import numpy as np
 
 from fastcoil import moist_air
 from fastcoil.arrays import Array, Index, Mask
-from fastcoil.errors import InputError, shown
+from fastcoil.errors import InputError
 from fastcoil.logs.arguments import Declared, Wanted, require_mappings, require_max_gap
 from fastcoil.logs.columns import find_columns
 from fastcoil.logs.dataset import table_of
@@ -148,8 +148,8 @@ def read_log(
     InputError
         With one sentence for each mistake: column, row, cure.
     """
-    if jumps is not None and (not isinstance(jumps, str) or jumps not in ("refuse", "split")):
-        raise InputError(f"jumps = {shown(jumps)}: choose 'refuse' or 'split'")
+    if jumps not in ("refuse", "split", None):
+        raise InputError(f"jumps = {jumps!r}: choose 'refuse' or 'split'")
     require_max_gap(max_gap)
     require_mappings(columns=columns, units=units, constants=constants)
     declared = Declared(columns=columns, units=units or {}, constants=constants, has_command=has_command)

@@ -10,7 +10,7 @@ from fastcoil.arrays import Array
 from fastcoil.errors import InputError
 
 _LEAST_STEP = 0.999
-_MOST_SECONDS = 50_000_000
+MOST_SECONDS = 50_000_000
 """Of a record on 1-s steps, 19 months: a few GB with its series."""
 
 
@@ -22,9 +22,9 @@ def require_whole_seconds(name: str, step: float) -> None:
 
 def require_span(name: str, seconds: float, cure: str = "cut the log") -> None:
     """Refuse a record that would fill the memory on 1-s steps; ``seconds``: from its first to its last."""
-    if seconds > _MOST_SECONDS:
+    if seconds > MOST_SECONDS:
         raise InputError(
-            f"{name} lasts {seconds:,.0f} s from the first row to the last: at most {_MOST_SECONDS:,} s can be read, "
+            f"{name} lasts {seconds:,.0f} s from the first row to the last: at most {MOST_SECONDS:,} s can be read, "
             f"check the unit of the time, or {cure}"
         )
 

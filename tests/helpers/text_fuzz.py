@@ -1,7 +1,7 @@
 """Damaged study files, logs and weather files, and what the readers make of them.
 
-``python -m helpers.text_fuzz SEED COUNT FOLDER`` reads that many of each in a process of bounded memory, and prints a line
-for each that was neither read nor refused in sentences.
+``python -m helpers.text_fuzz SEED COUNT FOLDER`` reads that many of each in a process of bounded memory, and prints a
+line for each that was neither read nor refused in sentences.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 MEMORY = 2**30
 """Bytes that reading one file may take."""
@@ -118,11 +120,12 @@ VALUES = (
     "07:30:00", "[]", "{}", "[[1], [2]]", "[" * 400 + "]" * 400, "[" * 5000, "{ a = " * 300 + "1" + " }" * 300,
     "{ linspace = [0, 1, 10000000] }", "{ linspace = [0.0, 1.0, 1000000] }", "[" + "1, " * 20_000 + "]", '"\\u0000"',
     '"\\u202e\\u001b[2J"', "10000000", "4294967296", "1_000", "1e6", "18446744073709551615", '["T_sup", "T_sup"]',
-    "[" + '"nothing", ' * 20_000 + "]", '"/dev/zero"', '"../../../../dev/zero"', '["/dev/zero"]', '["' + "z" * 300 + '"]',
+    "[" + '"nothing", ' * 20_000 + "]", '"/dev/zero"', '"../../../../dev/zero"', '["/dev/zero"]',
+    '["' + "z" * 300 + '"]',
 )  # fmt: skip
 CELLS = (
-    "1e308", "-1e308", "nan", "inf", "-1", "", " ", "9" * 400, "1e-320", "x" * 1000, '"a\nb"', "2024-13-01", "9999-12-31",
-    "0001-01-01T00:00:00+14:00", "2024-07-01T08:00:00Z", "1,5", "1;5", "\x00", "\x1b[2J", "#N/A", "１２", "1_0", "0x10",
+    "1e308", "-1e308", "nan", "inf", "-1", "", " ", "9" * 400, "1e-320", "x" * 1000, '"a\nb"', "2024-13-01",
+    "9999-12-31", "0001-01-01T00:00:00+14:00", "2024-07-01T08:00:00Z", "1,5", "1;5", "\x00", "\x1b[2J", "#N/A", "１２", "1_0", "0x10",
 )  # fmt: skip
 
 
@@ -138,7 +141,9 @@ def bytes_changed(data: bytes, r: random.Random) -> bytes:
         elif kind == 1:
             del changed[k : k + n]
         elif kind == 2:
-            changed[k:k] = r.choice([b"\0", b"\xff", b"\r", b"\n", b'"', b"'''", b"[", b"=", b",", b".", b"\\", b"\xef\xbb\xbf"])
+            changed[k:k] = r.choice(
+                [b"\0", b"\xff", b"\r", b"\n", b'"', b"'''", b"[", b"=", b",", b".", b"\\", b"\xef\xbb\xbf"]
+            )
         elif kind == 3:
             changed[k:k] = changed[k : k + n]
         elif r.random() < 0.2:
@@ -167,7 +172,7 @@ def text_wrapped(data: bytes, r: random.Random) -> bytes:
 
 
 def study_token(data: bytes, r: random.Random) -> bytes:
-    """A value replaced, a key replaced or doubled, a line or table put in: of the forms that take long to parse, too."""
+    """A value replaced, a line doubled, lost or put in: of the forms that take long to parse, too."""
     lines = data.decode().split("\n")
     k = r.randrange(len(lines))
     kind = r.randrange(6)
@@ -235,7 +240,9 @@ def log_token(data: bytes, r: random.Random) -> bytes:
         rows = [row + ["1"] * (n := r.choice([200, 20_000])) for row in rows[:1]] + rows[1:]
         rows = [[f"c{i}" for i in range(n)] if k == 0 else ["1"] * n for k in range(5)] if r.random() < 0.5 else rows
     else:
-        rows[0][r.randrange(width)] = r.choice(["x" * 50_000, "T_sup [" + "C" * 9000 + "]", "a" + " " * 20_000 + "b", "\x1b[2J"])
+        rows[0][r.randrange(width)] = r.choice(
+            ["x" * 50_000, "T_sup [" + "C" * 9000 + "]", "a" + " " * 20_000 + "b", "\x1b[2J"]
+        )
     return "\n".join(map(",".join, rows)).encode()
 
 
@@ -305,16 +312,24 @@ def main(seed: int, count: int, folder: Path) -> None:
         paths["study.toml"].write_text('[loop]\ninclude = ["damaged.toml"]\n[boundary]\nhours = 1\n')
         return read_study(paths["study.toml"])
 
+    def study() -> object:
+        return read_study(paths["study.toml"])
+
+    def csv(read: Callable[..., object], *args: Any, **options: Any) -> Callable[[], object]:
+        return partial(read, paths["damaged.csv"], *args, **options)
+
+    whose = {"columns": {"T_set": "T_set"}}
+    unit = {"units": {"command": "1"}}
     kinds: list[tuple[str, str, str, Callable[..., bytes], Callable[[], object]]] = [
-        *((f"study {k}", text, "study.toml", study_token, lambda: read_study(paths["study.toml"])) for k, text in enumerate(STUDIES)),
+        *((f"study {k}", text, "study.toml", study_token, study) for k, text in enumerate(STUDIES)),
         ("include", VALVE, "damaged.toml", study_token, include),
-        ("boundary", LOG, "damaged.csv", log_token, lambda: Boundary.from_csv(paths["damaged.csv"], units={"T_set": "degC"}, columns={"T_set": "T_set"})),
-        ("boundary, timed", TIMED, "damaged.csv", log_token, lambda: Boundary.from_csv(paths["damaged.csv"], columns={"T_set": "T_set"})),
-        ("log", LOG, "damaged.csv", log_token, lambda: read_log(paths["damaged.csv"], of_valve, drop=True, jumps="split", units={"command": "1"})),
-        ("log, strict", LOG, "damaged.csv", log_token, lambda: read_log(paths["damaged.csv"], of_valve, units={"command": "1"})),
-        ("weather", WEATHER, "damaged.csv", log_token, lambda: weather_day(paths["damaged.csv"], **of_day, hours=2, start_hour=3)),
-    ]  # fmt: skip
-    for kind, text, name, _, read in kinds:  # whole files are read, and the libraries are there
+        ("day", LOG, "damaged.csv", log_token, csv(Boundary.from_csv, units={"T_set": "degC"}, **whose)),
+        ("day, timed", TIMED, "damaged.csv", log_token, csv(Boundary.from_csv, **whose)),
+        ("log", LOG, "damaged.csv", log_token, csv(read_log, of_valve, drop=True, jumps="split", **unit)),
+        ("log, strict", LOG, "damaged.csv", log_token, csv(read_log, of_valve, **unit)),
+        ("weather", WEATHER, "damaged.csv", log_token, csv(weather_day, **of_day, hours=2, start_hour=3)),
+    ]
+    for _, text, name, _, read in kinds:  # whole files are read, and the libraries are there
         (folder / name).write_text(text, encoding="utf-8")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -105,7 +105,8 @@ def axis_values(name: str, axis: object) -> list[Any]:
         )
     if kind == "geomspace" and min(spec[:2]) <= 0.0:
         raise InputError(f"{name} = {{ geomspace = {shown(spec)} }}: first and last must be above 0")
-    return list(_SPACINGS[kind](*spec).tolist())
+    first, last, count = spec
+    return list(_SPACINGS[kind](float(first), float(last), count).tolist())
 
 
 def axis_size(axis: object) -> int:

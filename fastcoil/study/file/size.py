@@ -13,6 +13,8 @@ from fastcoil.study.file.tables import StudyFile
 _BYTES_PER_SCENARIO = 3 * 8 * (len(METRICS) + 1)
 """Metrics and status: the result, its image on the way to disk, a copy while it is put together."""
 
+_MOST_OF_ANY = 2**32
+
 
 def require_room(file: StudyFile) -> None:
     """Refuse a study of more scenarios than this machine can hold the metrics of.
@@ -32,5 +34,6 @@ def require_room(file: StudyFile) -> None:
         len(days),
         file.run.replicates,
     ]
-    n_scenarios = math.prod(max(1, size) for size in sizes)
+    # each of them has a bound of its own, which is checked elsewhere
+    n_scenarios = math.prod(min(max(1, size), _MOST_OF_ANY) for size in sizes)
     check_memory(n_scenarios * _BYTES_PER_SCENARIO, n_scenarios)
