@@ -16,7 +16,7 @@ from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.progress import announce_compilation, duration, report_progress
 from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.cli.terminal import say
-from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
+from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, shown
 
 if TYPE_CHECKING:
     from fastcoil.study.runner import Advance
@@ -151,10 +151,16 @@ def verify(folder: Path) -> None:
 def rerun(folder: Path, at: str) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
     from fastcoil.study import maintenance
+    from fastcoil.study.file.toml import LONGEST_KEY
 
     pairs = [item.split("=", 1) for item in at.split(",") if item]
     if any(len(pair) != 2 for pair in pairs):
-        raise InputError(f"--at {at}: give dimension=label, several of them separated by commas")
+        raise InputError(f"--at {shown(at)}: give dimension=label, several of them separated by commas")
+    long = [
+        f"--at {shown(word)}: no dimension or label is that long" for word in sum(pairs, []) if len(word) > LONGEST_KEY
+    ]
+    if long:
+        raise InputError(long)
     announce_compilation()
     path, found = maintenance.rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
     say(*found)

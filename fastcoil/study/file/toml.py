@@ -13,7 +13,7 @@ _MOST_PARTS = 20
 """Parts of a dotted key: a study needs four.  The time to parse one rises with their square."""
 _DEEPEST = 20
 """Tables and lists inside each other: a study needs five."""
-_LONGEST_KEY = 200
+LONGEST_KEY = 200
 """Characters; keys are labels of axes too."""
 _LARGEST_NUMBER = 8192
 """Bits; Python shows no number that is much longer."""
@@ -78,8 +78,8 @@ def _problems(tables: dict[str, Any]) -> Iterator[str]:
             yield f"{place} has more than {_DEEPEST} tables or lists inside each other: {_FLATTEN}"
         elif isinstance(value, dict):
             for key, one in value.items():
-                if len(key) > _LONGEST_KEY:
-                    yield f"{place}{shown(key)} is a key of {len(key):,} characters: give at most {_LONGEST_KEY}"
+                if len(key) > LONGEST_KEY:
+                    yield f"{place}{shown(key)} is a key of {len(key):,} characters: give at most {LONGEST_KEY}"
                 elif "\0" in key:
                     yield f"{place}{shown(key)} holds the character NUL: delete it"
                 else:
