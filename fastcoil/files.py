@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fastcoil.errors import FastcoilError, InputError, StorageError, shown
+from fastcoil.errors import InputError, StorageError, shown
 
 UNFINISHED = ".tmp"
 """Suffix of a file that is being written."""
@@ -173,7 +173,7 @@ def storage_errors(path: Path, done: str) -> Iterator[None]:
     """Turn an error of the operating system into a ``StorageError``: ``path`` cannot be ``done``, and why."""
     try:
         yield
-    except FastcoilError:  # it says already what is wrong
+    except StorageError:  # an OSError too, and it says why already
         raise
     except (OSError, RuntimeError) as error:  # netCDF4 reports errors of HDF5 as RuntimeError
         reason = getattr(error, "strerror", None) or error
