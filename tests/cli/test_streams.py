@@ -37,7 +37,7 @@ def shell(tmp_path):
     [
         ("2>&-", 0, ""),
         pytest.param(">&-", 4, f"{LOST} (Bad file descriptor)", marks=pytest.mark.full),
-        ("<&- >&- 2>&-", 4, ""),
+        pytest.param("<&- >&- 2>&-", 4, "", marks=pytest.mark.full),
         (">/dev/full", 4, f"{LOST} (No space left on device)"),
         pytest.param("2>/dev/full", 0, "", marks=pytest.mark.full),
         pytest.param("| head -n 1", 0, "", marks=pytest.mark.full),
@@ -60,7 +60,7 @@ def test_a_study_is_run_whatever_becomes_of_the_streams(shell, tmp_path, streams
     ]
 
 
-@pytest.mark.parametrize("words", ["--version", "run --help", "schema"])
+@pytest.mark.parametrize("words", ["--version", "run --help"])
 def test_help_that_cannot_be_printed_says_so(shell, words):
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
@@ -96,8 +96,8 @@ def test_files_of_ours_do_not_get_the_number_of_a_closed_stream(tmp_path, stream
 
 
 def test_a_pipe_whose_reader_left_is_no_fault(shell):
-    done = shell("schema | head -n 1")
-    assert (done.returncode, done.stdout, done.stderr) == (0, b"{\n", b"")
+    done = shell("init --list | head -n 1")
+    assert (done.returncode, done.stdout.count(b"\n"), done.stderr) == (0, 1, b"")
 
 
 @pytest.mark.timeout(20)
