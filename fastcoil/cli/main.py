@@ -12,7 +12,7 @@ from fastcoil.cli.fit import fit
 from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
 from fastcoil.cli.plot import draw_standard_figures, plot
-from fastcoil.cli.progress import announce_compilation, duration, report_progress
+from fastcoil.cli.progress import announce_compilation, duration, report_progress, run_own_code
 from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 
@@ -68,7 +68,7 @@ def run(
 
     folder = out or default_folder(study)
     chosen = resolve_backend(backend, engine)
-    asked = read_study(study)
+    asked = read_study(study, prepare_reduction=run_own_code)
 
     def progress(n_todo: int) -> Advance:
         announce_compilation()
@@ -102,7 +102,7 @@ def plan(study: Path, jobs: int | None) -> None:
     from fastcoil.study.runner import default_folder
 
     n_jobs = workers(jobs)
-    asked = read_study(study)
+    asked = read_study(study, prepare_reduction=run_own_code)
     planned, traces_kept = asked.plan, asked.reduction is None
     check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))
     announce_compilation()

@@ -26,6 +26,7 @@ from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.results import Computed, is_current, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
 from fastcoil.study.workers.pools import backend_problems, make_pool, resolve_backend
+from fastcoil.study.workers.reduce import load_function
 from fastcoil.study.workers.worker import Job
 
 Advance = Callable[[int], None]
@@ -56,6 +57,8 @@ def run_study(
     """Run a study file and return its results.
 
     A study that is finished in ``out`` is only opened; one that was interrupted is resumed.
+
+    Code that comes with the study, the module that ``[run] reduce`` names, is run.
 
     Parameters
     ----------
@@ -90,7 +93,7 @@ def run_study(
     path = Path(path)
     folder = default_folder(path) if out is None else Path(out)
     chosen = resolve_backend(backend, engine)
-    study = read_study(path)
+    study = read_study(path, prepare_reduction=load_function)
     return execute(study, folder, n_jobs=n_jobs, backend=chosen, scheduler=scheduler, extend=extend).results
 
 
@@ -143,6 +146,8 @@ def execute(
         check_disk(plan.disk_bytes(traces_kept=study.reduction is None), folder)
         start = time.monotonic()
         if todo.size:
+            if study.reduction is not None:
+                load_function(study.reduction)  # its mistakes before the work
             advance = progress(todo.size) if progress else _ignore
             compile_kernel()
             job = Job(manifest.key, plan, study.reduction)
