@@ -23,6 +23,10 @@ from fastcoil.study.workers.reduce import reduce
 _jobs: dict[str, Job] = {}
 
 
+class Interrupt(Exception):
+    """The user's code raised ``KeyboardInterrupt``: it would end the worker alone, and is to end the run."""
+
+
 class Job(NamedTuple):
     """What a worker needs of a study; sent once to each, so that a shard is only its indices."""
 
@@ -77,6 +81,8 @@ def run_received(key: str, index: np.ndarray, expected: tuple[str, str] | None =
         )
     try:
         return run_scenarios(_jobs[key], index)
+    except KeyboardInterrupt:
+        raise Interrupt from None
     except InputError as error:
         problems = error.problems
     # without the exception of the user's code behind it, which the other process may be unable to read

@@ -44,6 +44,7 @@ class Pool:
         self.dice = random.Random(seed)
         self.flying, self.broken, self.now = {}, False, 0.0
         self.runs, self.most_flying, self.n_restarts = [], 0, 0
+        self.shared, self.has_workers, self.waits = False, True, lambda future: False
 
     def submit(self, index):
         if self.broken:
@@ -55,6 +56,9 @@ class Pool:
         if self.dice.random() < self.clumsy:
             self._let_die(future)
         return future
+
+    def waiting(self, futures):
+        return [future for future in futures if self.waits(future)]
 
     def restart(self):
         self.broken = False
