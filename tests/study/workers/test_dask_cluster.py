@@ -1,0 +1,38 @@
+"""A cluster whose workers are busy with the work of others: the run waits, says so, and blames nobody."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from click.testing import CliRunner
+from helpers.processes import cut, wait_for
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.study.workers import dispatch
+
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
+
+
+@pytest.mark.alone
+@pytest.mark.filterwarnings("default:the study has waited")
+def test_a_run_waits_for_workers_that_are_busy_and_says_so(small_study, golden, tmp_path, monkeypatch, two_workers):
+    cut(monkeypatch, 40)
+    monkeypatch.setattr(dispatch, "_PATIENCE", 1.0)
+    monkeypatch.setattr(dispatch, "_LOOK_EVERY", 0.2)
+    monkeypatch.setattr(dispatch, "_FIRST_LIMIT", 2.5)
+    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask", "--no-figures"]
+    with two_workers.client() as other:
+        other.wait_for_workers(2, timeout=30)
+        others = [other.submit(time.sleep, 5.0, workers=[worker], pure=False) for worker in other.nthreads()]
+        wait_for(lambda: sum(map(len, other.processing().values())) == 2)
+        done = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address])
+        assert all(future.done() for future in others)
+    assert done.exit_code == 0, done.output
+    notes = [line for line in done.stderr.splitlines() if "has waited" in line]
+    assert notes[0].startswith(
+        "fastcoil: note: the study has waited 1 s for workers, with 3 shards in flight: they are"
+    )
+    assert 1 <= len(notes) <= 3
+    assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == golden
