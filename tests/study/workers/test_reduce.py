@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 from helpers.refusals import only_problem, problems
 
+from fastcoil.cli.main import main
 from fastcoil.errors import InputError
 from fastcoil.study.file.reduction import Reduction
 from fastcoil.study.workers.reduce import load_function, reduce
@@ -220,3 +222,46 @@ def test_an_interrupt_is_one_wherever_it_comes_from(traces):
         reduce(reducing("raise KeyboardInterrupt"), traces)
     with pytest.raises(KeyboardInterrupt):
         load_function(given("raise KeyboardInterrupt"))
+
+
+# On every backend
+
+
+RAISING = """
+class Mine(BaseException):
+    def __init__(self, first, second):  # no other process can make it again from its text
+        super().__init__(f"{first} {second}")
+
+def f(traces):
+    raise {what}
+"""
+
+
+@pytest.mark.kernel
+@pytest.mark.usefixtures("leaves_nothing")
+@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
+@pytest.mark.parametrize(
+    ("what", "code", "sentence"),
+    [
+        ("Mine('two', 'words')", 2, "fastcoil: reduce = 'mine:f' raised Mine: two words"),
+        pytest.param("SystemExit(0)", 2, "raised SystemExit: 0", marks=pytest.mark.full),
+        pytest.param("GeneratorExit", 2, "raised GeneratorExit", marks=pytest.mark.full),
+        pytest.param("RecursionError", 2, "raised RecursionError", marks=pytest.mark.full),
+        pytest.param("MemoryError", 2, "raised MemoryError", marks=pytest.mark.full),
+        ("KeyboardInterrupt", 130, "fastcoil: interrupted"),
+    ],
+)
+def test_whatever_a_reduction_raises_ends_the_run_with_a_sentence(
+    tmp_path, small_study, two_workers, backend, what, code, sentence
+):
+    text = small_study.read_text().replace('"T_sup", "mode"]', '"T_sup"]\nreduce = "mine:f"')
+    (tmp_path / "study.toml").write_text(text)
+    (tmp_path / "mine.py").write_text(RAISING.replace("{what}", what))
+    words = ["run", tmp_path / "study.toml", "-o", tmp_path / "out", "--backend", backend, "-j", 1, "--no-figures"]
+    if backend == "dask":
+        words += ["--scheduler", two_workers.address]
+    done = CliRunner().invoke(main, list(map(str, words)))
+    assert done.exit_code == code, done.output
+    (last,) = done.stderr.splitlines()[-1:]
+    assert sentence in last
+    assert "Traceback" not in done.output
