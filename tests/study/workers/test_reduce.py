@@ -248,7 +248,7 @@ def f(traces):
         pytest.param("GeneratorExit", 2, "raised GeneratorExit", marks=pytest.mark.full),
         pytest.param("RecursionError", 2, "raised RecursionError", marks=pytest.mark.full),
         pytest.param("MemoryError", 2, "raised MemoryError", marks=pytest.mark.full),
-        ("KeyboardInterrupt", 130, "fastcoil: interrupted"),
+        pytest.param("KeyboardInterrupt", 130, "fastcoil: interrupted", marks=pytest.mark.full),
     ],
 )
 def test_whatever_a_reduction_raises_ends_the_run_with_a_sentence(
