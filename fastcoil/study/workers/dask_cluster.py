@@ -17,7 +17,7 @@ from fastcoil.numerics.jit import model_sha256
 from fastcoil.study.workers.dask_connection import connect, start_local_cluster, within
 from fastcoil.study.workers.worker import Job, forget, identity, leave_interrupts, receive, run_received
 
-_WAIT_FOR_WORKERS, _WAIT_FOR_ANSWER = 60.0, 5.0
+_WAIT_FOR_WORKERS, _WAIT_FOR_ANSWER, _WAIT_FOR_END = 60.0, 5.0, 30.0
 """Seconds."""
 
 
@@ -128,13 +128,16 @@ class Dask:
         self._start()
 
     def close(self) -> None:
+        # whatever is slow to end, or broken, ends with this process; what was computed must not be lost for it
         if self._client is not None:
             if self._cluster is None and self._client.status == "running":
                 with contextlib.suppress(Exception):  # only memory is left there
-                    within(5.0, lambda: self._client.unregister_worker_plugin(_plugin_name(self._job)))
-            self._client.close(timeout=5)
+                    within(_WAIT_FOR_ANSWER, lambda: self._client.unregister_worker_plugin(_plugin_name(self._job)))
+            with contextlib.suppress(Exception):
+                self._client.close(timeout=_WAIT_FOR_ANSWER)
         if self._cluster is not None:
-            self._cluster.close(timeout=5)
+            with contextlib.suppress(Exception):
+                self._cluster.close(timeout=_WAIT_FOR_END)
 
 
 def _plugin_name(job: Job) -> str:

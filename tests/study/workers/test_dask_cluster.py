@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -11,6 +12,7 @@ from helpers.processes import cut, wait_for
 import fastcoil as fc
 from fastcoil.cli.main import main
 from fastcoil.study.workers import dispatch
+from fastcoil.study.workers.dask_cluster import Dask
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 
@@ -36,3 +38,12 @@ def test_a_run_waits_for_workers_that_are_busy_and_says_so(small_study, golden, 
     )
     assert 1 <= len(notes) <= 3
     assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == golden
+
+
+def test_a_cluster_that_does_not_end_in_time_costs_no_results():
+    def slow(timeout):
+        raise TimeoutError(f"timed out after {timeout} s")
+
+    pool = object.__new__(Dask)
+    pool._client, pool._cluster = SimpleNamespace(status="running", close=slow), SimpleNamespace(close=slow)
+    pool.close()
