@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from types import SimpleNamespace
 
@@ -23,20 +24,19 @@ def test_a_run_waits_for_workers_that_are_busy_and_says_so(small_study, golden, 
     cut(monkeypatch, 40)
     monkeypatch.setattr(dispatch, "_PATIENCE", 1.0)
     monkeypatch.setattr(dispatch, "_LOOK_EVERY", 0.2)
-    monkeypatch.setattr(dispatch, "_FIRST_LIMIT", 2.5)
+    monkeypatch.setattr(dispatch, "_FIRST_LIMIT", 10.0)
     words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask", "--no-figures"]
     with two_workers.client() as other:
         other.wait_for_workers(2, timeout=30)
-        others = [other.submit(time.sleep, 5.0, workers=[worker], pure=False) for worker in other.nthreads()]
+        others = [other.submit(time.sleep, 12.0, workers=[worker], pure=False) for worker in other.nthreads()]
         wait_for(lambda: sum(map(len, other.processing().values())) == 2)
         done = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address])
         assert all(future.done() for future in others)
     assert done.exit_code == 0, done.output
     notes = [line for line in done.stderr.splitlines() if "has waited" in line]
-    assert notes[0].startswith(
-        "fastcoil: note: the study has waited 1 s for workers, with 3 shards in flight: they are"
-    )
-    assert 1 <= len(notes) <= 3
+    said = r"fastcoil: note: the study has waited \d+ s for workers, with 3 shards in flight: they are busy with .*"
+    assert all(re.fullmatch(said, line) for line in notes)
+    assert 1 <= len(notes) <= 4
     assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == golden
 
 
