@@ -111,7 +111,9 @@ class Dask:
                 with contextlib.suppress(TimeoutError):
                     ours &= set(within(_WAIT_FOR_ANSWER / 2, partial(self._ask, ours)))
             running |= ours
-        return running
+        # what is finished may still be on its way here
+        finished = self._client.sync(self._client.scheduler.who_has, keys=list(keys - running))
+        return running | {key for key, workers in finished.items() if workers}
 
     def _ask(self, keys: Collection[str]) -> list[str]:
         """Those shards that workers run, by what they say themselves."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures as cf
 import re
 import time
 from types import SimpleNamespace
@@ -38,6 +39,34 @@ def test_a_run_waits_for_workers_that_are_busy_and_says_so(small_study, golden, 
     assert all(re.fullmatch(said, line) for line in notes)
     assert 1 <= len(notes) <= 4
     assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == golden
+
+
+def test_a_shard_waits_as_long_as_no_worker_runs_it():
+    held = {
+        "tcp://one": ("ours 1",),
+        "tcp://two": ("another's", "ours 2", "ours 3"),
+        "tcp://hangs": ("ours 4", "ours 5"),
+    }
+
+    def call_stack(keys):
+        if "ours 4" in keys:
+            raise TimeoutError
+        return {"tcp://two": {"ours 3": ["a line"]}}
+
+    pool = object.__new__(Dask)
+    pool._client = SimpleNamespace(
+        nthreads=lambda: dict.fromkeys(held, 1),
+        processing=lambda: held,
+        call_stack=call_stack,
+        scheduler=SimpleNamespace(who_has=lambda keys: {key: ["tcp://one"] * (key == "ours 6") for key in keys}),
+        sync=lambda function, **words: function(**words),
+    )
+    futures = [cf.Future() for _ in range(7)]
+    pool._keys = {future: f"ours {k}" for k, future in enumerate(futures, 1)}
+    # behind another's, and in no worker's hands; one that does not answer may be running anything
+    assert pool.waiting(futures) == [futures[1], futures[6]]
+    pool._client.processing = lambda: 1 / 0
+    assert not pool.waiting(futures)
 
 
 def test_a_cluster_that_does_not_end_in_time_costs_no_results():
