@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fastcoil.errors import InputError, nearest
+from fastcoil.arguments import checking, choice_of, mapping_of, path_of, whole_of
+from fastcoil.errors import InputError, WrongType
 from fastcoil.files import commit, storage_errors
 
 if TYPE_CHECKING:
@@ -34,14 +35,19 @@ def check_format(format: str, dpi: object) -> None:
     InputError
         If ``format`` is none of ``FORMATS`` or ``dpi`` no whole number from 50 to 1200.
     """
-    problems = []
-    if format not in FORMATS:
-        problems.append(f"format = {format!r}{nearest(str(format), FORMATS)}: give {', '.join(FORMATS[:-1])} or svg")
     low, high = _DPI_RANGE
-    if isinstance(dpi, bool) or not isinstance(dpi, int) or not low <= dpi <= high:
-        problems.append(f"dpi = {dpi!r}: give a whole number from {low} to {high}")
-    if problems:
-        raise InputError(problems)
+    with checking() as check:
+        check(choice_of, "format", format, FORMATS)
+        check(whole_of, "dpi", dpi, low, high, f"give a whole number from {low} to {high}")
+
+
+def _check_figures(figures: Mapping[str, Figure]) -> None:
+    """Refuse anything but figures by file name."""
+    cure = "give figures by file name, such as {'rmse': figure}"
+    for name, figure in mapping_of("figures", figures, cure).items():
+        path_of("figures", name, cure)
+        if not hasattr(type(figure), "savefig"):
+            raise InputError(WrongType(f"figures has a {type(figure).__name__}: {cure}"))
 
 
 def encode(figure: Figure, format: str = "png", dpi: int = DPI) -> bytes:
@@ -73,7 +79,10 @@ def write(figures: Mapping[str, Figure], folder: Path, *, format: str = "png", d
     StorageError
         If a file cannot be written; nothing half-written is left behind.
     """
-    check_format(format, dpi)
+    with checking() as check:
+        check(check_format, format, dpi)
+        folder = check(path_of, "folder", folder, "give the path of a folder")
+        check(_check_figures, figures)
     with storage_errors(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
     paths = []

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import joblib
 import numpy as np
 
-from fastcoil.arguments import whole_number_problems
+from fastcoil.arguments import checking, instance_of, whole_of
+from fastcoil.arrays import array_of
 from fastcoil.boundary import Boundary
 from fastcoil.engine.emulator import DAY_COLUMNS, Day
 from fastcoil.engine.host import TraceRequest
 from fastcoil.engine.rows import LANES
 from fastcoil.engine.schedule import schedule
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.loop import Loop
@@ -139,23 +140,20 @@ def plan_simulation(
     InputError
         With one sentence for each mistake.
     """
-    if not isinstance(loop, Loop):
-        raise InputError(f"loop is a {type(loop).__name__}: give a fastcoil.Loop")
-    if not isinstance(boundary, Boundary):
-        raise InputError(
-            f"boundary is a {type(boundary).__name__}: give a fastcoil.Boundary, such as fastcoil.paper_day()"
-        )
-    given = {"trace_interval": trace_interval, "warm_up": warm_up, "seed": seed, "replicates": replicates}
-    limits = RUN_LIMITS | {"trace_interval": Limits(1, boundary.n_steps)}
-    problems = [p for name, value in given.items() for p in whole_number_problems(name, value, *limits[name])]
-    problems += _trace_problems(traces, boundary) + _series_problems(loop, boundary)
-    if not problems and boundary.n_steps <= warm_up:
-        problems.append(
-            f"the boundary lasts {boundary.n_steps} s, the warm-up {warm_up} s: nothing is left to count, "
-            "give a longer boundary"
-        )
-    if problems:
-        raise InputError(problems)
+    with checking() as check:
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
+    with checking() as check:
+        trace_interval = check(whole_of, "trace_interval", trace_interval, 1, boundary.n_steps)
+        warm_up = check(whole_of, "warm_up", warm_up, *RUN_LIMITS["warm_up"])
+        seed = check(whole_of, "seed", seed, *RUN_LIMITS["seed"])
+        replicates = check(whole_of, "replicates", replicates, *RUN_LIMITS["replicates"])
+        check.problems += _trace_problems(traces, boundary) + _series_problems(loop, boundary)
+        if not check.problems and boundary.n_steps <= warm_up:
+            check.problems.append(
+                f"the boundary lasts {boundary.n_steps} s, the warm-up {shown(warm_up)} s: nothing is left to count, "
+                "give a longer boundary"
+            )
     layout = Layout(loop, boundary, replicates)
     commands = _commands(command, boundary)
     words = (seed & 0xFFFFFFFF, seed >> 32)
@@ -211,14 +209,16 @@ def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
 
 def _trace_problems(traces: object, boundary: Boundary) -> list[str]:
     if not isinstance(traces, (list, tuple)):
-        return [f"traces = {traces!r}: give a list of names"]
+        return [WrongType(f"traces = {shown(traces)}: give a list of names")]
     known = [n for n in traces if isinstance(n, str) and n in TRACES]
-    problems = []
+    problems: list[str] = []
     for name in traces:
-        if isinstance(name, str) and name in boundary.series:
+        if not isinstance(name, str):
+            problems.append(WrongType(f"traces: {shown(name)} is not a trace; known: {', '.join(TRACES)}"))
+        elif name in boundary.series:
             problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
-        elif name not in known:
-            problems.append(f"traces: {name!r} is not a trace{nearest(str(name), TRACES)}; known: {', '.join(TRACES)}")
+        elif name not in TRACES:
+            problems.append(f"traces: {shown(name)} is not a trace{nearest(name, TRACES)}; known: {', '.join(TRACES)}")
     return problems + [f"traces: {n} is listed twice" for n in sorted(set(known)) if known.count(n) > 1]
 
 
@@ -226,13 +226,8 @@ def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:
     """The open-loop command as (n_days, n_steps), or None in closed loop."""
     if command is None:
         return None
-    try:
-        values = np.asarray(command)
-        if values.dtype.kind not in "iuf":
-            raise TypeError
-        values = values.astype(float)
-    except (TypeError, ValueError):
-        raise InputError(f"command is a {type(command).__name__}: give 1-s samples, an array of numbers") from None
+    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+        values = array_of("command", command, "give 1-s samples, an array of numbers").astype(float)
     shape = (boundary.n_days, boundary.n_steps)
     if values.shape not in (shape, shape[1:]):
         raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")

@@ -14,12 +14,11 @@ import joblib
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import whole_number_problems
+from fastcoil.arguments import checking, whole_of
 from fastcoil.boundary import Boundary
 from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import blocks, parameter_matrix
 from fastcoil.engine.rows import LANES
-from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.dataset import content_sha256, flat_dataset, join_flat, provenance, unflatten
 from fastcoil.simulation.loop import Loop
@@ -74,11 +73,13 @@ def simulate(
         With one sentence for each mistake in the arguments; for an unstable coil; for a result that does not fit in
         memory.
     """
-    plan = plan_simulation(
-        loop, boundary, command=command, traces=traces, trace_interval=trace_interval, warm_up=warm_up, seed=seed,
-        replicates=replicates,
-    )  # fmt: skip
-    return run_plan(plan, workers(n_jobs))
+    with checking() as check:
+        n_threads = check(workers, n_jobs)
+        plan = check(
+            plan_simulation, loop, boundary, command=command, traces=traces, trace_interval=trace_interval,
+            warm_up=warm_up, seed=seed, replicates=replicates,
+        )  # fmt: skip
+    return run_plan(plan, n_threads)
 
 
 def run_plan(plan: Plan, n_jobs: int) -> xr.Dataset:
@@ -114,10 +115,7 @@ def workers(n_jobs: int | None) -> int:
     """Number of threads: all cores by default."""
     if n_jobs is None:
         return int(joblib.cpu_count())
-    problems = whole_number_problems("n_jobs", n_jobs, 1, 1024)
-    if problems:
-        raise InputError(problems)
-    return n_jobs
+    return whole_of("n_jobs", n_jobs, 1, 1024)
 
 
 def probe(plan: Plan) -> float:

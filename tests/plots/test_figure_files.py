@@ -38,8 +38,8 @@ def test_dots_per_inch_are_those_asked_for_and_at_least_150(figure, tmp_path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"format": "pgn"}, "format = 'pgn', did you mean 'png'?: give png, pdf or svg"),
-        ({"format": "jpeg"}, "format = 'jpeg': give png, pdf or svg"),
+        ({"format": "pgn"}, "format = 'pgn', did you mean 'png'?: choose 'png', 'pdf' or 'svg'"),
+        ({"format": "jpeg"}, "format = 'jpeg': choose 'png', 'pdf' or 'svg'"),
         ({"dpi": 20}, "dpi = 20: give a whole number from 50 to 1200"),
         ({"dpi": 150.5}, "dpi = 150.5: give a whole number from 50 to 1200"),
         ({"dpi": True}, "dpi = True: give a whole number from 50 to 1200"),
