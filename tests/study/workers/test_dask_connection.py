@@ -19,16 +19,22 @@ from fastcoil.study.workers.dask_connection import connect, start_local_cluster
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 
 
-def listeners(process):
-    """Addresses at which a process waits for others."""
-    return {found.laddr.ip for found in process.net_connections(kind="inet") if found.status == "LISTEN"}
+def listeners():
+    """Where this process and its children wait for others: process, address, port."""
+    import psutil
+
+    processes = [psutil.Process(), *children().values()]
+    found = [(p.pid, *c.laddr) for p in processes for c in p.net_connections("inet") if c.status == "LISTEN"]
+    return set(found)
 
 
 @pytest.fixture
 def local():
     """A cluster with one worker, and its client."""
+    before = listeners()
     found = start_local_cluster(1)
     client = connect(found)
+    assert {address for _, address, _ in listeners() - before} == {"127.0.0.1"}
     yield client
     client.close()
     found.close()
@@ -45,13 +51,9 @@ def impatient():
 
 
 def test_a_local_cluster_replaces_dead_workers_and_only_this_machine_can_reach_it(impatient, local):
-    import psutil
-
     before = set(local.nthreads())
     assert len(before) == 1
     (pid,) = local.run(os.getpid).values()
-    listening = [listeners(process) for process in [psutil.Process(), *children().values()]]
-    assert set().union(*listening) == {"127.0.0.1"}
     os.kill(pid, signal.SIGKILL)
     wait_for(lambda: not before & set(local.nthreads()))
     # nor is what the next worker runs lost
