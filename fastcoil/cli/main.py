@@ -14,7 +14,7 @@ from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
-from fastcoil.cli.progress import announce_compilation, duration, report_progress
+from fastcoil.cli.progress import announce_compilation, duration, report_progress, run_own_code
 from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.cli.terminal import say
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, shown
@@ -68,7 +68,7 @@ def run(
 
     folder = out or default_folder(study)
     chosen = resolve_backend(backend, engine)
-    asked = read_study(study)
+    asked = read_study(study, prepare_reduction=run_own_code)
 
     def progress(n_todo: int) -> Advance:
         announce_compilation()
@@ -105,7 +105,7 @@ def plan(study: Path, jobs: int | None) -> None:
 
     n_jobs = workers(jobs)
     start = time.perf_counter()
-    asked = read_study(study)
+    asked = read_study(study, prepare_reduction=run_own_code)
     reading = time.perf_counter() - start
     planned, traces_kept = asked.plan, asked.reduction is None
     check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))

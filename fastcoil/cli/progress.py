@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from fastcoil.cli.terminal import say
 
 if TYPE_CHECKING:
+    from fastcoil.study.file.reduction import Reduction
     from fastcoil.study.runner import Advance
 
 _SECONDS_BETWEEN_LINES = 10.0
@@ -20,6 +21,15 @@ def announce_compilation(kernel: str = "emulate") -> None:
 
     if not is_compiled(kernel):
         say("Compiling the kernels, once per installation: about 10 s …", err=True)
+
+
+def run_own_code(reduction: Reduction) -> None:
+    """Run the module of a study's own function, and say so before."""
+    from fastcoil.study.workers.reduce import load_function
+
+    function = reduction.name.partition(":")[2]
+    say(f"This study runs code of its own: {function} from {reduction.path.absolute()}.", err=True)
+    load_function(reduction)
 
 
 def report_progress(n: int, done: int = 0) -> Advance:

@@ -1,4 +1,4 @@
-"""Every compiler flag, with its reason, and the cache of compiled kernels.  The only file that says njit.
+"""Every compiler flag, with its reason, and what a compiled kernel depends on.  The only file that says njit.
 
 ``scalar``  one formula: floats in, floats out, force-inlined into the loops that call it.
 ``exact``   a scalar whose every rounding is as written: elementary functions, random numbers, and the controller,
@@ -22,9 +22,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-import shutil
 import sys
-import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -35,11 +33,11 @@ import llvmlite.binding
 import numba
 import numpy as np
 from numba.core import config
-from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
 
+from fastcoil.numerics.kernel_cache import KernelCache, has_kernel, kernel_folder
+
 _FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-_KEPT_CACHES = 4
 _SETTINGS = (
     "BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "DISABLE_INTEL_SVML", "DISABLE_JIT", "ENABLE_AVX", "LOOP_VECTORIZE",
     "OPT", "SLP_VECTORIZE",
@@ -62,30 +60,13 @@ def exact(function: Callable[..., Any]) -> Any:
 section = scalar
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache on disk; a damaged file counts as missing."""
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        try:
-            return super().load_overload(sig, target_context)
-        except Exception:  # whatever unpickling makes of damaged bytes
-            self.flush()
-            return None
-
-
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a loop, cached on disk under the fingerprint of everything it was compiled from."""
-    folder = cache_folder()
     compiled = numba.njit(**_FLAGS, fastmath=False)(function)
-    if folder is None or not JIT_ENABLED:
-        return compiled
-    # the folder is read once, here: the user's own cached functions keep theirs
-    previous, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # type: ignore[attr-defined]
-    try:
-        compiled._cache = _Cache(function)
-        return compiled
-    finally:
-        config.CACHE_DIR = previous  # type: ignore[attr-defined]
+    folder = kernel_folder(fingerprint()) if JIT_ENABLED else None
+    if folder is not None:
+        compiled._cache = KernelCache(function, folder)
+    return compiled
 
 
 if JIT_ENABLED:
@@ -110,12 +91,13 @@ else:
 
 @cache
 def model_sha256() -> str:
-    """Hash of the sources that decide the results of a simulation."""
+    """Hash of the sources that decide the results of a simulation: not of the cache, which only keeps them."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
     for part in ("parameter_table.py", "outputs.py", "numerics", "physics", "control", "engine"):
         for source in sorted((package / part).rglob("*.py")) or [package / part]:
-            digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes())
+            if source.name != "kernel_cache.py":
+                digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()
 
 
@@ -145,38 +127,7 @@ def compiled_for() -> dict[str, str]:
     }
 
 
-def cache_root() -> Path:
-    """Folder that holds one folder of compiled kernels per fingerprint."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "fastcoil" / "kernels"
-
-
-@cache
-def cache_folder() -> Path | None:
-    """The folder of this fingerprint, created if missing; ``None``, with a warning, where it cannot be written."""
-    folder = cache_root() / fingerprint()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f".probe-{os.getpid()}"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        warnings.warn(f"every process compiles the kernels again: {folder} cannot be written ({error})", stacklevel=2)
-        return None
-    os.utime(folder)
-    _prune(folder)
-    return folder
-
-
-def _prune(current: Path) -> None:
-    """Remove all but the most recently used folders; a process that still needs another compiles again."""
-    folders = sorted((f for f in current.parent.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime)
-    for folder in folders[:-_KEPT_CACHES]:
-        if folder != current:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
 def is_compiled(kernel_name: str) -> bool:
     """Whether the cache holds a kernel of this fingerprint, so that it need not be compiled."""
-    folder = cache_folder()
-    return folder is not None and any(folder.rglob(f"*.{kernel_name}-*.nbc"))
+    folder = kernel_folder(fingerprint())
+    return folder is not None and has_kernel(folder, kernel_name)

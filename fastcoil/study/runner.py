@@ -27,6 +27,7 @@ from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.results import Computed, is_current, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
 from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, resolve_backend
+from fastcoil.study.workers.reduce import load_function
 from fastcoil.study.workers.worker import Job
 
 Advance = Callable[[int], None]
@@ -57,6 +58,8 @@ def run_study(
     """Run a study file and return its results.
 
     A study that is finished in ``out`` is only opened; one that was interrupted is resumed.
+
+    Code that comes with the study, the module that ``[run] reduce`` names, is run.
 
     Parameters
     ----------
@@ -97,7 +100,7 @@ def run_study(
         scheduler = check.unless_none(text_of, "scheduler", scheduler)
         extend = check(flag_of, "extend", extend)
     chosen = resolve_backend(backend, engine)
-    study = read_study(path)
+    study = read_study(path, prepare_reduction=load_function)
     folder = folder or default_folder(path)
     return execute(study, folder, n_jobs=n_jobs, backend=chosen, scheduler=scheduler, extend=extend).results
 
@@ -153,6 +156,8 @@ def execute(
             check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
         start = time.monotonic()
         if todo.size:
+            if study.reduction is not None:
+                load_function(study.reduction)  # its mistakes before the work
             advance = progress(todo.size) if progress else _ignore
             compile_kernel()
             job = Job(manifest.key, plan, study.reduction)

@@ -42,6 +42,7 @@ MADE = {
     ),
     *("learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"),
     *("scorecard.md", "scorecard.json"),
+    *("run.json", "mine.py", "module.py"),
 }
 """Files that the reader makes, or that a command of the page writes."""
 TOOLS = {"pip", "dask", "."}

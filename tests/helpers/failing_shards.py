@@ -98,4 +98,4 @@ def harms(monkeypatch, *how, **options):
     from fastcoil.study.file import spec
 
     read = spec.read_study
-    monkeypatch.setattr(spec, "read_study", lambda *words: harmful(read(*words), *how, **options))
+    monkeypatch.setattr(spec, "read_study", lambda *words, **more: harmful(read(*words, **more), *how, **options))

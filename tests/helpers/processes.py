@@ -153,13 +153,17 @@ def kill_group(process):
 
 
 class Cluster:
-    """A dask scheduler and its workers as processes on loopback, as a user starts them."""
+    """A dask scheduler and its workers as processes on loopback, as a user starts them.
 
-    def __init__(self, folder):
-        self.folder = folder
+    env: variables of the environment of all of them.
+    """
+
+    def __init__(self, folder, protocol="tcp", **env):
+        self.folder, self.env = folder, env
         self.processes = []
         file = folder / "scheduler.json"
-        words = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", file)
+        words = ("--host", "127.0.0.1", "--port", "0", "--protocol", protocol, "--no-dashboard")
+        words += ("--scheduler-file", file)
         self.scheduler = self._start("scheduler", *words)
         self.address = wait_for(lambda: file.exists() and self._address(file))
 
@@ -180,7 +184,7 @@ class Cluster:
             process = subprocess.Popen(
                 [sys.executable, "-m", "dask", *map(str, words)],
                 cwd=self.folder,
-                env=environment(**env),
+                env=environment(**self.env, **env),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -203,10 +207,10 @@ class Cluster:
 
 
 @contextmanager
-def cluster(folder, n_workers, *words):
+def cluster(folder, n_workers, *words, **how):
     """Run a cluster with some workers."""
     folder.mkdir(exist_ok=True)
-    found = Cluster(folder)
+    found = Cluster(folder, **how)
     try:
         for _ in range(n_workers):
             found.worker(*words)

@@ -1,11 +1,6 @@
-"""The cache of compiled kernels: never stale, never fatal, nobody else's."""
+"""The fingerprint of what kernels are made of."""
 
-import math
-import os
 import shutil
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -13,101 +8,25 @@ import pytest
 import fastcoil
 from fastcoil.numerics import jit
 
-pytestmark = pytest.mark.kernel
-
 PACKAGE = Path(fastcoil.__file__).parent
-# the smallest kernel that calls a formula of the physics: γ at full opening, proportional to the water flow
-RUN = """
-import numpy as np
-from fastcoil.engine.rows import PARAMETER_ROWS
-from fastcoil.engine.step_numbers import step_numbers, worst_numbers
-from fastcoil.parameter_table import PARAMETERS
-rows = [PARAMETERS[n].default if n in PARAMETERS and not PARAMETERS[n].is_word else 0.0 for n in PARAMETER_ROWS]
-matrix = np.array([[np.nan if value is None else value] for value in rows])
-gamma, _ = worst_numbers(matrix, np.array([1.0]), 0.0)
-print(float(gamma[0]), sum(step_numbers.stats.cache_hits.values()))
-"""
 
 
 @pytest.fixture
-def copied(tmp_path):
-    """A folder with a copy of the package, and the environment in which Python finds it and an empty cache."""
-    shutil.copytree(PACKAGE, tmp_path / "fastcoil", ignore=shutil.ignore_patterns("__pycache__"))
-    keep = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTHON"))}
-    return tmp_path, keep | {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+def copied(tmp_path, monkeypatch):
+    """A copy of the package, whose sources are hashed instead of those of the package."""
+    copy = tmp_path / "fastcoil"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(jit, "__file__", str(copy / "numerics" / "jit.py"))
+    yield copy
+    jit.model_sha256.cache_clear()
+    jit.fingerprint.cache_clear()
 
 
-def run(env, code=RUN):
-    command = [sys.executable, "-c", code]
-    # not from here, where Python would find the package itself before the copy
-    return subprocess.run(command, env=env, cwd=env["PYTHONPATH"], capture_output=True, text=True, check=True)
-
-
-def gamma_and_hits(env):
-    gamma, hits = run(env).stdout.split()
-    return float(gamma), int(hits)
-
-
-def test_a_second_process_takes_the_kernel_from_the_cache_until_a_formula_changes(copied):
-    root, env = copied
-    gamma, hits = gamma_and_hits(env)
-    assert hits == 0
-    assert gamma_and_hits(env) == (gamma, 1)
-    # step_numbers lies in another file than the formula it calls
-    valve = root / "fastcoil" / "physics" / "valve.py"
-    text = valve.read_text()
-    assert text.count("return log_m_max -") == 1
-    valve.write_text(text.replace("return log_m_max -", f"return {math.log(2.0)!r} + log_m_max -"))
-    assert gamma_and_hits(env) == (pytest.approx(2.0 * gamma, rel=1e-14), 0)
-    valve.write_text(text)
-    assert gamma_and_hits(env) == (gamma, 1)
-    assert len(list((root / "cache" / "fastcoil" / "kernels").iterdir())) == 2
-
-
-def test_a_damaged_cache_is_compiled_again(copied):
-    _, env = copied
-    # a module that is loaded again reads the cache as a new process does, without its seconds of imports
-    code = (
-        RUN
-        + """
-import importlib, os, sys
-from pathlib import Path
-import fastcoil.engine.step_numbers as module
-for suffix in ("nbi", "nbc"):
-    for kept in (0, 10, 2000):
-        files = [p for p in Path(os.environ["XDG_CACHE_HOME"]).rglob(f"*.{suffix}") if "step_numbers" in p.name]
-        for path in files:
-            os.truncate(path, min(kept, path.stat().st_size - 1))
-        for _ in range(2):
-            module = importlib.reload(module)
-            gamma, _ = module.worst_numbers(matrix, np.array([1.0]), 0.0)
-            print(len(files) > 0, float(gamma[0]), sum(module.step_numbers.stats.cache_hits.values()))
-"""
-    )
-    first, *others = run(env, code).stdout.splitlines()
-    gamma, hits = first.split()
-    assert hits == "0"
-    assert others == [f"True {gamma} 0", f"True {gamma} 1"] * 6
-
-
-def test_a_cache_that_cannot_be_written_is_a_warning_and_no_more(copied):
-    root, env = copied
-    (root / "file").touch()
-    found = run(env | {"XDG_CACHE_HOME": str(root / "file")})
-    gamma, hits = found.stdout.split()
-    assert (float(gamma) > 0.0, hits) == (True, "0")
-    assert "cannot be written" in found.stderr
-    assert found.stderr.count("Warning") == 1
-
-
-def test_the_users_own_numba_cache_keeps_its_place(copied):
-    root, env = copied
-    own = root / "own"
-    code = RUN + "from numba.core import config; print(config.CACHE_DIR)"
-    found = run(env | {"NUMBA_CACHE_DIR": str(own)}, code)
-    assert found.stdout.splitlines()[-1] == str(own)
-    assert not own.exists()
-    assert list((root / "cache" / "fastcoil" / "kernels").rglob("*.nbc"))
+def hashes():
+    """The hash of the model and the fingerprint, computed again."""
+    for function in (jit.model_sha256, jit.fingerprint):
+        function.cache_clear()
+    return jit.model_sha256(), jit.fingerprint()
 
 
 @pytest.mark.parametrize(
@@ -117,39 +36,21 @@ def test_the_users_own_numba_cache_keeps_its_place(copied):
         ("control/pi.py", True),
         ("engine/rows.py", True),
         ("numerics/noise.py", True),
+        ("numerics/jit.py", True),
         ("parameter_table.py", True),
+        # decides whether a kernel is compiled, not to what
+        ("numerics/kernel_cache.py", False),
         ("simulation/simulate.py", False),
         ("plots/study.py", False),
     ],
 )
-def test_fingerprint_follows_what_kernels_are_made_of(copied, monkeypatch, part, belongs):
-    root, _ = copied
-    monkeypatch.setattr(jit, "__file__", str(root / "fastcoil" / "numerics" / "jit.py"))
-
-    def fingerprint():
-        for function in (jit.model_sha256, jit.fingerprint):
-            function.cache_clear()
-        return jit.fingerprint()
-
-    try:
-        before = fingerprint()
-        assert (root / "fastcoil" / part).exists()
-        with (root / "fastcoil" / part).open("a") as file:
-            file.write("\n# changed\n")
-        assert (fingerprint() != before) == belongs
-        monkeypatch.setenv("NUMBA_OPT", "1")
-        assert fingerprint() != before
-    finally:
-        jit.model_sha256.cache_clear()
-        jit.fingerprint.cache_clear()
-
-
-def test_pruning_keeps_the_current_folder_and_the_latest_ones(tmp_path):
-    now = time.time()
-    for age in range(7):
-        folder = tmp_path / f"fingerprint{age}"
-        folder.mkdir()
-        (folder / "kernel.nbc").touch()
-        os.utime(folder, (now - age, now - age))
-    jit._prune(tmp_path / "fingerprint6")
-    assert {folder.name for folder in tmp_path.iterdir()} == {f"fingerprint{age}" for age in (0, 1, 2, 3, 6)}
+def test_the_hashes_follow_what_kernels_are_made_of(copied, monkeypatch, part, belongs):
+    model, fingerprint = hashes()
+    assert (copied / part).exists()
+    with (copied / part).open("a") as file:
+        file.write("\n# changed\n")
+    changed = hashes()
+    assert (changed[0] != model, changed[1] != fingerprint) == (belongs, belongs)
+    monkeypatch.setenv("NUMBA_OPT", "1")
+    assert hashes()[0] == changed[0]
+    assert hashes()[1] not in (fingerprint, changed[1])

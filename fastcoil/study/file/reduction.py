@@ -1,110 +1,38 @@
 """``[run] reduce``: a user's own function that reduces the traces of each scenario to a few numbers.
 
-Its source is read as text, so that it can be sent to other processes and hashed with the study.
+Here its source is found and read as text, so that it can be sent to other processes and hashed with the study.  Nothing
+of it is run, nor of a package that it lies in: a study may be a stranger's.
 """
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import importlib.util
 import sys
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
-from types import ModuleType
-from typing import Any
-
-import numpy as np
-import xarray as xr
 
 from fastcoil.errors import InputError
 from fastcoil.files import read_bytes
-from fastcoil.outputs import METRICS, TRACES
-from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
 
-SCENARIO = "scenario"
-"""The dimension along which the function gets the traces of a shard."""
-_TAKEN = {*PARAMETERS, *METRICS, *TRACES, "status", SCENARIO}
-_TAKEN_NAMES = _TAKEN | set(RESERVED_DIMS)
-_TAKEN_DIMS = _TAKEN | {"day", "replicate", "sample"}
 _LARGEST = 2**24
 """Bytes of source."""
-_FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
 
 
 @dataclass(frozen=True)
 class Reduction:
-    """A function of the user: ``name`` is ``module:function``, ``source`` the text of the module."""
+    """A function of the user: ``name`` is ``module:function``, ``source`` the text of the module, ``path`` its file."""
 
     name: str
     source: str = field(repr=False)
+    path: Path = field(compare=False)
 
     @property
     def sha256(self) -> str:
         """Hash of the name and the text."""
         return hashlib.sha256(f"{self.name}\0{self.source}".encode()).hexdigest()
-
-    def function(self) -> Callable[[xr.Dataset], Any]:
-        """The function itself, from a module of its own that is run once in each process.
-
-        Raises
-        ------
-        InputError
-            If the source does not run, or holds no such function.
-        """
-        return _load_function(self.name, self.source)
-
-    def apply(self, traces: xr.Dataset) -> xr.Dataset:
-        """Reduce the traces of some scenarios.
-
-        Parameters
-        ----------
-        traces
-            Traces over (scenario, [volume,] elapsed_time), the swept parameters as coordinates along ``scenario``.
-            The function gets them read-only.
-
-        Returns
-        -------
-        xarray.Dataset
-            What the function returns: numbers over (scenario, …), with the labels of the further dimensions and
-            those attributes that are text or numbers.
-
-        Raises
-        ------
-        InputError
-            If the function raises, if it does not return such a Dataset, or if its answer for the last scenario
-            depends on the others.
-        """
-        traces = _protect(traces)
-        reduced = self._run(traces)
-        alone = self._run(traces.isel({SCENARIO: slice(-1, None)}))
-        among = reduced.isel({SCENARIO: slice(-1, None)})
-        one, other = among.variables, alone.variables
-        differing = [str(n) for n in {**one, **other} if n not in one or n not in other or not _same(one[n], other[n])]
-        if differing:
-            raise InputError(
-                f"reduce = {self.name!r} gives another {' and '.join(differing)} for a scenario alone than among "
-                "others: treat each scenario by itself, to the last bit"
-            )
-        return reduced
-
-    def _run(self, traces: xr.Dataset) -> xr.Dataset:
-        function = self.function()
-        try:
-            found = function(traces.copy())
-        except (Exception, SystemExit) as error:
-            raise InputError(f"reduce = {self.name!r} raised {_describe(error)}") from error
-        problems = _problems(found, traces)
-        if problems:
-            raise InputError([f"reduce = {self.name!r} returned {problem}" for problem in problems])
-        further = [d for d in found.dims if d != SCENARIO]
-        labels = {d: found.coords[d].variable for d in further if d in found.coords}
-        variables = {n: v.transpose(SCENARIO, ...).variable for n, v in found.data_vars.items()}
-        reduced = xr.Dataset(variables, coords=labels)
-        for variable in reduced.variables.values():
-            variable.attrs = {k: v for k, v in variable.attrs.items() if type(v) in (str, int, float)}
-        return reduced
 
 
 def find_reduction(text: str, folder: Path) -> Reduction:
@@ -113,7 +41,7 @@ def find_reduction(text: str, folder: Path) -> Reduction:
     Raises
     ------
     InputError
-        If there is no such module or function, or the source does not run.
+        If there is no such module, or it cannot be read.
     """
     module, _, function = text.partition(":")
     parts = module.split(".")
@@ -123,103 +51,34 @@ def find_reduction(text: str, folder: Path) -> Reduction:
         )
     path = folder.joinpath(*parts).with_suffix(".py")
     if not path.is_file():
-        path = _find_importable(text, module, path)
+        path = _find_importable(text, parts, path)
     try:
         source = importlib.util.decode_source(read_bytes(path, _LARGEST))  # in the encoding that it declares
-    except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(f"reduce = {text!r}: {path} cannot be read: {_describe(error)}") from None
-    reduction = Reduction(text, source)
-    reduction.function()
-    return reduction
+        source.encode()
+    except (OSError, SyntaxError, ValueError, LookupError) as error:
+        raise InputError(f"reduce = {text!r}: {path} cannot be read: {type(error).__name__}: {error}") from None
+    return Reduction(text, source, path)
 
 
-def _find_importable(text: str, module: str, tried: Path) -> Path:
+def _find_importable(text: str, parts: Sequence[str], tried: Path) -> Path:
     """Source file of a module that can be imported."""
-    try:
-        spec = importlib.util.find_spec(module)
-    except (ImportError, ValueError):  # no such package; a module that was not imported, such as __main__
-        spec = None
+    spec = _find_spec(parts)
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         found = "no module" if spec is None else "no module written in Python"
         raise InputError(
-            f"reduce = {text!r}: there is no {tried}, and {found} {module} can be imported: put {tried.name} next to "
-            "the study file, or install the module"
+            f"reduce = {text!r}: there is no {tried}, and {found} {'.'.join(parts)} can be imported: put {tried.name} "
+            "next to the study file, or install the module"
         )
     return Path(spec.origin)
 
 
-@functools.cache
-def _load_function(name: str, source: str) -> Callable[[xr.Dataset], Any]:
-    wanted = name.partition(":")[2]
-    module = ModuleType(f"reduction_{hashlib.sha256(source.encode()).hexdigest()}")
-    # decorators such as dataclass look here for the module of their class
-    sys.modules[module.__name__] = module
-    try:
-        exec(compile(source, f"<{name}>", "exec", dont_inherit=True), module.__dict__)
-    except (Exception, SystemExit) as error:
-        raise InputError(f"reduce = {name!r}: its module does not run: {_describe(error)}") from error
-    function: Callable[[xr.Dataset], Any] | None = getattr(module, wanted, None)
-    if not callable(function):
-        raise InputError(f"reduce = {name!r}: its module has no function {wanted}")
-    return function
-
-
-def _problems(found: object, traces: xr.Dataset) -> list[str]:
-    """What is wrong with the answer of a function, a sentence each."""
-    if not isinstance(found, xr.Dataset):
-        return [f"a {type(found).__name__}: return an xarray.Dataset"]
-    if not found.data_vars:
-        return ["an empty Dataset: return at least one variable"]
-    problems = []
-    # labels of the scenarios come with the traces, so that these names are taken too
-    labels = set(traces.coords) - {"elapsed_time", "volume"}
-    for name, variable in found.data_vars.items():
-        if not isinstance(name, str) or not name.isidentifier():
-            problems.append(f"a variable {name!r}: name it with letters, digits and _")
-        elif name in _TAKEN_NAMES | labels:
-            problems.append(f"a variable {name}: the name is taken, choose another")
-        if SCENARIO not in variable.dims:
-            problems.append(f"{name} without the dim {SCENARIO!r}: give one value, or more, for each scenario")
-        elif variable.sizes[SCENARIO] != traces.sizes[SCENARIO]:
-            problems.append(
-                f"{name} for {variable.sizes[SCENARIO]} of {traces.sizes[SCENARIO]} scenarios: keep every one of them"
-            )
-        if variable.dtype.kind not in "biu" and variable.dtype not in _FLOATS:
-            problems.append(
-                f"{name} of type {variable.dtype}: return numbers (float64, float32 or integers) or booleans"
-            )
-    for dim in found.dims:
-        if dim != SCENARIO and dim in _TAKEN_DIMS | labels:
-            problems.append(f"a dim {dim}: the name is taken, choose another")
-        elif not isinstance(dim, str) or not dim.isidentifier():
-            problems.append(f"a dim {dim!r}: name it with letters, digits and _")
-        elif dim in found.coords and not _storable(found.coords[dim].values):
-            problems.append(f"labels of {dim} that are neither numbers nor words: give it others, or drop them")
-    return problems
-
-
-def _storable(labels: np.ndarray) -> bool:
-    return labels.dtype.kind in "iufU" or all(isinstance(label, str) for label in labels.tolist())
-
-
-def _protect(traces: xr.Dataset) -> xr.Dataset:
-    """The same values, read-only: a function that changed them would change the input of the next call."""
-    protected = traces.copy()
-    for name, variable in protected.variables.items():
-        if name not in protected.indexes:
-            values = variable.values.view()
-            values.flags.writeable = False
-            variable.data = values
-    return protected
-
-
-def _same(one: xr.Variable, other: xr.Variable) -> bool:
-    if one.dims != other.dims or one.dtype != other.dtype or one.shape != other.shape:
-        return False
-    return np.array_equal(one.values, other.values, equal_nan=one.dtype.kind == "f")
-
-
-def _describe(error: BaseException) -> str:
-    """An exception in one line: type and text."""
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+def _find_spec(parts: Sequence[str]) -> ModuleSpec | None:
+    """Where a module would be imported from; ``importlib.util.find_spec`` imports the packages that it lies in."""
+    top, *rest = parts
+    specs = (finder.find_spec(top, None) for finder in sys.meta_path)
+    spec = next((s for s in specs if s is not None), None)
+    for part in rest:
+        if spec is None or spec.submodule_search_locations is None:
+            return None
+        spec = PathFinder.find_spec(part, list(spec.submodule_search_locations))
+    return spec

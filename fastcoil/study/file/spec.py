@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -68,7 +68,9 @@ class Study:
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
-def read_study(path: Path, folder: Path | None = None) -> Study:
+def read_study(
+    path: Path, folder: Path | None = None, *, prepare_reduction: Callable[[Reduction], object] | None = None
+) -> Study:
     """Read and validate a study file.
 
     Parameters
@@ -78,6 +80,9 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
     folder
         Where relative paths in ``[boundary]`` and ``include`` and the module of ``[run] reduce`` start from; the
         file's folder by default.
+    prepare_reduction
+        Called with the reduction, if there is one, so that its mistakes are reported with the others.  By default
+        nothing: reading a study runs no code that comes with it.
 
     Raises
     ------
@@ -107,6 +112,8 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
     if file.run.reduce is not None:
         with collecting(problems, "[run] "):
             reduction = find_reduction(file.run.reduce, folder)
+            if prepare_reduction is not None:
+                prepare_reduction(reduction)
         if not file.run.traces:
             problems.append(
                 f"[run] reduce = {file.run.reduce!r} without traces: list the traces it needs, such as "

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import asyncio
 import concurrent.futures as cf
 import contextlib
-import logging
-import threading
 import uuid
-import warnings
-from collections.abc import Callable
+import weakref
+from collections.abc import Collection, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from fastcoil.errors import FastcoilError, InputError
 from fastcoil.numerics.jit import model_sha256
+from fastcoil.study.workers.dask_connection import connect, start_local_cluster, within
 from fastcoil.study.workers.worker import Job, forget, identity, leave_interrupts, receive, run_received
 
-_WAIT_FOR_SCHEDULER, _WAIT_FOR_WORKERS = 10.0, 60.0
+_WAIT_FOR_WORKERS, _WAIT_FOR_ANSWER, _WAIT_FOR_END = 60.0, 5.0, 30.0
 """Seconds."""
 
 
@@ -39,6 +38,7 @@ class Dask:
         self.deaths: tuple[type[BaseException], ...] = (distributed.KilledWorker, cf.CancelledError, MemoryError)
         self._job = job._replace(key=f"{job.key}-{uuid.uuid4().hex}")  # two runs of a study may share a cluster
         self._scheduler, self._n_asked = scheduler, n_workers
+        self.shared = scheduler is not None
         self._cluster: Any = None
         self._client: Any = None
         self._start()
@@ -46,21 +46,23 @@ class Dask:
     def _start(self) -> None:
         try:
             if self._scheduler is None:
-                self._cluster = _start_local_cluster(self._n_asked)
-            self._client = _connect(self._cluster or self._scheduler)
+                self._cluster = start_local_cluster(self._n_asked)
+            self._client = connect(self._cluster or self._scheduler)
             self._equip_workers()
         except BaseException:
             self.close()
             raise
         self.n_workers = sum(self._client.nthreads().values())
+        self.has_workers = True
         self._executor = self._client.get_executor(pure=False)
+        self._keys: weakref.WeakKeyDictionary[cf.Future[Any], str] = weakref.WeakKeyDictionary()
 
     def _equip_workers(self) -> None:
         plugin = _make_plugin(self._job, ours=self._cluster is not None)
         try:
             self._client.wait_for_workers(1 if self._scheduler else self._n_asked, timeout=_WAIT_FOR_WORKERS)
-            self._identity = _within(_WAIT_FOR_WORKERS, self._check_identity)
-            _within(_WAIT_FOR_WORKERS, lambda: self._client.register_plugin(plugin))
+            self._identity = within(_WAIT_FOR_WORKERS, self._check_identity)
+            within(_WAIT_FOR_WORKERS, lambda: self._client.register_plugin(plugin))
         except TimeoutError:
             at = f" at {self._scheduler}" if self._scheduler else ""
             raise InputError(
@@ -85,7 +87,38 @@ class Dask:
     def submit(self, index: np.ndarray) -> cf.Future[Any]:
         if self._client.status != "running":
             raise FastcoilError("the dask scheduler is gone: start one and run the same command again to resume")
-        return self._executor.submit(run_received, self._job.key, index, self._identity)  # type: ignore[no-any-return]
+        key = f"fastcoil-{uuid.uuid4().hex}"
+        future: cf.Future[Any] = self._executor.submit(run_received, self._job.key, index, self._identity, key=key)
+        self._keys[future] = key
+        return future
+
+    def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
+        keys = {future: self._keys[future] for future in futures}
+        try:
+            running = within(_WAIT_FOR_ANSWER, lambda: self._find_running(set(keys.values())))
+        except Exception:  # whatever a cluster that breaks down raises: time goes on
+            return ()
+        return [future for future, key in keys.items() if key not in running]
+
+    def _find_running(self, keys: set[str]) -> set[str]:
+        """Those shards that a worker runs, or would run if it were alive."""
+        threads = self._client.nthreads()
+        self.has_workers = bool(threads)
+        running = set()
+        for worker, held in self._client.processing().items():
+            ours = keys.intersection(held)
+            if ours and len(held) > threads.get(worker, 1):  # some of them wait: the worker knows which
+                with contextlib.suppress(TimeoutError):
+                    ours &= set(within(_WAIT_FOR_ANSWER / 2, partial(self._ask, ours)))
+            running |= ours
+        # what is finished may still be on its way here
+        finished = self._client.sync(self._client.scheduler.who_has, keys=list(keys - running))
+        return running | {key for key, workers in finished.items() if workers}
+
+    def _ask(self, keys: Collection[str]) -> list[str]:
+        """Those shards that workers run, by what they say themselves."""
+        stacks = self._client.call_stack(keys=list(keys))
+        return [key for found in stacks.values() for key in found]
 
     def restart(self) -> None:
         if self._scheduler is not None:  # others use it too, and it replaces its workers itself if it can
@@ -97,73 +130,16 @@ class Dask:
         self._start()
 
     def close(self) -> None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            if self._client is not None:
-                if self._cluster is None and self._client.status == "running":
-                    with contextlib.suppress(Exception):  # only memory is left there
-                        _within(5.0, lambda: self._client.unregister_worker_plugin(_plugin_name(self._job)))
-                self._client.close(timeout=5)
-            if self._cluster is not None:
-                self._cluster.close(timeout=5)
-
-
-def _start_local_cluster(n_workers: int) -> Any:
-    import distributed
-
-    # the dispatcher retries shards that kill, for it can halve them; no port that another cluster may have
-    quiet = {"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"}
-    try:
-        return distributed.LocalCluster(
-            n_workers=n_workers,
-            threads_per_worker=1,
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-            scheduler_kwargs=quiet,
-        )
-    except RuntimeError as error:
-        raise InputError(
-            f"the workers of a dask cluster on this machine do not start ({error}): call it in a script only under "
-            "if __name__ == '__main__', or use the backend loky, which needs no such line"
-        ) from None
-
-
-def _connect(address: Any) -> Any:
-    import distributed
-
-    try:
-        if isinstance(address, str):
-            with cf.ThreadPoolExecutor(1) as thread:  # in a notebook this thread has an event loop of its own
-                thread.submit(lambda: asyncio.run(_check_answers(address))).result()
-        return distributed.Client(address, timeout=_WAIT_FOR_SCHEDULER, set_as_default=False)
-    except Exception as error:  # the library may raise anything at a stranger's answer
-        reason = str(error) or type(error).__name__
-        raise InputError(
-            f"no dask scheduler answers at {address!r} ({reason}): give the address it printed when it started, "
-            "such as tcp://host:8786"
-        ) from None
-
-
-def _within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Make a call, or raise TimeoutError if it takes longer, as one to a stopped worker does."""
-    found: cf.Future[Any] = cf.Future()
-
-    def run() -> None:
-        try:
-            found.set_result(call())
-        except BaseException as error:
-            found.set_exception(error)
-
-    threading.Thread(target=run, daemon=True).start()
-    return found.result(seconds)
-
-
-async def _check_answers(address: str) -> None:
-    """Raise an exception if nobody speaks dask there; the client would wait forever for a silent partner."""
-    from distributed.comm import connect
-
-    comm = await asyncio.wait_for(connect(address, timeout=_WAIT_FOR_SCHEDULER), _WAIT_FOR_SCHEDULER)
-    comm.abort()
+        # whatever is slow to end, or broken, ends with this process; what was computed must not be lost for it
+        if self._client is not None:
+            if self._cluster is None and self._client.status == "running":
+                with contextlib.suppress(Exception):  # only memory is left there
+                    within(_WAIT_FOR_ANSWER, lambda: self._client.unregister_worker_plugin(_plugin_name(self._job)))
+            with contextlib.suppress(Exception):
+                self._client.close(timeout=_WAIT_FOR_ANSWER)
+        if self._cluster is not None:
+            with contextlib.suppress(Exception):
+                self._cluster.close(timeout=_WAIT_FOR_END)
 
 
 def _plugin_name(job: Job) -> str:

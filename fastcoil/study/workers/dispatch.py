@@ -4,19 +4,34 @@ from __future__ import annotations
 
 import concurrent.futures as cf
 import time
+import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.errors import FastcoilError
 from fastcoil.study.workers.pools import Pool
-from fastcoil.study.workers.worker import Job, crashed_part
+from fastcoil.study.workers.worker import Interrupt, Job, crashed_part
 
 _MOST_DEATHS = 40
 """Without a result in between: one bad scenario in a shard of a million takes 20."""
 _FIRST_LIMIT, _LEAST_LIMIT, _LIMIT_FACTOR = 600.0, 60.0, 20.0
+_LOOK_EVERY = 2.0
+"""Seconds between two looks at which shards wait for a worker."""
+_PATIENCE, _LONGEST_SILENCE = 10.0, 600.0
+"""Seconds until a run that only waits says so, and between two such sentences at most."""
+
+
+@dataclass
+class _Flight:
+    """A shard in flight.  since: when it was last known not to run yet.  waits: whether no worker ran it then."""
+
+    index: np.ndarray
+    since: float
+    waits: bool = False
 
 
 class Dispatcher:
@@ -26,13 +41,16 @@ class Dispatcher:
     worker down once more is halved, until single scenarios are found guilty.  These get the status ``crashed``, but
     not before another result has shown that the workers are not to blame.
 
-    time_limit: seconds after which a shard counts as hanging; by default 20 times the longest so far, at least 60 s.
+    time_limit: seconds that a shard may run before it counts as hanging; by default 20 times the longest so far, at
+    least 60 s.  The time in which it waits for a worker that is busy does not count.
     """
 
     def __init__(self, pool: Pool, job: Job, time_limit: float | None = None) -> None:
         self._pool, self._job = pool, job
         self._given_limit, self._longest = time_limit, 0.0
         self._deaths = 0
+        self._looked = self._last_run = time.monotonic()
+        self._said = 0.0
         self._guilty: list[np.ndarray] = []
 
     def run(self, shards: Sequence[np.ndarray]) -> Iterator[xr.Dataset]:
@@ -74,36 +92,67 @@ class Dispatcher:
     def _run_all(self, shards: Sequence[np.ndarray], suspects: list[np.ndarray]) -> Iterator[xr.Dataset]:
         """Yield the results of the shards that survive; add the others to ``suspects``."""
         waiting, pool = deque(shards), self._pool
-        in_flight: dict[cf.Future[xr.Dataset], tuple[np.ndarray, float]] = {}
+        in_flight: dict[cf.Future[xr.Dataset], _Flight] = {}
+        self._last_run = time.monotonic()
         while waiting or in_flight:
             died = False
             # one more than there are workers, so that none waits for this thread to write
             while waiting and len(in_flight) <= pool.n_workers and not died:
                 try:
-                    in_flight[pool.submit(waiting[0])] = waiting[0], time.monotonic()
+                    in_flight[pool.submit(waiting[0])] = _Flight(waiting[0], time.monotonic())
                     waiting.popleft()
                 except pool.deaths:  # since this thread last looked
                     died = True
             done, _ = cf.wait(in_flight, timeout=1.0, return_when=cf.FIRST_COMPLETED)
             for future in done:
-                index, start = in_flight.pop(future)
+                flight = in_flight.pop(future)
                 try:
                     part = future.result()
                 except pool.deaths:
-                    suspects.append(index)
+                    suspects.append(flight.index)
                     died = True
+                except Interrupt:
+                    raise KeyboardInterrupt from None
                 else:
                     self._deaths = 0
-                    self._longest = max(self._longest, time.monotonic() - start)
+                    self._longest = max(self._longest, time.monotonic() - flight.since)
                     yield part
-            now = time.monotonic()
-            overdue = pool.can_kill and any(not f.done() and now - s > self._limit for f, (_, s) in in_flight.items())
+            overdue = self._look(in_flight)
             if died or overdue:
                 self._count_death()
                 if pool.falls_together or overdue:
-                    suspects += [index for index, _ in in_flight.values()]
+                    # a shard that never ran is not to blame
+                    waiting.extendleft(f.index for f in in_flight.values() if overdue and f.waits)
+                    suspects += [f.index for f in in_flight.values() if not (overdue and f.waits)]
                     in_flight.clear()
                     pool.restart()
+
+    def _look(self, in_flight: dict[cf.Future[xr.Dataset], _Flight]) -> bool:
+        """See which shards wait for a worker.  Returns whether one has taken too long."""
+        now = time.monotonic()
+        if now - self._looked >= _LOOK_EVERY:
+            waiting = self._pool.waiting([future for future in in_flight if not future.done()])
+            now = self._looked = time.monotonic()
+            for future, flight in in_flight.items():
+                flight.waits = future in waiting
+                if flight.waits and self._pool.has_workers:
+                    flight.since = now
+            self._report_waiting(list(in_flight.values()), now)
+        return self._pool.can_kill and any(not f.done() and now - s.since > self._limit for f, s in in_flight.items())
+
+    def _report_waiting(self, in_flight: Sequence[_Flight], now: float) -> None:
+        """Say so if others keep all workers busy, and repeat it less and less often."""
+        if not (self._pool.shared and in_flight and all(flight.waits for flight in in_flight)):
+            self._last_run, self._said = now, 0.0
+            return
+        silence = now - self._last_run
+        if silence >= max(_PATIENCE, min(3.0 * self._said, self._said + _LONGEST_SILENCE)):
+            self._said = silence
+            why = "they are busy with other work" if self._pool.has_workers else "there are none"
+            warnings.warn(
+                f"the study has waited {silence:.0f} s for workers, with {len(in_flight)} shards in flight: {why}",
+                stacklevel=2,
+            )
 
     @property
     def _limit(self) -> float:

@@ -9,6 +9,7 @@ import concurrent.futures as cf
 import contextlib
 import os
 import queue
+from collections.abc import Collection, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,16 +25,22 @@ class Pool(Protocol):
     """Workers that run shards of one job.
 
     deaths: exceptions that say that the worker of a shard is gone.  falls_together: whether the shards in flight
-    are lost with it.  can_kill: whether a shard that hangs can be stopped.
+    are lost with it.  can_kill: whether a shard that hangs can be stopped.  shared: whether others may keep the workers
+    busy.  has_workers: whether there were any when it was last asked what waits.
     """
 
     n_workers: int
+    has_workers: bool
     deaths: tuple[type[BaseException], ...]
     falls_together: bool
     can_kill: bool
+    shared: bool
 
     def submit(self, index: np.ndarray) -> cf.Future[Any]:
         """Start the scenarios ``index``; the future gives their flat Dataset."""
+
+    def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
+        """Of unfinished shards, in the order in which they were submitted, those that no worker runs yet."""
 
     def restart(self) -> None:
         """Replace workers that died or hang."""
@@ -48,6 +55,8 @@ class Threads:
     deaths: tuple[type[BaseException], ...] = (MemoryError,)
     falls_together = False
     can_kill = False
+    shared = False
+    has_workers = True
 
     def __init__(self, job: Job, n_workers: int) -> None:
         self.n_workers = n_workers
@@ -56,6 +65,9 @@ class Threads:
 
     def submit(self, index: np.ndarray) -> cf.Future[Any]:
         return self._executor.submit(run_scenarios, self._job, index)
+
+    def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
+        return futures[self.n_workers :]
 
     def restart(self) -> None:
         pass
@@ -70,6 +82,8 @@ class Loky:
     deaths: tuple[type[BaseException], ...] = (cf.BrokenExecutor, MemoryError)
     falls_together = True
     can_kill = True
+    shared = False
+    has_workers = True
 
     def __init__(self, job: Job, n_workers: int) -> None:
         self.n_workers = n_workers
@@ -83,6 +97,9 @@ class Loky:
 
     def submit(self, index: np.ndarray) -> cf.Future[Any]:
         return self._executor.submit(run_received, self._job.key, index)  # type: ignore[no-any-return]
+
+    def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
+        return futures[self.n_workers :]  # first come, first served
 
     def restart(self) -> None:
         self.close()

@@ -18,8 +18,13 @@ from fastcoil.simulation.dataset import flat_dataset
 from fastcoil.simulation.plan import Plan
 from fastcoil.simulation.simulate import run_shard
 from fastcoil.study.file.reduction import Reduction
+from fastcoil.study.workers.reduce import reduce
 
 _jobs: dict[str, Job] = {}
+
+
+class Interrupt(Exception):
+    """The user's code raised ``KeyboardInterrupt``: it would end the worker alone, and is to end the run."""
 
 
 class Job(NamedTuple):
@@ -74,7 +79,14 @@ def run_received(key: str, index: np.ndarray, expected: tuple[str, str] | None =
             "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
             "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume"
         )
-    return run_scenarios(_jobs[key], index)
+    try:
+        return run_scenarios(_jobs[key], index)
+    except KeyboardInterrupt:
+        raise Interrupt from None
+    except InputError as error:
+        problems = error.problems
+    # without the exception of the user's code behind it, which the other process may be unable to read
+    raise InputError(problems)
 
 
 def run_scenarios(job: Job, index: np.ndarray) -> xr.Dataset:
@@ -88,7 +100,7 @@ def run_scenarios(job: Job, index: np.ndarray) -> xr.Dataset:
     return (
         part[[*METRICS, "status"]]
         .drop_vars(["elapsed_time", "volume"], errors="ignore")
-        .merge(job.reduction.apply(traces))
+        .merge(reduce(job.reduction, traces))
     )
 
 

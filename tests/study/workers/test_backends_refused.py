@@ -15,7 +15,7 @@ from helpers.processes import STUDY, cluster, wait_for
 from fastcoil.cli.main import main
 from fastcoil.errors import InputError
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers import dask_cluster
+from fastcoil.study.workers import dask_cluster, dask_connection
 from fastcoil.study.workers.worker import Job, forget, identity, receive, run_received
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
@@ -65,14 +65,14 @@ def test_a_backend_that_does_not_exist_is_refused(here, words, sentence):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "nonsense://127.0.0.1:1", "tcp://127.0.0.1"])
 def test_an_address_without_a_scheduler_is_refused(here, monkeypatch, address):
-    monkeypatch.setattr(dask_cluster, "_WAIT_FOR_SCHEDULER", 0.5)
+    monkeypatch.setattr(dask_connection, "_WAIT_FOR_SCHEDULER", 0.5)
     said = refused(here, "small.toml", "--backend", "dask", "--scheduler", address)
     assert f"no dask scheduler answers at '{address}'" in said
 
 
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 200 OK\r\n\r\nhello"])
 def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
-    monkeypatch.setattr(dask_cluster, "_WAIT_FOR_SCHEDULER", 1.0)
+    monkeypatch.setattr(dask_connection, "_WAIT_FOR_SCHEDULER", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as server:
         talking = []
 

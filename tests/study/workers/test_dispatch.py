@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import concurrent.futures as cf
 import random
+import re
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +19,7 @@ from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.workers import dispatch
 from fastcoil.study.workers.dispatch import Dispatcher
-from fastcoil.study.workers.worker import Job
+from fastcoil.study.workers.worker import Interrupt, Job
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -44,6 +46,7 @@ class Pool:
         self.dice = random.Random(seed)
         self.flying, self.broken, self.now = {}, False, 0.0
         self.runs, self.most_flying, self.n_restarts = [], 0, 0
+        self.shared, self.has_workers, self.waits = False, True, lambda future: False
 
     def submit(self, index):
         if self.broken:
@@ -55,6 +58,9 @@ class Pool:
         if self.dice.random() < self.clumsy:
             self._let_die(future)
         return future
+
+    def waiting(self, futures):
+        return [future for future in futures if self.waits(future)]
 
     def restart(self):
         self.broken = False
@@ -117,11 +123,14 @@ def in_shards(size, n=N):
     hangs=st.sets(st.integers(0, N - 1), max_size=2),
     size=st.integers(1, N),
     seed=st.integers(0, 99),
+    in_order=st.booleans(),
 )
 def test_exactly_the_scenarios_that_kill_or_hang_are_crashed(
-    job, n_workers, falls_together, culprits, hangs, size, seed
+    job, n_workers, falls_together, culprits, hangs, size, seed, in_order
 ):
     pool = Pool(n_workers, falls_together=falls_together, culprits=culprits, hangs=hangs, seed=seed)
+    if in_order:
+        pool.waiting = lambda futures: futures[n_workers:]
     status = found(pool, job, in_shards(size), time_limit=5.0)
     assert sorted(status) == list(range(N))
     assert {k for k, flag in status.items() if flag != STATUS_OK} == culprits | hangs
@@ -227,6 +236,86 @@ def test_without_the_means_to_kill_nothing_is_overdue(job):
 
     pool.wait = slowly
     assert len(found(pool, job, in_shards(16), time_limit=5.0)) == N
+
+
+def kept_busy(pool, until):
+    """Have others keep the workers of a pool busy for some seconds."""
+    wait = pool.wait
+    pool.shared, pool.waits = True, lambda future: pool.now < until
+
+    def idly(futures, timeout, return_when):
+        if pool.waits(None):
+            pool.now += timeout
+            return set(), set(futures)
+        return wait(futures, timeout, return_when)
+
+    pool.wait = idly
+
+
+def test_a_shard_that_has_not_started_is_not_overdue_and_the_wait_is_reported_now_and_then(job):
+    pool = Pool(2, falls_together=False, seed=1)
+    kept_busy(pool, until=3000.0)
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        assert set(found(pool, job, in_shards(16), time_limit=5.0).values()) == {STATUS_OK}
+    assert pool.n_restarts == 0
+    said = [str(w.message) for w in warned]
+    assert all(s.endswith("for workers, with 3 shards in flight: they are busy with other work") for s in said)
+    assert [int(re.search(r"(\d+) s", s)[1]) for s in said] == pytest.approx(
+        [10, 30, 90, 270, 810, 1410, 2010, 2610], abs=12
+    )
+
+
+def test_a_wait_for_workers_that_nobody_else_uses_is_not_reported(job):
+    pool = Pool(2, falls_together=False)
+    kept_busy(pool, until=100.0)
+    pool.shared = False
+    assert len(found(pool, job, in_shards(16), time_limit=5.0)) == N  # a warning would be an error
+
+
+def test_shards_are_not_blamed_for_workers_that_never_come(job):
+    pool = Pool(2, falls_together=False)
+    kept_busy(pool, until=np.inf)
+    restart = pool.restart
+
+    def start_at_last():
+        restart()
+        if pool.n_restarts == 3:
+            pool.has_workers, pool.waits = True, lambda future: False
+
+    pool.shared, pool.has_workers, pool.restart = False, False, start_at_last
+    assert set(found(pool, job, [np.array([k]) for k in range(4)], time_limit=5.0).values()) == {STATUS_OK}
+    assert sorted(pool.runs) == [0, 1, 2, 3]
+    assert pool.n_restarts == 3
+
+
+def test_the_neighbour_of_a_shard_that_hangs_is_not_suspected_before_it_ran(job):
+    pool = Pool(1, falls_together=True, hangs=[0])
+    pool.waiting = lambda futures: futures[1:]
+    wait, submitted = pool.wait, []
+
+    def in_order(futures, timeout, return_when):
+        done, _ = wait(list(futures)[:1], timeout, return_when)
+        return done, set(futures) - done
+
+    pool.wait = in_order
+    submit = pool.submit
+    pool.submit = lambda index: submitted.append(index.tolist()) or submit(index)
+    assert found(pool, job, [np.array([0]), np.array([1])], time_limit=5.0) == {0: STATUS_CRASHED, 1: STATUS_OK}
+    assert submitted[:4] == [[0], [1], [1], [0]], "it is run again with the others, and the culprit alone"
+
+
+def test_an_interrupt_of_a_worker_ends_the_run(job):
+    pool = Pool(1, falls_together=False)
+
+    def interrupted(futures, timeout, return_when):
+        for future in futures:
+            future.set_exception(Interrupt())
+        return set(futures), set()
+
+    pool.wait = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        found(pool, job, in_shards(16))
 
 
 def test_the_limit_of_time_grows_with_the_longest_shard(job):

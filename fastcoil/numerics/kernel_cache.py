@@ -1,0 +1,212 @@
+"""The folder of compiled kernels: a file that is damaged, or that another may have written, is never loaded.
+
+Loading a kernel unpickles a file and runs the machine code in it.  So a file counts only if its owner and mode say that
+nobody else could write it, and if the SHA-256 in front of its bytes is theirs.  Anything else counts as missing: the
+kernel is compiled again.
+
+No number depends on this file: it decides whether a kernel is compiled, not to what.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import pickle
+import re
+import shutil
+import stat
+import uuid
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import Cache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+_FORMAT = b"fastcoil kernel 1\n"
+_LARGEST = 2**26
+"""Bytes; the largest kernel has half a million."""
+_KEPT_FOLDERS = 4
+_FINGERPRINT = re.compile(r"[0-9a-f]{16}")
+_ELSEWHERE = "set XDG_CACHE_HOME to a folder of your own"
+
+
+class _NotOursError(Exception):
+    """Another user may have written a file or a folder: the text says why."""
+
+
+class KernelCache(Cache):  # type: ignore[misc]
+    """The kernels of one function, a file for each signature: what a compiled function asks for them."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._py_func, self._folder = function, folder
+        self._stem = f"{function.__module__}.{function.__qualname__}"
+        self._source = hashlib.sha256(Path(function.__code__.co_filename).read_bytes()).hexdigest()
+        self.enable()
+
+    @property
+    def cache_path(self) -> str:
+        """The folder, by the name that Numba has for it."""
+        return str(self._folder)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The kernel for a signature, or ``None``."""
+        target_context.refresh()
+        key = self._key(sig, target_context.codegen())
+        try:
+            found, reduced = pickle.loads(_read(self._path(key)))
+            return CompileResult._rebuild(target_context, *reduced) if found == key else None
+        except _NotOursError as error:
+            self.disable()  # nor is it written over
+            _warn(f"a file in {self._folder} {error}: remove the folder, or {_ELSEWHERE}")
+        except Exception:  # missing, damaged, or sound and of a class that is no more
+            pass
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled kernel, unless it holds for this process alone."""
+        if not self._enabled or data.lifted or data.library.has_dynamic_globals:
+            return
+        key = self._key(sig, data.codegen)
+        try:
+            _make(self._folder)
+            _write(self._path(key), dumps((key, data._reduce())))
+        except OSError as error:
+            _warn(f"{self._folder} cannot be written ({error.strerror}): free some space, or {_ELSEWHERE}")
+
+    def flush(self) -> None:
+        """Remove the kernels of the function."""
+        for path in self._folder.glob(f"{self._stem}-*.nbc"):
+            path.unlink(missing_ok=True)
+
+    def _key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        return (self._source, self._py_func.__code__.co_firstlineno, self._index_key(sig, codegen))
+
+    def _path(self, key: tuple[Any, ...]) -> Path:
+        # two types may read alike: the key in the file decides
+        return self._folder / f"{self._stem}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
+
+
+@cache
+def kernel_folder(fingerprint: str) -> Path | None:
+    """The folder of the kernels with a fingerprint, made if missing.
+
+    ``None``, with a warning, where it cannot be made or another user may write to it.
+    """
+    try:
+        folder = cache_root() / fingerprint
+    except RuntimeError as error:
+        _warn(f"the folder for them is not known ({error}): {_ELSEWHERE}")
+        return None
+    try:
+        for each in (*reversed(folder.parents[:2]), folder):
+            _make(each)
+            _check_owner(each.stat())
+        _check_private(folder.lstat())
+    except OSError as error:
+        _warn(f"{folder} cannot be made ({error.strerror}): {_ELSEWHERE}")
+        return None
+    except _NotOursError as error:
+        _warn(f"{folder} {error}: remove it, or {_ELSEWHERE}")
+        return None
+    with contextlib.suppress(OSError):
+        os.utime(folder)
+        _prune(folder)
+    return folder
+
+
+def cache_root() -> Path:
+    """Folder that holds one folder of compiled kernels per fingerprint.
+
+    Raises
+    ------
+    RuntimeError
+        If the user has no home.
+    """
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    # a relative one would be that of whoever made the current folder; the standard has it ignored
+    base = given if given.is_absolute() else Path.home() / ".cache"
+    if not base.is_absolute():
+        raise RuntimeError("HOME is no absolute path")
+    return base / "fastcoil" / "kernels"
+
+
+def has_kernel(folder: Path, name: str) -> bool:
+    """Whether a folder has a kernel of the function ``name``."""
+    return any(folder.glob(f"*.{name}-*.nbc"))
+
+
+def _read(path: Path) -> bytes:
+    """The content of a file that is whole and that nobody else could write.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it is missing; if it is damaged.
+    _NotOursError
+        If it may be another's.
+    """
+    _check_private(path.lstat())
+    # and no wait for the other end of a pipe
+    with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        _check_private(os.fstat(file.fileno()))
+        data = file.read(_LARGEST)
+    n = len(_FORMAT) + hashlib.sha256().digest_size
+    if data[:n] != _header(path, data[n:]):
+        raise ValueError("damaged")
+    return data[n:]
+
+
+def _write(path: Path, payload: bytes) -> None:
+    """Write a file so that it is, at any moment, whole or absent, or at least known to be damaged."""
+    unfinished = path.with_name(f"{path.name}.{uuid.uuid4().hex}")
+    try:
+        with open(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+            file.write(_header(path, payload) + payload)
+        os.replace(unfinished, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            unfinished.unlink(missing_ok=True)
+        raise
+
+
+def _header(path: Path, payload: bytes) -> bytes:
+    """Format and hash; a kernel under the name of another one, or in another folder, is as bad as a damaged one."""
+    return _FORMAT + hashlib.sha256(f"{path.parent.name}/{path.name}\0".encode() + payload).digest()
+
+
+def _make(folder: Path) -> None:
+    """Make a folder, and those above it, for this user alone."""
+    for each in (*reversed(folder.parents), folder):
+        each.mkdir(mode=0o700, exist_ok=True)
+
+
+def _check_private(found: os.stat_result) -> None:
+    """Raise an error unless only this user can have written a file or folder."""
+    if stat.S_ISLNK(found.st_mode):
+        raise _NotOursError("is a symbolic link")
+    _check_owner(found)
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise _NotOursError("can be written by other users")
+
+
+def _check_owner(found: os.stat_result) -> None:
+    if found.st_uid != os.geteuid():
+        raise _NotOursError("belongs to another user")
+
+
+@cache
+def _warn(why: str) -> None:
+    warnings.warn(f"every process compiles the kernels again: {why}", stacklevel=2)
+
+
+def _prune(current: Path) -> None:
+    """Remove all but the most recently used folders; a process that still needs another compiles again."""
+    folders = [f for f in current.parent.iterdir() if _FINGERPRINT.fullmatch(f.name) and not f.is_symlink()]
+    for folder in sorted(folders, key=lambda f: f.stat().st_mtime)[:-_KEPT_FOLDERS]:
+        if folder != current:
+            shutil.rmtree(folder, ignore_errors=True)

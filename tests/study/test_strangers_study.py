@@ -1,0 +1,131 @@
+"""A study or a folder of a stranger: looking at it runs nothing of theirs, and running it says so first."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+from click.testing import CliRunner
+from helpers.studies import TRACED
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.errors import InputError
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.runner import execute
+from fastcoil.study.workers.reduce import _load
+
+pytestmark = pytest.mark.kernel
+
+STUDY = TRACED + 'reduce = "mine:spread"\n'
+SOURCE = """
+import pathlib, xarray as xr
+pathlib.Path({trace!r}).touch()
+def spread(traces):
+    values = traces["T_sup"]
+    return xr.Dataset({{"spread": values.max("elapsed_time") - values.min("elapsed_time")}})
+"""
+AT = "backlash=0.07,estimate_ratio=0.9,day=1"
+
+
+@pytest.fixture
+def trace(tmp_path):
+    """A file that is made when the code of the study is run."""
+    return tmp_path / "trace"
+
+
+@pytest.fixture
+def path(tmp_path, trace):
+    """A study with a function of its own."""
+    (tmp_path / "mine.py").write_text(SOURCE.format(trace=str(trace)))
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    return path
+
+
+@pytest.fixture
+def run_before(path, trace, tmp_path):
+    """The folder of that study, run by somebody else."""
+    out = tmp_path / "out"
+    fc.run_study(path, out, n_jobs=1).close()
+    assert trace.exists(), "run_study runs it"
+    trace.unlink()
+    _load.cache_clear()
+    return out
+
+
+def test_plan_and_run_say_whose_code_they_run(path, trace, tmp_path):
+    said = f"This study runs code of its own: spread from {tmp_path / 'mine.py'}."
+    for command in (["plan", path], ["run", path, "-o", tmp_path / "out", "-j", 1, "--no-figures"]):
+        _load.cache_clear()
+        done = CliRunner().invoke(main, list(map(str, command)))
+        assert done.exit_code == 0, done.output
+        assert done.stderr.splitlines()[0] == said
+        assert trace.exists()
+        trace.unlink()
+
+
+def test_nothing_is_said_of_a_study_without_code(path):
+    path.write_text(TRACED)
+    assert "code of its own" not in CliRunner().invoke(main, ["plan", str(path)]).output
+
+
+def test_reading_a_study_runs_nothing(path, trace):
+    read_study(path)
+    assert not trace.exists()
+
+
+def test_mistakes_in_the_code_are_found_before_anything_is_computed_together_with_all_others(path, tmp_path):
+    path.write_text(STUDY.replace("[sweep]", "kpp = 1\n[sweep]"))
+    (tmp_path / "mine.py").write_text("raise ValueError('unripe')")
+    for command in (["plan", path], ["run", path, "-o", tmp_path / "out"]):
+        done = CliRunner().invoke(main, list(map(str, command)))
+        assert done.exit_code == 2
+        assert "kpp" in done.stderr
+        assert "[run] reduce = 'mine:spread': its module does not run: ValueError: unripe" in done.stderr
+    with pytest.raises(InputError) as refused:
+        fc.run_study(path, tmp_path / "out")
+    assert len(refused.value.problems) == 2
+    path.write_text(STUDY)
+    study = read_study(path)
+    with pytest.raises(InputError, match="unripe"):
+        execute(study, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("looked_for", ["next to the study", "anywhere"])
+def test_looking_at_a_folder_runs_no_code_of_its_study(path, trace, run_before, looked_for, monkeypatch):
+    if looked_for == "anywhere":  # the folder says where; another of its studies may be importable as well
+        elsewhere = path.parent / "elsewhere" / "package"
+        elsewhere.mkdir(parents=True)
+        (elsewhere / "__init__.py").write_text((path.parent / "mine.py").read_text())
+        (path.parent / "mine.py").rename(elsewhere / "mine.py")
+        monkeypatch.syspath_prepend(elsewhere.parent)
+        text = (run_before / "study.toml").read_text()
+        (run_before / "study.toml").write_text(text.replace("mine:spread", "package.mine:spread"))
+    # nothing of it is current, so that every command reads the study again
+    (run_before / "results.nc").unlink()
+    study = read_study(run_before / "study.toml", path.parent)
+    manifest = json.loads((run_before / "run.json").read_text())
+    forged = replace(Manifest.of(study, manifest["model_sha256"]), relative_to=str(path.parent))
+    forged.write(run_before)
+    said = [
+        CliRunner().invoke(main, [str(word) for word in command]).output
+        for command in (["status", run_before], ["verify", run_before], ["rerun", run_before, "--at", AT])
+    ]
+    assert "Nothing is finished yet" in said[0]
+    assert "Traces:" in said[2]
+    with pytest.raises(InputError, match="no finished scenario"):
+        fc.open_study(run_before)
+    CliRunner().invoke(main, ["plot", str(run_before)])
+    assert not trace.exists()
+
+
+def test_a_finished_folder_is_looked_at_without_running_its_code(run_before, trace):
+    for command in (["status", run_before], ["verify", run_before], ["rerun", run_before, "--at", AT]):
+        done = CliRunner().invoke(main, [str(word) for word in command])
+        assert done.exit_code == 0, done.output
+    fc.open_study(run_before).close()
+    assert not trace.exists()

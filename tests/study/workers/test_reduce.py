@@ -1,0 +1,267 @@
+"""A user's own reduction of traces: what it is handed, what it may return, and every refusal."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from click.testing import CliRunner
+from helpers.refusals import only_problem, problems
+
+from fastcoil.cli.main import main
+from fastcoil.errors import InputError
+from fastcoil.study.file.reduction import Reduction
+from fastcoil.study.workers.reduce import load_function, reduce
+
+SOURCE = """
+import numpy as np
+import xarray as xr
+
+def overshoot(traces):
+    error = traces["T_sup"] - 14.0
+    return xr.Dataset({"overshoot": error.max("elapsed_time"), "undershoot": -error.min("elapsed_time")})
+"""
+N, STEPS = 5, 40
+
+
+@pytest.fixture
+def traces():
+    values = np.random.default_rng(0).normal(14.0, 1.0, (N, STEPS))
+    values[1, 3] = np.nan
+    return xr.Dataset(
+        {
+            "T_sup": (("scenario", "elapsed_time"), values, {"units": "degC"}),
+            "T_c": (("scenario", "volume", "elapsed_time"), np.stack([values, values + 1.0], axis=1)),
+        },
+        coords={
+            "elapsed_time": 60.0 * np.arange(STEPS),
+            "kp": ("scenario", np.linspace(0.01, 0.05, N)),
+            "tuning": ("scenario", ["slow"] * 3 + ["fast"] * 2),
+        },
+    )
+
+
+def given(source, name="mine:overshoot"):
+    return Reduction(name, source, Path("mine.py"))
+
+
+def reducing(body, name="mine:f"):
+    return given(f"import numpy as np\nimport xarray as xr\ndef f(t):\n    {body}\n", name)
+
+
+# What a function is handed, what it may return
+
+
+def test_the_answer_is_that_of_the_function(traces):
+    found = reduce(given(SOURCE), traces)
+    expected = np.nanmax(traces.T_sup.values, axis=1) - 14.0
+    np.testing.assert_array_equal(found.overshoot, expected)
+    assert found.overshoot.dims == ("scenario",)
+    assert set(found.variables) == {"overshoot", "undershoot"}, "the labels of the scenarios are not its business"
+
+
+def test_swept_parameters_and_volumes_are_at_hand(traces):
+    found = reduce(reducing("return xr.Dataset({'x': t.T_c.isel(volume=1).max('elapsed_time') * t.kp})"), traces)
+    np.testing.assert_array_equal(found.x, (np.nanmax(traces.T_sup.values, axis=1) + 1.0) * traces.kp.values)
+    assert "kp" not in found.coords
+
+
+def test_further_dims_keep_their_labels_and_stand_behind_the_scenario(traces):
+    body = "q = t.T_sup.quantile([0.1, 0.9], 'elapsed_time')\n    "
+    found = reduce(reducing(body + "return xr.Dataset({'q': q, 'n': (t.T_sup > 14).sum('elapsed_time')})"), traces)
+    assert found.q.dims == ("scenario", "quantile")
+    assert found.coords["quantile"].values.tolist() == [0.1, 0.9]
+    np.testing.assert_array_equal(found.q[0], np.quantile(traces.T_sup.values[0], [0.1, 0.9]))
+    assert found.n.dtype.kind == "i"
+
+
+def test_attributes_that_a_file_can_hold_are_kept(traces):
+    body = "return xr.Dataset({'x': t.kp.rename(None).assign_attrs(units='K', factor=2, pair=[1, 2], f=len, yes=True)})"
+    assert reduce(reducing(body), traces).x.attrs == {"units": "K", "factor": 2}
+
+
+def test_booleans_and_missing_values_are_answers(traces):
+    found = reduce(
+        reducing("m = t.T_sup.mean('elapsed_time', skipna=False)\n    return xr.Dataset({'m': m, 'b': m > 14})"), traces
+    )
+    assert np.isnan(found.m[1])
+    assert np.isnan(reduce(reducing("return xr.Dataset({'m': t.kp * np.nan})"), traces).m).all(), "NaN is equal to NaN"
+    assert found.b.dtype == bool
+
+
+def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
+    before = traces.copy(deep=True)
+    reduce(reducing("t['more'] = t.T_sup + 1\n    return xr.Dataset({'x': t.more.max('elapsed_time')})"), traces)
+    for name in ("T_sup", "kp"):
+        problem = only_problem(reduce, reducing(f"t.{name}.values[:] = 0\n    return t"), traces)
+        assert problem == "reduce = 'mine:f' raised ValueError: assignment destination is read-only"
+    assert traces.identical(before)
+    traces.T_sup.values[0] = 0.0
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "return xr.Dataset({'x': t.T_sup.max('elapsed_time') / t.T_sup.max()})",
+        "return xr.Dataset({'x': t.kp - t.kp[0]})",
+        "return xr.Dataset({'x': t.kp.astype(int if t.sizes['scenario'] > 1 else float) * 0})",
+        "return xr.Dataset({'x': t.kp, 'y': t.kp} if t.sizes['scenario'] > 1 else {'y': t.kp})",
+        "return xr.Dataset({'y': t.kp, 'x': t.kp} if t.sizes['scenario'] == 1 else {'y': t.kp})",
+        "return xr.Dataset({'x': t.kp * np.nextafter(1.0, 2.0) ** (t.sizes['scenario'] > 1)})",
+        "return xr.Dataset({'y': t.kp.expand_dims(x=[t.sizes['scenario']])})",
+    ],
+)
+def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
+    problem = only_problem(reduce, reducing(body), traces)
+    assert problem == (
+        "reduce = 'mine:f' gives another x for a scenario alone than among others: treat each scenario by itself, to "
+        "the last bit"
+    )
+
+
+@pytest.mark.parametrize(
+    ("body", "sentence"),
+    [
+        ("return t.T_sup.max('elapsed_time')", "returned a DataArray: return an xarray.Dataset"),
+        ("return None", "returned a NoneType: return an xarray.Dataset"),
+        ("return xr.Dataset()", "returned an empty Dataset: return at least one variable"),
+        ("return xr.Dataset({'x': t.T_sup.max()})", "returned x without the dim 'scenario': give one value"),
+        ("return xr.Dataset({'x': t.kp[1:]})", "returned x for 4 of 5 scenarios: keep every one of them"),
+        ("return xr.Dataset({'x': t.tuning})", "returned x of type <U4: return numbers"),
+        ("return xr.Dataset({'x': t.kp * 1j})", "returned x of type complex128: return numbers"),
+        ("return xr.Dataset({'x': t.kp.astype('f2')})", "returned x of type float16: return numbers (float64, float32"),
+        ("return xr.Dataset({'x': t.kp.astype('m8[s]')})", "returned x of type timedelta64[s]: return numbers"),
+        *(
+            (
+                f"return xr.Dataset({{'{name}': ('scenario', t.kp.values)}})",
+                f"returned a variable {name}: the name is ta",
+            )
+            for name in ("backlash", "rmse", "T_w", "status", "day", "sample", "controller")
+        ),
+        ("return xr.Dataset({3: t.kp})", "returned a variable 3: name it with letters, digits and _"),
+        ("return xr.Dataset({'a/b': t.kp})", "returned a variable 'a/b': name it with letters, digits and _"),
+        *(
+            (f"return xr.Dataset({{'x': t.kp.expand_dims({name}=2)}})", f"returned a dim {name}: the name is taken")
+            for name in ("backlash", "day", "replicate", "sample", "status", "rmse")
+        ),
+        ("return xr.Dataset({'x': t.kp.drop_vars('tuning').expand_dims(tuning=2)})", "returned a dim tuning: the name"),
+        ("return xr.Dataset({'x': t.kp.expand_dims({'a b': 2})})", "returned a dim 'a b': name it with letters"),
+        (
+            "return xr.Dataset({'x': t.kp.expand_dims(y=2).assign_coords(y=np.array([1, 'a'], dtype=object))})",
+            "returned labels of y that are neither numbers nor words: give it others, or drop them",
+        ),
+        ("return t.missing", "raised AttributeError: 'Dataset' object has no attribute 'missing'"),
+        ("raise ValueError('two\\n   lines')", "raised ValueError: two lines"),
+        ("raise ValueError", "raised ValueError"),
+        ("raise SystemExit(3)", "raised SystemExit: 3"),
+        ("raise GeneratorExit", "raised GeneratorExit"),
+        ("raise type('Mine', (BaseException,), {})('words')", "raised Mine: words"),
+        ("return f(t)", "raised RecursionError: maximum recursion depth exceeded"),
+        ("raise MemoryError", "raised MemoryError"),
+        ("raise type('Mine', (Exception,), {'__str__': lambda self: 1 / 0})", "raised Mine"),
+        ("raise ValueError('x' * 1000)", "raised ValueError: " + 300 * "x" + " …"),
+    ],
+)
+def test_a_wrong_answer_is_refused_with_one_sentence(traces, body, sentence):
+    problem = only_problem(reduce, reducing(body), traces)
+    assert problem.startswith(f"reduce = 'mine:f' {sentence}")
+    assert "\n" not in problem
+
+
+def test_the_exception_of_the_function_is_the_cause(traces):
+    with pytest.raises(InputError) as refused:
+        reduce(reducing("return 1 / 0"), traces)
+    assert isinstance(refused.value.__cause__, ZeroDivisionError)
+
+
+def test_all_that_is_wrong_is_named(traces):
+    body = "return xr.Dataset({'rmse': t.T_sup.max(), 'x': t.tuning.expand_dims(day=2)})"
+    assert len(problems(reduce, reducing(body), traces)) == 4
+
+
+# The module
+
+
+def test_it_goes_to_another_process_as_text(traces):
+    there = pickle.loads(pickle.dumps(given(SOURCE)))
+    assert reduce(there, traces).identical(reduce(given(SOURCE), traces))
+
+
+def test_the_module_is_run_once_and_is_one_that_decorators_find():
+    source = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
+    source += "@dataclass\nclass Settings:\n    limit: float = 1.0\nruns = []\ndef f(t): return runs\n"
+    one, two = given(source, "m:f"), given(str(source), "m:f")
+    load_function(one)(None).append(1)
+    assert load_function(two)(None) == [1]
+
+
+@pytest.mark.parametrize(
+    ("source", "sentence"),
+    [
+        (SOURCE, "its module has no function f"),
+        ("f = 3", "its module has no function f"),
+        ("def f(:", "its module does not run: SyntaxError: invalid syntax"),
+        ("f = 1\0", "its module does not run: "),
+        ("import no_such_thing", "its module does not run: ModuleNotFoundError: No module named 'no_such_thing'"),
+        ("raise SystemExit", "its module does not run: SystemExit"),
+        ("raise GeneratorExit", "its module does not run: GeneratorExit"),
+        ("class Mine(BaseException): pass\nraise Mine('words')", "its module does not run: Mine: words"),
+    ],
+)
+def test_a_module_that_does_not_run_is_refused_with_one_sentence(source, sentence):
+    problem = only_problem(load_function, given(source, "mine:f"))
+    assert problem.startswith(f"reduce = 'mine:f': {sentence}")
+    assert "\n" not in problem
+
+
+def test_an_interrupt_is_one_wherever_it_comes_from(traces):
+    with pytest.raises(KeyboardInterrupt):
+        reduce(reducing("raise KeyboardInterrupt"), traces)
+    with pytest.raises(KeyboardInterrupt):
+        load_function(given("raise KeyboardInterrupt"))
+
+
+# On every backend
+
+
+RAISING = """
+class Mine(BaseException):
+    def __init__(self, first, second):  # no other process can make it again from its text
+        super().__init__(f"{first} {second}")
+
+def f(traces):
+    raise {what}
+"""
+
+
+@pytest.mark.kernel
+@pytest.mark.usefixtures("leaves_nothing")
+@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
+@pytest.mark.parametrize(
+    ("what", "code", "sentence"),
+    [
+        ("Mine('two', 'words')", 2, "fastcoil: reduce = 'mine:f' raised Mine: two words"),
+        pytest.param("SystemExit(0)", 2, "raised SystemExit: 0", marks=pytest.mark.full),
+        pytest.param("GeneratorExit", 2, "raised GeneratorExit", marks=pytest.mark.full),
+        pytest.param("RecursionError", 2, "raised RecursionError", marks=pytest.mark.full),
+        pytest.param("MemoryError", 2, "raised MemoryError", marks=pytest.mark.full),
+        pytest.param("KeyboardInterrupt", 130, "fastcoil: interrupted", marks=pytest.mark.full),
+    ],
+)
+def test_whatever_a_reduction_raises_ends_the_run_with_a_sentence(
+    tmp_path, small_study, two_workers, backend, what, code, sentence
+):
+    text = small_study.read_text().replace('"T_sup", "mode"]', '"T_sup"]\nreduce = "mine:f"')
+    (tmp_path / "study.toml").write_text(text)
+    (tmp_path / "mine.py").write_text(RAISING.replace("{what}", what))
+    words = ["run", tmp_path / "study.toml", "-o", tmp_path / "out", "--backend", backend, "-j", 1, "--no-figures"]
+    if backend == "dask":
+        words += ["--scheduler", two_workers.address]
+    done = CliRunner().invoke(main, list(map(str, words)))
+    assert done.exit_code == code, done.output
+    (last,) = done.stderr.splitlines()[-1:]
+    assert sentence in last
+    assert "Traceback" not in done.output
