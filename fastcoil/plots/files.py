@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fastcoil.errors import InputError, nearest
-from fastcoil.files import commit, storage_errors
+from fastcoil.files import commit, make_folder, storage_errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,7 +75,7 @@ def write(figures: Mapping[str, Figure], folder: Path, *, format: str = "png", d
     """
     check_format(format, dpi)
     with storage_errors(folder, "made"):
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"{name}.{format}")

@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.engine.host import TraceRequest, compile_kernel
-from fastcoil.errors import FastcoilError, InputError, IntegrityError, nearest
-from fastcoil.files import storage_errors
+from fastcoil.errors import InputError, nearest
+from fastcoil.files import make_folder, storage_errors
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
@@ -21,6 +21,7 @@ from fastcoil.simulation.plan import simulation_attributes
 from fastcoil.simulation.simulate import run_shard
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import is_current, open_study
+from fastcoil.study.folder.verify import find_problems
 
 RERUNS = "reruns"
 
@@ -49,20 +50,8 @@ def status(folder: Path) -> list[str]:
 
 def verify(folder: Path) -> list[str]:
     """Check everything in the folder of a study: a sentence for each problem.  Nothing is changed."""
-    problems = []
     store = StudyFolder(folder)
-    manifest = store.require_manifest()
-    try:
-        store.read_study(manifest)
-    except (InputError, IntegrityError) as error:
-        problems += str(error).splitlines()
-    if store.results.exists():
-        try:
-            problems += store.find_trace_problems(store.open_results())
-        except FastcoilError as error:
-            problems.append(str(error))
-    shards = store.shards(manifest).inspect()
-    return problems + [f"{shard.path} {shard.problem}" for shard in shards if shard.problem]
+    return store.settled(lambda: find_problems(store))
 
 
 def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
@@ -99,7 +88,7 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
     path = folder / RERUNS / (re.sub(r"[^\w.=+-]", "-", name) + ".nc")
     with storage_errors(path.parent, "made"):
-        path.parent.mkdir(exist_ok=True)
+        make_folder(path.parent)
     save(ds, path)
     return path, _compare_with_stored(store, ds, position)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from fastcoil.errors import InputError, LockedError, StorageError
-from fastcoil.files import read_bytes, remove_unfinished, storage_errors
+from fastcoil.files import make_folder, read_bytes, remove_unfinished, storage_errors
 
 _LOCK, _HOLDER = ".lock", ".holder"
 _LONGEST_HOLDER = 4096
@@ -42,7 +42,7 @@ def hold(folder: Path) -> Iterator[None]:
     lock = FileLock(folder / _LOCK)
     try:
         with storage_errors(folder, "written"):
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
             _acquire(lock, folder)
             now = datetime.now(UTC).isoformat(timespec="seconds")
             text = f"process {os.getpid()} on {platform.node()} since {now}"

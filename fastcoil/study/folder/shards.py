@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import StorageError
-from fastcoil.files import commit, is_unfinished, remove_unfinished, storage_errors
+from fastcoil.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
 from fastcoil.outputs import STATUS_MEANINGS, STATUS_NOT_RUN
 from fastcoil.simulation.netcdf import load_bytes, netcdf_bytes
 
@@ -51,9 +51,13 @@ class Shards:
         """Keep the flat results of a shard for good."""
         data = netcdf_bytes(part.assign_attrs(study=self.key))
         with storage_errors(self.path, "made"):
-            self.path.mkdir(exist_ok=True)
+            make_folder(self.path)
         name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
         commit(self.path / name, data)
+
+    def any(self) -> bool:
+        """Whether there is a file among them."""
+        return next(self.path.glob("*"), None) is not None
 
     def read(self, *, quarantine: bool, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
         """Read the sound shards, one by one, without the variables ``leave_out``, and warn of every other file.
@@ -125,6 +129,6 @@ class Shards:
     def _quarantine(self, path: Path) -> None:
         place = self.folder / QUARANTINE
         with storage_errors(path, f"moved to {place}"):
-            place.mkdir(exist_ok=True)
+            make_folder(place)
             names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
             os.replace(path, next(place / name for name in names if not (place / name).exists()))
