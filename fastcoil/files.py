@@ -107,18 +107,18 @@ def commit_written(
         raise
 
 
-def make_folder(path: Path) -> None:
-    """Make a folder, and those above it, if they are missing; what is made is on the disk before anything is in it.
+def make_folder(path: Path, *, parents: bool = False) -> None:
+    """Make a folder, and ``parents`` that are missing; what is made is on the disk before anything is in it.
 
     Raises
     ------
     OSError
         As the operating system reports it.
     """
-    missing = [p for p in (path, *path.parents) if not p.exists()]
-    for folder in reversed(missing or [path]):
+    made = [p for p in ((path, *path.parents) if parents else (path,)) if not p.exists()]
+    for folder in reversed(made or [path]):
         folder.mkdir(exist_ok=True)
-    for folder in missing:
+    for folder in made:
         _sync(folder.parent, os.O_RDONLY)
 
 

@@ -75,7 +75,7 @@ def write(figures: Mapping[str, Figure], folder: Path, *, format: str = "png", d
     """
     check_format(format, dpi)
     with storage_errors(folder, "made"):
-        make_folder(folder)
+        make_folder(folder, parents=True)
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"{name}.{format}")

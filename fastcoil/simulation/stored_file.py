@@ -1,4 +1,4 @@
-"""Files that are read long after they were opened: the same bytes each time, and hashed before any of them is parsed."""
+"""Files that are read long after they were opened: hashed before any byte is parsed, and the same bytes each time."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class StoredFile:
         return found
 
     def outline(self) -> xr.Dataset:
-        """The names, dims, types and attributes of its variables; only coordinates have values.  Raises as ``check``."""
+        """Names, dims, types and attributes of its variables; only coordinates have values.  Raises as ``check``."""
         self.check()
         with self._readable():
             return outline(self.hold().name)
@@ -140,7 +140,9 @@ class StoredFile:
             raise
         except Exception as error:
             if isinstance(error, OSError) and (error.errno or 0) > 0:  # those of the NetCDF library are negative
-                raise StorageError(f"{self.path} cannot be read: {error.strerror}; repair that and try again") from error
+                raise StorageError(
+                    f"{self.path} cannot be read: {error.strerror}; repair that and try again"
+                ) from error
             raise IntegrityError(f"{self.path} cannot be read as NetCDF ({error}); {self.cure}") from error
 
 

@@ -69,5 +69,3 @@ class _Array(BackendArray):
     def _read(self, key: Any) -> np.ndarray:
         found = self.file.read(self.name, key)
         return found.astype(self.dtype, copy=False)
-
-

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from fastcoil.errors import IntegrityError, StorageError
+from fastcoil.errors import IntegrityError
 from fastcoil.files import storage_errors
 from fastcoil.simulation.stored_file import StoredFile
 

@@ -173,7 +173,7 @@ def execute(
 
 
 def _warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:
-    """Warn if other scenarios were computed where bits may differ; an environment that nobody recorded may be this one."""
+    """Warn if other scenarios were computed where bits may differ; one that nobody recorded may be this one."""
     for other in filter(None, others):
         differs = [
             f"{name} {other.get(name, 'unknown')}, now {environment.get(name, 'unknown')}"
@@ -181,8 +181,8 @@ def _warn_of_difference(folder: Path, environment: Environment, others: Sequence
             if other.get(name) != environment.get(name)
         ]
         warnings.warn(
-            f"a part of {folder} was computed elsewhere ({'; '.join(differs)}): the last digits of results may depend on "
-            "that, and in a hunting loop more; run the study again in another folder to have all of it from one place",
+            f"a part of {folder} was computed elsewhere ({'; '.join(differs)}): the last digits of results may depend "
+            "on that, in a loop that hunts also the first; to have all from one place, run the study in another folder",
             stacklevel=3,
         )
 

@@ -1,4 +1,4 @@
-"""The final files of a study, ``results.nc`` and the file of traces: written and opened so that none is taken for another.
+"""The final files of a study, ``results.nc`` and the file of traces: none is ever taken for another.
 
 ``run.json`` has the SHA-256 of each: of a new file before its name points to it, next to that of the file it replaces.
 So a run that is killed at any moment leaves files with hashes that are recorded.
@@ -118,7 +118,7 @@ def find_variable_problems(ds: xr.Dataset, path: Path) -> list[str]:
 
 
 def find_problems(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[str]:
-    """What is wrong with the traces of the results ``ds``, a sentence each; reads all of them, and hashes both files."""
+    """What is wrong with the results ``ds`` and their traces, a sentence each; hashes and reads all of them."""
     problems = []
     for file in filter(None, (_stored(folder / RESULTS, manifest), trace_file(ds, folder, manifest))):
         try:

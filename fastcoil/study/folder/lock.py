@@ -42,7 +42,7 @@ def hold(folder: Path) -> Iterator[None]:
     lock = FileLock(folder / _LOCK)
     try:
         with storage_errors(folder, "written"):
-            make_folder(folder)
+            make_folder(folder, parents=True)
             _acquire(lock, folder)
             now = datetime.now(UTC).isoformat(timespec="seconds")
             text = f"process {os.getpid()} on {platform.node()} since {now}"

@@ -56,11 +56,10 @@ class Manifest:
         return hashlib.sha256(f"1 {self.study_sha256} {self.model_sha256}".encode()).hexdigest()
 
     def knowing(self, earlier: Manifest | None) -> Manifest:
-        """This run in a folder where ``earlier`` was run before: with its files, and where it was computed."""
+        """The same run, with what ``earlier``, the run in the folder so far, knows of the files there."""
         if earlier is None:
             return self
-        known = replace(self, outputs=earlier.outputs, computed_on=earlier.computed_on)
-        return replace(known, finished=earlier.finished) if earlier == self else known
+        return replace(self, outputs=earlier.outputs)
 
     @classmethod
     def read(cls, folder: Path) -> Manifest | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from fastcoil.errors import FastcoilError, InputError, IntegrityError
 from fastcoil.study.folder import final
-from fastcoil.study.folder.folder import STUDY, StudyFolder
+from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.results import is_current
 
