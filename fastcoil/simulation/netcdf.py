@@ -69,41 +69,35 @@ def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
     _written(ds, str(path), mode, _encoding(ds))
 
 
-def load_bytes(data: bytes, name: str, leave_out: Collection[str] = ()) -> xr.Dataset:
-    """Read a NetCDF file that is in memory, without the variables ``leave_out``; ``name`` is only for the library.
+def parse(source: str | bytes) -> netCDF4.Dataset:
+    """Open a file by its name, or from its bytes; whoever calls has entered, and checked their hash before.
 
     Raises
     ------
     OSError, RuntimeError, ValueError
-        If the bytes are no NetCDF file; damaged ones may crash the HDF5 library, so check their hash first.
+        If it is no NetCDF file; damaged bytes may also crash the library, or keep it for ever.
     """
-    return load(name, leave_out, memory=data)
+    return netCDF4.Dataset("in memory", memory=source) if isinstance(source, bytes) else netCDF4.Dataset(source)
 
 
-def load(name: str, leave_out: Collection[str] = (), **options: Any) -> xr.Dataset:
-    """Read a NetCDF file whose hash was checked, without the variables ``leave_out``.
-
-    Raises
-    ------
-    Exception
-        Whatever the library raises for a damaged file, if it survives one.
-    """
-    with _opened(name, leave_out, **options) as ds:
+def load(source: str | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:
+    """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything."""
+    with _opened(source, leave_out) as ds:
         return ds.load()
 
 
-def outline(name: str) -> xr.Dataset:
-    """The variables of a file whose hash was checked; only coordinates have values.  Raises as ``load``."""
-    with _opened(name) as ds:
+def outline(source: str | bytes) -> xr.Dataset:
+    """The variables of a file as ``parse`` opens it; only coordinates have values."""
+    with _opened(source) as ds:
         for coordinate in ds.coords.values():
             coordinate.load()
         return ds
 
 
 @contextmanager
-def _opened(name: str, leave_out: Collection[str] = (), **options: Any) -> Iterator[xr.Dataset]:
+def _opened(source: str | bytes, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
     with entered():
-        file = netCDF4.Dataset(name, **options)
+        file = parse(source)
         try:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
             ds = xr.open_dataset(stored, drop_variables=list(leave_out), **AS_STORED)

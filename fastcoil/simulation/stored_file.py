@@ -18,7 +18,8 @@ import xarray as xr
 
 from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.files import storage_errors
-from fastcoil.simulation.netcdf import entered, left_open, load, outline
+from fastcoil.simulation.netcdf import entered, left_open, load, outline, parse
+from fastcoil.simulation.resources import available_memory
 
 _CHUNK = 2**20
 """Bytes read at once."""
@@ -99,13 +100,13 @@ class StoredFile:
         """Names, dims, types and attributes of its variables; only coordinates have values.  Raises as ``check``."""
         self.check()
         with self._readable():
-            return outline(self.hold().name)
+            return outline(self.hold().source)
 
     def load(self) -> xr.Dataset:
         """Read all of it; raises as ``check``."""
         self.check()
         with self._readable():
-            return load(self.hold().name)
+            return load(self.hold().source)
 
     def read(self, name: str, key: Any) -> np.ndarray:
         """Read a part of a variable; raises as ``check``."""
@@ -118,7 +119,7 @@ class StoredFile:
     def _parse(self) -> netCDF4.Dataset:
         parsed = self._parsed
         if parsed is None:
-            parsed = self._parsed = netCDF4.Dataset(self.hold().name)
+            parsed = self._parsed = parse(self.hold().source)
             _parsed.append(weakref.ref(self))
             while len(_parsed) > _MOST_HANDLES:
                 oldest = _parsed.popleft()()
@@ -136,7 +137,7 @@ class StoredFile:
     def _readable(self) -> Iterator[None]:
         try:
             yield
-        except (IndexError, KeyError):
+        except (IndexError, KeyError, IntegrityError):
             raise
         except Exception as error:
             if isinstance(error, OSError) and (error.errno or 0) > 0:  # those of the NetCDF library are negative
@@ -177,10 +178,22 @@ class Descriptor:
             os.close(self.number)
 
     @property
-    def name(self) -> str:
-        """A name for this very file, also once its own is gone or points to another."""
-        name = f"/dev/fd/{self.number}"
-        return name if os.path.exists(name) else str(self.path)  # some jails have no such folder
+    def source(self) -> str | bytes:
+        """A name for this very file, also if its own points to another by now; of a file without one, its bytes."""
+        found = os.fstat(self.number)
+        if found.st_nlink:
+            name = f"/dev/fd/{self.number}"
+            return name if os.path.exists(name) else str(self.path)  # some jails have no such folder
+        if found.st_size > available_memory() / 2:  # the library opens it only by a name
+            raise IntegrityError(f"{self.path} was replaced, and is too large to be read into memory: open it again")
+        return b"".join(self.chunks())
+
+    def chunks(self) -> Iterator[bytes]:
+        """Its bytes, from the first to the last."""
+        at = 0
+        while chunk := os.pread(self.number, _CHUNK, at):
+            yield chunk
+            at += len(chunk)
 
     @property
     def identity(self) -> tuple[int, ...]:
@@ -193,10 +206,9 @@ class Descriptor:
         identity = self.identity
         known = None if afresh else _hashes.get(identity)
         if known is None:
-            digest, at = hashlib.sha256(), 0
-            while chunk := os.pread(self.number, _CHUNK, at):
+            digest = hashlib.sha256()
+            for chunk in self.chunks():
                 digest.update(chunk)
-                at += len(chunk)
             known = _hashes[identity] = digest.hexdigest()
             while len(_hashes) > _MOST_HASHES:
                 _hashes.popitem(last=False)

@@ -75,7 +75,7 @@ class StudyFolder:
         manifest = self.read_manifest()
         if manifest is None and self.results.exists():
             raise IntegrityError(
-                f"{self.path / MANIFEST} is missing: run the study again, with -o {self.path}, which writes it and keeps "
+                f"{self.path / MANIFEST} is missing: run the study again, with -o {self.path}: that writes it, and keeps "
                 "the results"
             )
         if manifest is None:

@@ -22,7 +22,7 @@ import xarray as xr
 from fastcoil.errors import StorageError
 from fastcoil.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
 from fastcoil.outputs import STATUS_MEANINGS, STATUS_NOT_RUN
-from fastcoil.simulation.netcdf import load_bytes, netcdf_bytes
+from fastcoil.simulation.netcdf import load, netcdf_bytes
 
 SHARDS, QUARANTINE = "shards", "quarantine"
 SHARD_NAME = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
@@ -103,7 +103,7 @@ class Shards:
 
     def _inspect(self, path: Path, leave_out: Collection[str]) -> Inspection:
         named = SHARD_NAME.fullmatch(path.name)
-        if not named or path.is_dir():
+        if not named or (path.exists() and not path.is_file()):
             return Inspection(path, None, "is no shard")
         with storage_errors(path, "read"):
             data = path.read_bytes()
@@ -111,7 +111,7 @@ class Shards:
         if hashlib.sha256(data).hexdigest()[:32] != named[2]:
             return Inspection(path, None, "is damaged (its hash differs)")
         try:
-            part = load_bytes(data, path.name, leave_out)
+            part = load(data, leave_out)
         except (OSError, RuntimeError, ValueError):
             return Inspection(path, None, "is no NetCDF file")
         problem = self._problem(part, first=int(named[1]))

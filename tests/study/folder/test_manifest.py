@@ -37,7 +37,8 @@ pytestmark = pytest.mark.kernel
         (b"[1]", "run.json is damaged"),
         (b"[" * 100_000, "run.json is damaged"),
         (b'{"format": 1}', "run.json is damaged"),
-        (b'{"format": 2}', "another version of fastcoil"),
+        (b'{"format": 2}', "run.json is damaged"),
+        (b'{"format": 3}', "another version of fastcoil"),
     ],
 )
 def test_a_damaged_run_json_is_refused_and_nothing_is_lost(broken_off, data, sentence):
@@ -147,4 +148,5 @@ def test_an_interrupted_extension_resumes_and_keeps_the_old_results(out):
 
 def test_run_json_is_valid_json_for_others(broken_off):
     found = json.loads((broken_off / "run.json").read_text())
-    assert set(found) == {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
+    identity = {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
+    assert set(found) == identity | {"computed_on", "outputs", "finished", "sha256"}
