@@ -77,7 +77,7 @@ def parse(source: str | bytes) -> netCDF4.Dataset:
     OSError, RuntimeError, ValueError
         If it is no NetCDF file; damaged bytes may also crash the library, or keep it for ever.
     """
-    return netCDF4.Dataset("in memory", memory=source) if isinstance(source, bytes) else netCDF4.Dataset(source)
+    return netCDF4.Dataset(source) if isinstance(source, str) else netCDF4.Dataset("in memory", memory=source)
 
 
 def load(source: str | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:

@@ -62,13 +62,16 @@ def test_saving_over_a_result_leaves_one_of_the_two(tmp_path, swept):
     assert netcdf.load(str(path)).content_sha256 == other.content_sha256
 
 
-def test_nobody_else_is_in_the_library_while_one_is(swept):
+def test_nobody_else_is_in_the_library_while_one_is(swept, tmp_path):
     data, done = netcdf.netcdf_bytes(swept), []
+    netcdf.save(swept, tmp_path / "results.nc")
     with netcdf.entered():
         threads = [
             threading.Thread(target=lambda: done.append(netcdf.load(data))),
             threading.Thread(target=lambda: done.append(netcdf.netcdf_bytes(swept))),
-            threading.Thread(target=lambda: done.append(xr.open_dataset(data, engine="netcdf4"))),
+            threading.Thread(
+                target=lambda: done.append(xr.load_dataset(tmp_path / "results.nc", decode_timedelta=False))
+            ),
         ]
         for thread in threads:
             thread.start()
@@ -80,19 +83,20 @@ def test_nobody_else_is_in_the_library_while_one_is(swept):
 
 
 def test_what_is_read_or_written_is_closed_by_whoever_did_it(swept, monkeypatch):
-    files, opened = [], netCDF4.Dataset
+    files = []
 
-    def recorded(*words, **options):
-        files.append(opened(*words, **options))
-        return files[-1]
+    class Recorded(netCDF4.Dataset):
+        def __init__(self, *words, **options):
+            super().__init__(*words, **options)
+            files.append(self)
 
-    monkeypatch.setattr(netCDF4, "Dataset", recorded)
+    monkeypatch.setattr(netCDF4, "Dataset", Recorded)
     data = netcdf.netcdf_bytes(swept)
     ds = netcdf.load(data)
     netcdf.outline(data)
     with pytest.raises((OSError, RuntimeError)):
         netcdf.load(data[: len(data) // 2])
     gc.collect()
-    assert len(files) == 3
+    assert len(files) >= 3
     assert not any(file.isopen() for file in files)
     ds.close()

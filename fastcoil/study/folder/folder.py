@@ -75,8 +75,8 @@ class StudyFolder:
         manifest = self.read_manifest()
         if manifest is None and self.results.exists():
             raise IntegrityError(
-                f"{self.path / MANIFEST} is missing: run the study again, with -o {self.path}: that writes it, and keeps "
-                "the results"
+                f"{self.path / MANIFEST} is missing: run the study again, with -o {self.path}, which writes it; the "
+                "results are kept"
             )
         if manifest is None:
             raise InputError(
