@@ -2,6 +2,7 @@
 
 import gc
 import threading
+from types import SimpleNamespace
 
 import netCDF4
 import numpy as np
@@ -85,12 +86,11 @@ def test_nobody_else_is_in_the_library_while_one_is(swept, tmp_path):
 def test_what_is_read_or_written_is_closed_by_whoever_did_it(swept, monkeypatch):
     files = []
 
-    class Recorded(netCDF4.Dataset):
-        def __init__(self, *words, **options):
-            super().__init__(*words, **options)
-            files.append(self)
+    def opened(*words, **options):
+        files.append(netCDF4.Dataset(*words, **options))
+        return files[-1]
 
-    monkeypatch.setattr(netCDF4, "Dataset", Recorded)
+    monkeypatch.setattr(netcdf, "netCDF4", SimpleNamespace(Dataset=opened))
     data = netcdf.netcdf_bytes(swept)
     ds = netcdf.load(data)
     netcdf.outline(data)
