@@ -116,7 +116,7 @@ def make_folder(path: Path, *, parents: bool = False) -> None:
         As the operating system reports it.
     """
     made = [p for p in ((path, *path.parents) if parents else (path,)) if not p.exists()]
-    for folder in reversed(made or [path]):
+    for folder in reversed(made):
         folder.mkdir(exist_ok=True)
     for folder in made:
         _sync(folder.parent, os.O_RDONLY)

@@ -120,7 +120,9 @@ class StudyFolder:
         try:
             study = read_study(self.study, Path(manifest.relative_to))
         except InputError as error:
-            raise IntegrityError(f"{self.path}: the study can no longer be read: restore its files\n{error}") from None
+            raise IntegrityError(
+                f"{self.path}: the study can no longer be read: restore its files, or run the study again\n{error}"
+            ) from None
         if study.sha256 != manifest.study_sha256:
             what = (
                 "the series of its [boundary]"

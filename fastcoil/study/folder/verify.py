@@ -49,7 +49,7 @@ def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
     again = f"run the study again, with -o {store.path}, which puts it right"
     if not is_current(ds, manifest):
         yield f"{store.results} is of another study, or incomplete: {again}"
-    elif store.read_text() != ds.attrs.get("study_toml"):
+    elif (store.read_text() or "").replace("\r\n", "\n") != ds.attrs.get("study_toml"):
         yield f"{store.study} is not the text of the study that was run: {again}"
     for path in store.path.glob("traces-*.nc"):
         if path.name != ds.attrs.get("trace_file"):

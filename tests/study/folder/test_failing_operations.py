@@ -119,3 +119,12 @@ def test_bytes_are_on_the_disk_before_a_name_points_to_them(out):
             assert done[k - 2 : k] == ["open", "fsync"]
     for k in after_a_hash:
         assert done[:k].count("fsync") >= 2 * done[:k].count("replace") + 1
+
+
+def test_a_folder_is_on_the_disk_before_anything_is_in_it(out):
+    done = []
+    with operations(out, done.append):
+        run(PLAIN, out)
+    made = [k for k, name in enumerate(done) if name == "mkdir"]
+    for k in (made[0], made[-1]):  # the folder and shards/; the library of locks asks for the folder, too
+        assert "fsync" in done[k + 1 : k + 3]

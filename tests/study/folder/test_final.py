@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import os
 import pickle
 import shutil
@@ -13,7 +12,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.studies import PLAIN, TRACED, golden, larger, run, verify
+from helpers.studies import PLAIN, TRACED, as_version_0_1, golden, larger, run, verify
 
 import fastcoil as fc
 from fastcoil.errors import IntegrityError
@@ -41,18 +40,6 @@ def copied(finished, out):
 
 def traces_of(folder):
     return next(folder.glob("traces-*.nc"))
-
-
-def as_version_0_1(folder):
-    """Turn a folder into one of version 0.1: without hashes, traces known only by their file."""
-    path = folder / "run.json"
-    found = json.loads(path.read_text())
-    identity = ("study_sha256", "boundary_sha256", "model_sha256", "relative_to")
-    path.write_text(json.dumps({name: found[name] for name in identity} | {"format": 1}))
-    ds = netcdf.load(str(folder / "results.nc")).drop_vars(["elapsed_time", "volume"], errors="ignore")
-    for name in ("trace_layout", "computed_on"):
-        del ds.attrs[name]
-    netcdf.save(ds, folder / "results.nc")
 
 
 def zeroed(path, sector):

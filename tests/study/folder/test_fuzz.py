@@ -10,8 +10,7 @@ import warnings
 import numpy as np
 import pytest
 from helpers.damage import damaged, edited
-from helpers.studies import DAYS, TRACED, golden, run, run_until_interrupted
-from study.folder.test_final import as_version_0_1
+from helpers.studies import DAYS, TRACED, as_version_0_1, golden, run, run_until_interrupted
 
 import fastcoil as fc
 from fastcoil.errors import InputError, IntegrityError
