@@ -46,7 +46,7 @@ def look_from_eight_threads(folder: Path, times: int = 25) -> None:
     assert len(set(found)) == 1
 
 
-def run_in_four_threads(folder: Path, times: int = 3) -> None:
+def run_in_four_threads(folder: Path, times: int = 2) -> None:
     """Four threads run studies into folders of their own, while others look at these and at a finished one."""
     golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
     targets = [folder / f"out{k}" for k in range(4 * times)]

@@ -119,6 +119,7 @@ def _check(manifest: Manifest) -> None:
     for name in ("study_sha256", "boundary_sha256", "model_sha256", "relative_to"):
         if not isinstance(getattr(manifest, name), str):
             raise ValueError(f"{name} is no text")
+    f"{manifest.study_sha256}{manifest.boundary_sha256}{manifest.model_sha256}".encode()
     if "\0" in os.fsdecode(os.fsencode(manifest.relative_to)):
         raise ValueError("relative_to is no path")
     if not _is_list(manifest.computed_on, lambda each: isinstance(each, dict) and _is_list([*each.values()], _is_text)):

@@ -156,7 +156,7 @@ def test_run_json_is_valid_json_for_others(broken_off):
 
 WRONG = {
     "relative_to": [None, 5, [], "a\0b", "\ud800"],
-    "model_sha256": [None, 1],
+    "model_sha256": [None, 1, "\ud800"],
     "computed_on": [None, 3, [1], [{"cpu": 1}]],
     "outputs": [None, [], {"results.nc": "text"}, {"results.nc": [1]}],
     "finished": ["yes", 3],
