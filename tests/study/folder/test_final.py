@@ -89,12 +89,31 @@ def test_traces_are_hashed_once_in_a_process_and_not_before_they_are_read(finish
     assert len(hashed) == 4  # verify trusts no memory
 
 
-def test_a_killed_replacement_leaves_two_hashes_and_either_file_opens(copied):
+def test_between_its_hash_and_its_name_a_new_file_leaves_the_old_one_readable(copied, monkeypatch):
+    before, real = fc.open_study(copied).load(), os.replace
+
+    def killed(source, target):
+        if os.fspath(target).endswith("results.nc"):
+            raise KeyboardInterrupt
+        real(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run(larger(TRACED), copied, extend=True)
+    halfway = Manifest.read(copied)
+    assert not halfway.finished
+    assert len(halfway.outputs["results.nc"]) == 2
+    assert verify(copied) == []
+    partly = fc.open_study(copied)
+    np.testing.assert_array_equal(partly["rmse"].sel(backlash=before["backlash"]), before["rmse"])
+    assert run(larger(TRACED), copied, extend=True) == golden(larger(TRACED))
+    assert all(len(hashes) == 1 for hashes in Manifest.read(copied).outputs.values())
+
+
+def test_the_results_of_an_earlier_version_are_not_taken_for_the_present_ones(copied):
     old = (copied / "results.nc").read_bytes()
     run(larger(TRACED), copied, extend=True)
-    new = Manifest.read(copied)
-    assert new.finished
-    assert all(len(hashes) == 1 for hashes in new.outputs.values())
     (copied / "results.nc").unlink()
     (copied / "results.nc").write_bytes(old)
     with pytest.raises(IntegrityError, match="not of this run"):
