@@ -16,7 +16,7 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import IntegrityError, StorageError
+from fastcoil.errors import FastcoilError, IntegrityError, StorageError
 from fastcoil.files import storage_errors
 from fastcoil.simulation.netcdf import entered, left_open, load, outline, parse
 from fastcoil.simulation.resources import available_memory
@@ -137,7 +137,7 @@ class StoredFile:
     def _readable(self) -> Iterator[None]:
         try:
             yield
-        except (IndexError, KeyError, IntegrityError):
+        except (IndexError, KeyError, FastcoilError):
             raise
         except Exception as error:
             if isinstance(error, OSError) and (error.errno or 0) > 0:  # those of the NetCDF library are negative
