@@ -152,20 +152,41 @@ def commit(path: Path, data: bytes | memoryview) -> None:
     commit_written(path, lambda unfinished: _write(unfinished, data))
 
 
-def commit_written(path: Path, write: Callable[[Path], object]) -> None:
-    """As ``commit``, for a library that writes the file itself: ``write`` gets the name to use."""
+def commit_written(
+    path: Path, write: Callable[[Path], object], record: Callable[[Path], object] = lambda unfinished: None
+) -> None:
+    """As ``commit``, for a library that writes the file itself: ``write`` gets the name to use.
+
+    record: gets the same name once the file is on the disk, and before ``path`` points to it.
+    """
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     try:
         with storage_errors(path, "written"):
             with _reveal_reason(unfinished):
                 write(unfinished)
             _sync(unfinished, os.O_RDWR)
+            record(unfinished)
             os.replace(unfinished, path)
             _sync(path.parent, os.O_RDONLY)
     except BaseException:
         with contextlib.suppress(OSError):  # the first error is the one to report
             unfinished.unlink(missing_ok=True)
         raise
+
+
+def make_folder(path: Path, *, parents: bool = False) -> None:
+    """Make a folder, and ``parents`` that are missing; what is made is on the disk before anything is in it.
+
+    Raises
+    ------
+    OSError
+        As the operating system reports it.
+    """
+    made = [p for p in ((path, *path.parents) if parents else (path,)) if not p.exists()]
+    for folder in reversed(made):
+        folder.mkdir(exist_ok=True)
+    for folder in made:
+        _sync(folder.parent, os.O_RDONLY)
 
 
 @contextmanager

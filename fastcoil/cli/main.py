@@ -62,7 +62,7 @@ def run(
     from fastcoil.analysis.summary import summary
     from fastcoil.outputs import STATUS_OK
     from fastcoil.study.file.spec import read_study
-    from fastcoil.study.folder.folder import RESULTS
+    from fastcoil.study.folder.final import RESULTS
     from fastcoil.study.runner import default_folder, execute
     from fastcoil.study.workers.pools import resolve_backend
 

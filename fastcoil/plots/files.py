@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from fastcoil.arguments import checking, choice_of, mapping_of, path_of, text_of, whole_of
 from fastcoil.errors import InputError, WrongType
-from fastcoil.files import commit, read_bytes, storage_errors
+from fastcoil.files import commit, make_folder, read_bytes, storage_errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -108,7 +108,7 @@ def write(
         check(_check_figures, figures)
         check.unless_none(text_of, "drawn_from", drawn_from)
     with storage_errors(folder, "made"):
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder, parents=True)
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"{name}.{format}")

@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import IntegrityError
+from fastcoil.numerics.jit import compiled_for
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.simulation.scenarios import Layout
@@ -25,7 +26,7 @@ FORMAT = 1
 VOLATILE = (
     "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",
     "package_versions", "platform", "content_sha256", "model_sha256", "fastcoil_version",
-    "trace_sha256", "trace_file", "engine",
+    "trace_sha256", "trace_file", "trace_layout", "computed_on", "engine",
 )  # fmt: skip
 """Attributes that may differ between two runs with the same content."""
 
@@ -156,7 +157,17 @@ def provenance() -> dict[str, Any]:
         "python_version": platform.python_version(),
         "package_versions": json.dumps(packages),
         "platform": f"{sys.platform} {platform.machine()}",
+        "computed_on": json.dumps([compiled_for()]),
     }
+
+
+def environments_of(ds: xr.Dataset) -> list[dict[str, str]]:
+    """The environments that computed a result, see ``compiled_for``; an empty one if it does not say."""
+    try:
+        found = json.loads(ds.attrs.get("computed_on", "[{}]"))
+        return [{str(k): str(v) for k, v in each.items()} for each in found]
+    except (ValueError, TypeError, AttributeError):  # nothing that fastcoil wrote
+        return [{}]
 
 
 def content_sha256(ds: xr.Dataset) -> str:

@@ -1,25 +1,56 @@
-"""The one place that reads and writes NetCDF files: shards, results and traces."""
+"""The one door to the NetCDF library, which must not be entered twice: shards, results and traces.
+
+Neither netCDF-C nor HDF5 may be called by two threads at once.  Whoever enters holds the lock of xarray's netcdf4
+backend, so that a user's own datasets keep out, too; inside, xarray is given no lock, for this one is not reentrant.
+Nothing that is opened here is left for the garbage collector to close, which asks nobody.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable
+from collections import deque
+from collections.abc import Collection, Hashable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
 
 import netCDF4
 import xarray as xr
+from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
-from fastcoil.errors import InputError, IntegrityError, StorageError
 from fastcoil.files import commit_written
-from fastcoil.simulation.dataset import FORMAT, combined_sha256
 
-_COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
-_AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
+COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
+LARGE = 64
+"""Values; a variable with more is compressed."""
+AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
+left_open: deque[netCDF4.Dataset] = deque()
+"""Files that nobody reads any more; whoever enters next closes them."""
+_stuck: list[netCDF4.Dataset] = []
+"""Files that could not be closed, for a disk was full, say: the garbage collector would try it again."""
+
+
+@contextmanager
+def entered() -> Iterator[None]:
+    """Enter the library: no other thread is in it."""
+    with NETCDF4_PYTHON_LOCK:
+        while left_open:
+            with suppress(OSError, RuntimeError):  # of a file that was only read
+                close(left_open.popleft())
+        yield
+
+
+def close(file: netCDF4.Dataset) -> Any:
+    """Close a file; whoever calls has entered.  Returns the bytes of one in memory."""
+    try:
+        return file.close()
+    except BaseException:
+        _stuck.append(file)
+        raise
 
 
 def netcdf_bytes(ds: xr.Dataset) -> bytes | memoryview:
     """The Dataset as an uncompressed NetCDF file in memory: a killed writer leaves no file that opens."""
-    return ds.to_netcdf(engine="netcdf4")
+    return _written(ds, "in memory", "w", {}, memory=0)  # type: ignore[no-any-return]
 
 
 def save(ds: xr.Dataset, path: Path) -> None:
@@ -35,66 +66,66 @@ def save(ds: xr.Dataset, path: Path) -> None:
 
 def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
     """Write or append to a file that nobody relies on yet, without a copy of it in memory."""
-    ds.to_netcdf(path, mode=mode, engine="netcdf4", encoding=_encoding(ds))
+    _written(ds, str(path), mode, _encoding(ds))
 
 
-def load(path: Path) -> xr.Dataset:
-    """Read a result into memory and check its ``content_sha256``.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or a later version of fastcoil wrote it.
-    StorageError
-        If it cannot be read.
-    IntegrityError
-        If its content is not what was written.
-    """
-    if not path.is_file():
-        raise InputError(f"{path} does not exist: run the study first")
-    try:
-        with open_lazily(path) as stored:
-            ds = stored.load()
-    except Exception as error:  # damaged bytes may raise anything in the library
-        if isinstance(error, OSError) and (error.errno or 0) > 0:  # those of the NetCDF library are negative
-            raise StorageError(f"{path} cannot be read: {error.strerror}; repair that and try again") from error
-        raise IntegrityError(f"{path} cannot be read as NetCDF ({error}); delete it and run the study again") from error
-    if ds.attrs.get("fastcoil_format", 0) > FORMAT:
-        raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
-    if ds.attrs.get("content_sha256") != combined_sha256(ds):
-        raise IntegrityError(f"{path} is damaged (content_sha256 differs); delete it and run the study again")
-    return ds
-
-
-def load_bytes(data: bytes, name: str, leave_out: Collection[str] = ()) -> xr.Dataset:
-    """Read a NetCDF file that is in memory, without the variables ``leave_out``; ``name`` is only for the library.
+def parse(source: str | bytes) -> netCDF4.Dataset:
+    """Open a file by its name, or from its bytes; whoever calls has entered, and checked their hash before.
 
     Raises
     ------
     OSError, RuntimeError, ValueError
-        If the bytes are no NetCDF file; damaged ones may crash the HDF5 library, so check their hash first.
+        If it is no NetCDF file; damaged bytes may also crash the library, or keep it for ever.
     """
-    with netCDF4.Dataset(name, memory=data) as file:
-        stored = xr.backends.NetCDF4DataStore(file)  # type: ignore[no-untyped-call]
-        return xr.open_dataset(stored, drop_variables=list(leave_out), **_AS_STORED).load()
+    return netCDF4.Dataset(source) if isinstance(source, str) else netCDF4.Dataset("in memory", memory=source)
 
 
-def open_lazily(path: Path) -> xr.Dataset:
-    """Open a NetCDF file; values stay on the disk until they are asked for, and nothing is checked.
+def load(source: str | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:
+    """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything."""
+    with _opened(source, leave_out) as ds:
+        return ds.load()
 
-    Raises
-    ------
-    Exception
-        Whatever the library raises for a damaged file.
-    """
-    return xr.open_dataset(path, engine="netcdf4", **_AS_STORED)
+
+def outline(source: str | bytes) -> xr.Dataset:
+    """The variables of a file as ``parse`` opens it; only coordinates have values."""
+    with _opened(source) as ds:
+        for coordinate in ds.coords.values():
+            coordinate.load()
+        return ds
+
+
+@contextmanager
+def _opened(source: str | bytes, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
+    with entered():
+        file = parse(source)
+        try:
+            stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
+            ds = xr.open_dataset(stored, drop_variables=list(leave_out), **AS_STORED)
+            ds.set_close(None)  # whoever gets it finds the file closed
+            yield ds
+        finally:
+            close(file)
+
+
+def _written(ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any, **options: Any) -> Any:
+    ds = ds.compute()  # values may be in another file, behind the same lock
+    with entered():
+        file = netCDF4.Dataset(name, mode=mode, format="NETCDF4", **options)
+        try:
+            stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
+            ds.dump_to_store(stored, encoding=encoding)
+        except BaseException:
+            with suppress(RuntimeError):  # the first error is the one to report
+                close(file)
+            raise
+        return close(file)
 
 
 def _encoding(ds: xr.Dataset) -> dict[Hashable, dict[str, object]]:
-    large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > 64}
+    large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > LARGE}
     # CF 2.5.1: nothing is missing in a coordinate
     complete = {n for n in ds.coords if ds[n].dtype.kind == "f"}
     return {
-        n: (_COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
+        n: (COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
         for n in large | complete
     }

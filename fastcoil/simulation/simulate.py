@@ -6,6 +6,7 @@ progress, and its parameters exist only while it runs.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,6 +18,7 @@ from fastcoil.arguments import checking, whole_of
 from fastcoil.boundary import Boundary
 from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import blocks, parameter_matrix
+from fastcoil.numerics.jit import compiled_for
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.dataset import content_sha256, flat_dataset, join_flat, provenance, unflatten
 from fastcoil.simulation.loop import Loop
@@ -109,7 +111,8 @@ def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
             for name, signal in signals.items():
                 volumes = (slice(block.n_volumes),) if TRACES[name].per_volume else ()
                 traces[name][members, *volumes] = signal[..., : members.size].T
-    return flat_dataset(index, metrics, status, traces, plan.traces.interval)
+    part = flat_dataset(index, metrics, status, traces, plan.traces.interval)
+    return part.assign_attrs(computed_on=json.dumps([compiled_for()]))
 
 
 def workers(n_jobs: int | None) -> int:

@@ -11,17 +11,17 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.engine.host import TraceRequest, compile_kernel
-from fastcoil.errors import FastcoilError, InputError, IntegrityError, nearest
-from fastcoil.files import storage_errors
+from fastcoil.errors import InputError, nearest
+from fastcoil.files import make_folder, storage_errors
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
-from fastcoil.plots.files import stale_figures
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
 from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.plan import simulation_attributes
 from fastcoil.simulation.simulate import run_shard
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import is_current, open_study
+from fastcoil.study.folder.verify import find_problems
 
 RERUNS = "reruns"
 
@@ -50,25 +50,8 @@ def status(folder: Path) -> list[str]:
 
 def verify(folder: Path) -> list[str]:
     """Check everything in the folder of a study: a sentence for each problem.  Nothing is changed."""
-    problems = []
     store = StudyFolder(folder)
-    manifest = store.require_manifest()
-    try:
-        store.read_study(manifest)
-    except (InputError, IntegrityError) as error:
-        problems += str(error).splitlines()
-    if store.results.exists():
-        try:
-            ds = store.open_results()
-            problems += store.find_trace_problems(ds)
-            problems += [
-                f"{path} was drawn from other results: run `fastcoil plot {folder}`, or delete it"
-                for path in stale_figures(folder, ds.attrs["content_sha256"])
-            ]
-        except FastcoilError as error:
-            problems.append(str(error))
-    shards = store.shards(manifest).inspect()
-    return problems + [f"{shard.path} {shard.problem}" for shard in shards if shard.problem]
+    return store.settled(lambda: find_problems(store))
 
 
 def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
@@ -105,7 +88,7 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
     path = folder / RERUNS / (re.sub(r"[^\w.=+-]", "-", name) + ".nc")
     with storage_errors(path.parent, "made"):
-        path.parent.mkdir(exist_ok=True)
+        make_folder(path.parent)
     save(ds, path)
     return path, _compare_with_stored(store, ds, position)
 

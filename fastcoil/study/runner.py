@@ -5,9 +5,9 @@ from __future__ import annotations
 import difflib
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -17,12 +17,14 @@ from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import model_sha256
+from fastcoil.simulation.dataset import environments_of
 from fastcoil.simulation.resources import check_disk, check_workers
 from fastcoil.simulation.simulate import workers
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.extend import match_scenarios
+from fastcoil.study.folder.final import finished_manifest
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.manifest import Environment, Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.results import Computed, is_current, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
@@ -130,31 +132,33 @@ def execute(
     if problems:
         raise InputError(problems)
     plan, store = study.plan, StudyFolder(folder)
-    manifest = Manifest.of(study, model_sha256())
     with store.hold():
-        stored = store.read_manifest()
-        recorded = stored == manifest and store.read_text() == study.text
-        if stored is not None and stored.study_sha256 != manifest.study_sha256:
+        asked, stored = Manifest.of(study, model_sha256()), store.read_manifest()
+        if stored is not None and stored.study_sha256 != asked.study_sha256:
             if not extend:
                 _refuse_other_study(store, study)
-            _merge_unfinished(store, study, stored, manifest)
+            stored = _merge_unfinished(store, study, stored, asked)
         elif store.results.exists():
             ds = store.open_results()
-            if is_current(ds, manifest):
-                if not recorded:  # run.json or study.toml was lost
-                    store.write_manifest(manifest, study.text)
-                store.remove_superseded(ds, manifest)
+            if is_current(ds, asked):
+                found = finished_manifest(ds, folder, asked.knowing(stored))
+                if not store.records(found, study.text):  # run.json or study.toml was lost, or of version 0.1
+                    store.write_manifest(found, study.text)
+                store.remove_superseded(ds, found)
                 return Finished(folder, ds, 0)
-        if stored is not None and stored.model_sha256 != manifest.model_sha256:
+        if stored is not None and stored.model_sha256 != asked.model_sha256:
             warnings.warn(
                 f"{folder} was computed with other sources of the model: everything is computed again", stacklevel=2
             )
+        manifest = asked.knowing(stored)
         computed = Computed.find(store, study, manifest)
-        todo = computed.missing()
+        todo, environments = computed.survey()
+        manifest = replace(manifest, computed_on=environments, finished=False)
         check_disk(plan.disk_bytes(traces_kept=study.reduction is None), folder)
         if scheduler is None and todo.size:
             check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
         start = time.monotonic()
+        recorded = store.records(manifest, study.text)
         if todo.size:
             if study.reduction is not None:
                 load_function(study.reduction)  # its mistakes before the work
@@ -164,6 +168,11 @@ def execute(
             with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
                 n_jobs = pool.n_workers  # a cluster may have another number
                 for part in Dispatcher(pool, job).run(plan.shards(pool.n_workers, todo)):
+                    for environment in environments_of(part):
+                        if environment not in manifest.computed_on:
+                            _warn_of_difference(folder, environment, manifest.computed_on)
+                            manifest = replace(manifest, computed_on=[*manifest.computed_on, environment])
+                            recorded = False
                     if not recorded:
                         store.write_manifest(manifest, study.text)
                         recorded = True
@@ -176,6 +185,21 @@ def execute(
         # stored results call the backend ``engine``
         ds = merge(store, study, manifest, computed.parts, speed | {"n_jobs": n_jobs, "engine": backend})
     return Finished(folder, ds, todo.size)
+
+
+def _warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:
+    """Warn if other scenarios were computed where bits may differ; one that nobody recorded may be this one."""
+    for other in filter(None, others):
+        differs = [
+            f"{name} {other.get(name, 'unknown')}, now {environment.get(name, 'unknown')}"
+            for name in sorted({*other, *environment})
+            if other.get(name) != environment.get(name)
+        ]
+        warnings.warn(
+            f"a part of {folder} was computed elsewhere ({'; '.join(differs)}): the last digits of results may depend "
+            "on that, in a loop that hunts also the first; to have all from one place, run the study in another folder",
+            stacklevel=3,
+        )
 
 
 def _ignore(_: int) -> None:
@@ -210,18 +234,21 @@ def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
     )
 
 
-def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, manifest: Manifest) -> None:
+def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked: Manifest) -> Manifest | None:
     """Merge what an unfinished run of a smaller version has, so that it can be extended like any other result.
 
     Scenarios that were not run have the status ``not_run``.  Nothing is changed if ``study`` is no extension of it.
+    Returns what ``run.json`` then says.
     """
     if store.results.exists() and is_current(store.open_results(), stored):
-        return
+        return stored
     smaller = store.read_study(stored)
-    if stored.model_sha256 != manifest.model_sha256:
-        return
+    if stored.model_sha256 != asked.model_sha256:
+        return stored
     computed = Computed.find(store, smaller, stored)
     # this reads all shards, so that damaged ones are set aside before ``open_study`` looks at them
-    if computed.missing().size < smaller.plan.n_scenarios:
-        match_scenarios(study.plan, study_attributes(study, manifest.model_sha256), open_study(store.path))
-        merge(store, smaller, stored, computed.parts, complete=False)
+    missing, environments = computed.survey()
+    if missing.size < smaller.plan.n_scenarios:
+        match_scenarios(study.plan, study_attributes(study, asked.model_sha256), open_study(store.path))
+        merge(store, smaller, replace(stored, computed_on=environments), computed.parts, complete=False)
+    return store.read_manifest()

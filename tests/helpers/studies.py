@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 import warnings
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from fastcoil.simulation import netcdf
 from fastcoil.study import maintenance, runner
 from fastcoil.study.file.spec import Study, read_study
 
@@ -117,6 +119,18 @@ def resume(folder: Path, text: str = PLAIN, **options: Any) -> list[str]:
     assert unfinished(folder) == []
     assert shards(folder) == []
     return [str(w.message) for w in warned]
+
+
+def as_version_0_1(folder: Path) -> None:
+    """Turn a folder into one of version 0.1: without hashes, traces known only by their file."""
+    path = folder / "run.json"
+    found = json.loads(path.read_text())
+    identity = ("study_sha256", "boundary_sha256", "model_sha256", "relative_to")
+    path.write_text(json.dumps({name: found[name] for name in identity} | {"format": 1}))
+    ds = netcdf.load(str(folder / "results.nc")).drop_vars(["elapsed_time", "volume"], errors="ignore")
+    for name in ("trace_layout", "computed_on"):
+        ds.attrs.pop(name, None)
+    netcdf.save(ds, folder / "results.nc")
 
 
 SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {

@@ -3,7 +3,7 @@
 ::
 
     study.toml     the text that is run, verbatim
-    run.json       the manifest: hashes of what is run, and where relative paths start
+    run.json       the manifest: hashes of what is run and of the final files, and where it was computed
     shards/        FIRST-HASH.nc, a file for each finished shard, until all of them are in results.nc
     quarantine/    damaged and foreign files from shards/
     results.nc     metrics and status, named and labelled
@@ -13,23 +13,27 @@
 
 from __future__ import annotations
 
-import json
-from contextlib import AbstractContextManager
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError, StorageError
 from fastcoil.files import commit, read_bytes, storage_errors
-from fastcoil.simulation.dataset import variable_sha256
-from fastcoil.simulation.netcdf import load, open_lazily
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
+from fastcoil.study.folder.final import RESULTS, open_final
 from fastcoil.study.folder.lock import find_holder, hold
-from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.manifest import MANIFEST, Manifest
 from fastcoil.study.folder.shards import Shards
 
-RESULTS, STUDY = "results.nc", "study.toml"
+STUDY = "study.toml"
+_PATIENCE = 1.0
+"""Seconds that a run may need between two files that belong together."""
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -65,8 +69,15 @@ class StudyFolder:
         ------
         InputError
             If the folder holds no study.
+        IntegrityError
+            If it holds results, and the manifest is lost.
         """
         manifest = self.read_manifest()
+        if manifest is None and self.results.exists():
+            raise IntegrityError(
+                f"{self.path / MANIFEST} is missing: run the study again, with -o {self.path}, which writes it; the "
+                "results are kept"
+            )
         if manifest is None:
             raise InputError(
                 f"{self.path} holds no study: run one first, with `fastcoil run STUDY.toml -o {self.path}`"
@@ -78,6 +89,11 @@ class StudyFolder:
         # in this order: if it is killed in between, the same command finds its own run, and writes the text again
         manifest.write(self.path)
         commit(self.study, text.encode())
+
+    def records(self, manifest: Manifest, text: str) -> bool:
+        """Whether the folder says all this of the study that is run."""
+        found = self.read_manifest()
+        return found is not None and found.text == manifest.text and self.read_text() == text
 
     def read_text(self) -> str | None:
         """The text of the study that is run, or ``None`` if it is missing or damaged."""
@@ -104,7 +120,9 @@ class StudyFolder:
         try:
             study = read_study(self.study, Path(manifest.relative_to))
         except InputError as error:
-            raise IntegrityError(f"{self.path}: the study can no longer be read: restore its files\n{error}") from None
+            raise IntegrityError(
+                f"{self.path}: the study can no longer be read: restore its files, or run the study again\n{error}"
+            ) from None
         if study.sha256 != manifest.study_sha256:
             what = (
                 "the series of its [boundary]"
@@ -121,40 +139,33 @@ class StudyFolder:
         return Shards(self.path, manifest.key)
 
     def open_results(self) -> xr.Dataset:
-        """Open the results, checked against their hash; traces stay on the disk until they are asked for."""
-        return self.add_traces(load(self.results))
+        """Open the results, see ``open_final``."""
+        return open_final(self.path, self.read_manifest())
 
-    def add_traces(self, ds: xr.Dataset) -> xr.Dataset:
-        """Add to the results their traces, which stay on the disk until they are asked for.
-
-        Raises
-        ------
-        IntegrityError
-            If their file cannot be opened.
-        """
-        if "trace_file" not in ds.attrs:
-            return ds
-        path = self.path / ds.attrs["trace_file"]
-        try:
-            traces = open_lazily(path)
-        except Exception as error:  # damaged bytes may raise anything in the library
-            raise IntegrityError(
-                f"{path} cannot be read ({error}): delete {self.path} and run the study again"
-            ) from error
-        return ds.assign(traces.data_vars).assign_coords(traces.coords)
-
-    def find_trace_problems(self, ds: xr.Dataset) -> list[str]:
-        """What is wrong with the traces of the results, a sentence each; reads all of them."""
-        stored = json.loads(ds.attrs.get("trace_sha256", "{}"))
-        problems = []
-        for name, digest in stored.items():
+    def settled(self, read: Callable[[], Read]) -> Read:
+        """Read something that another run may be writing: again, as long as it is inconsistent and changes."""
+        while True:
+            before = self._state()
             try:
-                same = name in ds.variables and variable_sha256(ds[name].variable) == digest
-            except Exception:  # damaged bytes may raise anything in the library
-                same = False
-            if not same:
-                problems.append(f"{self.path / ds.attrs['trace_file']}: {name} is damaged (its hash differs)")
-        return problems
+                return read()
+            except IntegrityError:
+                if not self._changes(before):
+                    raise
+
+    def _changes(self, before: list[object]) -> bool:
+        patience = _PATIENCE if self.find_holder() else 0.0
+        end = time.monotonic() + patience
+        while (same := self._state() == before) and time.monotonic() < end:
+            time.sleep(patience / 50)
+        return not same
+
+    def _state(self) -> list[object]:
+        found: list[object] = []
+        for name in (MANIFEST, STUDY, RESULTS):
+            with suppress(OSError):
+                status = (self.path / name).stat()
+                found.append((name, status.st_ino, status.st_mtime_ns))
+        return found
 
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:
         """Remove shards and traces that the results ``ds`` replace."""

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from fastcoil.errors import InputError, LockedError, StorageError
-from fastcoil.files import commit, read_bytes, remove_unfinished, require_usable, storage_errors
+from fastcoil.files import commit, make_folder, read_bytes, remove_unfinished, require_usable, storage_errors
 from fastcoil.printable import printable
 
 _LOCK, _HOLDER = ".lock", ".holder"
@@ -50,7 +50,7 @@ def hold(folder: Path) -> Iterator[None]:
     lock = None
     try:
         with storage_errors(folder, "written"):
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder, parents=True)
             try:
                 lock = _acquire(folder)
             except StorageError:

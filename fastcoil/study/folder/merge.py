@@ -13,12 +13,14 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import IntegrityError
-from fastcoil.files import commit_written, storage_errors
+from fastcoil.files import storage_errors
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import combined_sha256, join_flat, provenance, unflatten, variable_sha256
-from fastcoil.simulation.netcdf import save, write
+from fastcoil.simulation.netcdf import write
 from fastcoil.simulation.plan import simulation_attributes
+from fastcoil.simulation.stored_traces import layout_of
 from fastcoil.study.file.spec import Study
+from fastcoil.study.folder.final import add_traces, finished_manifest, publish
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 
@@ -79,15 +81,19 @@ def merge(
     n_run = int((ds["status"] != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
     ds.attrs = study_attributes(study, manifest.model_sha256) | (attrs or {})
+    ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
     if study.kept_traces:
-        file = f"traces-{manifest.key[:8]}.nc"
-        hashes = _merge_traces(folder.path / file, study, lambda leave_out: counted(leave_out, n_run), ds.attrs)
-        ds.attrs |= {"trace_file": file, "trace_sha256": json.dumps(hashes)}
+        # a part of the traces is another file than all of them: results and traces are not replaced at once
+        file = folder.path / f"traces-{manifest.key[:8]}{'' if complete else f'-{n_run}'}.nc"
+        manifest, traces = _merge_traces(file, study, lambda leave_out: counted(leave_out, n_run), ds.attrs, manifest)
+        ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
     ds.attrs["content_sha256"] = combined_sha256(ds)
-    save(ds, folder.results)
-    ds = folder.add_traces(ds)
-    folder.remove_superseded(ds, manifest)
-    return ds
+    manifest = publish(folder.results, lambda unfinished: write(ds, unfinished, mode="w"), manifest)
+    result = add_traces(ds, folder.path, manifest)
+    folder.remove_superseded(result, manifest)
+    if complete:
+        finished_manifest(result, folder.path, manifest).write(folder.path)
+    return result
 
 
 def study_attributes(study: Study, model_sha256: str) -> dict[str, Any]:
@@ -109,21 +115,34 @@ def study_attributes(study: Study, model_sha256: str) -> dict[str, Any]:
     return attrs
 
 
-def _merge_traces(path: Path, study: Study, parts: Parts, attrs: dict[str, Any]) -> dict[str, str]:
-    """Write the traces one by one.  Returns the hash of every variable that is only in their file."""
+def _merge_traces(
+    path: Path, study: Study, parts: Parts, attrs: dict[str, Any], manifest: Manifest
+) -> tuple[Manifest, xr.Dataset]:
+    """Write the traces one by one.
+
+    Returns the manifest with the hash of their file, and what the results must have of them: coordinates, and
+    attributes with the hash and the description of every variable.
+    """
     plan, allocate = study.plan, _allocator(path.parent)
     hashes: dict[str, str] = {}
+    layout: dict[str, Any] = {}
+    coordinates: dict[Any, xr.DataArray] = {}
 
     def write_all(unfinished: Path) -> None:
         for k, name in enumerate(study.kept_traces):
             others = {*METRICS, *TRACES} - {name}
             ds = unflatten(join_flat(plan.n_scenarios, parts(others), [name], allocate), plan.layout)
             hashes.update({n: variable_sha256(ds[n].variable) for n in (name, *_trace_coordinates(ds))})
+            layout.update(layout_of([(name, ds[name].variable)]))
+            coordinates.update({n: ds[n].reset_coords(drop=True) for n in _trace_coordinates(ds)})
             ds.attrs = attrs
             write(ds, unfinished, mode="a" if k else "w")
 
-    commit_written(path, write_all)
-    return hashes
+    recorded = publish(path, write_all, manifest)
+    described = {
+        "trace_file": path.name, "trace_sha256": json.dumps(hashes), "trace_layout": json.dumps(layout)
+    }  # fmt: skip
+    return recorded, xr.Dataset(coords=coordinates, attrs=described)
 
 
 def _trace_coordinates(ds: xr.Dataset) -> list[str]:

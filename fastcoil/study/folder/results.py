@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -13,9 +15,10 @@ import xarray as xr
 from fastcoil.arguments import path_of
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
-from fastcoil.simulation.dataset import join_flat, unflatten
+from fastcoil.simulation.dataset import environments_of, join_flat, unflatten
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.extend import Match, as_part, match_scenarios
+from fastcoil.study.folder.final import find_problems
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.merge import study_attributes
@@ -36,18 +39,26 @@ def open_study(folder: str | Path) -> xr.Dataset:
         If it cannot be read; if a file in it is damaged.
     """
     store = StudyFolder(path_of("folder", folder, "give the folder of a study"))
+    return store.settled(lambda: _open(store))
+
+
+def _open(store: StudyFolder) -> xr.Dataset:
     manifest = store.require_manifest()
     if store.results.exists():
         ds = store.open_results()
         if is_current(ds, manifest):
             return ds
+    elif manifest.finished:
+        raise IntegrityError(f"{store.results} is missing: run the study again")
+    elif not store.shards(manifest).any():
+        raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
     study = store.read_study(manifest)
     computed = Computed.find(store, study, manifest)
     parts = computed.parts(quarantine=False)
     ds = unflatten(join_flat(study.plan.n_scenarios, parts), study.plan.layout)
     if not ds.data_vars:
-        raise InputError(f"{folder} has no finished scenario yet: wait, or run the study")
-    ds.attrs = study_attributes(study, manifest.model_sha256)
+        raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
+    ds.attrs = study_attributes(study, manifest.model_sha256) | {"computed_on": json.dumps(list(manifest.computed_on))}
     return ds
 
 
@@ -55,6 +66,13 @@ def is_current(ds: xr.Dataset, manifest: Manifest) -> bool:
     """Whether a result is that of the run, complete and of the same model."""
     found = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
     return found == (manifest.study_sha256, manifest.model_sha256) and not bool((ds["status"] == STATUS_NOT_RUN).any())
+
+
+class Survey(NamedTuple):
+    """Flat indices of the scenarios that are missing, and the environments that computed the others."""
+
+    missing: np.ndarray
+    environments: list[dict[str, str]]
 
 
 @dataclass(frozen=True)
@@ -88,19 +106,20 @@ class Computed:
             return cls(study, shards, None, nothing)
         match = match_scenarios(study.plan, study_attributes(study, manifest.model_sha256), results)
         # damaged traces must not be written again with a hash of their own
-        problems = folder.find_trace_problems(results)
+        problems = find_problems(results, folder.path, manifest)
         if problems:
-            cure = f"delete {folder.results} and run the study again"
-            raise IntegrityError("\n".join(f"{problem}: {cure}" for problem in problems))
+            raise IntegrityError("\n".join(problems))
         return cls(study, shards, results, match)
 
-    def missing(self) -> np.ndarray:
-        """Flat indices of the scenarios that are to be run; damaged shards are moved to quarantine."""
+    def survey(self) -> Survey:
+        """What is to be run, and where the rest was computed; damaged shards are moved to quarantine."""
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         done[self.match.new] = True
+        environments = environments_of(self.earlier) if self.earlier is not None and self.match.new.size else []
         for part in self.shards.read(quarantine=True, leave_out={*METRICS, *TRACES}):
             done[part["scenario"].values] = True
-        return np.flatnonzero(~done)
+            environments += [each for each in environments_of(part) if each not in environments]
+        return Survey(np.flatnonzero(~done), environments)
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
         """All parts, without the variables ``leave_out``: the earlier results and the shards.

@@ -20,9 +20,9 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import StorageError
-from fastcoil.files import commit, is_unfinished, remove_unfinished, storage_errors
+from fastcoil.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
 from fastcoil.outputs import STATUS_MEANINGS, STATUS_NOT_RUN
-from fastcoil.simulation.netcdf import load_bytes, netcdf_bytes
+from fastcoil.simulation.netcdf import load, netcdf_bytes
 
 SHARDS, QUARANTINE = "shards", "quarantine"
 SHARD_NAME = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
@@ -51,9 +51,13 @@ class Shards:
         """Keep the flat results of a shard for good."""
         data = netcdf_bytes(part.assign_attrs(study=self.key))
         with storage_errors(self.path, "made"):
-            self.path.mkdir(exist_ok=True)
+            make_folder(self.path)
         name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
         commit(self.path / name, data)
+
+    def any(self) -> bool:
+        """Whether there is a file among them."""
+        return next(self.path.glob("*"), None) is not None
 
     def read(self, *, quarantine: bool, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
         """Read the sound shards, one by one, without the variables ``leave_out``, and warn of every other file.
@@ -99,7 +103,7 @@ class Shards:
 
     def _inspect(self, path: Path, leave_out: Collection[str]) -> Inspection:
         named = SHARD_NAME.fullmatch(path.name)
-        if not named or path.is_dir():
+        if not named or (path.exists() and not path.is_file()):
             return Inspection(path, None, "is no shard")
         with storage_errors(path, "read"):
             data = path.read_bytes()
@@ -107,7 +111,7 @@ class Shards:
         if hashlib.sha256(data).hexdigest()[:32] != named[2]:
             return Inspection(path, None, "is damaged (its hash differs)")
         try:
-            part = load_bytes(data, path.name, leave_out)
+            part = load(data, leave_out)
         except (OSError, RuntimeError, ValueError):
             return Inspection(path, None, "is no NetCDF file")
         problem = self._problem(part, first=int(named[1]))
@@ -125,6 +129,6 @@ class Shards:
     def _quarantine(self, path: Path) -> None:
         place = self.folder / QUARANTINE
         with storage_errors(path, f"moved to {place}"):
-            place.mkdir(exist_ok=True)
+            make_folder(place)
             names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
             os.replace(path, next(place / name for name in names if not (place / name).exists()))

@@ -113,4 +113,5 @@ def crashed_part(job: Job, index: np.ndarray) -> xr.Dataset:
         n: np.full((index.size, *((job.plan.n_volumes,) if TRACES[n].per_volume else ()), points), np.nan)
         for n in names
     }
-    return flat_dataset(index, nothing, np.full(index.size, STATUS_CRASHED), traces, job.plan.traces.interval)
+    part = flat_dataset(index, nothing, np.full(index.size, STATUS_CRASHED), traces, job.plan.traces.interval)
+    return part.assign_attrs(computed_on="[]")

@@ -109,7 +109,22 @@ def test_bytes_are_on_the_disk_before_a_name_points_to_them(out):
     done = []
     with operations(out, done.append):
         run(TRACED, out)
+    # .holder; run.json, study.toml, shards; traces and results.nc, each after its hash in run.json; run.json
     replaced = [k for k, name in enumerate(done) if name == "replace"]
-    assert len(replaced) == 3 + DAYS + 2  # .holder, run.json, study.toml, shards, traces, results.nc
+    assert len(replaced) == 1 + 2 + DAYS + 4 + 1
+    after_a_hash = [replaced[k] for k in (-4, -2)]
     for k in replaced:
-        assert done[k - 2 : k + 3] == ["open", "fsync", "replace", "open", "fsync"]
+        assert done[k + 1 : k + 3] == ["open", "fsync"]
+        if k not in after_a_hash:
+            assert done[k - 2 : k] == ["open", "fsync"]
+    for k in after_a_hash:
+        assert done[:k].count("fsync") >= 2 * done[:k].count("replace") + 1
+
+
+def test_a_folder_is_on_the_disk_before_anything_is_in_it(out):
+    done = []
+    with operations(out, done.append):
+        run(PLAIN, out)
+    made = [k for k, name in enumerate(done) if name == "mkdir"]
+    for k in (made[0], made[-1]):  # the folder and shards/; the library of locks asks for the folder, too
+        assert "fsync" in done[k + 1 : k + 3]

@@ -23,8 +23,10 @@ from helpers.studies import (
 )
 
 from fastcoil.errors import InputError, IntegrityError
+from fastcoil.numerics.jit import compiled_for
 from fastcoil.simulation import plan
 from fastcoil.study import maintenance, runner
+from fastcoil.study.folder import manifest
 from fastcoil.study.folder.results import open_study
 
 pytestmark = pytest.mark.kernel
@@ -39,7 +41,8 @@ pytestmark = pytest.mark.kernel
         (b"[1]", "run.json is damaged"),
         (b"[" * 100_000, "run.json is damaged"),
         (b'{"format": 1}', "run.json is damaged"),
-        (b'{"format": 2}', "another version of fastcoil"),
+        (b'{"format": 2}', "run.json is damaged"),
+        (b'{"format": 3}', "another version of fastcoil"),
     ],
 )
 def test_a_damaged_run_json_is_refused_and_nothing_is_lost(broken_off, data, sentence):
@@ -149,7 +152,49 @@ def test_an_interrupted_extension_resumes_and_keeps_the_old_results(out):
 
 def test_run_json_is_valid_json_for_others(broken_off):
     found = json.loads((broken_off / "run.json").read_text())
-    assert set(found) == {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
+    identity = {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
+    assert set(found) == identity | {"computed_on", "outputs", "finished", "sha256"}
+
+
+WRONG = {
+    "relative_to": [None, 5, [], "a\0b", "\ud800"],
+    "model_sha256": [None, 1, "\ud800"],
+    "computed_on": [None, 3, [1], [{"cpu": 1}]],
+    "outputs": [None, [], {"results.nc": "text"}, {"results.nc": [1]}],
+    "finished": ["yes", 3],
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in WRONG.items() for value in values])
+def test_a_value_of_the_wrong_type_in_run_json_is_reported(out, name, value):
+    out.mkdir()
+    manifest.Manifest("a", "b", "c", "d").write(out)
+    found = json.loads((out / "run.json").read_text()) | {name: value}
+    content = {n: v for n, v in found.items() if n not in ("format", "sha256")}
+    (out / "run.json").write_text(json.dumps(found | {"sha256": manifest._checksum(content)}))
+    with pytest.raises(IntegrityError, match=r"run\.json is damaged"):
+        open_study(out)
+
+
+def test_an_edited_run_json_is_found_by_its_checksum(out):
+    run(PLAIN, out)
+    path = out / "run.json"
+    path.write_text(path.read_text().replace('"finished": true', '"finished": false'))
+    for what in (open_study, maintenance.verify, lambda folder: run(PLAIN, folder)):
+        with pytest.raises(IntegrityError, match=r"run\.json is damaged \(its checksum differs\): delete it"):
+            what(out)
+    path.unlink()
+    resume(out)
+
+
+def test_a_run_of_version_0_1_is_resumed(broken_off):
+    path = broken_off / "run.json"
+    found = json.loads(path.read_text())
+    identity = ("study_sha256", "boundary_sha256", "model_sha256", "relative_to")
+    path.write_text(json.dumps({name: found[name] for name in identity} | {"format": 1}))
+    assert verify(broken_off) == []
+    assert resume(broken_off) == []
+    assert manifest.Manifest.read(broken_off).finished
 
 
 @pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
@@ -159,3 +204,67 @@ def test_shards_that_span_days_go_on_where_shards_of_a_day_ended(out, text, monk
     rest = write_study(text, out).plan.shards(1, np.arange(4, 4 * DAYS))
     assert [shard.size for shard in rest] == [4 * (DAYS - 1)]
     assert resume(out, text) == []
+
+
+# --- where it was computed --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def elsewhere(monkeypatch):
+    """Another processor."""
+    here = compiled_for()
+    monkeypatch.setattr("fastcoil.simulation.simulate.compiled_for", lambda: here | {"cpu": "another"})
+    return [here, here | {"cpu": "another"}]
+
+
+def test_a_run_says_where_it_was_computed(out):
+    run(PLAIN, out)
+    assert manifest.Manifest.read(out).computed_on == [compiled_for()]
+    assert json.loads(open_study(out).attrs["computed_on"]) == [compiled_for()]
+
+
+def test_a_run_that_is_resumed_on_another_processor_says_so(broken_off, elsewhere):
+    (warned,) = resume(broken_off)
+    assert f"a part of {broken_off} was computed elsewhere (cpu {elsewhere[0]['cpu']}, now another)" in warned
+    assert manifest.Manifest.read(broken_off).computed_on == elsewhere
+    assert json.loads(open_study(broken_off).attrs["computed_on"]) == elsewhere
+
+
+def test_a_study_that_is_extended_on_another_processor_says_so(out, elsewhere, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr("fastcoil.simulation.simulate.compiled_for", compiled_for)
+        run(PLAIN, out)
+    (out / "run.json").unlink()  # the results know it, too
+    (warned,) = resume(out, larger(PLAIN), extend=True)
+    assert "now another" in warned
+    assert manifest.Manifest.read(out).computed_on == elsewhere
+
+
+# --- study.toml -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda text: b"", lambda text: b"\xff" + text, lambda text: text[:-3], lambda text: None], ids=str
+)
+def test_results_stay_readable_without_their_study_toml_and_a_run_restores_it(out, damage):
+    run(PLAIN, out)
+    path = out / "study.toml"
+    good = path.read_bytes()
+    bad = damage(good)
+    path.unlink() if bad is None else path.write_bytes(bad)
+    assert open_study(out).attrs["content_sha256"] == golden(PLAIN)
+    assert any("Finished" in line for line in maintenance.status(out))
+    assert any("study" in problem for problem in verify(out))
+    assert resume(out) == []
+    assert path.read_bytes() == good
+
+
+def test_a_study_toml_with_line_ends_of_another_system_is_sound(broken_off):
+    path = broken_off / "study.toml"
+    good = path.read_bytes()
+    for _ in range(2):
+        path.write_bytes(good.replace(b"\n", b"\r\n"))
+        assert verify(broken_off) == []
+        open_study(broken_off)
+        assert resume(broken_off) == []
+    assert path.read_bytes() == good

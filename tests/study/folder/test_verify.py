@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import random
+import shutil
 import stat
 
 import netCDF4
 import pytest
-from helpers.studies import DAYS, PLAIN, TRACED, contents, larger, resume, run, run_until_interrupted, verify
+from click.testing import CliRunner
+from helpers.studies import (
+    DAYS,
+    PLAIN,
+    TRACED,
+    as_version_0_1,
+    contents,
+    larger,
+    resume,
+    run,
+    run_until_interrupted,
+    verify,
+)
 
 import fastcoil as fc
+from fastcoil.cli.main import main
 from fastcoil.errors import IntegrityError
 from fastcoil.study import maintenance
 from fastcoil.study.folder.results import open_study
@@ -76,9 +90,9 @@ def test_damaged_traces_are_not_written_again_by_an_extension(out):
     path = next(out.glob("traces-*.nc"))
     with netCDF4.Dataset(path, "a") as file:
         file["mode"][0] = 9 - file["mode"][0]
-    assert "mode is damaged" in verify(out)[0]
+    assert f"{path} is damaged" in verify(out)[0]
     before = contents(out)["results.nc"]
-    with pytest.raises(IntegrityError, match="mode is damaged"):
+    with pytest.raises(IntegrityError, match="is damaged"):
         run(larger(TRACED), out, extend=True)
     assert contents(out)["results.nc"] == before
     (out / "results.nc").unlink()
@@ -108,3 +122,41 @@ def test_a_look_at_a_study_while_its_run_finishes_finds_no_damage(out, monkeypat
 
     monkeypatch.setattr(Shards, "_inspect", finishing)
     assert maintenance.verify(out) == []
+
+
+@pytest.mark.parametrize("name", ["results.nc", "traces", "run.json", "study.toml"])
+def test_a_file_that_a_finished_study_must_have_is_missed(out, name):
+    run(TRACED, out)
+    path = next(out.glob(f"{name}*"))
+    path.unlink()
+    result = CliRunner().invoke(main, ["verify", str(out)])
+    assert result.exit_code == 6
+    assert f"{path} is missing" in result.output
+    if name == "results.nc":
+        with pytest.raises(IntegrityError, match="is missing: run the study again"):
+            open_study(out)
+    if name != "traces":
+        resume(out, TRACED)
+
+
+def test_a_finished_study_of_version_0_1_without_its_results_is_not_sound(out):
+    run(PLAIN, out)
+    as_version_0_1(out)
+    assert verify(out) == []
+    (out / "results.nc").unlink()
+    assert "results.nc is missing" in verify(out)[0]
+    resume(out)
+
+
+def test_files_of_other_runs_in_a_finished_study_are_named(out, tmp_path):
+    run(TRACED, out)
+    other = tmp_path / "other"
+    run(larger(TRACED), other)
+    shutil.copy(next(other.glob("traces-*.nc")), out)
+    (problem,) = verify(out)
+    assert "is not of this run" in problem
+    resume(out, TRACED)
+    shutil.copy(other / "results.nc", out)
+    assert "results.nc is damaged, or not of this run" in verify(out)[0]
+    shutil.copy(other / "study.toml", out)
+    assert len(verify(out)) >= 2

@@ -1,0 +1,65 @@
+"""What the folder of a study must hold, and what is wrong with what it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from fastcoil.errors import FastcoilError, InputError, IntegrityError
+from fastcoil.plots.files import stale_figures
+from fastcoil.study.folder import final
+from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.results import is_current
+
+
+def find_problems(store: StudyFolder) -> list[str]:
+    """Check every file in a folder: a sentence for each problem.  Nothing is changed.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no study.
+    IntegrityError
+        If nobody knows which one, for ``run.json`` is lost or damaged.
+    """
+    manifest = store.require_manifest()
+    parts = _study(store, manifest), _results(store, manifest), _shards(store, manifest)
+    return [problem for problems in parts for problem in problems]
+
+
+def _study(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+    try:
+        store.read_study(manifest)
+    except (InputError, IntegrityError) as error:
+        yield from str(error).splitlines()
+
+
+def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+    if not store.results.exists():
+        if manifest.finished or (manifest.finished is None and not store.shards(manifest).any()):
+            yield f"{store.results} is missing: run the study again"
+        return
+    try:
+        ds = store.open_results()
+        yield from final.find_problems(ds, store.path, manifest)
+    except FastcoilError as error:
+        yield str(error)
+        return
+    if not manifest.finished:
+        return
+    again = f"run the study again, with -o {store.path}, which puts it right"
+    if not is_current(ds, manifest):
+        yield f"{store.results} is of another study, or incomplete: {again}"
+    elif (store.read_text() or "").replace("\r\n", "\n") != ds.attrs.get("study_toml"):
+        yield f"{store.study} is not the text of the study that was run: {again}"
+    for path in store.path.glob("traces-*.nc"):
+        if path.name != ds.attrs.get("trace_file"):
+            yield f"{path} is not of this run: {again}"
+    for path in stale_figures(store.path, ds.attrs["content_sha256"]):
+        yield f"{path} was drawn from other results: run `fastcoil plot {store.path}`, or delete it"
+
+
+def _shards(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+    for shard in store.shards(manifest).inspect():
+        if shard.problem:
+            yield f"{shard.path} {shard.problem}"

@@ -1,0 +1,105 @@
+"""Programs with many threads, as servers, notebooks and graphical interfaces are: each ends with 0 if all went well.
+
+``python -m helpers.many_threads PROGRAM FOLDER``
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+import fastcoil as fc
+from helpers.studies import TRACED
+
+TEXT = TRACED.replace("seed = [1, 2, 3]", "seed = 1").replace('"mode"]', '"mode", "T_c"]').replace("= 50", "= 5")
+
+
+def study(folder: Path) -> Path:
+    """The file of a small study with traces."""
+    path = folder / "small.toml"
+    if not path.exists():
+        path.write_text(TEXT, encoding="utf-8")
+    return path
+
+
+def look(folder: Path, golden: str) -> float:
+    """Open a study, read parts of its traces and all of one, and drop it."""
+    ds = fc.open_study(folder)
+    assert ds.attrs["content_sha256"] == golden
+    part = ds["T_c"].isel(backlash=0, volume=[1, 3]).values
+    assert part.shape[1] == 2, part.shape
+    return float(ds["T_sup"].sum()) + float(np.sum(ds["mode"].values))
+
+
+def look_from_eight_threads(folder: Path, times: int = 25) -> None:
+    """Eight threads open the same study."""
+    golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(lambda _: look(folder / "one", golden), range(8 * times)))
+    assert len(set(found)) == 1
+
+
+def run_in_four_threads(folder: Path, times: int = 2) -> None:
+    """Four threads run studies into folders of their own, while others look at these and at a finished one."""
+    golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
+    targets = [folder / f"out{k}" for k in range(4 * times)]
+    done = threading.Event()
+
+    def poll(k: int) -> int:
+        seen = 0
+        while not done.is_set():
+            with suppress(fc.InputError):  # nothing is finished there yet
+                seen += fc.open_study(targets[(k + seen) % len(targets)]).attrs.get("content_sha256") == golden
+            look(folder / "one", golden)
+            gc.collect()
+        return seen
+
+    with ThreadPoolExecutor(7) as pool:
+        looking = [pool.submit(poll, k) for k in range(3)]
+        try:
+            running = [pool.submit(fc.run_study, study(folder), out, n_jobs=1) for out in targets]
+            assert {run.result().attrs["content_sha256"] for run in running} == {golden}
+        finally:
+            done.set()
+        assert all(look.result() >= 0 for look in looking)
+
+
+def gather(folder: Path, times: int = 40) -> None:
+    """A server that answers many requests at once."""
+    golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
+
+    async def serve() -> None:
+        looks = (asyncio.to_thread(look, folder / "one", golden) for _ in range(times))
+        runs = (asyncio.to_thread(fc.run_study, study(folder), folder / f"out{k}", n_jobs=1) for k in range(3))
+        await asyncio.gather(*looks, *runs)
+
+    asyncio.run(serve())
+
+
+def run_inside_an_event_loop(folder: Path, backend: str) -> None:
+    """A notebook: whatever it calls is called inside a running event loop."""
+    golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
+
+    async def cell() -> str:
+        ds = fc.run_study(study(folder), folder / "out", n_jobs=1, backend=backend)
+        return str(ds.attrs["content_sha256"])
+
+    assert asyncio.run(cell()) == golden
+
+
+PROGRAMS = {
+    "look": look_from_eight_threads,
+    "run": run_in_four_threads,
+    "gather": gather,
+    **{f"{b} in a loop": lambda f, b=b: run_inside_an_event_loop(f, b) for b in ("threads", "loky", "dask")},
+}
+
+if __name__ == "__main__":
+    PROGRAMS[sys.argv[1]](Path(sys.argv[2]))

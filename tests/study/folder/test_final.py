@@ -1,0 +1,298 @@
+"""The final files of a study: hashed before a byte is parsed, and tried by a child if nobody knows their hash."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import shutil
+import time
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.studies import PLAIN, TRACED, as_version_0_1, golden, larger, run, verify
+
+import fastcoil as fc
+from fastcoil.errors import IntegrityError
+from fastcoil.simulation import netcdf, stored_file, trial
+from fastcoil.study.folder.final import open_final
+from fastcoil.study.folder.manifest import Manifest
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder of a finished study with traces; not to be changed."""
+    out = tmp_path_factory.mktemp("finished") / "out"
+    run(TRACED, out)
+    return out
+
+
+@pytest.fixture
+def copied(finished, out):
+    """A copy of it."""
+    shutil.copytree(finished, out)
+    return out
+
+
+def traces_of(folder):
+    return next(folder.glob("traces-*.nc"))
+
+
+def zeroed(path, sector):
+    """Write zeros over a sector, as a failing disk does."""
+    data = bytearray(path.read_bytes())
+    data[512 * sector : 512 * (sector + 1)] = bytes(len(data[512 * sector : 512 * (sector + 1)]))
+    path.write_bytes(data)
+
+
+# --- recorded hashes --------------------------------------------------------------------------------------------------
+
+
+def test_no_byte_of_a_damaged_file_is_parsed(copied, monkeypatch):
+    zeroed(copied / "results.nc", 8)  # the library never returns from these bytes
+    monkeypatch.setattr(netCDF4, "Dataset", None)
+    for what in (fc.open_study, lambda out: run(TRACED, out)):
+        with pytest.raises(IntegrityError, match=r"results\.nc is damaged.*delete it and run the study again"):
+            what(copied)
+    assert "results.nc is damaged" in " ".join(verify(copied))
+
+
+def test_damaged_traces_are_found_when_they_are_read_and_metrics_stay_readable(copied):
+    path = traces_of(copied)
+    good = path.read_bytes()
+    path.unlink()
+    path.write_bytes(good[:-1] + bytes([good[-1] ^ 1]))
+    ds = fc.open_study(copied)
+    assert bool(np.isfinite(ds["rmse"]).all())
+    assert ds["T_sup"].sizes["elapsed_time"] == ds["elapsed_time"].size
+    with pytest.raises(IntegrityError, match=r"traces-.* is damaged.*delete results\.nc and run the study again"):
+        ds["T_sup"].isel(day=0).load()
+    with pytest.raises(IntegrityError, match="is damaged"):
+        run(TRACED, copied)
+
+
+def test_traces_are_hashed_once_in_a_process_and_not_before_they_are_read(finished, monkeypatch):
+    hashed, real = [], stored_file.Descriptor.chunks
+    monkeypatch.setattr(stored_file, "_hashes", type(stored_file._hashes)())
+    monkeypatch.setattr(stored_file.Descriptor, "chunks", lambda self: hashed.append(self.path.name) or real(self))
+    ds = fc.open_study(finished)
+    assert hashed == ["results.nc"]
+    for k in range(3):
+        assert ds["T_sup"].isel(day=k).values.shape == ds["T_sup"].shape[1:]
+    assert float(fc.open_study(finished)["T_sup"].isel(day=0, elapsed_time=0).max()) == 20.0
+    assert hashed == ["results.nc", traces_of(finished).name]
+    assert verify(finished) == []
+    assert len(hashed) == 4  # verify trusts no memory
+
+
+def test_between_its_hash_and_its_name_a_new_file_leaves_the_old_one_readable(copied, monkeypatch):
+    before, real = fc.open_study(copied).load(), os.replace
+
+    def killed(source, target):
+        if os.fspath(target).endswith("results.nc"):
+            raise KeyboardInterrupt
+        real(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run(larger(TRACED), copied, extend=True)
+    halfway = Manifest.read(copied)
+    assert not halfway.finished
+    assert len(halfway.outputs["results.nc"]) == 2
+    assert verify(copied) == []
+    partly = fc.open_study(copied)
+    np.testing.assert_array_equal(partly["rmse"].sel(backlash=before["backlash"]), before["rmse"])
+    assert run(larger(TRACED), copied, extend=True) == golden(larger(TRACED))
+    assert all(len(hashes) == 1 for hashes in Manifest.read(copied).outputs.values())
+
+
+def test_the_results_of_an_earlier_version_are_not_taken_for_the_present_ones(copied):
+    old = (copied / "results.nc").read_bytes()
+    run(larger(TRACED), copied, extend=True)
+    (copied / "results.nc").unlink()
+    (copied / "results.nc").write_bytes(old)
+    with pytest.raises(IntegrityError, match="not of this run"):
+        fc.open_study(copied)
+
+
+# --- lazily -----------------------------------------------------------------------------------------------------------
+
+
+def test_lazy_traces_give_what_loaded_ones_give(finished):
+    lazy, loaded = fc.open_study(finished), fc.open_study(finished).load()
+    for key in (
+        {"day": 0}, {"day": [2, 0], "elapsed_time": slice(None, None, -2)}, {"elapsed_time": -1},
+        {"backlash": xr.DataArray([0, 1], dims="pair"), "day": xr.DataArray([2, 1], dims="pair")}, {"day": slice(0, 0)},
+    ):  # fmt: skip
+        for name in ("T_sup", "mode"):
+            assert lazy[name].isel(key).identical(loaded[name].isel(key)), (name, key)
+            assert lazy[name].dtype == loaded[name].dtype
+    assert pickle.loads(pickle.dumps(lazy)).load().identical(loaded)
+    assert lazy.chunk({"day": 1}).load().identical(loaded)
+    assert lazy.copy(deep=True).load().identical(loaded)
+
+
+def test_results_are_saved_by_a_user_with_their_traces(finished, tmp_path):
+    ds = fc.open_study(finished)
+    ds.to_netcdf(tmp_path / "mine.nc")
+    with xr.open_dataset(tmp_path / "mine.nc", decode_timedelta=False) as mine:
+        assert mine["T_sup"].equals(ds["T_sup"])
+
+
+def test_dropped_and_closed_results_leave_no_file_open(finished):
+    def held():
+        found = [f"/proc/self/fd/{number}" for number in os.listdir("/proc/self/fd")]
+        return [name for name in map(os.path.realpath, found) if "traces-" in name and str(finished) in name]
+
+    for _ in range(3):
+        ds = fc.open_study(finished)
+        ds["T_sup"].isel(day=0).load()
+    assert held()
+    ds.close()
+    assert ds["mode"].isel(day=0).size  # opened again by its name
+    del ds
+    gc.collect()
+    with netcdf.entered():
+        pass
+    assert held() == []
+
+
+def test_very_many_open_results_are_all_readable(finished, monkeypatch):
+    monkeypatch.setattr(stored_file, "_MOST_DESCRIPTORS", 5)
+    monkeypatch.setattr(stored_file, "_MOST_HANDLES", 2)
+    many = [fc.open_study(finished) for _ in range(12)]
+    for ds in (*many, *many):
+        assert float(ds["T_sup"].isel(day=0, elapsed_time=0).max()) == 20.0
+    assert sum(1 for each in stored_file._held if each() is not None) <= 6
+
+
+# --- files without a recorded hash ------------------------------------------------------------------------------------
+
+
+def test_a_folder_of_version_0_1_opens_and_the_next_run_records_its_hashes(copied):
+    good = fc.open_study(copied).load()
+    as_version_0_1(copied)
+    old = fc.open_study(copied)
+    assert old.attrs["content_sha256"] == golden(TRACED)
+    assert old.load().drop_attrs().identical(good.drop_attrs())
+    assert verify(copied) == []
+    before = (copied / "results.nc").stat().st_mtime_ns
+    assert run(TRACED, copied) == golden(TRACED)
+    assert (copied / "results.nc").stat().st_mtime_ns == before
+    manifest = Manifest.read(copied)
+    assert manifest.finished
+    assert set(manifest.outputs) == {"results.nc", traces_of(copied).name}
+    assert manifest.computed_on == [{}]
+
+
+def test_a_file_that_nobody_knows_and_that_hangs_the_library_is_refused_in_time(copied, monkeypatch):
+    as_version_0_1(copied)
+    endless = copied / "endless.py"
+    endless.write_text("while True: pass")
+    monkeypatch.setattr(trial, "_SECONDS", 1)
+    monkeypatch.setattr(trial, "_passed", set())
+    monkeypatch.setattr(trial, "_READER", endless)
+    start = time.monotonic()
+    with pytest.raises(IntegrityError, match=r"results\.nc is damaged: reading it did not end in 1 s; delete it"):
+        fc.open_study(copied)
+    assert time.monotonic() - start < 30
+
+
+def test_a_changed_value_of_a_small_trace_is_found_without_a_recorded_hash(copied):
+    as_version_0_1(copied)
+    with netCDF4.Dataset(traces_of(copied), "a") as file:
+        file["mode"][0, 0, 0, 3] = 9 - file["mode"][0, 0, 0, 3]
+    with pytest.raises(IntegrityError, match="mode is damaged"):
+        fc.open_study(copied)
+
+
+def test_a_child_that_crashes_or_finds_no_netcdf_is_reported_in_a_sentence(tmp_path, monkeypatch):
+    path = tmp_path / "results.nc"
+    path.write_bytes(b"CDF\1 and what follows is none")
+    with pytest.raises(IntegrityError, match=r"cannot be read as NetCDF \(.*\); throw it away"):
+        trial.try_reading(path, "throw it away")
+    crash = tmp_path / "crash.py"
+    crash.write_text("import os; os.kill(os.getpid(), 11)")
+    monkeypatch.setattr(trial, "_READER", crash)
+    with pytest.raises(IntegrityError, match="the library ended with signal 11"):
+        trial.try_reading(path, "throw it away")
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["fifo", "folder"])
+@pytest.mark.parametrize("name", ["results.nc", "traces"])
+def test_what_is_no_file_is_refused_and_blocks_nobody(copied, make, name):
+    path = copied / name if name == "results.nc" else traces_of(copied)
+    path.unlink()
+    make(path)
+    with pytest.raises(IntegrityError, match="is no regular file"):
+        fc.open_study(copied)
+
+
+# --- content ----------------------------------------------------------------------------------------------------------
+
+
+def opened(folder):
+    """Open results whose bytes are as they were written, whatever they say."""
+    hashes = {"results.nc": [stored_file.file_sha256(folder / "results.nc")]}
+    return open_final(folder, Manifest("", "", "", "", outputs=hashes))
+
+
+def damaged_value(ds):
+    ds.rmse[0, 1, 0, 1, 0] += 1e-15
+
+
+def damaged_label(ds):
+    ds["backlash"] = [0.0, np.nextafter(0.07, 1.0), 0.15]
+
+
+def damaged_unit(ds):
+    ds.rmse.attrs["units"] = "degC"
+
+
+def damaged_parameter(ds):
+    ds.attrs["parameters"] = ds.attrs["parameters"].replace("8.8", "8.9")
+
+
+@pytest.mark.parametrize("damage", [damaged_value, damaged_label, damaged_unit, damaged_parameter])
+def test_a_content_that_is_not_that_of_its_hash_is_detected(tmp_path, swept, damage):
+    changed = swept.copy(deep=True)
+    damage(changed)
+    netcdf.save(changed, tmp_path / "results.nc")
+    with pytest.raises(IntegrityError, match="is damaged \\(content_sha256 differs\\)"):
+        opened(tmp_path)
+
+
+def test_a_cut_file_without_a_recorded_hash_is_detected(tmp_path, swept):
+    path = tmp_path / "results.nc"
+    netcdf.save(swept, path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(IntegrityError, match=r"results\.nc"):
+        open_final(tmp_path, None)
+
+
+def test_a_file_of_a_later_version_and_a_missing_one_are_refused(tmp_path, swept):
+    with pytest.raises(fc.InputError, match="does not exist"):
+        open_final(tmp_path, None)
+    netcdf.save(swept.assign_attrs(fastcoil_format=99), tmp_path / "results.nc")
+    with pytest.raises(fc.InputError, match="later version"):
+        opened(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "attrs", [{"trace_file": "../traces-x.nc"}, {"trace_file": 3}, {"trace_sha256": "["}, {"fastcoil_format": "x"}]
+)
+def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
+    netcdf.save(swept.assign_attrs(attrs), tmp_path / "results.nc")
+    with pytest.raises(IntegrityError, match=r"results\.nc"):
+        opened(tmp_path)
+
+
+def test_plain_results_have_no_traces(out):
+    run(PLAIN, out)
+    assert fc.open_study(out).attrs["content_sha256"] == golden(PLAIN)
+    assert set(Manifest.read(out).outputs) == {"results.nc"}

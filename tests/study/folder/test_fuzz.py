@@ -1,0 +1,128 @@
+"""Every file of a study, damaged at random: the right numbers or a sentence, in bounded time, and nothing else."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import time
+import warnings
+
+import numpy as np
+import pytest
+from helpers.damage import damaged, edited
+from helpers.studies import DAYS, TRACED, as_version_0_1, golden, run, run_until_interrupted
+
+import fastcoil as fc
+from fastcoil.errors import InputError, IntegrityError
+from fastcoil.simulation import stored_file, trial
+from fastcoil.study import maintenance
+from fastcoil.study.folder import final, manifest
+
+pytestmark = pytest.mark.kernel
+
+_LONGEST = 60.0
+"""Seconds; a hint that something hangs, not a measure."""
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory):
+    """Folders by what happened to them before, and the right numbers."""
+    place = tmp_path_factory.mktemp("originals")
+    run(TRACED, place / "finished")
+    with fc.open_study(place / "finished") as ds:
+        right = ds.load()
+    run_until_interrupted(TRACED, place / "unfinished", DAYS - 1)
+    shutil.copytree(place / "finished", place / "of 0.1")
+    as_version_0_1(place / "of 0.1")
+    return place, right
+
+
+def files(folder):
+    """The files that may be damaged."""
+    return sorted(p for p in folder.rglob("*") if p.is_file() and p.name != ".lock")
+
+
+def check(found, right):
+    """Whatever was computed is right."""
+    done = (found["status"] == 0).values
+    assert set(np.unique(found["status"].values)) <= {0, 3}
+    for name in ("rmse", "switch_frequency", "T_sup", "mode"):
+        np.testing.assert_array_equal(found[name].values[done], right[name].values[done], err_msg=name)
+    for name in right.coords:
+        np.testing.assert_array_equal(found[name].values, right[name].values, err_msg=str(name))
+
+
+def outcome(what):
+    """What a command gives, or the error that it may end with."""
+    start = time.monotonic()
+    try:
+        return what()
+    except (IntegrityError, InputError) as error:
+        return error
+    finally:
+        assert time.monotonic() - start < _LONGEST
+
+
+def forget():
+    """What this process knows of files: they are written faster than the clock of the file system runs."""
+    stored_file._hashes.clear()
+    trial._passed.clear()
+    final._sound.clear()
+
+
+def ordeal(originals, out, kind, seed):
+    """Damage one file, use every command, and see whether a run repairs what can be repaired."""
+    place, right = originals
+    shutil.rmtree(out, ignore_errors=True)
+    shutil.copytree(place / kind, out)
+    dice = random.Random(f"{kind} {seed}")
+    path = dice.choice(files(out))
+    good = path.read_bytes()
+    bad = edited(good, dice, manifest._checksum) if path.suffix == ".json" and seed % 2 else damaged(good, dice)
+    path.unlink()
+    path.write_bytes(bad)
+    forget()
+    said = f"{kind} {seed}: {path.name}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        opened = outcome(lambda: fc.open_study(out).load())
+        if not isinstance(opened, Exception):
+            check(opened, right)
+        outcome(lambda: maintenance.status(out))
+        problems = outcome(lambda: maintenance.verify(out))
+        again = outcome(lambda: run(TRACED, out))
+        if isinstance(again, Exception):
+            assert problems, said
+            return False
+        assert again == golden(TRACED), said
+        assert maintenance.verify(out) == [], said
+        check(fc.open_study(out).load(), right)
+    return problems == []
+
+
+def ordeals(originals, out, kind, seeds):
+    """Many of them; some must do no harm, and most must."""
+    harmless = sum(ordeal(originals, out, kind, seed) for seed in seeds)
+    assert harmless < len(seeds)
+
+
+@pytest.mark.parametrize(("kind", "times"), [("finished", 30), ("unfinished", 4)])
+def test_damage_gives_the_right_numbers_or_a_sentence(originals, out, kind, times):
+    ordeals(originals, out, kind, range(times))
+
+
+def test_damage_without_recorded_hashes_gives_the_right_numbers_or_a_sentence(originals, out, monkeypatch):
+    monkeypatch.setattr(trial, "_SECONDS", 5)
+    ordeals(originals, out, "of 0.1", range(2))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("kind", "times"), [("finished", 700), ("unfinished", 300)])
+def test_very_much_damage(originals, out, kind, times):
+    ordeals(originals, out, kind, range(1000, 1000 + times))
+
+
+@pytest.mark.full
+def test_very_much_damage_without_recorded_hashes(originals, out, monkeypatch):
+    monkeypatch.setattr(trial, "_SECONDS", 5)
+    ordeals(originals, out, "of 0.1", range(2, 100))

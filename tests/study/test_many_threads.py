@@ -1,0 +1,24 @@
+"""Many threads open, read and run studies at the same time: no crash, and the same bits."""
+
+from __future__ import annotations
+
+import pytest
+from helpers.processes import ended, started
+
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180)]
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "run",
+        *(
+            pytest.param(name, marks=pytest.mark.full)
+            for name in ("look", "gather", "threads in a loop", "loky in a loop", "dask in a loop")
+        ),
+    ],
+)
+def test_a_program_with_many_threads_ends_well(tmp_path, program):
+    words = ("-X", "faulthandler", "-m", "helpers.many_threads", program, tmp_path)
+    code, _, said = ended(started(*words, cwd=tmp_path), within=150)
+    assert code == 0, said[-3000:]
