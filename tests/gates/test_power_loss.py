@@ -1,0 +1,159 @@
+"""The power fails at any moment: what was reported as finished is there, and the same command gives the same results.
+
+A whole command is recorded, call by call; then its calls are replayed on a model of a disk that keeps only what was
+synced, and the folders that may be left are looked at and run again.
+"""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from itertools import accumulate
+
+import numpy as np
+import pytest
+from helpers import power_loss
+from helpers.calls import Call, read_records
+from helpers.studies import SITUATIONS, TRACED, golden, larger, run, run_until_interrupted, unfinished, write_study
+
+from fastcoil.errors import FastcoilError
+from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.study import maintenance, runner
+from fastcoil.study.folder.results import open_study
+
+pytestmark = pytest.mark.kernel
+
+RESUMED = {"resumed": (TRACED, lambda folder: run_until_interrupted(TRACED, folder, 1))}
+COMMANDS = SITUATIONS | RESUMED
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """The results of the largest study."""
+    out = tmp_path_factory.mktemp("expected") / "out"
+    return runner.execute(write_study(larger(TRACED), out), out, n_jobs=1).results.load()
+
+
+class Recorded:
+    """A command, call by call, on a disk of its own."""
+
+    def __init__(self, watched, tmp_path, situation, figures=False):
+        self.text, prepare = COMMANDS[situation]
+        self.place, self.figures = tmp_path / "disk", figures
+        self.place.mkdir()
+        out, record = self.place / "out", tmp_path / "record"
+        prepare(out)
+        (self.place / "study.toml").unlink(missing_ok=True)
+        self.before = [] if not out.exists() else [power_loss.Disk.holding(self.place)]
+        self.n_before = n_finished(out)
+        study = tmp_path / "study.toml"
+        study.write_text(self.text)
+        words = ["run", str(study), "-o", str(out), "-j", "1", "--extend"] + ["--no-figures"] * (not figures)
+        calls = {"folder": str(self.place), "record": str(record)}
+        shutil.copytree(self.place, tmp_path / "start")
+        # the server writes a copy of the study next to the folder: not on the disk
+        code, _, said = watched(self.text, tmp_path / "out", arguments=words, calls=calls)
+        assert code == 0, said
+        self.records = list(read_records(record))
+        self.start = tmp_path / "start"
+        reported = accumulate((int(r.first) if r.call is Call.MARK else 0 for r in self.records), initial=0)
+        self.reported = [self.n_before + n for n in reported][1:]
+
+    def disk(self, n):
+        """The disk after n + 1 calls."""
+        disk = power_loss.Disk.holding(self.start)
+        disk.top = self.place
+        for record in self.records[: n + 1]:
+            disk.do(record)
+        return disk
+
+
+def n_finished(out):
+    """Scenarios that are finished in a folder."""
+    try:
+        return int((open_study(out)["status"] == STATUS_OK).sum()) if out.exists() else 0
+    except FastcoilError:
+        return 0
+
+
+def check_sound(out, expected):
+    """Looking at a folder gives a sentence or true numbers.  Returns how many scenarios are finished in it."""
+    n = 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for look in (maintenance.status, maintenance.verify):
+            try:
+                look(out)
+            except FastcoilError as error:
+                assert str(error)
+        try:
+            ds = open_study(out).load()
+        except FastcoilError as error:
+            assert str(error)
+            return 0
+    wanted = expected.sel({d: ds[d] for d in ("backlash", "estimate_ratio", "day") if d in ds.dims})
+    wanted = wanted.transpose(*ds["status"].dims, ...)
+    ok = ds["status"].values == STATUS_OK
+    for name in (*METRICS, *(t for t in ("T_sup", "mode") if t in ds)):
+        np.testing.assert_array_equal(ds[name].values[ok], wanted[name].values[ok], err_msg=name)
+    return int(ok.sum())
+
+
+def lose_power(recorded, n, found, tmp_path, expected):
+    """Lose power after the n-th call: nothing that was reported is run again, and the results are the same."""
+    place = tmp_path / "found"
+    shutil.rmtree(place, ignore_errors=True)
+    power_loss.lay_out(found, place)
+    out, reported = place / "out", recorded.reported[n]
+    finished = check_sound(out, expected) if out.exists() else 0
+    # while a study is extended, the old text may be there with the new manifest
+    assert finished >= reported or (recorded.n_before and n < len(recorded.records) - 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is found damaged
+        again = runner.execute(write_study(recorded.text, out), out, n_jobs=1, extend=True)
+    assert again.results.attrs["content_sha256"] == golden(recorded.text)
+    assert again.results["status"].size - again.n_run >= reported
+    assert maintenance.verify(out) == []
+    assert unfinished(out) == []
+    assert not (out / "shards").exists()
+    assert not (out / "quarantine").exists()
+
+
+def replay(watched, tmp_path, situation, expected, *, stride, safe_stride=1, seeds=0, **options):
+    """Lose power at any moment, in different ways; each folder that may be left once.  Returns how many these were.
+
+    stride, safe_stride: from one moment to the next; where only what is safe is left.
+    """
+    recorded = Recorded(watched, tmp_path, situation, **options)
+    kept = recorded.disk(len(recorded.records)).left(power_loss.everything)
+    assert kept == power_loss.Disk.holding(recorded.place).left(power_loss.nothing)  # the record is true
+    moments = power_loss.moments(recorded.records)
+    some = moments[::-stride]
+    ways = [(power_loss.nothing, moments[::-safe_stride]), (power_loss.only_names, some)]
+    ways += [(power_loss.anything(seed), some) for seed in range(seeds)]
+    seen: list[tuple[dict, int]] = []
+    for keep, when in ways:
+        # from the last on: there most was reported
+        for n in when:
+            found = recorded.disk(n).left(keep)
+            if any(same == found and reported >= recorded.reported[n] for same, reported in seen):
+                continue
+            seen.append((found, recorded.reported[n]))
+            try:
+                lose_power(recorded, n, found, tmp_path, expected)
+            except BaseException as error:
+                error.add_note(f"after call {n}, {recorded.records[n]._replace(second=b'')!r:.300}")
+                error.add_note(f"{ {name: data if data is None else len(data) for name, data in found.items()} }")
+                raise
+    return len(seen)
+
+
+@pytest.mark.parametrize(("situation", "safe_stride"), [("traced", 2), ("extended, unfinished", 8)])
+def test_after_a_power_loss_nothing_reported_is_lost(watched, tmp_path, expected, situation, safe_stride):
+    assert replay(watched, tmp_path, situation, expected, stride=40, safe_stride=safe_stride, seeds=1) > 8
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("situation", COMMANDS)
+def test_after_a_power_loss_at_any_moment_nothing_reported_is_lost(watched, tmp_path, expected, situation):
+    assert replay(watched, tmp_path, situation, expected, stride=1, seeds=6) > 100
