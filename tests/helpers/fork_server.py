@@ -1,10 +1,10 @@
 """A process that forks runs of studies and reports how they ended; a fork costs milliseconds, an import seconds.
 
 It starts no thread itself, so that a fork is safe.  Loads the modules that its arguments name.  Reads a JSON object per
-line: {"text": …, "folder": …, "extend": …, "kill_before": n or null, "kill_after": seconds or null, "limits": {…},
-"arguments": words of the command line, instead of a run by ``execute``, "calls": see ``calls.watch``}, and answers with
-the exit code of the child (negative: a signal) and the number of operations on files that it began, or of the watched
-calls.
+line: {"text": …, "folder": …, "extend": …, "kill_before": n or null, "of": name of the operations that count, all without
+it, "kill_after": seconds or null, "limits": {…}, "arguments": words of the command line, instead of a run by
+``execute``, "calls": see ``calls.watch``}, and answers with the exit code of the child (negative: a signal) and the
+number of operations on files that it began, or of the watched calls.
 """
 
 from __future__ import annotations
@@ -47,6 +47,8 @@ def child(order: dict, counted: int, seen: mmap.mmap) -> int:
     nth = Nth(order.get("kill_before") or 0, lambda: os.kill(os.getpid(), signal.SIGKILL))
 
     def before(name: str) -> None:
+        if order.get("of", name) != name:
+            return
         os.write(counted, b".")
         nth(name)
 
