@@ -7,7 +7,7 @@ from helpers.forks import forks
 
 @pytest.fixture(scope="session")
 def watched(tmp_path_factory):
-    """Run a study, or a command, in a process forked for it whose system calls can be seen, see ``forks``, ``calls``."""
+    """Run a study or a command in a process forked for it, see ``forks``; its calls can be seen, see ``calls``."""
     if why_not():
         pytest.skip(why_not())
     library = build(tmp_path_factory.mktemp("library"))

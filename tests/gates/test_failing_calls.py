@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import errno
-import faulthandler
 import shutil
-import signal
 import warnings
 
 import pytest
 from helpers.calls import CHANGES, EVERY_NTH, FROM_THEN_ON, SHORT, Call
 from helpers.studies import TRACED, golden, run, unfinished
 
-from fastcoil.errors import EXIT_INTEGRITY, EXIT_STORAGE
+from fastcoil.errors import EXIT_STORAGE
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel

@@ -74,9 +74,9 @@ def build(folder: Path) -> Path:
 def watch(order: dict[str, Any], seen: mmap.mmap) -> None:
     """Start to watch this process, into which the library is loaded.  seen: takes the number of calls, 8 bytes.
 
-    order: {"folder": …, "record": file that takes them all} or {"folder": …, "kinds": what counts, "nth": the one to
-    fail, 0 for none, "reason": errno or SHORT, "often": ONCE, …} or {"least": bytes, "allowed": requests for so much memory
-    that are granted, -1 for all}.
+    order: {"folder": …, "record": file that takes them all}, or {"folder": …, "kinds": what counts, "nth": the one to
+    fail, 0 for none, "reason": errno or SHORT, "often": ONCE, …}, or {"least": bytes, "allowed": how many requests for
+    so much memory are granted, -1 for all}.
     """
     library = ctypes.CDLL(None)
     counter = ctypes.c_long.from_buffer(seen)

@@ -1,9 +1,9 @@
 """A process that forks runs of studies and reports how they ended; a fork costs milliseconds, an import seconds.
 
 It starts no thread itself, so that a fork is safe.  Loads the modules that its arguments name.  Reads a JSON object per
-line: {"text": …, "folder": …, "extend": …, "kill_before": n or null, "of": name of the operations that count, all without
-it, "kill_after": seconds or null, "limits": {…}, "arguments": words of the command line, instead of a run by
-``execute``, "calls": see ``calls.watch``}, and answers with the exit code of the child (negative: a signal) and the
+line: {"text": …, "folder": …, "extend": …, "kill_before": n or null, "of": name of the operations that count (all of
+them without it), "kill_after": seconds or null, "limits": {…}, "arguments": words of the command line, instead of a run
+by ``execute``, "calls": see ``calls.watch``}, and answers with the exit code of the child (negative: a signal) and the
 number of operations on files that it began, or of the watched calls.
 """
 

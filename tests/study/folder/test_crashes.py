@@ -18,7 +18,6 @@ from fastcoil.study import maintenance
 pytestmark = pytest.mark.kernel
 
 
-
 @pytest.fixture(scope="module")
 def harness():
     """Run a study in a process forked for it, see ``forks``."""
