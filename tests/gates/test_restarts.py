@@ -12,7 +12,6 @@ import shutil
 
 import pytest
 import xarray as xr
-from helpers.forks import forks
 from helpers.studies import TRACED
 
 from fastcoil.study import maintenance
@@ -30,29 +29,23 @@ OF_THE_RUN = ("date_created", "history", "wall_time_s", "scenario_days_per_s", "
 """Attributes that say when, how fast and by which workers."""
 
 
-@pytest.fixture(scope="module")
-def harness():
-    with forks("fastcoil.cli.main", "fastcoil.analysis.summary", "fastcoil.plots.study", "matplotlib.figure") as run:
-        yield run
-
-
 @pytest.fixture
-def command(harness, out):
+def command(forked, out):
     """Run the study with figures: exit code, number of files that got their name, what it said."""
 
     def run(*words, **order):
         words = ["run", str(out.with_name("study.toml")), "-o", str(out), *words]
-        return harness(STUDY, out, arguments=words, of="replace", **order)
+        return forked(STUDY, out, arguments=words, of="replace", **order)
 
     return run
 
 
 @pytest.fixture(scope="module")
-def undisturbed(harness, tmp_path_factory):
+def undisturbed(forked, tmp_path_factory):
     """All files of a command that was not disturbed, and how many got a name."""
     out = tmp_path_factory.mktemp("undisturbed") / "out"
     words = ["run", str(out.with_name("study.toml")), "-o", str(out), "-j", "1"]
-    code, steps, said = harness(STUDY, out, arguments=words, of="replace")
+    code, steps, said = forked(STUDY, out, arguments=words, of="replace")
     assert code == 0, said
     return everything(out), steps
 
@@ -119,28 +112,29 @@ def kill_and_restart(command, out, undisturbed, step, *words):
     assert {p: p.stat().st_mtime_ns for p in before} == before
 
 
-def test_the_steps_are_all_files_that_are_kept(undisturbed):
-    found, steps = undisturbed
-    kept = [name for name in found if not name.endswith("/") and name != ".lock"]
-    assert len(kept) == len(FILES)
-    assert steps > len(FILES)  # the shards too
-
-
 STALE_FIGURES = pytest.mark.xfail(reason="figures are taken for current where one is there", strict=True)
 
 
-@pytest.mark.parametrize("file", ["shard", "traces", "results", pytest.param("last figure", marks=STALE_FIGURES)])
+def step_of(file, steps):
+    """Which file it is that gets its name; the shards come after the first two."""
+    return {"shard": 4, "traces": steps - 3, "results": steps - 2, "last figure": steps}[file]
+
+
+@pytest.mark.parametrize("file", ["traces", pytest.param("last figure", marks=STALE_FIGURES)])
 def test_a_command_that_is_killed_and_given_again_leaves_the_same_files(command, out, undisturbed, file):
-    steps = undisturbed[1]
-    step = {"shard": 4, "traces": steps - 3, "results": steps - 2, "last figure": steps}[file]
-    kill_and_restart(command, out, undisturbed, step, "-j", "2")
+    found, steps = undisturbed
+    kept = [name for name in found if not name.endswith("/") and not name.startswith(".")]
+    assert len(kept) == len(FILES)
+    assert steps > len(FILES)  # the shards too
+    kill_and_restart(command, out, undisturbed, step_of(file, steps), "-j", "2")
 
 
 @STALE_FIGURES
-def test_figures_of_a_smaller_version_are_drawn_again(command, harness, out, undisturbed):
+@pytest.mark.full
+def test_figures_of_a_smaller_version_are_drawn_again(command, forked, out, undisturbed):
     smaller = STUDY.replace("[0.02, 0.07]", "[0.02]")
     words = ["run", str(out.with_name("study.toml")), "-o", str(out), "-j", "1"]
-    assert harness(smaller, out, arguments=words)[0] == 0
+    assert forked(smaller, out, arguments=words)[0] == 0
     assert command("--extend", "--no-figures")[0] == 0
     assert command()[0] == 0
     found = everything(out)
@@ -150,7 +144,13 @@ def test_figures_of_a_smaller_version_are_drawn_again(command, harness, out, und
 
 @STALE_FIGURES
 @pytest.mark.full
-@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
-def test_a_command_that_is_killed_at_any_step_leaves_the_same_files(command, out, undisturbed, backend):
+def test_a_command_that_is_killed_at_any_step_leaves_the_same_files(command, out, undisturbed):
     for step in range(1, undisturbed[1] + 1):
-        kill_and_restart(command, out, undisturbed, step, "-j", "3", "--backend", backend)
+        kill_and_restart(command, out, undisturbed, step, "-j", "3")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("backend", ["loky", "dask"])
+@pytest.mark.parametrize("file", ["shard", "traces", "results"])
+def test_another_kind_of_workers_leaves_the_same_files(command, out, undisturbed, file, backend):
+    kill_and_restart(command, out, undisturbed, step_of(file, undisturbed[1]), "-j", "2", "--backend", backend)

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import psutil
 import pytest
-from helpers.forks import forks
 from helpers.processes import kill_group, started, wait_for
 from helpers.studies import PLAIN, TRACED, golden, run
 
@@ -71,9 +70,8 @@ if __name__ == "__main__":
 """A program that runs a study; the workers of the other backends end with it."""
 
 
-@pytest.mark.parametrize(
-    "backend", ["threads", pytest.param("loky", marks=pytest.mark.full), pytest.param("dask", marks=pytest.mark.full)]
-)
+@pytest.mark.full
+@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
 def test_a_program_that_runs_a_study_leaves_no_process_and_no_file(tmp_path, backend):
     if backend == "dask":
         pytest.importorskip("distributed")
@@ -98,7 +96,7 @@ def test_a_program_that_runs_a_study_leaves_no_process_and_no_file(tmp_path, bac
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out", "program.py", "small.toml", "temporary"]
 
 
-@pytest.mark.parametrize("mask", [0o027, 0o077, 0o002], ids=oct)
+@pytest.mark.parametrize("mask", [0o027, pytest.param(0o002, marks=pytest.mark.full)], ids=oct)
 def test_files_get_the_rights_that_the_user_gives_new_files(out, mask):
     before = os.umask(mask)
     try:
@@ -118,19 +116,18 @@ def elsewhere():
         yield Path(folder)
 
 
-@pytest.fixture(scope="module")
-def as_nobody():
+@pytest.fixture
+def as_nobody(forked):
     """Run a command as a user who owns nothing: exit code, what it said."""
     if os.getuid():
         pytest.skip("only root can become another user")
-    with forks("fastcoil.cli.main", "fastcoil.study.maintenance") as fork:
 
-        def run(place, *words):
-            code, _, said = fork(TRACED, place / "other", arguments=list(map(str, words)), user=NOBODY)
-            assert "Traceback" not in said, said
-            return code, said
+    def run(place, *words):
+        code, _, said = forked(TRACED, place / "other", arguments=list(map(str, words)), user=NOBODY)
+        assert "Traceback" not in said, said
+        return code, said
 
-        yield run
+    return run
 
 
 def test_a_folder_in_which_one_cannot_write_can_be_looked_at(as_nobody, elsewhere):
