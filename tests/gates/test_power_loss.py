@@ -49,12 +49,17 @@ class Recorded:
         self.n_before = n_finished(out)
         study = tmp_path / "study.toml"
         study.write_text(self.text)
-        words = ["run", str(study), "-o", str(out), "-j", "1", "--extend"] + ["--no-figures"] * (not figures)
-        calls = {"folder": str(self.place), "record": str(record)}
+        options = ["-j", "1", "--extend"] + ["--no-figures"] * (not figures)
+
+        def command(out, **order):
+            # the server writes a copy of the study next to the folder: not on the disk
+            words = ["run", str(study), "-o", str(out), *options]
+            code, _, said = watched(self.text, tmp_path / "out", arguments=words, **order)
+            assert code == 0, said
+
+        self.command = command
         shutil.copytree(self.place, tmp_path / "start")
-        # the server writes a copy of the study next to the folder: not on the disk
-        code, _, said = watched(self.text, tmp_path / "out", arguments=words, calls=calls)
-        assert code == 0, said
+        command(out, calls={"folder": str(self.place), "record": str(record)})
         self.records = list(read_records(record))
         self.start = tmp_path / "start"
         reported = accumulate((int(r.first) if r.call is Call.MARK else 0 for r in self.records), initial=0)
@@ -75,6 +80,11 @@ def n_finished(out):
         return int((open_study(out)["status"] == STATUS_OK).sum()) if out.exists() else 0
     except FastcoilError:
         return 0
+
+
+def figures(out):
+    """The figures of a study."""
+    return {p.name: p.read_bytes() for p in (out / "figures").iterdir()}
 
 
 def check_sound(out, expected):
@@ -111,32 +121,26 @@ def lose_power(recorded, n, found, tmp_path, expected):
         again = runner.execute(write_study(recorded.text, out), out, n_jobs=1, extend=True)
     assert again.results.attrs["content_sha256"] == golden(recorded.text)
     assert again.results["status"].size - again.n_run >= reported
+    if recorded.figures:
+        recorded.command(out)
+        assert figures(out) == figures(recorded.place / "out")
     assert maintenance.verify(out) == []
     assert unfinished(out) == []
     assert not (out / "shards").exists()
     assert not (out / "quarantine").exists()
 
 
-def replay(watched, tmp_path, situation, expected, *, stride, safe_stride=1, seeds=0, **options):
-    """Lose power at any moment, in different ways; each folder that may be left once.  Returns how many these were.
-
-    stride, safe_stride: from one moment to the next; where only what is safe is left.
-    """
-    recorded = Recorded(watched, tmp_path, situation, **options)
+def replay(recorded, ways, tmp_path, expected):
+    """Lose power in some ways, each at some moments; try each folder that may be left.  Returns how many these were."""
     kept = recorded.disk(len(recorded.records)).left(power_loss.everything)
     assert kept == power_loss.Disk.holding(recorded.place).left(power_loss.nothing)  # the record is true
-    moments = power_loss.moments(recorded.records)
-    some = moments[::-stride]
-    ways = [(power_loss.nothing, moments[::-safe_stride]), (power_loss.only_names, some)]
-    ways += [(power_loss.anything(seed), some) for seed in range(seeds)]
     seen: list[tuple[dict, int]] = []
-    for keep, when in ways:
-        # from the last on: there most was reported
-        for n in when:
-            found = recorded.disk(n).left(keep)
-            if any(same == found and reported >= recorded.reported[n] for same, reported in seen):
+    for keep, moments in ways:
+        for n in moments:
+            found, reported = recorded.disk(n).left(keep), recorded.reported[n]
+            if any(same == found and known >= reported for same, known in seen):
                 continue
-            seen.append((found, recorded.reported[n]))
+            seen.append((found, reported))
             try:
                 lose_power(recorded, n, found, tmp_path, expected)
             except BaseException as error:
@@ -151,14 +155,32 @@ NOT_SYNCED = pytest.mark.xfail(reason="new folders are not synced", strict=True)
 
 @NOT_SYNCED
 def test_after_a_power_loss_nothing_reported_is_lost(watched, tmp_path, expected):
-    for situation in ("traced", "extended, unfinished"):
-        place = tmp_path / situation.split(",")[0]
-        place.mkdir()
-        assert replay(watched, place, situation, expected, stride=60, safe_stride=12, seeds=1) > 5
+    recorded = Recorded(watched, tmp_path, "traced")
+    named = [k for k, r in enumerate(recorded.records) if r.call is Call.RENAME]
+    ways = [
+        (power_loss.nothing, [len(recorded.records) - 1, *named[2::2]]),
+        (power_loss.only_names, [k - 1 for k in named[-2:]]),
+        (power_loss.anything(1), named[1::2]),
+    ]
+    assert replay(recorded, ways, tmp_path, expected) > 5
 
 
 @NOT_SYNCED
 @pytest.mark.full
 @pytest.mark.parametrize("situation", COMMANDS)
 def test_after_a_power_loss_at_any_moment_nothing_reported_is_lost(watched, tmp_path, expected, situation):
-    assert replay(watched, tmp_path, situation, expected, stride=1, seeds=6) > 100
+    recorded = Recorded(watched, tmp_path, situation)
+    moments = power_loss.moments(recorded.records)
+    # from the last on: there most was reported
+    ways = [(power_loss.nothing, moments[::-1]), (power_loss.only_names, moments[::-3])]
+    ways += [(power_loss.anything(seed), moments[-1 - seed :: -5]) for seed in range(5)]
+    assert replay(recorded, ways, tmp_path, expected) > 100
+
+
+@pytest.mark.full
+def test_after_a_power_loss_among_the_figures_all_of_them_are_drawn(watched, tmp_path, expected):
+    recorded = Recorded(watched, tmp_path, "plain", figures=True)
+    first = next(k for k, r in enumerate(recorded.records) if r.call is Call.MKDIR and r.path.endswith("/figures"))
+    moments = [k for k in power_loss.moments(recorded.records) if k >= first]
+    ways = [(power_loss.nothing, moments), (power_loss.only_names, moments[::2]), (power_loss.anything(1), moments)]
+    assert replay(recorded, ways, tmp_path, expected) > 5
