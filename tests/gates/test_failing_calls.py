@@ -12,7 +12,7 @@ import pytest
 from helpers.calls import CHANGES, EVERY_NTH, FROM_THEN_ON, SHORT, Call
 from helpers.studies import TRACED, golden, run, unfinished
 
-from fastcoil.errors import EXIT_INTEGRITY, EXIT_STORAGE
+from fastcoil.errors import EXIT_INPUT, EXIT_INTEGRITY, EXIT_STORAGE
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel
@@ -119,7 +119,7 @@ def refuse_memory(command, out, n):
         if code == -signal.SIGSEGV:
             assert crashed_in_hdf5(said), said
         else:
-            assert code in (0, EXIT_STORAGE, EXIT_INTEGRITY), (code, said)
+            assert code in (0, EXIT_INPUT, EXIT_STORAGE, EXIT_INTEGRITY), (code, said)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a shard for which there was no memory may have been set aside
             assert run(TRACED, out) == golden(TRACED)
