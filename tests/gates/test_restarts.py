@@ -113,6 +113,7 @@ def kill_and_restart(command, out, undisturbed, step, *words):
 
 
 STALE_FIGURES = pytest.mark.xfail(reason="figures are taken for current where one is there", strict=True)
+HALF_A_FIGURE = pytest.mark.xfail(reason="a half-written figure is never removed", strict=True)
 
 
 def step_of(file, steps):
@@ -120,7 +121,7 @@ def step_of(file, steps):
     return {"shard": 4, "traces": steps - 3, "results": steps - 2, "last figure": steps}[file]
 
 
-@pytest.mark.parametrize("file", ["traces", pytest.param("last figure", marks=STALE_FIGURES)])
+@pytest.mark.parametrize("file", ["traces", pytest.param("last figure", marks=HALF_A_FIGURE)])
 def test_a_command_that_is_killed_and_given_again_leaves_the_same_files(command, out, undisturbed, file):
     found, steps = undisturbed
     kept = [name for name in found if not name.endswith("/") and not name.startswith(".")]
@@ -142,7 +143,7 @@ def test_figures_of_a_smaller_version_are_drawn_again(command, forked, out, undi
         assert found[name] == undisturbed[0][name]
 
 
-@STALE_FIGURES
+@HALF_A_FIGURE
 @pytest.mark.full
 def test_a_command_that_is_killed_at_any_step_leaves_the_same_files(command, out, undisturbed):
     for step in range(1, undisturbed[1] + 1):
