@@ -30,7 +30,7 @@ def taken():
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="only Linux lists the open files of a process in /proc")
-@pytest.mark.parametrize("times", [20, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("times", [10, pytest.param(200, marks=pytest.mark.full)])
 def test_open_files_and_threads_do_not_grow(out, short, times):
     run(TRACED, out)
 
