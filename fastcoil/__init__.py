@@ -20,7 +20,12 @@ if TYPE_CHECKING:
     from fastcoil.calibrate.coil import fit_coil as fit_coil
     from fastcoil.calibrate.replay import replay as replay
     from fastcoil.calibrate.valve import fit_valve as fit_valve
+    from fastcoil.errors import FastcoilError as FastcoilError
     from fastcoil.errors import InputError as InputError
+    from fastcoil.errors import InputTypeError as InputTypeError
+    from fastcoil.errors import IntegrityError as IntegrityError
+    from fastcoil.errors import LockedError as LockedError
+    from fastcoil.errors import StorageError as StorageError
     from fastcoil.simulation.loop import Loop as Loop
     from fastcoil.simulation.presets import presets as presets
     from fastcoil.simulation.simulate import simulate as simulate
@@ -29,8 +34,13 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Boundary": "boundary",
+    "FastcoilError": "errors",
     "InputError": "errors",
+    "InputTypeError": "errors",
+    "IntegrityError": "errors",
+    "LockedError": "errors",
     "Loop": "simulation.loop",
+    "StorageError": "errors",
     "compare": "analysis.compare",
     "constant_day": "boundary.days",
     "design_day": "boundary.days",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
 EXIT_BUG = 1
@@ -15,6 +15,9 @@ EXIT_INTEGRITY = 6
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
+_LONGEST = 60
+"""Letters of a value in a message."""
+
 
 class FastcoilError(Exception):
     """Base of every error fastcoil raises on purpose; its text is meant for the user."""
@@ -22,18 +25,38 @@ class FastcoilError(Exception):
     exit_code = EXIT_BUG
 
 
+class WrongType(str):
+    """A sentence on an argument of the wrong type."""
+
+    __slots__ = ()
+
+
 class InputError(FastcoilError, ValueError):
-    """Bad input.  ``problems`` holds one sentence for each mistake: field, value and cure."""
+    """Bad input.  ``problems`` holds one sentence for each mistake: field, value and cure.
+
+    With a sentence of ``WrongType`` among them it is an ``InputTypeError``, as an ``OSError`` is a
+    ``FileNotFoundError`` by its number.
+    """
 
     exit_code = EXIT_INPUT
 
-    def __init__(self, problems: str | Iterable[str]) -> None:
+    def __new__(cls, problems: str | Collection[str] = ()) -> InputError:
+        # some libraries that carry errors between processes make them without arguments
+        sentences = [problems] if isinstance(problems, str) else problems
+        of_type = cls is InputError and any(isinstance(one, WrongType) for one in sentences)
+        return super().__new__(InputTypeError if of_type else cls)
+
+    def __init__(self, problems: str | Collection[str]) -> None:
         self.problems = [problems] if isinstance(problems, str) else list(problems)
         super().__init__("\n".join(self.problems))
 
 
-class StorageError(FastcoilError):
-    """A result could not be read or written."""
+class InputTypeError(InputError, TypeError):
+    """An argument of the wrong type, perhaps besides other mistakes of the call."""
+
+
+class StorageError(FastcoilError, OSError):
+    """A result could not be read or written.  ``errno`` says why, where the operating system did."""
 
     exit_code = EXIT_STORAGE
 
@@ -63,10 +86,16 @@ def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        problems += [prefix + p for p in error.problems]
+        problems += [prefix + p for p in error.problems] if prefix else error.problems
 
 
 def shown(value: object) -> str:
-    """A value as a message repeats it: cut short if it is long."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    """A value as a message repeats it: on one line, cut short if it is long; a word on its type if it has no text."""
+    try:
+        # a longer one is cut anyway
+        text = repr(value[:_LONGEST] if isinstance(value, (str, bytes, list, tuple)) else value)
+    except Exception:  # a user's class may raise anything, and so do numbers of too many digits and lists of lists
+        text = "a number of too many digits" if isinstance(value, int) else f"<{type(value).__name__}>"
+    if not text.isprintable():
+        text = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."

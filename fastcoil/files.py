@@ -106,11 +106,15 @@ def storage_errors(path: Path, done: str) -> Iterator[None]:
     """Turn an error of the operating system into a ``StorageError``: ``path`` cannot be ``done``, and why."""
     try:
         yield
+    except StorageError:  # an OSError too, and it says why already
+        raise
     except (OSError, RuntimeError) as error:  # netCDF4 reports errors of HDF5 as RuntimeError
         reason = getattr(error, "strerror", None) or error
-        raise StorageError(
+        found = StorageError(
             f"{path} cannot be {done}: {reason}; free some space or repair the folder, then run the same command again"
-        ) from error
+        )
+        found.errno = getattr(error, "errno", None)
+        raise found from error
 
 
 def is_unfinished(path: Path) -> bool:

@@ -11,7 +11,7 @@ import math
 import sys
 from dataclasses import dataclass
 
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError, WrongType, nearest, shown
 
 Scalar = float | int | str
 LARGEST = sys.float_info.max
@@ -67,12 +67,13 @@ class Parameter:
         if self.is_word:
             if isinstance(value, str) and value in self.choices:
                 return None
-            return f"{self.name} = {value!r}: choose {self.bounds}"
+            sentence = f"{self.name} = {shown(value)}: choose {self.bounds}"
+            return sentence if isinstance(value, str) else WrongType(sentence)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            return f"{self.name} = {value!r}: give a number ({self.bounds})"
+            return WrongType(f"{self.name} = {shown(value)}: give a number ({self.bounds})")
         if not -LARGEST <= value <= LARGEST:
-            shown = f"{value}" if isinstance(value, float) else "a number of too many digits"
-            return f"{self.name} = {shown}: give a finite number ({self.bounds})"
+            text = f"{value}" if isinstance(value, float) else "a number of too many digits"
+            return f"{self.name} = {text}: give a finite number ({self.bounds})"
         too_low = value <= self.lower if self.open_lower else value < self.lower
         too_high = value >= self.upper if self.open_upper else value > self.upper
         if too_low or too_high or (self.whole and value != math.floor(value)):
@@ -200,6 +201,9 @@ RESERVED_DIMS = ("sample", "replicate", "day", "controller", "tuning", "volume",
 
 def check_name(name: str) -> str:
     """Return ``name`` if it is a parameter, else raise ``InputError`` with the nearest known one."""
+    if not isinstance(name, str):
+        raise InputError(WrongType(f"{shown(name)} is not the name of a parameter (see `fastcoil parameters`)"))
     if name not in PARAMETERS:
-        raise InputError(f"{name} is not a parameter{nearest(name, PARAMETERS)} (see `fastcoil parameters`)")
+        text = name if name.isidentifier() and len(name) < 60 else shown(name)
+        raise InputError(f"{text} is not a parameter{nearest(name, PARAMETERS)} (see `fastcoil parameters`)")
     return name

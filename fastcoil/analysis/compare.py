@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.analysis.result import check_result
-from fastcoil.arguments import level_problems, names_of
-from fastcoil.errors import InputError, nearest, shown
+from fastcoil.arguments import checking, level_of, mapping_of, names_of, plain
+from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.simulation.result import check_result
 
 CENSORED = tuple(m.name for m in METRICS.values() if m.censored)
 """Metrics in which NaN means that it did not happen within the run."""
@@ -68,14 +68,16 @@ def compare(
     InputError
         For a dim, label or metric that ``ds`` does not have, or an argument of the wrong kind.
     """
-    check_result(ds)
-    over = names_of("over", over)
-    names = (
-        names_of("metrics", metrics)
-        if metrics is not None
-        else [str(n) for n in ds.data_vars if n in METRICS and not METRICS[str(n)].flags]
-    )
-    _check(ds, baseline, over, names, level)
+    with checking() as check:
+        check(check_result, ds)
+        over = check(names_of, "over", over)
+        given = check.unless_none(names_of, "metrics", metrics)
+        level = check(level_of, level)
+        check(
+            mapping_of, "baseline", baseline, 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
+        )
+    names = given or [str(n) for n in ds.data_vars if n in METRICS and not METRICS[str(n)].flags]
+    _check(ds, baseline, over, names)
     ok = ds["status"] == STATUS_OK
     shape = [ds.sizes[d] for d in over]
     # noise is independent between days, but shared by everything else
@@ -155,11 +157,7 @@ def _half_width(deviation: np.ndarray, pair: np.ndarray, units: Sequence[int], l
     return quantile * np.sqrt(variance)
 
 
-def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str], level: float) -> None:
-    if not isinstance(baseline, Mapping):
-        raise InputError(
-            f'baseline = {shown(baseline)}: must be a dict of dimension and label, such as {{"estimate_ratio": 0.0}}'
-        )
+def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:
     dims = [str(d) for d in ds["status"].dims]
     if not dims:
         raise InputError(
@@ -167,7 +165,7 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
             "baseline, on several days or replicates"
         )
     problems = [
-        f"{what}: {dim!r} is no dimension of the result{nearest(str(dim), dims)}; it has {', '.join(dims)}"
+        f"{what}: {shown(dim)} is no dimension of the result{nearest(str(dim), dims)}; it has {', '.join(dims)}"
         for what, given in (("baseline", list(baseline)), ("over", over))
         for dim in given
         if dim not in dims
@@ -178,19 +176,19 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
     for dim, label in baseline.items():
         if dim not in dims:
             continue
-        labels = ds[dim].values
-        if isinstance(label, list | tuple | dict | set | slice) or np.ndim(label) > 0:
-            problems.append(f"baseline: {dim} = {shown(label)} is not a single label; give one, such as {labels[0]}")
-        elif label not in labels or isinstance(label, bool) and labels.dtype.kind != "b":
+        labels, single = ds[dim].values, plain(label)
+        if not isinstance(single, str | int | float | np.datetime64):
+            sentence = f"baseline: {dim} = {shown(label)} is not a single label; give one, such as {labels[0]}"
+            problems.append(WrongType(sentence))
+        elif single not in labels or isinstance(single, bool) and labels.dtype.kind != "b":
             listed = ", ".join(map(str, labels[:10]))
-            problems.append(f"baseline: {dim} has no label {label!r}; choose one of {listed}")
+            problems.append(f"baseline: {dim} has no label {shown(label)}; choose one of {listed}")
     for name in names:
         if name not in ds.data_vars or name not in METRICS:
-            problems.append(f"metrics: {name!r} is not in the result{nearest(name, METRICS)}")
+            problems.append(f"metrics: {shown(name)} is not in the result{nearest(name, METRICS)}")
         elif METRICS[name].flags:
             problems.append(f"metrics: {name!r} is a flag, which has no differences: leave it out")
     if not baseline:
         problems.append("baseline is empty: give the dimension and label to compare with")
-    problems += level_problems(level)
     if problems:
         raise InputError(problems)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from fastcoil.analysis.result import check_result
-from fastcoil.arguments import level_problems, names_of
-from fastcoil.errors import InputError, nearest
+from fastcoil.arguments import checking, flag_of, level_of, names_of
+from fastcoil.errors import InputError, nearest, shown
 from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.simulation.result import check_result
 
 INDICES = ("first_order", "total")
 EDGES = ("value", "low", "high")
@@ -46,18 +46,21 @@ def sobol_indices(
     InputError
         For a result of another design, an unknown metric, or failed scenarios.
     """
-    check_result(ds)
-    names = names_of("metrics", "rmse" if metrics is None else metrics)
+    with checking() as check:
+        check(check_result, ds)
+        names = check(names_of, "metrics", "rmse" if metrics is None else metrics)
+        drop_failed = check(flag_of, "drop_failed", drop_failed)
+        level = check(level_of, level)
     if not {"sample", "design"} <= set(ds.dims):
         raise InputError('the result has no dims sample and design: run a study with [sample] method = "saltelli"')
     labels = [str(label) for label in ds["design"].values]
     parameters = [label for label in labels if label not in ("A", "B")]
     if not parameters or sorted(labels) != sorted({"A", "B", *parameters}):
         raise InputError(f"design = {', '.join(labels)}: must have A, B and at least one parameter, each of them once")
-    problems = level_problems(level)
+    problems = []
     for name in names:
         if name not in ds.data_vars:
-            problems.append(f"metrics: {name!r} is not in the result{nearest(name, METRICS)}")
+            problems.append(f"metrics: {shown(name)} is not in the result{nearest(name, METRICS)}")
         elif not _is_metric(ds[name]):
             problems.append(f"metrics: {name!r} is no quantity over sample and design: give a metric such as rmse")
     if problems:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
+from fastcoil.arguments import plain
 from fastcoil.errors import InputError
 from fastcoil.logs.arguments import MAX_GAP
 from fastcoil.parameter_table import PARAMETERS, Parameter
@@ -28,19 +29,19 @@ CONDITIONS = {p.name: p for p in _TABLE}
 """The numbers that describe a day, each with its unit and bounds."""
 
 
-def require(**values: object) -> None:
-    """Raise one `InputError` for all ``values`` that are not admissible; None passes."""
-    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
-    problems = [CONDITIONS[name].problem(value) for name, value in plain.items() if value is not None]
-    if any(problems):
-        raise InputError([problem for problem in problems if problem])
+def condition_of(name: str, value: Any) -> Any:
+    """A number that describes a day, within its bounds."""
+    number = plain(value)
+    if problem := CONDITIONS[name].problem(number):
+        raise InputError(problem)
+    return number
 
 
 def whole_seconds(hours: float) -> int:
     """``hours`` in seconds, or an `InputError` if they are not a whole number of them."""
     if hours is None:
         raise InputError("hours is missing: give the length of the day in hours")
-    require(hours=hours)
+    hours = condition_of("hours", hours)
     seconds = round(hours * 3600)
     if abs(hours * 3600 - seconds) > 1e-6 or seconds < 1:
         raise InputError(f"hours = {hours:g}: give a whole number of seconds (n / 3600)")

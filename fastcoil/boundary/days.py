@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array
-from fastcoil.boundary.conditions import require, whole_seconds
+from fastcoil.arguments import checking, choice_of, plain, whole_of
+from fastcoil.arrays import MOST_VALUES, Array
+from fastcoil.boundary.conditions import condition_of, whole_seconds
 from fastcoil.boundary.record import Boundary
-from fastcoil.boundary.series import LARGEST_DAY_LABEL, Values
-from fastcoil.errors import InputError
+from fastcoil.boundary.series import BOUNDARY_SERIES, LARGEST_DAY_LABEL, Values
+from fastcoil.errors import InputError, WrongType, shown
+from fastcoil.memory import available_memory, gib
 from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
 from fastcoil.numerics.low_pass import low_pass
-
-MOST_SAMPLES = 50_000_000
-"""Most 1-s samples of one series over all days (3 GB for the seven series)."""
 
 # -------------------------------------------------------------------------------------------- the paper's day
 
@@ -57,8 +57,11 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     seed
         Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
     """
-    n_steps = whole_seconds(hours)
-    seeds = _distinct_seeds(seed, n_steps)
+    seed = plain(seed)
+    with checking() as check:
+        n_steps = check(whole_seconds, hours)
+        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+    _require_memory(len(seeds), n_steps)
     h = np.arange(n_steps) / 3600
     D = np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)
     noise = {
@@ -66,7 +69,7 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
         for i, (name, drift) in enumerate(DRIFTS.items())
     }
     T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
-    several = not isinstance(seed, int | np.integer)
+    several = not isinstance(seed, int)
     rows = slice(None) if several else 0
     return Boundary(
         m_a=(1.15 + 0.18 * D + noise["m_a"])[rows],
@@ -97,19 +100,26 @@ def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
     return np.asarray(x[lead:] * (drift.std / stationary_std))
 
 
+def _require_memory(n_days: int, n_steps: int) -> None:
+    """Refuse days that do not fit into memory while they are made, three times what they take in the end."""
+    needed, available = 3 * n_days * n_steps * 8 * len(BOUNDARY_SERIES), available_memory()
+    if needed > available:
+        raise InputError(
+            f"seed has {n_days:,} values: days of {n_steps:,} s for all of them need {gib(needed)} of memory while "
+            f"they are made, {gib(available)} are available: give fewer, or shorter days"
+        )
+
+
 def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
-    if isinstance(seed, str | bytes | float) or not isinstance(seed, int | np.integer | Iterable):
-        raise InputError(f"seed = {seed!r:.60}: {wanted}")
-    most = MOST_SAMPLES // n_steps
-    seeds: list[int] = []
-    for one in seed if isinstance(seed, Iterable) else (seed,):
-        whole = isinstance(one, int | np.integer) and not isinstance(one, bool)
-        if not whole or not 0 <= one <= LARGEST_DAY_LABEL:
-            raise InputError(f"seed = {one!r:.60}: {wanted}")
-        if len(seeds) == most:
-            raise InputError(f"seed gives more than {most} days of {n_steps} s: give fewer, or fewer hours")
-        seeds.append(int(one))
+    most = MOST_VALUES // n_steps
+    try:
+        given = [seed] if isinstance(seed, int | str | bytes) else list(islice(seed, most + 1))
+    except Exception:  # nothing to iterate over; a user's class may raise anything
+        raise InputError(WrongType(f"seed = {shown(seed)}: {wanted}")) from None
+    if len(given) > most:
+        raise InputError(f"seed gives more than {most} days of {n_steps} s: give fewer, or fewer hours")
+    seeds = [whole_of("seed", one, 0, LARGEST_DAY_LABEL, wanted) for one in given]
     if not seeds or len(set(seeds)) < len(seeds):
         twice = next((s for s in seeds if seeds.count(s) > 1), None)
         raise InputError(f"seed {f'has {twice} twice' if seeds else 'is empty'}: {wanted}")
@@ -135,11 +145,15 @@ def constant_day(
     The humidity is ``W_a_in`` [kg/kg] or ``relative_humidity`` at ``pressure`` [Pa], else 0.56.
     ``m_a`` [kg/s], ``W_a_in``, ``T_w_in`` and ``T_set`` [degC] may also be series of 1-s samples.
     """
-    n_steps = whole_seconds(hours)
+    with checking() as check:
+        n_steps = check(whole_seconds, hours)
+        if W_a_in is None:
+            T_a_in = check(condition_of, "T_a_in", T_a_in)
+            given = 0.56 if relative_humidity is None else relative_humidity
+            humidity = check(condition_of, "relative_humidity", given)
+            pressure = check(condition_of, "pressure", pressure)
     if W_a_in is None:
-        relative_humidity = 0.56 if relative_humidity is None else relative_humidity
-        require(T_a_in=T_a_in, relative_humidity=relative_humidity, pressure=pressure)
-        W_a_in = humidity_ratio(T_a_in, relative_humidity, pressure)
+        W_a_in = humidity_ratio(T_a_in, humidity, pressure)
     elif relative_humidity is not None:
         raise InputError("W_a_in and relative_humidity are both given: give one of them")
     # The one series; it sets the length.
@@ -224,29 +238,22 @@ def design_day(
     pressure
         Barometric pressure [Pa].
     """
-    if mode not in DESIGNS:
-        raise InputError(f"mode = {mode!r}: choose {' or '.join(map(repr, DESIGNS))}")
-    n_steps = whole_seconds(hours)
     given = {
         "T_design": T_design,
         "T_daily_range": T_daily_range,
         "T_wet_bulb": T_wet_bulb,
         "T_return": T_return,
         "RH_return": RH_return,
-        "T_w_in": T_w_in,
-        "T_set": T_set,
     }
-    d = DESIGNS[mode]._replace(**{name: value for name, value in given.items() if value is not None})
-    require(
-        start_hour=start_hour,
-        T_design=d.T_design,
-        T_daily_range=d.T_daily_range,
-        T_wet_bulb=d.T_wet_bulb,
-        outdoor_fraction=outdoor_fraction,
-        T_return=d.T_return,
-        RH_return=d.RH_return,
-        pressure=pressure,
-    )
+    with checking() as check:
+        mode = check(choice_of, "mode", mode, DESIGNS)
+        n_steps = check(whole_seconds, hours)
+        start_hour = check(condition_of, "start_hour", start_hour)
+        given = {name: check.unless_none(condition_of, name, value) for name, value in given.items()}
+        outdoor_fraction = check(condition_of, "outdoor_fraction", outdoor_fraction)
+        pressure = check(condition_of, "pressure", pressure)
+    series = {"T_w_in": T_w_in, "T_set": T_set}
+    d = DESIGNS[mode]._replace(**{name: value for name, value in (given | series).items() if value is not None})
     wet_bulb = d.T_design if d.T_wet_bulb is None else d.T_wet_bulb
     if wet_bulb > d.T_design:
         raise InputError(f"T_wet_bulb = {wet_bulb:g} degC is above T_design = {d.T_design:g} degC: lower it")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcoil.arguments import instance_of
 from fastcoil.arrays import Array
 from fastcoil.boundary.series import (
     BOUNDARY_SERIES,
@@ -22,7 +23,7 @@ from fastcoil.boundary.series import (
     read,
     value_problems,
 )
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, collecting
 from fastcoil.logs.series import Series
 from fastcoil.logs.units import DIFFERENCE
 
@@ -77,10 +78,8 @@ class Boundary:
         problems: list[str] = []
         given: dict[str, Given] = {}
         for name, series in BOUNDARY_SERIES.items():
-            try:
+            with collecting(problems):
                 given[name] = read(series, arguments[name])
-            except InputError as error:
-                problems += error.problems
         n_steps = common_size("elapsed_time", "samples", given, problems)
         n_days = common_size("day", "days", given, problems)
         if n_steps is None and not problems:
@@ -94,7 +93,7 @@ class Boundary:
             problems += value_problems(BOUNDARY_SERIES[name], one, labels)
         if problems:
             # Series that share a coordinate share its mistakes.
-            raise InputError(dict.fromkeys(problems))
+            raise InputError(list(dict.fromkeys(problems)))
         self._has_day_dim = bool(n_days or labels.ndim)
         self._day = _frozen(np.atleast_1d(labels).astype(np.int64))
         shape = self._day.size, n_steps or 0
@@ -193,6 +192,9 @@ class Boundary:
 
         Strict: ``elapsed_time`` in steps of 1 s (from any start), and a ``units`` attribute on every series.
         """
+        import xarray as xr
+
+        instance_of("ds", ds, xr.Dataset, "give a Dataset, as of to_dataset")
         problems = [
             f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})"
             for name, series in BOUNDARY_SERIES.items()
@@ -200,10 +202,8 @@ class Boundary:
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
-        try:
+        with collecting(problems):
             boundary = cls(**{name: ds.get(name) for name in BOUNDARY_SERIES})
-        except InputError as error:
-            problems += error.problems
         if problems:
             raise InputError(problems)
         return boundary

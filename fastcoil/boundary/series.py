@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.arrays import Array
-from fastcoil.errors import InputError
+from fastcoil.arrays import Array, array_of
+from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.logs.series import COLUMNS, Series
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Values: TypeAlias = Any
 """What a user may give for a series: a number, array-like or DataArray; examined at run time."""
@@ -41,7 +38,7 @@ def read(series: Series, value: Values) -> Given:
         if series.default is None:
             raise InputError(f"{series.name} is missing: give the {series.long_name} ({series.known_units})")
         value = series.default
-    if hasattr(value, "dims"):
+    if hasattr(type(value), "dims"):
         return _read_labelled(series, value)
     values = _numbers(series, value)
     if values.ndim > 2:
@@ -81,16 +78,25 @@ def carried_labels(given: dict[str, Given], problems: list[str]) -> NDArray[Any]
 
 def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
     """Day labels as an array; None, and a problem, if they are not distinct whole numbers."""
-    labels = np.asarray(day)
-    numbers = labels.dtype.kind in "iuf" and labels.ndim < 2 and labels.size > 0
-    if not numbers or np.any((labels != np.rint(labels)) | (labels < 0) | (labels > LARGEST_DAY_LABEL)):
-        problems.append(f"day = {day!r:.60}: give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day")
+    cure = f"give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day"
+    try:
+        labels = array_of("day", day, cure)
+        if labels.ndim > 1 or not labels.size or np.any(_no_label(labels)):
+            raise InputError(f"day = {shown(day)}: {cure}")
+    except InputError as error:
+        problems += error.problems
         return None
     values, counts = np.unique(labels, return_counts=True)
     if counts.max() > 1:
         problems.append(f"day label {values[counts.argmax()]} appears twice: give each day its own label")
         return None
     return labels
+
+
+def _no_label(labels: NDArray[Any]) -> NDArray[np.bool_]:
+    with np.errstate(over="ignore"):  # what does not fit is infinite
+        wide = labels.astype(np.float64)
+    return np.asarray((wide != np.rint(wide)) | (wide < 0) | (wide > LARGEST_DAY_LABEL))
 
 
 def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
@@ -107,12 +113,20 @@ def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[s
     return [series.sentence(float(given.values[first]), text, int(bad.sum()))]
 
 
-def _read_labelled(series: Series, value: xr.DataArray) -> Given:
+def _read_labelled(series: Series, value: Any) -> Given:
+    import xarray as xr
+
+    if not isinstance(value, xr.DataArray):
+        raise InputError(
+            WrongType(f"{series.name} is a {type(value).__name__}: give a number, an array or a DataArray")
+        )
     dims = tuple(dim for dim in ("day", "elapsed_time") if dim in value.dims)
     if len(dims) != value.ndim:
         raise InputError(f"{series.name} has dims {value.dims}: name them elapsed_time and, for several days, day")
     if "elapsed_time" in dims and "elapsed_time" in value.coords:
         seconds = value.coords["elapsed_time"].values
+        if seconds.dtype.kind not in "iufm":
+            raise InputError(f"elapsed_time is of type {seconds.dtype}: give the seconds 0, 1, ...")
         steps = np.diff(seconds) / (np.timedelta64(1, "s") if seconds.dtype.kind == "m" else 1.0)
         wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
         if wrong.size:
@@ -121,19 +135,16 @@ def _read_labelled(series: Series, value: xr.DataArray) -> Given:
                 "give 1-s steps (interpolate first)"
             )
     values = _numbers(series, value.transpose(*dims).values)
-    values = series.convert(values, value.attrs.get("units", series.unit))
+    unit = value.attrs.get("units", series.unit)
+    if not isinstance(unit, str):
+        raise InputError(WrongType(f"{series.name} has units = {shown(unit)}: give a text ({series.known_units})"))
+    values = series.convert(values, unit)
     return Given(dims, values, value.coords["day"].values if "day" in value.coords else None)
 
 
 def _numbers(series: Series, value: Values) -> Array:
-    if isinstance(value, np.ma.MaskedArray):
-        value = np.ma.filled(value.astype(np.float64), np.nan)
-    try:
-        values = np.asarray(value)
-    except ValueError:
-        raise InputError(f"{series.name} has rows of different length: give one length") from None
-    if values.dtype.kind not in ("iufb" if series.whole else "iuf"):
-        raise InputError(f"{series.name} = {value!r:.40} is of type {values.dtype.name}: give numbers")
+    values = array_of(series.name, value, "give numbers", "iufb" if series.whole else "iuf")
     if values.size == 0:
         raise InputError(f"{series.name} is empty: give at least one 1-s sample")
-    return values.astype(np.float64)
+    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+        return values.astype(np.float64)

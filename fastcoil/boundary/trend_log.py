@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from fastcoil.arguments import checking, path_of, plain
 from fastcoil.arrays import Array
-from fastcoil.boundary.conditions import require, whole_seconds
+from fastcoil.boundary.conditions import condition_of, whole_seconds
 from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
-from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.arguments import Wanted, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
 
@@ -32,7 +33,14 @@ def trend_log_series(
     max_gap: float | None,
 ) -> dict[str, Array]:
     """Series by name, each (n_steps,): arguments and errors as of `fastcoil.Boundary.from_csv`."""
-    require(pressure=pressure, start=start, max_gap=max_gap)
+    with checking() as check:
+        path = check(path_of, "path", path, "give the path of a CSV file")
+        pressure = check(condition_of, "pressure", pressure)
+        start = check(condition_of, "start", start)
+        if hours is not None:
+            check(whole_seconds, hours)
+        check(max_gap_of, max_gap)
+        check(require_mappings, columns=columns, units=units, constants=constants)
     log = read_log(
         path,
         _WANTED,
@@ -54,6 +62,6 @@ def _wanted_seconds(log: Log, start: float, hours: float | None) -> Array:
     first, covered = start * 3600, log.time[-1]
     n_steps = int(np.floor(covered - first + 1e-6)) + 1 if hours is None else whole_seconds(hours)
     if n_steps < 1 or first + n_steps - 1 > covered + 1e-6:
-        asked = f"start = {start:g} h" + ("" if hours is None else f", hours = {hours:g}")
+        asked = f"start = {start:g} h" + ("" if hours is None else f", hours = {plain(hours):g}")
         raise InputError(f"{log.name}: {asked} needs more than the {covered:g} s of the log: lower it")
     return np.asarray(np.minimum(first + np.arange(n_steps), covered))

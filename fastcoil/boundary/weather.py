@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
+from fastcoil.arguments import checking, path_of, whole_of
 from fastcoil.arrays import Array
-from fastcoil.boundary.conditions import require, whole_seconds
+from fastcoil.boundary.conditions import condition_of, whole_seconds
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import Values
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, WrongType, shown
+from fastcoil.logs.arguments import require_mappings
 from fastcoil.logs.columns import asked_columns
 from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import Series
@@ -44,6 +47,7 @@ WEATHER_COLUMNS = {
     )
 }
 """What a column of a weather file may be."""
+_DAYS_OF_A_YEAR = 366
 
 
 def weather_day(
@@ -90,10 +94,20 @@ def weather_day(
     columns, units
         Headers and units that differ from `WEATHER_COLUMNS`.
     """
-    n_steps = whole_seconds(hours)
-    require(
-        outdoor_fraction=outdoor_fraction, T_return=T_return, RH_return=RH_return, W_return=W_return, pressure=pressure
-    )
+    with checking() as check:
+        path = check(path_of, "path", path, "give the path of a CSV file")
+        n_steps = check(whole_seconds, hours)
+        outdoor_fraction = check(condition_of, "outdoor_fraction", outdoor_fraction)
+        T_return = check(condition_of, "T_return", T_return)
+        RH_return = check.unless_none(condition_of, "RH_return", RH_return)
+        W_return = check.unless_none(condition_of, "W_return", W_return)
+        pressure = check.unless_none(condition_of, "pressure", pressure)
+        start_hour = check.unless_none(_whole, "start_hour", start_hour, 1, 8784)
+        month = check.unless_none(_whole, "month", month, 1, 12)
+        day = check.unless_none(_whole, "day", day, 1, 31)
+        hour = check.unless_none(_whole, "hour", hour, 0, 24)
+        check(require_mappings, columns=columns, units=units)
+        days = check.unless_none(_days_of, "days", days)
     if (RH_return is None) == (W_return is None):
         raise InputError("RH_return and W_return: give one of them")
     weather = _weather(Table.read(path), columns, units)
@@ -102,7 +116,7 @@ def weather_day(
         W_hourly = humidity_ratio_from_dew_point(weather["T_dewpoint"], p)
     else:
         W_hourly = humidity_ratio(weather["T_drybulb"], weather["RH"], p)
-    starts = _start_hours(weather, Path(path).name, n_steps, start_hour, month, day, hour, days)
+    starts = _start_hours(weather, path.name, n_steps, start_hour, month, day, hour, days)
     at = np.add.outer(starts, np.arange(n_steps) / 3600)
     T_out, W_out, p_out = (
         np.interp(at, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))
@@ -171,12 +185,10 @@ def _start_hours(
         given = [way for way, is_given in ways.items() if is_given]
         raise InputError(f"the start is given as {given}: give start_hour, or month, day, hour, or days and hour")
     if start_hour is not None:
-        starts = [_whole("start_hour", start_hour, 1, 8784)]
+        starts = [start_hour]
     elif days is not None:
         first = _whole("hour", hour, 0, 24)
-        if isinstance(days, int | np.integer):
-            raise InputError(f"days = {days}: give a list of days of the year, or start_hour")
-        starts = [24 * (_whole("days", one, 1, 366) - 1) + first for one in days]
+        starts = [24 * (one - 1) + first for one in days]
     else:
         date = {
             "month": _whole("month", month, 1, 12),
@@ -202,7 +214,16 @@ def _start_hours(
     return np.array(starts, dtype=np.float64)
 
 
+def _days_of(name: str, days: object) -> list[int]:
+    """Days of the year, as a list."""
+    try:
+        several = list(islice(cast("Iterable[object]", days), _DAYS_OF_A_YEAR + 1))
+    except Exception:  # nothing to iterate over; a user's class may raise anything
+        raise InputError(WrongType(f"{name} = {shown(days)}: give a list of days of the year, or start_hour")) from None
+    if not several:
+        raise InputError(f"{name} is empty: give a list of days of the year, or start_hour")
+    return [_whole(name, one, 1, _DAYS_OF_A_YEAR) for one in several]
+
+
 def _whole(name: str, value: object, low: int, high: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-        raise InputError(f"{name} = {value!r}: give a whole number from {low} to {high}")
-    return int(value)
+    return whole_of(name, value, low, high, f"give a whole number from {low} to {high}")

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from itertools import islice
 from typing import Any
 
-from fastcoil.arguments import is_number
+from fastcoil.arguments import checking, choice_of, number_of, plain
+from fastcoil.calibrate.arguments import check_reading, split_of
 from fastcoil.calibrate.coil_problem import CoilProblem
 from fastcoil.calibrate.coil_record import in_operation, record_of
 from fastcoil.calibrate.coil_result import coil_fit
 from fastcoil.calibrate.result import Fit
-from fastcoil.errors import InputError, shown
+from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.logs import Log, read_log
-from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.arguments import Wanted, log_of
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop
@@ -87,12 +89,17 @@ def fit_coil(
     that is unstable at the recorded flows gets a large residual.
     """
     started = time.perf_counter()
-    held_inputs = _checked_arguments(minimise_on, warm_up, holds)
-    loop = Loop(n_volumes=n_volumes, air_march=air_march, pressure=pressure, T_initial=T_initial)
-    if loop.swept:
-        raise InputError(
-            [f"{name} = {shown(array.values.tolist())}: give one value" for name, array in loop.swept.items()]
-        )
+    with checking() as check:
+        log = check(log_of, "log", log)
+        validation = check.unless_none(log_of, "validation", validation)
+        minimise_on = check(choice_of, "minimise_on", minimise_on, OUTPUTS)
+        warm_up = check(number_of, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
+        held_inputs = check(_held_inputs, holds)
+        loop = check(Loop, n_volumes=n_volumes, air_march=air_march, pressure=pressure, T_initial=T_initial)
+        for name, array in loop.swept.items() if loop else ():
+            check.problems.append(f"{name} = {shown(array.values.tolist())}: give one value")
+        check_reading(check, units=units, columns=columns, constants=constants, drop=drop, jumps=jumps, max_gap=max_gap)
+        split, fit_until = split_of(check, split, fit_until)
     both = minimise_on == "both"
     wanted = Wanted(
         needed=(*_NEEDED, "T_w_out") if both else _NEEDED,
@@ -120,15 +127,16 @@ def fit_coil(
     return coil_fit(problem, problem.solve(), started)
 
 
-def _checked_arguments(minimise_on: Any, warm_up: Any, holds: Any) -> tuple[str, ...]:
+def _held_inputs(holds: Any) -> tuple[str, ...]:
     """The inputs that hold, under the names that the model has for them."""
-    if minimise_on not in tuple(OUTPUTS):
-        raise InputError(f"minimise_on = {minimise_on!r}: choose 'T_sup' or 'both'")
-    one = isinstance(holds, str) or not isinstance(holds, Iterable)
-    names: tuple[Any, ...] = () if holds is None else (holds,) if one else tuple(holds)
-    wrong = [f"holds has {name!r}: choose from {', '.join(_INPUTS)}" for name in names if name not in _INPUTS]
-    if not (is_number(warm_up) and warm_up >= 0.0):
-        wrong.append(f"warm_up = {warm_up!r}: give a number of seconds, 0 or more")
+    try:
+        # an endless generator has to end
+        names = () if holds is None else (holds,) if isinstance(holds, str) else tuple(islice(holds, len(_INPUTS) + 1))
+    except Exception:  # nothing to iterate over; a user's class may raise anything
+        names = (holds,)
+    wrong = [name for name in map(plain, names) if not (isinstance(name, str) and name in _INPUTS)]
+    known = f"choose from {', '.join(_INPUTS)}"
     if wrong:
-        raise InputError(wrong)
+        sentences = {isinstance(name, str): f"holds has {shown(name)}: {known}" for name in wrong}
+        raise InputError([text if of_text else WrongType(text) for of_text, text in sentences.items()])
     return tuple("W_a_in" if name in HUMIDITIES else name for name in names)

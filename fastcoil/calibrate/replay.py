@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import whole_number_problems
+from fastcoil.arguments import checking, instance_of, whole_of
 from fastcoil.arrays import Array
 from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.engine.replay_loop import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
-from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_whole_seconds
+from fastcoil.memory import available_memory, gib
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.resources import available_memory, gib
 from fastcoil.simulation.scenarios import columns_of
 
 _WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))
@@ -74,8 +74,12 @@ def replay(
     Cai and Braun (2016), section 3.3 and Fig 8.  With ``T_measured`` of a simulation as ``T_sup`` it returns the
     commands of that simulation to the last bit.
     """
-    if not isinstance(loop, Loop):
-        raise InputError(f"loop is a {type(loop).__name__}: give a fastcoil.Loop")
+    with checking() as check:
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        log = check(log_of, "log", log)
+        trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
+        check(max_gap_of, max_gap)
+        check(require_mappings, columns=columns, units=units, constants=constants)
     data = read_log(
         log,
         _WANTED,
@@ -86,9 +90,7 @@ def replay(
         unbroken=True,
     )
     series = _seconds(data)
-    problems = whole_number_problems("trace_interval", trace_interval, 1, series.shape[0])
-    if problems:
-        raise InputError(problems)
+    whole_of("trace_interval", trace_interval, 1, series.shape[0])
     n = math.prod(loop.sizes.values())
     points = np.arange(0, series.shape[0], trace_interval)
     needed = 8 * n * len(REPLAY_TRACES) * points.size

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from fastcoil.arguments import path_of
 from fastcoil.calibrate.split import FITTING, VALIDATION
 from fastcoil.errors import InputError
 from fastcoil.files import commit
@@ -150,7 +151,7 @@ class Fit:
             lines.append(f"{name} = {{ {', '.join(cells)} }}")
         text = "\n".join(lines) + "\n"
         if path is not None:
-            path = Path(path)
+            path = path_of("path", path)
             if path.is_dir() or not path.parent.is_dir():
                 raise InputError(f"{path} cannot be written: give a file in a folder that exists")
             commit(path, text.encode())

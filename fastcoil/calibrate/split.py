@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.arguments import is_number
 from fastcoil.arrays import Mask
 from fastcoil.errors import InputError
 from fastcoil.logs import Log
@@ -28,12 +27,8 @@ def fitted_part(data: Log, split: float | None, fit_until: float | None) -> Mask
     if len(data.names) > 1:
         return np.asarray(data.source == 0)
     if fit_until is not None:
-        if not (is_number(fit_until) and data.time[0] < fit_until):
-            raise InputError(f"fit_until = {fit_until!r}: give seconds after the first row, which is 0")
         return np.asarray(np.maximum.accumulate(data.time) <= fit_until)
     share = SPLIT if split is None else split
-    if not (is_number(share) and 0.0 < share <= 1.0):
-        raise InputError(f"split = {split!r}: give the share to fit, above 0 and at most 1")
     if data.n_batches >= _BATCHES_TO_SPLIT_BY and share < 1.0:
         ends = np.cumsum(np.bincount(data.batch)) / data.batch.size
         last = min(int(np.argmax(ends >= share - 1e-9)), data.n_batches - 2)

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from fastcoil.arguments import is_number
+from fastcoil.arguments import checking, choice_of, number_of
+from fastcoil.calibrate.arguments import check_reading, split_of
 from fastcoil.calibrate.result import Fit
 from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, ValveProblem
 from fastcoil.calibrate.valve_result import valve_fit
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
-from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.arguments import Wanted, log_of
 
 _LEAST_REACH = 0.02
 """A command that stays below this share of the stroke has the wrong unit."""
 _LEAST_SHARE = 0.8
 """Noise may lift readings above the asymptotic flow, but it is at least this share of them."""
+_LARGEST_FLOW = 1e6
+"""Of any valve, kg/s."""
+_FEWEST_ROWS = 3
+"""Rows of a piece of the log, on average: where in its gap a piece starts is one more unknown."""
+_MANY_PIECES = 50
+"""A fit of more takes minutes."""
 _WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
 
@@ -83,16 +91,16 @@ def fit_valve(
     that a full command opens the valve fully.
     """
     started = time.perf_counter()
-    wrong = []
-    if m_max is not None and not (is_number(m_max) and 0.0 < m_max < math.inf):
-        wrong.append(f"m_max = {m_max!r}: give a number above 0")
-    for name, value in (("floor", floor), ("settle", settle)):
-        if value is not None and not (is_number(value) and 0.0 <= value < math.inf):
-            wrong.append(f"{name} = {value!r}: give a number, 0 or more")
-    if initial not in ("unknown", "rising", "falling"):
-        wrong.append(f"initial = {initial!r}: choose 'unknown', 'rising' or 'falling'")
-    if wrong:
-        raise InputError(wrong)
+    flow = {"least": math.nextafter(0.0, 1.0), "most": _LARGEST_FLOW}
+    with checking() as check:
+        log = check(log_of, "log", log)
+        validation = check.unless_none(log_of, "validation", validation)
+        m_max = check.unless_none(number_of, "m_max", m_max, "give a number above 0 and at most 1e6 kg/s", **flow)
+        floor = check.unless_none(number_of, "floor", floor, "give a number, 0 or more", least=0.0)
+        settle = check.unless_none(number_of, "settle", settle, "give a number, 0 or more", least=0.0)
+        initial = check(choice_of, "initial", initial, ("unknown", "rising", "falling"))
+        check_reading(check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap)
+        split, fit_until = split_of(check, split, fit_until)
 
     def read(source: Any) -> Log:
         return read_log(
@@ -107,11 +115,36 @@ def fit_valve(
         )
 
     data = read(log)
+    _check_order(data)
     _check(data, floor, m_max)
     if validation is not None:
-        data = data.followed_by(read(validation))
+        to_validate = read(validation)
+        _check_order(to_validate)
+        data = data.followed_by(to_validate)
     problem = ValveProblem(data, floor, settle, split, fit_until)
     return valve_fit(problem, problem.solve(m_max, initial), started)
+
+
+def _check_order(data: Log) -> None:
+    """Refuse a log that is no record in time, before any work; warn of one whose fit takes long."""
+    n_back, n_rows, n_pieces = int((np.diff(data.time) <= 0.0).sum()), data.time.size, data.n_batches
+    if 2 * n_back > n_rows:
+        raise InputError(
+            f"{data.name}: time goes back after {n_back:,} of {n_rows:,} rows: the log looks reversed, newest row "
+            "first; sort its rows, oldest first"
+        )
+    if n_rows < _FEWEST_ROWS * n_pieces:
+        raise InputError(
+            f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces, each with a start of its own to be found: "
+            f"give at least {_FEWEST_ROWS} rows for each piece; where gaps cut the log, pass max_gap to bridge them, "
+            "where time goes back, sort the rows, oldest first"
+        )
+    if n_pieces > _MANY_PIECES:
+        warnings.warn(
+            f"{data.name} is in {n_pieces:,} pieces, each with a start of its own to be found: this takes minutes; "
+            "where gaps cut the log, max_gap bridges them",
+            stacklevel=3,
+        )
 
 
 def _check(data: Log, floor: float | None, m_max: float | None) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from fastcoil.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, FastcoilError
+from fastcoil.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
 
 _PATIENCE = 4.0
 """Seconds from an interruption to the end, whatever hangs."""
@@ -31,6 +31,13 @@ class Commands(click.Group):
             for line in str(error).splitlines():
                 click.echo(f"fastcoil: {line}", err=True)
             ctx.exit(error.exit_code)
+        except MemoryError:
+            click.echo(
+                "fastcoil: the memory ran out; finished scenarios are kept: use fewer workers with -j, or sweep fewer "
+                "values, and run the same command again",
+                err=True,
+            )
+            ctx.exit(EXIT_STORAGE)
         except KeyboardInterrupt as interrupt:
             click.echo(f"fastcoil: interrupted{interrupt}", err=True)
             ctx.exit(EXIT_TERMINATED if isinstance(interrupt, Terminated) else EXIT_INTERRUPTED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,7 +86,7 @@ def run(
         click.echo(line)
     click.echo(f"Results: {folder / RESULTS}")
     if figures:
-        for path in draw_standard_figures(folder, finished.results, redraw=finished.n_run > 0):
+        for path in draw_standard_figures(folder, finished.results):
             click.echo(f"Figure:  {path}")
     if bool((finished.results["status"] != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
@@ -96,25 +97,34 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
-    from fastcoil.simulation.resources import available_memory, check_disk, gib
-    from fastcoil.simulation.simulate import probe, workers
+    from fastcoil.engine.host import compile_kernel
+    from fastcoil.memory import available_memory, gib
+    from fastcoil.simulation.duration import estimate_seconds
+    from fastcoil.simulation.resources import check_disk
+    from fastcoil.simulation.simulate import workers
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.runner import default_folder
 
     n_jobs = workers(jobs)
+    start = time.perf_counter()
     asked = read_study(study)
+    reading = time.perf_counter() - start
     planned, traces_kept = asked.plan, asked.reduction is None
     check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))
     announce_compilation()
-    seconds = planned.lane_steps * probe(planned) / n_jobs
+    compile_kernel()
+    seconds = reading + estimate_seconds(planned, n_jobs)
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
-    memory = planned.memory_bytes(n_jobs, traces_on_disk=True)
+    alone, each = planned.memory_of_run(n_jobs, "threads")
+    memory = alone + n_jobs * each
     click.echo(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
     n_shards = len(planned.shards(n_jobs))
     click.echo(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
     click.echo(f"Boundary:    {planned.layout.boundary.describe()}")
-    click.echo(f"Time:        about {duration(seconds)} on {n_jobs} threads (measured on one block of this study)")
-    click.echo(f"Memory:      up to {gib(memory)} for results ({gib(available_memory())} available)")
+    click.echo(
+        f"Time:        about {duration(seconds)} on {n_jobs} threads without figures (measured on blocks of this study)"
+    )
+    click.echo(f"Memory:      up to {gib(memory)} ({gib(available_memory())} available)")
     click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 

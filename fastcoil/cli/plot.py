@@ -26,7 +26,7 @@ def plot(
 ) -> None:
     """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
     from fastcoil.plots import study as plots
-    from fastcoil.plots.files import check_format, write
+    from fastcoil.plots.files import FIGURES, check_format, write
     from fastcoil.study.folder.results import open_study
 
     dots = int(dpi) if dpi.isdecimal() else dpi
@@ -37,26 +37,29 @@ def plot(
     if y and by:
         raise InputError(f"-y {y} and --by {by}: give one of them, -y for a map or --by for curves")
     if x is None:
-        figures = plots.standard_figures(ds)
+        figures = {name: draw() for name, draw in plots.standard_figures(ds).items()}
     else:
         wanted = metrics or plots.STANDARD_METRICS
         name = "_".join([*metrics, *(n for n in (y, by) if n), x])
         figures = {name: plots.maps(ds, x, y, wanted) if y else plots.bands(ds, x, by, wanted)}
     if not figures:
         click.echo("Nothing is swept in this study: there is nothing to draw.")
-    for path in write(figures, folder / "figures", format=format, dpi=int(dots)):
+    drawn_from = ds.attrs.get("content_sha256")  # an unfinished study has none
+    for path in write(figures, folder / FIGURES, format=format, dpi=int(dots), drawn_from=drawn_from):
         click.echo(path)
 
 
-def draw_standard_figures(folder: Path, ds: xr.Dataset, *, redraw: bool) -> list[Path]:
-    """Draw the standard figures of the study in ``folder``, unless it has some and ``redraw`` is false.
+def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
+    """Draw the standard figures of the results ``ds`` in ``folder`` that are missing, or were drawn from other results.
 
-    Returns their paths.
+    Returns the PNG figures there that show these results.
     """
-    found = sorted((folder / "figures").glob("*.png"))
-    if found and not redraw:
-        return found
     from fastcoil.plots import study as plots
-    from fastcoil.plots.files import write
+    from fastcoil.plots.files import FIGURES, current_figures, write
 
-    return write(plots.standard_figures(ds), folder / "figures")
+    drawn_from = ds.attrs["content_sha256"]
+    there = {path.name for path in current_figures(folder, drawn_from)}
+    for name, draw in plots.standard_figures(ds).items():
+        if f"{name}.png" not in there:
+            write({name: draw()}, folder / FIGURES, drawn_from=drawn_from)
+    return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from fastcoil.errors import InputError, shown
+from fastcoil.arguments import checking, mapping_of, path_of, plain
+from fastcoil.errors import InputError
 from fastcoil.parameter_table import Parameter
 
 MAX_GAP = Parameter("max_gap", "boundary", "s", None, "longest step of a log that is bridged", 1.0)
@@ -54,23 +53,28 @@ class Declared(NamedTuple):
 
 def require_mappings(**given: Any) -> None:
     """Raise one `InputError` for all of columns, units and constants that do not map names; None passes."""
-    wrong = [
-        f"{name} = {shown(value)}: give a mapping of names, such as {_EXAMPLES[name]}"
-        for name, value in given.items()
-        if value is not None and not _maps_names(value, to_text=name != "constants")
-    ]
-    if wrong:
-        raise InputError(wrong)
+    with checking() as check:
+        for name, value in given.items():
+            cure = f"give a mapping of names, such as {_EXAMPLES[name]}"
+            check.unless_none(mapping_of, name, value, cure, to_text=name != "constants")
 
 
-def require_max_gap(max_gap: Any) -> None:
-    """Raise an `InputError` if the longest step to be bridged is not admissible; None passes."""
-    value = max_gap.item() if isinstance(max_gap, np.generic) else max_gap
+def max_gap_of(max_gap: Any) -> float | None:
+    """The longest step to be bridged; None passes."""
+    value: float | None = plain(max_gap)
     if value is not None and (problem := MAX_GAP.problem(value)):
         raise InputError(problem)
+    return value
 
 
-def _maps_names(value: Any, *, to_text: bool) -> bool:
-    if not isinstance(value, Mapping):
-        return False
-    return all(isinstance(text, str) for text in (*value, *(value.values() if to_text else ())))
+def log_of(name: str, source: Any) -> Any:
+    """A log as it can be read: the path of a CSV file, or a Dataset.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+    """
+    if hasattr(type(source), "data_vars"):
+        return source
+    return path_of(name, source, "give the path of a CSV file or an xarray.Dataset")

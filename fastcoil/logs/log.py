@@ -12,7 +12,7 @@ import numpy as np
 from fastcoil import moist_air
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.errors import InputError
-from fastcoil.logs.arguments import Declared, Wanted, require_mappings, require_max_gap
+from fastcoil.logs.arguments import Declared, Wanted, max_gap_of, require_mappings
 from fastcoil.logs.columns import find_columns
 from fastcoil.logs.dataset import table_of
 from fastcoil.logs.readings import read_columns
@@ -150,7 +150,7 @@ def read_log(
     """
     if jumps not in ("refuse", "split", None):
         raise InputError(f"jumps = {jumps!r}: choose 'refuse' or 'split'")
-    require_max_gap(max_gap)
+    max_gap = max_gap_of(max_gap)
     require_mappings(columns=columns, units=units, constants=constants)
     declared = Declared(columns=columns, units=units or {}, constants=constants, has_command=has_command)
     rules = TimeRules(

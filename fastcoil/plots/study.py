@@ -5,18 +5,22 @@ Every function returns a matplotlib ``Figure`` that belongs to no window, so it 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import checking, names_of, text_of
 from fastcoil.errors import InputError, nearest
+from fastcoil.errors import shown as quoted
 from fastcoil.outputs import METRICS, STATUS_OK
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.plots.labels import quantity
 from fastcoil.plots.spread import describe, draw_curve, draw_dots
 from fastcoil.plots.style import BLUE, DOTTED, GREY, apply_style, wrapped
+from fastcoil.simulation.result import check_result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +48,7 @@ def numeric_dims(ds: xr.Dataset) -> list[str]:
 @apply_style()
 def maps(ds: xr.Dataset, x: str, y: str, metrics: Sequence[str] = STANDARD_METRICS) -> Figure:
     """Metrics over two swept parameters, one panel each: the median over all other dimensions."""
-    _check(ds, metrics, x, y)
+    metrics = _check(ds, metrics, x=x, y=y)
     figure, panels = _figure(-(-len(metrics) // _PANELS_ABREAST), min(len(metrics), _PANELS_ABREAST), 3.0)
     of_x, of_y = quantity(x), quantity(y)
     for axes, metric in zip(panels.flat, metrics, strict=False):
@@ -71,7 +75,7 @@ def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] 
 
     ``by``: a second swept parameter; a row of panels each for its first, middle and last value instead of pooling it.
     """
-    _check(ds, metrics, x, *([by] if by else []))
+    metrics = _check(ds, metrics, x=x, **({} if by is None else {"by": by}))
     picked = np.unique(np.linspace(0, ds.sizes[by] - 1, _CURVES).round().astype(int)) if by else [None]
     if by:
         figure, panels = _figure(len(picked), len(metrics), 2.2, sharex="col", sharey="col")
@@ -105,6 +109,14 @@ def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] 
 @apply_style()
 def alternatives(ds: xr.Dataset, dim: str, metrics: Sequence[str] = STANDARD_METRICS) -> Figure:
     """Metrics of named alternatives: median and 10–90 % range, or single dots, over all other dims."""
+    with checking() as check:
+        check(check_result, ds)
+        check(text_of, "dim", dim)
+        metrics = check(_metrics_of, metrics)
+    named = [str(d) for d in ds["status"].dims if d in ds.coords]
+    if dim not in named:
+        known = ", ".join(named) or "none"
+        raise InputError(f"dim = {quoted(dim)} is no dimension of this study{nearest(dim, named)}; it has {known}")
     n = ds.sizes[dim]
     figure, panels = _figure(1, len(metrics), 1.0 + 0.22 * n, sharey=True)
     for axes, metric in zip(panels.flat, metrics, strict=True):
@@ -119,20 +131,24 @@ def alternatives(ds: xr.Dataset, dim: str, metrics: Sequence[str] = STANDARD_MET
     return figure
 
 
-def standard_figures(ds: xr.Dataset) -> dict[str, Figure]:
-    """The figures that suit a study's dimensions, by file name without suffix; empty for a single scenario."""
+def standard_figures(ds: xr.Dataset) -> dict[str, Callable[[], Figure]]:
+    """What draws the figures that suit a study's dimensions, by file name without suffix; empty for a single scenario.
+
+    Nothing is drawn, or imported to draw, before one of them is called.
+    """
+    check_result(ds)
     numeric = numeric_dims(ds)
     named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
-    figures = {}
+    figures: dict[str, Callable[[], Figure]] = {}
     if len(numeric) >= 2:
         y, x = numeric[:2]
-        figures["maps"] = maps(ds, x, y)
-        figures["bands"] = bands(ds, x, by=y)
+        figures["maps"] = partial(maps, ds, x, y)
+        figures["bands"] = partial(bands, ds, x, by=y)
     elif numeric:
-        figures["bands"] = bands(ds, numeric[0])
-    figures |= {
-        dim: alternatives(ds, dim) for dim in named if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _ALTERNATIVES
-    }
+        figures["bands"] = partial(bands, ds, numeric[0])
+    for dim in named:
+        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _ALTERNATIVES:
+            figures[dim] = partial(alternatives, ds, dim)
     return figures
 
 
@@ -192,16 +208,36 @@ def _head(figure: Figure, ds: xr.Dataset, words: str) -> None:
     figure.suptitle(wrapped("\n".join([*lines, words]), figure.get_figwidth(), 9))
 
 
-def _check(ds: xr.Dataset, metrics: Sequence[str], *dims: str) -> None:
+def _check(ds: xr.Dataset, metrics: Sequence[str], **dims: str) -> list[str]:
+    """The metrics to draw; ``dims``: the arguments that name axes."""
+    check_result(ds)
+    swept, given = numeric_dims(ds), list(dims.values())
+    with checking() as check:
+        names = check(_metrics_of, metrics)
+        check.problems += [
+            f"metrics: {m} is not in this result: choose another metric" for m in names or () if m not in ds
+        ]
+        for argument, dim in dims.items():
+            check(_axis_of, argument, dim, swept)
+        if not check.problems and len(set(given)) < len(given):
+            check.problems.append(f"{given[0]} is named twice: choose two different axes")
+    return names
+
+
+def _axis_of(argument: str, dim: str, swept: list[str]) -> None:
+    if text_of(argument, dim) not in swept:
+        axes = ", ".join(swept) or "none"
+        raise InputError(
+            f"{quoted(dim)} is not a swept number of this study{nearest(dim, swept)}; its axes are: {axes}"
+        )
+
+
+def _metrics_of(metrics: Sequence[str]) -> list[str]:
+    names = names_of("metrics", metrics)
+    known = ", ".join(METRICS)
     problems = [
-        f"{m} is not a metric{nearest(m, METRICS)}; known: {', '.join(METRICS)}" for m in metrics if m not in METRICS
+        f"metrics: {quoted(m)} is not a metric{nearest(m, METRICS)}; known: {known}" for m in names if m not in METRICS
     ]
-    swept = numeric_dims(ds)
-    problems += [
-        f"{d} is not a swept number of this study{nearest(d, swept)}; its axes are: {', '.join(swept) or 'none'}"
-        for d in dict.fromkeys(dims)
-        if d not in swept
-    ]
-    problems += [f"{d} is named twice: choose two different axes" for d in dict.fromkeys(dims) if dims.count(d) > 1]
     if problems:
         raise InputError(problems)
+    return names

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import InputError, nearest
+from fastcoil.arguments import instance_of
+from fastcoil.errors import InputError, WrongType, collecting, nearest, shown
 from fastcoil.outputs import METRICS
 from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS, STAND_INS, Scalar, check_name
 from fastcoil.simulation.parameter_values import checked_value
@@ -50,10 +51,11 @@ class Loop:
     @classmethod
     def preset(cls, name: str) -> Loop:
         """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl`` or ``g36`` (see ``fc.presets()``)."""
-        if not isinstance(name, str) or name not in PRESETS:
-            raise InputError(
-                f"preset = {name!r}: unknown{nearest(str(name), PRESETS)}; choose one of {', '.join(PRESETS)}"
-            )
+        known = f"choose one of {', '.join(PRESETS)}"
+        if not isinstance(name, str):
+            raise InputError(WrongType(f"preset = {shown(name)}: {known}"))
+        if name not in PRESETS:
+            raise InputError(f"preset = {shown(name)}: unknown{nearest(name, PRESETS)}; {known}")
         return cls(**PRESETS[name].values)
 
     @classmethod
@@ -68,8 +70,8 @@ class Loop:
         InputError
             If ``ds`` was not made by fastcoil, or has no labels along a dimension named after a parameter.
         """
-        if "parameters" not in ds.attrs:
-            raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil")
+        instance_of("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
+        constants = _stored_constants(ds)
         dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
         unlabelled = [d for d in dims if d in PARAMETERS and d not in ds.coords]
         if unlabelled:
@@ -77,9 +79,13 @@ class Loop:
                 [f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled]
             )
         names = [n for n in ds.coords if n in PARAMETERS]
+        stray = [n for n in names if not set(ds[n].dims) <= set(dims)]
+        if stray:
+            raise InputError(
+                [f"{n} lies along a dimension that no result of the Dataset has: leave it out" for n in stray]
+            )
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
-        constants = dict(json.loads(ds.attrs["parameters"]))
         loop = cls()
         loop._values = constants | _defaults_of_missing(constants, swept)
         return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
@@ -164,6 +170,17 @@ class Loop:
     __hash__ = None  # type: ignore[assignment]
 
 
+def _stored_constants(ds: xr.Dataset) -> dict[str, Any]:
+    """The constants that a result holds in its attributes."""
+    if "parameters" not in ds.attrs:
+        raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil")
+    try:
+        stored = dict(json.loads(ds.attrs["parameters"]))
+    except (TypeError, ValueError, RecursionError):
+        raise InputError("the attribute 'parameters' of this Dataset is not as fastcoil made it") from None
+    return {name: checked_value(PARAMETERS[check_name(name)], value) for name, value in stored.items()}
+
+
 def _brief(values: np.ndarray) -> str:
     shown = [f"{v:g}" if not isinstance(v, str) else v for v in values.ravel()[:5]]
     return " ".join(shown) + (" …" if values.size > 5 else "")
@@ -174,10 +191,8 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
     problems: list[str] = []
     checked: dict[str, Any] = {}
     for name, value in changes.items():
-        try:
+        with collecting(problems):
             checked[name] = checked_value(PARAMETERS[check_name(name)], value)
-        except InputError as error:
-            problems += error.problems
     for stand_ins, replaced in _ALTERNATIVES:
         one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if one and other:

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import InputError
+from fastcoil.arguments import is_text, plain
+from fastcoil.arrays import MOST_VALUES, array_of
+from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import LARGEST, PARAMETERS, Parameter, Scalar
 
@@ -33,13 +35,12 @@ def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
         For a wrong type, a value out of bounds, an empty or duplicated axis, or a dimension that cannot be swept.
     """
     if isinstance(value, xr.DataArray):
-        return _checked_array(parameter, value) if value.ndim else checked_value(parameter, value.item())
+        return _checked_array(parameter, value) if value.ndim else checked_value(parameter, value.values)
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and not isinstance(value[1], str):
         return _checked_array(parameter, xr.DataArray(_vector(parameter, value[1]), dims=value[0]))
     if isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
         return _checked_array(parameter, xr.DataArray(_vector(parameter, value), dims=parameter.name))
-    if isinstance(value, np.generic):
-        value = value.item()
+    value = plain(value)
     problem = parameter.problem(value)
     if problem:
         raise InputError(problem)
@@ -47,18 +48,22 @@ def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
 
 
 def _vector(parameter: Parameter, values: Any) -> np.ndarray:
-    if not isinstance(values, (list, tuple, range)) and np.ndim(values) != 1:
+    if not isinstance(values, (list, tuple, range)):
+        values = array_of(parameter.name, values, "give a list of values", "iufUbOM")
+    if isinstance(values, np.ndarray) and values.ndim != 1:
         raise InputError(
             f"{parameter.name}: a sweep is a list of values; give a DataArray with named dims for more dimensions"
         )
-    for value in values:
-        plain = value.item() if isinstance(value, np.generic) else value
-        if np.ndim(plain) if isinstance(plain, np.ndarray) else isinstance(plain, (list, tuple)):
+    if len(values) > MOST_VALUES:
+        raise InputError(f"{parameter.name} has {len(values):,} values: give at most {MOST_VALUES:,}")
+    for given in values:
+        value = given if type(given) in (float, int, str) else plain(given)
+        if isinstance(value, (np.ndarray, list, tuple)):
             raise InputError(
-                f"{parameter.name} = {plain!r} in a list: give a DataArray with named dims for more dimensions"
+                f"{parameter.name} = {shown(value)} in a list: give a DataArray with named dims for more dimensions"
             )
-        fits = isinstance(plain, str) if parameter.is_word else type(plain) in (int, float) and abs(plain) <= LARGEST
-        problem = None if fits else parameter.problem(plain)
+        fits = isinstance(value, str) if parameter.is_word else type(value) in (int, float) and abs(value) <= LARGEST
+        problem = None if fits else parameter.problem(value)
         if problem:
             raise InputError(problem)
     return np.asarray(values)
@@ -70,9 +75,11 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
         raise InputError(f"{name} = []: a sweep needs at least one value")
     for dim in array.dims:
         _check_dim(name, dim, array.ndim)
+        if dim in array.coords:
+            _check_labels(name, str(dim), array.coords[dim].values)
     if not parameter.is_word:
         if array.dtype.kind not in "iuf":
-            raise InputError(f"{name} has values of type {array.dtype}: give numbers")
+            raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
         array = array.astype(int if name == "n_volumes" and array.dtype.kind in "iu" else float)
     flat = array.values.ravel()
     bad = [p for p in (parameter.problem(v) for v in _suspects(parameter, flat)) if p]
@@ -94,7 +101,7 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
 def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
     """Return the values that may be inadmissible; so a million good ones cost nothing."""
     if parameter.is_word:
-        return [v for v in flat.tolist() if v not in parameter.choices]
+        return [v for v in flat.tolist() if not (isinstance(v, str) and v in parameter.choices)]
     fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
     if parameter.whole:
         fine &= flat == np.floor(flat)
@@ -103,8 +110,15 @@ def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
 
 def _check_dim(name: str, dim: Hashable, ndim: int) -> None:
     if not isinstance(dim, str) or dim in FORBIDDEN_DIMS:
-        raise InputError(f"{name}: {dim!r} cannot be the name of a swept dimension: it is taken, choose another")
+        raise InputError(f"{name}: {shown(dim)} cannot be the name of a swept dimension: it is taken, choose another")
     if not dim.isidentifier() or dim in ("method", "tolerance", "drop", "indexers", "missing_dims"):
-        raise InputError(f"{name}: {dim!r} cannot be the name of a dimension; use letters, digits and _")
+        raise InputError(f"{name}: {shown(dim)} cannot be the name of a dimension; use letters, digits and _")
     if dim in PARAMETERS and dim == name and ndim > 1:
         raise InputError(f"{name}: its own name can only be the dimension of a plain list of its values")
+
+
+def _check_labels(name: str, dim: str, labels: np.ndarray) -> None:
+    """Refuse labels along a dimension that no file can hold."""
+    if labels.dtype.kind in "biuf" or all(isinstance(label, str) and is_text(label) for label in labels.ravel()):
+        return
+    raise InputError(f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text")

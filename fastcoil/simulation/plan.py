@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,15 +10,16 @@ from typing import Any, NamedTuple
 import joblib
 import numpy as np
 
-from fastcoil.arguments import whole_number_problems
+from fastcoil.arguments import checking, instance_of, whole_of
+from fastcoil.arrays import array_of
 from fastcoil.boundary import Boundary
-from fastcoil.engine.emulator import DAY_COLUMNS, Day
+from fastcoil.engine.emulator import DAY_COLUMNS
 from fastcoil.engine.host import TraceRequest
 from fastcoil.engine.rows import LANES
-from fastcoil.engine.schedule import schedule
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
+from fastcoil.simulation.days import Days
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.simulation.resources import check_memory
@@ -46,6 +46,16 @@ _LANE_STEPS_PER_SHARD = 60e6
 """About 1 to 2 s of work on one core."""
 _SHARDS_PER_WORKER = 4
 _BYTES_PER_SHARD = 64 * 2**20
+_OF_KERNELS = 64 * 2**20
+_OF_PROCESS = {"loky": 140 * 2**20, "dask": 170 * 2**20}
+"""Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
+
+
+class MemoryOfRun(NamedTuple):
+    """Bytes that a run takes besides what this process has: the run itself, and each of its workers."""
+
+    alone: int
+    each: int
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,7 @@ class Plan:
     warm_up: int
     seed: int
     command: np.ndarray | None
-    days: tuple[Day, ...] = field(repr=False)
+    days: Days = field(repr=False)
 
     @property
     def n_scenarios(self) -> int:
@@ -84,40 +94,71 @@ class Plan:
     @property
     def trace_bytes(self) -> int:
         """Size of the traces of all scenarios."""
-        rows = sum(self.n_volumes if TRACES[n].per_volume else 1 for n in self.traces.names)
+        return sum(map(self._trace_bytes, self.traces.names))
+
+    def _trace_bytes(self, name: str) -> int:
+        rows = self.n_volumes if TRACES[name].per_volume else 1
         return self.n_scenarios * 8 * rows * self.traces.n_points(self.n_steps)
 
-    def memory_bytes(self, n_jobs: int, *, traces_on_disk: bool) -> int:
-        """Most memory that the run takes: the result, its image on the way to disk, a copy while it is put together.
+    @property
+    def boundary_bytes(self) -> int:
+        return len(self.days) * self.n_steps * 8 * len(DAY_COLUMNS)
 
-        Traces on disk are in memory only one shard at a time.
+    def memory_bytes(self) -> int:
+        """Most memory that ``simulate`` takes: measured, five times the metrics and twice the traces."""
+        return 5 * self.metric_bytes + 3 * self.trace_bytes
+
+    def memory_of_run(self, n_jobs: int, backend: str) -> MemoryOfRun:
+        """Most memory that a run with traces on disk takes.
+
+        Itself: the kernels, the results, a shard on its way to the disk; or in the merge, when the workers are done,
+        the largest trace.  A worker: a shard, another on its way, a block and a day; one that is a process has Python,
+        its libraries and the boundary too.
         """
-        if not traces_on_disk:
-            return 3 * (self.metric_bytes + self.trace_bytes)
-        of_shard = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios) * self.shard_size(n_jobs)
-        return 3 * self.metric_bytes + 3 * (n_jobs + 1) * of_shard
+        n_blocks = len(self.days) * -(-self.n_scenarios // len(self.days) // LANES)
+        blocks, scenarios = self.shard_limits(n_jobs, n_blocks)
+        of_scenario = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios)
+        of_shard = of_scenario * min(blocks * LANES, scenarios, self.n_scenarios)
+        each = 2 * of_shard + of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
+        if backend in _OF_PROCESS:
+            each += _OF_PROCESS[backend] + of_shard + 2 * self.boundary_bytes
+        largest = max((self._trace_bytes(name) for name in self.traces.names), default=0)
+        alone = _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest - n_jobs * each)
+        return MemoryOfRun(alone, each)
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
         """Most room that a study takes on disk, while it is merged."""
         return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept
 
-    def shard_size(self, n_jobs: int, n_scenarios: int | None = None) -> int:
-        """Scenarios of a shard, in whole blocks, if ``n_scenarios`` (all by default) are to be run."""
-        by_work = _LANE_STEPS_PER_SHARD / self.n_steps
-        by_workers = (n_scenarios or self.n_scenarios) / (n_jobs * _SHARDS_PER_WORKER)
-        by_size = _BYTES_PER_SHARD * self.n_scenarios / (self.metric_bytes + self.trace_bytes)
-        return max(1, round(min(by_work, by_workers, by_size) / LANES)) * LANES
-
     def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
-        """Cut the scenarios ``todo``, all by default, into whole blocks of one day: enough to keep all workers busy.
+        """Cut the scenarios ``todo``, all by default, into shards: enough of them to keep all workers busy.
 
-        Returns flat indices, ascending.
+        A shard is a contiguous range of ``todo`` of whole blocks.  It may span days, a block does not: a day with one
+        scenario is a block too.  Returns flat indices, ascending.
         """
         todo = np.arange(self.n_scenarios) if todo is None else todo
-        size = self.shard_size(n_jobs, todo.size)
-        per_day = self.n_scenarios // len(self.days)
-        of_days = np.split(todo, np.searchsorted(todo, np.arange(1, len(self.days)) * per_day))
-        return [day[start : start + size] for day in of_days for start in range(0, day.size, size)]
+        edges = self._block_edges(todo)
+        most_blocks, most_scenarios = self.shard_limits(n_jobs, edges.size - 1)
+        shards, first = [], 0
+        while first < edges.size - 1:
+            within = int(np.searchsorted(edges, edges[first] + most_scenarios, side="right")) - 1
+            end = max(first + 1, min(first + most_blocks, within, edges.size - 1))
+            shards.append(todo[edges[first] : edges[end]])
+            first = end
+        return shards
+
+    def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
+        """Most blocks and most scenarios of a shard, if ``n_blocks`` are to be run."""
+        by_work = _LANE_STEPS_PER_SHARD / (self.n_steps * LANES)
+        by_workers = n_blocks / (n_jobs * _SHARDS_PER_WORKER)
+        by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
+        return max(1, round(min(by_work, by_workers))), max(LANES, by_size)
+
+    def _block_edges(self, todo: np.ndarray) -> np.ndarray:
+        """Where in ``todo`` a block of LANES scenarios of a day starts, and the end of ``todo``."""
+        day = todo // (self.n_scenarios // len(self.days))
+        in_day = np.arange(todo.size) - np.searchsorted(day, day)
+        return np.append(np.flatnonzero(in_day % LANES == 0), todo.size)
 
 
 def plan_simulation(
@@ -139,38 +180,25 @@ def plan_simulation(
     InputError
         With one sentence for each mistake.
     """
-    if not isinstance(loop, Loop):
-        raise InputError(f"loop is a {type(loop).__name__}: give a fastcoil.Loop")
-    if not isinstance(boundary, Boundary):
-        raise InputError(
-            f"boundary is a {type(boundary).__name__}: give a fastcoil.Boundary, such as fastcoil.paper_day()"
-        )
-    given = {"trace_interval": trace_interval, "warm_up": warm_up, "seed": seed, "replicates": replicates}
-    limits = RUN_LIMITS | {"trace_interval": Limits(1, boundary.n_steps)}
-    problems = [p for name, value in given.items() for p in whole_number_problems(name, value, *limits[name])]
-    problems += _trace_problems(traces, boundary) + _series_problems(loop, boundary)
-    if not problems and boundary.n_steps <= warm_up:
-        problems.append(
-            f"the boundary lasts {boundary.n_steps} s, the warm-up {warm_up} s: nothing is left to count, "
-            "give a longer boundary"
-        )
-    if problems:
-        raise InputError(problems)
+    with checking() as check:
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
+    with checking() as check:
+        trace_interval = check(whole_of, "trace_interval", trace_interval, 1, boundary.n_steps)
+        warm_up = check(whole_of, "warm_up", warm_up, *RUN_LIMITS["warm_up"])
+        seed = check(whole_of, "seed", seed, *RUN_LIMITS["seed"])
+        replicates = check(whole_of, "replicates", replicates, *RUN_LIMITS["replicates"])
+        check.problems += _trace_problems(traces, boundary) + _series_problems(loop, boundary)
+        if not check.problems and boundary.n_steps <= warm_up:
+            check.problems.append(
+                f"the boundary lasts {boundary.n_steps} s, the warm-up {shown(warm_up)} s: nothing is left to count, "
+                "give a longer boundary"
+            )
     layout = Layout(loop, boundary, replicates)
     commands = _commands(command, boundary)
-    words = (seed & 0xFFFFFFFF, seed >> 32)
-    days = tuple(
-        Day(
-            series=np.stack([boundary.series[n][d] for n in DAY_COLUMNS], axis=1),
-            command=commands[d] if commands is not None else np.empty(0),
-            schedule=schedule(boundary.series["T_set"][d], boundary.series["enabled"][d], warm_up),
-            label=int(boundary.day[d]),
-            seed=words,
-        )
-        for d in range(boundary.n_days)
-    )
+    days = Days(boundary, commands, warm_up, seed)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
-    check_memory(plan.memory_bytes(1, traces_on_disk=traces_on_disk), plan.n_scenarios)
+    check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
     layout.check_together()
     check_stability(layout)
     return plan
@@ -182,7 +210,7 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
         "parameters": json.dumps(plan.layout.loop.constants),
         "boundary": plan.layout.boundary.describe(),
         "boundary_sha256": plan.layout.boundary.sha256,
-        "day_sha256": json.dumps([day_sha256(day) for day in plan.days]),
+        "day_sha256": json.dumps(plan.days.sha256),
         "warm_up_s": plan.warm_up,
         "seed": str(plan.seed),
         "rng": RNG,
@@ -190,11 +218,6 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
     if plan.command is not None:
         attrs["command_sha256"] = joblib.hash(plan.command, hash_name="sha1")
     return attrs
-
-
-def day_sha256(day: Day) -> str:
-    """Hash of a day's series and command, and of its label, which keys the noise."""
-    return hashlib.sha256(f"{day.label} ".encode() + day.series.tobytes() + day.command.tobytes()).hexdigest()
 
 
 def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
@@ -211,14 +234,16 @@ def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
 
 def _trace_problems(traces: object, boundary: Boundary) -> list[str]:
     if not isinstance(traces, (list, tuple)):
-        return [f"traces = {traces!r}: give a list of names"]
+        return [WrongType(f"traces = {shown(traces)}: give a list of names")]
     known = [n for n in traces if isinstance(n, str) and n in TRACES]
-    problems = []
+    problems: list[str] = []
     for name in traces:
-        if isinstance(name, str) and name in boundary.series:
+        if not isinstance(name, str):
+            problems.append(WrongType(f"traces: {shown(name)} is not a trace; known: {', '.join(TRACES)}"))
+        elif name in boundary.series:
             problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
-        elif name not in known:
-            problems.append(f"traces: {name!r} is not a trace{nearest(str(name), TRACES)}; known: {', '.join(TRACES)}")
+        elif name not in TRACES:
+            problems.append(f"traces: {shown(name)} is not a trace{nearest(name, TRACES)}; known: {', '.join(TRACES)}")
     return problems + [f"traces: {n} is listed twice" for n in sorted(set(known)) if known.count(n) > 1]
 
 
@@ -226,13 +251,8 @@ def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:
     """The open-loop command as (n_days, n_steps), or None in closed loop."""
     if command is None:
         return None
-    try:
-        values = np.asarray(command)
-        if values.dtype.kind not in "iuf":
-            raise TypeError
-        values = values.astype(float)
-    except (TypeError, ValueError):
-        raise InputError(f"command is a {type(command).__name__}: give 1-s samples, an array of numbers") from None
+    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+        values = array_of("command", command, "give 1-s samples, an array of numbers").astype(float)
     shape = (boundary.n_days, boundary.n_steps)
     if values.shape not in (shape, shape[1:]):
         raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")

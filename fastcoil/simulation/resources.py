@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
 
 from fastcoil.errors import InputError
+from fastcoil.memory import available_memory, gib
 
 _CURE = "sweep fewer values, ask for fewer traces or a longer trace_interval"
-
-
-def available_memory() -> int:
-    """Bytes of memory that can be used without swapping."""
-    try:
-        fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-        return int(fields["MemAvailable"].split()[0]) * 1024
-    except (OSError, KeyError, ValueError):  # not Linux: take what the machine has
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def check_memory(needed: int, n_scenarios: int) -> None:
@@ -25,9 +16,24 @@ def check_memory(needed: int, n_scenarios: int) -> None:
     available = available_memory()
     if needed > available:
         raise InputError(
-            f"{n_scenarios:,} scenarios need {gib(needed)} of memory for their results, "
-            f"{gib(available)} are available: {_CURE}"
+            f"{n_scenarios:,} scenarios need {gib(needed)} of memory, {gib(available)} are available: {_CURE}"
         )
+
+
+def check_workers(alone: int, each: int, n_jobs: int) -> None:
+    """Refuse ``n_jobs`` workers of ``each`` bytes that, with a run of ``alone`` bytes, do not fit into memory."""
+    available = available_memory()
+    if alone + n_jobs * each <= available:
+        return
+    fit = (available - alone) // each
+    if fit < 1:
+        raise InputError(
+            f"the study needs {gib(alone + each)} of memory with one worker, {gib(available)} are available: {_CURE}"
+        )
+    raise InputError(
+        f"{n_jobs} workers of {gib(each)} do not fit into the {gib(available)} of memory that are available, "
+        f"of which the results need {gib(alone)}: use -j {fit}"
+    )
 
 
 def check_disk(needed: int, folder: Path) -> None:
@@ -39,8 +45,3 @@ def check_disk(needed: int, folder: Path) -> None:
             f"the study needs up to {gib(needed)} on disk, {gib(free)} are free in {nearest_existing}: "
             f"choose another folder, or {_CURE}"
         )
-
-
-def gib(n_bytes: float) -> str:
-    """Bytes in words."""
-    return f"{n_bytes / 2**30:,.1f} GiB" if n_bytes >= 2**30 else f"{n_bytes / 2**20:,.1f} MiB"

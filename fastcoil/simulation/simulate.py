@@ -6,7 +6,6 @@ progress, and its parameters exist only while it runs.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,12 +13,10 @@ import joblib
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import whole_number_problems
+from fastcoil.arguments import checking, whole_of
 from fastcoil.boundary import Boundary
 from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import blocks, parameter_matrix
-from fastcoil.engine.rows import LANES
-from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.dataset import content_sha256, flat_dataset, join_flat, provenance, unflatten
 from fastcoil.simulation.loop import Loop
@@ -74,11 +71,13 @@ def simulate(
         With one sentence for each mistake in the arguments; for an unstable coil; for a result that does not fit in
         memory.
     """
-    plan = plan_simulation(
-        loop, boundary, command=command, traces=traces, trace_interval=trace_interval, warm_up=warm_up, seed=seed,
-        replicates=replicates,
-    )  # fmt: skip
-    return run_plan(plan, workers(n_jobs))
+    with checking() as check:
+        n_threads = check(workers, n_jobs)
+        plan = check(
+            plan_simulation, loop, boundary, command=command, traces=traces, trace_interval=trace_interval,
+            warm_up=warm_up, seed=seed, replicates=replicates,
+        )  # fmt: skip
+    return run_plan(plan, n_threads)
 
 
 def run_plan(plan: Plan, n_jobs: int) -> xr.Dataset:
@@ -92,21 +91,24 @@ def run_plan(plan: Plan, n_jobs: int) -> xr.Dataset:
 
 
 def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
-    """Run the scenarios ``index``, which share a day, block by block.  Returns a flat Dataset, see ``flat_dataset``."""
+    """Run the scenarios ``index``, day by day and block by block.  Returns a flat Dataset, see ``flat_dataset``."""
     columns = plan.layout.columns(index)
+    matrix = parameter_matrix(columns)
     metrics, status = np.empty((len(METRICS), index.size)), np.empty(index.size, dtype=np.int8)
     traces: dict[str, np.ndarray] = {}
     n_points = plan.traces.n_points(plan.n_steps)
     for name in plan.traces.names:
         shape = (index.size, plan.n_volumes, n_points) if TRACES[name].per_volume else (index.size, n_points)
         traces[name] = np.full(shape, np.nan)
-    day = plan.days[columns["day"][0]]
-    for members, block in blocks(parameter_matrix(columns)):
-        found, flags, signals = run_block(block, day, plan.traces)
-        metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
-        for name, signal in signals.items():
-            volumes = (slice(block.n_volumes),) if TRACES[name].per_volume else ()
-            traces[name][members, *volumes] = signal[..., : members.size].T
+    for k in np.unique(columns["day"]):
+        day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
+        for lanes, block in blocks(matrix[:, of_day]):
+            found, flags, signals = run_block(block, day, plan.traces)
+            members = of_day[lanes]
+            metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
+            for name, signal in signals.items():
+                volumes = (slice(block.n_volumes),) if TRACES[name].per_volume else ()
+                traces[name][members, *volumes] = signal[..., : members.size].T
     return flat_dataset(index, metrics, status, traces, plan.traces.interval)
 
 
@@ -114,22 +116,4 @@ def workers(n_jobs: int | None) -> int:
     """Number of threads: all cores by default."""
     if n_jobs is None:
         return int(joblib.cpu_count())
-    problems = whole_number_problems("n_jobs", n_jobs, 1, 1024)
-    if problems:
-        raise InputError(problems)
-    return n_jobs
-
-
-def probe(plan: Plan) -> float:
-    """Seconds per lane and step on one thread, measured on one compiled block from the middle of the plan."""
-    shards = plan.shards(1)
-    middle = shards[len(shards) // 2]
-    columns = plan.layout.columns(middle[:LANES])
-    _, block = blocks(parameter_matrix(columns))[0]
-    day = plan.days[columns["day"][0]]
-    seconds = []
-    for _ in range(2):
-        start = time.perf_counter()
-        run_block(block, day, plan.traces)
-        seconds.append(time.perf_counter() - start)
-    return min(seconds) / plan.n_steps / LANES
+    return whole_of("n_jobs", n_jobs, 1, 1024)

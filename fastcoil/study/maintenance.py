@@ -15,6 +15,7 @@ from fastcoil.errors import FastcoilError, InputError, IntegrityError, nearest
 from fastcoil.files import storage_errors
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
+from fastcoil.plots.files import stale_figures
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
 from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.plan import simulation_attributes
@@ -58,7 +59,12 @@ def verify(folder: Path) -> list[str]:
         problems += str(error).splitlines()
     if store.results.exists():
         try:
-            problems += store.find_trace_problems(store.open_results())
+            ds = store.open_results()
+            problems += store.find_trace_problems(ds)
+            problems += [
+                f"{path} was drawn from other results: run `fastcoil plot {folder}`, or delete it"
+                for path in stale_figures(folder, ds.attrs["content_sha256"])
+            ]
         except FastcoilError as error:
             problems.append(str(error))
     shards = store.shards(manifest).inspect()

@@ -13,10 +13,11 @@ from typing import NoReturn
 
 import xarray as xr
 
+from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import model_sha256
-from fastcoil.simulation.resources import check_disk
+from fastcoil.simulation.resources import check_disk, check_workers
 from fastcoil.simulation.simulate import workers
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.extend import match_scenarios
@@ -25,7 +26,7 @@ from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.results import Computed, is_current, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
-from fastcoil.study.workers.pools import backend_problems, make_pool, resolve_backend
+from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, resolve_backend
 from fastcoil.study.workers.worker import Job
 
 Advance = Callable[[int], None]
@@ -87,10 +88,17 @@ def run_study(
     LockedError, StorageError, IntegrityError
         If another run writes to ``out``; if it cannot be written; if a file in it is damaged.
     """
-    path = Path(path)
-    folder = default_folder(path) if out is None else Path(out)
+    with checking() as check:
+        path = check(path_of, "path", path, "give the path of a study file")
+        folder = check.unless_none(path_of, "out", out, "give the path of a folder")
+        n_jobs = check(workers, n_jobs)
+        backend = check.unless_none(choice_of, "backend", backend, BACKENDS)
+        engine = check.unless_none(choice_of, "engine", engine, BACKENDS)
+        scheduler = check.unless_none(text_of, "scheduler", scheduler)
+        extend = check(flag_of, "extend", extend)
     chosen = resolve_backend(backend, engine)
     study = read_study(path)
+    folder = folder or default_folder(path)
     return execute(study, folder, n_jobs=n_jobs, backend=chosen, scheduler=scheduler, extend=extend).results
 
 
@@ -141,6 +149,8 @@ def execute(
         computed = Computed.find(store, study, manifest)
         todo = computed.missing()
         check_disk(plan.disk_bytes(traces_kept=study.reduction is None), folder)
+        if scheduler is None and todo.size:
+            check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
         start = time.monotonic()
         if todo.size:
             advance = progress(todo.size) if progress else _ignore

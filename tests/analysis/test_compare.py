@@ -169,7 +169,7 @@ def test_every_metric_of_a_simulation_can_be_compared(swept):
         ({"baseline": {"kp": np.array([0, 1])}, "over": "day"}, "is not a single label"),
         ({"baseline": {"kp": slice(0, 1)}, "over": "day"}, "is not a single label"),
         ({"baseline": {"kp": "0"}, "over": "day"}, "no label '0'"),
-        ({"baseline": {"kp": None}, "over": "day"}, "no label None"),
+        ({"baseline": {"kp": None}, "over": "day"}, "kp = None is not a single label"),
         ({"baseline": {"kp": True}, "over": "day"}, "no label True"),
         ({"baseline": "kp", "over": "day"}, "baseline = 'kp': must be a dict"),
         ({"baseline": ["kp", 0], "over": "day"}, "baseline = ['kp', 0]: must be a dict"),

@@ -60,7 +60,7 @@ def test_bad_arguments_of_a_valve_are_refused(valve_log):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"m_max": "2"}, "m_max = '2': give a number above 0"),
+        ({"m_max": "2"}, "m_max = '2': give a number above 0 and at most 1e6 kg/s"),
         ({"floor": "2"}, "floor = '2': give a number, 0 or more"),
         ({"settle": True}, "settle = True: give a number, 0 or more"),
         ({"fit_until": "2"}, "fit_until = '2': give seconds after the first row, which is 0"),

@@ -49,7 +49,7 @@ def test_dots_per_inch_are_those_asked_for(folder):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--format", "jpg"), "format = 'jpg', did you mean 'png'?: give png, pdf or svg"),
+        (("--format", "jpg"), "format = 'jpg', did you mean 'png'?: choose 'png', 'pdf' or 'svg'"),
         (("--dpi", "20"), "dpi = 20: give a whole number from 50 to 1200"),
         (("--dpi", "fine"), "dpi = 'fine': give a whole number from 50 to 1200"),
         (("--by", "backlash"), "--metric, -y and --by need -x: name the swept parameter along the x axis"),

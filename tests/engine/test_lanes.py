@@ -232,15 +232,27 @@ def test_size_of_shards(sweep, days, lane_steps, monkeypatch):
     assert swept(sweep, days, n_jobs=1).content_sha256 == expected
 
 
-def test_shards_hold_whole_blocks_of_one_day_and_every_scenario_once(sweep, days, monkeypatch):
+def test_shards_hold_whole_blocks_within_each_day_and_every_scenario_once(sweep, days, monkeypatch):
     monkeypatch.setattr(plans, "_LANE_STEPS_PER_SHARD", 2e5)
     plan = plans.plan_simulation(sweep, days, warm_up=100, replicates=2)
+    per_day = plan.n_scenarios // 2
     shards = plan.shards(2)
     assert [k for shard in shards for k in shard] == list(range(plan.n_scenarios))
     assert len({len(shard) for shard in shards}) > 1
     for shard in shards:
-        assert len(np.unique(plan.layout.columns(shard)["day"])) == 1
-        assert len(shard) % LANES == 0 or (shard[-1] + 1) % (plan.n_scenarios // 2) == 0
+        assert shard[0] % per_day % LANES == 0
+        assert (shard[-1] + 1) % per_day % LANES == 0
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2, 3])
+def test_a_shard_may_span_days_and_changes_no_bits(sweep, days, n_jobs, monkeypatch):
+    expected = swept(sweep, days, n_jobs=1).content_sha256
+    monkeypatch.setattr(plans, "_LANE_STEPS_PER_SHARD", 1e12)
+    monkeypatch.setattr(plans, "_SHARDS_PER_WORKER", 0.5 / n_jobs)
+    monkeypatch.setattr(plans, "LANES", 40)  # other edges: 288 scenarios a day
+    plan = plans.plan_simulation(sweep, days, warm_up=100, replicates=2)
+    assert any(np.unique(plan.layout.columns(shard)["day"]).size == 2 for shard in plan.shards(n_jobs))
+    assert swept(sweep, days, n_jobs=n_jobs).content_sha256 == expected
 
 
 def test_a_scenario_of_a_sweep_is_the_scenario_alone(sweep, days):

@@ -112,7 +112,6 @@ def kill_and_restart(command, out, undisturbed, step, *words):
     assert {p: p.stat().st_mtime_ns for p in before} == before
 
 
-STALE_FIGURES = pytest.mark.xfail(reason="figures are taken for current where one is there", strict=True)
 HALF_A_FIGURE = pytest.mark.xfail(reason="a half-written figure is never removed", strict=True)
 
 
@@ -130,7 +129,6 @@ def test_a_command_that_is_killed_and_given_again_leaves_the_same_files(command,
     kill_and_restart(command, out, undisturbed, step_of(file, steps), "-j", "2")
 
 
-@STALE_FIGURES
 @pytest.mark.full
 def test_figures_of_a_smaller_version_are_drawn_again(command, forked, out, undisturbed):
     smaller = STUDY.replace("[0.02, 0.07]", "[0.02]")

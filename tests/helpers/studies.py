@@ -12,7 +12,7 @@ from typing import Any
 from fastcoil.study import maintenance, runner
 from fastcoil.study.file.spec import Study, read_study
 
-# a shard never holds scenarios of two days: as many shards as days
+# fewer scenarios a day than a block has lanes: as many shards as days
 DAYS = 3
 PLAIN = f"""
 title = "small"

@@ -16,6 +16,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
     {"errors"},
     {"parameter_table", "outputs", "files", "arguments", "version"},
+    {"memory"},
     {"numerics"},
     {"physics", "control"},
     {"engine"},

@@ -4,8 +4,11 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import fastcoil as fc
+from fastcoil.engine.rows import LANES
 from fastcoil.simulation import resources
 from fastcoil.simulation.plan import plan_simulation
 
@@ -136,3 +139,59 @@ def test_traces_count_towards_the_memory(days, monkeypatch, refused):
     fc.simulate(loop, days, warm_up=60)
     (problem,) = refused(loop, days, warm_up=60, traces=["T_c"])
     assert "trace_interval" in problem
+
+
+def test_the_memory_of_a_run_is_that_of_its_results_its_shards_and_its_workers(days):
+    loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 4000)))
+    plain = plan_simulation(loop, days, warm_up=60)
+    traced = plan_simulation(loop, days, warm_up=60, traces=["T_c", "u"])
+    alone, each = plain.memory_of_run(2, "threads")
+    assert alone > 5 * plain.metric_bytes
+    for n_jobs in (1, 2, 16):
+        alone, each = traced.memory_of_run(n_jobs, "threads")
+        assert alone + n_jobs * each > 8 / 9 * traced.trace_bytes  # T_c is put together as a whole
+        assert traced.memory_of_run(n_jobs, "loky").each > each + 100 * 2**20
+    year = plan_simulation(fc.Loop(), fc.constant_day(hours=400))
+    assert year.memory_of_run(1, "threads").each > 2 * year.boundary_bytes
+
+
+# How scenarios are cut into shards
+
+
+def minutes(n_days):
+    """Days of two minutes."""
+    return fc.Boundary(m_a=np.full((n_days, 120), 1.0), T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0)
+
+
+def test_thousands_of_days_with_a_scenario_each_are_a_few_shards():
+    plan = plan_simulation(fc.Loop(), minutes(2000), warm_up=60)
+    for n_jobs in (1, 2, 8):
+        shards = plan.shards(n_jobs)
+        assert 4 * n_jobs <= len(shards) <= 4 * n_jobs + 1
+        assert np.concatenate(shards).tolist() == list(range(2000))
+
+
+@settings(max_examples=60)
+@given(st.data())
+def test_shards_are_whole_blocks_of_whatever_is_left_to_run(data):
+    n_days, per_day = data.draw(st.integers(1, 5)), data.draw(st.integers(1, 200))
+    loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, per_day)))
+    plan = plan_simulation(loop, minutes(n_days), warm_up=60)
+    rng = np.random.default_rng(data.draw(st.integers(0, 99)))
+    todo = np.flatnonzero(rng.random(plan.n_scenarios) < data.draw(st.sampled_from([0.02, 0.5, 1.0])))
+    n_jobs = data.draw(st.integers(1, 4))
+    shards = plan.shards(n_jobs, todo)
+    assert np.array_equal(np.concatenate([*shards, np.array([], dtype=np.int64)]), todo)
+    blocks_of_day = -(-np.bincount(todo // per_day, minlength=n_days) // LANES)
+    pieces = [-(-np.bincount(shard // per_day, minlength=n_days) // LANES) for shard in shards]
+    assert sum(pieces, start=np.zeros(n_days, dtype=np.int64)).tolist() == blocks_of_day.tolist()
+    most, _ = plan.shard_limits(n_jobs, int(blocks_of_day.sum()))
+    assert max((int(one.sum()) for one in pieces), default=0) <= most
+
+
+def test_a_shard_holds_no_more_than_its_share_of_bytes(days):
+    traces = {"traces": ["T_w", "T_c", "T_a", "W_a", "u"], "warm_up": 60}
+    plan = plan_simulation(fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 1000))), days, **traces)
+    bytes_of_one = (plan.metric_bytes + plan.trace_bytes) / plan.n_scenarios
+    assert len(plan.shards(1)) > 4
+    assert all(LANES <= shard.size <= 64 * 2**20 / bytes_of_one for shard in plan.shards(1)[:-1])

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import path_of
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import join_flat, unflatten
@@ -34,7 +35,7 @@ def open_study(folder: str | Path) -> xr.Dataset:
     StorageError, IntegrityError
         If it cannot be read; if a file in it is damaged.
     """
-    store = StudyFolder(Path(folder))
+    store = StudyFolder(path_of("folder", folder, "give the folder of a study"))
     manifest = store.require_manifest()
     if store.results.exists():
         ds = store.open_results()

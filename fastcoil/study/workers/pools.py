@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, shown
 from fastcoil.study.workers.dask_cluster import Dask
 from fastcoil.study.workers.worker import Job, receive_in_child, run_received, run_scenarios
 
@@ -122,9 +122,9 @@ def resolve_backend(backend: str | None, engine: str | None) -> str:
 def backend_problems(backend: str, scheduler: str | None) -> list[str]:
     """What is wrong with the choice of a backend."""
     if backend not in BACKENDS:
-        return [f"backend = {backend!r}: choose one of {', '.join(BACKENDS)}"]
+        return [f"backend = {shown(backend)}: choose one of {', '.join(BACKENDS)}"]
     if scheduler == "":
         return ["scheduler is empty: give an address such as tcp://host:8786, or leave it out"]
     if scheduler is not None and backend != "dask":
-        return [f"scheduler = {scheduler!r}: only the backend dask has one, choose it or leave scheduler out"]
+        return [f"scheduler = {shown(scheduler)}: only the backend dask has one, choose it or leave scheduler out"]
     return []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 from helpers.studies import (
     DAYS,
@@ -22,6 +23,7 @@ from helpers.studies import (
 )
 
 from fastcoil.errors import InputError, IntegrityError
+from fastcoil.simulation import plan
 from fastcoil.study import maintenance, runner
 from fastcoil.study.folder.results import open_study
 
@@ -148,3 +150,12 @@ def test_an_interrupted_extension_resumes_and_keeps_the_old_results(out):
 def test_run_json_is_valid_json_for_others(broken_off):
     found = json.loads((broken_off / "run.json").read_text())
     assert set(found) == {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
+
+
+@pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
+def test_shards_that_span_days_go_on_where_shards_of_a_day_ended(out, text, monkeypatch):
+    run_until_interrupted(text, out, 1)
+    monkeypatch.setattr(plan, "_SHARDS_PER_WORKER", 0.1)
+    rest = write_study(text, out).plan.shards(1, np.arange(4, 4 * DAYS))
+    assert [shard.size for shard in rest] == [4 * (DAYS - 1)]
+    assert resume(out, text) == []

@@ -1,0 +1,55 @@
+"""`fastcoil plan`, and commands for which the memory does not suffice."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from click.testing import CliRunner
+
+from fastcoil.cli.main import main
+from fastcoil.simulation import resources
+from fastcoil.study import runner
+
+pytestmark = pytest.mark.kernel
+
+DAYS = f"[loop]\n[boundary]\nhours = 0.1\nseed = {list(range(300))}\n[run]\nwarm_up = 60\n"
+
+
+@pytest.fixture
+def study(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(DAYS)
+    return path
+
+
+def fastcoil(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def test_plan_counts_a_day_with_one_scenario_as_a_block_and_says_what_it_takes(study):
+    found = fastcoil("plan", study, "-j", 2)
+    assert found.exit_code == 0, found.output
+    assert ", 8 shards" in found.output
+    seconds = float(re.search(r"Time: +about ([0-9.]+) s on 2 threads without figures", found.output)[1])
+    assert 0.3 < seconds < 100.0
+    assert float(re.search(r"Memory: +up to ([0-9.]+) MiB \(", found.output)[1]) > 50.0
+
+
+def test_workers_that_do_not_fit_are_refused_before_anything_is_written(study, monkeypatch):
+    monkeypatch.setattr(resources, "available_memory", lambda: 500 * 2**20)
+    found = fastcoil("run", study, "-j", 8, "--backend", "loky", "-o", study.with_name("out"))
+    assert found.exit_code == 2
+    assert re.search(r"8 workers of 1\d\d\.\d MiB do not fit into the 500\.0 MiB .*: use -j [23]\n", found.output)
+    assert not list(study.with_name("out").glob("[!.]*"))
+
+
+def test_memory_that_runs_out_is_one_sentence_and_keeps_what_is_finished(study, monkeypatch):
+    out = study.with_name("out")
+    with monkeypatch.context() as patched:
+        patched.setattr(runner, "merge", lambda *_: (_ for _ in ()).throw(MemoryError))
+        found = fastcoil("run", study, "-j", 2, "-o", out, "--no-figures")
+    assert found.exit_code == 4
+    assert "fastcoil: the memory ran out; finished scenarios are kept: use fewer workers with -j" in found.output
+    assert len(list((out / "shards").glob("*.nc"))) == 8
+    assert fastcoil("run", study, "-o", out, "--no-figures").exit_code == 0

@@ -1,0 +1,163 @@
+"""The figures of `fastcoil run`: those of these results, whatever happened before; `verify` tells those of others."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from helpers.processes import environment
+
+from fastcoil.cli.main import main
+from fastcoil.plots.files import current_figures, stale_figures
+from fastcoil.study.folder.results import open_study
+
+pytestmark = pytest.mark.kernel
+
+TESTS = Path(__file__).parents[1]
+
+SMALL = """[loop]
+[sweep]
+backlash = [0.02, 0.07]
+[cases.tuning]
+slow = { kp = 0.02, ti = 30 }
+fast = { kp = 0.03, ti = 8 }
+[boundary]
+hours = 0.25
+[run]
+warm_up = 100
+"""
+LARGER = SMALL.replace("[0.02, 0.07]", "[0.02, 0.05, 0.07]")
+NAMES = ["bands.png", "tuning.png"]
+
+
+@pytest.fixture
+def study(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(SMALL)
+    return path
+
+
+def fastcoil(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def run(study, *words):
+    """Run the study in its folder.  Returns the names of the figures that the command names."""
+    result = fastcoil("run", study, "-o", study.with_name("out"), "-j", 1, *words)
+    assert result.exit_code == 0, result.output
+    figures = [line.removeprefix("Figure:  ") for line in result.output.splitlines() if line.startswith("Figure:")]
+    assert all(path.startswith(str(study.with_name("out") / "figures")) for path in figures)
+    return [path.rpartition("/")[2] for path in figures]
+
+
+def content(study):
+    return open_study(study.with_name("out")).attrs["content_sha256"]
+
+
+def files(study):
+    return {path.name: path.stat().st_mtime_ns for path in (study.with_name("out") / "figures").iterdir()}
+
+
+def test_a_finished_study_names_its_figures_and_draws_none_again(study):
+    assert run(study) == NAMES
+    before = files(study)
+    assert run(study) == NAMES
+    assert files(study) == before
+
+
+def test_figures_of_the_smaller_study_are_never_named_once_it_is_extended(study):
+    run(study)
+    first = content(study)
+    study.write_text(LARGER)
+    assert run(study, "--extend", "--no-figures") == []
+    out = study.with_name("out")
+    assert [path.name for path in current_figures(out, first)] == NAMES
+    verified = fastcoil("verify", out)
+    assert verified.exit_code == 6
+    cure = f"was drawn from other results: run `fastcoil plot {out}`, or delete it"
+    assert verified.output.splitlines() == [f"fastcoil: {out / 'figures' / name} {cure}" for name in NAMES]
+    assert run(study) == NAMES
+    assert [path.name for path in current_figures(out, content(study))] == NAMES
+    assert fastcoil("verify", out).exit_code == 0
+
+
+def test_other_figures_of_these_results_are_named_and_stale_ones_are_not(study):
+    run(study, "--no-figures")
+    out = study.with_name("out")
+    assert fastcoil("plot", out, "-x", "backlash", "--metric", "iae").exit_code == 0
+    assert fastcoil("plot", out, "--format", "pdf").exit_code == 0
+    (out / "figures" / "own.png").write_bytes(b"by hand")
+    assert run(study) == ["bands.png", "iae_backlash.png", "tuning.png"]
+    study.write_text(LARGER)
+    assert run(study, "--extend") == NAMES
+    assert [p.name for p in stale_figures(out, content(study))] == ["bands.pdf", "iae_backlash.png", "tuning.pdf"]
+
+
+def test_plot_draws_whatever_is_there(study):
+    run(study)
+    before = files(study)
+    assert fastcoil("plot", study.with_name("out")).exit_code == 0
+    after = files(study)
+    assert after.keys() == before.keys()
+    assert all(after[name] > before[name] for name in before)
+
+
+@pytest.fixture(scope="module")
+def harness():
+    """Return a function that runs a command in a process forked for it: exit code, operations on files."""
+    command = [sys.executable, str(TESTS / "helpers" / "fork_server.py")]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment()
+    ) as server:
+        assert server.stdout.readline() == "ready\n"
+
+        def run_killed(study, arguments, kill_before):
+            out = study.with_name("out")
+            order = {"text": study.read_text(), "folder": str(out), "log": str(out.with_name("log"))}
+            order |= {"arguments": arguments, "kill_before": kill_before}
+            print(json.dumps(order), file=server.stdin, flush=True)
+            return json.loads(server.stdout.readline())
+
+        try:
+            yield run_killed
+        finally:
+            server.stdin.close()
+            server.wait(timeout=60)
+
+
+def killed_before_each(study, harness, stride):
+    """Kill an extension before its n-th operation on files, the last ones first: its figures are drawn last."""
+    out, start = study.with_name("out"), study.with_name("start")
+    run(study)
+    shutil.copytree(out, start)
+    study.write_text(LARGER)
+    arguments = ["run", str(study), "-o", str(out), "-j", "1", "--extend"]
+    code, n = harness(study, arguments, None)
+    assert code == 0, study.with_name("log").read_text()
+    assert run(study) == NAMES
+    expected = {path.name: path.read_bytes() for path in (out / "figures").glob("*.png")}
+    while n > 0:
+        shutil.rmtree(out)
+        shutil.copytree(start, out)
+        assert harness(study, arguments, n) == [-9, n]
+        assert run(study, "--extend", "--no-figures") == []
+        assert run(study) == NAMES
+        assert {path.name: path.read_bytes() for path in (out / "figures").glob("[!.]*")} == expected
+        assert fastcoil("verify", out).exit_code == 0
+        n -= stride
+
+
+@pytest.mark.alone
+def test_a_kill_between_the_last_shard_and_the_last_figure_loses_no_figure(study, harness):
+    killed_before_each(study, harness, 14)
+
+
+@pytest.mark.full
+@pytest.mark.alone
+def test_nor_does_a_kill_anywhere(study, harness):
+    killed_before_each(study, harness, 1)

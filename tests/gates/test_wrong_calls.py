@@ -1,0 +1,200 @@
+"""No wrong call ends in anything but a sentence: every public function, every argument, a hundred hostile values."""
+
+import inspect
+import random
+import warnings
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.hostile_values import HOSTILE, NEVER_RIGHT
+from helpers.log_files import COIL_HEADER, VALVE_HEADER, coil_rows, valve_rows, write_csv
+from helpers.trend_logs import HEADER, ROWS
+
+import fastcoil as fc
+from fastcoil.plots import files, study
+
+pytestmark = pytest.mark.kernel
+
+_SAMPLE = 1000
+_LONGEST = 3000
+"""Letters of a message; one that lists all parameters has fewer."""
+_STUDY = """
+[loop]
+backlash = 0.05
+[boundary]
+hours = 0.05
+[run]
+warm_up = 60
+"""
+_WEATHER = ["hour_of_year", "month", "day", "hour", "T_drybulb_C", "T_dewpoint_C"]
+
+
+def public_calls():
+    """Name → function, of everything that a user calls."""
+    found = {}
+    for name in fc.__all__:
+        value = getattr(fc, name)
+        if isinstance(value, type) and issubclass(value, BaseException):
+            continue
+        if callable(value):
+            found[name] = value
+        if isinstance(value, type):
+            found |= _methods(name, value)
+    found |= _methods("Fit", type_of_fit())
+    found |= {f.__name__: f for f in (study.maps, study.bands, study.alternatives, study.standard_figures, files.write)}
+    return {name: call for name, call in found.items() if parameters(call)}
+
+
+def type_of_fit():
+    from fastcoil.calibrate.result import Fit
+
+    return Fit
+
+
+def _methods(name, cls):
+    members = {n: getattr(cls, n) for n in vars(cls) if not n.startswith("_") or n == "__getitem__"}
+    return {f"{name}.{n}": member for n, member in members.items() if callable(member)}
+
+
+def parameters(call):
+    """The names of its arguments."""
+    return [n for n in inspect.signature(call).parameters if n != "self"]
+
+
+@pytest.fixture(scope="module")
+def base_calls(tmp_path_factory):
+    """Name → (function, its arguments in a call that is right and cheap)."""
+    folder = tmp_path_factory.mktemp("calls")
+    day, loop = fc.paper_day(hours=0.05), fc.Loop()
+    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07], kp=[0.01, 0.02]), day, warm_up=60, replicates=2)
+    named = ds.rename(kp="strategy").assign_coords(strategy=["a", "b"])
+    rng = np.random.default_rng(1)
+    sampled = xr.Dataset(
+        {
+            "status": (("sample", "design"), np.zeros((8, 3), dtype=np.int8)),
+            "rmse": (("sample", "design"), rng.normal(size=(8, 3))),
+        },
+        coords={"design": ["A", "B", "kp"]},
+    )
+    # a second apart: with a short max_gap they do not fall into pieces, each of which would have to be fitted
+    valve = write_csv(folder / "valve.csv", VALVE_HEADER, [[k, *row[1:]] for k, row in enumerate(valve_rows(80))])
+    coil = write_csv(folder / "coil.csv", COIL_HEADER, coil_rows(40))
+    trend = write_csv(folder / "trend.csv", HEADER, ROWS)
+    weather = write_csv(folder / "weather.csv", _WEATHER, [[h, 1, 1, h, 10.0, 5.0] for h in range(1, 25)])
+    toml = folder / "study.toml"
+    toml.write_text(_STUDY, encoding="utf-8")
+    out = folder / "out"
+    fc.run_study(toml, out)
+    series = {name: values[0] for name, values in day.series.items()}
+    recorded = xr.Dataset(
+        {"T_sup": ("elapsed_time", np.full(90, 14.0)), "T_set": ("elapsed_time", np.full(90, 14.0))},
+        coords={"elapsed_time": ("elapsed_time", np.arange(90.0), {"units": "s"})},
+    )
+    for name in ("T_sup", "T_set"):
+        recorded[name].attrs["units"] = "degC"
+    plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
+    days = {"hours": 0.05}
+    return {
+        "Boundary": (fc.Boundary, series),
+        "Boundary.from_csv": (fc.Boundary.from_csv, {"path": trend, "hours": 0.01}),
+        "Boundary.from_dataset": (fc.Boundary.from_dataset, {"ds": day.to_dataset()}),
+        "Fit.to_toml": (fc.fit_valve(valve).to_toml, {"path": folder / "fit.toml"}),
+        "Loop": (fc.Loop, {}),
+        "Loop.__getitem__": (loop.__getitem__, {"name": "kp"}),
+        "Loop.assign": (fc.Loop(kp=[0.01, 0.02]).assign, {}),
+        "Loop.from_dataset": (fc.Loop.from_dataset, {"ds": ds}),
+        "Loop.preset": (fc.Loop.preset, {"name": "lbnl"}),
+        "alternatives": (study.alternatives, {"ds": named, "dim": "strategy", "metrics": ["rmse"]}),
+        "bands": (study.bands, {"ds": ds, "x": "backlash", "by": "kp", "metrics": ["rmse"]}),
+        "compare": (fc.compare, {"ds": ds, "baseline": {"backlash": 0.02}, "over": "replicate"}),
+        "constant_day": (fc.constant_day, days),
+        "design_day": (fc.design_day, days),
+        "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
+        "fit_valve": (fc.fit_valve, {"log": valve}),
+        "maps": (study.maps, {"ds": ds, "x": "backlash", "y": "kp", "metrics": ["rmse"]}),
+        "open_study": (fc.open_study, {"folder": out}),
+        "paper_day": (fc.paper_day, days),
+        "replay": (fc.replay, {"loop": loop, "log": recorded}),
+        "run_study": (fc.run_study, {"path": toml, "out": out}),
+        "simulate": (fc.simulate, {"loop": loop, "boundary": day, "warm_up": 60, "n_jobs": 1}),
+        "sobol_indices": (fc.sobol_indices, {"ds": sampled}),
+        "standard_figures": (study.standard_figures, {"ds": ds.isel(kp=0, backlash=0)}),
+        "weather_day": (fc.weather_day, {"path": weather, "start_hour": 2, **plant, **days}),
+        "write": (files.write, {"figures": {}, "folder": folder}),
+    }
+
+
+@pytest.fixture(autouse=True)
+def _cheap_and_in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("fastcoil.calibrate.coil_problem._N_STARTS", 2)
+
+
+def call(base, **changes):
+    """The base call with some arguments replaced."""
+    function, arguments = base
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "hourly weather is interpolated")
+        return function(**(arguments | changes))
+
+
+def faults(base, name, argument, value):
+    """What is wrong with the answer to a hostile value."""
+    said = f"{name}({argument}={value})"
+    try:
+        call(base, **{argument: HOSTILE[value]()})
+    except fc.FastcoilError as error:
+        text = str(error)
+        if value in NEVER_RIGHT and not isinstance(error, fc.InputTypeError):
+            return [f"{said}: no InputTypeError, but {text:.200}"]
+        if isinstance(error, fc.InputTypeError) and argument not in text and name.rpartition(".")[2] not in text:
+            return [f"{said}: does not name the argument: {text:.200}"]
+        if len(text) > _LONGEST or not text.replace("\n", "").isprintable():
+            return [f"{said}: {len(text)} letters, perhaps not printable: {text:.200}"]
+    except Exception as error:
+        return [f"{said}: {type(error).__name__}: {error!s:.200}"]
+    else:
+        return [f"{said}: is taken"] if value in NEVER_RIGHT else []
+    return []
+
+
+def test_every_public_function_has_a_base_call(base_calls):
+    assert base_calls.keys() == public_calls().keys()
+    for name, base in base_calls.items():
+        call(base)
+        assert set(parameters(base[0])) == set(parameters(public_calls()[name]))
+
+
+def _attacks(base_calls):
+    return [
+        (name, argument, value)
+        for name, base in base_calls.items()
+        for argument in parameters(base[0])
+        for value in HOSTILE
+    ]
+
+
+def test_a_wrong_argument_gets_a_sentence(base_calls):
+    attacks = random.Random(12).sample(_attacks(base_calls), _SAMPLE)
+    found = [fault for name, *attack in attacks for fault in faults(base_calls[name], name, *attack)]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.full
+def test_every_wrong_argument_gets_a_sentence(base_calls):
+    found = [fault for name, *attack in _attacks(base_calls) for fault in faults(base_calls[name], name, *attack)]
+    assert not found, "\n".join(found)
+
+
+def test_a_missing_or_unknown_argument_is_a_type_error_of_python_or_a_sentence(base_calls):
+    for name, (function, arguments) in base_calls.items():
+        required = [n for n, p in inspect.signature(function).parameters.items() if p.default is p.empty]
+        for changed in (
+            arguments | {"no_such_argument": 1},
+            *({k: v for k, v in arguments.items() if k != n} for n in required),
+        ):
+            with pytest.raises(TypeError if "Loop" not in name else (TypeError, fc.InputError)) as caught:
+                function(**changed)
+            by_python = all("/fastcoil/" not in str(entry.path) for entry in caught.traceback)
+            assert isinstance(caught.value, fc.FastcoilError) or by_python, name
