@@ -4,24 +4,45 @@ import os
 import signal
 import sys
 import threading
+import traceback
 
 from fastcoil.cli.main import main
-from fastcoil.errors import EXIT_INTERRUPTED, EXIT_TERMINATED
+from fastcoil.cli.streams import guard_streams
+from fastcoil.cli.terminal import say
+from fastcoil.errors import EXIT_BUG, EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED
 
 
 def run() -> None:
-    """Run the command line.  After an interrupt, end at once: do not wait for a thread in the middle of a shard."""
+    """Run the command line, and end with its exit code, or with that of storage if its output could not be written."""
+    streams = guard_streams()
+    code = _run_command()
+    lost = streams.loss()
+    if lost is not None:
+        say(f"fastcoil: not all lines could be printed ({lost}); files were written as usual", err=True)
+    if code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
+        _end_at_once(code)
+    sys.exit(code or (EXIT_STORAGE if lost is not None else 0))
+
+
+def _run_command() -> int:
     try:
         main()
     except SystemExit as end:
-        if end.code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the interpreter's shutdown is left to interrupt
-            others = [thread for thread in threading.enumerate() if thread is not threading.main_thread()]
-            if not all(thread.daemon for thread in others):
-                sys.stdout.flush()
-                sys.stderr.flush()
-                os._exit(end.code)
-        raise
+        return end.code if isinstance(end.code, int) else 0 if end.code is None else EXIT_BUG
+    except Exception:
+        say(*traceback.format_exc().rstrip().split("\n"), err=True)
+        return EXIT_BUG
+    return 0
+
+
+def _end_at_once(code: int) -> None:
+    """After an interrupt, do not wait for a thread in the middle of a shard."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the interpreter's shutdown is left to interrupt
+    others = [thread for thread in threading.enumerate() if thread is not threading.main_thread()]
+    if not all(thread.daemon for thread in others):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
 
 
 if __name__ == "__main__":

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fastcoil.errors import InputError, StorageError
+from fastcoil.errors import InputError, StorageError, shown
 
 UNFINISHED = ".tmp"
 """Suffix of a file that is being written."""
@@ -16,10 +18,23 @@ _CHUNK = 1 << 20
 """Bytes read at once."""
 _PROBE = 1 << 20
 """Bytes that do not fit on a full disk."""
+_LONGEST_NAME, _LONGEST_PATH = 255, 4000
+"""Bytes; files that we add to a folder need some more."""
+_KINDS = {
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFLNK: "a link",
+}
 
 
 class TooLargeError(ValueError):
     """A file has more bytes than any file of its kind."""
+
+
+class IrregularError(ValueError):
+    """A pipe, a device or a socket stands where a file is expected: it may never end, or never begin."""
 
 
 def read_text(path: Path, what: str, limit: int) -> str:
@@ -37,14 +52,15 @@ def read_text(path: Path, what: str, limit: int) -> str:
     Raises
     ------
     InputError
-        If it does not exist, is a folder, is too large, is not UTF-8 or cannot be read.
+        If it does not exist, is no regular file, is too large, is not UTF-8 or cannot be read.
     """
+    require_usable(path, f"give {what}")
     try:
         return read_bytes(path, limit).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         format = "'CSV UTF-8'" if path.suffix.lower() == ".csv" else "UTF-8"  # as spreadsheets call it
         raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as {format}") from None
-    except TooLargeError as error:
+    except (TooLargeError, IrregularError) as error:
         raise InputError(f"{path} {error}: give {what}") from None
     except FileNotFoundError:
         raise InputError(f"{path} does not exist: give {what}") from None
@@ -54,8 +70,15 @@ def read_text(path: Path, what: str, limit: int) -> str:
         raise InputError(f"{path} cannot be read ({error.strerror}): give {what}") from None
 
 
-def read_bytes(path: Path, limit: int) -> bytes:
+def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
     """Read a small file whole; ``read_text`` and everything else that is not NetCDF goes through here.
+
+    Parameters
+    ----------
+    path, limit
+        The file, and the most bytes it may have.
+    follow
+        Whether it may be a symbolic link.
 
     Raises
     ------
@@ -63,15 +86,59 @@ def read_bytes(path: Path, limit: int) -> bytes:
         As the operating system reports it.
     TooLargeError
         If it has more than ``limit`` bytes.
+    IrregularError
+        If it is a pipe, a device or a socket; it is not waited for.
     """
-    data = bytearray()
-    with path.open("rb") as file:
-        # piece by piece: the size of a device or a pipe is not known before
+    # opening some devices does something, hence the look before
+    _require_regular(os.stat(path, follow_symlinks=follow))
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC | (0 if follow else os.O_NOFOLLOW)
+    with open(os.open(path, flags), "rb", buffering=0) as file:
+        found = os.fstat(file.fileno())
+        _require_regular(found)
+        if found.st_size > limit:
+            raise TooLargeError(f"has {found.st_size:,} bytes, more than {limit:,}")
+        data = bytearray()
+        # piece by piece: it may grow, and files of the kernel give no size
         while chunk := file.read(_CHUNK):
             data += chunk
             if len(data) > limit:
                 raise TooLargeError(f"has more than {limit:,} bytes")
     return bytes(data)
+
+
+def require_usable(path: Path, cure: str) -> None:
+    """Refuse a path that no file can have: half a character, NUL, names or a whole too long, links in a circle.
+
+    Raises
+    ------
+    InputError
+        With ``cure`` at its end.
+    """
+    name = shown(str(path))
+    try:
+        encoded = os.fsencode(path)
+    except UnicodeEncodeError:
+        raise InputError(f"{name} holds half a character, no path does: {cure}") from None
+    if b"\0" in encoded:
+        raise InputError(f"{name} holds the character NUL, no path does: {cure}")
+    longest = max(map(len, encoded.split(b"/")))
+    if longest > _LONGEST_NAME:
+        raise InputError(f"{name} has a name of {longest:,} bytes, file systems take {_LONGEST_NAME}: {cure}")
+    if len(encoded) > _LONGEST_PATH:
+        raise InputError(f"{name} has {len(encoded):,} bytes, a path has at most {_LONGEST_PATH:,}: {cure}")
+    try:
+        path.stat()
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
+            raise InputError(f"{name} is no usable path ({error.strerror}): {cure}") from None
+
+
+def _require_regular(found: os.stat_result) -> None:
+    kind = stat.S_IFMT(found.st_mode)
+    if kind == stat.S_IFDIR:
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if kind != stat.S_IFREG:
+        raise IrregularError(f"is {_KINDS.get(kind, 'something else')}, not a file")
 
 
 def commit(path: Path, data: bytes | memoryview) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from itertools import islice
 from typing import NamedTuple
@@ -121,7 +122,7 @@ def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
         raise InputError(f"seed gives more than {most} days of {n_steps} s: give fewer, or fewer hours")
     seeds = [whole_of("seed", one, 0, LARGEST_DAY_LABEL, wanted) for one in given]
     if not seeds or len(set(seeds)) < len(seeds):
-        twice = next((s for s in seeds if seeds.count(s) > 1), None)
+        twice = next((s for s, count in Counter(seeds).items() if count > 1), None)
         raise InputError(f"seed {f'has {twice} twice' if seeds else 'is empty'}: {wanted}")
     return seeds
 

@@ -14,7 +14,7 @@ from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, max_gap_of, require_mappings
-from fastcoil.logs.seconds import at_seconds, require_whole_seconds
+from fastcoil.logs.seconds import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
 
 _WANTED = Wanted(needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled"))
@@ -59,7 +59,9 @@ def trend_log_series(
 
 def _wanted_seconds(log: Log, start: float, hours: float | None) -> Array:
     """The seconds of the log to sample at, (n_steps,)."""
-    first, covered = start * 3600, log.time[-1]
+    first, covered = start * 3600, float(log.time[-1])
+    if hours is None:
+        require_span(log.name, covered - first, "give hours")
     n_steps = int(np.floor(covered - first + 1e-6)) + 1 if hours is None else whole_seconds(hours)
     if n_steps < 1 or first + n_steps - 1 > covered + 1e-6:
         asked = f"start = {start:g} h" + ("" if hours is None else f", hours = {plain(hours):g}")

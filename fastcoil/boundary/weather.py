@@ -19,6 +19,7 @@ from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.logs.arguments import require_mappings
 from fastcoil.logs.columns import asked_columns
 from fastcoil.logs.readings import read_numbers
+from fastcoil.logs.seconds import MOST_SECONDS
 from fastcoil.logs.series import Series
 from fastcoil.logs.table import Table
 from fastcoil.logs.units import FRACTION, NUMBER, PRESSURE, TEMPERATURE
@@ -117,6 +118,10 @@ def weather_day(
     else:
         W_hourly = humidity_ratio(weather["T_drybulb"], weather["RH"], p)
     starts = _start_hours(weather, path.name, n_steps, start_hour, month, day, hour, days)
+    if starts.size * n_steps > MOST_SECONDS:
+        raise InputError(
+            f"days: {starts.size} days of {n_steps:,} s each: give {MOST_SECONDS:,} s in all, fewer days or hours"
+        )
     at = np.add.outer(starts, np.arange(n_steps) / 3600)
     T_out, W_out, p_out = (
         np.interp(at, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))

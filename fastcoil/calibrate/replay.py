@@ -17,7 +17,7 @@ from fastcoil.engine.replay_loop import REPLAY_COLUMNS, REPLAY_TRACES, run_repla
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
-from fastcoil.logs.seconds import at_seconds, require_whole_seconds
+from fastcoil.logs.seconds import at_seconds, require_span, require_whole_seconds
 from fastcoil.memory import available_memory, gib
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
@@ -111,6 +111,7 @@ def replay(
 def _seconds(log: Log) -> Array:
     """Input of the controller at every second, (n_steps, 3): the last recorded values."""
     require_whole_seconds(log.name, log.step)
+    require_span(log.name, float(log.time[-1]))
     recorded = {"enabled": np.ones(log.time.size), **log.values}
     values = {name: recorded[name] for name in REPLAY_COLUMNS}
     seconds = np.arange(int(log.time[-1] + _ROUND_OFF) + 1, dtype=float)

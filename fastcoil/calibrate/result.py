@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fastcoil.arguments import path_of
 from fastcoil.calibrate.split import FITTING, VALIDATION
 from fastcoil.errors import InputError
-from fastcoil.files import commit
+from fastcoil.files import commit, read_bytes
 from fastcoil.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
@@ -31,6 +31,9 @@ _POOR = 0.8
 """A model of the right thing explains at least this share of the variance."""
 _MUCH = 2.0
 _ROUND_OFF = 1e-9
+
+_LARGEST = 2**20
+"""Bytes of a file that a fit wrote."""
 
 
 @dataclass(frozen=True)
@@ -160,8 +163,10 @@ class Fit:
 
 def is_fit(path: Path) -> bool:
     """Whether a file was written by ``to_toml``."""
-    with path.open("rb") as file:
-        return b" fitted to " in file.readline()
+    try:
+        return b" fitted to " in read_bytes(path, _LARGEST).partition(b"\n")[0]
+    except (OSError, ValueError):
+        return False
 
 
 def _text(text: str) -> str:

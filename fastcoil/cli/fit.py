@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.paths import PATH
 from fastcoil.cli.progress import announce_compilation
+from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
 if TYPE_CHECKING:
     from fastcoil.calibrate.result import Fit
-
-DATA = click.Path(path_type=Path)
 
 
 @click.group()
@@ -35,7 +35,7 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
             help="Share of the log to fit, in whole batches or pieces if it has four or more; 0.7 by default, all of "
             "it with --validate.",
         ),
-        click.option("--validate", "validation", type=DATA, help="Another CSV file to validate the fit with."),
+        click.option("--validate", "validation", type=PATH, help="Another CSV file to validate the fit with."),
         click.option(
             "--jumps",
             default="refuse",
@@ -49,7 +49,7 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--column", "columns", multiple=True, metavar="NAME=HEADER", help="Header of NAME, if it differs."
         ),
-        click.argument("data", type=DATA),
+        click.argument("data", type=PATH),
     ):
         command = option(command)
     return command
@@ -57,7 +57,7 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
 
 @fit.command("valve")
 @_with_common_options
-@click.option("-o", "--out", type=DATA, default="valve.toml", show_default=True, help="TOML file to write.")
+@click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
 @click.option("--m-max", type=float, help="Asymptotic flow, kg/s, if it is known; fitted by default.")
 @click.option("--floor", type=float, help="Lowest reading of the flow meter, kg/s; found by default.")
 @click.option("--settle", type=float, help="Ignore the flow for so many seconds after each change of the command.")
@@ -109,7 +109,7 @@ def fit_valve_command(
 
 @fit.command("coil")
 @_with_common_options
-@click.option("-o", "--out", type=DATA, default="coil.toml", show_default=True, help="TOML file to write.")
+@click.option("-o", "--out", type=PATH, default="coil.toml", show_default=True, help="TOML file to write.")
 @click.option("--constant", "constants", multiple=True, metavar="NAME=NUMBER", help="A series that the log lacks.")
 @click.option("--both", is_flag=True, help="Minimise the error of the leaving water too, not only of the supply air.")
 @click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds left out at each start.")
@@ -206,8 +206,7 @@ def _write_and_print(found: Fit, out: Path) -> None:
 
     found.to_toml(out)
     figures = write({out.stem: found.plot()}, out.parent)
-    for line in found.summary():
-        click.echo(line)
-    click.echo(f'Fitted:  {out} (in a study: [loop] include = ["{out.name}"])')
+    say(*found.summary())
+    say(f'Fitted:  {out} (in a study: [loop] include = ["{out.name}"])')
     for path in figures:
-        click.echo(f"Figure:  {path}")
+        say(f"Figure:  {path}")

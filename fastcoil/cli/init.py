@@ -6,11 +6,13 @@ from pathlib import Path
 
 import click
 
+from fastcoil.cli.paths import PATH
+from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
 
 @click.command()
-@click.argument("study", type=click.Path(path_type=Path), required=False)
+@click.argument("study", type=PATH, required=False)
 @click.option("--from", "name", metavar="NAME", help="Start from a study that comes with fastcoil.")
 @click.option("--list", "only_list", is_flag=True, help="List the studies that come with fastcoil; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
@@ -19,7 +21,7 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
 
     if only_list:
         for each in shipped_studies():
-            click.echo(f"{each.name:<20}{each.title}")
+            say(f"{each.name:<20}{each.title}")
         return
     if name is None:
         from fastcoil.study.file.template import TEMPLATE
@@ -29,9 +31,9 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
         chosen = shipped_study(name)
         path, text, analysis = study or Path(f"{name}.toml"), chosen.text, chosen.analysis
     _write_new(path, text)
-    click.echo(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
+    say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
     if analysis:
-        click.echo(f"Analysis: {analysis}")
+        say(f"Analysis: {analysis}")
 
 
 def _write_new(path: Path, text: str) -> None:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import shlex
 import signal
+import sys
 import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
+from fastcoil.cli.terminal import complain, say
 from fastcoil.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
 
 _PATIENCE = 4.0
@@ -28,19 +30,36 @@ class Commands(click.Group):
             with plain_warnings():
                 return super().invoke(ctx)
         except FastcoilError as error:
-            for line in str(error).splitlines():
-                click.echo(f"fastcoil: {line}", err=True)
+            complain(error)
             ctx.exit(error.exit_code)
         except MemoryError:
-            click.echo(
-                "fastcoil: the memory ran out; finished scenarios are kept: use fewer workers with -j, or sweep fewer "
-                "values, and run the same command again",
+            say(
+                "fastcoil: the memory ran out; finished scenarios are kept: use fewer workers with -j, sweep fewer "
+                "values, or cut the log, and run the same command again",
                 err=True,
             )
             ctx.exit(EXIT_STORAGE)
         except KeyboardInterrupt as interrupt:
-            click.echo(f"fastcoil: interrupted{interrupt}", err=True)
+            say(f"fastcoil: interrupted{interrupt}", err=True)
             ctx.exit(EXIT_TERMINATED if isinstance(interrupt, Terminated) else EXIT_INTERRUPTED)
+
+    def main(self, *args: Any, **options: Any) -> NoReturn:  # type: ignore[override]
+        """Run a command to its end; words that no command understands are repeated as safely as all other text."""
+        try:
+            code = super().main(*args, **options | {"standalone_mode": False})
+        except click.Abort:  # before the command began
+            code = EXIT_INTERRUPTED
+        except click.ClickException as error:
+            code = error.exit_code
+            say(*_usage(error), f"Error: {error.format_message()}", err=True)
+        sys.exit(code)
+
+
+def _usage(error: click.ClickException) -> list[str]:
+    """How the command is called, if it was called in a wrong way."""
+    if not isinstance(error, click.UsageError) or error.ctx is None:
+        return []
+    return [*error.ctx.get_usage().split("\n"), f"Try '{error.ctx.command_path} --help' for help.", ""]
 
 
 class Terminated(KeyboardInterrupt):
@@ -56,7 +75,7 @@ def interruptible(study: Path, folder: Path) -> Iterator[None]:
         return f"; finished scenarios are kept, to resume: {command}" if folder.exists() else ""
 
     def give_up(code: int) -> None:
-        click.echo(f"fastcoil: interrupted{advice()}", err=True)
+        say(f"fastcoil: interrupted{advice()}", err=True)
         os._exit(code)
 
     def stop(number: int, _: object) -> None:
@@ -87,7 +106,7 @@ def plain_warnings() -> Iterator[None]:
     """Show a warning as one line of text."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        click.echo(f"fastcoil: note: {message}", err=True)
+        say(f"fastcoil: note: {message}", err=True)
 
     with warnings.catch_warnings():
         warnings.showwarning = show  # type: ignore[assignment]

@@ -12,16 +12,15 @@ import click
 from fastcoil.cli.fit import fit
 from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
+from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.progress import announce_compilation, duration, report_progress
 from fastcoil.cli.reference import parameters, presets, schema
-from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
+from fastcoil.cli.terminal import say
+from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, shown
 
 if TYPE_CHECKING:
     from fastcoil.study.runner import Advance
-
-STUDY = click.Path(path_type=Path)
-FOLDER = click.Path(path_type=Path)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -38,8 +37,8 @@ def main() -> None:
 
 
 @main.command()
-@click.argument("study", type=STUDY)
-@click.option("-o", "--out", type=FOLDER, help="Folder of the results; results/NAME by default.")
+@click.argument("study", type=PATH)
+@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.  Results do not depend on it.")
 @click.option("--backend", help="threads, loky (processes) or dask.  [default: threads]")
 @click.option("--engine", hidden=True, help="Earlier name of --backend.")
@@ -81,19 +80,18 @@ def run(
             asked, folder, n_jobs=jobs, backend=chosen, scheduler=scheduler, extend=extend, progress=progress
         )
     if not finished.n_run:
-        click.echo(f"{folder} holds this study, finished: nothing to do.")
-    for line in summary(finished.results):
-        click.echo(line)
-    click.echo(f"Results: {folder / RESULTS}")
+        say(f"{folder} holds this study, finished: nothing to do.")
+    say(*summary(finished.results))
+    say(f"Results: {folder / RESULTS}")
     if figures:
         for path in draw_standard_figures(folder, finished.results):
-            click.echo(f"Figure:  {path}")
+            say(f"Figure:  {path}")
     if bool((finished.results["status"] != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
 
 
 @main.command()
-@click.argument("study", type=STUDY)
+@click.argument("study", type=PATH)
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
@@ -117,15 +115,15 @@ def plan(study: Path, jobs: int | None) -> None:
     sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
     alone, each = planned.memory_of_run(n_jobs, "threads")
     memory = alone + n_jobs * each
-    click.echo(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
+    say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
     n_shards = len(planned.shards(n_jobs))
-    click.echo(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
-    click.echo(f"Boundary:    {planned.layout.boundary.describe()}")
-    click.echo(
+    say(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
+    say(f"Boundary:    {planned.layout.boundary.describe()}")
+    say(
         f"Time:        about {duration(seconds)} on {n_jobs} threads without figures (measured on blocks of this study)"
     )
-    click.echo(f"Memory:      up to {gib(memory)} ({gib(available_memory())} available)")
-    click.echo(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
+    say(f"Memory:      up to {gib(memory)} ({gib(available_memory())} available)")
+    say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
 for command in (fit, init, parameters, plot, presets, schema):
@@ -133,17 +131,16 @@ for command in (fit, init, parameters, plot, presets, schema):
 
 
 @main.command()
-@click.argument("folder", type=FOLDER)
+@click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
     """Show the progress of the study in FOLDER, and how to resume it."""
     from fastcoil.study import maintenance
 
-    for line in maintenance.status(folder):
-        click.echo(line)
+    say(*maintenance.status(folder))
 
 
 @main.command()
-@click.argument("folder", type=FOLDER)
+@click.argument("folder", type=PATH)
 def verify(folder: Path) -> None:
     """Check everything in the FOLDER of a study against its hashes; changes nothing."""
     from fastcoil.study import maintenance
@@ -151,11 +148,11 @@ def verify(folder: Path) -> None:
     problems = maintenance.verify(folder)
     if problems:
         raise IntegrityError("\n".join(problems))
-    click.echo(f"{folder} is sound.")
+    say(f"{folder} is sound.")
 
 
 @main.command()
-@click.argument("folder", type=FOLDER)
+@click.argument("folder", type=PATH)
 @click.option(
     "--at",
     default="",
@@ -164,19 +161,24 @@ def verify(folder: Path) -> None:
 def rerun(folder: Path, at: str) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
     from fastcoil.study import maintenance
+    from fastcoil.study.file.toml import LONGEST_KEY
 
     pairs = [item.split("=", 1) for item in at.split(",") if item]
     if any(len(pair) != 2 for pair in pairs):
-        raise InputError(f"--at {at}: give dimension=label, several of them separated by commas")
+        raise InputError(f"--at {shown(at)}: give dimension=label, several of them separated by commas")
+    long = [
+        f"--at {shown(word)}: no dimension or label is that long" for word in sum(pairs, []) if len(word) > LONGEST_KEY
+    ]
+    if long:
+        raise InputError(long)
     announce_compilation()
     path, found = maintenance.rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
-    for line in found:
-        click.echo(line)
-    click.echo(f"Traces:  {path}")
+    say(*found)
+    say(f"Traces:  {path}")
 
 
 @main.command()
-@click.option("-o", "--out", type=FOLDER, default="results/paper", show_default=True, help="Folder of the results.")
+@click.option("-o", "--out", type=PATH, default="results/paper", show_default=True, help="Folder of the results.")
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
 @click.option("--quick", is_flag=True, help="A few tunings and days only: to try it out, not to quote.")
 def paper(out: Path, jobs: int | None, quick: bool) -> None:
@@ -184,7 +186,6 @@ def paper(out: Path, jobs: int | None, quick: bool) -> None:
     from fastcoil.paper.regenerate import regenerate
 
     announce_compilation()
-    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, report=lambda line: click.echo(line, err=True))
-    for line in verdicts:
-        click.echo(line)
-    click.echo(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")
+    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, report=lambda line: say(line, err=True))
+    say(*verdicts)
+    say(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.paths import PATH
+from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
 if TYPE_CHECKING:
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
 @click.option("-x", help="Swept parameter along the x axis.")
 @click.option("-y", help="Second swept parameter: a map instead of a curve.")
@@ -43,10 +45,10 @@ def plot(
         name = "_".join([*metrics, *(n for n in (y, by) if n), x])
         figures = {name: plots.maps(ds, x, y, wanted) if y else plots.bands(ds, x, by, wanted)}
     if not figures:
-        click.echo("Nothing is swept in this study: there is nothing to draw.")
+        say("Nothing is swept in this study: there is nothing to draw.")
     drawn_from = ds.attrs.get("content_sha256")  # an unfinished study has none
     for path in write(figures, folder / FIGURES, format=format, dpi=int(dots), drawn_from=drawn_from):
-        click.echo(path)
+        say(path)
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:

@@ -6,7 +6,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-import click
+from fastcoil.cli.terminal import say
 
 if TYPE_CHECKING:
     from fastcoil.study.runner import Advance
@@ -19,14 +19,14 @@ def announce_compilation(kernel: str = "emulate") -> None:
     from fastcoil.numerics.jit import is_compiled
 
     if not is_compiled(kernel):
-        click.echo("Compiling the kernels, once per installation: about 10 s …", err=True)
+        say("Compiling the kernels, once per installation: about 10 s …", err=True)
 
 
 def report_progress(n: int, done: int = 0) -> Advance:
     """Start to report: of ``n`` scenarios ``done`` are done already.  Returns what to call with newly finished ones."""
     if done:
-        click.echo(f"Resuming: {done:,} of {n:,} scenario-days done.", err=True)
-    return _bar(n, done) if sys.stderr.isatty() else _lines(n, done)
+        say(f"Resuming: {done:,} of {n:,} scenario-days done.", err=True)
+    return _bar(n, done) if sys.stderr is not None and sys.stderr.isatty() else _lines(n, done)
 
 
 def duration(seconds: float) -> str:
@@ -79,6 +79,6 @@ def _lines(n: int, before: int) -> Advance:
             last = now
             rate = done / (now - start)
             eta = duration((n - before - done) / rate)
-            click.echo(f"{before + done:,} of {n:,} scenario-days, {rate:,.0f}/s, {eta} to go", err=True)
+            say(f"{before + done:,} of {n:,} scenario-days, {rate:,.0f}/s, {eta} to go", err=True)
 
     return advance

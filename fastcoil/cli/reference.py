@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import click
 
+from fastcoil.cli.terminal import say
+
 
 @click.command()
 @click.argument("names", nargs=-1)
@@ -15,10 +17,10 @@ def parameters(names: tuple[str, ...]) -> None:
     for p in [PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values():
         if p.group != group:
             group = p.group
-            click.echo(group)
+            say(group)
         default = "-" if p.default is None else f"{p.default}"
         unit = "" if p.unit == "1" else p.unit
-        click.echo(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
+        say(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
 
 
 @click.command()
@@ -26,7 +28,7 @@ def presets() -> None:
     """List the named loops that a study can start from, and how they differ from the defaults."""
     from fastcoil.simulation.presets import PRESETS
 
-    click.echo(repr(PRESETS))
+    say(*repr(PRESETS).split("\n"))
 
 
 @click.command()
@@ -36,4 +38,4 @@ def schema() -> None:
 
     from fastcoil.study.file.schema import study_schema
 
-    click.echo(json.dumps(study_schema(), indent=2, ensure_ascii=False))
+    say(*json.dumps(study_schema(), indent=2, ensure_ascii=False).split("\n"))

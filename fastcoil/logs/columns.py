@@ -14,8 +14,12 @@ from fastcoil.logs.table import Table, label_and_unit
 
 _OUTPUTS = ("command", "T_sup", "T_w_out")
 """Always measured: no message suggests a constant for them."""
+_LONGEST_HEADER = 100
+"""Characters of a header that a message repeats."""
 _MOST_NAMED = 3
 """A message names this many unknown columns and counts the rest."""
+_MOST_HINTS = 200
+"""Unknown columns for which the name that was probably meant is sought: it takes a millisecond each."""
 
 
 def find_columns(table: Table, declared: Declared, wanted: Wanted, *, strict: bool) -> dict[str, int]:
@@ -52,7 +56,7 @@ def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
     """Index by our name of the columns that ``columns`` (our name: header) names; an absent one is a problem."""
     found = {name: table.column(header) for name, header in columns.items()}
     table.problems += [
-        f"{name}: there is no column {columns[name]!r}{nearest(columns[name], table.header)}"
+        f"{name}: there is no column {shown(columns[name])}{nearest(columns[name], table.header)}"
         for name, column in found.items()
         if column is None
     ]
@@ -67,9 +71,11 @@ def find_unit(table: Table, series: Series, column: int, given: str | None, opti
     declared = label_and_unit(table.header[column])[1]
     unit = declared or given or ("1" if series.needs_no_unit else None)
     if declared and given and declared != given:
-        table.problems.append(f"{series.name} is in {declared!r} by its header, in {given!r} by units: drop one")
+        both = f"{shown(declared)} by its header, in {shown(given)} by units"
+        table.problems.append(f"{series.name} is in {both}: drop one")
     elif not unit:
-        cure = table.unit_cure.format(header=table.header[column], unit=series.unit)
+        header = table.header[column]
+        cure = table.unit_cure.format(header=header if len(header) <= _LONGEST_HEADER else "…", unit=series.unit)
         cure += f", or pass units={{{series.name!r}: {series.unit!r}}}{option}"
         table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
     else:
@@ -99,13 +105,14 @@ def _find_headers(table: Table, declared: Declared, names: list[str], example: s
 
 def _unknown(cells: list[str], names: list[str], say_which: str) -> list[str]:
     """A sentence for each column whose name is nearly ours, and one for all others together."""
-    hints = {cell: nearest(label_and_unit(cell)[0], names) for cell in cells}
+    hints = dict.fromkeys(cells, "") | {cell: nearest(label_and_unit(cell)[0], names) for cell in cells[:_MOST_HINTS]}
     others = [cell for cell, hint in hints.items() if not hint]
     one_by_one = [cell for cell in cells if hints[cell] or len(others) == 1]
-    sentences = [f"column {cell!r} is unknown{hints[cell]}: rename or delete it, {say_which}" for cell in one_by_one]
+    cure = f"rename or delete it, {say_which}"
+    sentences = [f"column {shown(cell)} is unknown{hints[cell]}: {cure}" for cell in one_by_one]
     if len(others) > 1:
         more = f" and {len(others) - _MOST_NAMED} more" if len(others) > _MOST_NAMED else ""
-        first = ", ".join(map(repr, others[:_MOST_NAMED]))
+        first = ", ".join(map(shown, others[:_MOST_NAMED]))
         sentences.append(f"columns {first}{more} are unknown: rename or delete them, {say_which}")
     return sentences
 

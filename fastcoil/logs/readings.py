@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fastcoil.arrays import Array, Mask
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, shown
 from fastcoil.logs.arguments import Declared, Wanted
 from fastcoil.logs.columns import find_unit
 from fastcoil.logs.notes import counted, first_row
@@ -99,7 +99,7 @@ def _complaint(table: Table, series: Series, column: int, unit: str, bad: Mask) 
     value = _number(cell)
     if value is not None:
         return series.sentence(value, f" in row {row}", n_bad, unit)
-    what = f"= {cell!r}" if cell.strip() else "is blank"
+    what = f"= {shown(cell)}" if cell.strip() else "is blank"
     cure = "give a number with a decimal point, or fill or cut the gap"
     return f"{series.name} {what} in row {row}: {cure}{in_total(n_bad)}"
 

@@ -10,12 +10,23 @@ from fastcoil.arrays import Array
 from fastcoil.errors import InputError
 
 _LEAST_STEP = 0.999
+MOST_SECONDS = 50_000_000
+"""Of a record on 1-s steps, 19 months: a few GB with its series."""
 
 
 def require_whole_seconds(name: str, step: float) -> None:
     """Refuse a log whose samples are less than a second apart; ``step``: its median step, s."""
     if step < _LEAST_STEP:
         raise InputError(f"{name}: the rows are {step:g} s apart: thin or average the log to 1 s or more")
+
+
+def require_span(name: str, seconds: float, cure: str = "cut the log") -> None:
+    """Refuse a record that would fill the memory on 1-s steps; ``seconds``: from its first to its last."""
+    if seconds > MOST_SECONDS:
+        raise InputError(
+            f"{name} lasts {seconds:,.0f} s from the first row to the last: at most {MOST_SECONDS:,} s can be read, "
+            f"check the unit of the time, or {cure}"
+        )
 
 
 def at_seconds(

@@ -65,7 +65,8 @@ class Series:
     def convert(self, values: Array, unit: str) -> Array:
         """``values`` from a declared ``unit`` into ours."""
         scale, offset = self.units[self.spelled(unit)]
-        return values * scale + offset
+        with np.errstate(over="ignore"):  # what overflows is out of bounds
+            return values * scale + offset
 
     def is_bad(self, values: Array) -> Mask:
         """Where ``values`` (in our unit) are not finite, out of bounds, or not whole where they must be."""
@@ -113,7 +114,7 @@ COLUMNS: dict[str, Series] = {
             default=1.0,
             needs_no_unit=True,
         ),  # fmt: skip
-        Series("elapsed_time", "time", TIME),
+        Series("elapsed_time", "time", TIME, -1e10, 1e10),  # three centuries
         Series("RH_a_in", "relative humidity of the entering air", FRACTION, 0.0, 1.0, scatters=True),
         Series("T_dp_in", "dew point of the entering air", TEMPERATURE, -60.0, 50.0),
         Series("command", "command to the valve", TRAVEL, 0.0, 1.0, hold=True, scatters=True),

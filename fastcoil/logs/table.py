@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,19 +17,24 @@ from pathlib import Path
 import numpy as np
 
 from fastcoil.arrays import Mask
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError, nearest, shown
 from fastcoil.files import read_text
 from fastcoil.logs.notes import counted
 
-_LARGEST = 2**31
-"""Bytes; as a table of text, a larger file would fill the memory."""
-_HEADER = re.compile(r"\s*(?P<label>.*?)\s*(?:\[\s*(?P<unit>.*?)\s*\])?\s*")
+_LARGEST = 2**30
+"""Bytes."""
+_MOST_CELLS, _MOST_COLUMNS = 100_000_000, 10_000
+"""As a table of text, more cells would fill the memory; no building logs so many points in one file."""
 
 
 def label_and_unit(header: str) -> tuple[str, str | None]:
     """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; the unit is None if there is none."""
-    match = _HEADER.fullmatch(header)
-    return (match["label"], match["unit"]) if match else (header, None)
+    text = header.strip()
+    label, bracket, unit = text.partition("[")
+    if bracket and text.endswith("]"):
+        label, unit = label.rstrip(), unit[:-1].strip()
+        return (header, None) if "\n" in label + unit else (label, unit)
+    return (header, None) if "\n" in text else (text, None)
 
 
 @dataclass
@@ -57,8 +63,7 @@ class Table:
         """
         path = Path(path)
         try:
-            reader = csv.reader(io.StringIO(read_text(path, "a CSV file", _LARGEST), newline=""))
-            numbered = [(i, row) for i, row in enumerate(reader, start=1) if any(map(str.strip, row))]
+            numbered = _numbered_rows(path)
         except csv.Error as error:
             raise InputError(f"{path} is not a CSV file ({error}): save it as 'CSV UTF-8'") from None
         if not numbered:
@@ -78,9 +83,9 @@ class Table:
     def _check_header(self, row_number: int) -> None:
         """Every column needs a name of its own; one may be blank."""
         self.problems += [
-            f"column {cell!r} appears twice in the header: rename or delete one"
-            for cell in dict.fromkeys(self.header)
-            if cell and self.header.count(cell) > 1
+            f"column {shown(cell)} appears twice in the header: rename or delete one"
+            for cell, count in Counter(self.header).items()
+            if cell and count > 1
         ]
         if (blank := self.header.count("")) > 1:
             self.problems.append(
@@ -114,7 +119,7 @@ class Table:
         """Every name ``given`` in the argument ``what`` that is not ``known`` is a problem."""
         known = list(known)
         self.problems += [
-            f"{what} has unknown {name!r}{nearest(name, known)}: use {', '.join(known)}"
+            f"{what} has unknown {shown(name)}{nearest(name, known)}: use {', '.join(known)}"
             for name in given
             if name not in known
         ]
@@ -124,3 +129,18 @@ class Table:
         index = np.flatnonzero(kept).tolist()
         self.rows = [self.rows[i] for i in index]
         self.row_numbers = [self.row_numbers[i] for i in index]
+
+
+def _numbered_rows(path: Path) -> list[tuple[int, list[str]]]:
+    """The rows of a CSV file that are not blank, with their numbers."""
+    numbered: list[tuple[int, list[str]]] = []
+    n_cells = 0
+    for i, row in enumerate(csv.reader(io.StringIO(read_text(path, "a CSV file", _LARGEST), newline="")), start=1):
+        if len(row) > _MOST_COLUMNS:
+            raise InputError(f"{path}: row {i} has {len(row):,} cells: give at most {_MOST_COLUMNS:,} columns")
+        n_cells += len(row)
+        if n_cells > _MOST_CELLS:
+            raise InputError(f"{path} has more than {_MOST_CELLS:,} cells: leave out columns, or cut it into parts")
+        if any(map(str.strip, row)):
+            numbered.append((i, row))
+    return numbered

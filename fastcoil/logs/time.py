@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array, Index, Mask
+from fastcoil.errors import shown
 from fastcoil.logs.notes import counted
 from fastcoil.logs.table import Table
 
@@ -63,7 +64,7 @@ def _seconds_since_first(table: Table, column: int) -> Array | None:
             if time.utcoffset() == times[0].utcoffset():
                 continue
             wrong = "has another UTC offset than the first: write one time zone, without daylight saving"
-        table.problems.append(f"timestamp = {row[column]!r} in row {number} {wrong}")
+        table.problems.append(f"timestamp = {shown(row[column])} in row {number} {wrong}")
         return None
     return np.array([(time - times[0]).total_seconds() for time in times])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeAlias
 
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError, nearest, shown
 
 Units: TypeAlias = Mapping[str, tuple[float, float]]
 """Each unit's (scale, offset) into the first of its family, which is the unit used inside fastcoil."""
@@ -66,7 +66,7 @@ def spelled(name: str, unit: str, units: Units) -> str:
         return by_folded[_folded(unit)]
     meant = _ABBREVIATIONS.get(_folded(unit))
     hint = f", did you mean {meant!r}?" if meant in units else nearest(unit, units)
-    raise InputError(f"{name} is in {unit!r}{hint} ({known_units(units)})")
+    raise InputError(f"{name} is in {shown(unit)}{hint} ({known_units(units)})")
 
 
 def _folded(unit: str) -> str:

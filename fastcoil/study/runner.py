@@ -197,13 +197,11 @@ def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
         )
     shown = changes[:_LONGEST_DIFFERENCE] + ["…"] * (len(changes) > _LONGEST_DIFFERENCE)
     raise InputError(
-        "\n".join(
-            [
-                f"{store.path} holds another study, or another version of this one: add --extend if only values were "
-                "added, otherwise choose another folder with -o.  The differences:",
-                *shown,
-            ]
-        )
+        [
+            f"{store.path} holds another study, or another version of this one: add --extend if only values were "
+            "added, otherwise choose another folder with -o.  The differences:",
+            *shown,
+        ]
     )
 
 

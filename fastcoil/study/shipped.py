@@ -8,7 +8,7 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from fastcoil.errors import InputError, StorageError, nearest
+from fastcoil.errors import InputError, StorageError, nearest, shown
 
 _ANALYSIS = "# Analysis: "
 """Begins the line of a study file that names the script for what `fastcoil run` does not do."""
@@ -54,7 +54,7 @@ def shipped_study(name: str) -> ShippedStudy:
     """
     known = {study.name: study for study in shipped_studies()}
     if name not in known:
-        raise InputError(f"--from {name}: no such study{nearest(name, known)}; choose one of {', '.join(known)}")
+        raise InputError(f"--from {shown(name)}: no such study{nearest(name, known)}; choose one of {', '.join(known)}")
     return known[name]
 
 

@@ -15,7 +15,7 @@ PACKAGE = Path(fastcoil.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
     {"errors"},
-    {"parameter_table", "outputs", "files", "arguments", "version"},
+    {"parameter_table", "outputs", "files", "arguments", "version", "printable"},
     {"memory"},
     {"numerics"},
     {"physics", "control"},

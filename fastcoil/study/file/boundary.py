@@ -10,7 +10,8 @@ from typing import Any
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import constant_day, design_day, paper_day
 from fastcoil.boundary.weather import weather_day
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError, nearest, shown
+from fastcoil.study.file.tables import with_hints
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "paper_day": paper_day,
@@ -25,17 +26,16 @@ def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
     """Build the boundary of a study; ``paper_day`` of 8 h with seed 1 where the table is absent."""
     arguments = dict(table)
     kind = arguments.pop("kind", "paper_day")
-    if kind not in BOUNDARY_KINDS:
+    if not isinstance(kind, str) or kind not in BOUNDARY_KINDS:
         raise InputError(
-            f"[boundary] kind = {kind!r}: unknown{nearest(str(kind), BOUNDARY_KINDS)}; "
+            f"[boundary] kind = {shown(kind)}: unknown{nearest(str(kind), BOUNDARY_KINDS)}; "
             f"choose one of {', '.join(BOUNDARY_KINDS)}"
         )
     make = BOUNDARY_KINDS[kind]
     signature = inspect.signature(make).parameters
     problems = [
-        f"[boundary] {name} is not an argument of {kind}{nearest(name, signature)}; it takes {', '.join(signature)}"
-        for name in arguments
-        if name not in signature
+        f"[boundary] {name} is not an argument of {kind}{hint}; it takes {', '.join(signature)}"
+        for name, hint in with_hints((name for name in arguments if name not in signature), signature)
     ]
     problems += [
         f"[boundary] {name} is missing: {kind} needs it"

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from fastcoil.errors import InputError, shown
 from fastcoil.files import read_text
-from fastcoil.parameter_table import PARAMETERS, check_name
+from fastcoil.parameter_table import PARAMETERS
+from fastcoil.study.file.tables import known_parameters
+from fastcoil.study.file.toml import parse_toml
 
 _WHAT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
 _LARGEST = 2**20
 """Bytes."""
+_MOST_FILES = 100
 
 
 def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -27,8 +29,9 @@ def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         With one sentence for each file that cannot be read or is no such file, and each parameter given twice.
     """
     names = loop.get("include", [])
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InputError(f'include = {shown(names)}: give a list of files, such as ["valve.toml", "coil.toml"]')
+    if not isinstance(names, list) or len(names) > _MOST_FILES or not all(isinstance(name, str) for name in names):
+        example = 'such as ["valve.toml", "coil.toml"]'
+        raise InputError(f"include = {shown(names)}: give a list of files, {_MOST_FILES} at most, {example}")
     found: dict[str, Any] = {}
     origin: dict[str, str] = {}
     problems: list[str] = []
@@ -50,24 +53,17 @@ def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def _read_parameters(path: Path, name: str) -> dict[str, Any]:
     try:
-        tables = tomllib.loads(read_text(path, _WHAT, _LARGEST).replace("\r\n", "\n"))
+        tables = parse_toml(read_text(path, _WHAT, _LARGEST), name)
     except InputError as error:
-        raise InputError(f"include: {error}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"include: {name} is not valid TOML: {error}") from None
+        raise InputError([f"include: {problem}" for problem in error.problems]) from None
     loop = tables.get("loop")
     if not isinstance(loop, dict) or set(tables) - {"loop", "fit"}:
         raise InputError(
             f"include: {name} is no file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]"
         )
-    problems = []
-    for key, value in loop.items():
-        try:
-            problem = PARAMETERS[check_name(key)].problem(value)
-        except InputError as error:
-            problem = str(error)
-        if problem:
-            problems.append(f"include: {name}: {problem}")
+    problems: list[str] = []
+    known = known_parameters(loop, problems)
+    problems += [p for p in (PARAMETERS[key].problem(value) for key, value in known.items()) if p]
     if problems:
-        raise InputError(problems)
+        raise InputError([f"include: {name}: {problem}" for problem in problems])
     return loop

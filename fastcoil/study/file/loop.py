@@ -12,9 +12,12 @@ from fastcoil.errors import InputError, collecting, shown
 from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS
 from fastcoil.simulation.loop import Loop
 from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, sampled_names
-from fastcoil.study.file.tables import StudyFile, are_numbers
+from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters
 
-LONGEST_AXIS = 10_000_000
+LONGEST_AXIS = 1_000_000
+"""Values; more take minutes to label, and a design that large is drawn with [sample]."""
+_MOST_DIMS = 32
+_MOST_NAMED = 5
 _SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
 
@@ -24,6 +27,9 @@ def build_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Lo
     constants = dict(file.loop)
     preset = str(constants.pop("preset", "paper_like"))
     constants.pop("include", None)
+    constants = known_parameters(constants, problems, "[loop] ")
+    if len(file.cases) > _MOST_DIMS:
+        raise InputError(f"[cases] has {len(file.cases):,} tables: give at most {_MOST_DIMS}, each is a dimension")
     loop, axes = Loop(), {}
     with collecting(problems, "[loop] "):
         loop = Loop.preset(preset).assign(**(included or {}))
@@ -35,7 +41,7 @@ def build_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Lo
         problems += [f"{', '.join(INSTALLED_VALVE)} go together: {n} is missing, give it too" for n in missing]
     with collecting(problems, "[loop] "):
         loop = loop.assign(**constants)
-    for name, axis in file.sweep.items():
+    for name, axis in known_parameters(file.sweep, problems, "[sweep] ").items():
         with collecting(problems, "[sweep] "):
             axes[name] = axis_values(name, axis)
     with collecting(problems, "[sweep] "):
@@ -92,14 +98,27 @@ def axis_values(name: str, axis: object) -> list[Any]:
             "or { geomspace = [first, last, count] }"
         )
     spec = axis[kind]
-    if not are_numbers(spec, 3) or type(spec[2]) is not int or not 1 <= spec[2] <= LONGEST_AXIS:
+    if not _is_spacing(spec):
         raise InputError(
             f"{name} = {{ {kind} = {shown(spec)} }}: give [first, last, count], two finite numbers and a whole "
-            f"number from 1 to {LONGEST_AXIS:,}"
+            f"number from 1 to {LONGEST_AXIS:,}; draw more with [sample]"
         )
     if kind == "geomspace" and min(spec[:2]) <= 0.0:
-        raise InputError(f"{name} = {{ geomspace = {spec} }}: first and last must be above 0")
-    return list(_SPACINGS[kind](*spec).tolist())
+        raise InputError(f"{name} = {{ geomspace = {shown(spec)} }}: first and last must be above 0")
+    first, last, count = spec
+    return list(_SPACINGS[kind](float(first), float(last), count).tolist())
+
+
+def axis_size(axis: object) -> int:
+    """Number of values of a swept axis; 1 if it is wrong."""
+    if isinstance(axis, dict) and len(axis) == 1:
+        ((kind, spec),) = axis.items()
+        return int(spec[2]) if kind in _SPACINGS and _is_spacing(spec) else 1
+    return len(axis) if isinstance(axis, list) else 1
+
+
+def _is_spacing(spec: Any) -> bool:
+    return are_numbers(spec, 3) and type(spec[2]) is int and 1 <= spec[2] <= LONGEST_AXIS
 
 
 def _zip_cases(
@@ -114,19 +133,17 @@ def _zip_cases(
         raise InputError(
             f"{dim} is the dimension of [sample]: give this one another name, such as tuning or controller"
         )
-    zipped, problems = {}, []
-    for name in _case_names(cases):
-        try:
-            default = None if name in unset else loop[name]
-        except InputError as error:
-            problems += error.problems
-            continue
+    zipped: dict[str, xr.DataArray] = {}
+    problems: list[str] = []
+    for name in known_parameters(dict.fromkeys(_case_names(cases)), problems):
+        default = None if name in unset else loop[name]
         without = [label for label, case in cases.items() if name not in case]
         if without and (default is None or isinstance(default, xr.DataArray)):
-            problems.append(f"{name} is missing in {', '.join(without)}: give it in every case")
+            more = f" and {len(without) - _MOST_NAMED:,} more" if len(without) > _MOST_NAMED else ""
+            problems.append(f"{name} is missing in {', '.join(without[:_MOST_NAMED])}{more}: give it in every case")
             continue
         values = [case.get(name, default) for case in cases.values()]
-        wrong = [p for p in map(PARAMETERS[name].problem, values) if p]
+        wrong = first_of([p for p in map(PARAMETERS[name].problem, values) if p])
         if wrong:
             problems += wrong
             continue

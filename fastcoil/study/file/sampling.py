@@ -16,9 +16,9 @@ import xarray as xr
 
 from fastcoil.arguments import whole_number_problems
 from fastcoil.errors import InputError, collecting, nearest, shown
-from fastcoil.parameter_table import PARAMETERS, Parameter, check_name
+from fastcoil.parameter_table import PARAMETERS, Parameter
 from fastcoil.simulation.plan import RUN_LIMITS
-from fastcoil.study.file.tables import are_numbers
+from fastcoil.study.file.tables import are_numbers, first_of, known_parameters
 
 SAMPLE_DIM, DESIGN_DIM = "sample", "design"
 """The dimensions of a design; only ``saltelli`` has the second."""
@@ -103,6 +103,14 @@ def sampled_names(table: Mapping[str, Any] | None) -> list[str]:
     return [name for name in table or {} if name not in SETTINGS]
 
 
+def design_size(table: Mapping[str, Any]) -> int:
+    """Number of scenarios that ``[sample]`` draws; 1 where it is absent or wrong."""
+    size = table.get("size")
+    if type(size) is not int or not 1 <= size <= LARGEST_SAMPLE:
+        return 1
+    return size * (len(sampled_names(table)) + 2 if table.get("method") == SALTELLI else 1)
+
+
 def sample_values(table: Mapping[str, Any]) -> dict[str, xr.DataArray]:
     """Draw the parameters of ``[sample]``: name → numbers in the parameter's unit, or words, along ``sample``.
 
@@ -118,9 +126,9 @@ def sample_values(table: Mapping[str, Any]) -> dict[str, xr.DataArray]:
     """
     problems = _find_setting_problems(table)
     names = sampled_names(table)
-    for name in names:
+    for name, shape in known_parameters({name: table[name] for name in names}, problems).items():
         with collecting(problems):
-            _check_shape(PARAMETERS[check_name(name)], table[name])
+            _check_shape(PARAMETERS[name], shape)
     if not names:
         problems.append("no parameter is given: give at least one, such as backlash = { uniform = [0.02, 0.15] }")
     if problems:
@@ -149,7 +157,7 @@ def _find_setting_problems(table: Mapping[str, Any]) -> list[str]:
         if name not in table
     ]
     method = table.get("method", METHODS[0])
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         problems.append(
             f"method = {shown(method)}: unknown{nearest(str(method), METHODS)}; choose one of {', '.join(METHODS)}"
         )
@@ -191,9 +199,11 @@ def _check_shape(parameter: Parameter, shape: object) -> None:
 def _check_choice(parameter: Parameter, values: object, given: str) -> None:
     if not isinstance(values, list) or not values:
         raise InputError(f"{given}: give a list of at least one value")
-    problems = [p for p in map(parameter.problem, values) if p]
+    problems = first_of([p for p in map(parameter.problem, values) if p])
     if not problems:
-        problems = [f"{given}: {v} appears twice, leave one out" for v, count in Counter(values).items() if count > 1]
+        problems = first_of(
+            [f"{given}: {v} appears twice, leave one out" for v, count in Counter(values).items() if count > 1]
+        )
     if problems:
         raise InputError(problems)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,10 +21,14 @@ from fastcoil.study.file.boundary import build_boundary
 from fastcoil.study.file.include import read_includes
 from fastcoil.study.file.loop import build_loop
 from fastcoil.study.file.reduction import Reduction, find_reduction
+from fastcoil.study.file.size import require_room
 from fastcoil.study.file.tables import parse_tables
+from fastcoil.study.file.toml import parse_toml
 
 LARGEST_FILE = 2**20
 """Bytes; no study written by hand is larger."""
+_LONGEST_NAME = 200
+"""Characters of a path that an advice repeats."""
 
 
 @dataclass(frozen=True)
@@ -81,14 +84,15 @@ def read_study(path: Path, folder: Path | None = None) -> Study:
     InputError
         With one sentence for each mistake in the file.
     """
-    what = f"a study file, or make one with `fastcoil init {path}`"
+    what = "a study file, or make one with `fastcoil init" + (f" {path}`" if len(str(path)) < _LONGEST_NAME else "`")
     text = read_text(path, what, LARGEST_FILE).replace("\r\n", "\n")
     folder = path.parent if folder is None else folder
-    try:
-        tables = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also of a number with more digits than Python reads
-        raise InputError(f"{path} is not valid TOML: {error}") from None
+    tables = parse_toml(text, str(path))
     file, problems = parse_tables(tables)
+    try:
+        require_room(file)
+    except InputError as error:
+        raise InputError([f"{path}: {problem}" for problem in problems + error.problems]) from None
     loop = boundary = plan = reduction = None
     from_files: dict[str, Any] = {}
     with collecting(problems, "[loop] "):

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastcoil.errors import nearest, shown
-from fastcoil.outputs import WARM_UP
-from fastcoil.parameter_table import LARGEST
+from fastcoil.errors import collecting, nearest, shown
+from fastcoil.outputs import TRACES, WARM_UP
+from fastcoil.parameter_table import LARGEST, PARAMETERS, check_name
+
+Value = TypeVar("Value")
+
+_MOST_HINTS = 20
+"""Unknown names for which the one that was probably meant is sought: it takes a millisecond each."""
+_MOST_TRACES = 2 * len(TRACES)
 
 
 class _Strict(BaseModel):
@@ -22,7 +28,7 @@ class RunTable(_Strict):
     warm_up: int = WARM_UP
     seed: int = 0
     replicates: int = 1
-    traces: list[str] = Field(default_factory=list)
+    traces: list[str] = Field(default_factory=list, max_length=_MOST_TRACES)
     trace_interval: int = 60
     reduce: str | None = None
 
@@ -50,6 +56,28 @@ def parse_tables(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
         return StudyFile.model_validate({"loop": {}, **rest}), list(_sentences(error))
 
 
+def with_hints(names: Iterable[str], known: Collection[str]) -> Iterator[tuple[str, str]]:
+    """Each unknown name and a clause with the one that was probably meant; an empty one after the first names."""
+    for k, name in enumerate(names):
+        yield name, nearest(name, known) if k < _MOST_HINTS else ""
+
+
+def first_of(sentences: list[str]) -> list[str]:
+    """The sentence on the first of several wrong values, with how many more there are; nothing if there is none."""
+    more = f" (and {len(sentences) - 1:,} more of its values)" if len(sentences) > 1 else ""
+    return [sentence + more for sentence in sentences[:1]]
+
+
+def known_parameters(table: Mapping[str, Value], problems: list[str], prefix: str = "") -> dict[str, Value]:
+    """The entries of a table whose names are parameters; ``problems`` gets a sentence for each of the others."""
+    unknown = [name for name in table if name not in PARAMETERS]
+    for name in unknown[:_MOST_HINTS]:
+        with collecting(problems, prefix):
+            check_name(name)
+    problems += [f"{prefix}{name} is not a parameter (see `fastcoil parameters`)" for name in unknown[_MOST_HINTS:]]
+    return {name: value for name, value in table.items() if name in PARAMETERS}
+
+
 def are_numbers(values: object, count: int) -> bool:
     """Whether ``values`` is a list of ``count`` finite numbers; TOML allows integers of any size."""
     if not isinstance(values, list) or len(values) != count:
@@ -59,13 +87,18 @@ def are_numbers(values: object, count: int) -> bool:
 
 def _sentences(error: ValidationError) -> Iterator[str]:
     """One sentence for each mistake in the shape of the file: place, value, cure."""
-    for detail in error.errors():
+    details = error.errors()
+    for of_run, model in ((False, StudyFile), (True, RunTable)):
+        unknown = [d["loc"] for d in details if d["type"] == "extra_forbidden" and (len(d["loc"]) > 1) == of_run]
+        known = list(model.model_fields)
+        for name, hint in with_hints((str(place[-1]) for place in unknown), known):
+            yield f"{'[run] ' if of_run else ''}{name} is unknown{hint}; known: {', '.join(known)}"
+    for detail in details:
         table, *keys = map(str, detail["loc"])
         where = f"[{table}] {'.'.join(keys)}" if keys else table
         if detail["type"] == "extra_forbidden":
-            known = list(RunTable.model_fields if keys else StudyFile.model_fields)
-            yield f"{where} is unknown{nearest((keys or [table])[-1], known)}; known: {', '.join(known)}"
-        elif detail["type"] == "missing":
+            continue
+        if detail["type"] == "missing":
             yield f"[{table}] is missing: a study needs this table, it may be empty"
         else:
             yield f"{where} = {shown(detail['input'])}: {_cure(detail['type'], str(detail['msg']))}"
@@ -77,6 +110,7 @@ def _cure(kind: str, message: str) -> str:
         ("float", "give a number"),
         ("finite", "give a finite number"),
         ("string", "give a text in quotes"),
+        ("too_long", f"give at most {_MOST_TRACES}, each once"),
         ("dict", "give a table"),
         ("model", "give a table"),
         ("list", "give a list"),

@@ -110,6 +110,6 @@ def test_bytes_are_on_the_disk_before_a_name_points_to_them(out):
     with operations(out, done.append):
         run(TRACED, out)
     replaced = [k for k, name in enumerate(done) if name == "replace"]
-    assert len(replaced) == 2 + DAYS + 2  # run.json, study.toml, shards, traces, results.nc
+    assert len(replaced) == 3 + DAYS + 2  # .holder, run.json, study.toml, shards, traces, results.nc
     for k in replaced:
         assert done[k - 2 : k + 3] == ["open", "fsync", "replace", "open", "fsync"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
 import time
@@ -73,20 +72,6 @@ def test_a_folder_removed_in_the_middle_of_a_run_ends_it_with_4(out):
         runner.execute(write_study(PLAIN, out), out, n_jobs=1, progress=lambda _: remove)
     assert not out.exists()
     resume(out)
-
-
-def test_a_file_system_without_locks_is_refused(out, monkeypatch):
-    def refuse(*_):
-        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
-
-    monkeypatch.setattr("fcntl.flock", refuse)
-    # by its version, the library of locks refuses, or makes do with the file alone
-    try:
-        with pytest.warns(UserWarning, match="flock not supported"):
-            assert run(PLAIN, out) == golden(PLAIN)
-    except StorageError as refused:
-        assert "on a file system without locks: choose another folder" in str(refused)  # noqa: PT017
-        assert not out.exists()
 
 
 def test_leftover_locks_of_a_dead_run_hold_nobody_up(broken_off):

@@ -1,0 +1,24 @@
+"""Paths on the command line: one that no file can have is refused before anything else is looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fastcoil.files import require_usable
+
+
+class UsablePath(click.ParamType):  # type: ignore[type-arg]
+    """A path that a file or a folder could have; it need not exist."""
+
+    name = "path"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        path = Path(value)
+        require_usable(path, "give another path")
+        return path
+
+
+PATH = UsablePath()

@@ -1,0 +1,121 @@
+"""The streams of a command: whatever is closed or full, its work is done, and its exit code says what was lost."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fastcoil.cli.streams import Output
+
+STUDY = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\n[boundary]\nhours = 1\n"
+COMMAND = f"{sys.executable} -m fastcoil"
+LOST = "fastcoil: not all lines could be printed"
+
+
+@pytest.fixture
+def shell(tmp_path):
+    (tmp_path / "s.toml").write_text(STUDY)
+    root = Path(__file__).parents[2]
+
+    def run(words, **env):
+        line = f"set -o pipefail; {COMMAND} {words}"
+        environment = os.environ | {"PYTHONPATH": str(root)} | env
+        return subprocess.run(
+            ["bash", "-c", line], cwd=tmp_path, capture_output=True, timeout=120, check=False, env=environment
+        )
+
+    return run
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    ("streams", "code", "said"),
+    [
+        ("2>&-", 0, ""),
+        pytest.param(">&-", 4, f"{LOST} (Bad file descriptor)", marks=pytest.mark.full),
+        pytest.param("<&- >&- 2>&-", 4, "", marks=pytest.mark.full),
+        (">/dev/full", 4, f"{LOST} (No space left on device)"),
+        pytest.param("2>/dev/full", 0, "", marks=pytest.mark.full),
+        pytest.param("| head -n 1", 0, "", marks=pytest.mark.full),
+    ],
+)
+def test_a_study_is_run_whatever_becomes_of_the_streams(shell, tmp_path, streams, code, said):
+    if "/dev/full" in streams and not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    done = shell(f"run s.toml -o out --no-figures -j 1 {streams}")
+    assert done.returncode == code, done
+    errors = done.stderr.decode()
+    assert "Traceback" not in errors
+    assert "Exception" not in errors
+    assert errors.splitlines()[-1:] == [line for line in errors.splitlines() if line.startswith(LOST)][-1:]
+    assert said in errors
+    assert sorted(p.name for p in (tmp_path / "out").iterdir() if p.name[0] != ".") == [
+        "results.nc",
+        "run.json",
+        "study.toml",
+    ]
+
+
+@pytest.mark.parametrize("words", ["--version", "run --help"])
+def test_help_that_cannot_be_printed_says_so(shell, words):
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    done = shell(f"{words} > /dev/full")
+    assert done.returncode == 4
+    assert done.stderr.decode() == f"{LOST} (No space left on device); files were written as usual\n"
+
+
+def test_a_mistake_keeps_its_exit_code_where_nothing_can_be_said(shell):
+    assert shell("run absent.toml >&- 2>&-").returncode == 2
+    assert shell("run --nope 2>&-").returncode == 2
+
+
+def test_a_terminal_of_few_characters_gets_the_others_escaped(shell, tmp_path):
+    (tmp_path / "s.toml").write_text('title = "Größe Δ"\n' + STUDY)
+    done = shell("init --from nöΔ", PYTHONIOENCODING="latin-1")
+    assert done.returncode == 2
+    assert b"n\xf6\\u0394" in done.stderr
+
+
+@pytest.mark.parametrize(("streams", "first"), [("<&- >&- 2>&-", 3), ("2>&-", 3), ("", 3)])
+def test_files_of_ours_do_not_get_the_number_of_a_closed_stream(tmp_path, streams, first):
+    (tmp_path / "s.toml").touch()
+    code = "import fastcoil.cli.streams as s; s.guard_streams(); f = open('s.toml'); raise SystemExit(f.fileno())"
+    done = subprocess.run(
+        ["bash", "-c", f'{sys.executable} -c "{code}" {streams}'],
+        cwd=tmp_path,
+        check=False,
+        timeout=60,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+    )
+    assert done.returncode == first
+
+
+def test_a_pipe_whose_reader_left_is_no_fault(shell):
+    done = shell("init --list | head -n 1")
+    assert (done.returncode, done.stdout.count(b"\n"), done.stderr) == (0, 1, b"")
+
+
+@pytest.mark.timeout(20)
+def test_a_slow_reader_of_a_pipe_that_does_not_block_gets_everything():
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    output, data = Output(writing), bytes(range(256)) * 4096
+    child = os.fork()
+    if child == 0:
+        os.close(writing)
+        got = b""
+        while piece := os.read(reading, 65536):
+            got += piece
+        os._exit(0 if got == data else 1)
+    os.close(reading)
+    left = memoryview(data)
+    while left:
+        left = left[output.write(left) :]
+    os.close(writing)
+    assert output.lost is None
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

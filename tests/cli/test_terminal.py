@@ -1,0 +1,151 @@
+"""What reaches the terminal: text of strangers as text, a line each, and no more mistakes than a reader can mend."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import fastcoil
+from fastcoil.cli.main import main
+from fastcoil.cli.terminal import complain, say
+from fastcoil.errors import InputError, IntegrityError
+from fastcoil.printable import printable
+
+NASTY = "\x1b[2J\x1b]0;x\x07\r\n\x00\x7f\x85\x9b\u202e\u2066\u2028\ud800"
+TITLE = NASTY.replace("\x00", "").replace("\ud800", "")
+"""What a study file may hold of it."""
+SAFE = r"\x1b[2J\x1b]0;x\x07\r\n\x00\x7f\x85\x9b\u202e\u2066\u2028\ud800"
+
+
+@pytest.fixture
+def fastcoil_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: CliRunner().invoke(main, words)
+
+
+def toml(text):
+    """The text as a string of TOML, every character but letters escaped."""
+    return "".join(c if c.isalnum() else f"\\U{ord(c):08x}" for c in text)
+
+
+def test_no_character_controls_the_terminal():
+    for code in [
+        *range(0x20),
+        *range(0x7F, 0xA0),
+        0x61C,
+        0x200E,
+        0x200F,
+        *range(0x202A, 0x202F),
+        *range(0x2066, 0x206A),
+    ]:
+        assert printable(f"a{chr(code)}b") == f"a{chr(code).encode('unicode_escape').decode()}b"
+    assert printable(NASTY) == SAFE
+
+
+def test_text_of_any_language_is_shown_as_it_is():
+    text = "Größe Δ – 3 × 4 °C, 湿度, رطوبة, 🌡 …\u00a0\u202f%"
+    assert printable(text) == text
+
+
+def test_a_line_stays_a_line_and_is_cut(capsys):
+    say("one\ntwo", "x" * 10_000)
+    first, second, end = capsys.readouterr().out.split("\n")
+    assert (first, end) == (r"one\ntwo", "")
+    assert second == "x" * 4000 + "… (10,000 characters)"
+
+
+def test_many_mistakes_are_cut_and_counted_and_the_exception_keeps_all(capsys):
+    error = InputError([f"mistake {k}" for k in range(30_000)])
+    complain(error)
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == "fastcoil: mistake 0"
+    assert said[19:] == ["fastcoil: mistake 19", "fastcoil: … and 29,980 more mistakes"]
+    assert len(error.problems) == 30_000
+
+
+def test_other_errors_of_many_lines_are_cut_too(capsys):
+    complain(IntegrityError("\n".join("damaged" for _ in range(21))))
+    assert capsys.readouterr().err.splitlines()[-1] == "fastcoil: … and 1 more line"
+
+
+def test_everything_is_printed_through_the_one_function():
+    """Else a new command would show text of strangers as it is."""
+    for path in Path(fastcoil.__file__).parent.rglob("*.py"):
+        if path.name != "terminal.py":
+            found = re.findall(r"click\.echo|click\.secho|\bprint\(|sys\.std(?:out|err)\.write", path.read_text())
+            assert not found, path
+
+
+@pytest.mark.kernel
+def test_title_question_and_labels_reach_the_terminal_as_text(fastcoil_command, tmp_path):
+    (tmp_path / "s.toml").write_text(
+        f'title = "{toml(TITLE)}"\nquestion = "{toml(TITLE)}"\n[loop]\n[cases.tuning]\n'
+        f'"{toml(TITLE)}" = {{ kp = 0.02 }}\nb = {{ kp = 0.03 }}\n[boundary]\nhours = 1\n'
+    )
+    for words in (
+        ("run", "s.toml", "-o", "out", "--no-figures"),
+        ("status", "out"),
+        ("plan", "s.toml"),
+        ("rerun", "out", "--at", "tuning=" + TITLE),
+        ("rerun", "out"),
+    ):
+        said = fastcoil_command(*words).output
+        assert said
+        assert not set(said) & (set(NASTY) - set(SAFE) - {"\n"}), words
+    assert printable(TITLE) in fastcoil_command("status", "out").output.splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", NASTY),
+        ("run", "s.toml", "-o", NASTY),
+        ("run", "s.toml", "--backend", NASTY),
+        ("run", "s.toml", "--scheduler", NASTY, "--backend", "dask"),
+        ("status", NASTY),
+        ("verify", NASTY.replace("\x00", "")),
+        ("plot", NASTY, "--by", NASTY),
+        ("rerun", "nowhere", "--at", NASTY),
+        ("fit", "valve", NASTY),
+        ("fit", "coil", "log.csv", "--column", NASTY),
+        ("fit", "valve", "log.csv", "-o", NASTY),
+        ("init", NASTY),
+        ("init", "--from", NASTY),
+        ("parameters", NASTY),
+        ("paper", "-o", NASTY),
+        (NASTY,),
+        ("run", f"--{NASTY}"),
+        ("run", "s.toml", "-j", NASTY),
+    ],
+)
+def test_words_of_the_command_line_reach_the_terminal_as_text(fastcoil_command, tmp_path, words):
+    (tmp_path / "s.toml").write_text("[loop]\n")
+    (tmp_path / "log.csv").write_text(f"{NASTY[:5]},b\n1,2\n3,4\n")
+    result = fastcoil_command(*words)
+    assert result.exit_code == 2, result.output
+    assert result.output
+    assert "Traceback" not in result.output
+    assert not set(result.output) & (set(NASTY) - set(SAFE) - {"\n"}), result.output
+
+
+def test_a_usage_error_names_the_command_and_its_help(fastcoil_command):
+    result = fastcoil_command("run", "--nope")
+    assert result.exit_code == 2
+    assert "Usage: main run [OPTIONS] STUDY\nTry 'main run --help' for help.\n\nError: No such option" in result.output
+
+
+def test_a_fault_of_ours_is_shown_as_text_too(tmp_path):
+    code = (
+        "import sys; import fastcoil.__main__ as m; sys.argv = ['fastcoil', 'presets']\n"
+        "def fail(*_): raise LookupError('\\x1b[2J')\n"
+        "import fastcoil.cli.reference as r; r.say = fail\n"
+        "m.run()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == r"LookupError: \x1b[2J"

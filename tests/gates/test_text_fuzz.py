@@ -1,0 +1,41 @@
+"""Gate: a damaged study file, log or weather file is read or refused in sentences, in bounded memory and time."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parents[1]
+KINDS = 10
+"""Of files and readers in ``helpers.text_fuzz``."""
+
+
+def faults(seed, count, folder):
+    """A line for each file, of ``count`` of each kind, that was neither read nor refused in sentences."""
+    done = subprocess.run(
+        [sys.executable, "-m", "helpers.text_fuzz", str(seed), str(count), str(folder)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)]), "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=1200,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout.splitlines()
+
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="measures its memory as Linux gives it")
+
+
+def test_damaged_files_are_read_or_refused_in_sentences(tmp_path):
+    assert faults(1, 80 // KINDS, tmp_path) == []
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("seed", range(2, 6))
+def test_more_damaged_files_are_read_or_refused_in_sentences(tmp_path, seed):
+    assert faults(seed, 400, tmp_path) == []

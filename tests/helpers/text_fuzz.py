@@ -1,0 +1,350 @@
+"""Damaged study files, logs and weather files, and what the readers make of them.
+
+``python -m helpers.text_fuzz SEED COUNT FOLDER`` reads that many of each in a process of bounded memory, and prints a
+line for each that was neither read nor refused in sentences.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+import resource
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+MEMORY = 2**30
+"""Bytes that reading one file may take."""
+SECONDS = 10.0
+"""So long takes none, even on a machine that does other things."""
+LONGEST_SENTENCE = 1500
+
+STUDIES = (
+    """title = "Größe"
+question = 'why?'
+[loop]
+preset = "lbnl"
+include = ["valve.toml"]
+noise_std = 0.05
+[sweep]
+backlash = [0.02, 0.05, 0.07]
+estimate_ratio = { linspace = [0.0, 1.4, 5] }
+ti = { geomspace = [8, 80, 4] }
+[cases.tuning]
+slow = { kp = 0.018 }
+"f a s t" = { kp = 0.03 }
+[run]
+seed = 7
+replicates = 2
+warm_up = 600
+traces = ["T_sup", "command"]
+trace_interval = 60
+[boundary]
+kind = "paper_day"
+hours = 1
+seed = [1, 2, 3]
+""",
+    """[loop]
+learning_step = 0.007
+[sample]
+method = "sobol"
+size = 16
+seed = 3
+backlash = { uniform = [0.02, 0.15] }
+ti = { loguniform = [5, 50] }
+kp = { truncnorm = [0.02, 0.01, 0.005, 0.1] }
+buffer = { triangular = [0.0, 0.001, 0.01] }
+sample_time = { choice = [5, 10, 30] }
+[boundary]
+kind = "design_day"
+hours = 1.0
+mode = "cooling"
+start_hour = 9
+T_design = 33.0
+T_set = 13.0
+""",
+    """[loop]
+rangeability = 40
+authority = 0.4
+m_full = 1.5
+[sample]
+method = "saltelli"
+size = 8
+backlash = { uniform = [0.02, 0.15] }
+[boundary]
+kind = "csv"
+path = "log.csv"
+start = 0.0
+hours = 0.6
+max_gap = 600
+units = { T_set = "degC" }
+columns = { T_set = "T_set" }
+constants = { enabled = 1 }
+""",
+    """[loop]
+[sweep]
+air_march = ["lagged", "quasistatic"]
+[boundary]
+kind = "weather"
+path = "weather.csv"
+m_a = 1.15
+T_w_in = 7
+T_set = 14.0
+outdoor_fraction = 0.3
+T_return = 24.0
+RH_return = 0.5
+hours = 2
+days = [1]
+hour = 3
+columns = { RH = "RH_pct" }
+""",
+)
+VALVE = "[loop]\nbacklash = 0.07\nm_max = 1.9\nvalve_a = 0.7\nvalve_b = 9.0\nvalve_c = 0.4\n[fit]\nkind = 'valve'\n"
+LOG = "timestamp,m_a [kg/s],T_a_in [degC],RH_a_in [percent],T_w_in [degC],T_set,command,m_w [kg/s],batch\n" + "".join(
+    f"2024-07-01T{8 + k // 60:02}:{k % 60:02}:00,1.{k % 9},25.{k % 7},5{k % 9},7.{k % 3},14,0.{k % 10},0.{k % 8},1\n"
+    for k in range(40)
+)
+TIMED = "elapsed_time [s],m_a [m3/h],T_a_in [degF],W_a_in [g/kg],T_w_in [degC],T_set [degC],T_sup [degC]\n" + "".join(
+    f"{60 * k},{3000 + k},7{k % 9}.5,9.{k % 10},7.1,14,1{k % 6}.2\n" for k in range(40)
+)
+WEATHER = "hour_of_year,month,day,hour,T_drybulb_C,T_dewpoint_C,RH_pct,p_Pa\n" + "".join(
+    f"{k},1,{1 + k // 24},{k % 24},{k % 20},{k % 7},60,10{k % 9}000\n" for k in range(1, 60)
+)
+VALUES = (
+    "1e308", "-1e308", "nan", "inf", "-inf", "-1", "0", "-0.0", "1e-320", "9" * 30, "9" * 400, "9" * 5000,
+    "0x" + "f" * 5000, "true", '""', '"x"', "'" + "y" * 100_000 + "'", "2024-07-01", "2024-07-01T08:00:00+14:00",
+    "07:30:00", "[]", "{}", "[[1], [2]]", "[" * 400 + "]" * 400, "[" * 5000, "{ a = " * 300 + "1" + " }" * 300,
+    "{ linspace = [0, 1, 10000000] }", "{ linspace = [0.0, 1.0, 1000000] }", "[" + "1, " * 20_000 + "]", '"\\u0000"',
+    '"\\u202e\\u001b[2J"', "10000000", "4294967296", "1_000", "1e6", "18446744073709551615", '["T_sup", "T_sup"]',
+    "[" + '"nothing", ' * 20_000 + "]", '"/dev/zero"', '"../../../../dev/zero"', '["/dev/zero"]',
+    '["' + "z" * 300 + '"]',
+)  # fmt: skip
+CELLS = (
+    "1e308", "-1e308", "nan", "inf", "-1", "", " ", "9" * 400, "1e-320", "x" * 1000, '"a\nb"', "2024-13-01",
+    "9999-12-31", "0001-01-01T00:00:00+14:00", "2024-07-01T08:00:00Z", "1,5", "1;5", "\x00", "\x1b[2J", "#N/A", "１２",
+    "1_0", "0x10",
+)  # fmt: skip
+
+
+def bytes_changed(data: bytes, r: random.Random) -> bytes:
+    """Some bytes flipped, cut out, put in, doubled or cut off."""
+    changed = bytearray(data)
+    for _ in range(r.randint(1, 8)):
+        k = r.randrange(len(changed) + 1)
+        n = r.choice([1, 2, 10, 200])
+        kind = r.randrange(5)
+        if kind == 0:
+            changed[k : k + 1] = bytes([r.randrange(256)])
+        elif kind == 1:
+            del changed[k : k + n]
+        elif kind == 2:
+            changed[k:k] = r.choice(
+                [b"\0", b"\xff", b"\r", b"\n", b'"', b"'''", b"[", b"=", b",", b".", b"\\", b"\xef\xbb\xbf"]
+            )
+        elif kind == 3:
+            changed[k:k] = changed[k : k + n]
+        elif r.random() < 0.2:
+            del changed[k:]
+    return bytes(changed)
+
+
+def text_wrapped(data: bytes, r: random.Random) -> bytes:
+    """As other programs save text: other line ends, byte order marks, other encodings, lines in another order."""
+    text = data.decode()
+    lines = text.splitlines(keepends=True)
+    r.shuffle(lines)
+    return r.choice(
+        [
+            text.replace("\n", "\r\n").encode(),
+            text.replace("\n", "\r").encode(),
+            b"\xef\xbb\xbf" * 2 + data,
+            text.encode("utf-16"),
+            text.encode("latin-1", "replace"),
+            data + b"\x1a",
+            "".join(lines).encode(),
+            data * 2,
+            data.replace(b"\n", b"\n\0"),
+        ]
+    )
+
+
+def study_token(data: bytes, r: random.Random) -> bytes:
+    """A value replaced, a line doubled, lost or put in: of the forms that take long to parse, too."""
+    lines = data.decode().split("\n")
+    k = r.randrange(len(lines))
+    kind = r.randrange(6)
+    if kind <= 2:
+        keyed = [i for i, line in enumerate(lines) if "=" in line]
+        k = r.choice(keyed)
+        numbers = [*re.finditer(r"(?<![\w.])-?\d[\d.]*|\"[^\"]*\"", lines[k])]
+        if kind == 0 or not numbers:
+            lines[k] = lines[k].partition("=")[0] + "= " + r.choice(VALUES)
+        else:
+            one = r.choice(numbers)
+            lines[k] = lines[k][: one.start()] + r.choice(VALUES) + lines[k][one.end() :]
+    elif kind == 3:
+        lines.insert(k, lines[r.randrange(len(lines))])
+    elif kind == 4:
+        del lines[k]
+    else:
+        lines.insert(
+            k,
+            r.choice(
+                [
+                    "a." * r.choice([3, 30, 20_000]) + "b = 1",
+                    "[" + "a." * 20_000 + "b]",
+                    '"q".' * 5000 + "b = 1",
+                    "\n".join(f"x{i} = 1" for i in range(5000)),
+                    "\n".join(f"[cases.d{i}.c]\nkp = 1" for i in range(500)),
+                    "k" * 100_000 + " = 1",
+                    '"""' + '\\"""' * 20_000,
+                    '"' + '\\"' * 20_000,
+                    "'''" * 20_001,
+                    '"\\u0000" = 1',
+                    "[[loop]]",
+                    "[[cases.tuning]]",
+                    "[run]\nreduce = 'nobody:f'",
+                    "[loop]",
+                ]
+            ),
+        )
+    return "\n".join(lines).encode()
+
+
+def log_token(data: bytes, r: random.Random) -> bytes:
+    """Cells replaced, columns swapped, doubled or left out, rows moved, the time scaled, thousands of columns."""
+    rows = [line.split(",") for line in data.decode().splitlines()]
+    kind = r.randrange(8)
+    width, height = len(rows[0]), len(rows)
+    if kind <= 1:
+        for _ in range(r.randint(1, 5)):
+            rows[r.randrange(height)][r.randrange(width)] = r.choice(CELLS)
+    elif kind == 2:
+        i, j = r.randrange(width), r.randrange(width)
+        for row in rows[r.randrange(2) :]:
+            row[i], row[j] = row[j], row[i]
+    elif kind == 3:
+        i = r.randrange(width)
+        rows = [row[:i] + row[i + 1 :] if r.random() < 0.5 else row + row[i : i + 1] for row in rows]
+    elif kind == 4:
+        factor = r.choice([1e6, 1e300, 1e-6, -1, 0])
+        rows[1:] = [[*_scaled(row[:1], factor), *row[1:]] for row in rows[1:]]
+    elif kind == 5:
+        body = rows[1:]
+        body = r.choice([body[::-1], sorted(body), body + body[:5], body[:1] * 30, r.sample(body, len(body))])
+        rows[1:] = body
+    elif kind == 6:
+        rows = [row + ["1"] * (n := r.choice([200, 20_000])) for row in rows[:1]] + rows[1:]
+        rows = [[f"c{i}" for i in range(n)] if k == 0 else ["1"] * n for k in range(5)] if r.random() < 0.5 else rows
+    else:
+        rows[0][r.randrange(width)] = r.choice(
+            ["x" * 50_000, "T_sup [" + "C" * 9000 + "]", "a" + " " * 20_000 + "b", "\x1b[2J"]
+        )
+    return "\n".join(map(",".join, rows)).encode()
+
+
+def _scaled(cells: list[str], factor: float) -> list[str]:
+    try:
+        return [f"{float(cell) * factor}" for cell in cells]
+    except ValueError:
+        return [str(3600 * (1 + k) * factor) for k, _ in enumerate(cells)]
+
+
+def damaged(data: bytes, r: random.Random, tokens: Callable[[bytes, random.Random], bytes]) -> bytes:
+    """The bytes with one to three kinds of damage."""
+    for _ in range(r.choice([1, 1, 1, 2, 3])):
+        mutate = r.choice([bytes_changed, text_wrapped, tokens, tokens, tokens])
+        try:
+            data = mutate(data, r) if data else b""
+        except (UnicodeDecodeError, IndexError):
+            data = bytes_changed(data, r)
+    return data
+
+
+def complaint(read: Callable[[], object]) -> str | None:
+    """What is wrong with how a file was read, or refused; ``None`` if nothing is."""
+    from fastcoil.errors import InputError
+
+    start = time.monotonic()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("error", RuntimeWarning)
+            read()
+    except InputError as error:
+        longest = max(error.problems, key=len)
+        if len(longest) > LONGEST_SENTENCE:
+            return f"a sentence of {len(longest)} characters: {longest[:200]!r} … {longest[-100:]!r}"
+        if not all(problem.strip() for problem in error.problems):
+            return "an empty sentence"
+    except BaseException as error:
+        return f"{type(error).__name__}: {str(error)[:300]!r}"
+    took = time.monotonic() - start
+    return f"took {took:.1f} s" if took > SECONDS else None
+
+
+def limit_memory() -> None:
+    """Let this process take no more than ``MEMORY`` in addition to what it has."""
+    has = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (has + MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+
+
+def main(seed: int, count: int, folder: Path) -> None:
+    """Damage and read ``count`` files of each kind."""
+    from fastcoil.boundary import Boundary
+    from fastcoil.boundary.weather import weather_day
+    from fastcoil.calibrate import coil_record, valve_record  # noqa: F401 — so that the limit counts no library
+    from fastcoil.logs import read_log
+    from fastcoil.logs.arguments import Wanted
+    from fastcoil.study.file.spec import read_study
+
+    whole = {"valve.toml": VALVE, "log.csv": LOG, "weather.csv": WEATHER}
+    for name, text in whole.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    paths = {name: folder / name for name in ("study.toml", "damaged.toml", "damaged.csv")}
+    of_valve = Wanted(needed=("command", "m_w"), measured=("m_w",))
+    of_day = {"m_a": 1.0, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.3, "T_return": 24.0, "RH_return": 0.5}
+
+    def include() -> object:
+        paths["study.toml"].write_text('[loop]\ninclude = ["damaged.toml"]\n[boundary]\nhours = 1\n')
+        return read_study(paths["study.toml"])
+
+    def study() -> object:
+        return read_study(paths["study.toml"])
+
+    def csv(read: Callable[..., object], *args: Any, **options: Any) -> Callable[[], object]:
+        return partial(read, paths["damaged.csv"], *args, **options)
+
+    whose = {"columns": {"T_set": "T_set"}}
+    unit = {"units": {"command": "1"}}
+    kinds: list[tuple[str, str, str, Callable[..., bytes], Callable[[], object]]] = [
+        *((f"study {k}", text, "study.toml", study_token, study) for k, text in enumerate(STUDIES)),
+        ("include", VALVE, "damaged.toml", study_token, include),
+        ("day", LOG, "damaged.csv", log_token, csv(Boundary.from_csv, units={"T_set": "degC"}, **whose)),
+        ("day, timed", TIMED, "damaged.csv", log_token, csv(Boundary.from_csv, **whose)),
+        ("log", LOG, "damaged.csv", log_token, csv(read_log, of_valve, drop=True, jumps="split", **unit)),
+        ("log, strict", LOG, "damaged.csv", log_token, csv(read_log, of_valve, **unit)),
+        ("weather", WEATHER, "damaged.csv", log_token, csv(weather_day, **of_day, hours=2, start_hour=3)),
+    ]
+    for _, text, name, _, read in kinds:  # whole files are read, and the libraries are there
+        (folder / name).write_text(text, encoding="utf-8")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read()
+    limit_memory()
+    for number in range(count):
+        for kind, text, name, tokens, read in kinds:
+            r = random.Random(f"{seed} {number} {kind}")
+            data = damaged(text.encode(), r, tokens)
+            (folder / name).write_bytes(data)
+            if (said := complaint(read)) is not None:
+                (folder / f"bad-{seed}-{number}-{kind}").write_bytes(data)
+                print(f"seed {seed}, number {number}, {kind}: {said}", flush=True)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3]))

@@ -1,0 +1,94 @@
+"""Large study files: what does not fit is refused before it is made, and thousands of mistakes take no minutes."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from helpers.refusals import problems
+
+from fastcoil.study.file.spec import read_study
+
+DAY = "[boundary]\nhours = 1\n"
+
+
+@pytest.fixture
+def refused(tmp_path):
+    """Return a function that gives the sentences with which a study is refused, in seconds and not minutes."""
+
+    def refuse(text):
+        (tmp_path / "s.toml").write_text(text)
+        start = time.monotonic()
+        found = problems(read_study, tmp_path / "s.toml")
+        assert time.monotonic() - start < 15.0
+        assert max(map(len, found)) < 1000
+        return [sentence.removeprefix(f"{tmp_path}/s.toml: ") for sentence in found]
+
+    return refuse
+
+
+def test_an_axis_of_millions_of_values_is_refused(refused):
+    (problem,) = refused(f"[loop]\n[sweep]\nbacklash = {{ linspace = [0.0, 0.5, 10000000] }}\n{DAY}")
+    assert problem.startswith("[sweep] backlash = { linspace = [0.0, 0.5, 10000000] }: give [first, last, count]")
+    assert problem.endswith("a whole number from 1 to 1,000,000; draw more with [sample]")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[sweep]\nbacklash = { linspace = [0.0, 0.5, 1000000] }\nti = { geomspace = [5, 50, 1000000] }\n",
+        "[sweep]\nbacklash = { linspace = [0.0, 0.5, 1000000] }\n[run]\nreplicates = 4294967296\n",
+        '[sample]\nmethod = "saltelli"\nsize = 8388608\nbacklash = { uniform = [0.0, 0.5] }\n'
+        "[cases.tuning]\n" + "".join(f"c{k} = {{ kp = 0.01 }}\n" for k in range(1000)),
+        "[sweep]\nbacklash = { linspace = [0.0, 0.5, 1000000] }\n"
+        f"[boundary]\nhours = 1\nseed = {list(range(10_000))}\n",
+    ],
+)
+def test_more_scenarios_than_memory_holds_are_refused_before_they_are_made(refused, text):
+    (problem,) = refused("[loop]\n" + text + ("" if "[boundary]" in text else DAY))
+    assert "scenarios need" in problem
+    assert "of memory for their results" in problem
+    assert "sweep fewer values" in problem
+
+
+@pytest.mark.parametrize(
+    ("table", "sentence"),
+    [
+        ("", "xname0 is unknown"),
+        ("[loop]", "[loop] xname0 is not a parameter"),
+        ("[sweep]", "[sweep] xname0 is not a parameter"),
+        ("[run]", "[run] xname0 is unknown"),
+        ("[boundary]", "[boundary] xname0 is not an argument of paper_day"),
+        ("[sample]\nmethod = 'random'\nsize = 2", "[sample] xname0 is not a parameter"),
+        ("[cases.tuning]\na = {}\n[cases.tuning.b]", "[cases.tuning] xname0 is not a parameter"),
+    ],
+)
+def test_thirty_thousand_unknown_keys_get_a_sentence_each(refused, table, sentence):
+    names = "".join(f"xname{k} = 1\n" for k in range(30_000))
+    text = f"{table}\n{names}" + ("" if table == "[loop]" else "[loop]\n")
+    found = refused(text)
+    assert len([one for one in found if "xname" in one and "unknown" in one or " is not a" in one]) == 30_000
+    assert any(one.startswith(sentence) for one in found)
+
+
+def test_the_first_unknown_keys_get_the_name_that_was_meant(refused):
+    found = refused("[loop]\n" + "".join(f"backlash{k} = 1\n" for k in range(30)))
+    assert [one for one in found if "did you mean 'backlash'" in one] == found[:20]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"[run]\ntraces = {['nothing'] * 60_000}\n",
+        "".join(f"[cases.d{k}.c]\nkp = 0.01\n" for k in range(20_000)),
+        f"[sample]\nmethod = 'random'\nsize = 2\nkp = {{ choice = {[-1.0] * 100_000} }}\n",
+        f"[sweep]\nbacklash = {['x' * 10] * 50_000}\n",
+        "[cases.tuning]\n" + "".join(f"c{k} = {{ kp = 'a' }}\n" for k in range(20_000)),
+        "[cases.tuning]\n" + "".join(f"c{k} = {{ {'kp' if k else 'm_full'} = 0.01 }}\n" for k in range(20_000)),
+        f"[boundary]\nhours = 0.0025\nseed = {[*range(1_000_0, 1_000_0 + 100_000), 10_000]}\n",
+        "[boundary]\nkind = ['paper_day']\n",
+    ],
+)
+def test_many_mistakes_of_one_kind_take_one_sentence_and_no_minutes(refused, text):
+    found = refused("[loop]\n" + text)
+    assert len(found) < 5, found[:5]

@@ -1,0 +1,149 @@
+"""One writer at a time: neither the lock nor the note of its holder leads elsewhere, and both may be damaged."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import threading
+import time
+
+import pytest
+
+from fastcoil.errors import InputError, LockedError, StorageError
+from fastcoil.study.folder.lock import find_holder, hold
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "out").mkdir()
+    return tmp_path / "out"
+
+
+def test_the_note_of_the_holder_does_not_follow_a_link(folder, tmp_path):
+    other = tmp_path / "mine.txt"
+    other.write_text("precious")
+    (folder / ".holder").symlink_to(other)
+    with hold(folder):
+        assert not (folder / ".holder").is_symlink()
+        assert f"process {os.getpid()} on " in find_holder(folder)
+    assert other.read_text() == "precious"
+    (folder / ".holder").symlink_to(tmp_path / "absent")
+    with hold(folder):
+        pass
+    assert not (tmp_path / "absent").exists()
+
+
+def test_a_note_that_is_a_link_is_not_read(folder, tmp_path):
+    (tmp_path / "secret").write_text("secret")
+    with hold(folder):
+        (folder / ".holder").unlink()
+        (folder / ".holder").symlink_to(tmp_path / "secret")
+        assert find_holder(folder) == "another run"
+
+
+@pytest.mark.parametrize(
+    ("note", "words"),
+    [
+        (b"process \xff\xfe", "another run (process \N{REPLACEMENT CHARACTER}\N{REPLACEMENT CHARACTER})"),
+        (b"\x1b[2J\r\nfine", r"another run (\x1b[2J\r\nfine)"),
+        (b"x" * 10_000, "another run"),
+    ],
+)
+def test_a_note_of_any_bytes_is_shown_as_text(folder, note, words):
+    with hold(folder):
+        (folder / ".holder").write_bytes(note)
+        assert find_holder(folder) == words
+        with pytest.raises(LockedError, match="is in use by another run"), hold(folder):
+            pass
+
+
+@pytest.mark.timeout(20)
+def test_a_note_that_is_a_pipe_is_not_waited_for(folder):
+    with hold(folder):
+        (folder / ".holder").unlink()
+        os.mkfifo(folder / ".holder")
+        assert find_holder(folder) == "another run"
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize(
+    "make", [lambda p: p.symlink_to("absent"), lambda p: p.symlink_to("file"), os.mkfifo, os.mkdir]
+)
+def test_a_lock_that_is_no_file_is_refused(folder, make):
+    (folder / "file").write_text("precious")
+    make(folder / ".lock")
+    with (
+        pytest.raises(StorageError, match=r"\.lock is a link, a pipe or a folder, but not a file: delete it"),
+        hold(folder),
+    ):
+        pass
+    assert find_holder(folder) is None
+    assert not (folder / "absent").exists()
+    assert (folder / "file").read_text() == "precious"
+
+
+@pytest.mark.parametrize("number", [errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS])
+def test_a_file_system_without_locks_is_refused(tmp_path, monkeypatch, number):
+    """A lock of a file alone would outlive a run that is killed."""
+
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with pytest.raises(StorageError) as refused, hold(tmp_path / "out"):
+        pass
+    assert "is on a file system without locks" in str(refused.value)
+    assert "choose a folder on another one with -o" in str(refused.value)
+    assert "free some space" not in str(refused.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_who_only_looks_does_not_stop_a_run_that_starts(folder):
+    (folder / ".lock").touch()
+    with (folder / ".lock").open() as looking:
+        fcntl.flock(looking, fcntl.LOCK_SH)
+        release = threading.Timer(0.1, fcntl.flock, [looking, fcntl.LOCK_UN])
+        release.start()
+        with hold(folder):
+            pass
+        release.join()
+
+
+def test_two_who_look_do_not_take_each_other_for_a_run(folder):
+    (folder / ".lock").touch()
+    with (folder / ".lock").open() as looking:
+        fcntl.flock(looking, fcntl.LOCK_SH)
+        assert find_holder(folder) is None
+
+
+def test_a_run_that_is_refused_does_not_wait_for_long(folder):
+    with hold(folder):
+        start = time.monotonic()
+        with pytest.raises(LockedError), hold(folder):
+            pass
+        assert time.monotonic() - start < 5.0
+
+
+def test_a_lock_whose_file_was_removed_is_not_held(folder, monkeypatch):
+    """Another run may remove its own folder between our opening of the lock and our taking it."""
+    real, calls = fcntl.flock, []
+
+    def flock(lock, how):
+        if not calls:
+            (folder / ".lock").unlink()
+        calls.append(how)
+        real(lock, how)
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with hold(folder):
+        assert len(calls) == 2
+        monkeypatch.undo()
+        assert find_holder(folder) is not None
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a" * 300, "\ud800", "b" * 200 + "/" + "a" * 256])
+def test_a_folder_that_cannot_be_is_refused(tmp_path, name):
+    with pytest.raises(InputError, match="choose another folder with -o$"), hold(tmp_path / name):
+        pass
+    assert list(tmp_path.iterdir()) == []
