@@ -1,35 +1,39 @@
 """A process that forks runs of studies and reports how they ended; a fork costs milliseconds, an import seconds.
 
-It starts no thread itself, so that a fork is safe.  Reads a JSON object per line:
-{"text": …, "folder": …, "extend": …, "kill_before": n or null, "kill_after": seconds or null, "limits": {…},
-"arguments": words of the command line, instead of a run by ``execute``}, and answers with the exit code of the child
-(negative: a signal) and the number of operations on files that it began.
+It starts no thread itself, so that a fork is safe.  Loads the modules that its arguments name.  Reads a JSON object per
+line: {"text": …, "folder": …, "extend": …, "kill_before": n or null, "of": name of the operations that count (all of
+them without it), "kill_after": seconds or null, "limits": {…}, "arguments": words of the command line, instead of a run
+by ``execute``, "calls": see ``calls.watch``}, and answers with the exit code of the child (negative: a signal) and the
+number of operations on files that it began, or of the watched calls.
 """
 
 from __future__ import annotations
 
+import importlib
 import json
+import mmap
 import os
 import resource
 import signal
 import sys
 import time
 from concurrent.futures import Future
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
-from fastcoil.cli.main import main as main_command
 from fastcoil.errors import FastcoilError
 from fastcoil.study import runner
 from fastcoil.study.workers.worker import Job, run_scenarios
+from helpers import calls
 from helpers.failing_files import Nth, operations
 from helpers.studies import TRACED, golden, write_study
 
 _LONGEST = 60
 
 
-def child(order: dict, counted: int) -> int:
+def child(order: dict, counted: int, seen: mmap.mmap) -> int:
     """Run as ordered; returns the exit code."""
     signal.alarm(_LONGEST)
     folder = Path(order["folder"])
@@ -43,17 +47,26 @@ def child(order: dict, counted: int) -> int:
     nth = Nth(order.get("kill_before") or 0, lambda: os.kill(os.getpid(), signal.SIGKILL))
 
     def before(name: str) -> None:
+        if order.get("of", name) != name:
+            return
         os.write(counted, b".")
         nth(name)
 
-    try:
-        with operations(folder, before):
-            if "arguments" in order:
-                return int(main_command(order["arguments"], standalone_mode=False) or 0)
+    with ExitStack() as watching:
+        if "calls" in order:
+            calls.watch(order["calls"], seen)
+        else:
+            watching.enter_context(operations(folder, before))
+        if "arguments" in order:
+            from fastcoil.__main__ import run
+
+            sys.argv[1:] = order["arguments"]
+            run()
+        try:
             runner.execute(study, folder, n_jobs=1, extend=order.get("extend", False))
-    except FastcoilError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
+        except FastcoilError as error:
+            print(error, file=sys.stderr)
+            return error.exit_code
     return 0
 
 
@@ -89,9 +102,13 @@ def warm_up() -> None:
 def main() -> None:
     """Serve until the input ends."""
     warm_up()
+    for name in sys.argv[1:]:
+        importlib.import_module(name)
+    seen = mmap.mmap(-1, mmap.PAGESIZE)  # shared with the children
     print("ready", flush=True)
     for line in sys.stdin:
         order = json.loads(line)
+        seen[:8] = bytes(8)
         reading, counted = os.pipe()
         pid = os.fork()
         if not pid:
@@ -101,7 +118,9 @@ def main() -> None:
                 log = os.open(order["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
                 os.dup2(log, 1)
                 os.dup2(log, 2)
-                code = child(order, counted)
+                code = child(order, counted, seen)
+            except SystemExit as end:
+                code = end.code or 0
             except BaseException:
                 import traceback
 
@@ -115,6 +134,8 @@ def main() -> None:
             os.kill(pid, signal.SIGKILL)  # it is not reaped yet: nobody else has its number
         with os.fdopen(reading, "rb") as pipe:
             done = len(pipe.read())
+        if "calls" in order:
+            done = int.from_bytes(seen[:8], sys.byteorder)
         _, status = os.waitpid(pid, 0)
         print(json.dumps([os.waitstatus_to_exitcode(status), done]), flush=True)
 

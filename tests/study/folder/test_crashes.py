@@ -2,48 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import re
 import shutil
 import subprocess
-import sys
 import warnings
-from pathlib import Path
 
 import pytest
-from helpers.processes import environment
+from helpers.forks import forks
 from helpers.studies import DAYS, PLAIN, SITUATIONS, TRACED, golden, run, shards, unfinished
 
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel
 
-TESTS = Path(__file__).parents[2]
-
 
 @pytest.fixture(scope="module")
 def harness():
-    """Return a function that runs a study in a process forked for it: exit code, operations on files, what it said."""
-    command = [sys.executable, str(TESTS / "helpers" / "fork_server.py")]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment()
-    ) as server:
-        assert server.stdout.readline() == "ready\n"
-
-        def run(text, folder, **order):
-            log = folder.with_name("log")
-            order |= {"text": text, "folder": str(folder), "log": str(log)}
-            print(json.dumps(order), file=server.stdin, flush=True)
-            code, operations = json.loads(server.stdout.readline())
-            return code, operations, log.read_text()
-
-        try:
-            yield run
-        finally:
-            server.stdin.close()
-            server.wait(timeout=60)
+    """Run a study in a process forked for it, see ``forks``."""
+    with forks() as run:
+        yield run
 
 
 def resumed(folder, text, **options):

@@ -1,0 +1,43 @@
+"""Runs of studies in processes forked for them, see ``fork_server``."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from helpers.processes import environment
+
+SERVER = Path(__file__).with_name("fork_server.py")
+
+
+@contextmanager
+def forks(*modules: str, **env: str) -> Iterator[Callable[..., tuple[int, int, str]]]:
+    """A function that runs a study in a process forked for it: exit code, operations on files, what it said.
+
+    modules: what all of them need; env: more of their environment.
+    """
+    command = [sys.executable, str(SERVER), *modules]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment(**env)
+    ) as server:
+        assert server.stdin is not None
+        assert server.stdout is not None
+        assert server.stdout.readline() == "ready\n"
+
+        def run(text: str, folder: Path, **order: Any) -> tuple[int, int, str]:
+            log = folder.with_name("log")
+            order |= {"text": text, "folder": str(folder), "log": str(log)}
+            print(json.dumps(order), file=server.stdin, flush=True)
+            code, operations = json.loads(server.stdout.readline())
+            return code, operations, log.read_text()
+
+        try:
+            yield run
+        finally:
+            server.stdin.close()
+            server.wait(timeout=60)
