@@ -244,7 +244,9 @@ def test_a_study_that_is_extended_on_another_processor_says_so(out, elsewhere, m
 
 
 @pytest.mark.parametrize(
-    "damage", [lambda text: b"", lambda text: b"\xff" + text, lambda text: text[:-3], lambda text: None], ids=str
+    "damage",
+    [lambda text: b"", lambda text: b"\xff" + text, lambda text: text[:-3], lambda text: None],
+    ids=["empty", "no UTF-8", "cut", "lost"],
 )
 def test_results_stay_readable_without_their_study_toml_and_a_run_restores_it(out, damage):
     run(PLAIN, out)
