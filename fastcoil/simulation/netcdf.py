@@ -69,7 +69,7 @@ def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
     _written(ds, str(path), mode, _encoding(ds))
 
 
-def parse(source: str | bytes) -> netCDF4.Dataset:
+def parse(source: str | Path | bytes) -> netCDF4.Dataset:
     """Open a file by its name, or from its bytes; whoever calls has entered, and checked their hash before.
 
     Raises
@@ -77,16 +77,18 @@ def parse(source: str | bytes) -> netCDF4.Dataset:
     OSError, RuntimeError, ValueError
         If it is no NetCDF file; damaged bytes may also crash the library, or keep it for ever.
     """
-    return netCDF4.Dataset(source) if isinstance(source, str) else netCDF4.Dataset("in memory", memory=source)
+    if isinstance(source, (str, Path)):
+        return netCDF4.Dataset(str(source))
+    return netCDF4.Dataset("in memory", memory=source)
 
 
-def load(source: str | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:
+def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:
     """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything."""
     with _opened(source, leave_out) as ds:
         return ds.load()
 
 
-def outline(source: str | bytes) -> xr.Dataset:
+def outline(source: str | Path | bytes) -> xr.Dataset:
     """The variables of a file as ``parse`` opens it; only coordinates have values."""
     with _opened(source) as ds:
         for coordinate in ds.coords.values():
@@ -95,7 +97,7 @@ def outline(source: str | bytes) -> xr.Dataset:
 
 
 @contextmanager
-def _opened(source: str | bytes, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
+def _opened(source: str | Path | bytes, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
     with entered():
         file = parse(source)
         try:

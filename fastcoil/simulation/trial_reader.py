@@ -41,7 +41,7 @@ def main(number: int, seconds: int, memory: int, path: list[str]) -> None:
             step = max(1, _AT_ONCE * rows // max(1, variable.size))
             for start in range(0, rows, step):
                 _ = variable[start : start + step] if variable.shape else variable[...]
-    print(digest.hexdigest())
+    os.write(sys.stdout.fileno(), digest.hexdigest().encode())
 
 
 if __name__ == "__main__":

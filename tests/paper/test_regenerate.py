@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from fastcoil.cli.main import main
 from fastcoil.paper import figures
 from fastcoil.plots.files import encode
+from fastcoil.simulation.dataset import content_sha256
 from fastcoil.simulation.netcdf import load
 
 pytestmark = pytest.mark.kernel
@@ -27,6 +28,7 @@ def test_every_figure_is_drawn_as_png_and_svg_and_shows_something(folder, name):
 @pytest.mark.parametrize("name", [*FIGURES, *(f"grid_{g}" for g in GRIDS)])
 def test_data_carry_units_and_their_hash(folder, name):
     ds = load(folder / f"{name}.nc")
+    assert ds.attrs["content_sha256"] == content_sha256(ds)
     assert all("units" in ds[n].attrs or "flag_meanings" in ds[n].attrs for n in ds.data_vars), ds
     assert name not in FIGURES or "Fig" in ds.attrs["caption"]
 

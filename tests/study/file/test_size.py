@@ -47,7 +47,7 @@ def test_an_axis_of_millions_of_values_is_refused(refused):
 def test_more_scenarios_than_memory_holds_are_refused_before_they_are_made(refused, text):
     (problem,) = refused("[loop]\n" + text + ("" if "[boundary]" in text else DAY))
     assert "scenarios need" in problem
-    assert "of memory for their results" in problem
+    assert "of memory, " in problem
     assert "sweep fewer values" in problem
 
 
