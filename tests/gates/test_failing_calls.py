@@ -131,7 +131,6 @@ def refuse_memory(command, out, n):
         raise
 
 
-@pytest.mark.xfail(reason="MemoryError ends in a traceback", strict=True)
 @pytest.mark.full
 def test_too_little_memory_ends_the_run_with_a_sentence(command, out):
     n_requests = command(least=LARGE, allowed=-1)[1]

@@ -150,10 +150,6 @@ def replay(recorded, ways, tmp_path, expected):
     return len(seen)
 
 
-NOT_SYNCED = pytest.mark.xfail(reason="new folders are not synced", strict=True)
-
-
-@NOT_SYNCED
 def test_after_a_power_loss_nothing_reported_is_lost(watched, tmp_path, expected):
     recorded = Recorded(watched, tmp_path, "traced")
     named = [k for k, r in enumerate(recorded.records) if r.call is Call.RENAME]
@@ -165,7 +161,6 @@ def test_after_a_power_loss_nothing_reported_is_lost(watched, tmp_path, expected
     assert replay(recorded, ways, tmp_path, expected) > 5
 
 
-@NOT_SYNCED
 @pytest.mark.full
 @pytest.mark.parametrize("situation", COMMANDS)
 def test_after_a_power_loss_at_any_moment_nothing_reported_is_lost(watched, tmp_path, expected, situation):
@@ -177,7 +172,6 @@ def test_after_a_power_loss_at_any_moment_nothing_reported_is_lost(watched, tmp_
     assert replay(recorded, ways, tmp_path, expected) > 30
 
 
-@pytest.mark.xfail(reason="a half-written figure is never removed", strict=True)
 @pytest.mark.full
 def test_after_a_power_loss_among_the_figures_all_of_them_are_drawn(watched, tmp_path, expected):
     recorded = Recorded(watched, tmp_path, "plain", figures=True)

@@ -107,8 +107,7 @@ def _acquire(folder: Path) -> int:
             return lock
         if time.monotonic() > last:
             raise LockedError(
-                f"{folder} is in use by {_describe_holder(folder)}: wait for it to end, or choose another folder "
-                "with -o"
+                f"{folder} is in use by {_describe_holder(folder)}: wait for it to end, or choose another folder"
             )
         time.sleep(_PAUSE)
 
