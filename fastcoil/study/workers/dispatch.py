@@ -39,8 +39,8 @@ class Dispatcher:
 
     Shards that were in flight when a worker died are suspects: each is run again alone, and one that takes its
     worker down once more is halved, until single scenarios are found guilty.  These get the status ``crashed``, but
-    not before another result has shown that the workers are not to blame.  If the memory does not suffice for any of them,
-    the run ends instead: none is to blame.
+    not before another result has shown that the workers are not to blame.  If the memory does not suffice
+    for any of them, the run ends instead: none is to blame.
 
     time_limit: seconds that a shard may run before it counts as hanging; by default 20 times the longest so far, at
     least 60 s.  The time in which it waits for a worker that is busy does not count.
