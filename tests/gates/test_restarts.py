@@ -117,7 +117,7 @@ def step_of(file, steps):
     return {"shard": 4, "traces": steps - 3, "results": steps - 2, "last figure": steps}[file]
 
 
-@pytest.mark.parametrize("file", ["traces", "last figure"])
+@pytest.mark.parametrize("file", [pytest.param("traces", marks=pytest.mark.full), "last figure"])
 def test_a_command_that_is_killed_and_given_again_leaves_the_same_files(command, out, undisturbed, file):
     found, steps = undisturbed
     kept = [name for name in found if not name.endswith("/") and not name.startswith(".")]
