@@ -48,8 +48,10 @@ def check_completed(out):
 
 
 def crashed_in_hdf5(said):
-    """Whether a crash was in a call of the NetCDF library, which looks neither whether it got its memory nor
-    whether the last write of a closing file was done."""
+    """Whether a crash was in a call of the NetCDF library, which does not look whether it got its memory.
+
+    Nor does it look whether the last write of a file that it closes was done.
+    """
     _, found, stack = said.partition("Current thread")
     return found and re.search("netcdf|file_manager", "".join(stack.splitlines(keepends=True)[1:4]), re.IGNORECASE)
 
