@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 from fastcoil.errors import InputError, WrongType, collecting, nearest, shown
+from fastcoil.files import require_usable
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -25,8 +26,6 @@ T = TypeVar("T")
 
 _LARGEST = sys.float_info.max
 _MOST_NAMES = 1000
-_LONGEST_NAME = 255
-"""Bytes of a file name, on all common file systems."""
 _AS_PYTHON: Mapping[type, Callable[[Any], object]] = {
     float: float.__float__,
     int: int.__int__,
@@ -143,11 +142,7 @@ def path_of(name: str, value: object, cure: str = "give a path") -> Path:
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure} as text"))
     if not text:
         raise InputError(f"{name} is empty: {cure}")
-    if "\0" in text or not is_text(text):
-        raise InputError(f"{name} = {shown(text)}: it has characters that no file name can have, {cure}")
-    longest = max(Path(text).parts, key=len, default="")
-    if len(longest.encode()) > _LONGEST_NAME:
-        raise InputError(f"{name} = {shown(text)}: a name in it has more than {_LONGEST_NAME} bytes, {cure}")
+    require_usable(Path(text), cure)
     return Path(text)
 
 

@@ -67,7 +67,7 @@ class StoredFile:
         """Open the file, so that it stays what it is."""
         descriptor = self._descriptor
         if descriptor is None:
-            descriptor = self._descriptor = Descriptor(self.path)
+            descriptor = self._descriptor = Descriptor(self.path, self.cure)
             _held.append(weakref.ref(self))
             if len(_held) > _MOST_DESCRIPTORS:
                 _let_go_of_the_oldest()
@@ -166,15 +166,15 @@ def _let_go_of_the_oldest() -> None:
 class Descriptor:
     """An open file, closed with the last reference to it."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, cure: str) -> None:
         self.path, self.number = path, -1
         with storage_errors(path, "read"):
             try:
                 self.number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
             except FileNotFoundError:
-                raise IntegrityError(f"{path} is missing") from None
+                raise IntegrityError(f"{path} is missing; {cure}") from None
             if not stat.S_ISREG(os.fstat(self.number).st_mode):
-                raise IntegrityError(f"{path} is no regular file")
+                raise IntegrityError(f"{path} is no regular file; {cure}")
 
     def __del__(self) -> None:
         if self.number >= 0:
@@ -226,6 +226,6 @@ def file_sha256(path: Path) -> str:
     StorageError
         If it cannot be read.
     """
-    descriptor = Descriptor(path)
+    descriptor = Descriptor(path, "run the study again")
     with storage_errors(path, "read"):
         return descriptor.sha256()

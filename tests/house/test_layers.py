@@ -15,8 +15,8 @@ PACKAGE = Path(fastcoil.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
     {"errors"},
-    {"parameter_table", "outputs", "files", "arguments", "version", "printable"},
-    {"memory"},
+    {"parameter_table", "outputs", "files", "version", "printable"},
+    {"arguments", "memory"},
     {"numerics"},
     {"physics", "control"},
     {"engine"},

@@ -19,6 +19,7 @@ from fastcoil.study.workers.dask_cluster import Dask
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 
 
+@pytest.mark.full
 @pytest.mark.alone
 @pytest.mark.filterwarnings("default:the study has waited")
 def test_a_run_waits_for_workers_that_are_busy_and_says_so(small_study, golden, tmp_path, monkeypatch, two_workers):

@@ -35,7 +35,7 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtu
         pytest.param("loky", failing_shards.exits, marks=pytest.mark.full),
         pytest.param("loky", failing_shards.segfaults, marks=pytest.mark.full),
         pytest.param("loky", failing_shards.out_of_memory, marks=pytest.mark.full),
-        ("dask", failing_shards.killed),
+        pytest.param("dask", failing_shards.killed, marks=pytest.mark.full),
         pytest.param("dask", failing_shards.exits, marks=pytest.mark.full),
         pytest.param("dask", failing_shards.segfaults, marks=pytest.mark.full),
         pytest.param("dask", failing_shards.out_of_memory, marks=pytest.mark.full),
