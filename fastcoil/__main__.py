@@ -21,6 +21,9 @@ def run() -> None:
         say(f"fastcoil: not all lines could be printed ({lost}); files were written as usual", err=True)
     if code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
         _end_at_once(code)
+    netcdf = sys.modules.get("fastcoil.simulation.netcdf")
+    if netcdf is not None and netcdf.abandoned:  # at the end of the process, the library would crash on them
+        _exit(code)
     sys.exit(code or (EXIT_STORAGE if lost is not None else 0))
 
 
@@ -40,9 +43,13 @@ def _end_at_once(code: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the interpreter's shutdown is left to interrupt
     others = [thread for thread in threading.enumerate() if thread is not threading.main_thread()]
     if not all(thread.daemon for thread in others):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+        _exit(code)
+
+
+def _exit(code: int) -> None:
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
@@ -59,6 +60,16 @@ class StorageError(FastcoilError, OSError):
     """A result could not be read or written.  ``errno`` says why, where the operating system did."""
 
     exit_code = EXIT_STORAGE
+
+
+def out_of_memory(what: str) -> StorageError:
+    """The error for work that has too little memory; ``what``: what cannot be done."""
+    found = StorageError(
+        f"{what}: the memory ran out; finished scenarios are kept: use fewer workers with -j, --backend loky, or fewer "
+        "traces, and run the same command again"
+    )
+    found.errno = errno.ENOMEM
+    return found
 
 
 class LockedError(FastcoilError):

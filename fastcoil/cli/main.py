@@ -63,7 +63,7 @@ def run(
     from fastcoil.outputs import STATUS_OK
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.final import RESULTS
-    from fastcoil.study.runner import default_folder, execute
+    from fastcoil.study.runner import Finished, default_folder, execute
     from fastcoil.study.workers.pools import resolve_backend
 
     folder = out or default_folder(study)
@@ -75,17 +75,26 @@ def run(
         n = asked.plan.n_scenarios
         return report_progress(n, n - n_todo)
 
+    def present(finished: Finished) -> None:
+        if not finished.n_run:
+            say(f"{folder} holds this study, finished: nothing to do.")
+        say(*summary(finished.results))
+        say(f"Results: {folder / RESULTS}")
+        if figures:
+            for path in draw_standard_figures(folder, finished.results):
+                say(f"Figure:  {path}")
+
     with interruptible(study, folder):
         finished = execute(
-            asked, folder, n_jobs=jobs, backend=chosen, scheduler=scheduler, extend=extend, progress=progress
+            asked,
+            folder,
+            n_jobs=jobs,
+            backend=chosen,
+            scheduler=scheduler,
+            extend=extend,
+            progress=progress,
+            present=present,
         )
-    if not finished.n_run:
-        say(f"{folder} holds this study, finished: nothing to do.")
-    say(*summary(finished.results))
-    say(f"Results: {folder / RESULTS}")
-    if figures:
-        for path in draw_standard_figures(folder, finished.results):
-            say(f"Figure:  {path}")
     if bool((finished.results["status"] != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
 

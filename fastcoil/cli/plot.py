@@ -27,17 +27,31 @@ def plot(
     folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, by: str | None, format: str, dpi: str
 ) -> None:
     """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
-    from fastcoil.plots import study as plots
-    from fastcoil.plots.files import FIGURES, check_format, write
-    from fastcoil.study.folder.results import open_study
+    from fastcoil.plots.files import check_format
+    from fastcoil.study.folder.folder import StudyFolder
 
     dots = int(dpi) if dpi.isdecimal() else dpi
     check_format(format, dots)
-    ds = open_study(folder)
+    store = StudyFolder(folder)
+    store.require_manifest()  # so that nothing is left in a folder that is none of a study
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
     if y and by:
         raise InputError(f"-y {y} and --by {by}: give one of them, -y for a map or --by for curves")
+    with store.hold():
+        for path in _draw(folder, metrics, x, y, by, format, int(dots)):
+            say(path)
+
+
+def _draw(
+    folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, by: str | None, format: str, dpi: int
+) -> list[Path]:
+    """Draw figures of the study in a folder that is held.  Returns their paths."""
+    from fastcoil.plots import study as plots
+    from fastcoil.plots.files import FIGURES, write
+    from fastcoil.study.folder.results import open_study
+
+    ds = open_study(folder)
     if x is None:
         figures = {name: draw() for name, draw in plots.standard_figures(ds).items()}
     else:
@@ -47,14 +61,13 @@ def plot(
     if not figures:
         say("Nothing is swept in this study: there is nothing to draw.")
     drawn_from = ds.attrs.get("content_sha256")  # an unfinished study has none
-    for path in write(figures, folder / FIGURES, format=format, dpi=int(dots), drawn_from=drawn_from):
-        say(path)
+    return write(figures, folder / FIGURES, format=format, dpi=dpi, drawn_from=drawn_from)
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
     """Draw the standard figures of the results ``ds`` in ``folder`` that are missing, or were drawn from other results.
 
-    Returns the PNG figures there that show these results.
+    The folder is held.  Returns the PNG figures there that show these results.
     """
     from fastcoil.plots import study as plots
     from fastcoil.plots.files import FIGURES, current_figures, write

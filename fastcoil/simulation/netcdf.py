@@ -25,8 +25,9 @@ LARGE = 64
 AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
 left_open: deque[netCDF4.Dataset] = deque()
 """Files that nobody reads any more; whoever enters next closes them."""
-_stuck: list[netCDF4.Dataset] = []
-"""Files that could not be closed, for a disk was full, say: the garbage collector would try it again."""
+abandoned: list[netCDF4.Dataset] = []
+"""Files that could not be written or closed, for a disk was full, say: in closing them the library may crash, and the
+garbage collector would try it."""
 
 
 @contextmanager
@@ -44,7 +45,7 @@ def close(file: netCDF4.Dataset) -> Any:
     try:
         return file.close()
     except BaseException:
-        _stuck.append(file)
+        abandoned.append(file)
         raise
 
 
@@ -116,6 +117,11 @@ def _written(ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any, 
         try:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
             ds.dump_to_store(stored, encoding=encoding)
+            if not options:  # in which a failing write is reported; in closing, it crashes the library
+                file.sync()
+        except (OSError, RuntimeError):
+            abandoned.append(file)
+            raise
         except BaseException:
             with suppress(RuntimeError):  # the first error is the one to report
                 close(file)

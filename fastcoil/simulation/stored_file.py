@@ -137,13 +137,16 @@ class StoredFile:
     def _readable(self) -> Iterator[None]:
         try:
             yield
-        except (IndexError, KeyError, FastcoilError):
+        except (IndexError, KeyError, MemoryError, FastcoilError):
             raise
+        except (OSError, RuntimeError) as error:  # bytes with this hash can be read
+            found = StorageError(
+                f"{self.path} cannot be read: {getattr(error, 'strerror', None) or error}; its bytes are as they were "
+                "written: repair that and try again"
+            )
+            found.errno = getattr(error, "errno", None)
+            raise found from error
         except Exception as error:
-            if isinstance(error, OSError) and (error.errno or 0) > 0:  # those of the NetCDF library are negative
-                raise StorageError(
-                    f"{self.path} cannot be read: {error.strerror}; repair that and try again"
-                ) from error
             raise IntegrityError(f"{self.path} cannot be read as NetCDF ({error}); {self.cure}") from error
 
 

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import difflib
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
 
 import xarray as xr
 
 from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.engine.host import compile_kernel
-from fastcoil.errors import InputError, IntegrityError
+from fastcoil.errors import InputError
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.simulation.dataset import environments_of
 from fastcoil.simulation.resources import check_disk, check_workers
 from fastcoil.simulation.simulate import workers
+from fastcoil.study.differences import refuse_other_study, warn_of_difference
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.extend import match_scenarios
 from fastcoil.study.folder.final import finished_manifest
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.manifest import Environment, Manifest
+from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.results import Computed, is_current, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
@@ -34,8 +33,6 @@ from fastcoil.study.workers.worker import Job
 
 Advance = Callable[[int], None]
 """Called with the number of scenarios finished since the last call."""
-_LONGEST_DIFFERENCE = 10
-"""Lines."""
 
 
 @dataclass(frozen=True)
@@ -121,117 +118,91 @@ def execute(
     scheduler: str | None = None,
     extend: bool = False,
     progress: Callable[[int], Advance] | None = None,
+    present: Callable[[Finished], None] = lambda finished: None,
 ) -> Finished:
     """Run a study into ``folder``, resume it, or find it finished there; see ``run_study``.
 
     ``progress`` is called when there is work to do, with the number of scenarios to run, and returns what to call
-    with finished ones.
+    with finished ones.  ``present`` gets the finished study while its folder is still held, to write figures there.
     """
     n_jobs = workers(n_jobs)
     problems = backend_problems(backend, scheduler)
     if problems:
         raise InputError(problems)
-    plan, store = study.plan, StudyFolder(folder)
+    store = StudyFolder(folder)
     with store.hold():
-        asked, stored = Manifest.of(study, model_sha256()), store.read_manifest()
-        if stored is not None and stored.study_sha256 != asked.study_sha256:
-            if not extend:
-                _refuse_other_study(store, study)
-            stored = _merge_unfinished(store, study, stored, asked)
-        elif store.results.exists():
-            ds = store.open_results()
-            if is_current(ds, asked):
-                found = finished_manifest(ds, folder, asked.knowing(stored))
-                if not store.records(found, study.text):  # run.json or study.toml was lost, or of version 0.1
-                    store.write_manifest(found, study.text)
-                store.remove_superseded(ds, found)
-                return Finished(folder, ds, 0)
-        if stored is not None and stored.model_sha256 != asked.model_sha256:
-            warnings.warn(
-                f"{folder} was computed with other sources of the model: everything is computed again", stacklevel=2
-            )
-        manifest = asked.knowing(stored)
-        computed = Computed.find(store, study, manifest)
-        todo, environments = computed.survey()
-        manifest = replace(manifest, computed_on=environments, finished=False)
-        check_disk(plan.disk_bytes(traces_kept=study.reduction is None), folder)
-        if scheduler is None and todo.size:
-            check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
-        start = time.monotonic()
-        recorded = store.records(manifest, study.text)
-        if todo.size:
-            if study.reduction is not None:
-                load_function(study.reduction)  # its mistakes before the work
-            advance = progress(todo.size) if progress else _ignore
-            compile_kernel()
-            job = Job(manifest.key, plan, study.reduction)
-            with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
-                n_jobs = pool.n_workers  # a cluster may have another number
-                for part in Dispatcher(pool, job).run(plan.shards(pool.n_workers, todo)):
-                    for environment in environments_of(part):
-                        if environment not in manifest.computed_on:
-                            _warn_of_difference(folder, environment, manifest.computed_on)
-                            manifest = replace(manifest, computed_on=[*manifest.computed_on, environment])
-                            recorded = False
-                    if not recorded:
-                        store.write_manifest(manifest, study.text)
-                        recorded = True
-                    computed.shards.commit(part)
-                    advance(part.sizes["scenario"])
-        elif not recorded:
-            store.write_manifest(manifest, study.text)
-        seconds = time.monotonic() - start
-        speed = {"wall_time_s": round(seconds, 3), "scenario_days_per_s": round(todo.size / max(seconds, 1e-9), 1)}
-        # stored results call the backend ``engine``
-        ds = merge(store, study, manifest, computed.parts, speed | {"n_jobs": n_jobs, "engine": backend})
-    return Finished(folder, ds, todo.size)
+        finished = _finish(study, store, n_jobs, backend, scheduler, extend, progress)
+        present(finished)
+    return finished
 
 
-def _warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:
-    """Warn if other scenarios were computed where bits may differ; one that nobody recorded may be this one."""
-    for other in filter(None, others):
-        differs = [
-            f"{name} {other.get(name, 'unknown')}, now {environment.get(name, 'unknown')}"
-            for name in sorted({*other, *environment})
-            if other.get(name) != environment.get(name)
-        ]
+def _finish(
+    study: Study,
+    store: StudyFolder,
+    n_jobs: int,
+    backend: str,
+    scheduler: str | None,
+    extend: bool,
+    progress: Callable[[int], Advance] | None,
+) -> Finished:
+    """Run a study in a folder that is held; see ``execute``."""
+    plan, folder = study.plan, store.path
+    asked, stored = Manifest.of(study, model_sha256()), store.read_manifest()
+    if stored is not None and stored.study_sha256 != asked.study_sha256:
+        if not extend:
+            refuse_other_study(store, study)
+        stored = _merge_unfinished(store, study, stored, asked)
+    elif store.has_results:
+        ds = store.open_results()
+        if is_current(ds, asked):
+            found = finished_manifest(ds, folder, asked.knowing(stored))
+            if not store.records(found, study.text):  # run.json or study.toml was lost, or of version 0.1
+                store.write_manifest(found, study.text)
+            store.remove_superseded(ds, found)
+            return Finished(folder, ds, 0)
+    if stored is not None and stored.model_sha256 != asked.model_sha256:
         warnings.warn(
-            f"a part of {folder} was computed elsewhere ({'; '.join(differs)}): the last digits of results may depend "
-            "on that, in a loop that hunts also the first; to have all from one place, run the study in another folder",
-            stacklevel=3,
+            f"{folder} was computed with other sources of the model: everything is computed again", stacklevel=2
         )
+    manifest = asked.knowing(stored)
+    computed = Computed.find(store, study, manifest)
+    todo, environments = computed.survey()
+    manifest = replace(manifest, computed_on=environments, finished=False)
+    check_disk(plan.disk_bytes(traces_kept=study.reduction is None), folder)
+    if scheduler is None and todo.size:
+        check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
+    start = time.monotonic()
+    recorded = store.records(manifest, study.text)
+    if todo.size:
+        if study.reduction is not None:
+            load_function(study.reduction)  # its mistakes before the work
+        advance = progress(todo.size) if progress else _ignore
+        compile_kernel()
+        job = Job(manifest.key, plan, study.reduction)
+        with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
+            n_jobs = pool.n_workers  # a cluster may have another number
+            for part in Dispatcher(pool, job).run(plan.shards(pool.n_workers, todo)):
+                for environment in environments_of(part):
+                    if environment not in manifest.computed_on:
+                        warn_of_difference(folder, environment, manifest.computed_on)
+                        manifest = replace(manifest, computed_on=[*manifest.computed_on, environment])
+                        recorded = False
+                if not recorded:
+                    store.write_manifest(manifest, study.text)
+                    recorded = True
+                computed.shards.commit(part)
+                advance(part.sizes["scenario"])
+    elif not recorded:
+        store.write_manifest(manifest, study.text)
+    seconds = time.monotonic() - start
+    speed = {"wall_time_s": round(seconds, 3), "scenario_days_per_s": round(todo.size / max(seconds, 1e-9), 1)}
+    # stored results call the backend ``engine``
+    ds = merge(store, study, manifest, computed.parts, speed | {"n_jobs": n_jobs, "engine": backend})
+    return Finished(folder, ds, todo.size)
 
 
 def _ignore(_: int) -> None:
     pass
-
-
-def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
-    """Refuse to replace the study in a folder by another one, and say in what they differ."""
-    text = store.read_text()
-    if text is None:
-        raise IntegrityError(
-            f"{store.path}: study.toml is missing or damaged, and the run in this folder was of another study: restore "
-            "the file, or choose another folder with -o"
-        )
-    changes = [
-        line
-        for line in difflib.unified_diff(text.splitlines(), study.text.splitlines(), lineterm="")
-        if line[:1] in "+-" and line[:3] not in ("+++", "---")
-    ]
-    if not changes:
-        raise IntegrityError(
-            f"{store.path}: a file that the study reads changed since the run was started: restore it, or choose "
-            "another folder with -o"
-        )
-    shown = changes[:_LONGEST_DIFFERENCE] + ["…"] * (len(changes) > _LONGEST_DIFFERENCE)
-    raise InputError(
-        [
-            f"{store.path} holds another study, or another version of this one: add --extend if only values were "
-            "added, otherwise choose another folder with -o.  The differences:",
-            *shown,
-        ]
-    )
 
 
 def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked: Manifest) -> Manifest | None:
@@ -240,7 +211,7 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked:
     Scenarios that were not run have the status ``not_run``.  Nothing is changed if ``study`` is no extension of it.
     Returns what ``run.json`` then says.
     """
-    if store.results.exists() and is_current(store.open_results(), stored):
+    if store.has_results and is_current(store.open_results(), stored):
         return stored
     smaller = store.read_study(stored)
     if stored.model_sha256 != asked.model_sha256:

@@ -35,6 +35,7 @@ def run(folder, *features, **env):
         return dict(found)
 
 
+@pytest.mark.full
 def test_a_whole_run_stays_within_its_arrays(tmp_path):
     # in the interpreter NumPy checks every index
     found = run(tmp_path / "checked", "short_study", NUMBA_DISABLE_JIT="1")

@@ -112,15 +112,12 @@ def kill_and_restart(command, out, undisturbed, step, *words):
     assert {p: p.stat().st_mtime_ns for p in before} == before
 
 
-HALF_A_FIGURE = pytest.mark.xfail(reason="a half-written figure is never removed", strict=True)
-
-
 def step_of(file, steps):
     """Which file it is that gets its name; the shards come after the first two."""
     return {"shard": 4, "traces": steps - 3, "results": steps - 2, "last figure": steps}[file]
 
 
-@pytest.mark.parametrize("file", ["traces", pytest.param("last figure", marks=HALF_A_FIGURE)])
+@pytest.mark.parametrize("file", [pytest.param("traces", marks=pytest.mark.full), "last figure"])
 def test_a_command_that_is_killed_and_given_again_leaves_the_same_files(command, out, undisturbed, file):
     found, steps = undisturbed
     kept = [name for name in found if not name.endswith("/") and not name.startswith(".")]
@@ -141,7 +138,6 @@ def test_figures_of_a_smaller_version_are_drawn_again(command, forked, out, undi
         assert found[name] == undisturbed[0][name]
 
 
-@HALF_A_FIGURE
 @pytest.mark.full
 def test_a_command_that_is_killed_at_any_step_leaves_the_same_files(command, out, undisturbed):
     for step in range(1, undisturbed[1] + 1):

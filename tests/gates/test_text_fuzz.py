@@ -32,7 +32,7 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="m
 
 
 def test_damaged_files_are_read_or_refused_in_sentences(tmp_path):
-    assert faults(1, 80 // KINDS, tmp_path) == []
+    assert faults(1, 30 // KINDS, tmp_path) == []
 
 
 @pytest.mark.full

@@ -30,7 +30,7 @@ def taken():
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="only Linux lists the open files of a process in /proc")
-@pytest.mark.parametrize("times", [10, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("times", [4, pytest.param(200, marks=pytest.mark.full)])
 def test_open_files_and_threads_do_not_grow(out, short, times):
     run(TRACED, out)
 
@@ -42,7 +42,7 @@ def test_open_files_and_threads_do_not_grow(out, short, times):
     use(3)
     before = taken()
     use(times)
-    assert taken() <= before
+    wait_for(lambda: taken() <= before, within=5)  # a thread needs a moment to end
 
 
 def in_group(leader):
@@ -143,10 +143,7 @@ def test_a_folder_in_which_one_cannot_write_can_be_looked_at(as_nobody, elsewher
     assert {p: p.stat().st_mtime_ns for p in [out, *out.rglob("*")]} == before
 
 
-NO_SENTENCE = pytest.mark.xfail(reason="PermissionError of Path.exists is not caught", strict=True)
-
-
-@pytest.mark.parametrize("closed", [*(pytest.param(c, marks=NO_SENTENCE) for c in ("place", "folder")), "files"])
+@pytest.mark.parametrize("closed", [pytest.param("place", marks=pytest.mark.full), "folder", "files"])
 def test_a_folder_that_one_cannot_read_is_refused_with_a_sentence(as_nobody, elsewhere, closed):
     out = elsewhere / "place" / "out"
     out.parent.mkdir()

@@ -16,7 +16,7 @@ from fastcoil.plots import files, study
 
 pytestmark = pytest.mark.kernel
 
-_SAMPLE = 1000
+_SAMPLE = 500
 _LONGEST = 3000
 """Letters of a message; one that lists all parameters has fewer."""
 _STUDY = """

@@ -81,8 +81,8 @@ def watch(order: dict[str, Any], seen: mmap.mmap) -> None:
     """
     library = ctypes.CDLL(None)
     counter = ctypes.c_long.from_buffer(seen)
+    faulthandler.enable()
     if "least" in order:
-        faulthandler.enable()
         library.refuse_memory(ctypes.c_size_t(order["least"]), ctypes.c_long(order["allowed"]), ctypes.byref(counter))
         return
     target = os.open(order["record"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC) if "record" in order else -1

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import xarray as xr
 
-from fastcoil.errors import FastcoilError, InputError, IntegrityError
+from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.files import commit_written
 from fastcoil.simulation.dataset import FORMAT, combined_sha256, environments_of, variable_sha256
 from fastcoil.simulation.stored_file import StoredFile, file_sha256
 from fastcoil.simulation.stored_traces import layout_of, open_lazily
 from fastcoil.simulation.trial import try_reading
+from fastcoil.study.folder.look import exists
 from fastcoil.study.folder.manifest import Manifest
 
 RESULTS = "results.nc"
@@ -56,7 +57,7 @@ def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
         If a file cannot be read; if its content is not what was written.
     """
     path = folder / RESULTS
-    if not path.exists():
+    if not exists(path):
         raise InputError(f"{path} does not exist: run the study first")
     try:
         ds = _stored(path, manifest).load()
@@ -65,7 +66,7 @@ def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
         if ds.attrs.get("content_sha256") != combined_sha256(ds) or "status" not in ds:
             raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_CURES[True]}")
         return add_traces(ds, folder, manifest)
-    except FastcoilError:
+    except (FastcoilError, MemoryError):
         raise
     except Exception as error:  # attributes that no version of fastcoil wrote may raise anything
         raise IntegrityError(f"{path} cannot be understood ({error}); {_CURES[True]}") from error
@@ -110,6 +111,8 @@ def find_variable_problems(ds: xr.Dataset, path: Path) -> list[str]:
     for name, digest in json.loads(ds.attrs.get("trace_sha256", "{}")).items():
         try:
             same = name in ds.variables and variable_sha256(ds[name].variable) == digest
+        except (StorageError, MemoryError):
+            raise
         except Exception:  # damaged bytes may raise anything in the library
             same = False
         if not same:

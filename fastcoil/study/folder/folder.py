@@ -14,8 +14,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -23,10 +23,12 @@ from typing import TypeVar
 import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError, StorageError
-from fastcoil.files import commit, read_bytes, storage_errors
+from fastcoil.files import commit, read_bytes, remove_unfinished, storage_errors
+from fastcoil.plots.files import FIGURES
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
 from fastcoil.study.folder.final import RESULTS, open_final
 from fastcoil.study.folder.lock import find_holder, hold
+from fastcoil.study.folder.look import entries, exists, is_folder
 from fastcoil.study.folder.manifest import MANIFEST, Manifest
 from fastcoil.study.folder.shards import Shards
 
@@ -50,9 +52,18 @@ class StudyFolder:
     def study(self) -> Path:
         return self.path / STUDY
 
-    def hold(self) -> AbstractContextManager[None]:
-        """Hold the folder for one writer, see ``lock.hold``."""
-        return hold(self.path)
+    @property
+    def has_results(self) -> bool:
+        """Whether there is a file of results."""
+        return exists(self.results)
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """Hold the folder for one writer, of results or of figures; see ``lock.hold``."""
+        with hold(self.path):
+            if is_folder(self.path / FIGURES):
+                remove_unfinished(self.path / FIGURES)
+            yield
 
     def find_holder(self) -> str | None:
         """Who is writing to the folder, in words, or ``None``."""
@@ -73,7 +84,7 @@ class StudyFolder:
             If it holds results, and the manifest is lost.
         """
         manifest = self.read_manifest()
-        if manifest is None and self.results.exists():
+        if manifest is None and self.has_results:
             raise IntegrityError(
                 f"{self.path / MANIFEST} is missing: run the study again, with -o {self.path}, which writes it; the "
                 "results are kept"
@@ -103,7 +114,7 @@ class StudyFolder:
         except ValueError:  # not UTF-8, or too large
             return None
         except StorageError:
-            if self.study.exists():
+            if exists(self.study):
                 raise
             return None
 
@@ -115,13 +126,14 @@ class StudyFolder:
         IntegrityError
             If it, or a file it reads, is not what it was when the run was started.
         """
+        cure = f"`fastcoil run STUDY.toml -o {self.path}`, with the file the run was started from, restores {STUDY}"
         if self.read_text() is None:
-            raise IntegrityError(f"{self.study} is missing or damaged: restore it, or run the study again")
+            raise IntegrityError(f"{self.study} is missing or damaged: {cure}")
         try:
             study = read_study(self.study, Path(manifest.relative_to))
         except InputError as error:
             raise IntegrityError(
-                f"{self.path}: the study can no longer be read: restore its files, or run the study again\n{error}"
+                f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n{error}"
             ) from None
         if study.sha256 != manifest.study_sha256:
             what = (
@@ -130,7 +142,7 @@ class StudyFolder:
                 else f"{STUDY}, a file that it includes, or its reduction"
             )
             raise IntegrityError(
-                f"{self.path}: {what} changed since the run was started: restore it, or use another folder"
+                f"{self.path}: {what} changed since the run was started: restore it, or use another folder; {cure}"
             )
         return study
 
@@ -167,10 +179,14 @@ class StudyFolder:
                 found.append((name, status.st_ino, status.st_mtime_ns))
         return found
 
+    def trace_files(self) -> list[Path]:
+        """All files of traces, whether they are of these results or not."""
+        return [path for path in entries(self.path) if path.match("traces-*.nc")]
+
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:
         """Remove shards and traces that the results ``ds`` replace."""
         with storage_errors(self.path, "cleaned up"):
-            for path in self.path.glob("traces-*.nc"):
+            for path in self.trace_files():
                 if path.name != ds.attrs.get("trace_file"):
                     path.unlink()
         self.shards(manifest).discard()

@@ -107,8 +107,7 @@ def _acquire(folder: Path) -> int:
             return lock
         if time.monotonic() > last:
             raise LockedError(
-                f"{folder} is in use by {_describe_holder(folder)}: wait for it to end, or choose another folder "
-                "with -o"
+                f"{folder} is in use by {_describe_holder(folder)}: wait for it to end, or choose another folder"
             )
         time.sleep(_PAUSE)
 
@@ -131,7 +130,7 @@ def _try_to_lock(lock: int, folder: Path) -> bool:
 def _open(path: Path, flags: int) -> int:
     """Open the lock file itself: a link could lead to a file of somebody else."""
     try:
-        lock = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, 0o644)
+        lock = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, 0o666)
     except OSError as error:
         if error.errno not in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
             raise

@@ -13,6 +13,7 @@ from typing import Any
 from fastcoil.errors import IntegrityError
 from fastcoil.files import commit, read_bytes, storage_errors
 from fastcoil.study.file.spec import Study
+from fastcoil.study.folder.look import exists
 
 MANIFEST = "run.json"
 FORMAT = 2
@@ -67,11 +68,11 @@ class Manifest:
 
         Raises
         ------
-        IntegrityError
-            If it cannot be understood.
+        StorageError, IntegrityError
+            If it cannot be read; if it cannot be understood.
         """
         path = folder / MANIFEST
-        if not path.exists():
+        if not exists(path):
             return None
         try:
             with storage_errors(path, "read"):

@@ -44,7 +44,7 @@ def open_study(folder: str | Path) -> xr.Dataset:
 
 def _open(store: StudyFolder) -> xr.Dataset:
     manifest = store.require_manifest()
-    if store.results.exists():
+    if store.has_results:
         ds = store.open_results()
         if is_current(ds, manifest):
             return ds
@@ -99,7 +99,7 @@ class Computed:
             If they are damaged.
         """
         shards, nothing = folder.shards(manifest), Match(np.array([], dtype=np.int64), np.array([], dtype=np.int64))
-        if not folder.results.exists():
+        if not folder.has_results:
             return cls(study, shards, None, nothing)
         results = folder.open_results()
         if results.attrs.get("model_sha256") != manifest.model_sha256:

@@ -19,12 +19,14 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import StorageError
+from fastcoil.errors import StorageError, out_of_memory
 from fastcoil.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
 from fastcoil.outputs import STATUS_MEANINGS, STATUS_NOT_RUN
 from fastcoil.simulation.netcdf import load, netcdf_bytes
+from fastcoil.study.folder.look import entries, exists, is_folder
 
 SHARDS, QUARANTINE = "shards", "quarantine"
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SHARD_NAME = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
 
 
@@ -49,7 +51,10 @@ class Shards:
 
     def commit(self, part: xr.Dataset) -> None:
         """Keep the flat results of a shard for good."""
-        data = netcdf_bytes(part.assign_attrs(study=self.key))
+        try:
+            data = netcdf_bytes(part.assign_attrs(study=self.key))
+        except (OSError, RuntimeError) as error:  # no disk is asked
+            raise out_of_memory(f"{self.path}: a shard cannot be made ({error})") from error
         with storage_errors(self.path, "made"):
             make_folder(self.path)
         name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
@@ -57,7 +62,7 @@ class Shards:
 
     def any(self) -> bool:
         """Whether there is a file among them."""
-        return next(self.path.glob("*"), None) is not None
+        return bool(entries(self.path))
 
     def read(self, *, quarantine: bool, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
         """Read the sound shards, one by one, without the variables ``leave_out``, and warn of every other file.
@@ -65,7 +70,7 @@ class Shards:
         quarantine: move a file that is damaged, or not of this run, out of the way, so that its scenarios are
         computed again.
         """
-        if quarantine and self.path.is_dir():
+        if quarantine and is_folder(self.path):
             remove_unfinished(self.path)
         for path, part, problem in self.inspect(leave_out):
             if part is not None:
@@ -80,20 +85,20 @@ class Shards:
 
     def inspect(self, leave_out: Collection[str] = ()) -> Iterator[Inspection]:
         """Check every file among the shards; the variables ``leave_out`` are not decoded."""
-        for path in sorted(self.path.glob("*")):
+        for path in entries(self.path):
             if is_unfinished(path):
                 continue
             try:
                 inspection = self._inspect(path, leave_out)
             except StorageError:
-                if path.exists():
+                if exists(path):
                     raise
                 continue  # the run in progress here has finished meanwhile
             yield inspection
 
     def discard(self) -> None:
         """Remove the shards; a foreign file among them is kept in quarantine."""
-        if not self.path.is_dir():
+        if not is_folder(self.path):
             return
         remove_unfinished(self.path)
         with storage_errors(self.path, "removed"):
@@ -103,16 +108,20 @@ class Shards:
 
     def _inspect(self, path: Path, leave_out: Collection[str]) -> Inspection:
         named = SHARD_NAME.fullmatch(path.name)
-        if not named or (path.exists() and not path.is_file()):
-            return Inspection(path, None, "is no shard")
         with storage_errors(path, "read"):
+            if not named or (path.exists() and not path.is_file()):
+                return Inspection(path, None, "is no shard")
             data = path.read_bytes()
         # before anything else: the HDF5 library may crash on damaged bytes
         if hashlib.sha256(data).hexdigest()[:32] != named[2]:
             return Inspection(path, None, "is damaged (its hash differs)")
+        if not data.startswith(_SIGNATURE):
+            return Inspection(path, None, "is no NetCDF file")
         try:
             part = load(data, leave_out)
-        except (OSError, RuntimeError, ValueError):
+        except (OSError, RuntimeError) as error:  # these are the bytes that were written
+            raise out_of_memory(f"{path} is sound, and cannot be read ({error})") from error
+        except ValueError:
             return Inspection(path, None, "is no NetCDF file")
         problem = self._problem(part, first=int(named[1]))
         return Inspection(path, None, problem) if problem else Inspection(path, part)

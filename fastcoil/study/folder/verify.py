@@ -35,7 +35,7 @@ def _study(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
 
 
 def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
-    if not store.results.exists():
+    if not store.has_results:
         if manifest.finished or (manifest.finished is None and not store.shards(manifest).any()):
             yield f"{store.results} is missing: run the study again"
         return
@@ -52,7 +52,7 @@ def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
         yield f"{store.results} is of another study, or incomplete: {again}"
     elif (store.read_text() or "").replace("\r\n", "\n") != ds.attrs.get("study_toml"):
         yield f"{store.study} is not the text of the study that was run: {again}"
-    for path in store.path.glob("traces-*.nc"):
+    for path in store.trace_files():
         if path.name != ds.attrs.get("trace_file"):
             yield f"{path} is not of this run: {again}"
     for path in stale_figures(store.path, ds.attrs["content_sha256"]):

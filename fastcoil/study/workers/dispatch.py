@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import FastcoilError
+from fastcoil.errors import FastcoilError, out_of_memory
 from fastcoil.study.workers.pools import Pool
 from fastcoil.study.workers.worker import Interrupt, Job, crashed_part
 
@@ -39,7 +39,8 @@ class Dispatcher:
 
     Shards that were in flight when a worker died are suspects: each is run again alone, and one that takes its
     worker down once more is halved, until single scenarios are found guilty.  These get the status ``crashed``, but
-    not before another result has shown that the workers are not to blame.
+    not before another result has shown that the workers are not to blame.  If the memory does not suffice
+    for any of them, the run ends instead: none is to blame.
 
     time_limit: seconds that a shard may run before it counts as hanging; by default 20 times the longest so far, at
     least 60 s.  The time in which it waits for a worker that is busy does not count.
@@ -49,6 +50,8 @@ class Dispatcher:
         self._pool, self._job = pool, job
         self._given_limit, self._longest = time_limit, 0.0
         self._deaths = 0
+        self._last_death: BaseException | None = None
+        self._anything_ran = False
         self._looked = self._last_run = time.monotonic()
         self._said = 0.0
         self._guilty: list[np.ndarray] = []
@@ -58,12 +61,17 @@ class Dispatcher:
 
         Raises
         ------
+        StorageError
+            If the memory does not suffice, not even for a single scenario.
         FastcoilError
             If workers die again and again without a result in between.
         """
         for part in self._run_with_suspects(shards):
+            self._anything_ran = True
             yield from self._take_crashed()
             yield part
+        if len(self._guilty) > 1:
+            self._require_memory("not even single scenarios can be run any more")
         yield from self._take_crashed()
 
     def _run_with_suspects(self, shards: Sequence[np.ndarray]) -> Iterator[xr.Dataset]:
@@ -85,6 +93,8 @@ class Dispatcher:
             for half in np.array_split(index, 2):
                 yield from self._run_alone(half)
         elif attempts > 1:
+            if not self._anything_ran:
+                self._require_memory("not even a single scenario can be run")
             self._guilty.append(index)
         else:
             yield from self._run_alone(index, attempts + 1)
@@ -101,16 +111,16 @@ class Dispatcher:
                 try:
                     in_flight[pool.submit(waiting[0])] = _Flight(waiting[0], time.monotonic())
                     waiting.popleft()
-                except pool.deaths:  # since this thread last looked
-                    died = True
+                except pool.deaths as death:  # since this thread last looked
+                    self._last_death, died = death, True
             done, _ = cf.wait(in_flight, timeout=1.0, return_when=cf.FIRST_COMPLETED)
             for future in done:
                 flight = in_flight.pop(future)
                 try:
                     part = future.result()
-                except pool.deaths:
+                except pool.deaths as death:
                     suspects.append(flight.index)
-                    died = True
+                    self._last_death, died = death, True
                 except Interrupt:
                     raise KeyboardInterrupt from None
                 else:
@@ -118,6 +128,8 @@ class Dispatcher:
                     self._longest = max(self._longest, time.monotonic() - flight.since)
                     yield part
             overdue = self._look(in_flight)
+            if overdue:
+                self._last_death = None
             if died or overdue:
                 self._count_death()
                 if pool.falls_together or overdue:
@@ -160,9 +172,15 @@ class Dispatcher:
             return self._given_limit
         return max(_LEAST_LIMIT, _LIMIT_FACTOR * self._longest) if self._longest else _FIRST_LIMIT
 
+    def _require_memory(self, what: str) -> None:
+        """End the run if the memory ran out last."""
+        if isinstance(self._last_death, MemoryError):
+            raise out_of_memory(what) from self._last_death
+
     def _count_death(self) -> None:
         self._deaths += 1
         if self._deaths > _MOST_DEATHS:
+            self._require_memory(f"{_MOST_DEATHS} attempts in a row gave no result")
             raise FastcoilError(
                 f"{_MOST_DEATHS} workers died in a row without a result: they may lack memory, use fewer with -j, or "
                 "another --backend; finished scenarios are kept, run the same command again to resume"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import os
 import random
 import shutil
 
@@ -11,7 +13,10 @@ import pytest
 import xarray as xr
 from helpers.studies import PLAIN, larger, quarantined, resume, run, run_until_interrupted, shards, verify
 
+from fastcoil.errors import StorageError
 from fastcoil.simulation.netcdf import netcdf_bytes
+from fastcoil.study import maintenance
+from fastcoil.study.folder import shards as folder_shards
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.shards import Shards
 
@@ -154,4 +159,47 @@ def test_half_written_files_of_a_killed_run_are_no_damage_and_are_removed(broken
 
 def test_a_deleted_shard_is_run_again(broken_off):
     shards(broken_off)[0].unlink()
+    assert resume(broken_off) == []
+
+
+@pytest.mark.parametrize("error", [OSError(-101, "NetCDF: HDF error"), RuntimeError("NetCDF: HDF error")], ids=repr)
+def test_a_sound_shard_for_which_there_is_no_memory_is_not_set_aside(broken_off, monkeypatch, error):
+    def refuse(*_):
+        raise error
+
+    monkeypatch.setattr(folder_shards, "load", refuse)
+    for look in (lambda: run(PLAIN, broken_off), lambda: maintenance.verify(broken_off)):
+        with pytest.raises(StorageError, match="is sound, and cannot be read .*: the memory ran out") as refused:
+            look()
+        assert refused.value.exit_code == 4
+    assert quarantined(broken_off) == []
+    monkeypatch.undo()
+    assert resume(broken_off) == []
+
+
+def test_a_shard_that_cannot_be_made_for_lack_of_memory_ends_the_run_in_a_sentence(broken_off, monkeypatch):
+    def refuse(_):
+        raise OSError(-101, "NetCDF: HDF error")
+
+    monkeypatch.setattr(folder_shards, "netcdf_bytes", refuse)
+    with pytest.raises(StorageError, match="a shard cannot be made .*: the memory ran out") as refused:
+        run(PLAIN, broken_off)
+    assert refused.value.errno == errno.ENOMEM
+    monkeypatch.undo()
+    assert resume(broken_off) == []
+
+
+def test_shards_that_cannot_be_listed_are_not_taken_for_none(broken_off, monkeypatch):
+    listdir = os.listdir
+
+    def refuse(path="."):
+        if str(path).endswith("shards"):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        return listdir(path)
+
+    monkeypatch.setattr(os, "listdir", refuse)
+    for look in (maintenance.status, maintenance.verify, lambda out: run(PLAIN, out)):
+        with pytest.raises(StorageError, match=r"shards cannot be (read|cleaned up): Permission denied"):
+            look(broken_off)
+    monkeypatch.undo()
     assert resume(broken_off) == []

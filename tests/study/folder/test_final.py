@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import pickle
@@ -15,8 +16,9 @@ import xarray as xr
 from helpers.studies import PLAIN, TRACED, as_version_0_1, golden, larger, run, verify
 
 import fastcoil as fc
-from fastcoil.errors import IntegrityError
+from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.simulation import netcdf, stored_file, trial
+from fastcoil.study.folder import final
 from fastcoil.study.folder.final import open_final
 from fastcoil.study.folder.manifest import Manifest
 
@@ -59,6 +61,42 @@ def test_no_byte_of_a_damaged_file_is_parsed(copied, monkeypatch):
         with pytest.raises(IntegrityError, match=r"results\.nc is damaged.*delete it and run the study again"):
             what(copied)
     assert "results.nc is damaged" in " ".join(verify(copied))
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(-101, "NetCDF: HDF error"), OSError(errno.EMFILE, "Too many open files"), RuntimeError("HDF error")],
+    ids=repr,
+)
+def test_a_sound_file_that_cannot_be_opened_is_not_called_damaged(copied, monkeypatch, error):
+    ds = fc.open_study(copied)
+
+    def refuse(_):
+        raise error
+
+    monkeypatch.setattr(netcdf, "parse", refuse)
+    monkeypatch.setattr(stored_file, "parse", refuse)
+    said = "cannot be read: .*; its bytes are as they were written"
+    for read in (lambda: fc.open_study(copied), ds["T_sup"].load, lambda: final.find_variable_problems(ds, copied)):
+        with pytest.raises(StorageError, match=said) as refused:
+            read()
+        assert refused.value.exit_code == 4
+    ds.close()
+    monkeypatch.undo()
+    assert verify(copied) == []
+
+
+def test_results_for_which_there_is_no_memory_are_not_called_damaged(copied, monkeypatch):
+    ds = fc.open_study(copied)
+
+    def refuse(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(stored_file, "load", refuse)
+    monkeypatch.setattr(stored_file, "parse", refuse)
+    for read in (lambda: fc.open_study(copied), lambda: final.find_variable_problems(ds, copied)):
+        with pytest.raises(MemoryError):
+            read()
 
 
 def test_damaged_traces_are_found_when_they_are_read_and_metrics_stay_readable(copied):

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import time
 
 import pytest
+from click.testing import CliRunner
 from helpers.studies import PLAIN, TRACED, contents, golden, resume, run, run_until_interrupted, write_study
 
-from fastcoil.errors import FastcoilError, InputError, LockedError, StorageError
+from fastcoil.cli.main import main
+from fastcoil.errors import FastcoilError, InputError, IntegrityError, LockedError, StorageError
 from fastcoil.study import maintenance, runner
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.folder.folder import StudyFolder
 
 pytestmark = pytest.mark.kernel
 
@@ -95,3 +99,64 @@ def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
 
     finished = runner.execute(write_study(PLAIN, out), out, n_jobs=1, progress=lambda _: second)
     assert finished.results.attrs["content_sha256"] == golden(PLAIN)
+
+
+def test_figures_are_drawn_while_the_folder_is_held(out):
+    holders = []
+
+    def present(finished):
+        holders.append(StudyFolder(out).find_holder())
+        assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 5
+        with pytest.raises(LockedError):
+            run(PLAIN, out)
+
+    for _ in range(2):  # the second time it is found finished
+        runner.execute(write_study(PLAIN, out), out, n_jobs=1, present=present)
+    assert len(holders) == 2
+    assert all(holders)
+    assert not (out / "figures").exists()
+    assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
+
+
+@pytest.mark.parametrize("command", ["run", "plot"])
+def test_half_written_figures_are_removed(out, command):
+    study = write_study(PLAIN, out)
+    run(PLAIN, out)
+    half = out / "figures" / ".bands.png.123.tmp"
+    half.parent.mkdir()
+    half.write_bytes(b"half")
+    if command == "run":
+        runner.execute(study, out)
+    else:
+        assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
+    assert not half.exists()
+
+
+def test_plot_leaves_nothing_in_a_folder_that_holds_no_study(tmp_path):
+    assert CliRunner().invoke(main, ["plot", str(tmp_path)]).exit_code == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+AT = {"backlash": "0.07", "estimate_ratio": "0.9", "day": "1"}
+
+
+def test_half_written_reruns_are_removed_and_a_rerun_waits_for_no_run(out):
+    run(PLAIN, out)
+    half = out / "reruns" / ".backlash.nc.123.tmp"
+    half.parent.mkdir()
+    half.write_bytes(b"half")
+    with StudyFolder(out).hold():
+        path, _ = maintenance.rerun(out, AT)
+    assert [p.name for p in half.parent.glob("[!.]*")] == [path.name]
+    assert not half.exists()
+
+
+@pytest.mark.parametrize("text", ["", "\xff", "[loop]\n"])
+def test_a_rerun_without_the_study_names_the_cure_which_cures(out, text):
+    run(PLAIN, out)
+    (out / "study.toml").write_bytes(text.encode("latin-1"))
+    cure = re.escape(f"`fastcoil run STUDY.toml -o {out}`, with the file the run was started from, restores study.toml")
+    with pytest.raises(IntegrityError, match=cure):
+        maintenance.rerun(out, AT)
+    run(PLAIN, out)
+    maintenance.rerun(out, AT)

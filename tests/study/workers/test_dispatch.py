@@ -14,7 +14,7 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastcoil.errors import FastcoilError, InputError
+from fastcoil.errors import FastcoilError, InputError, StorageError
 from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.workers import dispatch
@@ -182,6 +182,33 @@ def test_workers_that_all_die_end_in_a_sentence_and_no_mark(job, falls_together,
         found(pool, job, in_shards(size), yielded)
     assert not yielded
     assert not pool.runs
+
+
+class Starved(MemoryError, Died):
+    pass
+
+
+@pytest.mark.parametrize("size", [1, 7, N])
+@pytest.mark.parametrize("culprits", [range(N), range(N - 20, N)], ids=["always", "at last"])
+def test_memory_that_runs_out_ends_in_a_sentence_and_no_mark(job, monkeypatch, size, culprits):
+    monkeypatch.setitem(globals(), "Died", Starved)
+    pool = Pool(2, falls_together=False, culprits=culprits)
+    yielded = {}
+    with pytest.raises(StorageError, match="the memory ran out; finished scenarios are kept") as ended:
+        found(pool, job, in_shards(size), yielded)
+    assert ended.value.exit_code == 4
+    assert yielded.keys() == set(pool.runs)
+    assert set(yielded.values()) <= {STATUS_OK}
+
+
+def test_the_first_single_scenario_without_memory_ends_the_run(job, monkeypatch):
+    monkeypatch.setitem(globals(), "Died", Starved)
+    pool = Pool(1, falls_together=False, culprits=range(N))
+    submitted, submit = [], pool.submit
+    pool.submit = lambda index: submitted.append(index.size) or submit(index)
+    with pytest.raises(StorageError, match="not even a single scenario"):
+        found(pool, job, [np.arange(4), np.arange(4, 8)])
+    assert submitted == [4, 4, 4, 2, 1, 1]
 
 
 def test_the_only_scenarios_that_are_left_may_all_be_crashed(job):
