@@ -11,7 +11,7 @@ from fastcoil.plots.study import numeric_dims
 
 def summary(ds: xr.Dataset) -> list[str]:
     """Return a few lines: how much was run, how fast, and the answer."""
-    n, failed = ds["status"].size, int((ds["status"] != STATUS_OK).sum())
+    n, failed = ds["status"].size, int((ds["status"].values != STATUS_OK).sum())
     sizes = " × ".join(f"{size} {dim}" for dim, size in ds["status"].sizes.items())
     lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
     if "wall_time_s" in ds.attrs:

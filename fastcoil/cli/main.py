@@ -95,7 +95,7 @@ def run(
             progress=progress,
             present=present,
         )
-    if bool((finished.results["status"] != STATUS_OK).any()):
+    if bool((finished.results["status"].values != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
 
 

@@ -202,7 +202,7 @@ def _pooled(ds: xr.Dataset, *shown: str) -> list[str]:
 
 def _head(figure: Figure, ds: xr.Dataset, words: str) -> None:
     """Write the title of the study, what is drawn, and how much of it failed."""
-    failed = int((ds["status"] != STATUS_OK).sum())
+    failed = int((ds["status"].values != STATUS_OK).sum())
     words += f"; without {failed:,} of {ds['status'].size:,} scenarios, which failed" if failed else ""
     lines = [str(ds.attrs["title"])] if ds.attrs.get("title") else []
     figure.suptitle(wrapped("\n".join([*lines, words]), figure.get_figwidth(), 9))

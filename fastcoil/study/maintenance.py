@@ -36,7 +36,7 @@ def status(folder: Path) -> list[str]:
         ds = open_study(folder)
     except InputError:  # no shard is finished
         return ["Nothing is finished yet.", *running]
-    found = {word: int((ds["status"] == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
+    found = {word: int((ds["status"].values == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
     n, left = ds["status"].size, found["not_run"]
     words = ", ".join(f"{count:,} {word}" for word, count in found.items() if count)
     lines = [

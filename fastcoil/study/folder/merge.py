@@ -78,7 +78,7 @@ def merge(
     with storage_errors(folder.results, "written"):
         whole = join_flat(plan.n_scenarios, untraced, allocate=allocate)
     ds = unflatten(whole, plan.layout)
-    n_run = int((ds["status"] != STATUS_NOT_RUN).sum())
+    n_run = int((ds["status"].values != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
     ds.attrs = study_attributes(study, manifest.model_sha256) | (attrs or {})
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))

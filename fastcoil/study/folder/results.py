@@ -65,7 +65,9 @@ def _open(store: StudyFolder) -> xr.Dataset:
 def is_current(ds: xr.Dataset, manifest: Manifest) -> bool:
     """Whether a result is that of the run, complete and of the same model."""
     found = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
-    return found == (manifest.study_sha256, manifest.model_sha256) and not bool((ds["status"] == STATUS_NOT_RUN).any())
+    return found == (manifest.study_sha256, manifest.model_sha256) and not bool(
+        (ds["status"].values == STATUS_NOT_RUN).any()
+    )
 
 
 class Survey(NamedTuple):
