@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import IntegrityError
+from fastcoil.errors import InputError, IntegrityError, shown
 from fastcoil.numerics.jit import compiled_for
-from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
+from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.simulation.scenarios import Layout
 from fastcoil.version import package_version
@@ -87,12 +87,18 @@ def join_flat(
     whole: dict[Hashable, tuple[Any, np.ndarray, dict[Any, Any]]] = {}
     coordinates: dict[Hashable, Any] = {}
     seen = np.zeros(n_scenarios, dtype=bool)
+    first: xr.Dataset | None = None
     for part in parts:
         index = part["scenario"].values
+        if index.size and index.max() >= n_scenarios:
+            raise IntegrityError(f"scenario {index.max()} was found, of {n_scenarios}: delete the folder and run again")
         if seen[index].any():
             raise IntegrityError(f"scenario {index[seen[index]][0]} was found twice: delete the folder and run again")
         seen[index] = True
+        first = check_same_form(first, part)
         for name in part.data_vars if names is None else names:
+            if name not in part.variables:
+                continue  # of crashed scenarios
             variable = part.variables[name]
             values = variable.values
             if name not in whole:
@@ -102,6 +108,52 @@ def join_flat(
                 coordinates |= {d: part.variables[d] for d in variable.dims[1:] if d in part.coords}
             whole[name][1][index] = values
     return xr.Dataset(whole, coords=coordinates)
+
+
+def check_same_form(first: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
+    """Refuse to join flat parts whose variables differ in name, type, dims, shape or labels.
+
+    first: an earlier part, if there is one.  Crashed scenarios have no answers of a reduction, and are not compared.
+    Returns the part to compare the next one with.
+
+    Raises
+    ------
+    InputError
+        If a reduction answers in another form for some scenarios than for others.
+    IntegrityError
+        If anything else differs, which no run leaves behind.
+    """
+    if first is None or _is_crashed(first):
+        return part
+    if _is_crashed(part):
+        return first
+    for name in sorted({*first.data_vars, *part.data_vars}, key=str):
+        one, other = _form(first, name), _form(part, name)
+        if one == other:
+            continue
+        if name in METRICS or name in TRACES or name == "status":
+            raise IntegrityError(
+                f"{name} has another form in some scenarios than in others: delete the folder, run again"
+            )
+        raise InputError(
+            f"the reduction gives {name} as {other or 'nothing'} for some scenarios and as {one or 'nothing'} for others: "
+            "give the same variables, types, dims and labels for all"
+        )
+    return first
+
+
+def _form(part: xr.Dataset, name: Hashable) -> str:
+    """What a variable is like, but for its values; empty if there is none."""
+    if name not in part.data_vars:
+        return ""
+    variable = part.variables[name]
+    sizes = ", ".join(f"{dim}: {size}" for dim, size in zip(variable.dims[1:], variable.shape[1:], strict=True))
+    labels = [f" {d} = {shown(part[d].values.tolist())}" for d in variable.dims[1:] if d in part.coords]
+    return f"{variable.dtype}({', '.join([str(variable.dims[0]), *filter(None, [sizes])])}){''.join(labels)}"
+
+
+def _is_crashed(part: xr.Dataset) -> bool:
+    return bool((part["status"].values == STATUS_CRASHED).all())
 
 
 def unflatten(whole: xr.Dataset, layout: Layout) -> xr.Dataset:

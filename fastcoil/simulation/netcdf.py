@@ -7,6 +7,7 @@ Nothing that is opened here is left for the garbage collector to close, which as
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Collection, Hashable, Iterator
 from contextlib import contextmanager, suppress
@@ -28,6 +29,14 @@ left_open: deque[netCDF4.Dataset] = deque()
 abandoned: list[netCDF4.Dataset] = []
 """Files that could not be written or closed, for a disk was full, say: in closing them the library may crash, and the
 garbage collector would try it."""
+
+
+# a child of a fork inherits the lock as it is: no thread may be inside then
+os.register_at_fork(
+    before=NETCDF4_PYTHON_LOCK.acquire,
+    after_in_parent=NETCDF4_PYTHON_LOCK.release,
+    after_in_child=NETCDF4_PYTHON_LOCK.release,
+)
 
 
 @contextmanager

@@ -202,7 +202,7 @@ class Descriptor:
     def identity(self) -> tuple[int, ...]:
         """What changes when the file does, as far as the operating system can tell."""
         found = os.fstat(self.number)
-        return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+        return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
     def sha256(self, *, afresh: bool = False) -> str:
         """SHA-256 of all bytes; computed again only if the file changed, or ``afresh``."""

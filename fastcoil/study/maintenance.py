@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +26,8 @@ from fastcoil.study.folder.results import is_current, open_study
 from fastcoil.study.folder.verify import find_problems
 
 RERUNS = "reruns"
+_LONGEST_FILE_NAME = 200
+"""Bytes."""
 
 
 def status(folder: Path) -> list[str]:
@@ -45,7 +49,9 @@ def status(folder: Path) -> list[str]:
     ]
     if manifest.model_sha256 != model_sha256():
         lines.append("The sources of the model have changed since: a new run computes everything again.")
-    return lines + running + ([] if left == 0 else [f"To resume: fastcoil run STUDY.toml -o {folder}"])
+    return (
+        lines + running + ([] if left == 0 else [f"To resume: fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"])
+    )
 
 
 def verify(folder: Path) -> list[str]:
@@ -86,10 +92,18 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
         ds = ds.assign_coords({name: one.assign_attrs(coordinate_attrs(name))})
     ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
-    path = folder / RERUNS / (re.sub(r"[^\w.=+-]", "-", name) + ".nc")
+    path = folder / RERUNS / f"{_file_name(name)}.nc"
     with hold(path.parent):  # not the study, which may be running
         save(ds, path)
     return path, _compare_with_stored(store, ds, position)
+
+
+def _file_name(name: str) -> str:
+    """A name that every file system takes, another one for every other name."""
+    plain = re.sub(r"[^\w.=+-]", "-", name)
+    if plain == name and len(name.encode()) <= _LONGEST_FILE_NAME:
+        return name
+    return f"{plain[:60]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 def _find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:

@@ -15,7 +15,7 @@ from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError
 from fastcoil.numerics.jit import model_sha256
-from fastcoil.simulation.dataset import environments_of
+from fastcoil.simulation.dataset import check_same_form, environments_of
 from fastcoil.simulation.resources import check_disk, check_workers
 from fastcoil.simulation.simulate import workers
 from fastcoil.study.differences import refuse_other_study, warn_of_difference
@@ -179,6 +179,7 @@ def _finish(
         advance = progress(todo.size) if progress else _ignore
         compile_kernel()
         job = Job(manifest.key, plan, study.reduction)
+        first: xr.Dataset | None = None
         with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
             n_jobs = pool.n_workers  # a cluster may have another number
             for part in Dispatcher(pool, job).run(plan.shards(pool.n_workers, todo)):
@@ -190,6 +191,7 @@ def _finish(
                 if not recorded:
                     store.write_manifest(manifest, study.text)
                     recorded = True
+                first = check_same_form(first, part)
                 computed.shards.commit(part)
                 advance(part.sizes["scenario"])
     elif not recorded:

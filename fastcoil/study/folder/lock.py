@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from fastcoil.errors import InputError, LockedError, StorageError
+from fastcoil.errors import InputError, LockedError, StorageError, shown
 from fastcoil.files import commit, make_folder, read_bytes, remove_unfinished, require_usable, storage_errors
 from fastcoil.printable import printable
 
@@ -43,6 +43,11 @@ def hold(folder: Path) -> Iterator[None]:
         str(folder.absolute()).encode()
     except UnicodeEncodeError:  # the NetCDF library would refuse it, after everything was run
         raise InputError(f"{str(folder)!r} is not UTF-8: choose another folder with -o") from None
+    if "\\" in str(folder):
+        raise InputError(
+            f"{shown(str(folder))} holds a backslash, which the NetCDF library takes for a slash: choose another folder "
+            "with -o"
+        )
     with storage_errors(folder, "written"):  # a folder above it may be closed to us
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder} is a file: choose another folder with -o")

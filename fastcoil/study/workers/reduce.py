@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -78,7 +79,7 @@ def reduce(reduction: Reduction, traces: xr.Dataset) -> xr.Dataset:
 
 def _call(reduction: Reduction, traces: xr.Dataset) -> xr.Dataset:
     function = load_function(reduction)
-    with _its_errors(f"reduce = {reduction.name!r} raised"):
+    with _its_errors(f"reduce = {reduction.name!r} raised"), _in_this_folder():
         found = function(traces.copy())
     problems = _problems(found, traces)
     if problems:
@@ -98,12 +99,22 @@ def _load(name: str, source: str) -> Callable[[xr.Dataset], Any]:
     module = ModuleType(f"reduction_{hashlib.sha256(source.encode()).hexdigest()}")
     # decorators such as dataclass look here for the module of their class
     sys.modules[module.__name__] = module
-    with _its_errors(f"reduce = {name!r}: its module does not run:"):
+    with _its_errors(f"reduce = {name!r}: its module does not run:"), _in_this_folder():
         exec(compile(source, f"<{name}>", "exec", dont_inherit=True), module.__dict__)
     function: Callable[[xr.Dataset], Any] | None = getattr(module, wanted, None)
     if not callable(function):
         raise InputError(f"reduce = {name!r}: its module has no function {wanted}")
     return function
+
+
+@contextmanager
+def _in_this_folder() -> Iterator[None]:
+    """Stay in the current folder, whatever the user's code does: relative paths of the run start there."""
+    before = os.getcwd()
+    try:
+        yield
+    finally:
+        os.chdir(before)
 
 
 @contextmanager
