@@ -177,11 +177,15 @@ def commit_written(
 def make_folder(path: Path, *, parents: bool = False) -> None:
     """Make a folder, and ``parents`` that are missing; what is made is on the disk before anything is in it.
 
+    Without ``parents`` it belongs to the folder above it: a link is refused.
+
     Raises
     ------
     OSError
         As the operating system reports it.
     """
+    if not parents and path.is_symlink():
+        raise OSError(errno.ELOOP, "it is a symbolic link, which may lead anywhere: remove it")
     made = [p for p in ((path, *path.parents) if parents else (path,)) if not p.exists()]
     for folder in reversed(made):
         folder.mkdir(exist_ok=True)

@@ -199,6 +199,9 @@ def _require_writable(out: Path) -> None:
         raise InputError(f"-o {out}: give a file NAME.toml in a folder that exists")
     if out.exists() and not is_fit(out):
         raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
+    figure = out.with_suffix(".png")
+    if figure.exists() and not out.exists():
+        raise InputError(f"-o {out}: {figure} exists and would be replaced, choose another name or delete it")
 
 
 def _write_and_print(found: Fit, out: Path) -> None:

@@ -45,6 +45,12 @@ class Commands(click.Group):
 
     def main(self, *args: Any, **options: Any) -> NoReturn:  # type: ignore[override]
         """Run a command to its end; words that no command understands are repeated as safely as all other text."""
+        os.environ["MPLBACKEND"] = "agg"  # no command opens a window
+        try:
+            os.getcwd()
+        except OSError:
+            say("fastcoil: the current folder is gone: change to another one and give the command again", err=True)
+            sys.exit(EXIT_STORAGE)
         try:
             code = super().main(*args, **options | {"standalone_mode": False})
         except click.Abort:  # before the command began
@@ -109,5 +115,8 @@ def plain_warnings() -> Iterator[None]:
         say(f"fastcoil: note: {message}", err=True)
 
     with warnings.catch_warnings():
+        # no setting of Python's turns a note into a crash
+        warnings.filters[:] = [each for each in warnings.filters if each[0] != "error"]  # type: ignore[index]
+        warnings.simplefilter("default", UserWarning)
         warnings.showwarning = show  # type: ignore[assignment]
         yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from pathlib import Path
@@ -172,7 +173,7 @@ def rerun(folder: Path, at: str) -> None:
     from fastcoil.study import maintenance
     from fastcoil.study.file.toml import LONGEST_KEY
 
-    pairs = [item.split("=", 1) for item in at.split(",") if item]
+    pairs = [item.split("=", 1) for item in re.split(",(?=[^,=]+=)", at) if item]
     if any(len(pair) != 2 for pair in pairs):
         raise InputError(f"--at {shown(at)}: give dimension=label, several of them separated by commas")
     long = [

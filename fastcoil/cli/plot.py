@@ -10,6 +10,7 @@ import click
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
+from fastcoil.files import make_folder, storage_errors
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,6 +62,8 @@ def _draw(
     if not figures:
         say("Nothing is swept in this study: there is nothing to draw.")
     drawn_from = ds.attrs.get("content_sha256")  # an unfinished study has none
+    if figures:
+        _make_figures_folder(folder / FIGURES)
     return write(figures, folder / FIGURES, format=format, dpi=dpi, drawn_from=drawn_from)
 
 
@@ -76,5 +79,11 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
     there = {path.name for path in current_figures(folder, drawn_from)}
     for name, draw in plots.standard_figures(ds).items():
         if f"{name}.png" not in there:
+            _make_figures_folder(folder / FIGURES)
             write({name: draw()}, folder / FIGURES, drawn_from=drawn_from)
     return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]
+
+
+def _make_figures_folder(path: Path) -> None:
+    with storage_errors(path, "made"):
+        make_folder(path)

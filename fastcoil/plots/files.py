@@ -71,7 +71,12 @@ def _check_figures(figures: Mapping[str, Figure]) -> None:
 def encode(figure: Figure, format: str = "png", dpi: int = DPI, drawn_from: str | None = None) -> bytes:
     """Encode a figure as the bytes of a file; ``drawn_from``: ``content_sha256`` of the results it shows, if any."""
     from matplotlib import rc_context
+    from matplotlib.text import Text
 
+    for text in figure.findobj(Text):
+        # a label of the user's is no formula; those on logarithmic axes are
+        if isinstance(text, Text) and "$" in text.get_text() and "mathdefault" not in text.get_text():
+            text.set_parse_math(False)
     origin = {} if drawn_from is None else {_CARRIER[format]: _ORIGIN + drawn_from}
     data = io.BytesIO()
     with rc_context(_SETTINGS):

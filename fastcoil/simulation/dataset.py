@@ -136,7 +136,7 @@ def check_same_form(first: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
                 f"{name} has another form in some scenarios than in others: delete the folder, run again"
             )
         raise InputError(
-            f"the reduction gives {name} as {other or 'nothing'} for some scenarios and as {one or 'nothing'} for others: "
+            f"the reduction gives {name} as {other or 'nothing'} for some scenarios, as {one or 'nothing'} for others: "
             "give the same variables, types, dims and labels for all"
         )
     return first

@@ -19,6 +19,7 @@ import xarray as xr
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from fastcoil.files import commit_written
+from fastcoil.memory import available_memory, gib
 
 COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
 LARGE = 64
@@ -93,8 +94,16 @@ def parse(source: str | Path | bytes) -> netCDF4.Dataset:
 
 
 def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:
-    """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything."""
+    """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything.
+
+    Raises
+    ------
+    MemoryError
+        If it takes more than is available: a small file may hold a large array of one value.
+    """
     with _opened(source, leave_out) as ds:
+        if ds.nbytes > available_memory():
+            raise MemoryError(f"its values take {gib(ds.nbytes)}, {gib(available_memory())} are available")
         return ds.load()
 
 

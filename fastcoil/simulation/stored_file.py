@@ -16,7 +16,7 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import FastcoilError, IntegrityError, StorageError
+from fastcoil.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.files import storage_errors
 from fastcoil.memory import available_memory
 from fastcoil.simulation.netcdf import entered, left_open, load, outline, parse
@@ -137,8 +137,10 @@ class StoredFile:
     def _readable(self) -> Iterator[None]:
         try:
             yield
-        except (IndexError, KeyError, MemoryError, FastcoilError):
+        except (IndexError, KeyError, FastcoilError):
             raise
+        except MemoryError as error:
+            raise out_of_memory(f"{self.path} cannot be read ({error})") from error
         except (OSError, RuntimeError) as error:  # bytes with this hash can be read
             found = StorageError(
                 f"{self.path} cannot be read: {getattr(error, 'strerror', None) or error}; its bytes are as they were "

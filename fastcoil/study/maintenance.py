@@ -14,6 +14,7 @@ import xarray as xr
 
 from fastcoil.engine.host import TraceRequest, compile_kernel
 from fastcoil.errors import InputError, nearest
+from fastcoil.files import make_folder, storage_errors
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
@@ -93,6 +94,8 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
     path = folder / RERUNS / f"{_file_name(name)}.nc"
+    with storage_errors(path.parent, "made"):
+        make_folder(path.parent)
     with hold(path.parent):  # not the study, which may be running
         save(ds, path)
     return path, _compare_with_stored(store, ds, position)

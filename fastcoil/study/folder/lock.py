@@ -45,8 +45,8 @@ def hold(folder: Path) -> Iterator[None]:
         raise InputError(f"{str(folder)!r} is not UTF-8: choose another folder with -o") from None
     if "\\" in str(folder):
         raise InputError(
-            f"{shown(str(folder))} holds a backslash, which the NetCDF library takes for a slash: choose another folder "
-            "with -o"
+            f"{shown(str(folder))} holds a backslash, which the NetCDF library takes for a slash: choose another "
+            "folder with -o"
         )
     with storage_errors(folder, "written"):  # a folder above it may be closed to us
         if folder.exists() and not folder.is_dir():

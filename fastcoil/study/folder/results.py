@@ -119,7 +119,8 @@ class Computed:
         done[self.match.new] = True
         environments = environments_of(self.earlier) if self.earlier is not None and self.match.new.size else []
         for part in self.shards.read(quarantine=True, leave_out={*METRICS, *TRACES}):
-            done[part["scenario"].values] = True
+            index = part["scenario"].values
+            done[index[index < done.size]] = True  # what is beyond is reported when the parts are joined
             environments += [each for each in environments_of(part) if each not in environments]
         return Survey(np.flatnonzero(~done), environments)
 
@@ -135,5 +136,10 @@ class Computed:
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:
             index = part["scenario"].values
+            if index[-1] >= seen.size:
+                raise IntegrityError(
+                    f"{self.shards.path} holds scenario {index[-1]}, the study has {seen.size}: delete the folder and "
+                    "run again"
+                )
             yield part.isel(scenario=~seen[index]) if seen[index].any() else part
             seen[index] = True

@@ -21,7 +21,7 @@ import xarray as xr
 
 from fastcoil.errors import StorageError, out_of_memory
 from fastcoil.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
-from fastcoil.outputs import STATUS_MEANINGS, STATUS_NOT_RUN
+from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN
 from fastcoil.simulation.netcdf import load, netcdf_bytes
 from fastcoil.study.folder.look import entries, exists, is_folder
 
@@ -132,6 +132,8 @@ class Shards:
             return "belongs to another study or another version of the model"
         if not {"scenario", "status"} <= part.variables.keys() or part["scenario"].values[:1] != first:
             return "does not match its name"
+        if not _is_flat(part):
+            return "does not have the form of a shard"
         were_run = np.delete(np.arange(len(STATUS_MEANINGS)), STATUS_NOT_RUN)
         return "" if np.isin(part["status"], were_run).all() else "was never filled"
 
@@ -141,3 +143,13 @@ class Shards:
             make_folder(place)
             names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
             os.replace(path, next(place / name for name in names if not (place / name).exists()))
+
+
+def _is_flat(part: xr.Dataset) -> bool:
+    """Whether a part has ascending scenarios, one status each, and metrics that are numbers."""
+    index, status = part["scenario"], part["status"]
+    if index.dtype.kind not in "iu" or status.dtype.kind not in "iu" or status.dims != ("scenario",):
+        return False
+    if index.size == 0 or int(index.values[0]) < 0 or not (np.diff(index.values) > 0).all():
+        return False
+    return all(part[n].dims == ("scenario",) and part[n].dtype == float for n in METRICS if n in part.data_vars)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from fastcoil.errors import FastcoilError, InputError, IntegrityError
 from fastcoil.plots.files import stale_figures
+from fastcoil.simulation.dataset import check_same_form
 from fastcoil.study.folder import final
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
@@ -60,6 +61,12 @@ def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
 
 
 def _shards(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+    first = None
     for shard in store.shards(manifest).inspect():
-        if shard.problem:
+        if shard.part is None:
             yield f"{shard.path} {shard.problem}"
+            continue
+        try:
+            first = check_same_form(first, shard.part)
+        except FastcoilError as error:
+            yield f"{shard.path}: {error}"

@@ -95,7 +95,7 @@ def test_results_for_which_there_is_no_memory_are_not_called_damaged(copied, mon
     monkeypatch.setattr(stored_file, "load", refuse)
     monkeypatch.setattr(stored_file, "parse", refuse)
     for read in (lambda: fc.open_study(copied), lambda: final.find_variable_problems(ds, copied)):
-        with pytest.raises(MemoryError):
+        with pytest.raises(StorageError, match="the memory ran out"):
             read()
 
 

@@ -13,6 +13,7 @@ from helpers.studies import PLAIN, TRACED, contents, golden, resume, run, run_un
 
 from fastcoil.cli.main import main
 from fastcoil.errors import FastcoilError, InputError, IntegrityError, LockedError, StorageError
+from fastcoil.files import make_folder
 from fastcoil.study import maintenance, runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.folder import StudyFolder
@@ -160,3 +161,29 @@ def test_a_rerun_without_the_study_names_the_cure_which_cures(out, text):
         maintenance.rerun(out, AT)
     run(PLAIN, out)
     maintenance.rerun(out, AT)
+
+
+# --- places and names -------------------------------------------------------------------------------------------------
+
+
+def test_a_folder_with_a_backslash_is_refused_before_anything_is_run(out):
+    """The NetCDF library takes it for a slash, and would write elsewhere."""
+    with pytest.raises(InputError, match="holds a backslash"):
+        run(PLAIN, out.parent / "a\\b")
+    assert not (out.parent / "a\\b").exists()
+
+
+@pytest.mark.parametrize("name", ["figures", "reruns", "shards"])
+def test_a_link_in_the_place_of_a_folder_of_its_own_is_refused(tmp_path, name):
+    (tmp_path / "victim").mkdir()
+    (tmp_path / name).symlink_to("victim")
+    with pytest.raises(OSError, match="symbolic link"):
+        make_folder(tmp_path / name)
+
+
+def test_names_of_reruns_differ_where_labels_do():
+    names = ["tuning=a b", "tuning=a-b", "tuning=a/b", "tuning=" + "x" * 300, "tuning=" + "x" * 301]
+    files = [maintenance._file_name(name) for name in names]
+    assert len(set(files)) == len(names)
+    assert all(len(file) <= 200 and "/" not in file for file in files)
+    assert maintenance._file_name("backlash=0.07_tuning=fast") == "backlash=0.07_tuning=fast"
