@@ -200,7 +200,7 @@ def _require_writable(out: Path) -> None:
     if out.exists() and not is_fit(out):
         raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
     figure = out.with_suffix(".png")
-    if figure.exists() and not out.exists():
+    if figure.is_file() and not out.exists():
         raise InputError(f"-o {out}: {figure} exists and would be replaced, choose another name or delete it")
 
 

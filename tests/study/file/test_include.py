@@ -177,6 +177,11 @@ def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
     assert found.exit_code == 2, found.output
     assert "-o ahu.toml: this file exists and is no fit" in found.output
     assert (logs / "ahu.toml").read_text() == '[loop]\npreset = "lbnl"\n'
+    (logs / "mine.png").write_text("a photo")
+    found = fastcoil("fit", "valve", "valve.csv", "-o", "mine.toml")
+    assert found.exit_code == 2, found.output
+    assert "mine.png exists and would be replaced" in found.output
+    assert (logs / "mine.png").read_text() == "a photo"
     assert fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--split", "1").exit_code == 0
     before = (logs / "valve.toml").read_text()
     found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--validate", "valve.csv")
