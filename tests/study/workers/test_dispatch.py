@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import concurrent.futures as cf
-import random
 import re
 import warnings
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import xarray as xr
+from helpers import dying_pool
+from helpers.dying_pool import Died, Pool, healthy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,73 +24,6 @@ from fastcoil.study.workers.worker import Interrupt, Job
 pytestmark = pytest.mark.timeout(60)
 
 N = 160
-
-
-class Died(Exception):
-    pass
-
-
-def healthy(index):
-    status = np.full(len(index), STATUS_OK)
-    return xr.Dataset({"status": ("scenario", status)}, {"scenario": np.array(index)})
-
-
-class Pool:
-    """A pool whose workers die of some scenarios, and now and then of nothing; time passes only in ``wait``."""
-
-    deaths = (Died,)
-
-    def __init__(self, n_workers, *, falls_together, culprits=(), hangs=(), clumsy=0.0, seed=0):
-        self.n_workers, self.falls_together, self.can_kill = n_workers, falls_together, True
-        self.culprits, self.hanging, self.clumsy = set(culprits), set(hangs), clumsy
-        self.dice = random.Random(seed)
-        self.flying, self.broken, self.now = {}, False, 0.0
-        self.runs, self.most_flying, self.n_restarts = [], 0, 0
-        self.shared, self.has_workers, self.waits = False, True, lambda future: False
-
-    def submit(self, index):
-        if self.broken:
-            raise Died
-        assert not any(set(index) & set(other) for other in self.flying.values()), "a scenario is run twice at once"
-        future = cf.Future()
-        self.flying[future] = index.tolist()
-        self.most_flying = max(self.most_flying, len(self.flying))
-        if self.dice.random() < self.clumsy:
-            self._let_die(future)
-        return future
-
-    def waiting(self, futures):
-        return [future for future in futures if self.waits(future)]
-
-    def restart(self):
-        self.broken = False
-        self.flying.clear()
-        self.n_restarts += 1
-
-    def _let_die(self, future):
-        lost = list(self.flying) if self.falls_together else [future]
-        for one in lost:
-            if not one.done():
-                one.set_exception(Died())
-        self.broken = self.falls_together
-
-    def wait(self, futures, timeout, return_when):
-        """Some shard ends, one way or the other, unless all of them hang."""
-        self.now += timeout
-        able = [f for f in futures if not f.done() and not self.hanging.intersection(self.flying[f])]
-        for future in self.dice.sample(able, min(len(able), self.dice.randint(1, 2))):
-            if future.done():
-                continue
-            index = self.flying[future]
-            if self.culprits.intersection(index) or self.dice.random() < self.clumsy:
-                self._let_die(future)
-            else:
-                self.runs += index
-                future.set_result(healthy(index))
-        done = {f for f in futures if f.done()}
-        for future in done:
-            del self.flying[future]
-        return done, set(futures) - done
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +124,7 @@ class Starved(MemoryError, Died):
 @pytest.mark.parametrize("size", [1, 7, N])
 @pytest.mark.parametrize("culprits", [range(N), range(N - 20, N)], ids=["always", "at last"])
 def test_memory_that_runs_out_ends_in_a_sentence_and_no_mark(job, monkeypatch, size, culprits):
-    monkeypatch.setitem(globals(), "Died", Starved)
+    monkeypatch.setattr(dying_pool, "Died", Starved)
     pool = Pool(2, falls_together=False, culprits=culprits)
     yielded = {}
     with pytest.raises(StorageError, match="the memory ran out; finished scenarios are kept") as ended:
@@ -202,7 +135,7 @@ def test_memory_that_runs_out_ends_in_a_sentence_and_no_mark(job, monkeypatch, s
 
 
 def test_the_first_single_scenario_without_memory_ends_the_run(job, monkeypatch):
-    monkeypatch.setitem(globals(), "Died", Starved)
+    monkeypatch.setattr(dying_pool, "Died", Starved)
     pool = Pool(1, falls_together=False, culprits=range(N))
     submitted, submit = [], pool.submit
     pool.submit = lambda index: submitted.append(index.size) or submit(index)

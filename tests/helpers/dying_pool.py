@@ -1,0 +1,78 @@
+"""A pool whose workers die on command, without threads or processes."""
+
+from __future__ import annotations
+
+import concurrent.futures as cf
+import random
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.outputs import STATUS_OK
+
+
+class Died(Exception):
+    pass
+
+
+def healthy(index):
+    status = np.full(len(index), STATUS_OK)
+    return xr.Dataset({"status": ("scenario", status)}, {"scenario": np.array(index)})
+
+
+class Pool:
+    """A pool whose workers die of some scenarios, and now and then of nothing; time passes only in ``wait``."""
+
+    deaths = (Died,)
+
+    def __init__(self, n_workers, *, falls_together, culprits=(), hangs=(), clumsy=0.0, seed=0):
+        self.n_workers, self.falls_together, self.can_kill = n_workers, falls_together, True
+        self.culprits, self.hanging, self.clumsy = set(culprits), set(hangs), clumsy
+        self.dice = random.Random(seed)
+        self.flying, self.broken, self.now = {}, False, 0.0
+        self.runs, self.most_flying, self.n_restarts = [], 0, 0
+        self.shared, self.has_workers, self.waits = False, True, lambda future: False
+
+    def submit(self, index):
+        if self.broken:
+            raise Died
+        assert not any(set(index) & set(other) for other in self.flying.values()), "a scenario is run twice at once"
+        future = cf.Future()
+        self.flying[future] = index.tolist()
+        self.most_flying = max(self.most_flying, len(self.flying))
+        if self.dice.random() < self.clumsy:
+            self._let_die(future)
+        return future
+
+    def waiting(self, futures):
+        return [future for future in futures if self.waits(future)]
+
+    def restart(self):
+        self.broken = False
+        self.flying.clear()
+        self.n_restarts += 1
+
+    def _let_die(self, future):
+        lost = list(self.flying) if self.falls_together else [future]
+        for one in lost:
+            if not one.done():
+                one.set_exception(Died())
+        self.broken = self.falls_together
+
+    def wait(self, futures, timeout, return_when):
+        """Some shard ends, one way or the other, unless all of them hang."""
+        self.now += timeout
+        able = [f for f in futures if not f.done() and not self.hanging.intersection(self.flying[f])]
+        for future in self.dice.sample(able, min(len(able), self.dice.randint(1, 2))):
+            if future.done():
+                continue
+            index = self.flying[future]
+            if self.culprits.intersection(index) or self.dice.random() < self.clumsy:
+                self._let_die(future)
+            else:
+                self.runs += index
+                future.set_result(healthy(index))
+        done = {f for f in futures if f.done()}
+        for future in done:
+            del self.flying[future]
+        return done, set(futures) - done
