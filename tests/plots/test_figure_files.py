@@ -121,3 +121,13 @@ def test_a_file_larger_than_any_figure_is_not_read_on(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "_LARGEST", 1000)
     (tmp_path / "large.png").write_bytes(b"\0\0\0VtEXtSource\0content_sha256 " + ONE.encode() + bytes(1000))
     assert files.origin(tmp_path / "large.png") is None
+
+
+def test_a_label_with_dollars_is_no_formula():
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    axes = figure.subplots()
+    axes.set_title("Saving $5 or $x^$")
+    axes.set_xticks([0.0], ["$x^$"])
+    assert encode(figure).startswith(b"\x89PNG")
