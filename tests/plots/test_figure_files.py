@@ -130,4 +130,4 @@ def test_a_label_with_dollars_is_no_formula():
     axes = figure.subplots()
     axes.set_title("Saving $5 or $x^$")
     axes.set_xticks([0.0], ["$x^$"])
-    assert encode(figure).startswith(b"\x89PNG")
+    assert files.encode(figure).startswith(b"\x89PNG")
