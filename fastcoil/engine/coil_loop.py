@@ -77,7 +77,7 @@ def run_coil(matrix: np.ndarray, series: np.ndarray, at: np.ndarray) -> tuple[np
 
     def run(block: Block) -> list[np.ndarray]:
         T_sup, T_w_out, wet = (np.empty((at.size, LANES)) for _ in range(3))
-        march_coil(block, series, at, *work_space(block.n_volumes), T_sup, T_w_out, wet)
+        march_coil(block, series, at, *work_space(block)[:2], T_sup, T_w_out, wet)
         return [T_sup, T_w_out, wet]
 
     return run_sets(matrix, run)

@@ -1,7 +1,7 @@
 """THE loop: time × control volumes × lanes, the closed loop of Figs 6 and 8 of the paper.
 
 ``emulate`` runs one block of lanes through one day.  It keeps the state and the order of the steps; every
-formula is a scalar function of ``physics`` or ``control``.  In second t: measure, learn, PI, inverse, actuator,
+formula is a scalar function of ``physics`` or ``control``.  In second t: measure, estimate, PI, inverse, actuator,
 Eq (1), Eq (2), record states[t] and signals[t], then Eqs (3) and (4) give states[t + 1].
 
 Sections that would change nothing are skipped for the whole block; a lane's bits are the same either way.
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.engine.controller import control, draw_noise, learn
+from fastcoil.engine.controller import draw_noise
 from fastcoil.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
 from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
 from fastcoil.engine.plant import actuate, air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
@@ -50,10 +50,10 @@ def record(S, V, rows, traces):
 
 
 @kernel
-def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval, traces):
+def emulate(block, day, S, V, own, metrics, status, rows, rows_after, trace_interval, traces):
     """Run the lanes of a block through a day.
 
-    block: Block; day: Day; S, V: work space, len(R) * LANES and (block.n_volumes + 2) * VOLUME_STRIDE.
+    block: Block; day: Day; S, V, own: work space, see ``work_space``.
     metrics: out, (N_METRICS, LANES); status: out, (LANES,).
     rows, rows_after: offsets of the traced rows known before, and only after, the march of step t.
     traces: out, (n_points, n_rows + n_rows_after, LANES), the sample at every ``trace_interval`` seconds.
@@ -64,6 +64,9 @@ def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval,
     set_initial_state(S, open_loop)
     reset_sums(S, open_loop)
     fill_coil(S, V, n_volumes, day.series[0, C.W_a_in])
+    estimates = block.estimating_period > 0 and not open_loop
+    if estimates:
+        block.estimate(S, own, 0.0, 0.0, 0.0, True, True)
 
     shared = block.shares_air_side
     eps = np.empty((2, n_steps if shared else 0))
@@ -87,10 +90,10 @@ def emulate(block, day, S, V, metrics, status, rows, rows_after, trace_interval,
             for j in range(LANES):
                 S[R.command + j] = day.command[t]
         else:
-            if block.learning_period > 0 and t > 0 and t % block.learning_period == 0:
-                learn(S, t)
+            if estimates and t > 0 and t % block.estimating_period == 0:
+                block.estimate(S, own, float(t), T_set, m_a, enabled, False)
             if samples or was_enabled != enabled:
-                control(S, t, T_set, noise, enabled, 1.0 if flags & IN_SWITCH_BLOCK else 0.0)
+                block.control(S, t, T_set, noise, enabled, 1.0 if flags & IN_SWITCH_BLOCK else 0.0)
                 running = True
             was_enabled = enabled
         if open_loop or running:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fastcoil.engine.emulator import DAY_COLUMNS, C, Day, emulate
-from fastcoil.engine.lanes import Block, blocks, parameter_matrix, trace_rows, work_space
-from fastcoil.engine.metrics import N_METRICS
+from fastcoil.engine.lanes import Block, blocks, memory_of, parameter_matrix, trace_rows, work_space
+from fastcoil.engine.metrics import N_METRICS, OF_ESTIMATORS
 from fastcoil.engine.rows import LANES, VOLUME_ROWS
 from fastcoil.engine.schedule import schedule
-from fastcoil.outputs import STATUS_OK
+from fastcoil.outputs import LEARNING_STATUS, METRICS, STATUS_OK
 from fastcoil.parameter_table import PARAMETERS
 
 KNOWN_AFTER_MARCH = ("wet_volumes",)
@@ -40,8 +40,10 @@ def run_block(block: Block, day: Day, wanted: TraceRequest) -> tuple[np.ndarray,
     n_points = wanted.n_points(day.series.shape[0])
     traces = np.empty((n_points, rows.size + rows_after.size, LANES))
     metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
-    S, V = work_space(block.n_volumes)
-    emulate(block, day, S, V, metrics, status, rows, rows_after, wanted.interval, traces)
+    S, V, own = work_space(block)
+    emulate(block, day, S, V, own, metrics, status, rows, rows_after, wanted.interval, traces)
+    for name, values in _estimator_results(block, own, day.command.size > 0).items():
+        metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 
     traces[:, :, status != STATUS_OK] = np.nan
     named, k = {}, 0
@@ -55,11 +57,20 @@ def run_block(block: Block, day: Day, wanted: TraceRequest) -> tuple[np.ndarray,
     return metrics, status, named
 
 
+def _estimator_results(block: Block, own: np.ndarray, open_loop: bool) -> dict[str, Any]:
+    """The metrics that only an estimator brings; NaN, or off, where the block has another one."""
+    found: dict[str, Any] = {name: np.nan for name in OF_ESTIMATORS} | {"learning_status": LEARNING_STATUS.index("off")}
+    estimator = block.estimate.about
+    if estimator is not None and estimator.results is not None and not open_loop:
+        found |= estimator.results(memory_of(block, own))
+    return found
+
+
 def compile_kernel() -> None:
     """Compile the kernel, or load it from the cache, by running the default loop for one second."""
     second = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": 14.0, "noise": 0.0, "enabled": 1.0}
     series = np.array([[second[name] for name in DAY_COLUMNS]])
     day = Day(series, np.empty(0), schedule(series[:, C.T_set], series[:, C.enabled], 0), 0, (0, 0))
     defaults = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
-    ((_, block),) = blocks(parameter_matrix(defaults | {"replicate": np.zeros(1)}))
+    ((_, block),) = blocks(parameter_matrix(defaults | {"replicate": np.zeros(1), "estimator": np.array(["none"])}))
     run_block(block, day, TraceRequest())

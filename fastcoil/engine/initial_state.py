@@ -37,8 +37,6 @@ def derive(S, block):
             S[R.valve_b + j] = b
             S[R.valve_c + j] = c
         S[R.log_m_max + j] = log(S[R.m_max + j])
-        if S[R.estimate_ratio + j] >= 0.0:
-            S[R.backlash_estimate + j] = S[R.estimate_ratio + j] * S[R.backlash + j]
 
 
 @section
@@ -52,11 +50,7 @@ def set_initial_state(S, open_loop):
         S[R.integral + j] = nothing
         S[R.mode + j] = 0.0 if open_loop else FALLING
         S[R.estimate + j] = np.nan if open_loop else S[R.backlash_estimate + j]
-        S[R.next_update + j] = S[R.learning_interval + j]
-        S[R.reference + j] = -1.0
-        S[R.learning + j] = 1.0 if S[R.learning_step + j] > 0.0 else 0.0
-        S[R.climbing + j] = 1.0
-        S[R.step + j] = S[R.learning_step + j] / S[R.learning_growth + j]  # as if one had gone up before
+        S[R.assumed + j] = S[R.estimate_share + j] * S[R.backlash_estimate + j]
 
 
 @section
@@ -68,8 +62,7 @@ def reset_sums(S, open_loop):
         S[R.peak_power + j] = -np.inf
         S[R.time_reached + j] = np.nan
         S[R.time_confirmed + j] = np.nan
-        S[R.time_first_down + j] = np.nan
-        S[R.estimate_first_down + j] = np.nan
+        S[R.time_identified + j] = np.nan
 
 
 @section

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fastcoil.engine.controller import Control, control_stage
+from fastcoil.engine.estimation import estimator_stage
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
+from fastcoil.estimators.family import Estimator
+from fastcoil.estimators.shipped import ESTIMATORS
+from fastcoil.numerics.stages import Stage
 from fastcoil.parameter_table import PARAMETERS
 
 Columns = Mapping[str, np.ndarray]
 """Parameter name → one value per scenario; words as words, NaN where a stand-in is not given."""
+KIND = ("estimator", "air_march", "n_volumes")
+"""Parameters of which a block has one value.  Lanes of different estimators never share a block."""
 _CACHE_LINE = 8
 """Doubles in a cache line of 64 bytes."""
 
 
 class Block(NamedTuple):
-    """LANES scenarios that share a day, a number of volumes and an air march, ready for the kernel.
+    """LANES scenarios that share a day, a number of volumes, an air march and an estimator, ready for the kernel.
 
-    ``rows`` is (len(PARAMETER_ROWS), LANES).  Periods are common divisors of the lanes' own, s (0 = no lane
-    learns).  Flags say what the whole block may skip or share; they change no lane's bits.
+    ``rows`` is (len(PARAMETER_ROWS), LANES).  Periods are common divisors of the lanes' own, s (0 = nothing is
+    estimated).  Flags say what the whole block may skip or share; they change no lane's bits.
     """
 
     rows: np.ndarray
@@ -28,21 +35,23 @@ class Block(NamedTuple):
     lagged_air: bool
     control_period: int
     samples_together: bool
-    learning_period: int
+    estimating_period: int
     has_noise: bool
     shares_air_side: bool
+    estimate: Stage
+    control: Stage
 
 
 def blocks(matrix: np.ndarray) -> list[tuple[np.ndarray, Block]]:
     """Cut scenarios of one day into blocks: (index of the scenario in each used lane, block).
 
-    matrix: (len(PARAMETER_ROWS), n), see ``parameter_matrix``.  Scenarios that share N and air march are sorted by
+    matrix: (len(PARAMETER_ROWS), n), see ``parameter_matrix``.  Scenarios that share all of KIND are sorted by
     sample time, so that most blocks sample in step; the last block of each kind is padded with copies of its last
     scenario.
     """
     row = _by_name(matrix)
-    order = np.lexsort([row[name] for name in ("learning_interval", "sample_time", "air_march", "n_volumes")])
-    kind = np.stack([row["n_volumes"], row["air_march"]])[:, order]
+    order = np.lexsort([row[name] for name in ("learning_interval", "sample_time", *KIND)])
+    kind = np.stack([row[name] for name in KIND])[:, order]
     starts = np.flatnonzero(np.any(np.diff(kind, axis=1, prepend=-1.0) != 0.0, axis=0))
     cut = []
     for group in np.split(order, starts[1:]):
@@ -70,7 +79,11 @@ def run_sets(matrix: np.ndarray, run: Callable[[Block], Sequence[np.ndarray]]) -
 
 def parameter_matrix(columns: Columns) -> np.ndarray:
     """The columns as numbers, (len(PARAMETER_ROWS), n): a word becomes the index of its choice."""
-    return np.stack([_numbers(name, columns[name]) for name in PARAMETER_ROWS])
+    matrix = np.stack([_numbers(name, columns[name]) for name in PARAMETER_ROWS])
+    row = _by_name(matrix)
+    given = row["estimate_ratio"] >= 0.0
+    np.copyto(row["backlash_estimate"], row["estimate_ratio"] * row["backlash"], where=given)
+    return matrix
 
 
 def _numbers(name: str, values: np.ndarray) -> np.ndarray:
@@ -86,29 +99,46 @@ def _by_name(matrix: np.ndarray) -> dict[str, np.ndarray]:
 
 def _block(rows: np.ndarray) -> Block:
     row = _by_name(rows)
-    learners = row["learning_step"] > 0.0
+    estimator = ESTIMATORS[int(row["estimator"][0])]
     return Block(
         rows=rows,
         n_volumes=int(row["n_volumes"][0]),
         lagged_air=bool(row["air_march"][0] == 0.0),
         control_period=int(np.gcd.reduce(row["sample_time"].astype(np.int64))),
         samples_together=bool(np.ptp(row["sample_time"]) == 0.0),
-        learning_period=_learning_period(row, learners),
+        estimating_period=_estimating_period(row, estimator),
         has_noise=bool(np.any(row["noise_std"] > 0.0)),
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
+        estimate=estimator_stage(estimator),
+        control=control_stage(Control.of(estimator)),
     )
 
 
-def _learning_period(row: Mapping[str, np.ndarray], learners: np.ndarray) -> int:
-    """Seconds between calls of the learners: intervals end at multiples of it, early trips come at samples."""
-    early = learners & (row["learning_early_trip"] > 0.0)
-    seconds = np.concatenate([row["learning_interval"][learners], row["sample_time"][early]])
-    return int(np.gcd.reduce(seconds.astype(np.int64), initial=0))
+def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | None) -> int:
+    """Seconds between calls of the estimator: a common divisor of when the lanes' own act."""
+    if estimator is None:
+        return 0
+    seconds = row["sample_time"] if estimator.periods is None else estimator.periods(row)
+    return int(np.gcd.reduce(seconds.astype(np.int64)))
 
 
-def work_space(n_volumes: int) -> tuple[np.ndarray, np.ndarray]:
-    """The flat states S and V of one block, uninitialised."""
-    return _aligned(len(R) * LANES), _aligned((n_volumes + 2) * VOLUME_STRIDE)
+def work_space(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The flat states S, V and own of one block: uninitialised, but for the parameters of the estimator in own."""
+    estimator = block.estimate.about
+    names = () if estimator is None else estimator.Parameters._fields
+    own = _aligned(LANES * (0 if estimator is None else len(names) + len(estimator.Memory._fields)))
+    row = _by_name(block.rows)
+    for k, name in enumerate(names):
+        own[k * LANES : (k + 1) * LANES] = row[name]
+    own[len(names) * LANES :] = 0.0
+    return _aligned(len(R) * LANES), _aligned((block.n_volumes + 2) * VOLUME_STRIDE), own
+
+
+def memory_of(block: Block, own: np.ndarray) -> Any:
+    """What the estimator of a block remembers, as its named tuple of arrays (LANES,)."""
+    estimator = block.estimate.about
+    remembered = own.reshape(-1, LANES)[len(estimator.Parameters._fields) :]
+    return estimator.Memory(*remembered)
 
 
 def _aligned(size: int) -> np.ndarray:

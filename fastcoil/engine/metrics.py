@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.control.learner import ENOUGH, QUIET
 from fastcoil.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R, positions
 from fastcoil.engine.schedule import (
     IN_ESTIMATE_WINDOW,
@@ -18,13 +17,13 @@ from fastcoil.engine.schedule import (
     WINDOW_STARTS,
 )
 from fastcoil.numerics.jit import scalar, section
-from fastcoil.outputs import LEARNING_STATUS, METRICS, PEAK_BLOCK, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
+from fastcoil.outputs import METRICS, PEAK_BLOCK, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
 
 N_METRICS = len(METRICS)
 M = positions(METRICS)
 """Row of each metric in the kernel's output."""
-LEARNING = positions(LEARNING_STATUS)
-"""Values of ``learning_status``."""
+OF_ESTIMATORS = ("learn_time_first_down", "estimate_first_down", "learning_status")
+"""Metrics that one kind of estimator brings, see ``Estimator.results``."""
 
 WATCH_INTERVAL = 60
 """Seconds between checks of the temperature range: a temperature that leaves it does not come back."""
@@ -88,21 +87,6 @@ def account_second(S, V, flags, T_set, T_w_in, n_volumes):
 
 
 @section
-def account_learner_step(S, j, t, down, x_hat):
-    """Note when lane j's learner reached the backlash, confirmed it, and first stepped down.
-
-    Called at every step of the learner, ``down`` or up, with the new estimate x_hat.
-    """
-    if np.isnan(S[R.time_reached + j]) and x_hat >= S[R.backlash + j] - 0.5 * S[R.learning_step + j] - 1e-12:
-        S[R.time_reached + j] = t
-    if down and np.isnan(S[R.time_confirmed + j]) and S[R.time_reached + j] <= t:
-        S[R.time_confirmed + j] = t
-    if down and np.isnan(S[R.time_first_down + j]):
-        S[R.time_first_down + j] = t
-        S[R.estimate_first_down + j] = x_hat
-
-
-@section
 def watch(S, V, n_volumes):
     """Keep how far the metal has ever been from the middle of the temperature range.
 
@@ -118,7 +102,7 @@ def watch(S, V, n_volumes):
 @scalar
 def status_of(S, V, j, n_volumes):
     """0 ok, 1 non-finite, 2 out of range.  A lane that was once inf or NaN never becomes finite again."""
-    total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j]
+    total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j] + S[R.command + j]
     total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j]  # an open loop has no integral
     for i in range(1, n_volumes + 1):
         v = i * VOLUME_STRIDE + j
@@ -128,21 +112,12 @@ def status_of(S, V, j, n_volumes):
     return STATUS_OUT_OF_RANGE if S[R.farthest_T_c + j] > T_HALF_RANGE else STATUS_OK
 
 
-@scalar
-def learning_status_of(S, j):
-    """What became of the learner: one of LEARNING."""
-    if S[R.learning_step + j] <= 0.0 or S[R.mode + j] == 0.0:  # a mode of 0 is open loop
-        return LEARNING.off
-    if not np.isnan(S[R.time_first_down + j]):
-        return LEARNING.stepped_down if S[R.learning + j] > 0.0 else LEARNING.stopped
-    if S[R.reference + j] >= 0.0 or S[R.evidence + j] == ENOUGH:
-        return LEARNING.learning
-    return LEARNING.no_evidence if S[R.evidence + j] == QUIET else LEARNING.not_identifiable
-
-
 @section
 def summarise(S, V, n_volumes, schedule, metrics, status):
-    """Fill ``metrics``, (N_METRICS, LANES), and ``status``, (LANES,), at the end of a run; failed lanes are NaN."""
+    """Fill ``metrics``, (N_METRICS, LANES), and ``status``, (LANES,), at the end of a run.
+
+    Failed lanes are NaN.  The metrics that an estimator brings itself are not touched.
+    """
     seconds, settled, blocks = schedule.n_counted, schedule.n_settled, schedule.n_switch_blocks
     for j in range(LANES):
         status[j] = status_of(S, V, j, n_volumes)
@@ -160,9 +135,7 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.estimate_settled] = S[R.sum_estimate + j] / schedule.n_estimate
         m[M.learn_time_reached] = S[R.time_reached + j]
         m[M.learn_time_confirmed] = S[R.time_confirmed + j]
-        m[M.learn_time_first_down] = S[R.time_first_down + j]
-        m[M.estimate_first_down] = S[R.estimate_first_down + j]
-        m[M.learning_status] = learning_status_of(S, j)
+        m[M.time_identified] = S[R.time_identified + j]
         m[M.coil_energy] = S[R.sum_power + j] / 3600.0
         m[M.coil_peak_power] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
         m[M.water_volume] = S[R.sum_m_w + j] / _WATER_DENSITY

@@ -1,13 +1,12 @@
 """The controller alone, Fig 8 without its plant: recorded temperatures in, commands out.
 
-The same learner, PI and inverse, at the same seconds, as in ``emulator``; only the temperature comes from a record.
+The same estimator, PI and inverse, at the same seconds, as in ``emulator``; only the temperature comes from a record.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.engine.controller import control, learn
 from fastcoil.engine.emulator import record
 from fastcoil.engine.initial_state import derive, reset_sums, set_initial_state
 from fastcoil.engine.lanes import Block, run_sets, trace_rows, work_space
@@ -21,24 +20,27 @@ REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 
 
 @kernel
-def command_of(block, series, S, V, rows, interval, traces):
+def command_of(block, series, S, V, own, rows, interval, traces):
     """What the controllers of a block command on a record.
 
-    series: (n_steps, 3), columns as in REPLAY_COLUMNS, 1-s samples.  S, V: work space as for ``emulate``; V is not
-    read.  rows: offsets of the traced rows.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
+    series: (n_steps, 3), columns as in REPLAY_COLUMNS, 1-s samples.  S, V, own: work space as for ``emulate``; V
+    is not read.  rows: offsets of the traced rows.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
     """
     derive(S, block)
     set_initial_state(S, False)
     reset_sums(S, False)
+    estimates = block.estimating_period > 0
+    if estimates:
+        block.estimate(S, own, 0.0, 0.0, 0.0, True, True)
     was_enabled = True
     for t in range(series.shape[0]):
         enabled = series[t, C.enabled] != 0.0
         for j in range(LANES):
             S[R.y_s + j] = series[t, C.T_sup]
-        if block.learning_period > 0 and t > 0 and t % block.learning_period == 0:
-            learn(S, t)
+        if estimates and t > 0 and t % block.estimating_period == 0:
+            block.estimate(S, own, float(t), series[t, C.T_set], np.nan, enabled, False)
         if t % block.control_period == 0 or was_enabled != enabled:
-            control(S, t, series[t, C.T_set], 0.0, enabled, 0.0)
+            block.control(S, t, series[t, C.T_set], 0.0, enabled, 0.0)
         was_enabled = enabled
         if t % interval == 0:
             record(S, V, rows, traces[t // interval])
@@ -50,7 +52,7 @@ def run_replay(matrix: np.ndarray, series: np.ndarray, interval: int) -> dict[st
     def run(block: Block) -> list[np.ndarray]:
         rows = trace_rows(REPLAY_TRACES, block.n_volumes)
         traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
-        command_of(block, series, *work_space(block.n_volumes), rows, interval, traces)
+        command_of(block, series, *work_space(block), rows, interval, traces)
         return [traces]
 
     (found,) = run_sets(matrix, run)

@@ -24,26 +24,27 @@ DERIVED_ROWS = (
     "ki", "sign",
 )  # fmt: skip
 """What the parameters amount to per step."""
-LEARNER_ROWS = ("next_update", "switches", "reference", "learning", "climbing", "step", "evidence")
-"""What the learner remembers besides the estimate.  Another estimator brings a tuple of its own into STATE_ROWS."""
 STATE_ROWS = (
     # sensor
     "y_s", "noise", "noise_next", "measured",
     # PI, inverse
     "u", "integral", "mode", "u_ext", "command",
-    # estimator
-    "estimate", *LEARNER_ROWS,
+    # what the estimator sees of the last sample; the estimate, and what the inverse assumes of it
+    "T_seen", "e_seen", "switches", "estimate", "assumed",
     # actuator, valve
     "position", "q", "opening", "growth", "log_m_w", "m_w",
     # coil: flow, conductance and effectiveness of this step
     "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
 )  # fmt: skip
-"""What the next step, or a later day, starts from.  The temperatures of the coil are in VOLUME_ROWS."""
+"""What the next step, or a later day, starts from.
+
+The temperatures of the coil are in VOLUME_ROWS, what an estimator remembers is in rows of its own.
+"""
 SUM_ROWS = (
     "sum_e2", "sum_e2_settled", "sum_abs_e", "e_previous", "crossings", "highest", "lowest", "sum_swing",
     "sum_switches", "stem_travel", "motor_travel", "last_turn", "reversals", "sum_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate", "farthest_T_c",
-    "time_reached", "time_confirmed", "time_first_down", "estimate_first_down",
+    "time_reached", "time_confirmed", "time_identified",
 )  # fmt: skip
 """What the metrics are made of."""
 VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")

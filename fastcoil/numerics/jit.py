@@ -4,7 +4,8 @@
 ``exact``   a scalar whose every rounding is as written: elementary functions, random numbers, and the controller,
             whose decisions are the same in Python.
 ``section`` a loop over the lanes of a block, force-inlined into its kernel.
-``kernel``  a loop over time and lanes: cached on disk, runs without the GIL.
+``kernel``  a loop over time and lanes: cached on disk, runs without the GIL.  The stages that it calls by their
+            address are in ``numerics/stages.py``.
 ``fma``     a*b + c in one rounding, so that the order of roundings is ours and not the optimiser's.
 
 Flags:
@@ -37,7 +38,7 @@ from numba.extending import intrinsic
 
 from fastcoil.numerics.kernel_cache import KernelCache, has_kernel, kernel_folder
 
-_FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _SETTINGS = (
     "BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "DISABLE_INTEL_SVML", "DISABLE_JIT", "ENABLE_AVX", "LOOP_VECTORIZE",
     "OPT", "SLP_VECTORIZE",
@@ -48,13 +49,13 @@ JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 def scalar(function: Callable[..., Any]) -> Any:
     """Compile one formula, inlined wherever a kernel calls it."""
-    return numba.njit(**_FLAGS, forceinline=True, fastmath={"contract"})(function)
+    return numba.njit(**FLAGS, forceinline=True, fastmath={"contract"})(function)
 
 
 def exact(function: Callable[..., Any]) -> Any:
     """Compile one formula with its roundings as written."""
     # explicit, because a function without flags takes those of the caller that compiles it first
-    return numba.njit(**_FLAGS, forceinline=True, fastmath=False)(function)
+    return numba.njit(**FLAGS, forceinline=True, fastmath=False)(function)
 
 
 section = scalar
@@ -62,7 +63,7 @@ section = scalar
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a loop, cached on disk under the fingerprint of everything it was compiled from."""
-    compiled = numba.njit(**_FLAGS, fastmath=False)(function)
+    compiled = numba.njit(**FLAGS, fastmath=False)(function)
     folder = kernel_folder(fingerprint()) if JIT_ENABLED else None
     if folder is not None:
         compiled._cache = KernelCache(function, folder)
@@ -94,7 +95,7 @@ def model_sha256() -> str:
     """Hash of the sources that decide the results of a simulation: not of the cache, which only keeps them."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    for part in ("parameter_table.py", "outputs.py", "numerics", "physics", "control", "engine"):
+    for part in ("parameter_table.py", "outputs.py", "numerics", "physics", "control", "estimators", "engine"):
         for source in sorted((package / part).rglob("*.py")) or [package / part]:
             if source.name != "kernel_cache.py":
                 digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes())

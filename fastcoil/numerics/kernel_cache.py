@@ -40,11 +40,14 @@ class _NotOursError(Exception):
 
 
 class KernelCache(Cache):  # type: ignore[misc]
-    """The kernels of one function, a file for each signature: what a compiled function asks for them."""
+    """The kernels of one function, a file for each signature: what a compiled function asks for them.
 
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        self._py_func, self._folder = function, folder
-        self._stem = f"{function.__module__}.{function.__qualname__}"
+    identity: all that a closure closes over, in words; Numba's own key would not be the same in another process.
+    """
+
+    def __init__(self, function: Callable[..., Any], folder: Path, identity: str = "") -> None:
+        self._py_func, self._folder, self._identity = function, folder, identity
+        self._stem = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
         self._source = hashlib.sha256(Path(function.__code__.co_filename).read_bytes()).hexdigest()
         self.enable()
 
@@ -84,7 +87,8 @@ class KernelCache(Cache):  # type: ignore[misc]
             path.unlink(missing_ok=True)
 
     def _key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        return (self._source, self._py_func.__code__.co_firstlineno, self._index_key(sig, codegen))
+        own = (self._identity, sig, codegen.magic_tuple()) if self._identity else self._index_key(sig, codegen)
+        return (self._source, self._py_func.__code__.co_firstlineno, own)
 
     def _path(self, key: tuple[Any, ...]) -> Path:
         # two types may read alike: the key in the file decides

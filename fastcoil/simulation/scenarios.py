@@ -87,6 +87,8 @@ def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[
             columns[name] = value.values[tuple(place[str(d)] for d in value.dims)]
         else:
             columns[name] = np.full(index.size, math.nan if value is None else value)
+    if loop["estimator"] is None:
+        columns["estimator"] = np.where(columns["learning_step"] > 0.0, "learner", "none")
     for dim in ("day", "replicate"):
         columns[dim] = place.get(dim, np.zeros(index.size, dtype=np.int64))
     return columns

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.numerics.jit import _FLAGS, JIT_ENABLED
+from fastcoil.numerics.jit import FLAGS, JIT_ENABLED
 
 ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
 # Most scalar operations for each packed one: none in a loop over lanes of one array; ln m_a, taken out of its
@@ -43,7 +43,7 @@ def assembly_of(name):
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
         "account_second": (metrics.account_second, (A, A, i, f, f, i)),
     }[name]
-    return next(iter(numba.njit(signature, **_FLAGS)(section.py_func).inspect_asm().values()))
+    return next(iter(numba.njit(signature, **FLAGS)(section.py_func).inspect_asm().values()))
 
 
 @pytest.mark.kernel

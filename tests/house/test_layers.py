@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import fastcoil
-from fastcoil.numerics.jit import _FLAGS
+from fastcoil.numerics.jit import FLAGS
 
 PACKAGE = Path(fastcoil.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -123,7 +123,7 @@ def test_no_threads_no_fast_math_and_no_other_decorators(path):
 
 
 def test_flags_of_every_compiled_function():
-    assert _FLAGS == {"error_model": "numpy", "nogil": True}
+    assert FLAGS == {"error_model": "numpy", "nogil": True}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=is_named)

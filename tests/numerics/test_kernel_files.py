@@ -18,7 +18,7 @@ from fastcoil.engine.host import compile_kernel
 from fastcoil.engine.rows import PARAMETER_ROWS
 from fastcoil.engine.step_numbers import step_numbers
 from fastcoil.numerics import kernel_cache
-from fastcoil.numerics.jit import _FLAGS
+from fastcoil.numerics.jit import FLAGS
 from fastcoil.numerics.kernel_cache import KernelCache, kernel_folder
 from fastcoil.numerics.low_pass import low_pass
 
@@ -60,7 +60,7 @@ def stored(kernel, folder):
 
 def filter_from(folder):
     """Compile a small kernel, or load it from a folder, and keep it there.  Returns one number of it."""
-    function = numba.njit(**_FLAGS)(low_pass.py_func)
+    function = numba.njit(**FLAGS)(low_pass.py_func)
     function._cache = KernelCache(low_pass.py_func, folder)
     filtered = np.empty(3)
     function(np.ones(3), 0.5, filtered)

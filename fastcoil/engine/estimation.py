@@ -1,0 +1,95 @@
+"""The estimator of a block of lanes: any rule of ``fastcoil.estimators``, in the same loop over lanes.
+
+A rule sees one lane: a Sample, its parameters and its memory.  Its parameters and memory are rows of its own, so that
+no row of the loop depends on which rules there are.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from fastcoil.control.pi import clipped, sample_number
+from fastcoil.engine.rows import LANES, R
+from fastcoil.estimators.family import Estimator, Sample
+from fastcoil.numerics.jit import exact, section
+from fastcoil.numerics.stages import FLAG, NOTHING, NUMBER, ROWS, Stage, keep, values_at
+
+_SIGNATURE = ((ROWS, ROWS, NUMBER, NUMBER, NUMBER, FLAG, FLAG), NOTHING)
+
+
+@exact
+def within(x_hat, x_bl):
+    """Whether an estimate is right to 20 % of the true backlash x_bl or 1 % of stroke."""
+    tolerance = 0.2 * x_bl if 0.2 * x_bl > 0.01 else 0.01
+    return abs(x_hat - x_bl) <= tolerance
+
+
+@section
+def adopt(S, j, t, x_hat):
+    """Take over lane j's new estimate, and note since when the estimate has been right."""
+    x_hat = clipped(x_hat)
+    right = within(x_hat, S[R.backlash + j])
+    since = S[R.time_identified + j]
+    since = since if since <= t else t
+    S[R.time_identified + j] = since if right else np.nan
+    S[R.estimate + j] = x_hat
+    S[R.assumed + j] = S[R.estimate_share + j] * x_hat
+
+
+@cache
+def estimator_stage(estimator: Estimator | None) -> Stage:
+    """The estimator as a stage: (S, own, t, T_set, m_a, enabled, begins) → nothing.
+
+    own: its parameters, then its memory, (n_parameters + n_memory) * LANES.  With ``begins`` it only fills the memory.
+    """
+    if estimator is None:
+        return Stage(_no_estimator, _SIGNATURE, "none")
+    step, start, confirms = _compiled(estimator.step), _compiled(estimator.start), _compiled(estimator.confirms)
+    Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, _defaults(estimator)
+    memory_at, at_samples = len(Parameters._fields) * LANES, estimator.periods is None
+    has_start, has_confirms = start is not None, confirms is not None
+
+    def estimate(S, own, t, T_set, m_a, enabled, begins):
+        if begins:
+            for j in range(LANES):
+                p = values_at(Parameters, own, j, LANES)
+                memory = values_at(Memory, own, memory_at + j, LANES)
+                keep(True, start(p) if has_start else Memory(*defaults), memory, own, memory_at + j, LANES)
+                adopt(S, j, t, S[R.estimate + j])
+            return
+        for j in range(LANES):
+            p = values_at(Parameters, own, j, LANES)
+            memory = values_at(Memory, own, memory_at + j, LANES)
+            now = Sample(
+                t, T_set, m_a, S[R.T_seen + j], S[R.e_seen + j], S[R.u + j], S[R.command + j], S[R.mode + j],
+                S[R.switches + j], S[R.estimate + j],
+            )  # fmt: skip
+            x_hat, after = step(now, p, memory)
+            samples = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
+            due = not at_samples or (enabled and samples)
+            keep(due, after, memory, own, memory_at + j, LANES)
+            adopt(S, j, t, x_hat if due else S[R.estimate + j])
+            if has_confirms:
+                reached, confirmed = confirms(
+                    t, p, after, S[R.backlash + j], S[R.time_reached + j], S[R.time_confirmed + j]
+                )
+                S[R.time_reached + j] = reached
+                S[R.time_confirmed + j] = confirmed
+
+    return Stage(estimate, _SIGNATURE, estimator.name, estimator)
+
+
+def _no_estimator(S, own, t, T_set, m_a, enabled, begins):
+    pass
+
+
+def _compiled(function: Any) -> Any:
+    return function if function is None or hasattr(function, "py_func") else exact(function)
+
+
+def _defaults(estimator: Estimator) -> tuple[float, ...]:
+    """Where the memory starts without a function ``start``."""
+    return tuple(float(estimator.Memory._field_defaults.get(n, 0.0)) for n in estimator.Memory._fields)  # type: ignore[attr-defined]

@@ -1,0 +1,1 @@
+"""What finds the backlash estimate: one file for each estimator, with its memory and its step."""

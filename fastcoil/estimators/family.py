@@ -1,0 +1,63 @@
+"""What an estimator is made of, and what it sees of its loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Sample(NamedTuple):
+    """What an estimator sees when a controller sample begins: nothing that a controller in the field would not know.
+
+    ``e`` to ``switches`` are of the sample before: the new estimate acts from this sample on.
+    """
+
+    t: float
+    """Time since the start, s."""
+    T_set: float
+    """Set-point now, °C."""
+    m_a: float
+    """Air flow now, kg/s."""
+    T: float
+    """Measured supply temperature, °C."""
+    e: float
+    """Control error, K; positive where the valve should open."""
+    u: float
+    """Output of the control law, 0–1."""
+    command: float
+    """Command to the actuator, 0–1."""
+    mode: float
+    """Direction of the inverse: 1 rising, -1 falling."""
+    switches: float
+    """Mode switches since the start."""
+    estimate: float
+    """The estimate so far, fraction of stroke."""
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A rule that finds the backlash estimate.
+
+    name: the word in ``estimator = …``.
+    Parameters, Memory: named tuples of floats.  The fields of ``Parameters`` are names of loop parameters; ``Memory``
+    is what one call leaves to the next.
+    step: (Sample, Parameters, Memory) → (estimate, Memory), called at every controller sample but the first.
+    start: Parameters → Memory at the start; by default the defaults of Memory.
+    periods: rows of a block by name → seconds, all of whose multiples the rule may act at, where these are not the
+    controller samples; the rule then decides itself when to act.
+    confirms: (t, Parameters, Memory, true backlash, reached, confirmed) → (reached, confirmed), the times at which an
+    estimate that moves in steps reached the true backlash and stepped back from it.
+    results: Memory of arrays, one value per lane, at the end of a run → metrics by name.
+    """
+
+    name: str
+    Parameters: type
+    Memory: type
+    step: Any
+    start: Any = None
+    periods: Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None
+    confirms: Any = None
+    results: Callable[[Any], dict[str, np.ndarray]] | None = None
