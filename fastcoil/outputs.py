@@ -74,7 +74,7 @@ METRICS: dict[str, Output] = {
                "first step down at or after learn_time_reached; NaN = never (censored)",
                censored=True, label="time to confirm the backlash"),
         Output("time_identified", "s", "time from which the estimate was right",
-               "to 20 % of the backlash or 1 % of stroke, and stayed so; NaN = not at the end, or no estimator (censored)",
+               "to 20 % of the backlash or 1 % of stroke, until the end; NaN = never (censored)",
                censored=True, label="time to identify the backlash"),
         Output("learn_time_first_down", "s", "time of the first step down", "NaN = never (censored)",
                censored=True, label="time of the first step down"),

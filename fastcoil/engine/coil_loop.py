@@ -22,15 +22,15 @@ NO_FLOW = 1e-9
 
 
 @kernel
-def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
+def march_coil(rows, common, series, at, S, V, T_sup, T_w_out, wet):
     """March the coils of a block through a record.
 
     series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  at: (n,), the seconds to record, ascending.
     S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): temperatures at those seconds, °C,
     and the number of wet volumes.
     """
-    n_volumes, n_steps = block.n_volumes, series.shape[0]
-    derive(S, block)
+    n_volumes, n_steps = common.n_volumes, series.shape[0]
+    derive(S, rows, n_volumes)
     set_initial_state(S, True)
     reset_sums(S, True)
     fill_coil(S, V, n_volumes, series[0, C.W_a_in])
@@ -58,11 +58,11 @@ def march_coil(block, series, at, S, V, T_sup, T_w_out, wet):
             m_w_known = m_w
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
         march_water(S, V, n_volumes)
-        if recorded and block.lagged_air:
+        if recorded and common.lagged_air:
             count_wet(S, V, n_volumes)
-        march_air(S, V, n_volumes, block.lagged_air, False, 0.0, 0.0, m_a, False)
+        march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, False)
         if recorded:
-            if not block.lagged_air:
+            if not common.lagged_air:
                 count_wet(S, V, n_volumes)
             for j in range(LANES):
                 wet[k, j] = S[R.wet_volumes + j]
@@ -77,7 +77,7 @@ def run_coil(matrix: np.ndarray, series: np.ndarray, at: np.ndarray) -> tuple[np
 
     def run(block: Block) -> list[np.ndarray]:
         T_sup, T_w_out, wet = (np.empty((at.size, LANES)) for _ in range(3))
-        march_coil(block, series, at, *work_space(block)[:2], T_sup, T_w_out, wet)
+        march_coil(block.rows, block.common, series, at, *work_space(block)[:2], T_sup, T_w_out, wet)
         return [T_sup, T_w_out, wet]
 
     return run_sets(matrix, run)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,14 +13,18 @@ from fastcoil.engine.rows import LANES, R
 from fastcoil.estimators.family import Estimator
 from fastcoil.numerics.jit import section
 from fastcoil.numerics.noise import MEASUREMENT, normal_pair
-from fastcoil.numerics.stages import FLAG, NOTHING, NUMBER, ROWS, WHOLE, Stage
+from fastcoil.numerics.stages import BUILT_IN, FLAG, NUMBER, ROWS, WHOLE, Kind
+
+CONTROL = Kind(ROWS, WHOLE, NUMBER, NUMBER, FLAG, NUMBER)
+"""Stages that decide u and the command, see ``control_stage``."""
+call_control = CONTROL.call
 from fastcoil.physics.sensor import measured
 
 
 @section
-def draw_noise(S, t, k, block, day):
+def draw_noise(S, t, k, common, day):
     """Draw a normal number for the lanes that sample now.  k: number of the sample, where all lanes sample together."""
-    if block.samples_together and k % 2 == 1:
+    if common.samples_together and k % 2 == 1:
         for j in range(LANES):
             S[R.noise + j] = S[R.noise_next + j]
         return
@@ -80,11 +84,13 @@ class Control(NamedTuple):
 
 
 @cache
-def control_stage(parts: Control) -> Stage:
-    """``control`` as a stage."""
+def control_stage(parts: Control) -> Any:
+    """Where ``control`` is, compiled for these parts: (S, t, T_set, noise, enabled, counts_switches) → nothing."""
+    if parts == Control():
+        return BUILT_IN
     is_watched = parts.is_watched
 
     def controller(S, t, T_set, noise, enabled, counts_switches):
         control(S, t, T_set, noise, enabled, counts_switches, is_watched)
 
-    return Stage(controller, ((ROWS, WHOLE, NUMBER, NUMBER, FLAG, NUMBER), NOTHING), repr(parts))
+    return CONTROL.compiled(controller, repr(parts))

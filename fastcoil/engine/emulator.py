@@ -13,13 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.engine.controller import draw_noise
+from fastcoil.engine.controller import call_control, control, draw_noise
+from fastcoil.engine.estimation import call_estimator
 from fastcoil.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
 from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
-from fastcoil.engine.plant import actuate, air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
+from fastcoil.engine.plant import air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
 from fastcoil.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, positions
 from fastcoil.engine.schedule import COUNTED, IN_SWITCH_BLOCK, Schedule
+from fastcoil.engine.stem import MOVED, RUNNING, actuate, call_stem
 from fastcoil.numerics.jit import kernel, section
+from fastcoil.numerics.stages import BUILT_IN
 from fastcoil.physics.sensor import lagged, measured
 
 DAY_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled")
@@ -50,25 +53,25 @@ def record(S, V, rows, traces):
 
 
 @kernel
-def emulate(block, day, S, V, own, metrics, status, rows, rows_after, trace_interval, traces):
+def emulate(rows, common, day, S, V, own, metrics, status, traced_rows, rows_after, trace_interval, traces):
     """Run the lanes of a block through a day.
 
-    block: Block; day: Day; S, V, own: work space, see ``work_space``.
+    rows, common: of a Block; day: Day; S, V, own: work space, see ``work_space``.
     metrics: out, (N_METRICS, LANES); status: out, (LANES,).
-    rows, rows_after: offsets of the traced rows known before, and only after, the march of step t.
+    traced_rows, rows_after: offsets of the traced rows known before, and only after, the march of step t.
     traces: out, (n_points, n_rows + n_rows_after, LANES), the sample at every ``trace_interval`` seconds.
     """
-    n_volumes, n_steps = block.n_volumes, day.series.shape[0]
+    n_volumes, n_steps = common.n_volumes, day.series.shape[0]
     open_loop = day.command.size > 0
-    derive(S, block)
+    derive(S, rows, common.n_volumes)
     set_initial_state(S, open_loop)
     reset_sums(S, open_loop)
     fill_coil(S, V, n_volumes, day.series[0, C.W_a_in])
-    estimates = block.estimating_period > 0 and not open_loop
+    estimates = common.estimate != BUILT_IN and not open_loop
     if estimates:
-        block.estimate(S, own, 0.0, 0.0, 0.0, True, True)
+        call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
 
-    shared = block.shares_air_side
+    shared = common.shares_air_side
     eps = np.empty((2, n_steps if shared else 0))
     shared_air_side(S, day.series[:, C.m_a], eps)
     m_a_known = np.nan
@@ -83,22 +86,30 @@ def emulate(block, day, S, V, own, metrics, status, rows, rows_after, trace_inte
 
         for j in range(LANES):
             S[R.y_s + j] = lagged(S[R.y_s + j], V[VOLUME_STRIDE + T_A + j], S[R.sensor_decay + j])
-        samples = t % block.control_period == 0
-        if samples and block.has_noise:
-            draw_noise(S, t, t // block.control_period, block, day)
+        samples = t % common.control_period == 0
+        if samples and common.has_noise:
+            draw_noise(S, t, t // common.control_period, common, day)
         if open_loop:
             for j in range(LANES):
                 S[R.command + j] = day.command[t]
         else:
-            if estimates and t > 0 and t % block.estimating_period == 0:
-                block.estimate(S, own, float(t), T_set, m_a, enabled, False)
+            if estimates and t > 0 and t % common.estimating_period == 0:
+                call_estimator(common.estimate, (S, own, float(t), T_set, m_a, enabled, False))
             if samples or was_enabled != enabled:
-                block.control(S, t, T_set, noise, enabled, 1.0 if flags & IN_SWITCH_BLOCK else 0.0)
+                counts = 1.0 if flags & IN_SWITCH_BLOCK else 0.0
+                if common.control == BUILT_IN:
+                    control(S, t, T_set, noise, enabled, counts, False)
+                else:
+                    call_control(common.control, (S, t, T_set, noise, enabled, counts))
                 running = True
             was_enabled = enabled
         if open_loop or running:
-            moved, running = actuate(S, counted)
-            if moved or t == 0:
+            if common.stem == BUILT_IN:
+                found = actuate(S, counted)
+            else:
+                found = call_stem(common.stem, (S, counted))
+            running = found & RUNNING != 0
+            if found & MOVED != 0 or t == 0:
                 deliver(S)
         if m_a != m_a_known and not shared:
             air_side(S, m_a)
@@ -112,19 +123,19 @@ def emulate(block, day, S, V, own, metrics, status, rows, rows_after, trace_inte
                 S[R.measured + j] = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
                 T_w_out = V[n_volumes * VOLUME_STRIDE + T_W + j]
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
-            record(S, V, rows, traces[t // trace_interval])
+            record(S, V, traced_rows, traces[t // trace_interval])
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
         march_water(S, V, n_volumes)
-        if traced and block.lagged_air:
+        if traced and common.lagged_air:
             count_wet(S, V, n_volumes)
         if shared:
-            march_air(S, V, n_volumes, block.lagged_air, True, eps[0, t], eps[1, t], m_a, counted)
+            march_air(S, V, n_volumes, common.lagged_air, True, eps[0, t], eps[1, t], m_a, counted)
         else:
-            march_air(S, V, n_volumes, block.lagged_air, False, 0.0, 0.0, m_a, counted)
+            march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, counted)
         if traced:
-            if not block.lagged_air:
+            if not common.lagged_air:
                 count_wet(S, V, n_volumes)
-            record(S, V, rows_after, traces[t // trace_interval, rows.size :])
+            record(S, V, rows_after, traces[t // trace_interval, traced_rows.size :])
 
         if t % WATCH_INTERVAL == 0 or t == n_steps - 1:
             watch(S, V, n_volumes)

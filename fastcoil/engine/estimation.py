@@ -15,9 +15,11 @@ from fastcoil.control.pi import clipped, sample_number
 from fastcoil.engine.rows import LANES, R
 from fastcoil.estimators.family import Estimator, Sample
 from fastcoil.numerics.jit import exact, section
-from fastcoil.numerics.stages import FLAG, NOTHING, NUMBER, ROWS, Stage, keep, values_at
+from fastcoil.numerics.stages import FLAG, NUMBER, ROWS, Kind, keep, values_at
 
-_SIGNATURE = ((ROWS, ROWS, NUMBER, NUMBER, NUMBER, FLAG, FLAG), NOTHING)
+ESTIMATE = Kind(ROWS, ROWS, NUMBER, NUMBER, NUMBER, FLAG, FLAG)
+"""Stages that find the estimate, see ``estimator_stage``."""
+call_estimator = ESTIMATE.call
 
 
 @exact
@@ -40,13 +42,11 @@ def adopt(S, j, t, x_hat):
 
 
 @cache
-def estimator_stage(estimator: Estimator | None) -> Stage:
-    """The estimator as a stage: (S, own, t, T_set, m_a, enabled, begins) → nothing.
+def estimator_stage(estimator: Estimator) -> Any:
+    """Where the estimator is, compiled: (S, own, t, T_set, m_a, enabled, begins) → nothing.
 
     own: its parameters, then its memory, (n_parameters + n_memory) * LANES.  With ``begins`` it only fills the memory.
     """
-    if estimator is None:
-        return Stage(_no_estimator, _SIGNATURE, "none")
     step, start, confirms = _compiled(estimator.step), _compiled(estimator.start), _compiled(estimator.confirms)
     Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, _defaults(estimator)
     memory_at, at_samples = len(Parameters._fields) * LANES, estimator.periods is None
@@ -79,11 +79,7 @@ def estimator_stage(estimator: Estimator | None) -> Stage:
                 S[R.time_reached + j] = reached
                 S[R.time_confirmed + j] = confirmed
 
-    return Stage(estimate, _SIGNATURE, estimator.name, estimator)
-
-
-def _no_estimator(S, own, t, T_set, m_a, enabled, begins):
-    pass
+    return ESTIMATE.compiled(estimate, estimator.name)
 
 
 def _compiled(function: Any) -> Any:

@@ -36,31 +36,31 @@ def run_block(block: Block, day: Day, wanted: TraceRequest) -> tuple[np.ndarray,
     """
     before = [n for n in wanted.names if n not in KNOWN_AFTER_MARCH]
     after = [n for n in wanted.names if n in KNOWN_AFTER_MARCH]
-    rows, rows_after = trace_rows(before, block.n_volumes), trace_rows(after, block.n_volumes)
+    rows, rows_after = trace_rows(before, block.common.n_volumes), trace_rows(after, block.common.n_volumes)
     n_points = wanted.n_points(day.series.shape[0])
     traces = np.empty((n_points, rows.size + rows_after.size, LANES))
     metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
     S, V, own = work_space(block)
-    emulate(block, day, S, V, own, metrics, status, rows, rows_after, wanted.interval, traces)
-    for name, values in _estimator_results(block, own, day.command.size > 0).items():
+    emulate(block.rows, block.common, day, S, V, own, metrics, status, rows, rows_after, wanted.interval, traces)
+    for name, values in _of_estimator(block, own, day.command.size > 0).items():
         metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 
     traces[:, :, status != STATUS_OK] = np.nan
     named, k = {}, 0
     for name in before + after:
         if name in VOLUME_ROWS:
-            named[name] = traces[:, k : k + block.n_volumes]
-            k += block.n_volumes
+            named[name] = traces[:, k : k + block.common.n_volumes]
+            k += block.common.n_volumes
         else:
             named[name] = traces[:, k]
             k += 1
     return metrics, status, named
 
 
-def _estimator_results(block: Block, own: np.ndarray, open_loop: bool) -> dict[str, Any]:
+def _of_estimator(block: Block, own: np.ndarray, open_loop: bool) -> dict[str, Any]:
     """The metrics that only an estimator brings; NaN, or off, where the block has another one."""
     found: dict[str, Any] = {name: np.nan for name in OF_ESTIMATORS} | {"learning_status": LEARNING_STATUS.index("off")}
-    estimator = block.estimate.about
+    estimator = block.estimator
     if estimator is not None and estimator.results is not None and not open_loop:
         found |= estimator.results(memory_of(block, own))
     return found

@@ -12,13 +12,13 @@ from fastcoil.physics.valve import installed_valve
 
 
 @section
-def derive(S, block):
-    """Fill the parameter rows and the derived rows; coil parameters are given for 8 volumes."""
+def derive(S, rows, n_volumes):
+    """Fill the parameter rows, from a block's ``rows``, and the derived rows; coil parameters are for 8 volumes."""
     S[:STATE_AT] = 0.0
     for k in range(len(PARAMETER_ROWS)):
         for j in range(LANES):
-            S[k * LANES + j] = block.rows[k, j]
-    per_volume = 8.0 / block.n_volumes
+            S[k * LANES + j] = rows[k, j]
+    per_volume = 8.0 / n_volumes
     for j in range(LANES):
         S[R.dt_C_w + j] = 1.0 / (per_volume * S[R.C_w + j])
         S[R.dt_C_c + j] = 1.0 / (per_volume * S[R.C_c + j])

@@ -9,10 +9,11 @@ import numpy as np
 
 from fastcoil.engine.controller import Control, control_stage
 from fastcoil.engine.estimation import estimator_stage
+from fastcoil.engine.stem import Stem, stem_stage
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.estimators.family import Estimator
 from fastcoil.estimators.shipped import ESTIMATORS
-from fastcoil.numerics.stages import Stage
+from fastcoil.numerics.stages import BUILT_IN
 from fastcoil.parameter_table import PARAMETERS
 
 Columns = Mapping[str, np.ndarray]
@@ -23,14 +24,13 @@ _CACHE_LINE = 8
 """Doubles in a cache line of 64 bytes."""
 
 
-class Block(NamedTuple):
-    """LANES scenarios that share a day, a number of volumes, an air march and an estimator, ready for the kernel.
+class Common(NamedTuple):
+    """What the lanes of a block have in common, for the kernel.
 
-    ``rows`` is (len(PARAMETER_ROWS), LANES).  Periods are common divisors of the lanes' own, s (0 = nothing is
-    estimated).  Flags say what the whole block may skip or share; they change no lane's bits.
+    Periods are common divisors of the lanes' own, s (0 = nothing is estimated).  Flags say what the whole block may
+    skip or share; they change no lane's bits.  The last three are stages.
     """
 
-    rows: np.ndarray
     n_volumes: int
     lagged_air: bool
     control_period: int
@@ -38,8 +38,17 @@ class Block(NamedTuple):
     estimating_period: int
     has_noise: bool
     shares_air_side: bool
-    estimate: Stage
-    control: Stage
+    estimate: Any
+    control: Any
+    stem: Any
+
+
+class Block(NamedTuple):
+    """LANES scenarios that share a day and all of KIND; ``rows`` is (len(PARAMETER_ROWS), LANES)."""
+
+    rows: np.ndarray
+    common: Common
+    estimator: Estimator | None
 
 
 def blocks(matrix: np.ndarray) -> list[tuple[np.ndarray, Block]]:
@@ -100,8 +109,7 @@ def _by_name(matrix: np.ndarray) -> dict[str, np.ndarray]:
 def _block(rows: np.ndarray) -> Block:
     row = _by_name(rows)
     estimator = ESTIMATORS[int(row["estimator"][0])]
-    return Block(
-        rows=rows,
+    common = Common(
         n_volumes=int(row["n_volumes"][0]),
         lagged_air=bool(row["air_march"][0] == 0.0),
         control_period=int(np.gcd.reduce(row["sample_time"].astype(np.int64))),
@@ -109,9 +117,11 @@ def _block(rows: np.ndarray) -> Block:
         estimating_period=_estimating_period(row, estimator),
         has_noise=bool(np.any(row["noise_std"] > 0.0)),
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
-        estimate=estimator_stage(estimator),
+        estimate=BUILT_IN if estimator is None else estimator_stage(estimator),
         control=control_stage(Control.of(estimator)),
+        stem=stem_stage(Stem()),
     )
+    return Block(rows, common, estimator)
 
 
 def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | None) -> int:
@@ -124,19 +134,19 @@ def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | Non
 
 def work_space(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The flat states S, V and own of one block: uninitialised, but for the parameters of the estimator in own."""
-    estimator = block.estimate.about
+    estimator = block.estimator
     names = () if estimator is None else estimator.Parameters._fields
     own = _aligned(LANES * (0 if estimator is None else len(names) + len(estimator.Memory._fields)))
     row = _by_name(block.rows)
     for k, name in enumerate(names):
         own[k * LANES : (k + 1) * LANES] = row[name]
     own[len(names) * LANES :] = 0.0
-    return _aligned(len(R) * LANES), _aligned((block.n_volumes + 2) * VOLUME_STRIDE), own
+    return _aligned(len(R) * LANES), _aligned((block.common.n_volumes + 2) * VOLUME_STRIDE), own
 
 
 def memory_of(block: Block, own: np.ndarray) -> Any:
     """What the estimator of a block remembers, as its named tuple of arrays (LANES,)."""
-    estimator = block.estimate.about
+    estimator = block.estimator
     remembered = own.reshape(-1, LANES)[len(estimator.Parameters._fields) :]
     return estimator.Memory(*remembered)
 

@@ -1,12 +1,10 @@
-"""The plant of Fig 6 over a block of lanes: actuator, valve, coil."""
+"""The plant of Fig 6 behind the stem, over a block of lanes: water flow and coil."""
 
 from __future__ import annotations
 
-from fastcoil.engine.metrics import account_travel
 from fastcoil.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
 from fastcoil.numerics.elementary import exp
 from fastcoil.numerics.jit import section
-from fastcoil.physics.actuator import accepted, motor
 from fastcoil.physics.coil import (
     air_heat,
     condensed,
@@ -18,27 +16,7 @@ from fastcoil.physics.coil import (
     water_heat,
 )
 from fastcoil.physics.psychrometrics import enthalpy_difference, saturation_humidity_ratio
-from fastcoil.physics.valve import backlash, growth, log_flow, opening
-
-
-@section
-def actuate(S, counted):
-    """Move motor and gearbox, Eq (1).  Returns whether any valve moved, and whether any motor still runs."""
-    moved, running = False, False
-    for j in range(LANES):
-        target = accepted(S[R.command + j], S[R.command_resolution + j])
-        position = motor(S[R.position + j], target, S[R.max_travel + j])
-        q = backlash(S[R.q + j], position, S[R.backlash + j])
-        open_ = opening(q, S[R.backlash + j])
-        d_opening, d_position = open_ - S[R.opening + j], position - S[R.position + j]
-        if counted:
-            account_travel(S, j, d_opening, d_position)
-        S[R.position + j] = position
-        S[R.q + j] = q
-        S[R.opening + j] = open_
-        moved |= d_opening != 0.0
-        running |= position != target
-    return moved, running
+from fastcoil.physics.valve import growth, log_flow
 
 
 @section

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from fastcoil.engine.controller import call_control, control
 from fastcoil.engine.emulator import record
+from fastcoil.engine.estimation import call_estimator
 from fastcoil.engine.initial_state import derive, reset_sums, set_initial_state
 from fastcoil.engine.lanes import Block, run_sets, trace_rows, work_space
 from fastcoil.engine.rows import LANES, R, positions
 from fastcoil.numerics.jit import kernel
+from fastcoil.numerics.stages import BUILT_IN
 
 REPLAY_COLUMNS = ("T_sup", "T_set", "enabled")
 """Columns of what the controller sees."""
@@ -20,39 +23,43 @@ REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 
 
 @kernel
-def command_of(block, series, S, V, own, rows, interval, traces):
+def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
     """What the controllers of a block command on a record.
 
     series: (n_steps, 3), columns as in REPLAY_COLUMNS, 1-s samples.  S, V, own: work space as for ``emulate``; V
-    is not read.  rows: offsets of the traced rows.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
+    is not read.  traced_rows: their
+    offsets.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
     """
-    derive(S, block)
+    derive(S, rows, common.n_volumes)
     set_initial_state(S, False)
     reset_sums(S, False)
-    estimates = block.estimating_period > 0
+    estimates = common.estimate != BUILT_IN
     if estimates:
-        block.estimate(S, own, 0.0, 0.0, 0.0, True, True)
+        call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
     was_enabled = True
     for t in range(series.shape[0]):
         enabled = series[t, C.enabled] != 0.0
         for j in range(LANES):
             S[R.y_s + j] = series[t, C.T_sup]
-        if estimates and t > 0 and t % block.estimating_period == 0:
-            block.estimate(S, own, float(t), series[t, C.T_set], np.nan, enabled, False)
-        if t % block.control_period == 0 or was_enabled != enabled:
-            block.control(S, t, series[t, C.T_set], 0.0, enabled, 0.0)
+        if estimates and t > 0 and t % common.estimating_period == 0:
+            call_estimator(common.estimate, (S, own, float(t), series[t, C.T_set], np.nan, enabled, False))
+        if t % common.control_period == 0 or was_enabled != enabled:
+            if common.control == BUILT_IN:
+                control(S, t, series[t, C.T_set], 0.0, enabled, 0.0, False)
+            else:
+                call_control(common.control, (S, t, series[t, C.T_set], 0.0, enabled, 0.0))
         was_enabled = enabled
         if t % interval == 0:
-            record(S, V, rows, traces[t // interval])
+            record(S, V, traced_rows, traces[t // interval])
 
 
 def run_replay(matrix: np.ndarray, series: np.ndarray, interval: int) -> dict[str, np.ndarray]:
     """Replay many controllers, (len(PARAMETER_ROWS), n_sets).  Returns each of REPLAY_TRACES, (n_points, n_sets)."""
 
     def run(block: Block) -> list[np.ndarray]:
-        rows = trace_rows(REPLAY_TRACES, block.n_volumes)
+        rows = trace_rows(REPLAY_TRACES, block.common.n_volumes)
         traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
-        command_of(block, series, *work_space(block), rows, interval, traces)
+        command_of(block.rows, block.common, series, *work_space(block), rows, interval, traces)
         return [traces]
 
     (found,) = run_sets(matrix, run)

@@ -122,9 +122,7 @@ def step(now, p, memory):
     switches = now.switches - memory.switches
     f = switch_frequency(switches, p.learning_interval)
     ends = memory.next_update == now.t
-    good = evidence(
-        switches, f, memory.reference, p.sample_time, p.learning_min_switches, p.learning_max_reference
-    )
+    good = evidence(switches, f, memory.reference, p.sample_time, p.learning_min_switches, p.learning_max_reference)
     enough = good == ENOUGH
     reference = f if learning and ends and memory.reference < 0.0 and enough else memory.reference
     down = chatters(f, reference, p.learning_ratio, p.learning_floor)

@@ -109,7 +109,7 @@ def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
             members = of_day[lanes]
             metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
             for name, signal in signals.items():
-                volumes = (slice(block.n_volumes),) if TRACES[name].per_volume else ()
+                volumes = (slice(block.common.n_volumes),) if TRACES[name].per_volume else ()
                 traces[name][members, *volumes] = signal[..., : members.size].T
     part = flat_dataset(index, metrics, status, traces, plan.traces.interval)
     return part.assign_attrs(computed_on=json.dumps([compiled_for()]))

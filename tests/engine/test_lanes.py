@@ -69,6 +69,7 @@ def mixed():
     columns["learning_early_trip"] = rng.choice([0.0, 1.0], N)
     columns["learning_ratio"] = rng.choice([0.5, 2.0], N)
     columns["learning_growth"] = rng.choice([1.0, 2.0], N)
+    columns["estimator"] = np.where(columns["learning_step"] > 0.0, "learner", "none")
     return columns
 
 
@@ -116,7 +117,11 @@ def test_order_of_lanes(mixed, day, alone, seed):
 def alike(columns):
     """The same loops, but for what keeps lanes out of one block."""
     n = columns["kp"].size
-    return columns | {"n_volumes": np.full(n, 8.0), "air_march": np.full(n, "lagged")}
+    return columns | {
+        "n_volumes": np.full(n, 8.0),
+        "air_march": np.full(n, "lagged"),
+        "estimator": np.full(n, "learner"),
+    }
 
 
 @pytest.mark.parametrize(
@@ -126,21 +131,23 @@ def alike(columns):
         {"shares_air_side": False},
         {"samples_together": False},
         {"samples_together": False, "control_period": 1},
-        {"learning_period": 1},
+        {"estimating_period": 1},
         {
             "has_noise": True,
             "shares_air_side": False,
             "samples_together": False,
             "control_period": 1,
-            "learning_period": 1,
+            "estimating_period": 1,
         },
     ],
 )
 def test_what_a_block_skips_changes_no_bits(mixed, day, flags):
     plain = alike(mixed) | {name: defaults(N)[name] for name in ("noise_std", "sample_time", "beta3", "learning_step")}
+    plain["estimator"] = np.full(N, "none")
     noisy = plain | {"noise_std": np.full(N, 0.05), "learning_step": mixed["learning_step"]}
+    noisy["estimator"] = mixed["estimator"]
     for columns in (plain, noisy):
-        cautious = run(columns, day, lambda block: block._replace(**flags))
+        cautious = run(columns, day, lambda block: block._replace(common=block.common._replace(**flags)))
         assert_same_bits(cautious, run(columns, day))
 
 
@@ -183,8 +190,8 @@ def test_blocks_never_mix_volumes_or_air_march_and_hold_every_lane_once(mixed):
     cut = blocks(parameter_matrix(mixed))
     assert sorted(np.concatenate([lanes for lanes, _ in cut]).tolist()) == list(range(N))
     for lanes, block in cut:
-        assert np.all(mixed["n_volumes"][lanes] == block.n_volumes)
-        assert np.all((mixed["air_march"][lanes] == "lagged") == block.lagged_air)
+        assert np.all(mixed["n_volumes"][lanes] == block.common.n_volumes)
+        assert np.all((mixed["air_march"][lanes] == "lagged") == block.common.lagged_air)
         assert block.rows.shape[1] == LANES
 
 

@@ -31,12 +31,12 @@ def assembly_of(name):
     import numba
     from numba import types as T
 
-    from fastcoil.engine import controller, metrics, plant
+    from fastcoil.engine import controller, metrics, plant, stem
 
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     section, signature = {
-        "control": (controller.control, (A, i, f, f, b, f)),
-        "actuate": (plant.actuate, (A, b)),
+        "control": (controller.control, (A, i, f, f, b, f, T.literal(1))),
+        "actuate": (stem.actuate, (A, b)),
         "deliver": (plant.deliver, (A,)),
         "air_side": (plant.air_side, (A, f)),
         "march_water": (plant.march_water, (A, A, i)),

@@ -10,9 +10,9 @@ import pytest
 from fastcoil.engine import controller, replay_loop, rows
 from fastcoil.engine.initial_state import derive, reset_sums, set_initial_state
 from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
-from fastcoil.engine.metrics import LEARNING, M
+from fastcoil.engine.metrics import M
 from fastcoil.engine.rows import LANES, SUM_ROWS, R, positions
-from fastcoil.outputs import LEARNING_STATUS, METRICS
+from fastcoil.outputs import METRICS
 from fastcoil.parameter_table import PARAMETERS
 
 GROUPS = (rows.PARAMETER_ROWS, rows.DERIVED_ROWS, rows.STATE_ROWS, rows.SUM_ROWS)
@@ -22,7 +22,7 @@ GROUPS = (rows.PARAMETER_ROWS, rows.DERIVED_ROWS, rows.STATE_ROWS, rows.SUM_ROWS
 def block():
     """One default loop, 64 times."""
     columns = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
-    ((_, block),) = blocks(parameter_matrix(columns | {"replicate": np.zeros(1)}))
+    ((_, block),) = blocks(parameter_matrix(columns | {"replicate": np.zeros(1), "estimator": np.array(["none"])}))
     return block
 
 
@@ -31,7 +31,6 @@ def test_groups_follow_one_another_and_name_every_row_once():
     assert list(R._fields) == names
     assert len(set(names)) == len(names)
     assert {after - before for before, after in pairwise(R)} == {LANES}
-    assert set(rows.LEARNER_ROWS) < set(rows.STATE_ROWS)
     assert R[-len(SUM_ROWS)] == rows.SUMS_AT == getattr(R, rows.SUM_ROWS[0])
     assert getattr(R, rows.STATE_ROWS[0]) == rows.STATE_AT
 
@@ -40,15 +39,18 @@ def test_positions_follow_the_enumeration():
     assert positions(("a", "b"))._asdict() == {"a": 0, "b": 1}
     assert positions(("a", "b"), LANES).b == LANES
     assert M._asdict() == {name: k for k, name in enumerate(METRICS)}
-    assert LEARNING._asdict() == {name: k for k, name in enumerate(LEARNING_STATUS)}
 
 
 @pytest.mark.kernel
 def test_each_group_is_filled_by_its_own_function_alone(block):
     """So that a later day could start with fresh sums from the state of the one before."""
     edges = [0, rows.STATE_AT, rows.SUMS_AT, len(R) * LANES]
-    fill = (lambda S: derive(S, block), lambda S: set_initial_state(S, False), lambda S: reset_sums(S, False))
-    S, _ = work_space(block.n_volumes)
+    fill = (
+        lambda S: derive(S, block.rows, block.common.n_volumes),
+        lambda S: set_initial_state(S, False),
+        lambda S: reset_sums(S, False),
+    )
+    S, *_ = work_space(block)
     S[:] = -7.0
     for k, (start, end) in enumerate(pairwise(edges)):
         before = S[:start].copy()

@@ -17,6 +17,7 @@ METRICS = (
     "estimate_settled",
     "learn_time_reached",
     "learn_time_confirmed",
+    "time_identified",
     "learn_time_first_down",
     "estimate_first_down",
     "learning_status",
@@ -71,7 +72,7 @@ def movement_metrics(opening, position, counted):
     }
 
 
-def switching_metrics(switches, estimate, learner, counted, warm_up, open_loop):
+def switching_metrics(switches, estimate, backlash, learner, counted, warm_up, open_loop):
     """Mode switches per 10 min, the estimate [strokes] and the learning times [s]; NaN in open loop."""
     n_steps = len(estimate)
     recent = [counted[t] and t >= n_steps - ESTIMATE_WINDOW for t in range(n_steps)]
@@ -82,10 +83,19 @@ def switching_metrics(switches, estimate, learner, counted, warm_up, open_loop):
         "estimate_settled": mean(select(estimate, recent)),
         "learn_time_reached": learner.time_reached,
         "learn_time_confirmed": learner.time_confirmed,
+        "time_identified": math.nan if learner.is_off else since_right(estimate, backlash),
         "learn_time_first_down": learner.time_first_down,
         "estimate_first_down": learner.estimate_first_down,
         "learning_status": learner.status,
     }
+
+
+def since_right(estimate, backlash):
+    """Second from which the estimate is right to 20 % of the backlash or 1 % of stroke; NaN if it ends wrong."""
+    tolerance = max(0.2 * backlash, 0.01)
+    wrong = [t for t, value in enumerate(estimate) if abs(value - backlash) > tolerance]
+    since = wrong[-1] + 1 if wrong else 0
+    return float(since) if since < len(estimate) else math.nan
 
 
 def coil_metrics(power, m_w, condensates, counted, warm_up):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fastcoil.control.learner import (
+from fastcoil.estimators.learner import (
     ENOUGH,
     QUIET,
     UNMEASURABLE,
