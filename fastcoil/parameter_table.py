@@ -192,6 +192,9 @@ _TABLE = (
 PARAMETERS: dict[str, Parameter] = {p.name: p for p in _TABLE}
 """Every parameter by name, in the order of the loop: coil, valve, actuator, sensor, controller, learner."""
 
+ESTIMATOR_GROUPS = tuple(name for name in PARAMETERS["estimator"].choices if name != "none")
+"""Groups of parameters that only the estimator of that name reads."""
+
 STAND_INS = {
     "estimate_ratio": ("backlash_estimate",),
     "rangeability": ("m_max", "valve_a", "valve_b", "valve_c"),

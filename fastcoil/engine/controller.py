@@ -14,11 +14,11 @@ from fastcoil.estimators.family import Estimator
 from fastcoil.numerics.jit import section
 from fastcoil.numerics.noise import MEASUREMENT, normal_pair
 from fastcoil.numerics.stages import BUILT_IN, FLAG, NUMBER, ROWS, WHOLE, Kind
+from fastcoil.physics.sensor import measured
 
 CONTROL = Kind(ROWS, WHOLE, NUMBER, NUMBER, FLAG, NUMBER)
 """Stages that decide u and the command, see ``control_stage``."""
 call_control = CONTROL.call
-from fastcoil.physics.sensor import measured
 
 
 @section

@@ -104,10 +104,7 @@ def emulate(rows, common, day, S, V, own, metrics, status, traced_rows, rows_aft
                 running = True
             was_enabled = enabled
         if open_loop or running:
-            if common.stem == BUILT_IN:
-                found = actuate(S, counted)
-            else:
-                found = call_stem(common.stem, (S, counted))
+            found = actuate(S, counted) if common.stem == BUILT_IN else call_stem(common.stem, (S, counted))
             running = found & RUNNING != 0
             if found & MOVED != 0 or t == 0:
                 deliver(S)

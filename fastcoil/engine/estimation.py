@@ -88,4 +88,4 @@ def _compiled(function: Any) -> Any:
 
 def _defaults(estimator: Estimator) -> tuple[float, ...]:
     """Where the memory starts without a function ``start``."""
-    return tuple(float(estimator.Memory._field_defaults.get(n, 0.0)) for n in estimator.Memory._fields)  # type: ignore[attr-defined]
+    return tuple(float(estimator.Memory._field_defaults.get(n, 0.0)) for n in estimator.Memory._fields)

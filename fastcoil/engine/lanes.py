@@ -9,8 +9,8 @@ import numpy as np
 
 from fastcoil.engine.controller import Control, control_stage
 from fastcoil.engine.estimation import estimator_stage
-from fastcoil.engine.stem import Stem, stem_stage
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
+from fastcoil.engine.stem import Stem, stem_stage
 from fastcoil.estimators.family import Estimator
 from fastcoil.estimators.shipped import ESTIMATORS
 from fastcoil.numerics.stages import BUILT_IN
@@ -147,6 +147,7 @@ def work_space(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def memory_of(block: Block, own: np.ndarray) -> Any:
     """What the estimator of a block remembers, as its named tuple of arrays (LANES,)."""
     estimator = block.estimator
+    assert estimator is not None
     remembered = own.reshape(-1, LANES)[len(estimator.Parameters._fields) :]
     return estimator.Memory(*remembered)
 

@@ -54,8 +54,8 @@ class Estimator:
     """
 
     name: str
-    Parameters: type
-    Memory: type
+    Parameters: Any
+    Memory: Any
     step: Any
     start: Any = None
     periods: Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None

@@ -50,7 +50,7 @@ class Kind:
         """
         if not JIT_ENABLED:
             return function
-        stage = CFunc(function, (self._arguments, self._returns), {}, dict(FLAGS))
+        stage: Any = CFunc(function, (self._arguments, self._returns), {}, dict(FLAGS))
         folder = kernel_folder(fingerprint())
         if folder is not None:
             stage._cache = KernelCache(function, folder, identity)
@@ -89,7 +89,7 @@ if JIT_ENABLED:
 
     @intrinsic(prefer_literal=True)
     def values_at(typingctx: Any, cls: Any, rows: Any, place: Any, stride: Any) -> Any:
-        """A named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]``, …"""
+        """A named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]`` and so on."""
         made = cls.instance_class
         n = len(made._fields)
 
@@ -125,11 +125,11 @@ else:
     def _caller(arguments: Any, returns: Any) -> Any:
         return lambda address, given: address(*given)
 
-    def values_at(cls: Any, rows: Any, place: int, stride: int) -> Any:
-        """A named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]``, …"""
+    def values_at(cls: Any, rows: Any, place: Any, stride: Any) -> Any:  # type: ignore[misc]
+        """A named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]`` and so on."""
         return cls(*(rows[place + stride * k] for k in range(len(cls._fields))))
 
-    def keep(due: bool, values: Any, before: Any, rows: Any, place: int, stride: int) -> None:
+    def keep(due: Any, values: Any, before: Any, rows: Any, place: Any, stride: Any) -> None:  # type: ignore[misc]
         """Store a tuple of numbers where ``values_at`` found it, or what was there ``before`` unless it is ``due``."""
         for k, (new, old) in enumerate(zip(values, before, strict=True)):
             rows[place + stride * k] = new if due else old

@@ -10,7 +10,7 @@ import xarray as xr
 
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError
-from fastcoil.parameter_table import PARAMETERS, Scalar
+from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, Scalar
 from fastcoil.simulation.loop import Loop
 
 
@@ -65,13 +65,37 @@ class Layout:
                 "lower estimate_ratio or backlash"
             )
         step, cap = xr.DataArray(value["learning_step"]), xr.DataArray(value["learning_cap"])
-        if bool(((step > 0.0) & (xr.DataArray(estimate) > cap)).any()):
+        learns = step > 0.0 if value["estimator"] is None else xr.DataArray(value["estimator"]) == "learner"
+        if bool((learns & (xr.DataArray(estimate) > cap)).any()):
             problems.append(
-                f"backlash_estimate up to {largest:g} with learning_step > 0: the learner cannot start above "
-                "learning_cap, lower the estimate or raise the cap"
+                f"backlash_estimate up to {largest:g} with a learner: it cannot start above learning_cap, lower the "
+                "estimate or raise the cap"
             )
+        if bool((learns & (step == 0.0)).any()):
+            problems.append(
+                "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
+            )
+        problems += _unread_parameters(self.loop)
         if problems:
             raise InputError(problems)
+
+
+def _unread_parameters(loop: Loop) -> list[str]:
+    """Parameters of estimators that no scenario has, a sentence each: most likely the estimator was forgotten."""
+    estimator = loop["estimator"]
+    used = {"learner"} if estimator is None else set(np.unique(np.asarray(estimator)).tolist())
+    problems = []
+    for parameter in PARAMETERS.values():
+        value = loop[parameter.name]
+        changed = value is not None and bool(np.any(np.asarray(value) != parameter.default))
+        if parameter.group in ESTIMATOR_GROUPS and changed and parameter.group not in used:
+            problems.append(
+                f"{parameter.name} belongs to the estimator {parameter.group}, which no scenario has: give "
+                f"estimator = {parameter.group!r}, or leave {parameter.name} out"
+            )
+    if bool(np.any(np.asarray(loop["estimate_share"]) != 1.0)) and used <= {"none"}:
+        problems.append("estimate_share without an estimator: give estimator, or leave estimate_share out")
+    return problems
 
 
 def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:
