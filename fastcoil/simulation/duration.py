@@ -30,6 +30,7 @@ def estimate_seconds(plan: Plan, n_jobs: int) -> float:
 
 def _seconds_of(plan: Plan, shard: np.ndarray) -> float:
     """Seconds that a thread takes for a shard: all its blocks are made, one of them is run."""
+    blocks(parameter_matrix(plan.layout.columns(shard)))  # compiles, once, what its blocks call
     start = time.perf_counter()
     columns = plan.layout.columns(shard)
     matrix = parameter_matrix(columns)
