@@ -36,8 +36,8 @@ def assembly_of(name):
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     section, signature = {
         "control": (controller.control, (A, i, f, f, b, f, T.literal(1))),
-        "actuate": (stem.actuate, (A, b)),
-        "deliver": (plant.deliver, (A,)),
+        "actuate": (stem.actuate, (A, b, T.literal(0), T.literal(0))),
+        "deliver": (plant.deliver, (A, b)),
         "air_side": (plant.air_side, (A, f)),
         "march_water": (plant.march_water, (A, A, i)),
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),

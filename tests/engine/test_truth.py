@@ -77,6 +77,20 @@ CASES = {
     "1 volume": Case({"n_volumes": 1}),
     "12 volumes": Case({"n_volumes": 12, "C_w": 13.2}),
     "valve of given authority": Case({"rangeability": 50.0, "authority": 0.3, "m_full": 1.8}),
+    "neutral zone": Case({"neutral_zone": 0.013, **GENTLE}),
+    "neutral zone, slow motor, coarse input": Case({"neutral_zone": 0.021, **REAL, "command_resolution": 0.004}),
+    "stick-slip": Case({"slip_jump": 0.023, **GENTLE}),
+    "stick-slip, slow motor": Case({"slip_jump": 0.0513, "noise_std": 0.05, **REAL, "sample_time": 5.0}),
+    "stick-slip, open loop": Case({"backlash": 0.3, "slip_jump": 0.0713, "stroke_time": 90.0}, {}, RING),
+    "leakage": Case({"leakage": 0.02}),
+    "tight valve": Case({"leakage": 0.0}, {}, STEPS),
+    "tight valve, off and on": Case({"leakage": 0.0, "beta2": -0.9}, {"enabled": OFF_AND_ON}),
+    "valve as it is": Case(
+        {
+            **REAL, "neutral_zone": 0.011, "slip_jump": 0.0313, "leakage": 0.01, "rangeability": 50.0, "authority": 0.3,
+            "m_full": 1.8, "noise_std": 0.05,
+        }
+    ),
     "off and on": Case({"noise_std": 0.02}, {"enabled": OFF_AND_ON}),
     "no air for a while": Case({}, {"m_a": np.where((SECONDS > 1200) & (SECONDS < 2000), 0.0, 1.15)}),
     "98 kPa, other specific heats": Case({"pressure": 98000.0, "cp_w": 3.8, "cp_a": 1.006, "T_initial": 12.0}),
