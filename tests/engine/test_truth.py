@@ -87,8 +87,14 @@ CASES = {
     "tight valve, off and on": Case({"leakage": 0.0, "beta2": -0.9}, {"enabled": OFF_AND_ON}),
     "valve as it is": Case(
         {
-            **REAL, "neutral_zone": 0.011, "slip_jump": 0.0313, "leakage": 0.01, "rangeability": 50.0, "authority": 0.3,
-            "m_full": 1.8, "noise_std": 0.05,
+            **REAL,
+            "neutral_zone": 0.011,
+            "slip_jump": 0.0313,
+            "leakage": 0.01,
+            "rangeability": 50.0,
+            "authority": 0.3,
+            "m_full": 1.8,
+            "noise_std": 0.05,
         }
     ),
     "off and on": Case({"noise_std": 0.02}, {"enabled": OFF_AND_ON}),
