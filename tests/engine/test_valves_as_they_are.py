@@ -70,6 +70,17 @@ def test_the_stem_sticks_in_the_second_in_which_its_motor_stops_though_no_comman
     assert rests.mean() > 0.9
 
 
+@pytest.mark.kernel
+@pytest.mark.parametrize("valve", [{"neutral_zone": 0.03}, {"slip_jump": 0.02}])
+def test_a_loop_that_settles_with_backlash_alone_hunts_with_a_neutral_zone_or_stick_slip(valve):
+    """An integral against a motor or a stem that rests: play alone needs a second integrator in the plant."""
+    day = fc.constant_day(hours=6, T_set=16.0)
+    loop = fc.Loop.preset("lbnl")
+    play, real = (fc.simulate(loop.assign(**more), day, warm_up=7200) for more in ({}, valve))
+    assert float(play.hunting_amplitude) < 0.05
+    assert float(real.hunting_amplitude) > 0.3
+
+
 # Leakage
 
 
@@ -97,7 +108,7 @@ def test_the_leakage_of_the_printed_curve_gives_the_printed_curve():
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("beta2", [-5.0, -0.2, 0.5])
+@pytest.mark.parametrize("beta2", [-5.0, -0.2, 0.0, 0.5])
 def test_a_tight_valve_shuts_the_water_off_and_energy_closes(beta2):
     seconds = np.arange(5400)
     openings = np.select([seconds < 600, seconds < 4800], [1.0, 0.0], np.linspace(0.0, 0.02, 5400))
