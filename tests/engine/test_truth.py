@@ -79,7 +79,7 @@ CASES = {
     "valve of given authority": Case({"rangeability": 50.0, "authority": 0.3, "m_full": 1.8}),
     "neutral zone": Case({"neutral_zone": 0.013, **GENTLE}),
     "neutral zone, slow motor, coarse input": Case({"neutral_zone": 0.021, **REAL, "command_resolution": 0.004}),
-    "stick-slip": Case({"slip_jump": 0.023, **GENTLE}),
+    "stick-slip": Case({"slip_jump": 0.023, **GENTLE, "kp": 0.012}),
     "stick-slip, slow motor": Case({"slip_jump": 0.0513, "noise_std": 0.05, **REAL, "sample_time": 5.0}),
     "stick-slip, open loop": Case({"backlash": 0.3, "slip_jump": 0.0713, "stroke_time": 90.0}, {}, RING),
     "leakage": Case({"leakage": 0.02}),

@@ -127,6 +127,12 @@ def test_a_tight_valve_shuts_the_water_off_and_energy_closes(beta2):
     np.testing.assert_allclose(stored, air + water, rtol=0.0, atol=1e-10)
 
 
+def test_a_loop_that_leaks_takes_over_the_curve_of_a_fit_and_still_leaks():
+    fitted = {"backlash": 0.08, "m_max": 1.9, "valve_a": 0.8, "valve_b": 8.0, "valve_c": 0.4}
+    loop = fc.Loop(rangeability=50.0, authority=0.3, m_full=1.8, leakage=0.01).assign(**fitted)
+    assert (loop["leakage"], loop["m_max"], loop["rangeability"]) == (0.01, 1.9, None)
+
+
 # What cannot be
 
 
