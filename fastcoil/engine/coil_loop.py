@@ -13,12 +13,11 @@ from fastcoil.engine.plant import air_side, count_wet, enter, march_air, march_w
 from fastcoil.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, positions
 from fastcoil.numerics.elementary import log
 from fastcoil.numerics.jit import kernel
+from fastcoil.physics.coil import NO_FLOW
 
 COIL_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
 """Columns of what enters the coil."""
 C = positions(COIL_COLUMNS)
-NO_FLOW = 1e-9
-"""A water flow below this, kg/s, counts as none: the conductance is then 0 whatever the exponent."""
 
 
 @kernel

@@ -104,10 +104,11 @@ def emulate(rows, common, day, S, V, own, metrics, status, traced_rows, rows_aft
                 running = True
             was_enabled = enabled
         if open_loop or running:
-            found = actuate(S, counted) if common.stem == BUILT_IN else call_stem(common.stem, (S, counted))
+            plain = common.stem == BUILT_IN
+            found = actuate(S, counted, False, False) if plain else call_stem(common.stem, (S, counted))
             running = found & RUNNING != 0
             if found & MOVED != 0 or t == 0:
-                deliver(S)
+                deliver(S, common.leaks)
         if m_a != m_a_known and not shared:
             air_side(S, m_a)
             m_a_known = m_a

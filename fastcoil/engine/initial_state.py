@@ -8,7 +8,7 @@ from fastcoil.control.inverse import FALLING
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS, STATE_AT, SUMS_AT, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import section
-from fastcoil.physics.valve import installed_valve
+from fastcoil.physics.valve import growth, installed_valve, log_flow
 
 
 @section
@@ -37,6 +37,9 @@ def derive(S, rows, n_volumes):
             S[R.valve_b + j] = b
             S[R.valve_c + j] = c
         S[R.log_m_max + j] = log(S[R.m_max + j])
+        for opening, flow in ((0.0, R.m_0), (1.0, R.m_1)):
+            grown = growth(opening, S[R.valve_b + j], S[R.valve_c + j])
+            S[flow + j] = exp(log_flow(S[R.log_m_max + j], S[R.valve_a + j], grown))
 
 
 @section

@@ -38,6 +38,7 @@ class Common(NamedTuple):
     estimating_period: int
     has_noise: bool
     shares_air_side: bool
+    leaks: bool
     estimate: Any
     control: Any
     stem: Any
@@ -117,9 +118,10 @@ def _block(rows: np.ndarray) -> Block:
         estimating_period=_estimating_period(row, estimator),
         has_noise=bool(np.any(row["noise_std"] > 0.0)),
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
+        leaks=bool(np.any(row["leakage"] >= 0.0)),
         estimate=BUILT_IN if estimator is None else estimator_stage(estimator),
         control=control_stage(Control.of(estimator)),
-        stem=stem_stage(Stem()),
+        stem=stem_stage(Stem.of(row)),
     )
     return Block(rows, common, estimator)
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from fastcoil.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
-from fastcoil.numerics.elementary import exp
+from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import section
 from fastcoil.physics.coil import (
+    NO_FLOW,
     air_heat,
     condensed,
     effectiveness,
@@ -16,12 +17,15 @@ from fastcoil.physics.coil import (
     water_heat,
 )
 from fastcoil.physics.psychrometrics import enthalpy_difference, saturation_humidity_ratio
-from fastcoil.physics.valve import growth, log_flow
+from fastcoil.physics.valve import growth, leaking, log_flow
 
 
 @section
-def deliver(S):
-    """Water flow, Eq (2), and water-side conductance, Eq (4): a short loop for each exponential and logarithm."""
+def deliver(S, leaks):
+    """Water flow, Eq (2), and water-side conductance, Eq (4): a short loop for each exponential and logarithm.
+
+    leaks: whether any lane has its leakage given.
+    """
     for j in range(LANES):
         S[R.growth + j] = growth(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
     for j in range(LANES):
@@ -29,7 +33,21 @@ def deliver(S):
     for j in range(LANES):
         S[R.m_w + j] = exp(S[R.log_m_w + j])
         S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
+    if leaks:
+        leak(S)
     water_side(S)
+
+
+@section
+def leak(S):
+    """Water flow of the lanes whose leakage is given; the others keep that of Eq (2)."""
+    for j in range(LANES):
+        m_w = leaking(S[R.m_w + j], S[R.m_0 + j], S[R.m_1 + j], S[R.leakage + j])
+        S[R.m_w + j] = m_w if S[R.leakage + j] >= 0.0 else S[R.m_w + j]
+        S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
+    for j in range(LANES):
+        log_m_w = log(S[R.m_w + j] if S[R.m_w + j] > NO_FLOW else NO_FLOW)
+        S[R.log_m_w + j] = log_m_w if S[R.leakage + j] >= 0.0 else S[R.log_m_w + j]
 
 
 @section

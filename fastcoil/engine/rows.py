@@ -20,8 +20,8 @@ LANES = 64
 
 PARAMETER_ROWS = (*PARAMETERS, "replicate")
 DERIVED_ROWS = (
-    "dt_C_w", "dt_C_c", "ntu_w_factor", "ntu_a_factor", "ntu_star_factor", "log_m_max", "max_travel", "sensor_decay",
-    "ki", "sign",
+    "dt_C_w", "dt_C_c", "ntu_w_factor", "ntu_a_factor", "ntu_star_factor", "log_m_max", "m_0", "m_1", "max_travel",
+    "sensor_decay", "ki", "sign",
 )  # fmt: skip
 """What the parameters amount to per step."""
 STATE_ROWS = (
@@ -32,7 +32,7 @@ STATE_ROWS = (
     # what the estimator sees of the last sample; the estimate, and what the inverse assumes of it
     "T_seen", "e_seen", "switches", "estimate", "assumed",
     # actuator, valve
-    "position", "q", "opening", "growth", "log_m_w", "m_w",
+    "position", "motor_runs", "q", "stem_direction", "opening", "growth", "log_m_w", "m_w",
     # coil: flow, conductance and effectiveness of this step
     "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
 )  # fmt: skip

@@ -2,45 +2,73 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from fastcoil.engine.metrics import account_travel
 from fastcoil.engine.rows import LANES, R
 from fastcoil.numerics.jit import section
 from fastcoil.numerics.stages import BUILT_IN, FLAG, ROWS, WHOLE, Kind
-from fastcoil.physics.actuator import accepted, motor
-from fastcoil.physics.valve import backlash, opening
+from fastcoil.physics.actuator import accepted, driven, motor
+from fastcoil.physics.valve import backlash, opening, slipped
 
 STEM = Kind(ROWS, FLAG, returns=WHOLE)
 """Stages that move motor and stem, see ``stem_stage``."""
 call_stem = STEM.call
 MOVED, RUNNING = 1, 2
-"""What a stage returns, summed: a valve moved; a motor still runs."""
+"""What a stage returns, summed: a valve moved; something happens next second whatever the command."""
 
 
 @section
-def actuate(S, counted):
-    """Move motor and gearbox, Eq (1).  Returns MOVED if any valve moved, plus RUNNING if any motor still runs."""
+def actuate(S, counted, has_zones, slips):
+    """Move motor and gearbox, Eq (1).  Returns MOVED if any valve moved, plus RUNNING if any motor still runs.
+
+    has_zones, slips: whether any lane has a neutral zone or a slip jump, see ``Stem``.
+    """
     moved, running = False, False
     for j in range(LANES):
         target = accepted(S[R.command + j], S[R.command_resolution + j])
-        position = motor(S[R.position + j], target, S[R.max_travel + j])
-        q = backlash(S[R.q + j], position, S[R.backlash + j])
-        open_ = opening(q, S[R.backlash + j])
-        d_opening, d_position = open_ - S[R.opening + j], position - S[R.position + j]
+        previous = S[R.position + j]
+        if has_zones:
+            runs = S[R.motor_runs + j] != 0.0
+            position, runs = driven(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
+            S[R.motor_runs + j] = 1.0 if runs else 0.0
+            running |= runs
+        else:
+            position = motor(previous, target, S[R.max_travel + j])
+            running |= position != target
+        if slips:
+            direction = S[R.stem_direction + j]
+            q, direction = slipped(S[R.q + j], direction, position, previous, S[R.backlash + j], S[R.slip_jump + j])
+            S[R.stem_direction + j] = direction
+            running |= direction != 0.0  # it sticks in the second in which the motor has stopped
+            open_ = opening(q, S[R.backlash + j] - S[R.slip_jump + j])
+        else:
+            q = backlash(S[R.q + j], position, S[R.backlash + j])
+            open_ = opening(q, S[R.backlash + j])
+        d_opening, d_position = open_ - S[R.opening + j], position - previous
         if counted:
             account_travel(S, j, d_opening, d_position)
         S[R.position + j] = position
         S[R.q + j] = q
         S[R.opening + j] = open_
         moved |= d_opening != 0.0
-        running |= position != target
     return (MOVED if moved else 0) + (RUNNING if running else 0)
 
 
 class Stem(NamedTuple):
     """What the motors and valves of a block have in common: which parts of ``actuate`` are compiled for it."""
+
+    has_zones: bool = False
+    slips: bool = False
+
+    @classmethod
+    def of(cls, row: Mapping[str, np.ndarray]) -> Stem:
+        """For a block with these parameters, each (LANES,)."""
+        return cls(has_zones=bool(np.any(row["neutral_zone"] > 0.0)), slips=bool(np.any(row["slip_jump"] > 0.0)))
 
 
 @cache
@@ -49,7 +77,9 @@ def stem_stage(parts: Stem) -> Any:
     if parts == Stem():
         return BUILT_IN
 
+    has_zones, slips = parts
+
     def stem(S, counted):
-        return actuate(S, counted)
+        return actuate(S, counted, has_zones, slips)
 
     return STEM.compiled(stem, repr(parts))

@@ -1,6 +1,6 @@
-"""The motor between the controller and the gearbox: input resolution and stroke time.
+"""The motor between the controller and the gearbox: input resolution, stroke time and neutral zone.
 
-The paper's actuator has neither (0 = off); real ones take 30 to 150 s for a stroke.
+The paper's actuator has none of them (0 = off); real ones take 30 to 150 s for a stroke.
 """
 
 from __future__ import annotations
@@ -22,3 +22,16 @@ def motor(position, target, max_travel):
     low, high = position - max_travel, position + max_travel
     reached = low if target < low else target
     return high if reached > high else reached
+
+
+@scalar
+def driven(position, target, max_travel, neutral_zone, runs):
+    """Motor position one step on, and whether the motor still runs, with a neutral zone around the target.
+
+    A motor at rest starts where the target is further away than ``neutral_zone`` (fraction of stroke), and then runs
+    until it reaches the target.  0: it follows every target.
+    """
+    runs |= abs(target - position) > neutral_zone
+    reached = motor(position, target, max_travel)
+    reached = reached if runs else position
+    return reached, runs & (reached != target)

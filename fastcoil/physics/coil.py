@@ -11,6 +11,10 @@ from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import scalar
 from fastcoil.physics.psychrometrics import heat_capacity, vapour_enthalpy
 
+NO_FLOW = 1e-9
+"""Least water flow, kg/s, at which the effectiveness is taken: below it, whatever the exponent, the conductance of
+Eq (4) goes to 0 with the flow."""
+
 
 @scalar
 def transfer_units(factor, exponent, log_m):

@@ -1,4 +1,7 @@
-"""The valve: gearbox backlash, Eq (1), and flow curve, Eq (2).  Section 2.1 of the paper."""
+"""The valve: gearbox backlash, Eq (1), also with stick-slip, and flow curve, Eq (2), also with leakage.
+
+Section 2.1 of the paper.
+"""
 
 from __future__ import annotations
 
@@ -44,6 +47,26 @@ def opening(q, x_bl):
 
 
 @scalar
+def slipped(q, direction, position, previous, x_bl, slip_jump):
+    """Stem position q and direction of a stem that sticks and slips, after Kano et al. (2004).
+
+    A stem at rest stays until the motor has pushed it by the stick band S, which is x_BL; then it jumps by J.  It moves
+    with the motor until that stops or turns.  The chart's u_s and d are in q: y = q + (S - J)/2, and a stem that stuck
+    at the motor position u_s is let go where the motor leaves the interval from q - J to q + S.  J = 0 is ``backlash``,
+    to the bit.
+
+    q, position, previous (of the second before), x_bl, slip_jump: fractions of stroke, slip_jump J at most x_bl.
+    direction: 1 rising, -1 falling, 0 stuck.  M. Kano, H. Maruta, H. Kugemoto, K. Shimizu: Practical model and
+    detection algorithm for valve stiction.  IFAC DYCOPS 2004.
+    """
+    rises = (direction > 0.0) & (position > previous) | (position - x_bl > q)
+    falls = (direction < 0.0) & (position < previous) | (position < q - slip_jump)
+    risen, direction = position - (x_bl - slip_jump), -1.0 if falls else 0.0
+    q = position if falls else q
+    return risen if rises else q, 1.0 if rises else direction
+
+
+@scalar
 def growth(open, b, c):
     """The exponential of Eq (2), e^(-b (open - c))."""
     return exp(-b * (open - c))
@@ -63,6 +86,15 @@ def water_flow(open, m_max, a, b, c):
     steepest growth.
     """
     return exp(log_flow(log(m_max), a, growth(open, b, c)))
+
+
+@scalar
+def leaking(m_w, m_0, m_1, leakage):
+    """Water flow, kg/s, of a valve with the curve of Eq (2) that lets ``leakage`` of its full flow pass when closed.
+
+    m_w: flow of Eq (2) at the opening; m_0, m_1: the same closed and fully open, kg/s.  Eq (2) as printed leaks m_0.
+    """
+    return m_1 * (leakage + (1.0 - leakage) * ((m_w - m_0) / (m_1 - m_0)))
 
 
 @scalar

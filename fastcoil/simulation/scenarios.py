@@ -75,6 +75,12 @@ class Layout:
             problems.append(
                 "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
             )
+        excess = float((xr.DataArray(value["slip_jump"]) - xr.DataArray(value["backlash"])).max())
+        if excess > 0.0:
+            problems.append(
+                f"slip_jump is up to {excess:g} above the backlash: a stem jumps at most by the band in which it "
+                "sticks, lower slip_jump or raise backlash"
+            )
         problems += _unread_parameters(self.loop)
         if problems:
             raise InputError(problems)

@@ -69,6 +69,9 @@ def mixed():
     columns["learning_early_trip"] = rng.choice([0.0, 1.0], N)
     columns["learning_ratio"] = rng.choice([0.5, 2.0], N)
     columns["learning_growth"] = rng.choice([1.0, 2.0], N)
+    columns["neutral_zone"] = rng.choice([0.0, 0.0, 0.01], N)
+    columns["slip_jump"] = rng.choice([0.0, 0.0, 0.4], N) * columns["backlash"]
+    columns["leakage"] = rng.choice([math.nan, 0.0, 0.02], N)
     columns["estimator"] = np.where(columns["learning_step"] > 0.0, "learner", "none")
     return columns
 
@@ -129,6 +132,7 @@ def alike(columns):
     [
         {"has_noise": True},
         {"shares_air_side": False},
+        {"leaks": True},
         {"samples_together": False},
         {"samples_together": False, "control_period": 1},
         {"estimating_period": 1},
@@ -142,7 +146,9 @@ def alike(columns):
     ],
 )
 def test_what_a_block_skips_changes_no_bits(mixed, day, flags):
-    plain = alike(mixed) | {name: defaults(N)[name] for name in ("noise_std", "sample_time", "beta3", "learning_step")}
+    plain = alike(mixed) | {
+        name: defaults(N)[name] for name in ("noise_std", "sample_time", "beta3", "learning_step", "leakage")
+    }
     plain["estimator"] = np.full(N, "none")
     noisy = plain | {"noise_std": np.full(N, 0.05), "learning_step": mixed["learning_step"]}
     noisy["estimator"] = mixed["estimator"]

@@ -18,6 +18,7 @@ ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
 SCALAR_SHARE = {
     "control": 0,
     "actuate": 0,
+    "actuate with zones and slips": 0,
     "deliver": 0,
     "air_side": 0.3,
     "march_water": 1.1,
@@ -36,8 +37,9 @@ def assembly_of(name):
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     section, signature = {
         "control": (controller.control, (A, i, f, f, b, f, T.literal(1))),
-        "actuate": (stem.actuate, (A, b)),
-        "deliver": (plant.deliver, (A,)),
+        "actuate": (stem.actuate, (A, b, T.literal(0), T.literal(0))),
+        "actuate with zones and slips": (stem.actuate, (A, b, T.literal(1), T.literal(1))),
+        "deliver": (plant.deliver, (A, b)),
         "air_side": (plant.air_side, (A, f)),
         "march_water": (plant.march_water, (A, A, i)),
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
@@ -97,7 +99,8 @@ from fastcoil.simulation.scenarios import columns_of
 np.seterr(all="ignore")
 compile_kernel()
 learner = {"learning_step": 0.01, "learning_early_trip": 1, "sample_time": 5}
-loop = fc.Loop(**learner, noise_std=0.1, n_volumes=[1, 3], air_march=["lagged", "quasistatic"])
+valve = {"neutral_zone": 0.01, "slip_jump": 0.02, "leakage": 0.0}
+loop = fc.Loop(**learner, **valve, noise_std=0.1, n_volumes=[1, 3], air_march=["lagged", "quasistatic"])
 day = fc.paper_day(hours=12 / 3600, seed=1)
 ds = fc.simulate(loop, day, warm_up=2, traces=list(TRACES), trace_interval=5, n_jobs=1)
 assert ds.sizes["elapsed_time"] == 3 and not ds.status.any()

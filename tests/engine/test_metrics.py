@@ -14,6 +14,7 @@ LOOPS = {
     "cooling": {"learning_step": 0.01, "learning_interval": 600.0, "noise_std": 0.02, "backlash_estimate": 0.03},
     "heating": {"action": "heating", "kp": 0.004, "ti": 30.0, "sample_time": 15.0, "C_w": 12.0, "stroke_time": 60.0},
     "open loop": {"air_march": "quasistatic"},
+    "valve as it is": {"kp": 0.02, "ti": 30.0, "neutral_zone": 0.01, "slip_jump": 0.03, "leakage": 0.0},
 }
 
 

@@ -21,7 +21,15 @@ from reference.metrics import METRICS
 from reference.noise import philox4x32, standard_normal
 from reference.parameters import PAPER_LIKE
 from reference.psychrometrics import enthalpy, humidity_ratio, saturation_humidity_ratio, saturation_pressure
-from reference.valve import actuator_position, backlash, richards_valve, valve_from_authority
+from reference.valve import (
+    NeutralZone,
+    StickSlip,
+    actuator_position,
+    backlash,
+    leaking_valve,
+    richards_valve,
+    valve_from_authority,
+)
 
 __all__ = [
     "FALLING",
@@ -31,6 +39,8 @@ __all__ = [
     "SCALAR_TRACES",
     "VOLUME_TRACES",
     "Learner",
+    "NeutralZone",
+    "StickSlip",
     "actuator_position",
     "backlash",
     "backlash_inverse",
@@ -39,6 +49,7 @@ __all__ = [
     "enthalpy",
     "exchange",
     "humidity_ratio",
+    "leaking_valve",
     "philox4x32",
     "pi_controller",
     "richards_valve",

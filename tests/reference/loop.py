@@ -8,7 +8,7 @@ from reference.learner import Learner
 from reference.metrics import METRICS, coil_metrics, movement_metrics, switching_metrics, tracking_metrics
 from reference.noise import standard_normal
 from reference.rounding import round_half_up
-from reference.valve import actuator_position, backlash, richards_valve
+from reference.valve import NeutralZone, StickSlip, backlash, leaking_valve
 
 SCALAR_TRACES = (
     "T_sup",
@@ -78,6 +78,8 @@ def simulate(
     switches_in_interval = 0
     u = integral = u_extreme = cmd = 0.0
     mode = FALLING
+    motor = NeutralZone(p["neutral_zone"])
+    stem = StickSlip(p["backlash"], p["slip_jump"])
     position = x = 0.0
 
     traces = {name: [] for name in SCALAR_TRACES + VOLUME_TRACES}
@@ -121,9 +123,11 @@ def simulate(
 
         # Actuator, Eq (1), Eq (2)
         position_previous = position
-        position = actuator_position(cmd, position, p["command_resolution"], p["stroke_time"])
+        position = motor.move(cmd, p["command_resolution"], p["stroke_time"])
         x, opening = backlash(position, position_previous, x, p["backlash"])
-        m_w = richards_valve(opening, p["m_max"], p["valve_a"], p["valve_b"], p["valve_c"])
+        if p["slip_jump"] > 0.0:
+            opening = stem.move(position)[1]
+        m_w = leaking_valve(opening, p["leakage"], p["m_max"], p["valve_a"], p["valve_b"], p["valve_c"])
 
         # Eqs (3) and (4)
         T_w_next, T_c_next, T_a_next, W_a_next, wet_volumes, condensate = coil_step(

@@ -21,10 +21,13 @@ PAPER_LIKE = {
     "valve_a": 0.7,
     "valve_b": 9.0,
     "valve_c": 0.38,
+    "leakage": None,
     # Actuator, Eq (1).
     "backlash": 0.07,
     "stroke_time": 0.0,
     "command_resolution": 0.0,
+    "neutral_zone": 0.0,
+    "slip_jump": 0.0,
     # Sensor.
     "sensor_time_constant": 0.0,
     "noise_std": 0.0,

@@ -60,3 +60,71 @@ def valve_from_authority(rangeability, authority, m_full):
     b = 2.0 * math.log(rangeability)
     c = 1.0 + math.log(authority / (2.0 * (1.0 - authority))) / (2.0 * math.log(rangeability))
     return m_max, a, b, c
+
+
+class NeutralZone:
+    """A motor [strokes] that starts where its target is further away than `zone` [strokes]."""
+
+    def __init__(self, zone):
+        self.zone = zone
+        self.position = 0.0
+        self.running = False
+
+    def move(self, command, resolution, stroke_time):
+        """Position one second on; arguments as those of `actuator_position`."""
+        target = min(round_half_up(command, resolution), 1.0) if resolution > 0.0 else command
+        if not self.running and abs(target - self.position) > self.zone:
+            self.running = True
+        if self.running:
+            self.position = actuator_position(command, self.position, resolution, stroke_time)
+            if self.position == target:
+                self.running = False
+        return self.position
+
+
+class StickSlip:
+    """The flow chart of Kano et al. (2004), for an input u in strokes: stick band S, slip jump J, both in strokes.
+
+    The stem starts stuck at u = 0, as if it had come down.
+    """
+
+    def __init__(self, S, J):
+        self.S = S
+        self.J = J
+        self.u_old = 0.0
+        self.du_old = 0.0
+        self.u_s = 0.0
+        self.stp = 1
+        self.d = -1
+        self.y = (S - J) / 2.0
+
+    def move(self, u):
+        """Valve position y and the opening [fraction] that spans 0..1."""
+        S, J = self.S, self.J
+        du = u - self.u_old
+        if du * self.du_old <= 0.0 and self.stp == 0:
+            self.u_s = self.u_old
+            self.stp = 1
+        if self.stp == 0:
+            self.y = u - self.d * (S - J) / 2.0
+        elif -self.d * (u - self.u_s) > S:
+            self.d = -self.d
+            self.y = u - self.d * (S - J) / 2.0
+            self.stp = 0
+        elif self.d * (u - self.u_s) > J:
+            self.y = u - self.d * (S - J) / 2.0
+            self.stp = 0
+        self.u_old = u
+        self.du_old = du
+        opening = (self.y - (S - J) / 2.0) / (1.0 - S + J)
+        return self.y, min(max(opening, 0.0), 1.0)
+
+
+def leaking_valve(opening, leakage, m_max, a, b, c):
+    """Water flow [kg/s] of Eq (2), stretched to `leakage` of the full flow at opening 0; None: as printed."""
+    m_w = richards_valve(opening, m_max, a, b, c)
+    if leakage is None:
+        return m_w
+    closed = richards_valve(0.0, m_max, a, b, c)
+    full = richards_valve(1.0, m_max, a, b, c)
+    return full * (leakage + (1.0 - leakage) * (m_w - closed) / (full - closed))

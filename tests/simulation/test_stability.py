@@ -63,6 +63,15 @@ def test_the_border_of_stability_with_an_installed_valve(days, refused):
     assert "γ = " in refused(fc.Loop(C_w=limit * (1 - 1e-9), **valve), days, warm_up=60)[0]
 
 
+def test_leakage_moves_no_border(days, refused):
+    """At full opening a valve delivers the same, whatever it leaks when closed."""
+    limit = gamma_and_lambda(days)[0] * 8.8
+    loop = fc.Loop(leakage=[0.0, 0.05, 0.9])
+    fc.simulate(loop.assign(C_w=limit * (1 + 1e-9)), days, warm_up=60)
+    (problem,) = refused(loop.assign(C_w=limit * (1 - 1e-9)), days, warm_up=60)
+    assert "6 of 6 scenarios" in problem
+
+
 def test_a_coil_that_cannot_get_wet_has_the_dry_border():
     day = fc.constant_day(hours=0.25, W_a_in=0.004)
     fc.simulate(fc.Loop(C_c=3.0), day, warm_up=60)
