@@ -120,6 +120,20 @@ def test_a_mistake_exits_with_2_and_one_sentence(fastcoil, tmp_path, words, sent
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
 
 
+def test_a_label_with_commas_is_a_scenario_to_run_again(fastcoil, tmp_path):
+    cases = '[cases.tuning]\n"slow, old" = { kp = 0.02 }\n"fast,new,1" = { kp = 0.03 }\n'
+    text = f"[loop]\n{cases}[sweep]\nbacklash = [0.02, 0.07]\n[boundary]\nhours = 0.1\n[run]\nwarm_up = 60\n"
+    (tmp_path / "cases.toml").write_text(text)
+    assert fastcoil("run", "cases.toml", "--no-figures", "-j", "1").exit_code == 0
+    for at in ("tuning=slow, old,backlash=0.07", "backlash=0.02,tuning=fast,new,1"):
+        again = fastcoil("rerun", "results/cases", "--at", at)
+        assert again.exit_code == 0, again.output
+        assert "Equal to the study's result to the last bit." in again.output
+    wrong = fastcoil("rerun", "results/cases", "--at", "tuning=slow, old,new=,backlash=0.07")
+    assert wrong.exit_code == 2
+    assert "--at new: no dimension of the study" in wrong.output
+
+
 def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
     from fastcoil.simulation import simulate as simulation
 

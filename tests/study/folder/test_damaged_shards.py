@@ -105,6 +105,28 @@ def test_a_shard_of_the_same_study_cut_otherwise_is_taken_for_what_it_adds(broke
     assert resume(broken_off) == []
 
 
+@pytest.mark.parametrize(
+    "forge",
+    [
+        lambda part: part.assign(status=part["status"].astype(float)),
+        lambda part: part.assign(status=part["status"].expand_dims(day=2)),
+        lambda part: part.isel(scenario=[0, *range(part["scenario"].size - 1, 0, -1)]),
+        lambda part: part.isel(scenario=[0, 0, 1]),
+        lambda part: part.assign_coords(scenario=part["scenario"].astype(float)),
+        lambda part: part.assign(rmse=part["rmse"].astype("f4")),
+        lambda part: part.assign(iae=part["iae"].expand_dims(day=2)),
+    ],
+    ids=["real status", "status by day", "descending", "twice", "real number", "short metric", "metric by day"],
+)
+def test_a_shard_of_another_form_is_named_by_verify_though_its_name_is_right(broken_off, forge):
+    path = shards(broken_off)[0]
+    forged = netcdf_bytes(forge(xr.load_dataset(path)))
+    path.unlink()
+    path = path.with_name(named(forged))
+    path.write_bytes(forged)
+    assert verify(broken_off) == [f"{path} does not have the form of a shard"]
+
+
 def test_a_renamed_shard_and_one_under_two_names_are_quarantined(broken_off):
     first, second = shards(broken_off)
     shutil.copy(first, first.with_name("000000001" + first.name[9:]))

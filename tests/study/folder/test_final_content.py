@@ -7,8 +7,9 @@ import pytest
 from helpers.studies import PLAIN, golden, run
 
 import fastcoil as fc
-from fastcoil.errors import IntegrityError
+from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.simulation import netcdf, stored_file
+from fastcoil.simulation.dataset import combined_sha256
 from fastcoil.study.folder.final import open_final
 from fastcoil.study.folder.manifest import Manifest
 
@@ -68,6 +69,42 @@ def test_a_file_of_a_later_version_and_a_missing_one_are_refused(tmp_path, swept
 def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
     netcdf.save(swept.assign_attrs(attrs), tmp_path / "results.nc")
     with pytest.raises(IntegrityError, match=r"results\.nc"):
+        opened(tmp_path)
+
+
+FORGED = {
+    "title": [
+        lambda ds: ds.drop_attrs(deep=False).assign_attrs(fastcoil_format=ds.attrs["fastcoil_format"]),
+        lambda ds: ds.assign_attrs(title=3),
+        lambda ds: ds.assign_attrs(title="x" * (2**20 + 1)),
+    ],
+    "status": [
+        lambda ds: ds.assign(status=ds["status"].astype(float)),
+        lambda ds: ds.assign(status=ds["status"] + 99),
+        lambda ds: ds.assign(status=ds["status"] - 1),
+    ],
+    "rmse": [lambda ds: ds.drop_vars("rmse"), lambda ds: ds.assign(rmse=ds["rmse"].isel(day=0))],
+    "backlash": [lambda ds: ds.assign_coords(backlash=[0.0, np.nan, 0.15])],
+}
+"""By what is wrong with them: results that nobody computed."""
+
+
+@pytest.mark.parametrize(("word", "forge"), [(word, forge) for word, each in FORGED.items() for forge in each])
+def test_results_of_another_form_are_refused_though_their_hash_is_right(tmp_path, swept, word, forge):
+    genuine = swept.assign_attrs(title="Small")
+    for ds in (genuine, forge(genuine)):
+        ds.attrs["content_sha256"] = combined_sha256(ds)
+        netcdf.save(ds, tmp_path / "results.nc")
+        if ds is genuine:
+            assert opened(tmp_path).title == "Small"
+    with pytest.raises(IntegrityError, match=f"is no result of a study: {word} is missing or damaged; delete it"):
+        opened(tmp_path)
+
+
+def test_a_small_file_of_very_many_values_ends_in_a_sentence(tmp_path, swept, monkeypatch):
+    netcdf.save(swept, tmp_path / "results.nc")
+    monkeypatch.setattr(netcdf, "available_memory", lambda: swept.nbytes - 1)
+    with pytest.raises(StorageError, match=r"cannot be read \(its values take .* are available\): the memory ran out"):
         opened(tmp_path)
 
 

@@ -1,0 +1,53 @@
+"""How a command ends where the surroundings are odd: no folder to be in, Python's and matplotlib's own settings."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from helpers.processes import environment
+from helpers.studies import PLAIN, run_until_interrupted
+
+
+def test_a_command_in_a_folder_that_is_gone_ends_with_4_and_one_sentence(tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    line = f'cd {gone} && rmdir {gone} && exec "{sys.executable}" -m fastcoil status .'
+    done = subprocess.run(
+        ["bash", "-c", line], capture_output=True, text=True, timeout=60, check=False, env=environment()
+    )
+    assert done.returncode == 4, done
+    said = "fastcoil: the current folder is gone: change to another one and give the command again\n"
+    assert (done.stdout, done.stderr) == ("", said)
+
+
+RUN_AND_PLOT = """
+import sys
+from fastcoil.cli.main import main
+for words in (["run", "study.toml", "-o", "out", "-j", "1"], ["plot", "out", "-x", "backlash", "--metric", "rmse"]):
+    try:
+        main(words)
+    except SystemExit as end:
+        print(words[0], "ends with", end.code or 0, flush=True)
+"""
+
+
+@pytest.mark.kernel
+def test_no_setting_of_python_or_matplotlib_stops_a_command(out):
+    run_until_interrupted(PLAIN.replace("estimate_ratio", "# estimate_ratio"), out, 1)
+    (out / "shards" / "notes.txt").write_text("mine")
+    done = subprocess.run(
+        [sys.executable, "-c", RUN_AND_PLOT],
+        cwd=out.parent,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env=environment(PYTHONWARNINGS="error", MPLBACKEND="no such backend"),
+    )
+    ends = [line for line in done.stdout.splitlines() if "ends with" in line]
+    assert ends == ["run ends with 0", "plot ends with 0"], done
+    assert "Traceback" not in done.stderr
+    assert "fastcoil: note: out/shards/notes.txt is no shard" in done.stderr
+    assert (out / "figures" / "rmse_backlash.png").stat().st_size > 1000
