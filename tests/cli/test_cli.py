@@ -146,7 +146,7 @@ def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
         return metrics, status, traces
 
     monkeypatch.setattr(simulation, "run_block", failing)
-    result = fastcoil("run", "small.toml", "-j", "1")
+    result = fastcoil("run", "small.toml", "-j", "1", "--no-figures")
     assert result.exit_code == 3
     assert "scenarios failed" in result.output
 

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 
+import click
 import pytest
+from click.testing import CliRunner
 from helpers.processes import environment
 from helpers.studies import PLAIN, run_until_interrupted
+
+from fastcoil.cli.interrupts import Commands
 
 
 def test_a_command_in_a_folder_that_is_gone_ends_with_4_and_one_sentence(tmp_path):
@@ -20,6 +25,20 @@ def test_a_command_in_a_folder_that_is_gone_ends_with_4_and_one_sentence(tmp_pat
     assert done.returncode == 4, done
     said = "fastcoil: the current folder is gone: change to another one and give the command again\n"
     assert (done.stdout, done.stderr) == ("", said)
+
+
+@pytest.mark.parametrize("kind", [UserWarning, DeprecationWarning, RuntimeWarning])
+def test_a_warning_is_a_note_though_python_is_set_to_raise_it(kind):
+    def warn():
+        warnings.warn("in passing", kind, stacklevel=2)
+
+    commands = Commands(commands=[click.Command("warn", callback=warn)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        before = list(warnings.filters)
+        found = CliRunner().invoke(commands, ["warn"])
+        assert warnings.filters == before
+    assert (found.exit_code, found.stderr) == (0, "fastcoil: note: in passing\n")
 
 
 RUN_AND_PLOT = """

@@ -80,7 +80,17 @@ EXTENSIONS = {
 }
 
 
-@pytest.mark.parametrize("larger", EXTENSIONS.values(), ids=EXTENSIONS)
+ALL_AT_ONCE = ("front", "middle", "a case", "replicates", "a day in front", "days")
+"""What the last of them does, too."""
+
+
+@pytest.mark.parametrize(
+    "larger",
+    [
+        pytest.param(each, marks=[pytest.mark.full] * (name in ALL_AT_ONCE), id=name)
+        for name, each in EXTENSIONS.items()
+    ],
+)
 def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tmp_path, larger):
     execute(study(BASE), tmp_path / "out")
     log = tmp_path / "log"
