@@ -94,7 +94,7 @@ ALL_AT_ONCE = ("front", "middle", "a case", "replicates", "a day in front", "day
 def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tmp_path, larger):
     execute(study(BASE), tmp_path / "out")
     log = tmp_path / "log"
-    asked = study(larger)
+    asked = study(EXTENSIONS[name])
     finished = execute(failing_shards.harmful(asked, log=log), tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - N
     assert sum(int(line.split()[1]) for line in log.read_text().splitlines()) == finished.n_run
@@ -102,7 +102,7 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tm
     assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == finished.results.attrs["content_sha256"]
     assert not (tmp_path / "out" / "shards").exists()
     assert len(list((tmp_path / "out").glob("traces-*.nc"))) == 1
-    assert execute(study(larger), tmp_path / "out", extend=True).n_run == 0
+    assert execute(study(EXTENSIONS[name]), tmp_path / "out", extend=True).n_run == 0
 
 
 @pytest.mark.parametrize("n_shards", [1, pytest.param(3, marks=pytest.mark.full)])
