@@ -85,13 +85,9 @@ ALL_AT_ONCE = ("front", "middle", "a case", "replicates", "a day in front", "day
 
 
 @pytest.mark.parametrize(
-    "larger",
-    [
-        pytest.param(each, marks=[pytest.mark.full] * (name in ALL_AT_ONCE), id=name)
-        for name, each in EXTENSIONS.items()
-    ],
+    "name", [pytest.param(name, marks=[pytest.mark.full] * (name in ALL_AT_ONCE)) for name in EXTENSIONS]
 )
-def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tmp_path, larger):
+def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tmp_path, name):
     execute(study(BASE), tmp_path / "out")
     log = tmp_path / "log"
     asked = study(EXTENSIONS[name])
