@@ -6,14 +6,15 @@ import errno
 import hashlib
 import os
 import random
+import re
 import shutil
 
 import netCDF4
 import pytest
 import xarray as xr
-from helpers.studies import PLAIN, larger, quarantined, resume, run, run_until_interrupted, shards, verify
+from helpers.studies import DAYS, PLAIN, larger, quarantined, resume, run, run_until_interrupted, shards, verify
 
-from fastcoil.errors import StorageError
+from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.simulation.netcdf import netcdf_bytes
 from fastcoil.study import maintenance
 from fastcoil.study.folder import shards as folder_shards
@@ -103,6 +104,17 @@ def test_a_shard_of_the_same_study_cut_otherwise_is_taken_for_what_it_adds(broke
     data = netcdf_bytes(first.isel(scenario=slice(1, 3)))
     (broken_off / "shards" / named(data, 1)).write_bytes(data)
     assert resume(broken_off) == []
+
+
+def test_a_shard_beyond_the_study_is_found_by_every_command(broken_off):
+    shard = next(shards_of(broken_off).inspect()).part
+    shards_of(broken_off).commit(shard.assign_coords(scenario=shard["scenario"].values + 900))
+    said = rf"shards holds scenario 90\d, the study has {4 * DAYS}: delete the folder and run again"
+    (problem,) = verify(broken_off)
+    assert re.search(said, problem)
+    for command in (maintenance.status, lambda folder: run(PLAIN, folder)):
+        with pytest.raises(IntegrityError, match=said):
+            command(broken_off)
 
 
 def test_a_renamed_shard_and_one_under_two_names_are_quarantined(broken_off):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from helpers.studies import PLAIN, golden, run
@@ -9,6 +11,7 @@ from helpers.studies import PLAIN, golden, run
 import fastcoil as fc
 from fastcoil.errors import IntegrityError
 from fastcoil.simulation import netcdf, stored_file
+from fastcoil.simulation.dataset import combined_sha256
 from fastcoil.study.folder.final import open_final
 from fastcoil.study.folder.manifest import Manifest
 
@@ -63,7 +66,9 @@ def test_a_file_of_a_later_version_and_a_missing_one_are_refused(tmp_path, swept
 
 
 @pytest.mark.parametrize(
-    "attrs", [{"trace_file": "../traces-x.nc"}, {"trace_file": 3}, {"trace_sha256": "["}, {"fastcoil_format": "x"}]
+    "attrs", [{"trace_file": "../traces-x.nc"}, {"trace_file": "results.nc"}, {"trace_file": ".holder"}, {"trace_file": 3},
+     {"trace_sha256": "["}, {"fastcoil_format": "x"}, {"wall_time_s": "long"}, {"n_jobs": 2}, {"study_sha256": ["a", "b"]},
+     {"day_sha256": "[]"}, {"parameters": "3"}, {"title": 3}],
 )
 def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
     netcdf.save(swept.assign_attrs(attrs), tmp_path / "results.nc")
@@ -75,3 +80,57 @@ def test_plain_results_have_no_traces(out):
     run(PLAIN, out)
     assert fc.open_study(out).attrs["content_sha256"] == golden(PLAIN)
     assert set(Manifest.read(out).outputs) == {"results.nc"}
+
+
+def forge(ds, path):
+    """Write results with the hash of what they hold."""
+    netcdf.save(ds.assign_attrs(title="forged"), path)
+    stored = netcdf.load(path)
+    netcdf.save(stored.assign_attrs(content_sha256=combined_sha256(stored)), path)
+
+
+FORGERIES = {
+    "backlash": [
+        lambda ds: ds.assign_coords(backlash=[f"v{k}" for k in range(ds.sizes["backlash"])]),
+        lambda ds: ds.assign_coords(backlash=np.zeros(ds.sizes["backlash"])),
+        lambda ds: ds.drop_vars("backlash"),
+    ],
+    "day": [lambda ds: ds.assign_coords(day=[0.0, np.nan])],
+    "rmse": [lambda ds: ds.drop_vars("rmse"), lambda ds: ds.assign(rmse=ds["rmse"].astype(str))],
+    "motor_travel": [
+        lambda ds: ds.drop_vars("motor_travel"),
+        lambda ds: ds.assign(motor_travel=ds["motor_travel"].isel(day=0)),
+        lambda ds: ds.assign(motor_travel=ds["motor_travel"].astype("i4")),
+    ],
+    "status": [lambda ds: ds.assign(status=ds["status"] + 7), lambda ds: ds.assign(status=ds["status"].astype(float))],
+    "mine": [
+        lambda ds: ds.assign(mine=("elsewhere", [1.0])),
+        lambda ds: ds.assign(mine=(ds["status"].dims, ds["status"].values.astype(str))),
+    ],
+}
+
+
+@pytest.mark.parametrize(("name", "change"), [(name, each) for name, those in FORGERIES.items() for each in those])
+def test_variables_that_no_study_has_are_refused_whatever_their_hash(tmp_path, swept, name, change):
+    forge(change(swept), tmp_path / "results.nc")
+    with pytest.raises(IntegrityError, match=rf"results\.nc is no result of a study: (.*, )?{name}\b"):
+        opened(tmp_path)
+
+
+def test_whatever_a_simulation_gives_has_the_form_of_results(tmp_path, swept):
+    reduced = swept.assign(mine=swept["T_sup"].max("elapsed_time") > 14.0)
+    forge(reduced, tmp_path / "results.nc")
+    assert opened(tmp_path).identical(netcdf.load(tmp_path / "results.nc"))
+
+
+def test_traces_of_another_form_than_the_results_say_are_refused_when_they_are_read(tmp_path, swept):
+    netcdf.save(swept[["T_sup"]], tmp_path / "traces-x.nc")
+    described = {"dims": swept["T_sup"].dims, "shape": swept["T_sup"].shape, "dtype": "float64", "attrs": {}}
+    for layout in ({"T_w": described}, {"T_sup": described | {"shape": (*swept["T_sup"].shape[:-1], 99)}}):
+        results = swept.drop_vars(["T_sup", "mode", "T_c", "elapsed_time", "volume"]).assign_attrs(
+            trace_file="traces-x.nc", trace_layout=json.dumps(layout), trace_sha256="{}"
+        )
+        forge(results, tmp_path / "results.nc")
+        hashes = {name: [stored_file.file_sha256(tmp_path / name)] for name in ("results.nc", "traces-x.nc")}
+        with pytest.raises(IntegrityError, match=r"traces-x\.nc holds no such T_"):
+            open_final(tmp_path, Manifest("", "", "", "", outputs=hashes)).load()
