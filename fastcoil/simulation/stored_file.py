@@ -113,7 +113,12 @@ class StoredFile:
         self.check()
         with self._readable(), entered():
             variable = self._parse().variables.get(name)
-            if variable is None or variable.shape != shape or variable.dtype is str or variable.dtype.kind not in "biuf":
+            if (
+                variable is None
+                or variable.shape != shape
+                or variable.dtype is str
+                or variable.dtype.kind not in "biuf"
+            ):
                 raise IntegrityError(f"{self.path} holds no such {name}; {self.cure}")
             variable.set_auto_maskandscale(False)
             return np.asarray(variable[key])

@@ -123,7 +123,11 @@ def test_a_slow_reader_of_a_pipe_that_does_not_block_gets_everything():
 
 @pytest.mark.parametrize(
     "deed",
-    ["sys.stdout.close(); sys.stderr.close()", "sys.stdout.buffer.close(); sys.stderr.detach()", "os.close(1); os.close(2)"],
+    [
+        "sys.stdout.close(); sys.stderr.close()",
+        "sys.stdout.buffer.close(); sys.stderr.detach()",
+        "os.close(1); os.close(2)",
+    ],
 )
 def test_code_that_closes_the_streams_silences_nothing(tmp_path, deed):
     code = f"""

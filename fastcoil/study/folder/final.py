@@ -16,12 +16,12 @@ import xarray as xr
 
 from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.files import commit_written
+from fastcoil.look import exists
 from fastcoil.simulation.dataset import FORMAT, combined_sha256, environments_of, variable_sha256
 from fastcoil.simulation.stored_file import StoredFile, file_sha256
 from fastcoil.simulation.stored_traces import layout_of, open_lazily
 from fastcoil.simulation.trial import try_reading
 from fastcoil.study.folder.form import malformed
-from fastcoil.study.folder.look import exists
 from fastcoil.study.folder.manifest import Manifest
 
 RESULTS = "results.nc"
@@ -71,9 +71,8 @@ def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
             raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_CURES[True]}")
         wrong = malformed(ds)
         if wrong:
-            raise IntegrityError(
-                f"{path} is no result of a study: {', '.join(wrong[:_MOST_NAMES])} is missing or damaged; {_CURES[True]}"
-            )
+            names = ", ".join(wrong[:_MOST_NAMES])
+            raise IntegrityError(f"{path} is no result of a study: {names} is missing or damaged; {_CURES[True]}")
         return add_traces(ds, folder, manifest)
     except (FastcoilError, MemoryError):
         raise

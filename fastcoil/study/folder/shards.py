@@ -21,9 +21,9 @@ import xarray as xr
 
 from fastcoil.errors import IntegrityError, StorageError, out_of_memory
 from fastcoil.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
+from fastcoil.look import entries, exists, is_folder
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN
 from fastcoil.simulation.netcdf import load, netcdf_bytes
-from fastcoil.study.folder.look import entries, exists, is_folder
 
 SHARDS, QUARANTINE = "shards", "quarantine"
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"

@@ -52,20 +52,16 @@ class _Shared(NamedTuple):
 
 
 _lock = threading.Lock()
-_inside = 0
-_before: _Shared | None = None
-"""As it was before the first of the threads that are inside entered: what a later one finds may be changed already."""
+_inside: list[_Shared] = []
+"""For each thread inside how it was before the first of them entered: what a later one finds may be changed already."""
 
 
 @contextmanager
 def surroundings_restored() -> Iterator[None]:
     """Give back the current folder, the standard streams, the way of rounding and the like, however the block ends."""
-    global _inside, _before
     floating_point, handlers = _floating_point(), _handlers()
     with _lock:
-        if _before is None:
-            _before = _Shared.look()
-        _inside += 1
+        _inside.append(_inside[0] if _inside else _Shared.look())
     try:
         with np.errstate():
             yield
@@ -74,10 +70,7 @@ def surroundings_restored() -> Iterator[None]:
         for number, handler in handlers.items():
             signal.signal(number, handler)
         with _lock:
-            before, _inside = _before, _inside - 1
-            if _inside == 0:
-                _before = None
-            before.restore()
+            _inside.pop().restore()
 
 
 def _raising_filters() -> tuple[Any, ...]:

@@ -27,7 +27,7 @@ def look():
     )  # fmt: skip
 
 
-def disturb():
+def disturb_and_fail():
     os.chdir("/")
     sys.stdout = sys.stderr = None
     sys.setrecursionlimit(sys.getrecursionlimit() - 100)
@@ -37,6 +37,7 @@ def disturb():
     warnings.showwarning = print
     warnings.simplefilter("error")
     ctypes.CDLL(None).fesetround(UPWARD.get(os.uname().machine, 0))
+    raise ZeroDivisionError
 
 
 def test_what_the_process_shares_is_as_it_was(tmp_path, monkeypatch):
@@ -45,8 +46,7 @@ def test_what_the_process_shares_is_as_it_was(tmp_path, monkeypatch):
         warnings.resetwarnings()
         before = look()
         with pytest.raises(ZeroDivisionError), surroundings_restored():
-            disturb()
-            raise ZeroDivisionError
+            disturb_and_fail()
         assert look() == before
 
 
