@@ -78,7 +78,7 @@ def interruptible(study: Path, folder: Path) -> Iterator[None]:
     command = shlex.join(["fastcoil", "run", str(study), "-o", str(folder)])
 
     def advice() -> str:
-        return f"; finished scenarios are kept, to resume: {command}" if folder.exists() else ""
+        return f"; finished scenarios are kept, to resume: {command}" if os.path.exists(folder) else ""
 
     def give_up(code: int) -> None:
         say(f"fastcoil: interrupted{advice()}", err=True)

@@ -108,11 +108,18 @@ class StoredFile:
         with self._readable():
             return load(self.hold().source)
 
-    def read(self, name: str, key: Any) -> np.ndarray:
-        """Read a part of a variable; raises as ``check``."""
+    def read(self, name: str, shape: tuple[int, ...], key: Any) -> np.ndarray:
+        """Read a part of a variable that has a ``shape``; raises as ``check``."""
         self.check()
         with self._readable(), entered():
-            variable = self._parse().variables[name]
+            variable = self._parse().variables.get(name)
+            if (
+                variable is None
+                or variable.shape != shape
+                or variable.dtype is str
+                or variable.dtype.kind not in "biuf"
+            ):
+                raise IntegrityError(f"{self.path} holds no such {name}; {self.cure}")
             variable.set_auto_maskandscale(False)
             return np.asarray(variable[key])
 

@@ -109,6 +109,14 @@ def test_a_cache_that_cannot_be_written_is_a_warning_and_no_more(copied):
     assert found.stderr.count("Warning") == 1
 
 
+def test_a_kernel_compiled_with_other_settings_than_its_folder_says_is_not_kept(copied):
+    root, env = copied
+    changed = RUN.replace("gamma, _", "import os\nos.environ['NUMBA_OPT'] = '1'\ngamma, _")
+    assert changed != RUN
+    assert run(env, changed).stdout.endswith(" 0\n")
+    assert not list((root / "cache").rglob("*.nbc"))
+
+
 def test_pruning_keeps_the_current_folder_and_the_latest_ones(tmp_path):
     now = time.time()
     (tmp_path / "mine").mkdir()  # whatever it does here

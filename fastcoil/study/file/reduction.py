@@ -16,6 +16,7 @@ from pathlib import Path
 
 from fastcoil.errors import InputError
 from fastcoil.files import read_bytes
+from fastcoil.look import is_file
 
 _LARGEST = 2**24
 """Bytes of source."""
@@ -50,7 +51,7 @@ def find_reduction(text: str, folder: Path) -> Reduction:
             f"reduce = {text!r}: give module:function, such as 'mine:overshoot' for the function overshoot in mine.py"
         )
     path = folder.joinpath(*parts).with_suffix(".py")
-    if not path.is_file():
+    if not is_file(path):
         path = _find_importable(text, parts, path)
     try:
         source = importlib.util.decode_source(read_bytes(path, _LARGEST))  # in the encoding that it declares

@@ -24,11 +24,11 @@ import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError, StorageError
 from fastcoil.files import commit, read_bytes, remove_unfinished, storage_errors
+from fastcoil.look import entries, exists, is_folder
 from fastcoil.plots.files import FIGURES
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
-from fastcoil.study.folder.final import RESULTS, open_final
+from fastcoil.study.folder.final import RESULTS, TRACE_FILES, open_final
 from fastcoil.study.folder.lock import find_holder, hold
-from fastcoil.study.folder.look import entries, exists, is_folder
 from fastcoil.study.folder.manifest import MANIFEST, Manifest
 from fastcoil.study.folder.shards import Shards
 
@@ -181,7 +181,7 @@ class StudyFolder:
 
     def trace_files(self) -> list[Path]:
         """All files of traces, whether they are of these results or not."""
-        return [path for path in entries(self.path) if path.match("traces-*.nc")]
+        return [path for path in entries(self.path) if path.match(TRACE_FILES)]
 
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:
         """Remove shards and traces that the results ``ds`` replace."""

@@ -136,10 +136,6 @@ class Computed:
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:
             index = part["scenario"].values
-            if index[-1] >= seen.size:
-                raise IntegrityError(
-                    f"{self.shards.path} holds scenario {index[-1]}, the study has {seen.size}: delete the folder and "
-                    "run again"
-                )
+            self.shards.require_within(part, seen.size)
             yield part.isel(scenario=~seen[index]) if seen[index].any() else part
             seen[index] = True
