@@ -92,35 +92,6 @@ def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
         opened(tmp_path)
 
 
-FORGED = {
-    "title": [
-        lambda ds: ds.drop_attrs(deep=False).assign_attrs(fastcoil_format=ds.attrs["fastcoil_format"]),
-        lambda ds: ds.assign_attrs(title=3),
-        lambda ds: ds.assign_attrs(title="x" * (2**20 + 1)),
-    ],
-    "status": [
-        lambda ds: ds.assign(status=ds["status"].astype(float)),
-        lambda ds: ds.assign(status=ds["status"] + 99),
-        lambda ds: ds.assign(status=ds["status"] - 1),
-    ],
-    "rmse": [lambda ds: ds.drop_vars("rmse"), lambda ds: ds.assign(rmse=ds["rmse"].isel(day=0))],
-    "backlash": [lambda ds: ds.assign_coords(backlash=[0.0, np.nan, 0.15])],
-}
-"""By what is wrong with them: results that nobody computed."""
-
-
-@pytest.mark.parametrize(("word", "forge"), [(word, forge) for word, each in FORGED.items() for forge in each])
-def test_results_of_another_form_are_refused_though_their_hash_is_right(tmp_path, swept, word, forge):
-    genuine = swept.assign_attrs(title="Small")
-    for ds in (genuine, forge(genuine)):
-        ds.attrs["content_sha256"] = combined_sha256(ds)
-        netcdf.save(ds, tmp_path / "results.nc")
-        if ds is genuine:
-            assert opened(tmp_path).title == "Small"
-    with pytest.raises(IntegrityError, match=f"is no result of a study: {word} is missing or damaged; delete it"):
-        opened(tmp_path)
-
-
 def test_a_small_file_of_very_many_values_ends_in_a_sentence(tmp_path, swept, monkeypatch):
     netcdf.save(swept, tmp_path / "results.nc")
     monkeypatch.setattr(netcdf, "available_memory", lambda: swept.nbytes - 1)
@@ -135,29 +106,37 @@ def test_plain_results_have_no_traces(out):
 
 
 FORGERIES = {
+    "title": [lambda ds: ds.assign_attrs(title=3), lambda ds: ds.assign_attrs(title="x" * (2**20 + 1))],
     "backlash": [
         lambda ds: ds.assign_coords(backlash=[f"v{k}" for k in range(ds.sizes["backlash"])]),
         lambda ds: ds.assign_coords(backlash=np.zeros(ds.sizes["backlash"])),
         lambda ds: ds.drop_vars("backlash"),
     ],
     "day": [lambda ds: ds.assign_coords(day=[0.0, np.nan])],
-    "rmse": [lambda ds: ds.drop_vars("rmse"), lambda ds: ds.assign(rmse=ds["rmse"].astype(str))],
-    "motor_travel": [
-        lambda ds: ds.drop_vars("motor_travel"),
-        lambda ds: ds.assign(motor_travel=ds["motor_travel"].isel(day=0)),
-        lambda ds: ds.assign(motor_travel=ds["motor_travel"].astype("i4")),
+    "rmse": [
+        lambda ds: ds.drop_vars("rmse"),
+        lambda ds: ds.assign(rmse=ds["rmse"].isel(day=0)),
+        lambda ds: ds.assign(rmse=ds["rmse"].astype(str)),
+        lambda ds: ds.assign(rmse=ds["rmse"].astype("i4")),
     ],
-    "status": [lambda ds: ds.assign(status=ds["status"] + 7), lambda ds: ds.assign(status=ds["status"].astype(float))],
+    "status": [
+        lambda ds: ds.assign(status=ds["status"] + 7),
+        lambda ds: ds.assign(status=ds["status"] - 1),
+        lambda ds: ds.assign(status=ds["status"].astype(float)),
+    ],
     "mine": [
         lambda ds: ds.assign(mine=("elsewhere", [1.0])),
         lambda ds: ds.assign(mine=(ds["status"].dims, ds["status"].values.astype(str))),
     ],
 }
+"""By what is wrong with them: results that nobody computed."""
 
 
 @pytest.mark.parametrize(("name", "change"), [(name, each) for name, those in FORGERIES.items() for each in those])
-def test_variables_that_no_study_has_are_refused_whatever_their_hash(swept, name, change):
-    assert name in malformed(change(swept[[*METRICS, "status"]].assign_attrs(title="forged")))
+def test_results_of_another_form_are_refused_whatever_their_hash(swept, name, change):
+    genuine = swept[[*METRICS, "status"]].assign_attrs(title="Small")
+    assert not malformed(genuine)
+    assert name in malformed(change(genuine))
 
 
 @pytest.mark.parametrize(
