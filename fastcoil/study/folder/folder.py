@@ -97,9 +97,9 @@ class StudyFolder:
 
     def write_manifest(self, manifest: Manifest, text: str) -> None:
         """Record which study is run, before its first shard."""
-        # in this order: if it is killed in between, the same command finds its own run, and writes the text again
-        manifest.write(self.path)
+        # in this order: if it is killed in between, the manifest is still that of the results, or there is none
         commit(self.study, text.encode())
+        manifest.write(self.path)
 
     def records(self, manifest: Manifest, text: str) -> bool:
         """Whether the folder says all this of the study that is run."""
@@ -149,6 +149,10 @@ class StudyFolder:
     def shards(self, manifest: Manifest) -> Shards:
         """The finished shards of a run."""
         return Shards(self.path, manifest.key)
+
+    def has_none_of(self, manifest: Manifest) -> bool:
+        """Whether nothing of a run would be lost if the folder were used for another one."""
+        return not self.has_results and not self.shards(manifest).any()
 
     def open_results(self) -> xr.Dataset:
         """Open the results, see ``open_final``."""

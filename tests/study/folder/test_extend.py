@@ -15,8 +15,11 @@ from helpers.study_tables import fresh, run_shards, toml
 import fastcoil as fc
 from fastcoil.cli.main import main
 from fastcoil.errors import InputError
+from fastcoil import files
 from fastcoil.study import runner
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.folder import folder, manifest
+from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.runner import execute
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120)]
@@ -137,6 +140,51 @@ def test_an_extension_of_an_extension_that_was_interrupted_keeps_all(study, tmp_
     asked = study(changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09, 0.11]}, run={"replicates": 2}))
     finished = execute(asked, tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - done
+    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+def killed(monkeypatch, study, out, **options):
+    """A run that is killed after it wrote one of the two files that say what is run."""
+    write_both, written = StudyFolder.write_manifest, []
+
+    def commit(path, data):
+        if written:
+            raise KeyboardInterrupt
+        written.append(path)
+        files.commit(path, data)
+
+    def write_one(*words):
+        for module in (folder, manifest):
+            monkeypatch.setattr(module, "commit", commit)
+        write_both(*words)
+
+    with monkeypatch.context() as monkeypatch:
+        monkeypatch.setattr(StudyFolder, "write_manifest", write_one)
+        with pytest.raises(KeyboardInterrupt):
+            execute(study, out, **options)
+
+
+def test_a_run_killed_before_its_first_shard_is_in_nobodys_way(study, tmp_path, monkeypatch):
+    killed(monkeypatch, study(BASE), tmp_path / "out")
+    asked = study(EXTENSIONS["end"])
+    assert execute(asked, tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+@pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
+def test_an_extension_killed_before_its_first_shard_loses_nothing(study, tmp_path, monkeypatch, n_shards):
+    cut(monkeypatch, 5)
+    done = run_shards(study(BASE), tmp_path / "out", n_shards)
+    killed(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
+    with fc.open_study(tmp_path / "out") as found:
+        assert int((found["status"] == 0).sum()) == done
+        assert found.sizes["backlash"] == 3
+    with pytest.raises(fc.IntegrityError, match="add --extend to go on"):
+        execute(study(EXTENSIONS["middle"]), tmp_path / "out")
+    assert execute(study(BASE), tmp_path / "out").n_run == N - done
+    killed(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
+    asked = study(EXTENSIONS["end"])
+    finished = execute(asked, tmp_path / "out", extend=True)
+    assert finished.n_run == asked.plan.n_scenarios - N
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
 
 
