@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 import click
 
+from fastcoil.cli.environment import check_environment
 from fastcoil.cli.terminal import complain, say
 from fastcoil.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
 
@@ -28,6 +29,7 @@ class Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             with plain_warnings():
+                check_environment()
                 return super().invoke(ctx)
         except FastcoilError as error:
             complain(error)

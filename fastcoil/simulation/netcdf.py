@@ -8,6 +8,7 @@ Nothing that is opened here is left for the garbage collector to close, which as
 from __future__ import annotations
 
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Collection, Hashable, Iterator
 from contextlib import contextmanager, suppress
@@ -34,12 +35,24 @@ abandoned: list[netCDF4.Dataset] = []
 garbage collector would try it."""
 
 
+_forking: set[int] = set()
+"""The thread that has entered in order to fork."""
+
+
+def _enter_to_fork() -> None:
+    NETCDF4_PYTHON_LOCK.acquire()
+    _forking.add(threading.get_ident())
+
+
+def _leave_after_fork() -> None:
+    # not of a thread that began to fork before this file was loaded
+    if threading.get_ident() in _forking:
+        _forking.clear()
+        NETCDF4_PYTHON_LOCK.release()
+
+
 # a child of a fork inherits the lock as it is: no thread may be inside then
-os.register_at_fork(
-    before=NETCDF4_PYTHON_LOCK.acquire,
-    after_in_parent=NETCDF4_PYTHON_LOCK.release,
-    after_in_child=NETCDF4_PYTHON_LOCK.release,
-)
+os.register_at_fork(before=_enter_to_fork, after_in_parent=_leave_after_fork, after_in_child=_leave_after_fork)
 
 
 @contextmanager

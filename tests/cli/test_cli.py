@@ -108,6 +108,8 @@ def test_the_help_shows_the_example_line_by_line(fastcoil):
         (("run", "small.toml", "-j", "0"), "n_jobs = 0"),
         (("run", "small.toml", "-o", "small.toml"), "small.toml is a file"),
         (("plan", "."), ". is a folder"),
+        (("run", "small.toml", "-o", ""), "--out is empty: give a path"),
+        (("plot", ""), "folder is empty: give a path"),
         (("plot", "nowhere"), "nowhere holds no study: run one first"),
         (("plot", "nowhere", "--by", "kp"), "nowhere"),
     ],
@@ -132,6 +134,19 @@ def test_a_label_with_commas_is_a_scenario_to_run_again(fastcoil, tmp_path):
     wrong = fastcoil("rerun", "results/cases", "--at", "tuning=slow, old,new=,backlash=0.07")
     assert wrong.exit_code == 2
     assert "--at new: no dimension of the study" in wrong.output
+    twice = fastcoil("rerun", "results/cases", "--at", "tuning=slow, old,backlash=0.07,backlash=0.02")
+    assert twice.exit_code == 2
+    assert "--at: backlash is given twice" in twice.output
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("NUMBA_NUM_THREADS", "0"), ("SOURCE_DATE_EPOCH", "abc"), ("SOURCE_DATE_EPOCH", "9" * 15)]
+)
+def test_a_setting_that_a_library_would_fail_at_is_a_mistake(fastcoil, monkeypatch, name, value):
+    monkeypatch.setenv(name, value)
+    result = fastcoil("plan", "small.toml")
+    assert result.exit_code == 2
+    assert f"fastcoil: {name} = '{value}' in the environment: unset it" in result.output
 
 
 def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):

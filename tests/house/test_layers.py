@@ -14,8 +14,9 @@ from fastcoil.numerics.jit import _FLAGS
 PACKAGE = Path(fastcoil.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
+    {"printable"},
     {"errors"},
-    {"parameter_table", "outputs", "files", "version", "printable"},
+    {"parameter_table", "outputs", "files", "version"},
     {"arguments", "memory", "look"},
     {"numerics"},
     {"physics", "control"},

@@ -133,7 +133,8 @@ class StudyFolder:
             study = read_study(self.study, Path(manifest.relative_to))
         except InputError as error:
             raise IntegrityError(
-                f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n{error}"
+                f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n"
+                + "\n".join(error.problems)
             ) from None
         if study.sha256 != manifest.study_sha256:
             what = (

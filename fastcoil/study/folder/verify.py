@@ -28,7 +28,9 @@ def find_problems(store: StudyFolder) -> list[str]:
     problems, n_scenarios = [], None
     try:
         n_scenarios = store.read_study(manifest).plan.n_scenarios
-    except (InputError, IntegrityError) as error:
+    except InputError as error:
+        problems = error.problems
+    except IntegrityError as error:
         problems = str(error).splitlines()
     return [*problems, *_results(store, manifest), *_shards(store.shards(manifest), n_scenarios)]
 
