@@ -136,7 +136,7 @@ def test_a_label_with_commas_is_a_scenario_to_run_again(fastcoil, tmp_path):
     assert "--at new: no dimension of the study" in wrong.output
     twice = fastcoil("rerun", "results/cases", "--at", "tuning=slow, old,backlash=0.07,backlash=0.02")
     assert twice.exit_code == 2
-    assert "--at: backlash is given twice" in twice.output
+    assert "--at: 'backlash' is given twice: give it once" in twice.output
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,9 @@ from helpers.studies import run_until_stopped
 from helpers.study_tables import fresh, run_shards, toml
 
 import fastcoil as fc
+from fastcoil import files
 from fastcoil.cli.main import main
 from fastcoil.errors import InputError
-from fastcoil import files
 from fastcoil.study import runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder import folder, manifest
@@ -155,11 +155,11 @@ def killed(monkeypatch, study, out, **options):
 
     def write_one(*words):
         for module in (folder, manifest):
-            monkeypatch.setattr(module, "commit", commit)
+            patch.setattr(module, "commit", commit)
         write_both(*words)
 
-    with monkeypatch.context() as monkeypatch:
-        monkeypatch.setattr(StudyFolder, "write_manifest", write_one)
+    with monkeypatch.context() as patch:
+        patch.setattr(StudyFolder, "write_manifest", write_one)
         with pytest.raises(KeyboardInterrupt):
             execute(study, out, **options)
 
