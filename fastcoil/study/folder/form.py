@@ -54,9 +54,10 @@ def _status(ds: xr.Dataset) -> Iterator[str]:
 
 
 def _metrics(ds: xr.Dataset) -> Iterator[str]:
-    for name in METRICS:
-        if name not in ds.data_vars or ds[name].dims != ds["status"].dims or ds[name].dtype != float:
-            yield name
+    known = [name for name in METRICS if name in ds.data_vars]  # an older version wrote fewer
+    yield from (name for name in known if ds[name].dims != ds["status"].dims or ds[name].dtype != float)
+    if "rmse" not in known:
+        yield "rmse"
 
 
 def _labels(ds: xr.Dataset) -> Iterator[str]:
