@@ -88,7 +88,7 @@ def interruptible(study: Path, folder: Path) -> Iterator[None]:
 
     def stop(number: int, _: object) -> None:
         for each in numbers:  # the run is ending: an impatient user must not stop it from cleaning up
-            signal.signal(each, signal.SIG_IGN)
+            signal.signal(each, lambda *_: None)  # one that came already could not be ignored in another way
         # a thread in a long shard, or workers that do not answer, would keep the process waiting
         interrupted = number == signal.SIGINT
         timer = threading.Timer(_PATIENCE, give_up, [EXIT_INTERRUPTED if interrupted else EXIT_TERMINATED])

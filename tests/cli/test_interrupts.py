@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import warnings
@@ -12,7 +13,8 @@ from click.testing import CliRunner
 from helpers.processes import environment
 from helpers.studies import PLAIN, run_until_interrupted
 
-from fastcoil.cli.interrupts import Commands
+from fastcoil.cli import interrupts
+from fastcoil.cli.interrupts import Commands, interruptible
 
 
 def test_a_command_in_a_folder_that_is_gone_ends_with_4_and_one_sentence(tmp_path):
@@ -68,5 +70,27 @@ def test_no_setting_of_python_or_matplotlib_stops_a_command(out):
     ends = [line for line in done.stdout.splitlines() if "ends with" in line]
     assert ends == ["run ends with 0", "plot ends with 0"], done
     assert "Traceback" not in done.stderr
-    assert "fastcoil: note: out/shards/notes.txt is no shard" in done.stderr
+    assert "/out/shards/notes.txt is no shard" in done.stderr
     assert (out / "figures" / "rmse_backlash.png").stat().st_size > 1000
+
+
+@pytest.mark.alone
+def test_two_interruptions_at_once_are_one(tmp_path, monkeypatch):
+    both, said = {signal.SIGINT, signal.SIGTERM}, []
+    monkeypatch.setattr(sys, "unraisablehook", said.append)
+    monkeypatch.setattr(interrupts, "_PATIENCE", 3600.0)  # the process is not to end
+    signal.pthread_sigmask(signal.SIG_BLOCK, both)
+
+    def interrupt():
+        with interruptible(tmp_path / "study.toml", tmp_path):
+            for number in both:
+                signal.raise_signal(number)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+            sum(range(1000))
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            interrupt()
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+    assert not said
