@@ -5,6 +5,8 @@ Names are loaded on first use: ``import fastcoil`` costs nothing but this file.
 
 from __future__ import annotations
 
+import os
+import threading
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +58,10 @@ _HOME = {
     "weather_day": "boundary.weather",
 }
 
+_loading = threading.RLock()
+# a child of a fork inherits a module that another thread is just loading as it is, and would wait for it for ever
+os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
+
 __all__ = [*_HOME, "__version__", "parameters"]  # noqa: PLE0604
 
 
@@ -72,7 +78,8 @@ def __getattr__(name: str) -> Any:
 
         value: Any = package_version()
     elif name in _HOME:
-        value = getattr(import_module(f"fastcoil.{_HOME[name]}"), name)
+        with _loading:
+            value = getattr(import_module(f"fastcoil.{_HOME[name]}"), name)
     else:
         raise AttributeError(f"module 'fastcoil' has no attribute {name!r}")
     globals()[name] = value

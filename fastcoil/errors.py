@@ -7,6 +7,8 @@ import errno
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
+from fastcoil.printable import printable
+
 EXIT_BUG = 1
 EXIT_INPUT = 2
 EXIT_FAILED_SCENARIOS = 3
@@ -18,12 +20,34 @@ EXIT_TERMINATED = 143
 
 _LONGEST = 60
 """Letters of a value in a message."""
+_MOST_SENTENCES, _LONGEST_SENTENCE = 20, 2000
+"""A reader mends these first, the rest are counted; letters of each."""
 
 
 class FastcoilError(Exception):
-    """Base of every error fastcoil raises on purpose; its text is meant for the user."""
+    """Base of every error fastcoil raises on purpose; its text is meant for the user.
+
+    As text it is printable, and long lists in it are cut; ``args`` has all of it.
+    """
 
     exit_code = EXIT_BUG
+    _noun = "line"
+
+    def __str__(self) -> str:
+        sentences = self._sentences()
+        more = len(sentences) - _MOST_SENTENCES
+        cut = [f"… and {more:,} more {self._noun}{'s' if more > 1 else ''}"] if more > 0 else []
+        return "\n".join([*map(_abridged, sentences[:_MOST_SENTENCES]), *cut])
+
+    def _sentences(self) -> list[str]:
+        return str(self.args[0]).split("\n") if self.args else []
+
+
+def _abridged(sentence: str) -> str:
+    text = printable(sentence[:_LONGEST_SENTENCE])
+    if len(sentence) <= _LONGEST_SENTENCE and len(text) <= _LONGEST_SENTENCE:
+        return text
+    return f"{text[:_LONGEST_SENTENCE]}… ({len(sentence):,} characters)"
 
 
 class WrongType(str):
@@ -40,6 +64,7 @@ class InputError(FastcoilError, ValueError):
     """
 
     exit_code = EXIT_INPUT
+    _noun = "mistake"
 
     def __new__(cls, problems: str | Collection[str] = ()) -> InputError:
         # some libraries that carry errors between processes make them without arguments
@@ -50,6 +75,9 @@ class InputError(FastcoilError, ValueError):
     def __init__(self, problems: str | Collection[str]) -> None:
         self.problems = [problems] if isinstance(problems, str) else list(problems)
         super().__init__("\n".join(self.problems))
+
+    def _sentences(self) -> list[str]:
+        return self.problems
 
 
 class InputTypeError(InputError, TypeError):

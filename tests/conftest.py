@@ -13,7 +13,7 @@ from filelock import FileLock
 from hypothesis import settings
 
 # a failed assertion tells in them what it found, as it does in a test
-pytest.register_assert_rewrite("helpers.studies", "helpers.processes", "helpers.refusals")
+pytest.register_assert_rewrite("helpers.dying_pool", "helpers.studies", "helpers.processes", "helpers.refusals")
 
 # compiling a formula inside an example takes longer than hypothesis' deadline
 settings.register_profile("fastcoil", deadline=None, derandomize=True, database=None)

@@ -96,3 +96,23 @@ def test_a_list_in_itself_is_shown():
     for _ in range(100_000):
         value = [value]
     assert shown(value) == "<list>"
+
+
+def test_the_text_of_an_error_is_printable_and_cut_and_the_error_has_all_of_it():
+    error = fc.InputError([f"key {k} \x1b[31m\nis unknown" for k in range(30_000)])
+    lines = str(error).split("\n")
+    assert lines[0] == "key 0 \\x1b[31m\\nis unknown"
+    assert lines[20:] == ["… and 29,980 more mistakes"]
+    assert len(error.problems) == 30_000
+    assert error.problems[0] in error.args[0]
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+    assert str(fc.InputError("\x07" * 10_000)).endswith("… (10,000 characters)")
+    assert len(str(fc.InputError("\x07" * 10_000))) < 3000
+    assert str(fc.IntegrityError("one\x1b\ntwo")) == "one\\x1b\ntwo"
+    assert str(fc.StorageError("full\x1b")) == "full\\x1b"
+
+
+def test_a_path_with_control_characters_is_repeated_without_them():
+    with pytest.raises(fc.InputError) as caught:
+        fc.open_study("\x1b[31m")
+    assert str(caught.value).startswith("\\x1b[31m holds no study")

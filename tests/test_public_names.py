@@ -29,3 +29,32 @@ def test_presets_and_parameters_load_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
     assert done.stderr.strip() == ""
+
+
+LOADING = """
+import os, signal, sys, threading, time
+import fastcoil as fc
+
+loading = threading.Event()
+
+class Slow:
+    def find_spec(self, name, path=None, target=None):
+        if name == "fastcoil.errors":
+            loading.set()
+            time.sleep(0.3)
+
+sys.meta_path.insert(0, Slow())
+threading.Thread(target=lambda: fc.InputError).start()
+loading.wait()
+child = os.fork()
+if child == 0:
+    signal.alarm(20)
+    fc.InputError
+    os._exit(0)
+sys.exit(os.waitpid(child, 0)[1])
+"""
+
+
+def test_a_child_of_a_fork_can_load_what_another_thread_was_loading():
+    ended = subprocess.run([sys.executable, "-W", "ignore", "-c", LOADING], check=False, timeout=60)
+    assert ended.returncode == 0

@@ -17,6 +17,7 @@ from fastcoil.arguments import path_of
 from fastcoil.calibrate.split import FITTING, VALIDATION
 from fastcoil.errors import InputError
 from fastcoil.files import commit, read_bytes
+from fastcoil.look import is_folder
 from fastcoil.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
@@ -155,7 +156,7 @@ class Fit:
         text = "\n".join(lines) + "\n"
         if path is not None:
             path = path_of("path", path)
-            if path.is_dir() or not path.parent.is_dir():
+            if is_folder(path) or not is_folder(path.parent):
                 raise InputError(f"{path} cannot be written: give a file in a folder that exists")
             commit(path, text.encode())
         return text

@@ -12,6 +12,7 @@ from fastcoil.cli.paths import PATH
 from fastcoil.cli.progress import announce_compilation
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
+from fastcoil.look import exists, is_file, is_folder
 
 if TYPE_CHECKING:
     from fastcoil.calibrate.result import Fit
@@ -195,12 +196,12 @@ def _require_writable(out: Path) -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier fit."""
     from fastcoil.calibrate.result import is_fit
 
-    if out.is_dir() or not out.absolute().parent.is_dir() or out.suffix != ".toml":
+    if is_folder(out) or not is_folder(out.absolute().parent) or out.suffix != ".toml":
         raise InputError(f"-o {out}: give a file NAME.toml in a folder that exists")
-    if out.exists() and not is_fit(out):
+    if exists(out) and not is_fit(out):
         raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
     figure = out.with_suffix(".png")
-    if figure.is_file() and not out.exists():
+    if is_file(figure) and not exists(out):
         raise InputError(f"-o {out}: {figure} exists and would be replaced, choose another name or delete it")
 
 

@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 import click
 
+from fastcoil.cli.environment import check_environment
 from fastcoil.cli.terminal import complain, say
 from fastcoil.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
 
@@ -28,6 +29,7 @@ class Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             with plain_warnings():
+                check_environment()
                 return super().invoke(ctx)
         except FastcoilError as error:
             complain(error)
@@ -78,7 +80,7 @@ def interruptible(study: Path, folder: Path) -> Iterator[None]:
     command = shlex.join(["fastcoil", "run", str(study), "-o", str(folder)])
 
     def advice() -> str:
-        return f"; finished scenarios are kept, to resume: {command}" if folder.exists() else ""
+        return f"; finished scenarios are kept, to resume: {command}" if os.path.exists(folder) else ""
 
     def give_up(code: int) -> None:
         say(f"fastcoil: interrupted{advice()}", err=True)
@@ -86,7 +88,7 @@ def interruptible(study: Path, folder: Path) -> Iterator[None]:
 
     def stop(number: int, _: object) -> None:
         for each in numbers:  # the run is ending: an impatient user must not stop it from cleaning up
-            signal.signal(each, signal.SIG_IGN)
+            signal.signal(each, lambda *_: None)  # one that came already could not be ignored in another way
         # a thread in a long shard, or workers that do not answer, would keep the process waiting
         interrupted = number == signal.SIGINT
         timer = threading.Timer(_PATIENCE, give_up, [EXIT_INTERRUPTED if interrupted else EXIT_TERMINATED])

@@ -181,6 +181,10 @@ def rerun(folder: Path, at: str) -> None:
     ]
     if long:
         raise InputError(long)
+    dims = [dim.strip() for dim, _ in pairs]
+    twice = [f"--at: {shown(dim)} is given twice: give it once" for k, dim in enumerate(dims) if dim in dims[:k]]
+    if twice:
+        raise InputError(twice)
     announce_compilation()
     path, found = maintenance.rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
     say(*found)

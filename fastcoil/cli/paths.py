@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from fastcoil.errors import InputError
 from fastcoil.files import require_usable
 
 
@@ -16,6 +17,9 @@ class UsablePath(click.ParamType):  # type: ignore[type-arg]
     name = "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        if value == "":
+            name = param.opts[-1] if param else "path"
+            raise InputError(f"{name} is empty: give a path, such as . for the current folder")
         path = Path(value)
         require_usable(path, "give another path")
         return path

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import io
 import os
 import select
 import sys
 from typing import Any, NamedTuple, TextIO
 
+_FIRST_OF_OURS = 10
+"""Descriptors below are left to those who count on low ones."""
+
 
 class Output(io.RawIOBase):
-    """A descriptor to write to.  ``lost``: why the first bytes were lost; whatever follows is lost too."""
+    """A descriptor to write to, that stays open.  ``lost``: why the first bytes were lost, and all that follows."""
 
     def __init__(self, descriptor: int, lost: OSError | None = None) -> None:
         self._descriptor = descriptor
         self.lost = lost
+
+    def close(self) -> None:
+        pass
 
     def write(self, data: Any) -> int:
         while self.lost is None:
@@ -35,6 +42,28 @@ class Output(io.RawIOBase):
 
     def isatty(self) -> bool:
         return os.isatty(self._descriptor)
+
+
+class _Buffer(io.BufferedWriter):
+    """Closing it, or taking it off, leaves it open to others: a study's own code may do so."""
+
+    def close(self) -> None:
+        self.flush()
+
+    def detach(self) -> Any:
+        self.flush()
+        return self.raw
+
+
+class _Text(io.TextIOWrapper):
+    """As ``_Buffer``, for text."""
+
+    def close(self) -> None:
+        self.flush()
+
+    def detach(self) -> Any:
+        self.flush()
+        return self.buffer
 
 
 class Streams(NamedTuple):
@@ -67,12 +96,12 @@ def guard_streams() -> Streams:
 
 
 def _output(stream: TextIO | None, descriptor: int) -> Output:
-    # the interpreter has no stream where the descriptor was closed when it started
-    return Output(descriptor, OSError(errno.EBADF, os.strerror(errno.EBADF)) if stream is None else None)
+    if stream is None:  # the descriptor was closed when the interpreter started
+        return Output(descriptor, OSError(errno.EBADF, os.strerror(errno.EBADF)))
+    # one of our own: a study's code may close the other, and then a file of results gets its number
+    return Output(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _FIRST_OF_OURS))
 
 
 def _text(output: Output, before: TextIO | None) -> TextIO:
     encoding = "utf-8" if before is None else before.encoding
-    return io.TextIOWrapper(
-        io.BufferedWriter(output), encoding=encoding, errors="backslashreplace", line_buffering=True
-    )
+    return _Text(_Buffer(output), encoding=encoding, errors="backslashreplace", line_buffering=True)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import click
 
-from fastcoil.errors import FastcoilError, InputError
+from fastcoil.errors import FastcoilError
 from fastcoil.printable import printable
 
-_MOST_MISTAKES = 20
-"""A reader mends these first; the rest are counted."""
 _LONGEST_LINE = 4000
 """Characters."""
 
@@ -22,12 +20,5 @@ def say(*lines: object, err: bool = False) -> None:
 
 
 def complain(error: FastcoilError) -> None:
-    """Print the sentences of an error to stderr: the first ones, and how many more there are."""
-    if isinstance(error, InputError):
-        sentences, noun = error.problems, "mistake"
-    else:
-        sentences, noun = str(error).split("\n"), "line"
-    say(*(f"fastcoil: {sentence}" for sentence in sentences[:_MOST_MISTAKES]), err=True)
-    more = len(sentences) - _MOST_MISTAKES
-    if more > 0:
-        say(f"fastcoil: … and {more:,} more {noun}{'s' if more > 1 else ''}", err=True)
+    """Print the sentences of an error to stderr."""
+    say(*(f"fastcoil: {sentence}" for sentence in str(error).split("\n")), err=True)

@@ -23,6 +23,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from numba.core import config
 from numba.core.caching import Cache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
@@ -48,6 +49,7 @@ class KernelCache(Cache):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any], folder: Path, identity: str = "") -> None:
         self._py_func, self._folder, self._identity = function, folder, identity
         self._stem = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
+        self._settings = _settings()
         self._source = hashlib.sha256(Path(function.__code__.co_filename).read_bytes()).hexdigest()
         self.enable()
 
@@ -74,6 +76,8 @@ class KernelCache(Cache):  # type: ignore[misc]
         """Keep a compiled kernel, unless it holds for this process alone."""
         if not self._enabled or data.lifted or data.library.has_dynamic_globals:
             return
+        if self._settings != _settings():  # the folder is of others; a study's own code may have changed them
+            return
         key = self._key(sig, data.codegen)
         try:
             _make(self._folder)
@@ -93,6 +97,12 @@ class KernelCache(Cache):  # type: ignore[misc]
     def _path(self, key: tuple[Any, ...]) -> Path:
         # two types may read alike: the key in the file decides
         return self._folder / f"{self._stem}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
+
+
+def _settings() -> dict[str, str]:
+    """The settings of Numba, with those that the environment has by now."""
+    config.reload_config()  # type: ignore[no-untyped-call]
+    return {name: repr(value) for name, value in vars(config).items() if name.isupper()}
 
 
 @cache

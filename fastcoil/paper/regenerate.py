@@ -11,6 +11,7 @@ import xarray as xr
 
 from fastcoil.errors import InputError, StorageError
 from fastcoil.files import commit
+from fastcoil.look import exists, is_folder
 from fastcoil.paper import figures, grid, runs
 from fastcoil.paper.scorecard import markdown, scorecard, screen
 from fastcoil.plots.files import write
@@ -113,7 +114,7 @@ def regenerate(
 
 
 def _make_folder(folder: Path) -> None:
-    if folder.exists() and not folder.is_dir():
+    if exists(folder) and not is_folder(folder):
         raise InputError(f"{folder} is a file: choose another folder with -o")
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -6,6 +6,8 @@ import shutil
 from pathlib import Path
 
 from fastcoil.errors import InputError
+from fastcoil.files import storage_errors
+from fastcoil.look import exists
 from fastcoil.memory import available_memory, gib
 
 _CURE = "sweep fewer values, ask for fewer traces or a longer trace_interval"
@@ -38,8 +40,9 @@ def check_workers(alone: int, each: int, n_jobs: int) -> None:
 
 def check_disk(needed: int, folder: Path) -> None:
     """Refuse results of ``needed`` bytes that do not fit where they are to be written; ``folder`` need not exist."""
-    nearest_existing = next(p for p in [folder, *folder.absolute().parents] if p.exists())
-    free = shutil.disk_usage(nearest_existing).free
+    nearest_existing = next(p for p in [folder, *folder.absolute().parents] if exists(p))
+    with storage_errors(nearest_existing, "read"):
+        free = shutil.disk_usage(nearest_existing).free
     if needed > free:
         raise InputError(
             f"the study needs up to {gib(needed)} on disk, {gib(free)} are free in {nearest_existing}: "

@@ -19,7 +19,7 @@ import xarray as xr
 from fastcoil.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.files import storage_errors
 from fastcoil.memory import available_memory
-from fastcoil.simulation.netcdf import entered, left_open, load, outline, parse
+from fastcoil.simulation.netcdf import close, entered, left_open, load, outline, parse
 
 _CHUNK = 2**20
 """Bytes read at once."""
@@ -88,38 +88,53 @@ class StoredFile:
         StorageError, IntegrityError
             If it cannot be read; if it is not what was written.
         """
+        return self._checked(afresh=afresh)[1]
+
+    def outline(self) -> xr.Dataset:
+        """Names, dims, types and attributes of its variables; only coordinates have values.  Raises as ``check``."""
+        descriptor, _ = self._checked()
+        with self._readable():
+            return outline(descriptor.parse)
+
+    def load(self) -> xr.Dataset:
+        """Read all of it; raises as ``check``."""
+        descriptor, _ = self._checked()
+        with self._readable():
+            return load(descriptor.parse)
+
+    def read(self, name: str, shape: tuple[int, ...], key: Any) -> np.ndarray:
+        """Read a part of a variable that has a ``shape``; raises as ``check``."""
+        descriptor, _ = self._checked()
+        with self._readable(), entered():
+            variable = self._parse(descriptor).variables.get(name)
+            if (
+                variable is None
+                or variable.shape != shape
+                or variable.dtype is str
+                or variable.dtype.kind not in "biuf"
+            ):
+                raise IntegrityError(f"{self.path} holds no such {name}; {self.cure}")
+            variable.set_auto_maskandscale(False)
+            return np.asarray(variable[key])
+
+    def _checked(self, *, afresh: bool = False) -> tuple[Descriptor, str]:
+        """The open file whose hash is accepted, and that hash; whoever reads must read this one.
+
+        Another thread may let go of it in ``hold`` meanwhile, and its name may lead to another file by then.
+        """
         with storage_errors(self.path, "read"):
-            found = self.hold().sha256(afresh=afresh)
+            descriptor = self.hold()
+            found = descriptor.sha256(afresh=afresh)
         if found not in self.accepted:
             raise IntegrityError(
                 f"{self.path} is damaged, or not of this run (the hash of its bytes differs); {self.cure}"
             )
-        return found
+        return descriptor, found
 
-    def outline(self) -> xr.Dataset:
-        """Names, dims, types and attributes of its variables; only coordinates have values.  Raises as ``check``."""
-        self.check()
-        with self._readable():
-            return outline(self.hold().source)
-
-    def load(self) -> xr.Dataset:
-        """Read all of it; raises as ``check``."""
-        self.check()
-        with self._readable():
-            return load(self.hold().source)
-
-    def read(self, name: str, key: Any) -> np.ndarray:
-        """Read a part of a variable; raises as ``check``."""
-        self.check()
-        with self._readable(), entered():
-            variable = self._parse().variables[name]
-            variable.set_auto_maskandscale(False)
-            return np.asarray(variable[key])
-
-    def _parse(self) -> netCDF4.Dataset:
+    def _parse(self, descriptor: Descriptor) -> netCDF4.Dataset:
         parsed = self._parsed
         if parsed is None:
-            parsed = self._parsed = parse(self.hold().source)
+            parsed = self._parsed = descriptor.parse()
             _parsed.append(weakref.ref(self))
             while len(_parsed) > _MOST_HANDLES:
                 oldest = _parsed.popleft()()
@@ -175,23 +190,43 @@ class Descriptor:
                 self.number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
             except FileNotFoundError:
                 raise IntegrityError(f"{path} is missing; {cure}") from None
-            if not stat.S_ISREG(os.fstat(self.number).st_mode):
+            self._status = os.fstat(self.number)
+            if not stat.S_ISREG(self._status.st_mode):
                 raise IntegrityError(f"{path} is no regular file; {cure}")
 
     def __del__(self) -> None:
         if self.number >= 0:
             os.close(self.number)
 
-    @property
-    def source(self) -> str | bytes:
-        """A name for this very file, also if its own points to another by now; of a file without one, its bytes."""
-        found = os.fstat(self.number)
-        if found.st_nlink:
-            name = f"/dev/fd/{self.number}"
-            return name if os.path.exists(name) else str(self.path)  # some jails have no such folder
-        if found.st_size > available_memory() / 2:  # the library opens it only by a name
+    def parse(self) -> netCDF4.Dataset:
+        """Open this very file in the library, also if its name leads to another by now; raises as ``netcdf.parse``.
+
+        Whoever calls has entered the library.
+        """
+        name = f"/dev/fd/{self.number}"
+        if not os.path.exists(name):  # some jails have no such folder
+            name = str(self.path)
+        # the library follows links, and opens only what has a name
+        if self._is_at(os.path.realpath(name)):
+            try:
+                file = parse(name)
+            except (OSError, RuntimeError):
+                if self._is_at(os.path.realpath(name)):
+                    raise
+            else:
+                if self._is_at(name):
+                    return file
+                close(file)
+        if os.fstat(self.number).st_size > available_memory() / 2:
             raise IntegrityError(f"{self.path} was replaced, and is too large to be read into memory: open it again")
-        return b"".join(self.chunks())
+        return parse(b"".join(self.chunks()))
+
+    def _is_at(self, name: str) -> bool:
+        """Whether a name leads to this file at this moment."""
+        try:
+            return os.path.samestat(os.stat(name), self._status)
+        except OSError:
+            return False
 
     def chunks(self) -> Iterator[bytes]:
         """Its bytes, from the first to the last."""

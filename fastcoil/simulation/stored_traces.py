@@ -67,5 +67,5 @@ class _Array(BackendArray):
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: Any) -> np.ndarray:
-        found = self.file.read(self.name, key)
+        found = self.file.read(self.name, self.shape, key)
         return found.astype(self.dtype, copy=False)

@@ -56,7 +56,7 @@ def refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
     if not changes:
         raise IntegrityError(
             f"{store.path}: a file that the study reads changed since the run was started: restore it, or choose "
-            "another folder with -o"
+            "another folder with -o; if an extension of it was killed, add --extend to go on"
         )
     shown = changes[:_LONGEST_DIFFERENCE] + ["…"] * (len(changes) > _LONGEST_DIFFERENCE)
     raise InputError(

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.engine.host import TraceRequest, compile_kernel
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError, IntegrityError, nearest
 from fastcoil.files import make_folder, storage_errors
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
@@ -98,7 +98,7 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
         make_folder(path.parent)
     with hold(path.parent):  # not the study, which may be running
         save(ds, path)
-    return path, _compare_with_stored(store, ds, position)
+    return path, _compare_with_stored(store, ds, position, layout.sizes)
 
 
 def _file_name(name: str) -> str:
@@ -138,13 +138,18 @@ def _matches(label: object, text: str) -> bool:
         return False
 
 
-def _compare_with_stored(store: StudyFolder, ds: xr.Dataset, position: Mapping[str, int]) -> list[str]:
-    """Say whether a rerun gave the result that the study has."""
+def _compare_with_stored(
+    store: StudyFolder, ds: xr.Dataset, position: Mapping[str, int], sizes: Mapping[str, int]
+) -> list[str]:
+    """Say whether a rerun gave the result that the study, with dimensions of these sizes, has."""
     words = [f"rmse {float(ds['rmse']):.4g} K, status {STATUS_MEANINGS[int(ds['status'])]}"]
     try:
-        stored = open_study(store.path).isel(position)
+        results = open_study(store.path)
     except InputError:
         return words
+    if dict(results["status"].sizes) != dict(sizes):
+        raise IntegrityError(f"{store.results} has other dimensions than its study: delete it and run the study again")
+    stored = results.isel(position)
     if int(stored["status"]) in (STATUS_NOT_RUN, STATUS_CRASHED):
         return [*words, f"In the study its status is {STATUS_MEANINGS[int(stored['status'])]}."]
     differ = [n for n in (*METRICS, "status") if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]

@@ -14,6 +14,7 @@ import xarray as xr
 from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError
+from fastcoil.files import storage_errors
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.simulation.dataset import check_same_form, environments_of
 from fastcoil.simulation.resources import check_disk, check_workers
@@ -25,7 +26,7 @@ from fastcoil.study.folder.final import finished_manifest
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
-from fastcoil.study.folder.results import Computed, is_current, open_study
+from fastcoil.study.folder.results import Computed, is_current, is_of, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
 from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, resolve_backend
 from fastcoil.study.workers.reduce import load_function
@@ -129,7 +130,9 @@ def execute(
     problems = backend_problems(backend, scheduler)
     if problems:
         raise InputError(problems)
-    store = StudyFolder(folder)
+    with storage_errors(folder, "found"):
+        # a study's own code may change the current folder meanwhile, of this thread or another
+        store = StudyFolder(folder.absolute())
     with store.hold():
         finished = _finish(study, store, n_jobs, backend, scheduler, extend, progress)
         present(finished)
@@ -148,6 +151,8 @@ def _finish(
     """Run a study in a folder that is held; see ``execute``."""
     plan, folder = study.plan, store.path
     asked, stored = Manifest.of(study, model_sha256()), store.read_manifest()
+    if stored is not None and stored.study_sha256 != asked.study_sha256 and store.has_none_of(stored):
+        stored = None  # it was killed before its first scenario
     if stored is not None and stored.study_sha256 != asked.study_sha256:
         if not extend:
             refuse_other_study(store, study)
@@ -213,11 +218,13 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked:
     Scenarios that were not run have the status ``not_run``.  Nothing is changed if ``study`` is no extension of it.
     Returns what ``run.json`` then says.
     """
-    if store.has_results and is_current(store.open_results(), stored):
-        return stored
-    smaller = store.read_study(stored)
+    if store.has_results:
+        found = store.open_results()
+        if is_current(found, stored) or (is_of(found, stored) and not store.shards(stored).any()):
+            return stored
     if stored.model_sha256 != asked.model_sha256:
         return stored
+    smaller = store.read_study(stored)
     computed = Computed.find(store, smaller, stored)
     # this reads all shards, so that damaged ones are set aside before ``open_study`` looks at them
     missing, environments = computed.survey()

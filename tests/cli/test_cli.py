@@ -108,6 +108,8 @@ def test_the_help_shows_the_example_line_by_line(fastcoil):
         (("run", "small.toml", "-j", "0"), "n_jobs = 0"),
         (("run", "small.toml", "-o", "small.toml"), "small.toml is a file"),
         (("plan", "."), ". is a folder"),
+        (("run", "small.toml", "-o", ""), "--out is empty: give a path"),
+        (("plot", ""), "folder is empty: give a path"),
         (("plot", "nowhere"), "nowhere holds no study: run one first"),
         (("plot", "nowhere", "--by", "kp"), "nowhere"),
     ],
@@ -118,6 +120,33 @@ def test_a_mistake_exits_with_2_and_one_sentence(fastcoil, tmp_path, words, sent
     assert sentence in result.output
     assert "Traceback" not in result.output
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
+
+
+def test_a_label_with_commas_is_a_scenario_to_run_again(fastcoil, tmp_path):
+    cases = '[cases.tuning]\n"slow, old" = { kp = 0.02 }\n"fast,new,1" = { kp = 0.03 }\n'
+    text = f"[loop]\n{cases}[sweep]\nbacklash = [0.02, 0.07]\n[boundary]\nhours = 0.1\n[run]\nwarm_up = 60\n"
+    (tmp_path / "cases.toml").write_text(text)
+    assert fastcoil("run", "cases.toml", "--no-figures", "-j", "1").exit_code == 0
+    for at in ("tuning=slow, old,backlash=0.07", "backlash=0.02,tuning=fast,new,1"):
+        again = fastcoil("rerun", "results/cases", "--at", at)
+        assert again.exit_code == 0, again.output
+        assert "Equal to the study's result to the last bit." in again.output
+    wrong = fastcoil("rerun", "results/cases", "--at", "tuning=slow, old,new=,backlash=0.07")
+    assert wrong.exit_code == 2
+    assert "--at new: no dimension of the study" in wrong.output
+    twice = fastcoil("rerun", "results/cases", "--at", "tuning=slow, old,backlash=0.07,backlash=0.02")
+    assert twice.exit_code == 2
+    assert "--at: 'backlash' is given twice: give it once" in twice.output
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("NUMBA_NUM_THREADS", "0"), ("SOURCE_DATE_EPOCH", "abc"), ("SOURCE_DATE_EPOCH", "9" * 15)]
+)
+def test_a_setting_that_a_library_would_fail_at_is_a_mistake(fastcoil, monkeypatch, name, value):
+    monkeypatch.setenv(name, value)
+    result = fastcoil("plan", "small.toml")
+    assert result.exit_code == 2
+    assert f"fastcoil: {name} = '{value}' in the environment: unset it" in result.output
 
 
 def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
@@ -132,7 +161,7 @@ def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
         return metrics, status, traces
 
     monkeypatch.setattr(simulation, "run_block", failing)
-    result = fastcoil("run", "small.toml", "-j", "1")
+    result = fastcoil("run", "small.toml", "-j", "1", "--no-figures")
     assert result.exit_code == 3
     assert "scenarios failed" in result.output
 

@@ -154,7 +154,7 @@ def killed_before_each(study, harness, stride):
 
 @pytest.mark.alone
 def test_a_kill_between_the_last_shard_and_the_last_figure_loses_no_figure(study, harness):
-    killed_before_each(study, harness, 40)
+    killed_before_each(study, harness, 80)
 
 
 @pytest.mark.full

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import concurrent.futures as cf
 import random
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import xarray as xr
 
 from fastcoil.outputs import STATUS_OK
+from fastcoil.study.workers import dispatch
+from fastcoil.study.workers.dispatch import Dispatcher
+from helpers.processes import N_SCENARIOS
 
 
 class Died(Exception):
@@ -76,3 +81,21 @@ class Pool:
         for future in done:
             del self.flying[future]
         return done, set(futures) - done
+
+
+def found(pool, job, shards, status=None, **options):
+    """Status of every scenario that was yielded, also put into ``status``; none is yielded twice."""
+    status = {} if status is None else status
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dispatch, "cf", SimpleNamespace(wait=pool.wait, FIRST_COMPLETED=cf.FIRST_COMPLETED))
+        patch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda: pool.now))
+        for part in Dispatcher(pool, job, **options).run(shards):
+            for k, flag in zip(part["scenario"].values.tolist(), part["status"].values.tolist(), strict=True):
+                assert k not in status, "a scenario is found twice"
+                status[k] = flag
+    return status
+
+
+def in_shards(size, n=N_SCENARIOS):
+    """The scenarios from 0 to ``n`` in shards of this size."""
+    return [np.arange(start, min(start + size, n)) for start in range(0, n, size)]

@@ -115,7 +115,8 @@ def check_crashed(found, healthy, culprits):
 
 def environment(**more):
     """The environment of a child process that imports this package and these tests."""
-    path = os.pathsep.join([str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])
+    places = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
+    path = os.pathsep.join(place for place in places if place)  # an empty one is the current folder
     return {**os.environ, "PYTHONPATH": path, **more}
 
 

@@ -14,9 +14,10 @@ from fastcoil.numerics.jit import FLAGS
 PACKAGE = Path(fastcoil.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
+    {"printable"},
     {"errors"},
-    {"parameter_table", "outputs", "files", "version", "printable"},
-    {"arguments", "memory"},
+    {"parameter_table", "outputs", "files", "version"},
+    {"arguments", "memory", "look"},
     {"numerics"},
     {"physics", "control"},
     {"estimators"},
@@ -144,3 +145,16 @@ def test_the_package_loads_nothing_until_asked():
     root = {"PYTHONPATH": str(PACKAGE.parent), "PATH": ""}
     found = subprocess.run([sys.executable, "-c", code], env=root, capture_output=True, text=True, check=True)
     assert not {"numba", "numpy", "scipy", "xarray", "matplotlib"} & set(found.stdout.split())
+
+
+LOOK_THEMSELVES = {
+    # each turns errors of the operating system into sentences itself, or into "no"
+    "look.py", "files.py", "memory.py", "plots/files.py", "study/shipped.py", "study/folder/final.py",
+    "study/folder/lock.py", "study/folder/shards.py", "simulation/stored_file.py", "cli/interrupts.py",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("path", MODULES, ids=is_named)
+def test_only_few_files_ask_themselves_what_exists(path):
+    asked = {node.attr for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}
+    assert not asked & {"exists", "is_file", "is_dir"} or is_named(path) in LOOK_THEMSELVES, "ask fastcoil.look"

@@ -1,7 +1,10 @@
 """Results on disk: what was written comes back, by one thread at a time."""
 
 import gc
+import os
+import signal
 import threading
+import time
 from types import SimpleNamespace
 
 import netCDF4
@@ -100,3 +103,45 @@ def test_what_is_read_or_written_is_closed_by_whoever_did_it(swept, monkeypatch)
     assert len(files) >= 3
     assert not any(file.isopen() for file in files)
     ds.close()
+
+
+def hollow(path, n_values):
+    """Write a small file with a large array in which nothing was ever written."""
+    with netCDF4.Dataset(path, "w") as file:
+        file.createDimension("k", n_values)
+        file.createVariable("rmse", "f8", ("k",), zlib=True, chunksizes=(min(n_values, 2**20),))
+    assert path.stat().st_size < 2**16
+
+
+@pytest.mark.parametrize("source", [str, lambda path: path.read_bytes()], ids=["name", "bytes"])
+def test_a_small_file_of_a_large_array_is_not_loaded_where_the_memory_does_not_suffice(tmp_path, monkeypatch, source):
+    hollow(tmp_path / "results.nc", 2**22)
+    monkeypatch.setattr(netcdf, "available_memory", lambda: 2**24)
+    with pytest.raises(MemoryError, match=r"its values take 32\.0 MiB, 16\.0 MiB are available"):
+        netcdf.load(source(tmp_path / "results.nc"))
+    assert netcdf.load(source(tmp_path / "results.nc"), leave_out=["rmse"]).nbytes == 0
+
+
+@pytest.mark.timeout(30)
+def test_a_child_of_a_fork_reads_though_another_thread_was_in_the_library(swept):
+    data, inside = netcdf.netcdf_bytes(swept), threading.Event()
+
+    def stay():
+        with netcdf.entered():
+            inside.set()
+            time.sleep(0.3)
+
+    thread = threading.Thread(target=stay)
+    thread.start()
+    inside.wait()
+    child = os.fork()
+    if child == 0:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(10)
+        try:
+            os._exit(0 if netcdf.load(data).content_sha256 == swept.content_sha256 else 1)
+        finally:
+            os._exit(2)
+    thread.join()
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert netcdf.load(data).content_sha256 == swept.content_sha256  # nor does the parent wait for anybody

@@ -146,6 +146,19 @@ def test_two_runs_on_one_folder_the_second_is_refused(study, tmp_path):
         fc.run_study(study, tmp_path / "out")
 
 
+def test_a_folder_is_the_one_it_was_when_the_run_began(study, tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+
+    def move(_):  # as a reduction in another thread may
+        os.chdir(tmp_path / "elsewhere")
+        return lambda _: None
+
+    ds = runner.execute(read_study(study), Path("out"), progress=move).results
+    assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == ds.attrs["content_sha256"]
+    assert not any((tmp_path / "elsewhere").iterdir())
+
+
 def test_an_output_that_is_a_file_is_refused(study, tmp_path):
     with pytest.raises(InputError, match="is a file"):
         fc.run_study(study, study)

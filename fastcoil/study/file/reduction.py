@@ -14,8 +14,9 @@ from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-from fastcoil.errors import InputError
-from fastcoil.files import read_bytes
+from fastcoil.errors import InputError, shown
+from fastcoil.files import read_bytes, require_usable
+from fastcoil.look import is_file
 
 _LARGEST = 2**24
 """Bytes of source."""
@@ -50,7 +51,8 @@ def find_reduction(text: str, folder: Path) -> Reduction:
             f"reduce = {text!r}: give module:function, such as 'mine:overshoot' for the function overshoot in mine.py"
         )
     path = folder.joinpath(*parts).with_suffix(".py")
-    if not path.is_file():
+    require_usable(path, f"give reduce = {shown(text)} a shorter name")
+    if not is_file(path):
         path = _find_importable(text, parts, path)
     try:
         source = importlib.util.decode_source(read_bytes(path, _LARGEST))  # in the encoding that it declares

@@ -9,26 +9,26 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
-from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageError
+from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.files import commit_written
-from fastcoil.outputs import STATUS_MEANINGS
+from fastcoil.look import exists
 from fastcoil.simulation.dataset import FORMAT, combined_sha256, environments_of, variable_sha256
 from fastcoil.simulation.stored_file import StoredFile, file_sha256
 from fastcoil.simulation.stored_traces import layout_of, open_lazily
 from fastcoil.simulation.trial import try_reading
-from fastcoil.study.folder.look import exists
+from fastcoil.study.folder.form import malformed
 from fastcoil.study.folder.manifest import Manifest
 
 RESULTS = "results.nc"
+TRACE_FILES = "traces-*.nc"
 _CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
 """What to do about a damaged file, by whether it has the results."""
-_LONGEST_TITLE = 2**20
-"""Characters; that of a whole study file."""
+_MOST_NAMES = 5
 _sound: set[str] = set()
 """SHA-256 of files without a recorded one whose content was checked."""
 
@@ -69,36 +69,15 @@ def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
             raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
         if ds.attrs.get("content_sha256") != combined_sha256(ds) or "status" not in ds:
             raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_CURES[True]}")
-        _require_form(ds, path)
+        wrong = malformed(ds)
+        if wrong:
+            names = ", ".join(wrong[:_MOST_NAMES])
+            raise IntegrityError(f"{path} is no result of a study: {names} is missing or damaged; {_CURES[True]}")
         return add_traces(ds, folder, manifest)
     except (FastcoilError, MemoryError):
         raise
     except Exception as error:  # attributes that no version of fastcoil wrote may raise anything
         raise IntegrityError(f"{path} cannot be understood ({error}); {_CURES[True]}") from error
-
-
-def _require_form(ds: xr.Dataset, path: Path) -> None:
-    """Refuse what has a right hash and is no result of a study: others rely on the form of one.
-
-    Raises
-    ------
-    IntegrityError
-        If the title, the status, the RMSE or a label is missing or of another kind.
-    """
-    status, title = ds["status"], ds.attrs.get("title")
-    wrong = []
-    if not isinstance(title, str) or len(title) > _LONGEST_TITLE:
-        wrong.append("title")
-    if status.dtype.kind not in "iu" or not np.isin(status.values, np.arange(len(STATUS_MEANINGS))).all():
-        wrong.append("status")
-    if "rmse" not in ds.data_vars or ds["rmse"].dims != status.dims:
-        wrong.append("rmse")
-    labels = {str(dim): ds[dim].values for dim in status.dims}
-    wrong += [dim for dim, each in labels.items() if each.dtype.kind == "f" and not np.isfinite(each).all()]
-    if wrong:
-        raise IntegrityError(
-            f"{path} is no result of a study: {', '.join(wrong)} is missing or damaged; {_CURES[True]}"
-        )
 
 
 def add_traces(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> xr.Dataset:
@@ -129,8 +108,8 @@ def trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> Store
     name = ds.attrs.get("trace_file")
     if name is None:
         return None
-    if Path(name).name != name:
-        raise IntegrityError(f"{folder / RESULTS} names traces in another folder; {_CURES[True]}")
+    if not fnmatchcase(name, TRACE_FILES) or Path(name).name != name:
+        raise IntegrityError(f"{folder / RESULTS} names traces in {shown(name)}, which holds none; {_CURES[True]}")
     return _stored(folder / name, manifest)
 
 

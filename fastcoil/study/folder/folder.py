@@ -24,11 +24,11 @@ import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError, StorageError
 from fastcoil.files import commit, read_bytes, remove_unfinished, storage_errors
+from fastcoil.look import entries, exists, is_folder
 from fastcoil.plots.files import FIGURES
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
-from fastcoil.study.folder.final import RESULTS, open_final
+from fastcoil.study.folder.final import RESULTS, TRACE_FILES, open_final
 from fastcoil.study.folder.lock import find_holder, hold
-from fastcoil.study.folder.look import entries, exists, is_folder
 from fastcoil.study.folder.manifest import MANIFEST, Manifest
 from fastcoil.study.folder.shards import Shards
 
@@ -97,9 +97,9 @@ class StudyFolder:
 
     def write_manifest(self, manifest: Manifest, text: str) -> None:
         """Record which study is run, before its first shard."""
-        # in this order: if it is killed in between, the same command finds its own run, and writes the text again
-        manifest.write(self.path)
+        # in this order: if it is killed in between, the manifest is still that of the results, or there is none
         commit(self.study, text.encode())
+        manifest.write(self.path)
 
     def records(self, manifest: Manifest, text: str) -> bool:
         """Whether the folder says all this of the study that is run."""
@@ -133,7 +133,8 @@ class StudyFolder:
             study = read_study(self.study, Path(manifest.relative_to))
         except InputError as error:
             raise IntegrityError(
-                f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n{error}"
+                f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n"
+                + "\n".join(error.problems)
             ) from None
         if study.sha256 != manifest.study_sha256:
             what = (
@@ -149,6 +150,10 @@ class StudyFolder:
     def shards(self, manifest: Manifest) -> Shards:
         """The finished shards of a run."""
         return Shards(self.path, manifest.key)
+
+    def has_none_of(self, manifest: Manifest) -> bool:
+        """Whether nothing of a run would be lost if the folder were used for another one."""
+        return not self.has_results and not self.shards(manifest).any()
 
     def open_results(self) -> xr.Dataset:
         """Open the results, see ``open_final``."""
@@ -181,7 +186,7 @@ class StudyFolder:
 
     def trace_files(self) -> list[Path]:
         """All files of traces, whether they are of these results or not."""
-        return [path for path in entries(self.path) if path.match("traces-*.nc")]
+        return [path for path in entries(self.path) if path.match(TRACE_FILES)]
 
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:
         """Remove shards and traces that the results ``ds`` replace."""

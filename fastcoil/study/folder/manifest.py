@@ -12,8 +12,8 @@ from typing import Any
 
 from fastcoil.errors import IntegrityError
 from fastcoil.files import commit, read_bytes, storage_errors
+from fastcoil.look import exists
 from fastcoil.study.file.spec import Study
-from fastcoil.study.folder.look import exists
 
 MANIFEST = "run.json"
 FORMAT = 2

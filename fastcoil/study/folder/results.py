@@ -46,7 +46,8 @@ def _open(store: StudyFolder) -> xr.Dataset:
     manifest = store.require_manifest()
     if store.has_results:
         ds = store.open_results()
-        if is_current(ds, manifest):
+        # with no shard, all that is known of an unfinished study is there
+        if is_current(ds, manifest) or (is_of(ds, manifest) and not store.shards(manifest).any()):
             return ds
     elif manifest.finished:
         raise IntegrityError(f"{store.results} is missing: run the study again")
@@ -64,10 +65,13 @@ def _open(store: StudyFolder) -> xr.Dataset:
 
 def is_current(ds: xr.Dataset, manifest: Manifest) -> bool:
     """Whether a result is that of the run, complete and of the same model."""
+    return is_of(ds, manifest) and not bool((ds["status"].values == STATUS_NOT_RUN).any())
+
+
+def is_of(ds: xr.Dataset, manifest: Manifest) -> bool:
+    """Whether a result is of the run, complete or not, and of the same model."""
     found = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
-    return found == (manifest.study_sha256, manifest.model_sha256) and not bool(
-        (ds["status"].values == STATUS_NOT_RUN).any()
-    )
+    return found == (manifest.study_sha256, manifest.model_sha256)
 
 
 class Survey(NamedTuple):
@@ -136,10 +140,6 @@ class Computed:
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:
             index = part["scenario"].values
-            if index[-1] >= seen.size:
-                raise IntegrityError(
-                    f"{self.shards.path} holds scenario {index[-1]}, the study has {seen.size}: delete the folder and "
-                    "run again"
-                )
+            self.shards.require_within(part, seen.size)
             yield part.isel(scenario=~seen[index]) if seen[index].any() else part
             seen[index] = True

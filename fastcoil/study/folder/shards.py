@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import StorageError, out_of_memory
+from fastcoil.errors import IntegrityError, StorageError, out_of_memory
 from fastcoil.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
+from fastcoil.look import entries, exists, is_folder
 from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN
 from fastcoil.simulation.netcdf import load, netcdf_bytes
-from fastcoil.study.folder.look import entries, exists, is_folder
 
 SHARDS, QUARANTINE = "shards", "quarantine"
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -95,6 +95,20 @@ class Shards:
                     raise
                 continue  # the run in progress here has finished meanwhile
             yield inspection
+
+    def require_within(self, part: xr.Dataset, n_scenarios: int) -> None:
+        """Refuse a sound shard with a scenario that the study does not have.
+
+        Raises
+        ------
+        IntegrityError
+            If there is one.
+        """
+        last = int(part["scenario"].values[-1])
+        if last >= n_scenarios:
+            raise IntegrityError(
+                f"{self.path} holds scenario {last}, the study has {n_scenarios}: delete the folder and run again"
+            )
 
     def discard(self) -> None:
         """Remove the shards; a foreign file among them is kept in quarantine."""

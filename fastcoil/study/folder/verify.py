@@ -11,6 +11,7 @@ from fastcoil.study.folder import final
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.results import is_current
+from fastcoil.study.folder.shards import Shards
 
 
 def find_problems(store: StudyFolder) -> list[str]:
@@ -24,15 +25,14 @@ def find_problems(store: StudyFolder) -> list[str]:
         If nobody knows which one, for ``run.json`` is lost or damaged.
     """
     manifest = store.require_manifest()
-    parts = _study(store, manifest), _results(store, manifest), _shards(store, manifest)
-    return [problem for problems in parts for problem in problems]
-
-
-def _study(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+    problems, n_scenarios = [], None
     try:
-        store.read_study(manifest)
-    except (InputError, IntegrityError) as error:
-        yield from str(error).splitlines()
+        n_scenarios = store.read_study(manifest).plan.n_scenarios
+    except InputError as error:
+        problems = error.problems
+    except IntegrityError as error:
+        problems = str(error).splitlines()
+    return [*problems, *_results(store, manifest), *_shards(store.shards(manifest), n_scenarios)]
 
 
 def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
@@ -60,13 +60,16 @@ def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
         yield f"{path} was drawn from other results: run `fastcoil plot {store.path}`, or delete it"
 
 
-def _shards(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+def _shards(shards: Shards, n_scenarios: int | None) -> Iterator[str]:
+    """n_scenarios: of the study, ``None`` if it cannot be read."""
     first = None
-    for shard in store.shards(manifest).inspect():
+    for shard in shards.inspect():
         if shard.part is None:
             yield f"{shard.path} {shard.problem}"
             continue
         try:
+            if n_scenarios is not None:
+                shards.require_within(shard.part, n_scenarios)
             first = check_same_form(first, shard.part)
         except FastcoilError as error:
             yield f"{shard.path}: {error}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
 from fastcoil.study.file.reduction import Reduction
+from fastcoil.study.workers.surroundings import surroundings_restored
 
 SCENARIO = "scenario"
 """The dimension along which the function gets the traces of a shard."""
@@ -79,7 +79,7 @@ def reduce(reduction: Reduction, traces: xr.Dataset) -> xr.Dataset:
 
 def _call(reduction: Reduction, traces: xr.Dataset) -> xr.Dataset:
     function = load_function(reduction)
-    with _its_errors(f"reduce = {reduction.name!r} raised"), _in_this_folder():
+    with _its_errors(f"reduce = {reduction.name!r} raised"), surroundings_restored():
         found = function(traces.copy())
     problems = _problems(found, traces)
     if problems:
@@ -99,22 +99,12 @@ def _load(name: str, source: str) -> Callable[[xr.Dataset], Any]:
     module = ModuleType(f"reduction_{hashlib.sha256(source.encode()).hexdigest()}")
     # decorators such as dataclass look here for the module of their class
     sys.modules[module.__name__] = module
-    with _its_errors(f"reduce = {name!r}: its module does not run:"), _in_this_folder():
+    with _its_errors(f"reduce = {name!r}: its module does not run:"), surroundings_restored():
         exec(compile(source, f"<{name}>", "exec", dont_inherit=True), module.__dict__)
     function: Callable[[xr.Dataset], Any] | None = getattr(module, wanted, None)
     if not callable(function):
         raise InputError(f"reduce = {name!r}: its module has no function {wanted}")
     return function
-
-
-@contextmanager
-def _in_this_folder() -> Iterator[None]:
-    """Stay in the current folder, whatever the user's code does: relative paths of the run start there."""
-    before = os.getcwd()
-    try:
-        yield
-    finally:
-        os.chdir(before)
 
 
 @contextmanager

@@ -130,3 +130,9 @@ def test_a_reduction_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "study.toml").write_text("[loop]\n[run]\nreduce = 3")
     with pytest.raises(InputError, match=r"\[run\] reduce = 3: give a text in quotes"):
         read_study(tmp_path / "study.toml")
+
+
+def test_a_module_whose_path_no_file_can_have_is_refused(tmp_path):
+    for module in (".".join("a" * 5000), "a" * 300):
+        with pytest.raises(InputError, match=r"give reduce = 'a.* a shorter name"):
+            find_reduction(f"{module}:f", tmp_path)

@@ -6,14 +6,15 @@ import errno
 import hashlib
 import os
 import random
+import re
 import shutil
 
 import netCDF4
 import pytest
 import xarray as xr
-from helpers.studies import PLAIN, larger, quarantined, resume, run, run_until_interrupted, shards, verify
+from helpers.studies import DAYS, PLAIN, larger, quarantined, resume, run, run_until_interrupted, shards, verify
 
-from fastcoil.errors import StorageError
+from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.simulation.netcdf import netcdf_bytes
 from fastcoil.study import maintenance
 from fastcoil.study.folder import shards as folder_shards
@@ -103,6 +104,39 @@ def test_a_shard_of_the_same_study_cut_otherwise_is_taken_for_what_it_adds(broke
     data = netcdf_bytes(first.isel(scenario=slice(1, 3)))
     (broken_off / "shards" / named(data, 1)).write_bytes(data)
     assert resume(broken_off) == []
+
+
+@pytest.mark.parametrize(
+    "forge",
+    [
+        lambda part: part.assign(status=part["status"].astype(float)),
+        lambda part: part.assign(status=part["status"].expand_dims(day=2)),
+        lambda part: part.isel(scenario=[0, *range(part["scenario"].size - 1, 0, -1)]),
+        lambda part: part.isel(scenario=[0, 0, 1]),
+        lambda part: part.assign_coords(scenario=part["scenario"].astype(float)),
+        lambda part: part.assign(rmse=part["rmse"].astype("f4")),
+        lambda part: part.assign(iae=part["iae"].expand_dims(day=2)),
+    ],
+    ids=["real status", "status by day", "descending", "twice", "real number", "short metric", "metric by day"],
+)
+def test_a_shard_of_another_form_is_named_by_verify_though_its_name_is_right(broken_off, forge):
+    path = shards(broken_off)[0]
+    forged = netcdf_bytes(forge(xr.load_dataset(path)))
+    path.unlink()
+    path = path.with_name(named(forged))
+    path.write_bytes(forged)
+    assert verify(broken_off) == [f"{path} does not have the form of a shard"]
+
+
+def test_a_shard_beyond_the_study_is_found_by_every_command(broken_off):
+    shard = next(shards_of(broken_off).inspect()).part
+    shards_of(broken_off).commit(shard.assign_coords(scenario=shard["scenario"].values + 900))
+    said = rf"shards holds scenario 90\d, the study has {4 * DAYS}: delete the folder and run again"
+    (problem,) = verify(broken_off)
+    assert re.search(said, problem)
+    for command in (maintenance.status, lambda folder: run(PLAIN, folder)):
+        with pytest.raises(IntegrityError, match=said):
+            command(broken_off)
 
 
 def test_a_renamed_shard_and_one_under_two_names_are_quarantined(broken_off):

@@ -13,10 +13,13 @@ from helpers.studies import run_until_stopped
 from helpers.study_tables import fresh, run_shards, toml
 
 import fastcoil as fc
+from fastcoil import files
 from fastcoil.cli.main import main
 from fastcoil.errors import InputError
 from fastcoil.study import runner
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.folder import folder, manifest
+from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.runner import execute
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120)]
@@ -80,11 +83,17 @@ EXTENSIONS = {
 }
 
 
-@pytest.mark.parametrize("larger", EXTENSIONS.values(), ids=EXTENSIONS)
-def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tmp_path, larger):
+ALL_AT_ONCE = ("front", "middle", "a case", "replicates", "a day in front", "days")
+"""What the last of them does, too."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.full] * (name in ALL_AT_ONCE)) for name in EXTENSIONS]
+)
+def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tmp_path, name):
     execute(study(BASE), tmp_path / "out")
     log = tmp_path / "log"
-    asked = study(larger)
+    asked = study(EXTENSIONS[name])
     finished = execute(failing_shards.harmful(asked, log=log), tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - N
     assert sum(int(line.split()[1]) for line in log.read_text().splitlines()) == finished.n_run
@@ -92,7 +101,7 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tm
     assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == finished.results.attrs["content_sha256"]
     assert not (tmp_path / "out" / "shards").exists()
     assert len(list((tmp_path / "out").glob("traces-*.nc"))) == 1
-    assert execute(study(larger), tmp_path / "out", extend=True).n_run == 0
+    assert execute(study(EXTENSIONS[name]), tmp_path / "out", extend=True).n_run == 0
 
 
 @pytest.mark.parametrize("n_shards", [1, pytest.param(3, marks=pytest.mark.full)])
@@ -131,6 +140,51 @@ def test_an_extension_of_an_extension_that_was_interrupted_keeps_all(study, tmp_
     asked = study(changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09, 0.11]}, run={"replicates": 2}))
     finished = execute(asked, tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - done
+    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+def killed(monkeypatch, study, out, **options):
+    """A run that is killed after it wrote one of the two files that say what is run."""
+    write_both, written = StudyFolder.write_manifest, []
+
+    def commit(path, data):
+        if written:
+            raise KeyboardInterrupt
+        written.append(path)
+        files.commit(path, data)
+
+    def write_one(*words):
+        for module in (folder, manifest):
+            patch.setattr(module, "commit", commit)
+        write_both(*words)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(StudyFolder, "write_manifest", write_one)
+        with pytest.raises(KeyboardInterrupt):
+            execute(study, out, **options)
+
+
+def test_a_run_killed_before_its_first_shard_is_in_nobodys_way(study, tmp_path, monkeypatch):
+    killed(monkeypatch, study(BASE), tmp_path / "out")
+    asked = study(EXTENSIONS["end"])
+    assert execute(asked, tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+@pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
+def test_an_extension_killed_before_its_first_shard_loses_nothing(study, tmp_path, monkeypatch, n_shards):
+    cut(monkeypatch, 5)
+    done = run_shards(study(BASE), tmp_path / "out", n_shards)
+    killed(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
+    with fc.open_study(tmp_path / "out") as found:
+        assert int((found["status"] == 0).sum()) == done
+        assert found.sizes["backlash"] == 3
+    with pytest.raises(fc.IntegrityError, match="add --extend to go on"):
+        execute(study(EXTENSIONS["middle"]), tmp_path / "out")
+    assert execute(study(BASE), tmp_path / "out").n_run == N - done
+    killed(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
+    asked = study(EXTENSIONS["end"])
+    finished = execute(asked, tmp_path / "out", extend=True)
+    assert finished.n_run == asked.plan.n_scenarios - N
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
 
 

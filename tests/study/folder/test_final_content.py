@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from helpers.studies import PLAIN, golden, run
 
 import fastcoil as fc
-from fastcoil.errors import IntegrityError
+from fastcoil.errors import IntegrityError, StorageError
+from fastcoil.outputs import METRICS
 from fastcoil.simulation import netcdf, stored_file
+from fastcoil.simulation.dataset import combined_sha256
 from fastcoil.study.folder.final import open_final
+from fastcoil.study.folder.form import malformed
 from fastcoil.study.folder.manifest import Manifest
 
 pytestmark = pytest.mark.kernel
@@ -19,6 +24,14 @@ def opened(folder):
     """Open results whose bytes are as they were written, whatever they say."""
     hashes = {"results.nc": [stored_file.file_sha256(folder / "results.nc")]}
     return open_final(folder, Manifest("", "", "", "", outputs=hashes))
+
+
+def forge(ds, path):
+    """Write results with the hash of what they hold."""
+    netcdf.save(ds.assign_attrs(title="forged"), path)
+    stored = netcdf.load(path)
+    hashed = stored.drop_attrs(deep=False).assign_attrs({k: v for k, v in stored.attrs.items() if k != "trace_sha256"})
+    netcdf.save(stored.assign_attrs(content_sha256=combined_sha256(hashed)), path)
 
 
 def damaged_value(ds):
@@ -63,11 +76,26 @@ def test_a_file_of_a_later_version_and_a_missing_one_are_refused(tmp_path, swept
 
 
 @pytest.mark.parametrize(
-    "attrs", [{"trace_file": "../traces-x.nc"}, {"trace_file": 3}, {"trace_sha256": "["}, {"fastcoil_format": "x"}]
+    "attrs",
+    [
+        {"trace_file": "../traces-x.nc"},
+        {"trace_file": "results.nc"},
+        {"trace_file": ".holder"},
+        {"trace_file": 3},
+        {"trace_sha256": "["},
+        {"fastcoil_format": "x"},
+    ],
 )
 def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
-    netcdf.save(swept.assign_attrs(attrs), tmp_path / "results.nc")
-    with pytest.raises(IntegrityError, match=r"results\.nc"):
+    forge(swept[[*METRICS, "status"]].assign_attrs(attrs), tmp_path / "results.nc")
+    with pytest.raises(IntegrityError, match=r"results\.nc (is no result|names traces|cannot be understood)"):
+        opened(tmp_path)
+
+
+def test_a_small_file_of_very_many_values_ends_in_a_sentence(tmp_path, swept, monkeypatch):
+    netcdf.save(swept, tmp_path / "results.nc")
+    monkeypatch.setattr(netcdf, "available_memory", lambda: swept.nbytes - 1)
+    with pytest.raises(StorageError, match=r"cannot be read \(its values take .* are available\): the memory ran out"):
         opened(tmp_path)
 
 
@@ -75,3 +103,77 @@ def test_plain_results_have_no_traces(out):
     run(PLAIN, out)
     assert fc.open_study(out).attrs["content_sha256"] == golden(PLAIN)
     assert set(Manifest.read(out).outputs) == {"results.nc"}
+
+
+FORGERIES = {
+    "title": [lambda ds: ds.assign_attrs(title=3), lambda ds: ds.assign_attrs(title="x" * (2**20 + 1))],
+    "backlash": [
+        lambda ds: ds.assign_coords(backlash=[f"v{k}" for k in range(ds.sizes["backlash"])]),
+        lambda ds: ds.assign_coords(backlash=np.zeros(ds.sizes["backlash"])),
+        lambda ds: ds.drop_vars("backlash"),
+    ],
+    "day": [lambda ds: ds.assign_coords(day=[0.0, np.nan])],
+    "rmse": [
+        lambda ds: ds.drop_vars("rmse"),
+        lambda ds: ds.assign(rmse=ds["rmse"].isel(day=0)),
+        lambda ds: ds.assign(rmse=ds["rmse"].astype(str)),
+        lambda ds: ds.assign(rmse=ds["rmse"].astype("i4")),
+    ],
+    "status": [
+        lambda ds: ds.assign(status=ds["status"] + 7),
+        lambda ds: ds.assign(status=ds["status"] - 1),
+        lambda ds: ds.assign(status=ds["status"].astype(float)),
+    ],
+    "mine": [
+        lambda ds: ds.assign(mine=("elsewhere", [1.0])),
+        lambda ds: ds.assign(mine=(ds["status"].dims, ds["status"].values.astype(str))),
+    ],
+}
+"""By what is wrong with them: results that nobody computed."""
+
+
+@pytest.mark.parametrize(("name", "change"), [(name, each) for name, those in FORGERIES.items() for each in those])
+def test_results_of_another_form_are_refused_whatever_their_hash(swept, name, change):
+    genuine = swept[[*METRICS, "status"]].assign_attrs(title="Small")
+    assert not malformed(genuine)
+    assert name in malformed(change(genuine))
+
+
+@pytest.mark.parametrize(
+    "attrs", [{"wall_time_s": "long"}, {"study_sha256": ["a", "b"]}, {"day_sha256": "[]"}, {"parameters": "3"}]
+)
+def test_attributes_that_no_study_has_are_named(swept, attrs):
+    (name,) = attrs
+    assert name in malformed(swept.assign_attrs(title="forged", **attrs))
+
+
+def test_a_forged_file_is_refused_with_a_sentence(tmp_path, swept):
+    words = [f"v{k}" for k in range(swept.sizes["backlash"])]
+    forge(swept[["status"]].assign_coords(backlash=words), tmp_path / "results.nc")
+    with pytest.raises(IntegrityError, match=r"is no result of a study: .*rmse.* is missing or damaged; delete it"):
+        opened(tmp_path)
+
+
+def test_whatever_a_simulation_gives_has_the_form_of_results(tmp_path, swept):
+    reduced = swept.assign(mine=swept["T_sup"].max("elapsed_time") > 14.0)
+    forge(reduced, tmp_path / "results.nc")
+    assert opened(tmp_path).identical(netcdf.load(tmp_path / "results.nc"))
+
+
+def test_results_of_an_older_version_with_fewer_metrics_are_in_order(swept):
+    older = swept.assign_attrs(title="older").drop_vars(["condensate", "water_volume"])
+    assert malformed(older) == []
+    assert malformed(older.drop_vars("rmse")) == ["rmse"]
+
+
+def test_traces_of_another_form_than_the_results_say_are_refused_when_they_are_read(tmp_path, swept):
+    netcdf.save(swept[["T_sup"]], tmp_path / "traces-x.nc")
+    described = {"dims": swept["T_sup"].dims, "shape": swept["T_sup"].shape, "dtype": "float64", "attrs": {}}
+    for layout in ({"T_w": described}, {"T_sup": described | {"shape": (*swept["T_sup"].shape[:-1], 99)}}):
+        results = swept.drop_vars(["T_sup", "mode", "T_c", "elapsed_time", "volume"]).assign_attrs(
+            trace_file="traces-x.nc", trace_layout=json.dumps(layout), trace_sha256="{}"
+        )
+        forge(results, tmp_path / "results.nc")
+        hashes = {name: [stored_file.file_sha256(tmp_path / name)] for name in ("results.nc", "traces-x.nc")}
+        with pytest.raises(IntegrityError, match=r"traces-x\.nc holds no such T_"):
+            open_final(tmp_path, Manifest("", "", "", "", outputs=hashes)).load()

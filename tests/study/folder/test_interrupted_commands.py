@@ -72,6 +72,7 @@ def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(comman
 def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(command, tmp_path):
     first = command()
     wait_for_shards(first, tmp_path / "out")
+    first.send_signal(signal.SIGSTOP)  # it holds the folder, and takes no processor
     second = command()
     _, said = second.communicate(timeout=60)
     assert second.returncode == 5

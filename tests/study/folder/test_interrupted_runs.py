@@ -59,7 +59,8 @@ def resumed(folder, golden):
     assert finished.results.attrs["content_sha256"] == golden
 
 
-@pytest.mark.parametrize("backend", ["threads", "loky", pytest.param("dask", marks=pytest.mark.full)])
+# for threads, see the commands that are interrupted
+@pytest.mark.parametrize("backend", ["loky", *(pytest.param(b, marks=pytest.mark.full) for b in ("threads", "dask"))])
 def test_ctrl_c_ends_a_run_at_once_and_it_can_go_on(slow_run, golden, tmp_path, backend):
     run = slow_run(backend)
     workers = children(run.pid)

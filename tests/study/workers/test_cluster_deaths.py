@@ -19,26 +19,21 @@ from fastcoil.study.workers import dispatch
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtures("leaves_nothing")]
 
 
-def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, monkeypatch):
+@pytest.mark.alone
+@pytest.mark.parametrize("harm", [failing_shards.killed, pytest.param(failing_shards.stops, marks=pytest.mark.full)])
+def test_a_cluster_that_loses_a_worker_goes_on_and_one_without_any_is_reported_and_no_scenario_blamed(
+    study, golden, tmp_path, monkeypatch, harm
+):
     cut(monkeypatch, 10)
     with cluster(tmp_path / "cluster", 2, "--no-nanny") as found:
         with found.client() as client:
             client.wait_for_workers(2, timeout=30)
         harmed = failing_shards.harmful(study, failing_shards.killed, [35], once=tmp_path / "once")
-        finished = execute(harmed, tmp_path / "out", backend="dask", scheduler=found.address)
+        finished = execute(harmed, tmp_path / "one", backend="dask", scheduler=found.address)
         assert [p.poll() for p in found.processes].count(-signal.SIGKILL) == 1
-    assert finished.results.attrs["content_sha256"] == golden
-
-
-@pytest.mark.alone
-@pytest.mark.parametrize("harm", [failing_shards.killed, pytest.param(failing_shards.stops, marks=pytest.mark.full)])
-def test_a_cluster_that_loses_all_its_workers_is_reported_and_no_scenario_blamed(
-    study, golden, tmp_path, monkeypatch, harm
-):
-    cut(monkeypatch, 10)
-    monkeypatch.setattr(dispatch, "_LEAST_LIMIT", 2.0)
-    monkeypatch.setattr(dispatch, "_LIMIT_FACTOR", 1.0)
-    with cluster(tmp_path / "cluster", 1, "--no-nanny") as found:
+        assert finished.results.attrs["content_sha256"] == golden
+        monkeypatch.setattr(dispatch, "_LEAST_LIMIT", 2.0)
+        monkeypatch.setattr(dispatch, "_LIMIT_FACTOR", 1.0)
         harmed = failing_shards.harmful(study, harm, [135])
         with pytest.raises(FastcoilError, match="its workers are gone, busy with something else or hang"):
             execute(harmed, tmp_path / "out", backend="dask", scheduler=found.address)

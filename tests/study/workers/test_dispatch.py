@@ -3,52 +3,26 @@
 from __future__ import annotations
 
 import concurrent.futures as cf
-import re
-import warnings
-from types import SimpleNamespace
+import os
 
 import numpy as np
 import pytest
 from helpers import dying_pool
-from helpers.dying_pool import Died, Pool, healthy
+from helpers.dying_pool import Died, Pool, found, healthy, in_shards
+from helpers.processes import N_SCENARIOS as N
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastcoil.errors import FastcoilError, InputError, StorageError
 from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
-from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers import dispatch
-from fastcoil.study.workers.dispatch import Dispatcher
-from fastcoil.study.workers.worker import Interrupt, Job
+from fastcoil.study.workers.worker import Interrupt
 
 pytestmark = pytest.mark.timeout(60)
 
-N = 160
+FULL = bool(os.environ.get("FASTCOIL_FULL"))
 
 
-@pytest.fixture(scope="module")
-def job(small_study):
-    return Job("key", read_study(small_study).plan, None)
-
-
-def found(pool, job, shards, status=None, **options):
-    """Status of every scenario that was yielded, also put into ``status``; none is yielded twice."""
-    status = {} if status is None else status
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dispatch, "cf", SimpleNamespace(wait=pool.wait, FIRST_COMPLETED=cf.FIRST_COMPLETED))
-        patch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda: pool.now))
-        for part in Dispatcher(pool, job, **options).run(shards):
-            for k, flag in zip(part["scenario"].values.tolist(), part["status"].values.tolist(), strict=True):
-                assert k not in status, "a scenario is found twice"
-                status[k] = flag
-    return status
-
-
-def in_shards(size, n=N):
-    return [np.arange(start, min(start + size, n)) for start in range(0, n, size)]
-
-
-@settings(max_examples=100)
+@settings(max_examples=300 if FULL else 40)
 @given(
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),
@@ -71,7 +45,7 @@ def test_exactly_the_scenarios_that_kill_or_hang_are_crashed(
     assert pool.most_flying <= n_workers + 1
 
 
-@settings(max_examples=60)
+@settings(max_examples=300 if FULL else 40)
 @given(
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),
@@ -169,102 +143,6 @@ def test_one_bad_scenario_in_a_large_shard_takes_few_deaths(job):
     assert pool.n_restarts <= 24
 
 
-def test_a_shard_that_got_ready_while_another_was_written_is_not_overdue(job):
-    pool = Pool(2, falls_together=True)
-
-    def slow_to_look(futures, timeout, return_when):
-        for future in [f for f in futures if not f.done()]:
-            future.set_result(healthy(pool.flying[future]))
-        pool.now += 100.0
-        first = next(iter(futures))
-        del pool.flying[first]
-        return {first}, set(futures) - {first}
-
-    pool.wait = slow_to_look
-    assert len(found(pool, job, in_shards(16), time_limit=5.0)) == N
-    assert pool.n_restarts == 0
-
-
-def test_without_the_means_to_kill_nothing_is_overdue(job):
-    pool = Pool(2, falls_together=False)
-    pool.can_kill = False
-    wait = pool.wait
-
-    def slowly(futures, timeout, return_when):
-        pool.now += 1e6
-        return wait(futures, timeout, return_when)
-
-    pool.wait = slowly
-    assert len(found(pool, job, in_shards(16), time_limit=5.0)) == N
-
-
-def kept_busy(pool, until):
-    """Have others keep the workers of a pool busy for some seconds."""
-    wait = pool.wait
-    pool.shared, pool.waits = True, lambda future: pool.now < until
-
-    def idly(futures, timeout, return_when):
-        if pool.waits(None):
-            pool.now += timeout
-            return set(), set(futures)
-        return wait(futures, timeout, return_when)
-
-    pool.wait = idly
-
-
-def test_a_shard_that_has_not_started_is_not_overdue_and_the_wait_is_reported_now_and_then(job):
-    pool = Pool(2, falls_together=False, seed=1)
-    kept_busy(pool, until=3000.0)
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        assert set(found(pool, job, in_shards(16), time_limit=5.0).values()) == {STATUS_OK}
-    assert pool.n_restarts == 0
-    said = [str(w.message) for w in warned]
-    assert all(s.endswith("for workers, with 3 shards in flight: they are busy with other work") for s in said)
-    assert [int(re.search(r"(\d+) s", s)[1]) for s in said] == pytest.approx(
-        [10, 30, 90, 270, 810, 1410, 2010, 2610], abs=12
-    )
-
-
-def test_a_wait_for_workers_that_nobody_else_uses_is_not_reported(job):
-    pool = Pool(2, falls_together=False)
-    kept_busy(pool, until=100.0)
-    pool.shared = False
-    assert len(found(pool, job, in_shards(16), time_limit=5.0)) == N  # a warning would be an error
-
-
-def test_shards_are_not_blamed_for_workers_that_never_come(job):
-    pool = Pool(2, falls_together=False)
-    kept_busy(pool, until=np.inf)
-    restart = pool.restart
-
-    def start_at_last():
-        restart()
-        if pool.n_restarts == 3:
-            pool.has_workers, pool.waits = True, lambda future: False
-
-    pool.shared, pool.has_workers, pool.restart = False, False, start_at_last
-    assert set(found(pool, job, [np.array([k]) for k in range(4)], time_limit=5.0).values()) == {STATUS_OK}
-    assert sorted(pool.runs) == [0, 1, 2, 3]
-    assert pool.n_restarts == 3
-
-
-def test_the_neighbour_of_a_shard_that_hangs_is_not_suspected_before_it_ran(job):
-    pool = Pool(1, falls_together=True, hangs=[0])
-    pool.waiting = lambda futures: futures[1:]
-    wait, submitted = pool.wait, []
-
-    def in_order(futures, timeout, return_when):
-        done, _ = wait(list(futures)[:1], timeout, return_when)
-        return done, set(futures) - done
-
-    pool.wait = in_order
-    submit = pool.submit
-    pool.submit = lambda index: submitted.append(index.tolist()) or submit(index)
-    assert found(pool, job, [np.array([0]), np.array([1])], time_limit=5.0) == {0: STATUS_CRASHED, 1: STATUS_OK}
-    assert submitted[:4] == [[0], [1], [1], [0]], "it is run again with the others, and the culprit alone"
-
-
 def test_an_interrupt_of_a_worker_ends_the_run(job):
     pool = Pool(1, falls_together=False)
 
@@ -276,15 +154,6 @@ def test_an_interrupt_of_a_worker_ends_the_run(job):
     pool.wait = interrupted
     with pytest.raises(KeyboardInterrupt):
         found(pool, job, in_shards(16))
-
-
-def test_the_limit_of_time_grows_with_the_longest_shard(job):
-    found_limits = Dispatcher(Pool(1, falls_together=True), job)
-    assert found_limits._limit == 600.0
-    found_limits._longest = 0.1
-    assert found_limits._limit == 60.0
-    found_limits._longest = 10.0
-    assert found_limits._limit == 200.0
 
 
 def test_an_error_that_is_no_death_ends_the_run_with_what_was_found_before(job):

@@ -1,0 +1,96 @@
+"""How a command ends where the surroundings are odd: no folder to be in, Python's and matplotlib's own settings."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import warnings
+
+import click
+import pytest
+from click.testing import CliRunner
+from helpers.processes import environment
+from helpers.studies import PLAIN, run_until_interrupted
+
+from fastcoil.cli import interrupts
+from fastcoil.cli.interrupts import Commands, interruptible
+
+
+def test_a_command_in_a_folder_that_is_gone_ends_with_4_and_one_sentence(tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    line = f'cd {gone} && rmdir {gone} && exec "{sys.executable}" -m fastcoil status .'
+    done = subprocess.run(
+        ["bash", "-c", line], capture_output=True, text=True, timeout=60, check=False, env=environment()
+    )
+    assert done.returncode == 4, done
+    said = "fastcoil: the current folder is gone: change to another one and give the command again\n"
+    assert (done.stdout, done.stderr) == ("", said)
+
+
+@pytest.mark.parametrize("kind", [UserWarning, DeprecationWarning, RuntimeWarning])
+def test_a_warning_is_a_note_though_python_is_set_to_raise_it(kind):
+    def warn():
+        warnings.warn("in passing", kind, stacklevel=2)
+
+    commands = Commands(commands=[click.Command("warn", callback=warn)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        before = list(warnings.filters)
+        found = CliRunner().invoke(commands, ["warn"])
+        assert warnings.filters == before
+    assert (found.exit_code, found.stderr) == (0, "fastcoil: note: in passing\n")
+
+
+RUN_AND_PLOT = """
+import sys
+from fastcoil.cli.main import main
+for words in (["run", "study.toml", "-o", "out", "-j", "1"], ["plot", "out", "-x", "backlash", "--metric", "rmse"]):
+    try:
+        main(words)
+    except SystemExit as end:
+        print(words[0], "ends with", end.code or 0, flush=True)
+"""
+
+
+@pytest.mark.kernel
+def test_no_setting_of_python_or_matplotlib_stops_a_command(out):
+    run_until_interrupted(PLAIN.replace("estimate_ratio", "# estimate_ratio"), out, 1)
+    (out / "shards" / "notes.txt").write_text("mine")
+    done = subprocess.run(
+        [sys.executable, "-c", RUN_AND_PLOT],
+        cwd=out.parent,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env=environment(PYTHONWARNINGS="error", MPLBACKEND="no such backend"),
+    )
+    ends = [line for line in done.stdout.splitlines() if "ends with" in line]
+    assert ends == ["run ends with 0", "plot ends with 0"], done
+    assert "Traceback" not in done.stderr
+    assert "/out/shards/notes.txt is no shard" in done.stderr
+    assert (out / "figures" / "rmse_backlash.png").stat().st_size > 1000
+
+
+@pytest.mark.alone
+def test_two_interruptions_at_once_are_one(tmp_path, monkeypatch):
+    both, said = {signal.SIGINT, signal.SIGTERM}, []
+    monkeypatch.setattr(sys, "unraisablehook", said.append)
+    monkeypatch.setattr(interrupts, "_PATIENCE", 3600.0)  # the process is not to end
+    signal.pthread_sigmask(signal.SIG_BLOCK, both)
+
+    def interrupt():
+        with interruptible(tmp_path / "study.toml", tmp_path):
+            for number in both:
+                signal.raise_signal(number)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+            sum(range(1000))
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            interrupt()
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+    assert not said
