@@ -142,6 +142,8 @@ _TABLE = (
     _positive("ti", "controller", "s", 8.0, "integral time T_i", label="integral time Ti"),
     Parameter("sample_time", "controller", "s", 30.0, "controller sample time", 1, 3600, whole=True,
               label="sample time"),
+    Parameter("error_dead_band", "controller", "K", 0.0,
+              "control error up to which the controller holds its output; 0 = none", 0.0, label="error dead band"),
     Parameter("action", "controller", "", "cooling", "whether the valve opens to cool or to heat",
               choices=("cooling", "heating"), label="action"),
     _positive("plant_gain", "controller", "K", None,
@@ -154,6 +156,19 @@ _TABLE = (
               0.0, label="estimate / backlash"),
     Parameter("buffer", "inverse", "1", 1e-9, "reversals of u up to this size are ignored by the inverse; 0 = none are",
               0.0, 1.0, open_upper=True, label="buffer"),
+    _positive("buffer_ratio", "inverse", "1", None,
+              "buffer / (K_p x standard deviation of the noise), in place of buffer", label="buffer / noise in u"),
+    Parameter("buffer_noise", "inverse", "", "given",
+              "noise that buffer_ratio takes: noise_std, or what the controller measures in its own readings",
+              choices=("given", "measured"), label="noise of the buffer"),
+    _positive("buffer_swing", "inverse", "K", None,
+              "largest change of the supply temperature, by plant_gain, from a jump of u across the buffer of "
+              "buffer_ratio", label="largest swing by the buffer"),
+    Parameter("compensation", "inverse", "", "inverse",
+              "how the command crosses the gap: by the inverse, by half the estimate added to u, or by an inverse "
+              "without a jump", choices=("inverse", "additive", "smooth"), label="compensation"),
+    _positive("smooth_rate", "inverse", "s-1", 1e-4,
+              "rate of u at which the smooth compensation has crossed 98 % of the gap", label="rate of the smooth inverse"),
     Parameter("estimator", "estimator", "", None,
               "what finds the backlash estimate; by default the learner where learning_step > 0, else nothing does",
               choices=("none", "learner"), label="estimator"),
@@ -200,6 +215,7 @@ ESTIMATOR_GROUPS = tuple(name for name in PARAMETERS["estimator"].choices if nam
 
 STAND_INS = {
     "estimate_ratio": ("backlash_estimate",),
+    "buffer_ratio": ("buffer",),
     "rangeability": ("m_max", "valve_a", "valve_b", "valve_c"),
     "authority": ("m_max", "valve_a", "valve_b", "valve_c"),
     "m_full": ("m_max", "valve_a", "valve_b", "valve_c"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fastcoil.control.buffer import largest_buffer, noise_buffer
 from fastcoil.control.inverse import FALLING
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS, STATE_AT, SUMS_AT, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.numerics.elementary import exp, log
@@ -37,6 +38,9 @@ def derive(S, rows, n_volumes):
             S[R.valve_b + j] = b
             S[R.valve_c + j] = c
         S[R.log_m_max + j] = log(S[R.m_max + j])
+        if S[R.buffer_ratio + j] > 0.0:
+            highest = largest_buffer(S[R.buffer_swing + j], S[R.plant_gain + j])
+            S[R.buffer + j] = noise_buffer(S[R.buffer_ratio + j], S[R.kp + j], S[R.noise_std + j], highest)
 
 
 @section

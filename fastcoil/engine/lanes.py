@@ -118,7 +118,7 @@ def _block(rows: np.ndarray) -> Block:
         has_noise=bool(np.any(row["noise_std"] > 0.0)),
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
         estimate=BUILT_IN if estimator is None else estimator_stage(estimator),
-        control=control_stage(Control.of(estimator)),
+        control=control_stage(Control.of(estimator, row)),
         stem=stem_stage(Stem()),
     )
     return Block(rows, common, estimator)

@@ -31,6 +31,8 @@ STATE_ROWS = (
     "u", "integral", "mode", "u_ext", "command",
     # what the estimator sees of the last sample; the estimate, and what the inverse assumes of it
     "T_seen", "e_seen", "switches", "estimate", "assumed",
+    # noise measured on line: readings so far, the last two errors, median size of second differences
+    "readings", "e_1", "e_2", "difference",
     # actuator, valve
     "position", "q", "opening", "growth", "log_m_w", "m_w",
     # coil: flow, conductance and effectiveness of this step

@@ -24,7 +24,8 @@ from fastcoil.simulation.signature import UNCHANGED, describe_parameters, take_p
 
 _DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
 _VALVE_CURVE = STAND_INS["rangeability"]
-_ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
+_PAIRS = tuple((ratio, STAND_INS[ratio][0]) for ratio in ("estimate_ratio", "buffer_ratio"))
+_ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), *(((one,), (other,)) for one, other in _PAIRS))
 
 
 @describe_parameters
@@ -196,15 +197,15 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
     for stand_ins, replaced in _ALTERNATIVES:
         one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if one and other:
-            problems.append(f"{' and '.join(one)} stand in for {' and '.join(other)}: give one or the other")
+            problems.append(f"{' and '.join(one)} {'stands' if len(one) == 1 else 'stand'} in for {' and '.join(other)}: give one or the other")
     if problems:
         raise InputError(problems)
 
     result = dict(values)
-    if "backlash_estimate" in checked:
-        result.pop("estimate_ratio", None)
-    if "estimate_ratio" in checked:
-        result.pop("backlash_estimate", None)
+    for pair in _PAIRS:
+        for given, other in (pair, pair[::-1]):
+            if given in checked:
+                result.pop(other, None)
     if checked.keys() & set(_VALVE_CURVE) and result.keys() & set(INSTALLED_VALVE):
         missing = [n for n in _VALVE_CURVE if n not in checked]
         if missing:

@@ -11,6 +11,7 @@ import xarray as xr
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError
 from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, Scalar
+from fastcoil.simulation.control_problems import control_problems
 from fastcoil.simulation.loop import Loop
 
 
@@ -75,7 +76,7 @@ class Layout:
             problems.append(
                 "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
             )
-        problems += _unread_parameters(self.loop)
+        problems += _unread_parameters(self.loop) + control_problems(self.loop, self.boundary.series["T_set"])
         if problems:
             raise InputError(problems)
 

@@ -1,0 +1,54 @@
+"""The buffer as a multiple of the noise in u, and the noise found from the controller's own readings."""
+
+from __future__ import annotations
+
+import math
+
+from fastcoil.numerics.jit import exact
+
+ROUND_OFF = 1e-9
+"""Least buffer, so that round-off is no reversal."""
+SAMPLES = 100.0
+"""Samples that the measured noise goes back over."""
+FIRST_GUESS, LEAST = 0.1, 1e-3
+"""Median second difference at the start, and the least that it may fall to, K: none would never rise again."""
+# half of all normal numbers lie within 0.674 σ, and second differences of white noise have the variance 6 σ²
+_NOISE = 1.0 / (0.6744897501960817 * math.sqrt(6.0))
+
+
+@exact
+def noise_buffer(ratio, kp, sigma, highest):
+    """Buffer: ``ratio`` times the noise K_p σ that a PI passes on to u; fraction of stroke.
+
+    sigma: K.  highest: upper limit; NaN = none.
+    """
+    b = ratio * abs(kp) * sigma
+    b = highest if b > highest else b
+    return ROUND_OFF if b < ROUND_OFF else b
+
+
+@exact
+def largest_buffer(swing, plant_gain):
+    """Buffer at which the jump of u across it moves the supply temperature by ``swing``; both in K; NaN = none."""
+    return swing / plant_gain
+
+
+@exact
+def median_difference(median, n, e, e_1, e_2):
+    """Median size of the second differences of the error after its n-th, K.  e, e_1, e_2: this reading, the last two.
+
+    It goes up by a share of itself where the difference is larger and down where it is smaller, by 1/n and at least
+    1/100.  A drift has no second difference, and one as large as after a step of the set-point counts like any other;
+    it would rule a mean of squares.
+    """
+    size = abs((e - e_1) - (e_1 - e_2))
+    step = 1.0 + (1.0 / n if n < SAMPLES else 1.0 / SAMPLES)
+    moved = median * step if size > median else median / step
+    moved = LEAST if moved < LEAST else moved
+    return moved if n > 0.0 else FIRST_GUESS
+
+
+@exact
+def noise_level(median):
+    """Standard deviation of white noise whose second differences have this median size, K."""
+    return _NOISE * median
