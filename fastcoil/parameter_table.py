@@ -168,7 +168,8 @@ _TABLE = (
               "how the command crosses the gap: by the inverse, by half the estimate added to u, or by an inverse "
               "without a jump", choices=("inverse", "additive", "smooth"), label="compensation"),
     _positive("smooth_rate", "inverse", "s-1", 1e-4,
-              "rate of u at which the smooth compensation has crossed 98 % of the gap", label="rate of the smooth inverse"),
+              "rate of u at which the smooth compensation has crossed 98 % of the gap",
+              label="rate of the smooth inverse"),
     Parameter("estimator", "estimator", "", None,
               "what finds the backlash estimate; by default the learner where learning_step > 0, else nothing does",
               choices=("none", "learner"), label="estimator"),

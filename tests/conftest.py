@@ -97,7 +97,7 @@ def run_reference():
             given |= zip(("m_max", "valve_a", "valve_b", "valve_c"), curve, strict=True)
         if "estimate_ratio" in given:
             given["backlash_estimate"] = given["estimate_ratio"] * given["backlash"]
-        parameters = {name: given[name] for name in reference.PAPER_LIKE}
+        parameters = {name: given.get(name) for name in reference.PAPER_LIKE}
         series = {name: values[0].tolist() for name, values in boundary.series.items()}
         saturation = None if exact else saturation_humidity_ratio
         traces, metrics = reference.simulate(

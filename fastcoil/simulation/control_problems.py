@@ -51,8 +51,8 @@ def _dead_band_problems(loop: Loop, T_set: Array) -> list[str]:
     width = float(np.max(T_set) - np.min(T_set))
     if ONE_SET_POINT < width <= widest:
         return [
-            f"error_dead_band = {widest:g} K: the set-points lie within {width:g} K, so none of their changes would move "
-            "the valve, give less"
+            f"error_dead_band = {widest:g} K: the set-points lie within {width:g} K, so none of their changes would "
+            "move the valve, give less"
         ]
     return []
 

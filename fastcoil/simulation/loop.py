@@ -197,7 +197,8 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
     for stand_ins, replaced in _ALTERNATIVES:
         one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if one and other:
-            problems.append(f"{' and '.join(one)} {'stands' if len(one) == 1 else 'stand'} in for {' and '.join(other)}: give one or the other")
+            verb = "stands" if len(one) == 1 else "stand"
+            problems.append(f"{' and '.join(one)} {verb} in for {' and '.join(other)}: give one or the other")
     if problems:
         raise InputError(problems)
 

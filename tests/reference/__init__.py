@@ -14,7 +14,15 @@ kg of water per kg of dry air.  The time step is 1 s.
 """
 
 from reference.coil import coil_step, effectiveness, exchange, steady_state_dry
-from reference.control import FALLING, RISING, backlash_inverse, pi_controller
+from reference.control import (
+    FALLING,
+    RISING,
+    NoiseMeter,
+    additive_compensation,
+    backlash_inverse,
+    pi_controller,
+    smooth_inverse,
+)
 from reference.learner import Learner
 from reference.loop import SCALAR_TRACES, VOLUME_TRACES, simulate
 from reference.metrics import METRICS
@@ -31,7 +39,9 @@ __all__ = [
     "SCALAR_TRACES",
     "VOLUME_TRACES",
     "Learner",
+    "NoiseMeter",
     "actuator_position",
+    "additive_compensation",
     "backlash",
     "backlash_inverse",
     "coil_step",
@@ -45,6 +55,7 @@ __all__ = [
     "saturation_humidity_ratio",
     "saturation_pressure",
     "simulate",
+    "smooth_inverse",
     "standard_normal",
     "steady_state_dry",
     "valve_from_authority",
