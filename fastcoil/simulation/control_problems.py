@@ -10,7 +10,7 @@ from fastcoil.parameter_table import PARAMETERS
 from fastcoil.simulation.loop import Loop
 
 ONE_SET_POINT = 1.0
-"""Set-points no further apart than this count as one, K: a record of a constant one drifts and has steps."""
+"""Set-points that lie closer together than this count as one, K: a record of a constant one drifts and has steps."""
 
 
 def control_problems(loop: Loop, T_set: Array) -> list[str]:
@@ -31,7 +31,8 @@ def _buffer_problems(loop: Loop) -> list[str]:
     if ratio is not None and not problems:
         buffer = xr.DataArray(ratio) * abs(xr.DataArray(loop["kp"])) * xr.DataArray(loop["noise_std"])
         if swing is not None:
-            buffer = np.minimum(buffer, xr.DataArray(swing) / xr.DataArray(loop["plant_gain"]))
+            highest = xr.DataArray(swing) / xr.DataArray(loop["plant_gain"])
+            buffer = buffer.where(buffer < highest, highest)
         largest = float(buffer.where(xr.DataArray(loop["buffer_noise"]) == "given", 0.0).max())
         if largest >= 1.0:
             problems.append(f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one")
@@ -39,7 +40,7 @@ def _buffer_problems(loop: Loop) -> list[str]:
 
 
 def _compensation_problems(loop: Loop) -> list[str]:
-    changed = bool((xr.DataArray(loop["smooth_rate"]) != PARAMETERS["smooth_rate"].default).any())
+    changed = bool(np.any(np.asarray(loop["smooth_rate"]) != PARAMETERS["smooth_rate"].default))
     if changed and not _has(loop, "compensation", "smooth"):
         return ["smooth_rate without compensation = 'smooth': give that word, or leave smooth_rate out"]
     return []
@@ -49,7 +50,7 @@ def _dead_band_problems(loop: Loop, T_set: Array) -> list[str]:
     """Refuse a dead band in which every change of the set-point would be too small to act on."""
     widest = float(np.max(np.asarray(loop["error_dead_band"])))
     width = float(np.max(T_set) - np.min(T_set))
-    if ONE_SET_POINT < width <= widest:
+    if ONE_SET_POINT <= width <= widest:
         return [
             f"error_dead_band = {widest:g} K: the set-points lie within {width:g} K, so none of their changes would "
             "move the valve, give less"

@@ -24,7 +24,7 @@ from fastcoil.simulation.signature import UNCHANGED, describe_parameters, take_p
 
 _DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
 _VALVE_CURVE = STAND_INS["rangeability"]
-_PAIRS = tuple((ratio, STAND_INS[ratio][0]) for ratio in ("estimate_ratio", "buffer_ratio"))
+_PAIRS = (("estimate_ratio", "backlash_estimate"), ("buffer_ratio", "buffer"))
 _ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), *(((one,), (other,)) for one, other in _PAIRS))
 
 
@@ -203,10 +203,11 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
         raise InputError(problems)
 
     result = dict(values)
-    for pair in _PAIRS:
-        for given, other in (pair, pair[::-1]):
-            if given in checked:
-                result.pop(other, None)
+    for ratio, replaced_name in _PAIRS:
+        if ratio in checked:
+            result.pop(replaced_name, None)
+        elif replaced_name in checked:
+            result.pop(ratio, None)
     if checked.keys() & set(_VALVE_CURVE) and result.keys() & set(INSTALLED_VALVE):
         missing = [n for n in _VALVE_CURVE if n not in checked]
         if missing:

@@ -17,6 +17,7 @@ from reference.coil import coil_step, effectiveness, exchange, steady_state_dry
 from reference.control import (
     FALLING,
     RISING,
+    Controller,
     NoiseMeter,
     additive_compensation,
     backlash_inverse,
@@ -38,6 +39,7 @@ __all__ = [
     "RISING",
     "SCALAR_TRACES",
     "VOLUME_TRACES",
+    "Controller",
     "Learner",
     "NoiseMeter",
     "actuator_position",
