@@ -17,6 +17,7 @@ ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
 # loop; and, where two arrays might overlap, the whole loop once more, which never runs.
 SCALAR_SHARE = {
     "control": 0,
+    "control, all parts": 0,
     "actuate": 0,
     "deliver": 0,
     "air_side": 0.3,
@@ -34,8 +35,13 @@ def assembly_of(name):
     from fastcoil.engine import controller, metrics, plant, stem
 
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
+    plain, every = controller.PLAIN, controller.Control(*(True for _ in controller.PLAIN))
     section, signature = {
-        "control": (controller.control, (A, i, f, f, b, f, T.literal(1))),
+        "control": (lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, plain), (A, i, f, f, b, f)),
+        "control, all parts": (
+            lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, every),
+            (A, i, f, f, b, f),
+        ),
         "actuate": (stem.actuate, (A, b)),
         "deliver": (plant.deliver, (A,)),
         "air_side": (plant.air_side, (A, f)),
@@ -43,7 +49,7 @@ def assembly_of(name):
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
         "account_second": (metrics.account_second, (A, A, i, f, f, i)),
     }[name]
-    return next(iter(numba.njit(signature, **FLAGS)(section.py_func).inspect_asm().values()))
+    return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
 
 
 @pytest.mark.kernel
