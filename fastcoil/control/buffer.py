@@ -34,18 +34,19 @@ def largest_buffer(swing, plant_gain):
 
 
 @exact
-def median_difference(median, n, e, e_1, e_2):
-    """Median size of the second differences of the error after its n-th, K.  e, e_1, e_2: this reading, the last two.
+def median_difference(median, readings, e, e_1, e_2):
+    """Median size of the second differences of the error, K, after so many readings; e, e_1, e_2: the last three.
 
-    It goes up by a share of itself where the difference is larger and down where it is smaller, by 1/n and at least
-    1/100.  A drift has no second difference, and one as large as after a step of the set-point counts like any other;
-    it would rule a mean of squares.
+    It goes up by a share of itself where the difference is larger, and down where it is smaller: by 1/readings, and by
+    1/100 at least.  A drift has no second difference, and one as large as after a step of the set-point counts like
+    any other; it would rule a mean of squares.
     """
     size = abs((e - e_1) - (e_1 - e_2))
-    step = 1.0 + (1.0 / n if n < SAMPLES else 1.0 / SAMPLES)
-    moved = median * step if size > median else median / step
+    share = 1.0 / readings
+    share = 1.0 / SAMPLES if share < 1.0 / SAMPLES else share
+    moved = median * (1.0 + share if size > median else 1.0 - share)
     moved = LEAST if moved < LEAST else moved
-    return moved if n > 0.0 else FIRST_GUESS
+    return moved if readings >= 3.0 else FIRST_GUESS
 
 
 @exact

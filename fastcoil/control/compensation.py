@@ -19,17 +19,18 @@ def additive(u_ext, mode, x_hat):
 
 
 @exact
-def rate_of_change(u, u_before, sample_time):
-    """du/dt over one controller sample, 1/s."""
-    return (u - u_before) / sample_time
+def slope(rate, sample_time):
+    """4 / (rate T_s), of the smooth inverse: how fast its logistic function rises with a change of u.  rate: 1/s."""
+    return 4.0 / (rate * sample_time)
 
 
 @exact
-def smooth(u, u_dot, x_hat, rate):
-    """(1 - x̂) u + x̂ ½ (1 + tanh(k u_dot)) with k = 2/rate, 0–1: Zhou, Zhang and Wen (2007), Eqs 5–7.
+def smooth(u, u_before, x_hat, steepness):
+    """(1 - x̂) u + x̂ ½ (1 + tanh(k du/dt)) with k = 2/rate, 0–1: Zhou, Zhang and Wen (2007), Eqs 5–7.
 
-    u_dot, rate: 1/s.  At ``rate`` 98 % of the gap has been crossed, at a standstill the motor is in the middle of it.
-    The logistic function of 2 k u_dot is that tanh; exp limits its argument, so nothing overflows.
+    du/dt is the change over one controller sample; steepness: of ``slope``.  At ``rate`` 98 % of the gap has been
+    crossed, at a standstill the motor is in the middle of it.  The logistic function of 2 k du/dt is that tanh; exp
+    limits its argument, so nothing overflows.
     """
-    crossed = 1.0 / (1.0 + exp(-4.0 * u_dot / rate))
+    crossed = 1.0 / (1.0 + exp(steepness * (u_before - u)))
     return clipped((1.0 - x_hat) * u + x_hat * crossed)

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.control.buffer import largest_buffer, median_difference, noise_buffer, noise_level
-from fastcoil.control.compensation import additive, rate_of_change, smooth
+from fastcoil.control.buffer import median_difference, noise_buffer, noise_level
+from fastcoil.control.compensation import additive, smooth
 from fastcoil.control.inverse import direction, extreme, inverse
 from fastcoil.control.pi import desired_opening, holds, integrated, sample_number
 from fastcoil.engine.rows import LANES, R
@@ -109,8 +109,7 @@ def control(S, t, T_set, noise, enabled, counts_switches, parts):
             command = additive(u_ext, mode, S[R.assumed + j]) if S[R.compensation + j] == ADDITIVE else command
         if parts.is_smooth:
             is_smooth = S[R.compensation + j] == SMOOTH
-            u_dot = rate_of_change(u, S[R.u + j], S[R.sample_time + j])
-            command = smooth(u, u_dot, S[R.assumed + j], S[R.smooth_rate + j]) if is_smooth else command
+            command = smooth(u, S[R.u + j], S[R.assumed + j], S[R.steepness + j]) if is_smooth else command
             moves = (due or u != S[R.u + j]) if is_smooth else moves
         S[R.integral + j] = integral
         S[R.u + j] = u
@@ -125,14 +124,13 @@ def control(S, t, T_set, noise, enabled, counts_switches, parts):
 def measured_buffer(S, j, e, due):
     """Buffer of lane j, from the noise that it measures if it is to, after its reading e."""
     readings = S[R.readings + j] + (1.0 if due else 0.0)
-    median = median_difference(S[R.difference + j], readings - 2.0, e, S[R.e_1 + j], S[R.e_2 + j])
+    median = median_difference(S[R.difference + j], readings, e, S[R.e_1 + j], S[R.e_2 + j])
     median = median if due else S[R.difference + j]
     S[R.readings + j] = readings
     S[R.difference + j] = median
     S[R.e_2 + j] = S[R.e_1 + j] if due else S[R.e_2 + j]
     S[R.e_1 + j] = e if due else S[R.e_1 + j]
-    highest = largest_buffer(S[R.buffer_swing + j], S[R.plant_gain + j])
-    buffer = noise_buffer(S[R.buffer_ratio + j], S[R.kp + j], noise_level(median), highest)
+    buffer = noise_buffer(S[R.buffer_ratio + j], S[R.kp + j], noise_level(median), S[R.largest_buffer + j])
     return buffer if S[R.buffer_noise + j] == MEASURED else S[R.buffer + j]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.control.buffer import largest_buffer, noise_buffer
+from fastcoil.control.compensation import slope
 from fastcoil.control.inverse import FALLING
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS, STATE_AT, SUMS_AT, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.numerics.elementary import exp, log
@@ -38,9 +39,11 @@ def derive(S, rows, n_volumes):
             S[R.valve_b + j] = b
             S[R.valve_c + j] = c
         S[R.log_m_max + j] = log(S[R.m_max + j])
+        highest = largest_buffer(S[R.buffer_swing + j], S[R.plant_gain + j])
+        S[R.largest_buffer + j] = highest
         if S[R.buffer_ratio + j] > 0.0:
-            highest = largest_buffer(S[R.buffer_swing + j], S[R.plant_gain + j])
             S[R.buffer + j] = noise_buffer(S[R.buffer_ratio + j], S[R.kp + j], S[R.noise_std + j], highest)
+        S[R.steepness + j] = slope(S[R.smooth_rate + j], S[R.sample_time + j])
 
 
 @section

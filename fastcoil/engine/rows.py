@@ -21,7 +21,7 @@ LANES = 64
 PARAMETER_ROWS = (*PARAMETERS, "replicate")
 DERIVED_ROWS = (
     "dt_C_w", "dt_C_c", "ntu_w_factor", "ntu_a_factor", "ntu_star_factor", "log_m_max", "max_travel", "sensor_decay",
-    "ki", "sign",
+    "ki", "sign", "largest_buffer", "steepness",
 )  # fmt: skip
 """What the parameters amount to per step."""
 STATE_ROWS = (

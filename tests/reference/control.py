@@ -64,12 +64,11 @@ class NoiseMeter:
     def read(self, reading):
         """Take one more reading [K]."""
         self.readings.append(reading)
-        n = len(self.readings) - 2
-        if n < 1:
+        if len(self.readings) < 3:
             return
         older, last, now = self.readings[-3:]
-        factor = 1.0 + max(1.0 / n, 0.01)
-        self.median *= factor if abs((now - last) - (last - older)) > self.median else 1.0 / factor
+        share = max(1.0 / len(self.readings), 0.01)
+        self.median *= 1.0 + share if abs((now - last) - (last - older)) > self.median else 1.0 - share
         self.median = max(self.median, 0.001)
 
     @property
