@@ -156,14 +156,15 @@ _TABLE = (
               0.0, label="estimate / backlash"),
     Parameter("buffer", "inverse", "1", 1e-9, "reversals of u up to this size are ignored by the inverse; 0 = none are",
               0.0, 1.0, open_upper=True, label="buffer"),
-    _positive("buffer_ratio", "inverse", "1", None,
-              "buffer / (K_p x standard deviation of the noise), in place of buffer", label="buffer / noise in u"),
+    Parameter("buffer_ratio", "inverse", "1", 0.0,
+              "buffer / (K_p x standard deviation of the noise), where that exceeds buffer; 0 = buffer counts", 0.0,
+              label="buffer / noise in u"),
     Parameter("buffer_noise", "inverse", "", "given",
               "noise that buffer_ratio takes: noise_std, or what the controller measures in its own readings",
               choices=("given", "measured"), label="noise of the buffer"),
-    _positive("buffer_swing", "inverse", "K", None,
+    Parameter("buffer_swing", "inverse", "K", 0.0,
               "largest change of the supply temperature, by plant_gain, from a jump of u across the buffer of "
-              "buffer_ratio", label="largest swing by the buffer"),
+              "buffer_ratio; 0 = any", 0.0, label="largest swing by the buffer"),
     Parameter("compensation", "inverse", "", "inverse",
               "how the command crosses the gap: by the inverse, by half the estimate added to u, or by an inverse "
               "without a jump", choices=("inverse", "additive", "smooth"), label="compensation"),
@@ -216,7 +217,6 @@ ESTIMATOR_GROUPS = tuple(name for name in PARAMETERS["estimator"].choices if nam
 
 STAND_INS = {
     "estimate_ratio": ("backlash_estimate",),
-    "buffer_ratio": ("buffer",),
     "rangeability": ("m_max", "valve_a", "valve_b", "valve_c"),
     "authority": ("m_max", "valve_a", "valve_b", "valve_c"),
     "m_full": ("m_max", "valve_a", "valve_b", "valve_c"),

@@ -6,8 +6,6 @@ import math
 
 from fastcoil.numerics.jit import exact
 
-ROUND_OFF = 1e-9
-"""Least buffer, so that round-off is no reversal."""
 SAMPLES = 100.0
 """Samples that the measured noise goes back over."""
 FIRST_GUESS, LEAST = 0.1, 1e-3
@@ -17,20 +15,20 @@ _NOISE = 1.0 / (0.6744897501960817 * math.sqrt(6.0))
 
 
 @exact
-def noise_buffer(ratio, kp, sigma, highest):
-    """Buffer: ``ratio`` times the noise K_p σ that a PI passes on to u; fraction of stroke.
+def noise_buffer(least, ratio, kp, sigma, highest):
+    """Buffer: ``ratio`` times the noise K_p σ that a PI passes on to u, up to ``highest``, but at least ``least``.
 
-    sigma: K.  highest: upper limit; NaN = none.
+    sigma: K.  A ratio of 0 leaves ``least``.
     """
     b = ratio * abs(kp) * sigma
     b = highest if b > highest else b
-    return ROUND_OFF if b < ROUND_OFF else b
+    return least if b < least else b
 
 
 @exact
 def largest_buffer(swing, plant_gain):
-    """Buffer at which the jump of u across it moves the supply temperature by ``swing``; both in K; NaN = none."""
-    return swing / plant_gain
+    """Buffer at which the jump of u across it moves the supply temperature by ``swing``; both in K; swing 0 = any."""
+    return swing / plant_gain if swing > 0.0 else math.inf
 
 
 @exact

@@ -130,7 +130,9 @@ def measured_buffer(S, j, e, due):
     S[R.difference + j] = median
     S[R.e_2 + j] = S[R.e_1 + j] if due else S[R.e_2 + j]
     S[R.e_1 + j] = e if due else S[R.e_1 + j]
-    buffer = noise_buffer(S[R.buffer_ratio + j], S[R.kp + j], noise_level(median), S[R.largest_buffer + j])
+    buffer = noise_buffer(
+        S[R.buffer + j], S[R.buffer_ratio + j], S[R.kp + j], noise_level(median), S[R.largest_buffer + j]
+    )
     return buffer if S[R.buffer_noise + j] == MEASURED else S[R.buffer + j]
 
 

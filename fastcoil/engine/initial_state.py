@@ -41,8 +41,8 @@ def derive(S, rows, n_volumes):
         S[R.log_m_max + j] = log(S[R.m_max + j])
         highest = largest_buffer(S[R.buffer_swing + j], S[R.plant_gain + j])
         S[R.largest_buffer + j] = highest
-        if S[R.buffer_ratio + j] > 0.0:
-            S[R.buffer + j] = noise_buffer(S[R.buffer_ratio + j], S[R.kp + j], S[R.noise_std + j], highest)
+        sigma = 0.0 if S[R.buffer_noise + j] > 0.0 else S[R.noise_std + j]
+        S[R.buffer + j] = noise_buffer(S[R.buffer + j], S[R.buffer_ratio + j], S[R.kp + j], sigma, highest)
         S[R.steepness + j] = slope(S[R.smooth_rate + j], S[R.sample_time + j])
 
 

@@ -20,20 +20,20 @@ def control_problems(loop: Loop, T_set: Array) -> list[str]:
 
 def _buffer_problems(loop: Loop) -> list[str]:
     problems = []
-    ratio, swing = loop["buffer_ratio"], loop["buffer_swing"]
-    measures = _has(loop, "buffer_noise", "measured")
-    if ratio is None and measures:
-        problems.append("buffer_noise = 'measured' without buffer_ratio: give buffer_ratio, or leave buffer_noise out")
-    if ratio is None and swing is not None:
-        problems.append("buffer_swing without buffer_ratio: give buffer_ratio, or leave buffer_swing out")
-    if swing is not None and loop["plant_gain"] is None:
+    ratio, swing = xr.DataArray(loop["buffer_ratio"]), xr.DataArray(loop["buffer_swing"])
+    measures = xr.DataArray(loop["buffer_noise"]) == "measured"
+    for name, is_on in (("buffer_noise = 'measured'", measures), ("buffer_swing", swing > 0.0)):
+        if bool(is_on.any()) and not bool((is_on & (ratio > 0.0)).any()):
+            problems.append(f"{name} without buffer_ratio: give buffer_ratio, or leave {name.split()[0]} out")
+    gain = loop["plant_gain"]
+    if gain is None and bool((swing > 0.0).any()):
         problems.append("buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer")
-    if ratio is not None and not problems:
-        buffer = xr.DataArray(ratio) * abs(xr.DataArray(loop["kp"])) * xr.DataArray(loop["noise_std"])
-        if swing is not None:
-            highest = xr.DataArray(swing) / xr.DataArray(loop["plant_gain"])
-            buffer = buffer.where(buffer < highest, highest)
-        largest = float(buffer.where(xr.DataArray(loop["buffer_noise"]) == "given", 0.0).max())
+    if not problems:
+        buffer = (ratio * abs(xr.DataArray(loop["kp"])) * xr.DataArray(loop["noise_std"])).where(~measures, 0.0)
+        if gain is not None:
+            highest = xr.DataArray(swing / xr.DataArray(gain))
+            buffer = buffer.where((swing == 0.0) | (buffer < highest), highest)
+        largest = float(buffer.max())
         if largest >= 1.0:
             problems.append(f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one")
     return problems

@@ -24,8 +24,7 @@ from fastcoil.simulation.signature import UNCHANGED, describe_parameters, take_p
 
 _DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
 _VALVE_CURVE = STAND_INS["rangeability"]
-_PAIRS = (("estimate_ratio", "backlash_estimate"), ("buffer_ratio", "buffer"))
-_ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), *(((one,), (other,)) for one, other in _PAIRS))
+_ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
 
 
 @describe_parameters
@@ -197,17 +196,15 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
     for stand_ins, replaced in _ALTERNATIVES:
         one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if one and other:
-            verb = "stands" if len(one) == 1 else "stand"
-            problems.append(f"{' and '.join(one)} {verb} in for {' and '.join(other)}: give one or the other")
+            problems.append(f"{' and '.join(one)} stand in for {' and '.join(other)}: give one or the other")
     if problems:
         raise InputError(problems)
 
     result = dict(values)
-    for ratio, replaced_name in _PAIRS:
-        if ratio in checked:
-            result.pop(replaced_name, None)
-        elif replaced_name in checked:
-            result.pop(ratio, None)
+    if "backlash_estimate" in checked:
+        result.pop("estimate_ratio", None)
+    if "estimate_ratio" in checked:
+        result.pop("backlash_estimate", None)
     if checked.keys() & set(_VALVE_CURVE) and result.keys() & set(INSTALLED_VALVE):
         missing = [n for n in _VALVE_CURVE if n not in checked]
         if missing:

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from fastcoil.control.buffer import (
     FIRST_GUESS,
     LEAST,
-    ROUND_OFF,
     largest_buffer,
     median_difference,
     noise_buffer,
@@ -63,10 +62,12 @@ def test_a_dead_band_holds_up_to_its_edge_and_one_of_0_never():
 
 
 def test_the_buffer_is_a_multiple_of_the_noise_in_u_within_its_limits():
-    assert noise_buffer(6.0, 0.05, 0.02, math.nan) == pytest.approx(0.006, abs=1e-17)
-    assert noise_buffer(6.0, -0.05, 0.02, math.nan) == noise_buffer(6.0, 0.05, 0.02, math.nan)
-    assert noise_buffer(6.0, 0.05, 0.02, largest_buffer(0.1, 20.0)) == 0.005
-    assert noise_buffer(6.0, 0.05, 0.0, 0.005) == noise_buffer(6.0, 0.05, 0.02, 1e-12) == ROUND_OFF
+    any_swing, small = largest_buffer(0.0, math.nan), largest_buffer(0.1, 20.0)
+    assert noise_buffer(1e-9, 6.0, 0.05, 0.02, any_swing) == pytest.approx(0.006, abs=1e-17)
+    assert noise_buffer(1e-9, 6.0, -0.05, 0.02, any_swing) == noise_buffer(1e-9, 6.0, 0.05, 0.02, any_swing)
+    assert noise_buffer(1e-9, 6.0, 0.05, 0.02, small) == 0.005
+    assert noise_buffer(0.01, 6.0, 0.05, 0.02, small) == noise_buffer(0.01, 0.0, 0.05, 0.02, any_swing) == 0.01
+    assert noise_buffer(1e-9, 6.0, 0.05, 0.0, small) == 1e-9
 
 
 def measured(readings):

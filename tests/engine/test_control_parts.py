@@ -22,6 +22,7 @@ PARTS = {
     "additive": {"compensation": "additive"},
     "smooth": {"compensation": "smooth"},
     "buffer from the given noise": {"buffer_ratio": 5.0},
+    "buffer at least so large": {"buffer_ratio": 5.0, "buffer": 0.006},
     "buffer up to a swing": {"buffer_ratio": 30.0, "buffer_swing": 0.1, "plant_gain": 25.0},
     "buffer from the measured noise": MEASURED,
     "all at once": {
@@ -106,8 +107,9 @@ def test_every_part_changes_the_commands_and_is_replayed_to_the_bit(part, short)
 def test_a_lane_has_the_same_bits_beside_lanes_with_other_parts(short):
     """Every part, and none, in one block; each alone in a block that has compiled no more than it needs."""
     rows = [{}, *PARTS.values(), {"sample_time": 7.0}, {"sample_time": 7.0, **PARTS["smooth with a dead band"]}]
-    names = ("error_dead_band", "compensation", "buffer_noise", "sample_time", "smooth_rate")
-    common = LOOP | {"buffer_ratio": 6.0, "buffer_swing": 0.2, "plant_gain": 20.0}
+    names = ("error_dead_band", "compensation", "buffer", "buffer_ratio", "buffer_noise", "buffer_swing")
+    names += ("sample_time", "smooth_rate")
+    common = LOOP | {"plant_gain": 20.0}
     zipped = {n: ("tuning", [row.get(n, fc.Loop()[n]) for row in rows]) for n in names}
     day, options = off_and_on(short, 600, 800), {"traces": ["T_sup", *SIGNALS], "warm_up": 100}
     together = fc.simulate(fc.Loop(**common, **zipped), day, **options)
@@ -151,7 +153,7 @@ def test_a_buffer_from_measured_noise_works_like_one_from_the_known_noise(preset
     """Set-point steps every half hour, which a mean of squares would take for noise, do not widen it much."""
     loop = fc.Loop.preset(preset).assign(backlash_estimate=0.065, noise_std=noise_std, buffer_ratio=6.0)
     ds = fc.simulate(loop.assign(buffer_noise=["given", "measured"]), working_day)
-    plain = fc.simulate(loop.assign(buffer=1e-9), working_day)
+    plain = fc.simulate(loop.assign(buffer_ratio=0.0), working_day)
     given, measured = ds.switch_frequency.values
     assert measured < 0.3 * float(plain.switch_frequency)
     assert measured == pytest.approx(given, rel=0.2, abs=0.3)

@@ -90,11 +90,9 @@ class Controller:
     def buffer(self):
         """Buffer in use, fraction of stroke."""
         p = self.p
-        if p["buffer_ratio"] is None:
-            return p["buffer"]
         deviation = self.meter.deviation if p["buffer_noise"] == "measured" else p["noise_std"]
-        limit = math.inf if p["buffer_swing"] is None else p["buffer_swing"] / p["plant_gain"]
-        return max(min(p["buffer_ratio"] * abs(p["kp"]) * deviation, limit), 1e-9)
+        limit = p["buffer_swing"] / p["plant_gain"] if p["buffer_swing"] > 0.0 else math.inf
+        return max(min(p["buffer_ratio"] * abs(p["kp"]) * deviation, limit), p["buffer"])
 
     def act(self, error, is_sample, enabled, estimate):
         """Second by second: update u, mode and command for a control error [K] and an estimate of the backlash."""

@@ -38,9 +38,9 @@ PAPER_LIKE = {
     "plant_gain": None,
     "backlash_estimate": 0.0,
     "buffer": 1e-9,
-    "buffer_ratio": None,
+    "buffer_ratio": 0.0,
     "buffer_noise": "given",
-    "buffer_swing": None,
+    "buffer_swing": 0.0,
     "compensation": "inverse",
     "smooth_rate": 1e-4,
     # Learner.

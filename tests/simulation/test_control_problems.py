@@ -26,6 +26,10 @@ def day_of(T_set):
     [
         ({"buffer_noise": "measured"}, ["buffer_noise = 'measured' without buffer_ratio", "give buffer_ratio"]),
         ({"buffer_noise": ["given", "measured"]}, ["without buffer_ratio"]),
+        (
+            {"buffer_noise": ("case", ["given", "measured"]), "buffer_ratio": ("case", [6.0, 0.0])},
+            ["without buffer_ratio"],
+        ),
         ({"buffer_swing": 0.1, "plant_gain": 20.0}, ["buffer_swing without buffer_ratio"]),
         ({**MEASURED, "buffer_swing": 0.1}, ["buffer_swing without plant_gain", "give plant_gain"]),
         ({"buffer_ratio": 50.0, "kp": [0.1, 1.0], "noise_std": 0.1}, ["buffer_ratio × kp × noise_std", "5", "below 1"]),
@@ -43,6 +47,7 @@ def test_what_clashes_is_refused_with_a_sentence(parameters, words):
         {**MEASURED, "buffer_swing": 0.1, "plant_gain": [10.0, 30.0]},
         {"buffer_ratio": 50.0, "kp": 1.0, "noise_std": 0.1, "buffer_swing": 0.2, "plant_gain": 20.0},
         {**MEASURED, "noise_std": 0.1, "kp": 5.0},
+        {"buffer_ratio": ("case", [0.0, 6.0]), "buffer": ("case", [0.01, 1e-9])},
         {"buffer_ratio": [3.0, 6.0], "noise_std": [0.0, 0.02]},
         {"smooth_rate": 1e-3, "compensation": ["inverse", "smooth"]},
         {"error_dead_band": [0.0, 0.9]},
@@ -50,19 +55,6 @@ def test_what_clashes_is_refused_with_a_sentence(parameters, words):
 )
 def test_what_goes_together_is_planned(parameters):
     assert planned(**parameters).n_scenarios >= 1
-
-
-@pytest.mark.parametrize("value", [0.01, [0.0, 0.01]])
-def test_buffer_or_buffer_ratio(value):
-    words = ["buffer_ratio stands in for buffer", "one or the other"]
-    assert_only_problem(words, fc.Loop, buffer=value, buffer_ratio=6.0)
-    assert_only_problem(words, fc.Loop().assign, buffer=value, buffer_ratio=6.0)
-
-
-def test_the_later_of_buffer_and_buffer_ratio_counts():
-    ratio = fc.Loop(buffer=0.01).assign(buffer_ratio=6.0)
-    assert (ratio["buffer"], ratio["buffer_ratio"]) == (None, 6.0)
-    assert ratio.assign(buffer=0.02) == fc.Loop(buffer=0.02)
 
 
 @pytest.mark.parametrize(
