@@ -20,6 +20,7 @@ from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_span, require_whole_seconds
 from fastcoil.memory import available_memory, gib
 from fastcoil.outputs import TRACES
+from fastcoil.simulation.control_problems import control_problems
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
@@ -42,7 +43,7 @@ def replay(
     """Feed recorded temperatures and set-points to the controllers of a loop, and return what they command.
 
     The loop stays open: the commands do not change the record.  Plant and sensor parameters play no part, except
-    ``sensor_resolution``; the record has its own noise.
+    ``sensor_resolution``, and ``noise_std`` where it sizes the buffer; the record has its own noise.
 
     Parameters
     ----------
@@ -90,6 +91,8 @@ def replay(
         unbroken=True,
     )
     series = _seconds(data)
+    if problems := control_problems(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
+        raise InputError(problems)
     whole_of("trace_interval", trace_interval, 1, series.shape[0])
     n = math.prod(loop.sizes.values())
     points = np.arange(0, series.shape[0], trace_interval)

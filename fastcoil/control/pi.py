@@ -21,6 +21,12 @@ def sample_number(t, sample_time):
 
 
 @exact
+def holds(e, dead_band):
+    """Whether the controller holds at an error e inside its dead band, both in K; a dead band of 0 never holds."""
+    return abs(e) <= dead_band and dead_band > 0.0
+
+
+@exact
 def integrated(integral, e, ki):
     """Integral part at a controller sample, 0–1; ki = K_p T_s / T_i, 1/K.  The new error is added before use."""
     return clipped(integral + ki * e)

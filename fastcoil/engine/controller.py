@@ -2,23 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fastcoil.control.buffer import median_difference, noise_buffer, noise_level
+from fastcoil.control.compensation import additive, smooth
 from fastcoil.control.inverse import direction, extreme, inverse
-from fastcoil.control.pi import desired_opening, integrated, sample_number
+from fastcoil.control.pi import desired_opening, holds, integrated, sample_number
 from fastcoil.engine.rows import LANES, R
 from fastcoil.estimators.family import Estimator
 from fastcoil.numerics.jit import section
 from fastcoil.numerics.noise import MEASUREMENT, normal_pair
 from fastcoil.numerics.stages import BUILT_IN, FLAG, NUMBER, ROWS, WHOLE, Kind
+from fastcoil.parameter_table import PARAMETERS
 from fastcoil.physics.sensor import measured
 
 CONTROL = Kind(ROWS, WHOLE, NUMBER, NUMBER, FLAG, NUMBER)
 """Stages that decide u and the command, see ``control_stage``."""
 call_control = CONTROL.call
+ADDITIVE, SMOOTH = (float(PARAMETERS["compensation"].choices.index(word)) for word in ("additive", "smooth"))
+MEASURED = float(PARAMETERS["buffer_noise"].choices.index("measured"))
+
+
+class Control(NamedTuple):
+    """What the controllers of a block have in common: which parts of ``control`` are compiled for it.
+
+    A lane that needs a part less than its neighbours keeps its bits.
+    """
+
+    is_watched: bool = False
+    """An estimator wants to know what was measured."""
+    has_dead_band: bool = False
+    is_additive: bool = False
+    is_smooth: bool = False
+    measures_noise: bool = False
+
+    @classmethod
+    def of(cls, estimator: Estimator | None, row: Mapping[str, np.ndarray]) -> Control:
+        """For a block whose lanes have this estimator and these parameters."""
+        return cls(
+            is_watched=estimator is not None and estimator.periods is None,
+            has_dead_band=bool(np.any(row["error_dead_band"] > 0.0)),
+            is_additive=bool(np.any(row["compensation"] == ADDITIVE)),
+            is_smooth=bool(np.any(row["compensation"] == SMOOTH)),
+            measures_noise=bool(np.any(row["buffer_noise"] == MEASURED)),
+        )
+
+
+PLAIN = Control()
+"""What the kernel has built in."""
 
 
 @section
@@ -40,10 +75,10 @@ def draw_noise(S, t, k, common, day):
 
 
 @section
-def control(S, t, T_set, noise, enabled, counts_switches, is_watched):
+def control(S, t, T_set, noise, enabled, counts_switches, parts):
     """Run PI and inverse of the lanes that sample now; the others hold u, and so their command.
 
-    is_watched: whether an estimator wants to know what was measured.
+    parts: a Control.
     """
     for j in range(LANES):
         y = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
@@ -51,46 +86,63 @@ def control(S, t, T_set, noise, enabled, counts_switches, is_watched):
         due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
         integral = integrated(S[R.integral + j], e, S[R.ki + j])
         u = desired_opening(e, integral, S[R.kp + j])
-        integral = integral if due else S[R.integral + j]
-        u = u if due else S[R.u + j]
+        acts = due
+        if parts.has_dead_band:
+            acts = due and not holds(e, S[R.error_dead_band + j])
+        integral = integral if acts else S[R.integral + j]
+        u = u if acts else S[R.u + j]
         integral = integral if enabled else 0.0
         u = u if enabled else 0.0
-        S[R.integral + j] = integral
-        S[R.u + j] = u
-        if is_watched:
+        if parts.is_watched:
             S[R.T_seen + j] = y if due else S[R.T_seen + j]
             S[R.e_seen + j] = e if due else S[R.e_seen + j]
+        buffer = S[R.buffer + j]
+        if parts.measures_noise:
+            buffer = measured_buffer(S, j, e, due)
 
-        mode = direction(u, S[R.mode + j], S[R.u_ext + j], S[R.buffer + j])
+        mode = direction(u, S[R.mode + j], S[R.u_ext + j], buffer)
         turned = mode != S[R.mode + j]
         u_ext = extreme(u, mode, S[R.u_ext + j], turned)
         command = inverse(u_ext, mode, S[R.assumed + j])
-        S[R.command + j] = command if u_ext != S[R.u_ext + j] else S[R.command + j]
+        moves = u_ext != S[R.u_ext + j]
+        if parts.is_additive:
+            command = additive(u_ext, mode, S[R.assumed + j]) if S[R.compensation + j] == ADDITIVE else command
+        if parts.is_smooth:
+            is_smooth = S[R.compensation + j] == SMOOTH
+            command = smooth(u, S[R.u + j], S[R.assumed + j], S[R.steepness + j]) if is_smooth else command
+            moves = (due or u != S[R.u + j]) if is_smooth else moves
+        S[R.integral + j] = integral
+        S[R.u + j] = u
+        S[R.command + j] = command if moves else S[R.command + j]
         S[R.u_ext + j] = u_ext
         S[R.mode + j] = mode
         S[R.switches + j] += 1.0 if turned else 0.0
         S[R.sum_switches + j] += counts_switches if turned else 0.0
 
 
-class Control(NamedTuple):
-    """What the controllers of a block have in common: which parts of ``control`` are compiled for it."""
-
-    is_watched: bool = False
-
-    @classmethod
-    def of(cls, estimator: Estimator | None) -> Control:
-        """For a block whose lanes have this estimator."""
-        return cls(is_watched=estimator is not None and estimator.periods is None)
+@section
+def measured_buffer(S, j, e, due):
+    """Buffer of lane j, from the noise that it measures if it is to, after its reading e."""
+    readings = S[R.readings + j] + (1.0 if due else 0.0)
+    median = median_difference(S[R.difference + j], readings, e, S[R.e_1 + j], S[R.e_2 + j])
+    median = median if due else S[R.difference + j]
+    S[R.readings + j] = readings
+    S[R.difference + j] = median
+    S[R.e_2 + j] = S[R.e_1 + j] if due else S[R.e_2 + j]
+    S[R.e_1 + j] = e if due else S[R.e_1 + j]
+    buffer = noise_buffer(
+        S[R.buffer + j], S[R.buffer_ratio + j], S[R.kp + j], noise_level(median), S[R.largest_buffer + j]
+    )
+    return buffer if S[R.buffer_noise + j] == MEASURED else S[R.buffer + j]
 
 
 @cache
 def control_stage(parts: Control) -> Any:
     """Where ``control`` is, compiled for these parts: (S, t, T_set, noise, enabled, counts_switches) → nothing."""
-    if parts == Control():
+    if parts == PLAIN:
         return BUILT_IN
-    is_watched = parts.is_watched
 
     def controller(S, t, T_set, noise, enabled, counts_switches):
-        control(S, t, T_set, noise, enabled, counts_switches, is_watched)
+        control(S, t, T_set, noise, enabled, counts_switches, parts)
 
     return CONTROL.compiled(controller, repr(parts))

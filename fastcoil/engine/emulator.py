@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.engine.controller import call_control, control, draw_noise
+from fastcoil.engine.controller import PLAIN, call_control, control, draw_noise
 from fastcoil.engine.estimation import call_estimator
 from fastcoil.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
 from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
@@ -98,7 +98,7 @@ def emulate(rows, common, day, S, V, own, metrics, status, traced_rows, rows_aft
             if samples or was_enabled != enabled:
                 counts = 1.0 if flags & IN_SWITCH_BLOCK else 0.0
                 if common.control == BUILT_IN:
-                    control(S, t, T_set, noise, enabled, counts, False)
+                    control(S, t, T_set, noise, enabled, counts, PLAIN)
                 else:
                     call_control(common.control, (S, t, T_set, noise, enabled, counts))
                 running = True

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from fastcoil.control.buffer import largest_buffer, noise_buffer
+from fastcoil.control.compensation import slope
 from fastcoil.control.inverse import FALLING
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS, STATE_AT, SUMS_AT, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.numerics.elementary import exp, log
@@ -40,6 +42,11 @@ def derive(S, rows, n_volumes):
         for opening, flow in ((0.0, R.m_0), (1.0, R.m_1)):
             grown = growth(opening, S[R.valve_b + j], S[R.valve_c + j])
             S[flow + j] = exp(log_flow(S[R.log_m_max + j], S[R.valve_a + j], grown))
+        highest = largest_buffer(S[R.buffer_swing + j], S[R.plant_gain + j])
+        S[R.largest_buffer + j] = highest
+        sigma = 0.0 if S[R.buffer_noise + j] > 0.0 else S[R.noise_std + j]
+        S[R.buffer + j] = noise_buffer(S[R.buffer + j], S[R.buffer_ratio + j], S[R.kp + j], sigma, highest)
+        S[R.steepness + j] = slope(S[R.smooth_rate + j], S[R.sample_time + j])
 
 
 @section

@@ -120,7 +120,7 @@ def _block(rows: np.ndarray) -> Block:
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
         leaks=bool(np.any(row["leakage"] >= 0.0)),
         estimate=BUILT_IN if estimator is None else estimator_stage(estimator),
-        control=control_stage(Control.of(estimator)),
+        control=control_stage(Control.of(estimator, row)),
         stem=stem_stage(Stem.of(row)),
     )
     return Block(rows, common, estimator)

@@ -21,7 +21,7 @@ LANES = 64
 PARAMETER_ROWS = (*PARAMETERS, "replicate")
 DERIVED_ROWS = (
     "dt_C_w", "dt_C_c", "ntu_w_factor", "ntu_a_factor", "ntu_star_factor", "log_m_max", "m_0", "m_1", "max_travel",
-    "sensor_decay", "ki", "sign",
+    "sensor_decay", "ki", "sign", "largest_buffer", "steepness",
 )  # fmt: skip
 """What the parameters amount to per step."""
 STATE_ROWS = (
@@ -31,6 +31,8 @@ STATE_ROWS = (
     "u", "integral", "mode", "u_ext", "command",
     # what the estimator sees of the last sample; the estimate, and what the inverse assumes of it
     "T_seen", "e_seen", "switches", "estimate", "assumed",
+    # noise measured on line: readings so far, the last two errors, median size of second differences
+    "readings", "e_1", "e_2", "difference",
     # actuator, valve
     "position", "motor_runs", "q", "stem_direction", "opening", "growth", "log_m_w", "m_w",
     # coil: flow, conductance and effectiveness of this step

@@ -7,7 +7,16 @@ from typing import NamedTuple
 from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import PARAMETERS
 
-_UNITS = {"1": "", "K-1": "1/K", "kg s-1": "kg/s", "kJ K-1": "kJ/K", "kW h": "kWh", "degC": "°C", "m3": "m³"}
+_UNITS = {
+    "1": "",
+    "K-1": "1/K",
+    "s-1": "1/s",
+    "kg s-1": "kg/s",
+    "kJ K-1": "kJ/K",
+    "kW h": "kWh",
+    "degC": "°C",
+    "m3": "m³",
+}
 _PERCENT = frozenset(
     (
         "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",

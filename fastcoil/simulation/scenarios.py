@@ -11,6 +11,7 @@ import xarray as xr
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError
 from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, Scalar
+from fastcoil.simulation.control_problems import control_problems
 from fastcoil.simulation.loop import Loop
 
 
@@ -81,7 +82,7 @@ class Layout:
                 f"slip_jump is up to {excess:g} above the backlash: a stem jumps at most by the band in which it "
                 "sticks, lower slip_jump or raise backlash"
             )
-        problems += _unread_parameters(self.loop)
+        problems += _unread_parameters(self.loop) + control_problems(self.loop, self.boundary.series["T_set"])
         if problems:
             raise InputError(problems)
 

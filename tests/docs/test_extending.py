@@ -19,7 +19,7 @@ PAGE = PACKAGE.parent / "docs" / "extending.md"
 
 @pytest.fixture
 def extended(tmp_path):
-    """A copy of the package with the error dead band of the page."""
+    """A copy of the package with the slow output of the page."""
     shutil.copytree(PACKAGE, tmp_path / "fastcoil", ignore=shutil.ignore_patterns("__pycache__"))
     diffs = re.findall(r"^```diff\n\+\+\+ (\S+)\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
     assert len(diffs) == 4
@@ -45,21 +45,24 @@ def run(folder, code):
 
 
 def test_the_example_fits_the_sources(extended):
-    printed = run(extended, "import fastcoil as fc; print(fc.Loop(error_dead_band=0.2)['error_dead_band'])")
-    assert float(printed) == 0.2
-    formula = "from fastcoil.control.pi import holds; print(holds(-0.2, 0.2), holds(0.21, 0.2), holds(0.0, 0.0))"
-    assert run(extended, formula).split() == ["True", "False", "False"]
+    printed = run(extended, "import fastcoil as fc; print(fc.Loop(output_rate=0.001)['output_rate'])")
+    assert float(printed) == 0.001
+    formula = "from fastcoil.control.pi import slowed; print(*(slowed(u, 0.5, 0.1) for u in (0.2, 0.45, 0.9)))"
+    assert run(extended, formula).split() == ["0.4", "0.45", "0.6"]
+    assert run(extended, "from fastcoil.control.pi import slowed; print(slowed(0.9, 0.5, 0.0))").strip() == "0.9"
 
 
 @pytest.mark.full
 @pytest.mark.kernel
 def test_the_example_works(extended):
-    """The motor rests more; a dead band of 0 changes no bit."""
+    """The output moves no faster; a rate of 0 changes no bit."""
     code = (
-        "import fastcoil as fc; loop = fc.Loop.preset('lbnl').assign(error_dead_band=[0.0, 0.3], noise_std=0.02);"
-        "ds = fc.simulate(loop, fc.paper_day(hours=2)); print(*ds.motor_travel.values, *ds.rmse.values)"
+        "import fastcoil as fc; loop = fc.Loop.preset('lbnl').assign(output_rate=[0.0, 0.0005], noise_std=0.02);"
+        "ds = fc.simulate(loop, fc.paper_day(hours=2), traces=['u']);"
+        "print(*abs(ds.u.diff('elapsed_time')).max('elapsed_time').values, *ds.rmse.values)"
     )
-    without, held, rmse, _ = map(float, run(extended, code).split())
-    ds = fc.simulate(fc.Loop.preset("lbnl").assign(noise_std=0.02), fc.paper_day(hours=2))
-    assert (without, rmse) == (float(ds.motor_travel), float(ds.rmse))
-    assert held < 0.8 * without
+    fastest, slow, rmse, _ = map(float, run(extended, code).split())
+    ds = fc.simulate(fc.Loop.preset("lbnl").assign(noise_std=0.02), fc.paper_day(hours=2), traces=["u"])
+    assert (fastest, rmse) == (float(abs(ds.u.diff("elapsed_time")).max()), float(ds.rmse))
+    assert slow == pytest.approx(0.0005 * 15.0)
+    assert slow < 0.5 * fastest

@@ -17,6 +17,7 @@ ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
 # loop; and, where two arrays might overlap, the whole loop once more, which never runs.
 SCALAR_SHARE = {
     "control": 0,
+    "control, all parts": 0,
     "actuate": 0,
     "actuate with zones and slips": 0,
     "deliver": 0,
@@ -35,8 +36,13 @@ def assembly_of(name):
     from fastcoil.engine import controller, metrics, plant, stem
 
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
+    plain, every = controller.PLAIN, controller.Control(*(True for _ in controller.PLAIN))
     section, signature = {
-        "control": (controller.control, (A, i, f, f, b, f, T.literal(1))),
+        "control": (lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, plain), (A, i, f, f, b, f)),
+        "control, all parts": (
+            lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, every),
+            (A, i, f, f, b, f),
+        ),
         "actuate": (stem.actuate, (A, b, T.literal(0), T.literal(0))),
         "actuate with zones and slips": (stem.actuate, (A, b, T.literal(1), T.literal(1))),
         "deliver": (plant.deliver, (A, b)),
@@ -45,7 +51,7 @@ def assembly_of(name):
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
         "account_second": (metrics.account_second, (A, A, i, f, f, i)),
     }[name]
-    return next(iter(numba.njit(signature, **FLAGS)(section.py_func).inspect_asm().values()))
+    return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
 
 
 @pytest.mark.kernel
@@ -99,6 +105,11 @@ from fastcoil.simulation.scenarios import columns_of
 np.seterr(all="ignore")
 compile_kernel()
 learner = {"learning_step": 0.01, "learning_early_trip": 1, "sample_time": 5}
+remedies = {"error_dead_band": 0.1, "buffer_ratio": 6.0, "buffer_noise": "measured", "sample_time": 3}
+for compensation in ("additive", "smooth"):
+    loop = fc.Loop(**remedies, compensation=compensation, noise_std=0.1, n_volumes=1)
+    ds = fc.simulate(loop, fc.paper_day(hours=10 / 3600, seed=1), warm_up=2, n_jobs=1)
+    assert not ds.status.any()
 valve = {"neutral_zone": 0.01, "slip_jump": 0.02, "leakage": 0.0}
 loop = fc.Loop(**learner, **valve, noise_std=0.1, n_volumes=[1, 3], air_march=["lagged", "quasistatic"])
 day = fc.paper_day(hours=12 / 3600, seed=1)

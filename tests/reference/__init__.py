@@ -14,7 +14,16 @@ kg of water per kg of dry air.  The time step is 1 s.
 """
 
 from reference.coil import coil_step, effectiveness, exchange, steady_state_dry
-from reference.control import FALLING, RISING, backlash_inverse, pi_controller
+from reference.control import (
+    FALLING,
+    RISING,
+    Controller,
+    NoiseMeter,
+    additive_compensation,
+    backlash_inverse,
+    pi_controller,
+    smooth_inverse,
+)
 from reference.learner import Learner
 from reference.loop import SCALAR_TRACES, VOLUME_TRACES, simulate
 from reference.metrics import METRICS
@@ -38,10 +47,13 @@ __all__ = [
     "RISING",
     "SCALAR_TRACES",
     "VOLUME_TRACES",
+    "Controller",
     "Learner",
     "NeutralZone",
+    "NoiseMeter",
     "StickSlip",
     "actuator_position",
+    "additive_compensation",
     "backlash",
     "backlash_inverse",
     "coil_step",
@@ -56,6 +68,7 @@ __all__ = [
     "saturation_humidity_ratio",
     "saturation_pressure",
     "simulate",
+    "smooth_inverse",
     "standard_normal",
     "steady_state_dry",
     "valve_from_authority",

@@ -3,7 +3,7 @@
 import math
 
 from reference.coil import coil_step
-from reference.control import FALLING, backlash_inverse, pi_controller
+from reference.control import Controller
 from reference.learner import Learner
 from reference.metrics import METRICS, coil_metrics, movement_metrics, switching_metrics, tracking_metrics
 from reference.noise import standard_normal
@@ -76,8 +76,7 @@ def simulate(
     T_sensor = drawn_noise = 0.0
     learner = Learner(p, open_loop)
     switches_in_interval = 0
-    u = integral = u_extreme = cmd = 0.0
-    mode = FALLING
+    controller = Controller(p)
     motor = NeutralZone(p["neutral_zone"])
     stem = StickSlip(p["backlash"], p["slip_jump"])
     position = x = 0.0
@@ -108,17 +107,12 @@ def simulate(
                 learner.update(t, switches_in_interval)
                 switches_in_interval = 0
 
-            # PI
-            if not enabled[t]:
-                u = integral = 0.0
-            elif t % sample_time == 0:
-                error = sign * (T_measured - T_set[t])
-                u, integral = pi_controller(error, integral, p["kp"], p["ti"], sample_time)
-
-            # Inverse
-            mode_previous = mode
-            cmd, mode, u_extreme = backlash_inverse(u, learner.estimate, p["buffer"], mode, u_extreme, cmd)
-            switched = mode != mode_previous
+            # PI, inverse
+            mode_previous = controller.mode
+            error = sign * (T_measured - T_set[t])
+            controller.act(error, t % sample_time == 0, enabled[t], learner.estimate)
+            cmd = controller.command
+            switched = controller.mode != mode_previous
             switches_in_interval += switched
 
         # Actuator, Eq (1), Eq (2)
@@ -137,14 +131,14 @@ def simulate(
         # Record the states the step started from, beside the signals of the step
         traces["T_sup"].append(T_a[0])
         traces["T_measured"].append(T_measured)
-        traces["u"].append(math.nan if open_loop else u)
-        traces["integral"].append(math.nan if open_loop else integral)
+        traces["u"].append(math.nan if open_loop else controller.u)
+        traces["integral"].append(math.nan if open_loop else controller.integral)
         traces["command"].append(cmd)
         traces["position"].append(position)
         traces["opening"].append(opening)
         traces["m_w"].append(m_w)
         traces["estimate"].append(math.nan if open_loop else learner.estimate)
-        traces["mode"].append(0 if open_loop else mode)
+        traces["mode"].append(0 if open_loop else controller.mode)
         traces["T_w_out"].append(T_w[-1])
         traces["W_sup"].append(W_a[0])
         traces["wet_volumes"].append(wet_volumes)
