@@ -8,6 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fastcoil.numerics.jit import exact
+
+
+@exact
+def low_passed(z, x, time_constant, sample_time):
+    """z after one more value x of a first-order filter, times in s; NaN where x is the first.
+
+    A backward difference: no overshoot however slow the samples are.
+    """
+    return x if np.isnan(z) else z + sample_time / (time_constant + sample_time) * (x - z)
+
 
 class Sample(NamedTuple):
     """What an estimator sees when a controller sample begins: nothing that a controller in the field would not know.
