@@ -15,8 +15,10 @@ kg of water per kg of dry air.  The time step is 1 s.
 
 from reference.coil import coil_step, effectiveness, exchange, steady_state_dry
 from reference.control import FALLING, RISING, backlash_inverse, pi_controller
+from reference.gradient import Gradient
+from reference.hagglund import Hagglund
 from reference.learner import Learner
-from reference.loop import SCALAR_TRACES, VOLUME_TRACES, simulate
+from reference.loop import ESTIMATORS, SCALAR_TRACES, VOLUME_TRACES, simulate
 from reference.metrics import METRICS
 from reference.noise import philox4x32, standard_normal
 from reference.parameters import PAPER_LIKE
@@ -24,12 +26,15 @@ from reference.psychrometrics import enthalpy, humidity_ratio, saturation_humidi
 from reference.valve import actuator_position, backlash, richards_valve, valve_from_authority
 
 __all__ = [
+    "ESTIMATORS",
     "FALLING",
     "METRICS",
     "PAPER_LIKE",
     "RISING",
     "SCALAR_TRACES",
     "VOLUME_TRACES",
+    "Gradient",
+    "Hagglund",
     "Learner",
     "actuator_position",
     "backlash",

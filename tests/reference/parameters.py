@@ -36,6 +36,10 @@ PAPER_LIKE = {
     "action": "cooling",
     "backlash_estimate": 0.0,
     "buffer": 1e-9,
+    "plant_gain": None,
+    # What finds the estimate: None is the learner where learning_step > 0.
+    "estimator": None,
+    "estimate_share": 1.0,
     # Learner.
     "learning_step": 0.0,
     "learning_interval": 1800.0,
@@ -49,4 +53,14 @@ PAPER_LIKE = {
     "learning_shrink": 1.0,
     "learning_final": 1.0,
     "learning_stop": "never",
+    # Half periods of the error.
+    "hagglund_filter_ratio": 0.1,
+    "hagglund_least_half_periods": 10,
+    # Adaptive inverse.
+    "gradient_gain": 3e-4,
+    "gradient_filter_time": 60.0,
+    "gradient_reference_time": 60.0,
+    "gradient_dead_zone": 0.05,
+    "gradient_pause": 400.0,
+    "gradient_cap": 0.2,
 }
