@@ -12,12 +12,18 @@ from fastcoil.numerics.jit import exact
 
 
 @exact
-def low_passed(z, x, time_constant, sample_time):
-    """z after one more value x of a first-order filter, times in s; NaN where x is the first.
+def weight_of_new(time_constant, sample_time):
+    """Weight of a new value in a first-order filter, times in s.
 
     A backward difference: no overshoot however slow the samples are.
     """
-    return x if np.isnan(z) else z + sample_time / (time_constant + sample_time) * (x - z)
+    return sample_time / (time_constant + sample_time)
+
+
+@exact
+def low_passed(z, x, weight):
+    """z after one more value x of a first-order filter; NaN where x is the first."""
+    return x if np.isnan(z) else z + weight * (x - z)
 
 
 class Sample(NamedTuple):

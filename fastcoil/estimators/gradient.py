@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.estimators.family import Estimator, low_passed
+from fastcoil.estimators.family import Estimator, low_passed, weight_of_new
 from fastcoil.numerics.jit import exact
 
 WASHOUT = 20.0
@@ -65,47 +65,58 @@ class Parameters(NamedTuple):
 class Memory(NamedTuple):
     """What it remembers.  NaN: nothing yet."""
 
-    t: float = np.nan
-    """Time of the last sample, s."""
-    T_set: float = np.nan
-    """Set-point then, °C."""
-    m_a: float = np.nan
+    weight_ref: float
+    """Of a new value in the reference model, the filter, and the filter of the washout."""
+    weight_fast: float
+    weight_slow: float
+    m_a: float
     """Air flow at its last step, kg/s."""
-    T_ref: float = np.nan
+    T_ref: float
     """Output of the reference model, °C."""
-    fast: float = np.nan
+    fast: float
     """φ behind the filter."""
-    slow: float = np.nan
+    slow: float
     """φ behind the filter of the washout."""
-    resumes: float = 0.0
+    resumes: float
     """End of the pause, s."""
+
+
+@exact
+def start(p):
+    """Memory at the start: nothing yet."""
+    ref = weight_of_new(p.gradient_reference_time, p.sample_time)
+    fast = weight_of_new(p.gradient_filter_time, p.sample_time)
+    slow = weight_of_new(WASHOUT * p.gradient_filter_time, p.sample_time)
+    return Memory(ref, fast, slow, np.nan, np.nan, np.nan, np.nan, 0.0)
 
 
 @exact
 def step(now, p, memory):
     """Move the estimate along the gradient, unless u is at an end or a step was not long ago.
 
-    The sample seen is the one before, at the set-point remembered.  The reference model has no dead time: what the loop
-    makes of one is over before the pause is.
+    It starts anew at u = 0, as after a time off.  The reference model has no dead time: what the loop makes of one is
+    over before the pause is.
     """
-    broken = not now.t - memory.t <= p.sample_time  # the start, or the loop was off
-    T_set = now.T_set if broken else memory.T_set
-    T_ref = low_passed(now.T if broken else memory.T_ref, T_set, p.gradient_reference_time, p.sample_time)
+    starts = np.isnan(memory.T_ref) or now.u <= 0.0
+    sign = 1.0 - 2.0 * p.action
+    T_set = now.T - sign * now.e  # of the sample that is seen
+    T_ref = low_passed(now.T if starts else memory.T_ref, T_set, memory.weight_ref)
+    zeta = 0.0 if starts else memory.fast - memory.slow  # before φ answered to this very error, and to its noise
     phi = regressor(now.mode, now.u)
-    fast = low_passed(np.nan if broken else memory.fast, phi, p.gradient_filter_time, p.sample_time)
-    slow = low_passed(np.nan if broken else memory.slow, phi, WASHOUT * p.gradient_filter_time, p.sample_time)
+    fast = low_passed(np.nan if starts else memory.fast, phi, memory.weight_fast)
+    slow = low_passed(np.nan if starts else memory.slow, phi, memory.weight_slow)
 
-    air_steps = broken or stepped(memory.m_a, now.m_a, AIR_FLOW_STEP * memory.m_a)
-    steps = air_steps or stepped(memory.T_set, now.T_set, SET_POINT_STEP)
+    air_steps = starts or stepped(memory.m_a, now.m_a, AIR_FLOW_STEP * memory.m_a)
+    steps = air_steps or stepped(T_set, now.T_set, SET_POINT_STEP)
     resumes = now.t + p.gradient_pause if steps else memory.resumes
     acts = now.t >= resumes and now.u > 0.0 and now.u < 1.0
 
-    sign = 1.0 - 2.0 * p.action
     e = beyond(sign * (now.T - T_ref), p.gradient_dead_zone)
-    zeta = 0.0 if broken else memory.fast - memory.slow  # before φ answered to this very error, and to its noise
     x_hat = moved(now.estimate, p.gradient_gain, p.sample_time, e, zeta, p.gradient_cap)
-    after = Memory(now.t, now.T_set, now.m_a if air_steps else memory.m_a, T_ref, fast, slow, resumes)
+    m_a = now.m_a if air_steps else memory.m_a
+    w_ref, w_fast, w_slow = memory.weight_ref, memory.weight_fast, memory.weight_slow
+    after = Memory(w_ref, w_fast, w_slow, m_a, T_ref, fast, slow, resumes)
     return x_hat if acts else now.estimate, after
 
 
-GRADIENT = Estimator("gradient", Parameters, Memory, step)
+GRADIENT = Estimator("gradient", Parameters, Memory, step, start)

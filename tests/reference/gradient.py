@@ -11,25 +11,24 @@ class Gradient(Fixed):
         super().__init__(parameters)
         self.p = parameters
         self.sign = -1.0 if parameters["action"] == "heating" else 1.0
-        self.last_look = None
+        self.T_ref = None
 
     def look(self, t, seen):
-        """One more sample: the one before, whose set-point is remembered."""
+        """One more sample: the one before, whose set-point follows from its error."""
         sample_time = self.p["sample_time"]
         if t == 0 or t % sample_time != 0 or not seen.enabled:
             return
+        self.T_set = seen.T - self.sign * seen.e
         phi = (1.0 if seen.mode == 1 else 0.0) - seen.u
-        if self.last_look is None or t - self.last_look > sample_time:
+        if self.T_ref is None or seen.u <= 0.0:
             self.start(t, seen, phi)
         else:
             self.go_on(t, seen, phi)
-        self.last_look = t
-        self.T_set = seen.T_set
 
     def start(self, t, seen, phi):
         """Start everything where the loop is, and pause."""
         self.T_ref = seen.T
-        self.follow("T_ref", seen.T_set, self.p["gradient_reference_time"])
+        self.follow("T_ref", self.T_set, self.p["gradient_reference_time"])
         self.fast = self.slow = phi
         self.m_a = seen.m_a
         self.pause_ends = t + self.p["gradient_pause"]

@@ -15,7 +15,6 @@ class Hagglund(Fixed):
     def __init__(self, parameters):
         super().__init__(parameters)
         self.p = parameters
-        self.last_look = 0
         self.filtered = None
         self.half_period = None  # filtered errors since the last zero crossing
         self.gaps = []
@@ -25,9 +24,6 @@ class Hagglund(Fixed):
         sample_time = self.p["sample_time"]
         if t % sample_time != 0 or not seen.enabled:
             return
-        if t - self.last_look > sample_time:
-            self.filtered = self.half_period = None
-        self.last_look = t
         before = self.filtered
         if before is None:
             self.filtered = seen.e
@@ -40,6 +36,8 @@ class Hagglund(Fixed):
             self.half_period = []
         if self.half_period is not None:
             self.half_period.append(abs(self.filtered))
+        if not 0.0 < seen.u < 1.0:
+            self.half_period = None
 
     def end_half_period(self):
         """Take its gap, if it is evidence."""

@@ -173,7 +173,9 @@ def simulate(
     counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
     metrics = tracking_metrics(traces["T_sup"], T_set, counted)
     metrics.update(movement_metrics(traces["opening"], traces["position"], counted))
-    metrics.update(switching_metrics(switches, traces["estimate"], p["backlash"], estimator, counted, warm_up, open_loop))
+    metrics.update(
+        switching_metrics(switches, traces["estimate"], p["backlash"], estimator, counted, warm_up, open_loop)
+    )
     metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
     metrics["status"] = status
     return traces, metrics
