@@ -203,8 +203,8 @@ _TABLE = (
               "deviations from the reference up to this size are ignored; about twice the noise", 0.0,
               label="dead zone"),
     Parameter("gradient_pause", "gradient", "s", 400.0,
-              "time without adaptation after a start, a step of the set-point (over 0.1 K) or of the air flow (over 5 %)",
-              0.0, label="pause"),
+              "time without adaptation after a start, or a step of set-point (over 0.1 K) or air flow (over 5 %)", 0.0,
+              label="pause"),
     Parameter("gradient_cap", "gradient", "1", 0.2, "largest estimate the adaptation may reach", 0.0, 0.9,
               open_lower=True, label="adaptation cap"),
 )

@@ -105,9 +105,9 @@ def start(p):
 def step(now, p, memory):
     """Add a sample to its half period, and where one ends, take its gap into the running median.
 
-    The median of the last five needs five rows, forgets what is old, and is not moved by single disturbances, whose gaps
-    are several times too large.  An inverse that acts on the estimate leaves only the rest of the gap to be seen, so
-    the estimate is then final; where no share of it is assumed it goes on.
+    The median of the last five needs five rows, forgets what is old, and ignores single disturbances, whose gaps are
+    several times too large.  An inverse that acts on the estimate leaves only the rest of the gap to be seen, so the
+    estimate is then final; where no share of it is assumed it goes on.
     """
     e = low_passed(memory.e, now.e, memory.weight)
     size = abs(e)

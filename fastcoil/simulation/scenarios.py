@@ -9,11 +9,10 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.boundary import Boundary
-from fastcoil.estimators.shipped import ESTIMATORS
 from fastcoil.errors import InputError
+from fastcoil.estimators.shipped import ESTIMATORS
 from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS, Scalar
 from fastcoil.simulation.loop import Loop
-
 
 _CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
 """The parameter that limits the estimate of an estimator."""

@@ -36,24 +36,25 @@ CASES = {
 }
 
 
-def assert_twins(run_reference, loop, day, **options):
-    """Traces to 1e-9, modes exactly, metrics to 1e-9; the estimate must have something to tell."""
-    names = ["estimate", "u", "T_sup", "mode"]
-    ds = fc.simulate(loop, day, traces=names, **options)
-    traces, metrics = run_reference(loop, day, **options)
-    for name in names:
-        atol = 0.0 if name == "mode" else 1e-9
+TRACED = ("estimate", "u", "T_sup", "mode")
+
+
+def assert_twins(ds, traces, metrics, tolerance):
+    """Traces and metrics within a tolerance, modes exactly."""
+    for name in TRACED:
+        atol = 0.0 if name == "mode" else tolerance
         np.testing.assert_allclose(ds[name].values, traces[name], rtol=0.0, atol=atol, err_msg=name)
     for name in METRICS:
-        np.testing.assert_allclose(ds[name].values, metrics[name], rtol=0.0, atol=1e-9, err_msg=name)
-    return ds
+        np.testing.assert_allclose(ds[name].values, metrics[name], rtol=0.0, atol=tolerance, err_msg=name)
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_estimators_are_their_twins(name, hour, run_reference):
     values, series = CASES[name]
     day = fc.Boundary(**{n: s[0] for n, s in hour.series.items()} | series, day=7)
-    ds = assert_twins(run_reference, fc.Loop(**values), day, warm_up=WARM_UP, seed=3)
+    options = {"warm_up": WARM_UP, "seed": 3}
+    ds = fc.simulate(fc.Loop(**values), day, traces=TRACED, **options)
+    assert_twins(ds, *run_reference(fc.Loop(**values), day, **options), 1e-9)
     assert np.unique(ds.estimate).size > 1
 
 
@@ -68,4 +69,11 @@ def test_estimators_are_their_twins_on_every_loop(
     loop = fc.Loop.preset(preset).assign(**ESTIMATORS[estimator], backlash=backlash, noise_std=noise, buffer=noise / 5)
     loop = loop if sample_time is None else loop.assign(sample_time=sample_time)
     hours = {name: series[0][:7200] for name, series in working_day.series.items()}
-    assert_twins(run_reference, loop, fc.Boundary(**hours, day=2), warm_up=WARM_UP, seed=5)
+    day, options = fc.Boundary(**hours, day=2), {"warm_up": WARM_UP, "seed": 5}
+    ds = fc.simulate(loop, day, traces=TRACED, **options)
+    traces, metrics = run_reference(loop, day, **options)
+    far = np.abs(ds.T_sup.values - traces["T_sup"]).max()
+    if far > 1e-9:  # a hunting loop, in which the twin itself moves by more when its start moves by round-off
+        nudged, _ = run_reference(loop.assign(T_initial=20.0 * (1.0 + 1e-13)), day, **options)
+        assert far < np.abs(nudged["T_sup"] - traces["T_sup"]).max()
+    assert_twins(ds, traces, metrics, 1e-9 if far < 1e-9 else 1e-6)
