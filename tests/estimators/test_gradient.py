@@ -62,6 +62,10 @@ def test_moves_are_homogeneous_in_error_and_dead_zone():
     np.testing.assert_allclose(twice, 2.0 * once, rtol=1e-9)
 
 
+def test_an_error_within_the_dead_zone_moves_nothing():
+    assert np.all(fed(0.04 * SWING, SWING) == 0.03)
+
+
 @pytest.mark.parametrize("u", [0.0, 1.0])
 def test_it_is_frozen_while_u_is_at_an_end(u):
     assert np.all(fed(0.3 * SWING, SWING, u=u) == 0.03)
@@ -79,6 +83,8 @@ def test_it_pauses_after_the_start_and_after_steps_of_set_point_and_air_flow():
         later = rests(**series) - at_start
         assert 79 <= len(later) <= 80
         assert min(later) in (198, 199)
+    # a fan that takes its time counts when it has come so far
+    assert min(rests(m_a=1.0 + 0.06 * np.clip((k - 200) / 60.0, 0.0, 1.0)) - at_start) in range(248, 252)
     # drifts and small steps are none
     assert rests(T_set=14.0 + 0.019 * k, m_a=np.where(k < 200, 1.0, 1.04)) == at_start
 
