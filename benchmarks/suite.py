@@ -46,6 +46,8 @@ OPTIONS = {
     "wet": Options(series={"W_a_in": 0.018}),
     "quasistatic": Options({"air_march": "quasistatic"}),
     "own air side": Options({"beta3": ("case", (0.38, 0.42))}),
+    "hagglund": Options({"estimator": "hagglund", "plant_gain": 25.0, "estimate_share": 0.0}),
+    "gradient": Options({"estimator": "gradient"}),
     "traces": Options(traces=("T_sup", "u", "command", "opening", "m_w", "power")),
 }
 """``all four``: noise, stroke time, sensor lag and learning.  ``own air side``: lanes that differ in beta3.

@@ -83,6 +83,11 @@ METRICS: dict[str, Output] = {
         Output("learning_status", "1", "how the learning went",
                "no_evidence, not_identifiable: no interval could serve as reference; the last one had too few switches "
                "or too many", flags=LEARNING_STATUS, label="learning status"),
+        Output("half_periods", "1", "half periods of the control error that counted",
+               "those that Hägglund's rules of acceptance let through, from the start of the run",
+               label="counted half periods"),
+        Output("half_period_spread", "1", "spread of the gaps of single half periods",
+               "largest - smallest of the last five that counted; NaN below five", label="spread of single gaps"),
         Output("coil_energy", "kW h", "heat exchanged by the water",
                "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating", label="coil energy"),
         Output("coil_peak_power", "kW", "peak heat rate of the water", "largest mean over whole 900-s blocks",

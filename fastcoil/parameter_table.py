@@ -182,7 +182,7 @@ _TABLE = (
               label="rate of the smooth inverse"),
     Parameter("estimator", "estimator", "", None,
               "what finds the backlash estimate; by default the learner where learning_step > 0, else nothing does",
-              choices=("none", "learner"), label="estimator"),
+              choices=("none", "learner", "hagglund", "gradient"), label="estimator"),
     Parameter("estimate_share", "estimator", "1", 1.0,
               "share of the estimate that the inverse assumes; 0 = the estimate is only reported", 0.0, 1.0,
               label="share of the estimate"),
@@ -215,6 +215,24 @@ _TABLE = (
               open_lower=True, label="final factor"),
     Parameter("learning_stop", "learner", "", "never", "whether the first step down ends the learning",
               choices=("never", "first_step_down"), label="learning stop"),
+    Parameter("hagglund_filter_ratio", "hagglund", "1", 0.1,
+              "filter time of the control error over ti; 0 = not filtered", 0.0, 10.0, label="filter time / Ti"),
+    Parameter("hagglund_least_half_periods", "hagglund", "1", 10,
+              "half periods that must count before there is an estimate: the median gap of the last five; it is final "
+              "where estimate_share > 0", 5, 1000, whole=True, label="least half periods"),
+    _positive("gradient_gain", "gradient", "K-1 s-1", 3e-4, "gain of the adaptation", label="adaptation gain"),
+    _positive("gradient_filter_time", "gradient", "s", 60.0,
+              "filter time of the regressor, about the dominant time constant of the loop", label="filter time"),
+    Parameter("gradient_reference_time", "gradient", "s", 60.0,
+              "time constant with which the loop should follow its set-point", 0.0, label="reference time constant"),
+    Parameter("gradient_dead_zone", "gradient", "K", 0.05,
+              "deviations from the reference up to this size are ignored; about twice the noise", 0.0,
+              label="dead zone"),
+    Parameter("gradient_pause", "gradient", "s", 400.0,
+              "time without adaptation after a start, or a step of set-point (over 0.1 K) or air flow (over 5 %)", 0.0,
+              label="pause"),
+    Parameter("gradient_cap", "gradient", "1", 0.2, "largest estimate the adaptation may reach", 0.0, 0.9,
+              open_lower=True, label="adaptation cap"),
 )
 # fmt: on
 

@@ -91,7 +91,7 @@ def run_reference():
     from fastcoil.physics.psychrometrics import saturation_humidity_ratio
 
     def run(loop, boundary, *, exact=False, **options):
-        given = dict(loop.constants)
+        given = {"plant_gain": None, "estimator": None} | loop.constants
         if "rangeability" in given:
             curve = reference.valve_from_authority(*(given[n] for n in ("rangeability", "authority", "m_full")))
             given |= zip(("m_max", "valve_a", "valve_b", "valve_c"), curve, strict=True)

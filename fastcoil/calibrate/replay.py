@@ -23,7 +23,7 @@ from fastcoil.outputs import TRACES
 from fastcoil.simulation.control_problems import control_problems
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.scenarios import columns_of
+from fastcoil.simulation.scenarios import columns_of, missing_parameters
 
 _WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))
 _ROUND_OFF = 1e-6
@@ -48,7 +48,7 @@ def replay(
     Parameters
     ----------
     loop
-        One loop or a sweep of them: PI, inverse and learner.
+        One loop or a sweep of them: PI, inverse and estimator.
     log
         Path of a CSV file, or a Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
         ``elapsed_time`` or ``timestamp``; optional: ``enabled``.  Samples are 1 s apart or more.  A value holds until
@@ -81,6 +81,8 @@ def replay(
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
         check(max_gap_of, max_gap)
         check(require_mappings, columns=columns, units=units, constants=constants)
+    if missing := missing_parameters(loop):
+        raise InputError(missing)
     data = read_log(
         log,
         _WANTED,

@@ -49,7 +49,7 @@ def estimator_stage(estimator: Estimator) -> Any:
     """
     step, start, confirms = _compiled(estimator.step), _compiled(estimator.start), _compiled(estimator.confirms)
     Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, _defaults(estimator)
-    memory_at, at_samples = len(Parameters._fields) * LANES, estimator.periods is None
+    memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None
     has_start, has_confirms = start is not None, confirms is not None
 
     def estimate(S, own, t, T_set, m_a, enabled, begins):
@@ -69,7 +69,7 @@ def estimator_stage(estimator: Estimator) -> Any:
             )  # fmt: skip
             x_hat, after = step(now, p, memory)
             samples = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
-            due = not at_samples or (enabled and samples)
+            due = (samples & enabled) | every_call  # no branch: every lane runs the same
             keep(due, after, memory, own, memory_at + j, LANES)
             adopt(S, j, t, x_hat if due else S[R.estimate + j])
             if has_confirms:

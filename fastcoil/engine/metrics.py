@@ -22,7 +22,9 @@ from fastcoil.outputs import METRICS, PEAK_BLOCK, STATUS_NON_FINITE, STATUS_OK, 
 N_METRICS = len(METRICS)
 M = positions(METRICS)
 """Row of each metric in the kernel's output."""
-OF_ESTIMATORS = ("learn_time_first_down", "estimate_first_down", "learning_status")
+OF_ESTIMATORS = (
+    "learn_time_first_down", "estimate_first_down", "learning_status", "half_periods", "half_period_spread",
+)  # fmt: skip
 """Metrics that one kind of estimator brings, see ``Estimator.results``."""
 
 WATCH_INTERVAL = 60

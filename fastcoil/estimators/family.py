@@ -8,6 +8,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fastcoil.numerics.jit import exact
+
+
+@exact
+def weight_of_new(time_constant, sample_time):
+    """Weight of a new value in a first-order filter, times in s.
+
+    A backward difference: no overshoot however slow the samples are.
+    """
+    return sample_time / (time_constant + sample_time)
+
+
+@exact
+def low_passed(z, x, weight):
+    """z after one more value x of a first-order filter; NaN where x is the first."""
+    return x if np.isnan(z) else z + weight * (x - z)
+
 
 class Sample(NamedTuple):
     """What an estimator sees when a controller sample begins: nothing that a controller in the field would not know.

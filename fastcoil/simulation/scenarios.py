@@ -10,9 +10,13 @@ import xarray as xr
 
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError
-from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, Scalar
+from fastcoil.estimators.shipped import ESTIMATORS
+from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS, Scalar
 from fastcoil.simulation.control_problems import control_problems
 from fastcoil.simulation.loop import Loop
+
+_CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
+"""The parameter that limits the estimate of an estimator."""
 
 
 class Layout:
@@ -53,7 +57,7 @@ class Layout:
         return coordinates
 
     def check_together(self) -> None:
-        """Refuse values that only clash together: an estimate of 1 or more, a learner that starts above its cap."""
+        """Refuse values that only clash together: an estimate of 1 or more, an estimator that starts above its cap."""
         value: Mapping[str, Scalar | xr.DataArray | None] = {n: self.loop[n] for n in PARAMETERS}
         problems = []
         estimate = value["backlash_estimate"]
@@ -65,13 +69,14 @@ class Layout:
                 f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
                 "lower estimate_ratio or backlash"
             )
-        step, cap = xr.DataArray(value["learning_step"]), xr.DataArray(value["learning_cap"])
-        learns = step > 0.0 if value["estimator"] is None else xr.DataArray(value["estimator"]) == "learner"
-        if bool((learns & (xr.DataArray(estimate) > cap)).any()):
-            problems.append(
-                f"backlash_estimate up to {largest:g} with a learner: it cannot start above learning_cap, lower the "
-                "estimate or raise the cap"
-            )
+        step = xr.DataArray(value["learning_step"])
+        learns = _has(value, "learner")
+        for name, cap in _CAPS.items():
+            if bool((_has(value, name) & (xr.DataArray(estimate) > xr.DataArray(value[cap]))).any()):
+                problems.append(
+                    f"backlash_estimate up to {largest:g} with the estimator {name}: it cannot start above {cap}, "
+                    "lower the estimate or raise the cap"
+                )
         if bool((learns & (step == 0.0)).any()):
             problems.append(
                 "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
@@ -82,9 +87,30 @@ class Layout:
                 f"slip_jump is up to {excess:g} above the backlash: a stem jumps at most by the band in which it "
                 "sticks, lower slip_jump or raise backlash"
             )
-        problems += _unread_parameters(self.loop) + control_problems(self.loop, self.boundary.series["T_set"])
+        problems += _unread_parameters(self.loop) + missing_parameters(self.loop)
+        problems += control_problems(self.loop, self.boundary.series["T_set"])
         if problems:
             raise InputError(problems)
+
+
+def _has(value: Mapping[str, Scalar | xr.DataArray | None], estimator: str) -> xr.DataArray:
+    """Which scenarios have an estimator; without a word it is the learner where it has a step."""
+    if value["estimator"] is None:
+        return (xr.DataArray(value["learning_step"]) > 0.0) & (estimator == "learner")
+    return xr.DataArray(value["estimator"]) == estimator
+
+
+def missing_parameters(loop: Loop) -> list[str]:
+    """Parameters that an estimator of some scenario needs and that have no default, a sentence each."""
+    used = set() if loop["estimator"] is None else set(np.unique(np.asarray(loop["estimator"])).tolist())
+    return [
+        f"estimator = {estimator.name!r} without {name}: give the {PARAMETERS[name].text} "
+        f"({PARAMETERS[name].unit}, {PARAMETERS[name].bounds})"
+        for estimator in ESTIMATORS
+        if estimator is not None and estimator.name in used
+        for name in estimator.Parameters._fields
+        if name not in STAND_INS and PARAMETERS[name].default is None and loop[name] is None
+    ]
 
 
 def _unread_parameters(loop: Loop) -> list[str]:

@@ -73,6 +73,13 @@ def mixed():
     columns["slip_jump"] = rng.choice([0.0, 0.0, 0.4], N) * columns["backlash"]
     columns["leakage"] = rng.choice([math.nan, 0.0, 0.02], N)
     columns["estimator"] = np.where(columns["learning_step"] > 0.0, "learner", "none")
+    others = rng.choice(["", "", "hagglund", "gradient"], N)
+    columns["estimator"] = np.where(others == "", columns["estimator"], others)
+    columns["plant_gain"] = rng.choice([15.0, 25.0], N)
+    columns["hagglund_least_half_periods"] = np.full(N, 5.0)
+    columns["gradient_gain"] = np.full(N, 5e-3)
+    columns["gradient_pause"] = np.full(N, 60.0)
+    columns["estimate_share"] = rng.choice([0.0, 0.8, 1.0], N)
     return columns
 
 
@@ -152,7 +159,9 @@ def test_what_a_block_skips_changes_no_bits(mixed, day, flags):
     plain["estimator"] = np.full(N, "none")
     noisy = plain | {"noise_std": np.full(N, 0.05), "learning_step": mixed["learning_step"]}
     noisy["estimator"] = mixed["estimator"]
-    for columns in (plain, noisy):
+    adaptive = noisy | {"estimator": np.full(N, "gradient"), "sample_time": mixed["sample_time"]}
+    passive = adaptive | {"estimator": np.full(N, "hagglund")}
+    for columns in (plain, noisy, adaptive, passive):
         cautious = run(columns, day, lambda block: block._replace(common=block.common._replace(**flags)))
         assert_same_bits(cautious, run(columns, day))
 

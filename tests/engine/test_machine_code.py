@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
+from fastcoil.estimators.shipped import ESTIMATORS
 from fastcoil.numerics.jit import FLAGS, JIT_ENABLED
 
 ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
@@ -71,6 +72,26 @@ def test_sections_are_vectorised(name):
 
 
 @pytest.mark.kernel
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads x86-64 assembly")
+@pytest.mark.parametrize("name", ["hagglund", "gradient"])
+def test_stages_of_estimators_are_vectorised(name, monkeypatch):
+    """Scalar is only the loop once more for rows that might overlap, which never do."""
+    from fastcoil.engine.estimation import estimator_stage
+    from fastcoil.numerics import stages
+
+    compiled = []
+    monkeypatch.setattr(stages, "kernel_folder", lambda _: None)  # what comes from the cache has no assembly
+    monkeypatch.setattr(stages, "_STAGES", compiled)
+    (estimator,) = (e for e in ESTIMATORS if e is not None and e.name == name)
+    estimator_stage.__wrapped__(estimator)
+    assembly = compiled[0]._library.get_asm_str()
+    packed = re.findall(ARITHMETIC + r"pd\t.*", assembly)
+    assert len(packed) > 40
+    assert len(re.findall(ARITHMETIC + r"sd\t.*", assembly)) <= 1.2 * len(packed)
+    assert not re.search(r"\$_?(exp|log|pow|sin|cos|floor|fmod)\b", assembly)
+
+
+@pytest.mark.kernel
 def test_one_compiled_signature_serves_every_kind_of_run(short):
     from fastcoil.engine.emulator import emulate
     from fastcoil.engine.host import compile_kernel
@@ -115,6 +136,9 @@ loop = fc.Loop(**learner, **valve, noise_std=0.1, n_volumes=[1, 3], air_march=["
 day = fc.paper_day(hours=12 / 3600, seed=1)
 ds = fc.simulate(loop, day, warm_up=2, traces=list(TRACES), trace_interval=5, n_jobs=1)
 assert ds.sizes["elapsed_time"] == 3 and not ds.status.any()
+own = {"hagglund_least_half_periods": 5, "estimator": ["hagglund", "gradient"], "plant_gain": 25.0}
+ds = fc.simulate(fc.Loop(**own, sample_time=1), day, warm_up=2, n_jobs=1)
+assert not ds.status.any()
 matrix = parameter_matrix(columns_of(loop, loop.sizes, np.arange(4)))
 found = run_coil(matrix, np.tile([1.0, 25.0, 0.01, 7.0, 0.5], (4, 1)), np.array([0, 3]))
 assert [part.shape for part in found] == [(2, 4)] * 3

@@ -164,8 +164,8 @@ def test_a_run_too_short_for_a_block_or_a_window_has_no_such_metric():
     ds = fc.simulate(fc.Loop(), fc.paper_day(hours=550 / 3600), warm_up=0)
     missing = {name for name in METRICS if np.isnan(ds[name])}
     learner = {"learn_time_reached", "learn_time_confirmed", "learn_time_first_down", "estimate_first_down"}
-    learner |= {"time_identified"}
-    assert missing == learner | {
+    estimators = learner | {"time_identified", "half_periods", "half_period_spread"}
+    assert missing == estimators | {
         "rmse_settled",
         "hunting_amplitude",
         "hunting_period",

@@ -24,8 +24,10 @@ from reference.control import (
     pi_controller,
     smooth_inverse,
 )
+from reference.gradient import Gradient
+from reference.hagglund import Hagglund
 from reference.learner import Learner
-from reference.loop import SCALAR_TRACES, VOLUME_TRACES, simulate
+from reference.loop import ESTIMATORS, SCALAR_TRACES, VOLUME_TRACES, simulate
 from reference.metrics import METRICS
 from reference.noise import philox4x32, standard_normal
 from reference.parameters import PAPER_LIKE
@@ -41,6 +43,7 @@ from reference.valve import (
 )
 
 __all__ = [
+    "ESTIMATORS",
     "FALLING",
     "METRICS",
     "PAPER_LIKE",
@@ -48,6 +51,8 @@ __all__ = [
     "SCALAR_TRACES",
     "VOLUME_TRACES",
     "Controller",
+    "Gradient",
+    "Hagglund",
     "Learner",
     "NeutralZone",
     "NoiseMeter",

@@ -2,18 +2,20 @@
 
 import math
 
+from reference.fixed import Fixed
 from reference.rounding import clip
 
 
-class Learner:
+class Learner(Fixed):
     """The self-learning rule of section 3.3 of the paper, and what can be changed in it.
 
     An interval that is no evidence is as if it had not been: no step, and no reference frequency from it.
     """
 
-    def __init__(self, parameters, open_loop):
+    def __init__(self, parameters):
+        super().__init__(parameters)
         p = parameters
-        self.is_off = p["learning_step"] <= 0.0 or open_loop
+        self.switches_before = 0  # those before this interval
         self.growth = p["learning_growth"]
         self.step = p["learning_step"] / self.growth  # as if one step up had been made before
         self.interval = int(p["learning_interval"])
@@ -30,7 +32,6 @@ class Learner:
         self.highest = p["learning_cap"]
         self.stops_at_first_down = p["learning_stop"] == "first_step_down"
         self.reached_from = p["backlash"] - p["learning_step"] / 2.0 - 1e-12
-        self.estimate = p["backlash_estimate"]
         self.reference_frequency = None
         self.missing = None
         self.time_reached = math.nan
@@ -46,8 +47,6 @@ class Learner:
     @property
     def status(self):
         """What became of the learner: its number among the flags of learning_status."""
-        if self.is_off:
-            return 0.0
         if self.has_stopped:
             return 3.0
         if not math.isnan(self.time_first_down):
@@ -56,9 +55,26 @@ class Learner:
             return {"no_evidence": 4.0, "not_identifiable": 5.0}[self.missing]
         return 1.0
 
+    def look(self, t, seen):
+        """Update the estimate where an interval ends."""
+        switches = seen.switches - self.switches_before
+        if self.is_due(t, switches):
+            self.update(t, switches)
+            self.switches_before = seen.switches
+
+    def metrics(self):
+        """When the estimate moved, and what became of it."""
+        return super().metrics() | {
+            "learn_time_reached": self.time_reached,
+            "learn_time_confirmed": self.time_confirmed,
+            "learn_time_first_down": self.time_first_down,
+            "estimate_first_down": self.estimate_first_down,
+            "learning_status": self.status,
+        }
+
     def is_due(self, t, switches):
         """Whether the estimate is looked at in second t, after so many mode switches in the interval so far."""
-        if self.is_off or self.has_stopped or t == 0:
+        if self.has_stopped or t == 0:
             return False
         if t == self.interval_end:
             return True

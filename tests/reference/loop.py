@@ -1,9 +1,13 @@
 """The closed loop over time."""
 
 import math
+from types import SimpleNamespace
 
 from reference.coil import coil_step
 from reference.control import Controller
+from reference.fixed import Fixed
+from reference.gradient import Gradient
+from reference.hagglund import Hagglund
 from reference.learner import Learner
 from reference.metrics import METRICS, coil_metrics, movement_metrics, switching_metrics, tracking_metrics
 from reference.noise import standard_normal
@@ -27,6 +31,7 @@ SCALAR_TRACES = (
     "power",
 )
 VOLUME_TRACES = ("T_w", "T_c", "T_a", "W_a")
+ESTIMATORS = {"none": Fixed, "learner": Learner, "hagglund": Hagglund, "gradient": Gradient}
 
 
 def simulate(
@@ -74,8 +79,10 @@ def simulate(
     T_a = [p["T_initial"]] * n_volumes
     W_a = [W_a_in[0]] * n_volumes
     T_sensor = drawn_noise = 0.0
-    learner = Learner(p, open_loop)
-    switches_in_interval = 0
+    default = "learner" if p["learning_step"] > 0.0 else "none"
+    estimator = ESTIMATORS["none" if open_loop else p["estimator"] or default](p)
+    switches_so_far = 0
+    T_seen = error_seen = 0.0
     controller = Controller(p)
     motor = NeutralZone(p["neutral_zone"])
     stem = StickSlip(p["backlash"], p["slip_jump"])
@@ -102,18 +109,21 @@ def simulate(
         if open_loop:
             cmd = commands[t]
         else:
-            # Learner
-            if learner.is_due(t, switches_in_interval):
-                learner.update(t, switches_in_interval)
-                switches_in_interval = 0
+            # Estimator
+            seen = SimpleNamespace(T_set=T_set[t], m_a=m_a[t], enabled=enabled[t], T=T_seen, e=error_seen)
+            seen.u, seen.mode, seen.switches = controller.u, controller.mode, switches_so_far
+            if t > 0:
+                estimator.look(t, seen)
 
             # PI, inverse
             mode_previous = controller.mode
             error = sign * (T_measured - T_set[t])
-            controller.act(error, t % sample_time == 0, enabled[t], learner.estimate)
+            controller.act(error, t % sample_time == 0, enabled[t], p["estimate_share"] * estimator.estimate)
+            if t % sample_time == 0:
+                T_seen, error_seen = T_measured, error
             cmd = controller.command
             switched = controller.mode != mode_previous
-            switches_in_interval += switched
+            switches_so_far += switched
 
         # Actuator, Eq (1), Eq (2)
         position_previous = position
@@ -137,7 +147,7 @@ def simulate(
         traces["position"].append(position)
         traces["opening"].append(opening)
         traces["m_w"].append(m_w)
-        traces["estimate"].append(math.nan if open_loop else learner.estimate)
+        traces["estimate"].append(math.nan if open_loop else estimator.estimate)
         traces["mode"].append(0 if open_loop else controller.mode)
         traces["T_w_out"].append(T_w[-1])
         traces["W_sup"].append(W_a[0])
@@ -161,7 +171,9 @@ def simulate(
     counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
     metrics = tracking_metrics(traces["T_sup"], T_set, counted)
     metrics.update(movement_metrics(traces["opening"], traces["position"], counted))
-    metrics.update(switching_metrics(switches, traces["estimate"], p["backlash"], learner, counted, warm_up, open_loop))
+    metrics.update(
+        switching_metrics(switches, traces["estimate"], p["backlash"], estimator, counted, warm_up, open_loop)
+    )
     metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
     metrics["status"] = status
     return traces, metrics

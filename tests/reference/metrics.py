@@ -21,6 +21,8 @@ METRICS = (
     "learn_time_first_down",
     "estimate_first_down",
     "learning_status",
+    "half_periods",
+    "half_period_spread",
     "coil_energy",
     "coil_peak_power",
     "water_volume",
@@ -72,7 +74,7 @@ def movement_metrics(opening, position, counted):
     }
 
 
-def switching_metrics(switches, estimate, backlash, learner, counted, warm_up, open_loop):
+def switching_metrics(switches, estimate, backlash, estimator, counted, warm_up, open_loop):
     """Mode switches per 10 min, the estimate [strokes] and the learning times [s]; NaN in open loop."""
     n_steps = len(estimate)
     recent = [counted[t] and t >= n_steps - ESTIMATE_WINDOW for t in range(n_steps)]
@@ -81,12 +83,8 @@ def switching_metrics(switches, estimate, backlash, learner, counted, warm_up, o
         "switch_frequency": mean(switches_per_block),
         "estimate_final": estimate[-1],
         "estimate_settled": mean(select(estimate, recent)),
-        "learn_time_reached": learner.time_reached,
-        "learn_time_confirmed": learner.time_confirmed,
-        "time_identified": math.nan if learner.is_off else since_right(estimate, backlash),
-        "learn_time_first_down": learner.time_first_down,
-        "estimate_first_down": learner.estimate_first_down,
-        "learning_status": learner.status,
+        "time_identified": math.nan if estimator.is_off else since_right(estimate, backlash),
+        **estimator.metrics(),
     }
 
 

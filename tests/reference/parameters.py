@@ -46,6 +46,9 @@ PAPER_LIKE = {
     "buffer_swing": 0.0,
     "compensation": "inverse",
     "smooth_rate": 1e-4,
+    # What finds the estimate: None is the learner where learning_step > 0.
+    "estimator": None,
+    "estimate_share": 1.0,
     # Learner.
     "learning_step": 0.0,
     "learning_interval": 1800.0,
@@ -59,4 +62,14 @@ PAPER_LIKE = {
     "learning_shrink": 1.0,
     "learning_final": 1.0,
     "learning_stop": "never",
+    # Half periods of the error.
+    "hagglund_filter_ratio": 0.1,
+    "hagglund_least_half_periods": 10,
+    # Adaptive inverse.
+    "gradient_gain": 3e-4,
+    "gradient_filter_time": 60.0,
+    "gradient_reference_time": 60.0,
+    "gradient_dead_zone": 0.05,
+    "gradient_pause": 400.0,
+    "gradient_cap": 0.2,
 }

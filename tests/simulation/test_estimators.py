@@ -45,9 +45,21 @@ def test_the_inverse_assumes_a_share_of_what_the_estimator_reports(short):
         ({"estimator": "none", "learning_step": 0.007}, "learning_step belongs to the estimator learner, which no"),
         ({"estimate_share": 0.5, "estimator": "none"}, "estimate_share without an estimator"),
         (LEARNER | {"learning_cap": 0.001}, "it cannot start above learning_cap"),
-        ({"estimator": "lerner"}, "estimator = 'lerner': choose 'none' or 'learner'"),
+        ({"estimator": "lerner"}, "estimator = 'lerner': choose 'none' or 'learner' or 'hagglund' or 'gradient'"),
+        ({"estimator": "hagglund"}, "estimator = 'hagglund' without plant_gain: give the change of the supply temp"),
+        ({"estimator": ["gradient", "hagglund"]}, "estimator = 'hagglund' without plant_gain"),
+        ({"estimator": "gradient", "backlash_estimate": 0.21}, "it cannot start above gradient_cap"),
+        ({"gradient_gain": 1e-3}, "gradient_gain belongs to the estimator gradient, which no scenario has"),
+        ({"hagglund_filter_ratio": 0.2, "estimator": "gradient"}, "hagglund_filter_ratio belongs to the estimator hag"),
+        ({"estimator": "hagglund", "plant_gain": 0.0}, "plant_gain = 0 K: must be above 0"),
+        ({"estimator": "hagglund", "hagglund_least_half_periods": 4}, "must be whole, from 5 to 1000"),
     ],
 )
 def test_parameters_without_their_estimator_are_refused_before_anything_runs(parameters, sentence):
     with pytest.raises(fc.InputError, match=sentence):
         planned(**parameters)
+
+
+def test_a_replay_refuses_an_estimator_without_what_it_reckons_with():
+    with pytest.raises(fc.InputError, match="estimator = 'hagglund' without plant_gain"):
+        fc.replay(fc.Loop(estimator="hagglund"), "nothing.csv")
