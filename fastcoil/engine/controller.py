@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.control.inverse import direction, extreme, inverse
+from fastcoil.control.law import Law
 from fastcoil.control.pi import desired_opening, integrated, sample_number
 from fastcoil.engine.rows import LANES, R
 from fastcoil.estimators.family import Estimator
@@ -40,17 +41,19 @@ def draw_noise(S, t, k, common, day):
 
 
 @section
-def control(S, t, T_set, noise, enabled, counts_switches, is_watched):
+def control(S, t, T_set, noise, enabled, counts_switches, is_watched, has_law):
     """Run PI and inverse of the lanes that sample now; the others hold u, and so their command.
 
-    is_watched: whether an estimator wants to know what was measured.
+    is_watched: whether an estimator wants to know what was measured.  has_law: whether another law decided u; it has no
+    integral.
     """
     for j in range(LANES):
         y = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
         e = S[R.sign + j] * (y - T_set)
         due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
         integral = integrated(S[R.integral + j], e, S[R.ki + j])
-        u = desired_opening(e, integral, S[R.kp + j])
+        u = S[R.decided + j] if has_law else desired_opening(e, integral, S[R.kp + j])
+        integral = 0.0 if has_law else integral
         integral = integral if due else S[R.integral + j]
         u = u if due else S[R.u + j]
         integral = integral if enabled else 0.0
@@ -76,11 +79,12 @@ class Control(NamedTuple):
     """What the controllers of a block have in common: which parts of ``control`` are compiled for it."""
 
     is_watched: bool = False
+    has_law: bool = False
 
     @classmethod
-    def of(cls, estimator: Estimator | None) -> Control:
-        """For a block whose lanes have this estimator."""
-        return cls(is_watched=estimator is not None and estimator.periods is None)
+    def of(cls, estimator: Estimator | None, law: Law | None) -> Control:
+        """For a block whose lanes have this estimator and, but for the PI, this law."""
+        return cls(is_watched=estimator is not None and estimator.periods is None, has_law=law is not None)
 
 
 @cache
@@ -88,9 +92,9 @@ def control_stage(parts: Control) -> Any:
     """Where ``control`` is, compiled for these parts: (S, t, T_set, noise, enabled, counts_switches) → nothing."""
     if parts == Control():
         return BUILT_IN
-    is_watched = parts.is_watched
+    is_watched, has_law = parts
 
     def controller(S, t, T_set, noise, enabled, counts_switches):
-        control(S, t, T_set, noise, enabled, counts_switches, is_watched)
+        control(S, t, T_set, noise, enabled, counts_switches, is_watched, has_law)
 
     return CONTROL.compiled(controller, repr(parts))

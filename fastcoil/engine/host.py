@@ -40,8 +40,8 @@ def run_block(block: Block, day: Day, wanted: TraceRequest) -> tuple[np.ndarray,
     n_points = wanted.n_points(day.series.shape[0])
     traces = np.empty((n_points, rows.size + rows_after.size, LANES))
     metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
-    S, V, own = work_space(block)
-    emulate(block.rows, block.common, day, S, V, own, metrics, status, rows, rows_after, wanted.interval, traces)
+    S, V, own, own_law = work_space(block)
+    emulate(block.rows, block.common, day, S, V, own, own_law, metrics, status, rows, rows_after, wanted.interval, traces)
     for name, values in _of_estimator(block, own, day.command.size > 0).items():
         metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 

@@ -17,7 +17,9 @@ import xarray as xr
 from fastcoil.arguments import instance_of
 from fastcoil.errors import InputError, WrongType, collecting, nearest, shown
 from fastcoil.outputs import METRICS
-from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS, STAND_INS, Scalar, check_name
+from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS, STAND_INS, Parameter, Scalar, check_name
+from fastcoil.rules.rule import KINDS, Rule
+from fastcoil.rules.table import NO_RULES, table_of, taken, with_defaults, without_rules
 from fastcoil.simulation.parameter_values import checked_value
 from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.signature import UNCHANGED, describe_parameters, take_parameters
@@ -41,12 +43,13 @@ class Loop:
     {'backlash': 3, 'tuning': 2}
     """
 
-    __slots__ = ("_values",)
+    __slots__ = ("_rules", "_values")
     _values: dict[str, Scalar | xr.DataArray]
+    _rules: Mapping[str, Rule]
 
     @take_parameters(_DEFAULTS)
     def __init__(self, **values: Any) -> None:
-        self._values = _assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, values)
+        self._values, self._rules = _assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values)
 
     @classmethod
     def preset(cls, name: str) -> Loop:
@@ -59,11 +62,12 @@ class Loop:
         return cls(**PRESETS[name].values)
 
     @classmethod
-    def from_dataset(cls, ds: xr.Dataset) -> Loop:
+    def from_dataset(cls, ds: xr.Dataset, rules: Iterable[Rule] = ()) -> Loop:
         """Rebuild the loop behind a result, or behind a part of it such as ``ds.isel(backlash=3)``.
 
         A parameter that the result does not hold takes its default, with a warning: either it was added after the
-        result was made, or its coordinate was dropped, as by ``ds.isel(backlash=3, drop=True)``.
+        result was made, or its coordinate was dropped, as by ``ds.isel(backlash=3, drop=True)``.  A result holds the
+        names of rules of your own, not their code: give ``rules=[my_rule]``.
 
         Raises
         ------
@@ -71,14 +75,20 @@ class Loop:
             If ``ds`` was not made by fastcoil, or has no labels along a dimension named after a parameter.
         """
         instance_of("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
-        constants = _stored_constants(ds)
+        rules = list(rules)
+        wrong = [rule for rule in rules if not isinstance(rule, Rule)]
+        if wrong:
+            raise InputError(WrongType(f"rules: {shown(wrong[0])}: give rules, made with @fc.estimator or @fc.law"))
+        known = taken(NO_RULES, rules, ())
+        table = table_of(known)
+        constants = _stored_constants(ds, table)
         dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
-        unlabelled = [d for d in dims if d in PARAMETERS and d not in ds.coords]
+        unlabelled = [d for d in dims if d in table and d not in ds.coords]
         if unlabelled:
             raise InputError(
                 [f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled]
             )
-        names = [n for n in ds.coords if n in PARAMETERS]
+        names = [n for n in ds.coords if n in table]
         stray = [n for n in names if not set(ds[n].dims) <= set(dims)]
         if stray:
             raise InputError(
@@ -86,8 +96,8 @@ class Loop:
             )
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
-        loop = cls()
-        loop._values = constants | _defaults_of_missing(constants, swept)
+        loop = cls().knowing(rules)
+        loop._values = constants | _defaults_of_missing(constants, swept, table)
         return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
 
     @take_parameters(dict.fromkeys(PARAMETERS, UNCHANGED))
@@ -101,12 +111,36 @@ class Loop:
             zipped parameter of another length.
         """
         changed = Loop.__new__(Loop)
-        changed._values = _assigned(self._values, values)
+        changed._values, changed._rules = _assigned(self._values, self._rules, values)
         return changed
+
+    def knowing(self, rules: Iterable[Rule]) -> Loop:
+        """A copy that knows rules of the user's own by their names, and has their parameters."""
+        changed = Loop.__new__(Loop)
+        changed._rules = taken(self._rules, list(rules), self._rules)
+        changed._values = with_defaults(self._values, self._rules, changed._rules)
+        return changed
+
+    def forgetting(self, names: Iterable[str]) -> Loop:
+        """A copy that does not know the rules of these names, and has none of their parameters."""
+        changed = Loop.__new__(Loop)
+        changed._rules = {n: rule for n, rule in self._rules.items() if n not in set(names)}
+        changed._values = with_defaults(self._values, self._rules, changed._rules)
+        return changed
+
+    @property
+    def rules(self) -> Mapping[str, Rule]:
+        """The rules of the user's own by name, those that are no longer used included."""
+        return self._rules
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Every parameter that this loop may have: those of ``fc.parameters()``, then its rules' own."""
+        return table_of(self._rules)
 
     def __getitem__(self, name: str) -> Scalar | xr.DataArray | None:
         """Value of a parameter; ``None`` for one that is not given."""
-        return self._values.get(check_name(name))
+        return self._values.get(check_name(name, self.parameters))
 
     def items(self) -> Iterable[tuple[str, Scalar | xr.DataArray]]:
         """(name, value) of every parameter that is given."""
@@ -154,23 +188,23 @@ class Loop:
     def __repr__(self) -> str:
         lines = [f"  {dim}: {size}" for dim, size in self.sizes.items()]
         text = ["<fastcoil.Loop>"] + (["Dimensions:", *lines] if lines else [])
-        differs = []
+        differs, table = [], self.parameters
         for name, value in self._values.items():
             if isinstance(value, xr.DataArray):
                 differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_brief(value.values)}")
-            elif value != _DEFAULTS[name]:
-                differs.append(f"  {PARAMETERS[name].equation(value)}")
+            elif value != table[name].default:
+                differs.append(f"  {table[name].equation(value)}")
         return "\n".join(text + (["Differs from paper_like:", *differs] if differs else ["paper_like"]))
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Loop) or self._values.keys() != other._values.keys():
+        if not isinstance(other, Loop) or self._values.keys() != other._values.keys() or self._rules != other._rules:
             return False
         return all(xr.DataArray(v).identical(xr.DataArray(other._values[n])) for n, v in self._values.items())
 
     __hash__ = None  # type: ignore[assignment]
 
 
-def _stored_constants(ds: xr.Dataset) -> dict[str, Any]:
+def _stored_constants(ds: xr.Dataset, table: Mapping[str, Parameter]) -> dict[str, Any]:
     """The constants that a result holds in its attributes."""
     if "parameters" not in ds.attrs:
         raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil")
@@ -178,7 +212,12 @@ def _stored_constants(ds: xr.Dataset) -> dict[str, Any]:
         stored = dict(json.loads(ds.attrs["parameters"]))
     except (TypeError, ValueError, RecursionError):
         raise InputError("the attribute 'parameters' of this Dataset is not as fastcoil made it") from None
-    return {name: checked_value(PARAMETERS[check_name(name)], value) for name, value in stored.items()}
+    for kind in KINDS:
+        words = {str(word) for word in [stored.get(kind), *np.ravel(ds[kind].values if kind in ds.coords else [])]}
+        unknown = sorted(words - {"None", *table[kind].choices})
+        if unknown:
+            raise InputError(f"the result has the {kind} {unknown[0]}: give its rule, from_dataset(ds, rules=[…])")
+    return {name: checked_value(table[check_name(name, table)], value) for name, value in stored.items()}
 
 
 def _brief(values: np.ndarray) -> str:
@@ -186,13 +225,19 @@ def _brief(values: np.ndarray) -> str:
     return " ".join(shown) + (" …" if values.size > 5 else "")
 
 
-def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Apply ``changes``; all of their mistakes are reported together."""
+def _assigned(
+    values: Mapping[str, Any], known: Mapping[str, Rule], changes: Mapping[str, Any]
+) -> tuple[dict[str, Any], Mapping[str, Rule]]:
+    """Apply ``changes``; all of their mistakes are reported together.  Returns the values and the rules known."""
     problems: list[str] = []
     checked: dict[str, Any] = {}
+    with collecting(problems):
+        changes, rules = _with_rules(values, known, changes)
+        values, known = with_defaults(values, known, rules), rules
+    table = table_of(known)
     for name, value in changes.items():
         with collecting(problems):
-            checked[name] = checked_value(PARAMETERS[check_name(name)], value)
+            checked[name] = checked_value(table[check_name(name, table)], value)
     for stand_ins, replaced in _ALTERNATIVES:
         one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if one and other:
@@ -224,7 +269,20 @@ def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
         result.pop(name, None) if isinstance(value, xr.DataArray) else None
         result[name] = value
     _check_lengths(result)
-    return result
+    return result, known
+
+
+def _with_rules(
+    values: Mapping[str, Any], known: Mapping[str, Rule], changes: Mapping[str, Any]
+) -> tuple[dict[str, Any], Mapping[str, Rule]]:
+    """The changes with words in place of rules, and the rules then known."""
+    found = {kind: without_rules(kind, changes[kind]) for kind in KINDS if kind in changes}
+    new = [rule for _, rules in found.values() for rule in rules]
+    if not new:
+        return dict(changes), known
+    changes = {**changes, **{kind: words for kind, (words, _) in found.items()}}
+    used = {str(word) for kind in KINDS for word in np.ravel(np.asarray(values.get(kind))) if kind not in changes}
+    return changes, taken(known, new, used)
 
 
 def _check_lengths(values: Mapping[str, Any]) -> None:
@@ -246,12 +304,14 @@ def _check_lengths(values: Mapping[str, Any]) -> None:
         raise InputError(problems)
 
 
-def _defaults_of_missing(constants: Mapping[str, Scalar], swept: Mapping[str, xr.DataArray]) -> dict[str, Scalar]:
+def _defaults_of_missing(
+    constants: Mapping[str, Scalar], swept: Mapping[str, xr.DataArray], table: Mapping[str, Parameter]
+) -> dict[str, Scalar]:
     """Defaults of the parameters that a result has neither as constant nor as coordinate, with a warning."""
     known = constants.keys() | swept.keys()
     replaced = {name for stand_in, names in STAND_INS.items() if stand_in in known for name in names}
-    missing = {n: v for n, v in _DEFAULTS.items() if v is not None and n not in known | replaced}
+    missing = {p.name: p.default for p in table.values() if p.default is not None and p.name not in known | replaced}
     if missing:
-        taken = ", ".join(PARAMETERS[name].equation(value) for name, value in missing.items())
-        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {taken}", stacklevel=3)
+        used = ", ".join(table[name].equation(value) for name, value in missing.items())
+        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {used}", stacklevel=3)
     return missing

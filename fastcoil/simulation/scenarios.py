@@ -22,13 +22,13 @@ class Layout:
     """
 
     def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
-        self.loop = loop
+        self.loop = _with_used_rules(loop)
         self.boundary = boundary
-        self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | loop.sizes
+        self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | self.loop.sizes
         if replicates > 1:
             self.sizes["replicate"] = replicates
         self.size = math.prod(self.sizes.values())
-        self._labels = loop.coordinates()
+        self._labels = self.loop.coordinates()
 
     def columns(self, index: np.ndarray) -> dict[str, np.ndarray]:
         """Every parameter of the scenarios ``index``, see ``columns_of``."""
@@ -75,15 +75,14 @@ class Layout:
             problems.append(
                 "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
             )
-        problems += _unread_parameters(self.loop)
+        problems += _unread_parameters(self.loop) + _missing_parameters(self.loop)
         if problems:
             raise InputError(problems)
 
 
 def _unread_parameters(loop: Loop) -> list[str]:
     """Parameters of estimators that no scenario has, a sentence each: most likely the estimator was forgotten."""
-    estimator = loop["estimator"]
-    used = {"learner"} if estimator is None else set(np.unique(np.asarray(estimator)).tolist())
+    used = _words(loop, "estimator")
     problems = []
     for parameter in PARAMETERS.values():
         value = loop[parameter.name]
@@ -93,9 +92,40 @@ def _unread_parameters(loop: Loop) -> list[str]:
                 f"{parameter.name} belongs to the estimator {parameter.group}, which no scenario has: give "
                 f"estimator = {parameter.group!r}, or leave {parameter.name} out"
             )
+    rules = [rule for rule in loop.rules.values() if rule.name not in _words(loop, rule.kind)]
+    problems += [
+        f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, or "
+        "leave them out"
+        for rule in rules
+    ]
     if bool(np.any(np.asarray(loop["estimate_share"]) != 1.0)) and used <= {"none"}:
         problems.append("estimate_share without an estimator: give estimator, or leave estimate_share out")
     return problems
+
+
+def _missing_parameters(loop: Loop) -> list[str]:
+    """Parameters that a rule of the user's own reads and the loop does not give."""
+    return [
+        f"{rule.name} reads {name}, which the loop does not give: give {name}"
+        for rule in loop.rules.values()
+        for name in rule.reads
+        if loop[name] is None
+    ]
+
+
+def _words(loop: Loop, kind: str) -> set[str]:
+    value = loop[kind]
+    return {"learner"} if value is None else set(np.unique(np.asarray(value)).tolist())
+
+
+def _with_used_rules(loop: Loop) -> Loop:
+    """The loop without rules that no scenario has, unless their parameters were changed."""
+    unused = [
+        rule.name
+        for rule in loop.rules.values()
+        if rule.name not in _words(loop, rule.kind) and all(loop[n] is p.default for n, p in rule.own.items())
+    ]
+    return loop.forgetting(unused) if unused else loop
 
 
 def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:
@@ -105,7 +135,7 @@ def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[
     """
     place = dict(zip(sizes, np.unravel_index(index, tuple(sizes.values())), strict=True)) if sizes else {}
     columns: dict[str, np.ndarray] = {}
-    for name in PARAMETERS:
+    for name in loop.parameters:
         value = loop[name]
         if isinstance(value, xr.DataArray):
             columns[name] = value.values[tuple(place[str(d)] for d in value.dims)]
