@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from fastcoil.analysis.check_rule import check_rule as check_rule
     from fastcoil.analysis.compare import compare as compare
     from fastcoil.analysis.sobol import sobol_indices as sobol_indices
     from fastcoil.boundary import Boundary as Boundary
@@ -44,6 +45,7 @@ _HOME = {
     "LockedError": "errors",
     "Loop": "simulation.loop",
     "StorageError": "errors",
+    "check_rule": "analysis.check_rule",
     "compare": "analysis.compare",
     "constant_day": "boundary.days",
     "design_day": "boundary.days",

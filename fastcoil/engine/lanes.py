@@ -34,14 +34,18 @@ class Rules(NamedTuple):
 
     def words(self, name: str) -> tuple[str, ...]:
         """The words for the parameter ``estimator`` or ``law``, by number; for another, its choices."""
-        more = {"estimator": self.estimators, "law": self.laws}.get(name, ())
-        return (*PARAMETERS[name].choices, *(rule.name for rule in more))
+        more: dict[str, tuple[Estimator | Law, ...]] = {"estimator": self.estimators, "law": self.laws}
+        return (*PARAMETERS[name].choices, *(rule.name for rule in more.get(name, ())))
 
     @property
     def own(self) -> tuple[str, ...]:
         """Names of the parameters that no loop has without these rules: the last rows of a matrix."""
-        names = [n for rule in (*self.estimators, *self.laws) for n in rule.Parameters._fields if n not in PARAMETERS]
+        rules: tuple[Estimator | Law, ...] = (*self.estimators, *self.laws)
+        names = [n for rule in rules for n in rule.Parameters._fields if n not in PARAMETERS]
         return tuple(dict.fromkeys(names))
+
+
+NO_RULES = Rules()
 
 
 class Common(NamedTuple):
@@ -79,7 +83,7 @@ class Block(NamedTuple):
     for_law: np.ndarray
 
 
-def blocks(matrix: np.ndarray, rules: Rules = Rules()) -> list[tuple[np.ndarray, Block]]:
+def blocks(matrix: np.ndarray, rules: Rules = NO_RULES) -> list[tuple[np.ndarray, Block]]:
     """Cut scenarios of one day into blocks: (index of the scenario in each used lane, block).
 
     matrix, rules: see ``parameter_matrix``.  Scenarios that share all of KIND are sorted by
@@ -114,7 +118,7 @@ def run_sets(matrix: np.ndarray, run: Callable[[Block], Sequence[np.ndarray]]) -
     return found
 
 
-def parameter_matrix(columns: Columns, rules: Rules = Rules()) -> np.ndarray:
+def parameter_matrix(columns: Columns, rules: Rules = NO_RULES) -> np.ndarray:
     """The columns as numbers, (len(PARAMETER_ROWS), n), a word as the index of its choice; the rules' own below."""
     matrix = np.stack([_numbers(name, columns[name], rules) for name in (*PARAMETER_ROWS, *rules.own)])
     row = _by_name(matrix, rules)
@@ -168,15 +172,14 @@ def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | Non
     return int(np.gcd.reduce(seconds.astype(np.int64)))
 
 
-def work_space(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The flat states S, V, and those of estimator and law: uninitialised, but for the parameters of these two."""
-    n = block.common.n_volumes
-    own = (_own(block.estimator, block.for_estimator), _own(block.law, block.for_law))
-    return _aligned(len(R) * LANES), _aligned((n + 2) * VOLUME_STRIDE), *own
+def work_space(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The flat states S, V and own of one block: uninitialised, but for the parameters of the estimator in own."""
+    own = room_for(block.estimator, block.for_estimator)
+    return _aligned(len(R) * LANES), _aligned((block.common.n_volumes + 2) * VOLUME_STRIDE), own
 
 
-def _own(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
-    """A rule's parameters and, behind them, room for its memory."""
+def room_for(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
+    """The parameters of a rule and, behind them, room for its memory."""
     own = _aligned(parameters.size + (0 if rule is None else LANES * len(rule.Memory._fields)))
     own[: parameters.size] = parameters.ravel()
     own[parameters.size :] = 0.0

@@ -45,7 +45,7 @@ def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
             call_estimator(common.estimate, (S, own, float(t), series[t, C.T_set], np.nan, enabled, False))
         if t % common.control_period == 0 or was_enabled != enabled:
             if common.control == BUILT_IN:
-                control(S, t, series[t, C.T_set], 0.0, enabled, 0.0, False)
+                control(S, t, series[t, C.T_set], 0.0, enabled, 0.0, False, False)
             else:
                 call_control(common.control, (S, t, series[t, C.T_set], 0.0, enabled, 0.0))
         was_enabled = enabled

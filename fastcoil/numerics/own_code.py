@@ -6,6 +6,7 @@ to guess from the source.
 
 from __future__ import annotations
 
+import dis
 import hashlib
 import math
 import re
@@ -16,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numba import types
-from numba.core.errors import NumbaError
 
 from fastcoil.errors import InputError, shown
 from fastcoil.numerics.jit import JIT_ENABLED, exact
@@ -50,15 +50,21 @@ class OwnCode:
         """
         if not JIT_ENABLED:
             return
-        arguments = tuple(types.NamedUniTuple(types.float64, len(c._fields), c) for c in (now, parameters, self._memory))
+        arguments = tuple(
+            types.NamedUniTuple(types.float64, len(c._fields), c) for c in (now, parameters, self._memory)
+        )
         try:
             self.function.compile(arguments)
-        except NumbaError as error:
+        except Exception as error:  # most are of one class, but not all
             raise InputError(self._sentence(error, (now, parameters))) from None
         compiled = self.function.overloads[arguments]
-        found, of = compiled.signature.return_type, self._memory.__name__
-        if not (isinstance(found, types.BaseTuple) and len(found) == 2 and _is_number(found[0])):
-            raise InputError(f"{self._name} returns {_in_words(found)}: return a number and {of}(…), with a comma between")
+        returned = compiled.signature.return_type
+        found: Any = returned if isinstance(returned, types.BaseTuple) else None
+        of = self._memory.__name__
+        if found is None or len(found) != 2 or not _is_number(found[0]):
+            raise InputError(
+                f"{self._name} returns {_in_words(returned)}: return a number and {of}(…), with a comma between"
+            )
         if found[1] != arguments[2]:
             raise InputError(
                 f"{self._name} returns {_in_words(found[1])} as its memory: return {of}(…), a number for each field"
@@ -73,10 +79,10 @@ class OwnCode:
             raise InputError(
                 f"{self._name} makes an array, a list or a text in every call: use numbers, and fields of its memory"
             )
+        if "random_state" in body[0]:
+            raise InputError(f"{self._name} draws random numbers: nobody could repeat its results, leave them out")
         if any(code != "0" for code in re.findall(r"ret i32 (\S+)", body[0])):
-            raise InputError(
-                f"{self._name} may raise an error or print: return a number instead, such as now.estimate"
-            )
+            raise InputError(f"{self._name} may raise an error or print: return a number instead, such as now.estimate")
 
     def _sentence(self, error: Exception, classes: tuple[Any, ...]) -> str:
         """The useful line of the compiler's message."""
@@ -112,8 +118,9 @@ class OwnCode:
         ready.__kwdefaults__ = function.__kwdefaults__
         return ready
 
-    def _value(self, name: str, value: Any) -> Any:
+    def _value(self, name: str, given: object) -> Any:
         """What a name of the user's module stands for, as the compiler takes it."""
+        value: Any = given
         if id(value) in self._found:
             self._note(f"known {list(self._found).index(id(value))}")
             if self._found[id(value)] is None:
@@ -123,7 +130,7 @@ class OwnCode:
             self._found[id(value)] = None
             self._kept.append(value)
             made = exact(self._ready(value))
-        elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
+        elif hasattr(given, "_field_defaults") and isinstance(given, type):
             self._note(value.__name__, *value._fields, repr(value._field_defaults))
             made = _maker(value) if value is self._memory else value
         elif isinstance(value, ModuleType) and value in _MODULES:
@@ -151,9 +158,10 @@ class OwnCode:
 
 
 def _names(code: CodeType) -> set[str]:
-    """Names that a function looks up, its inner functions included."""
+    """Names that a function looks up in its module, its inner functions included; not the attributes of what it has."""
     inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    return set(code.co_names).union(*map(_names, inner))
+    own = {str(i.argval) for i in dis.get_instructions(code) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    return own.union(*map(_names, inner))
 
 
 def _words(code: CodeType) -> Iterator[str]:
@@ -182,13 +190,15 @@ def _in_words(kind: Any) -> str:
     if isinstance(kind, (types.Float, types.Integer, types.Boolean)):
         return "a number alone"
     if isinstance(kind, types.BaseNamedTuple):
-        return f"a {kind.instance_class.__name__}"
+        return f"a {kind.instance_class.__name__}"  # type: ignore[attr-defined]
     return f"{len(kind)} values" if isinstance(kind, types.BaseTuple) else f"a {kind}"
 
 
 def _maker(memory: Any) -> Any:
     """What stands for the class of the memory: one type, whatever kind of numbers it is given."""
-    takes = ", ".join(f"{n}={memory._field_defaults[n]!r}" if n in memory._field_defaults else n for n in memory._fields)
+    takes = ", ".join(
+        f"{n}={memory._field_defaults[n]!r}" if n in memory._field_defaults else n for n in memory._fields
+    )
     scope: dict[str, Any] = {"memory": memory, "nan": math.nan, "inf": math.inf}
     exec(f"def make({takes}):\n    return memory({', '.join(f'1.0 * {n}' for n in memory._fields)})", scope)
     return exact(scope["make"])

@@ -61,7 +61,9 @@ def parameter(
     for name, bound in (("lower", lower), ("upper", upper)):
         if bound not in (-math.inf, math.inf):
             number_of(name, bound, "give a number")
-    number = number_of("default", default, f"give a number from {lower:g} to {upper:g}", least=lower, most=upper)
+    within = "" if math.isinf(upper - lower) else f" from {lower:g} to {upper:g}"
+    within = within or (f" of at least {lower:g}" if math.isinf(upper) else f" of at most {upper:g}")
+    number = number_of("default", default, f"give a number{within}", least=lower, most=upper)
     declared = OwnParameter(number)
     declared.unit, declared.text = text_of("unit", unit), text_of("text", text)
     declared.lower, declared.upper = float(lower), float(upper)
@@ -105,7 +107,9 @@ def _unreadable(rule: str, of_loop: Parameter, default: object) -> list[str]:
     if of_loop.group in _TRUTH or name == "estimate_ratio":
         return [f"{rule} reads {name}, which is the plant itself: a rule must not know it, leave it out"]
     if of_loop.group in ESTIMATOR_GROUPS or of_loop.is_word:
-        return [f"{rule} reads {name}, which is not for rules: leave it out, or give a parameter of your own a new name"]
+        return [
+            f"{rule} reads {name}, which is not for rules: leave it out, or give a parameter of your own a new name"
+        ]
     if default is not None:
         return [f"{rule}: {name} = {shown(default)}: {name} is a parameter of the loop, which has its value; write "
                 f"{name}: float"]  # fmt: skip

@@ -120,13 +120,9 @@ def estimator(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N
     It is called at every controller sample but the first, before the control law.  Its estimate, a fraction of stroke,
     is limited to 0–1 and is what the inverse assumes from then on.
 
-    Parameters
-    ----------
-    Parameters
-        A ``typing.NamedTuple`` of floats: names of parameters of the loop, such as ``sample_time``, and parameters of
-        your own, with ``fc.parameter(…)`` as default.
-    Memory
-        A ``typing.NamedTuple`` of floats: what one call leaves to the next; the defaults are where it starts.
+    ``Parameters`` is a ``typing.NamedTuple`` of floats: names of parameters of the loop, such as ``sample_time``, and
+    parameters of your own, with ``fc.parameter(…)`` as default.  ``Memory`` is another one: what one call leaves to the
+    next; its defaults are where it starts.
 
     Examples
     --------
@@ -154,8 +150,8 @@ def estimator(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N
 def law(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes
     """Make a control law of your own of a function ``(now, p, memory) -> (u, Memory)``, in place of the PI.
 
-    It is called at every controller sample; in ``now``, ``T`` and ``e`` are of this sample, ``u`` and what follows of the
-    one before.  Its u, the opening it asks for, is limited to 0–1; the inverse stays behind it.
+    It is called at every controller sample; in ``now``, ``T`` and ``e`` are of this sample, ``u`` and what follows of
+    the one before.  Its u, the opening it asks for, is limited to 0–1; the inverse stays behind it.
 
     Parameters and errors are as of ``fc.estimator``.
     """
@@ -165,9 +161,7 @@ def law(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 �
 def rules_for_kernels(rules: Mapping[str, Rule]) -> Rules:
     """The rules as the kernels take them."""
     made = [rule.family for rule in rules.values()]
-    return Rules(
-        tuple(f for f in made if isinstance(f, Estimator)), tuple(f for f in made if isinstance(f, Law))
-    )
+    return Rules(tuple(f for f in made if isinstance(f, Estimator)), tuple(f for f in made if isinstance(f, Law)))
 
 
 def _is_word(name: str) -> bool:
@@ -176,12 +170,15 @@ def _is_word(name: str) -> bool:
 
 def _field_problems(rule: str, what: str, given: Any) -> list[str]:
     """What is wrong with the class of parameters or memory."""
-    if not (isinstance(given, type) and issubclass(given, tuple) and hasattr(given, "_fields")):
+    is_class: bool = isinstance(given, type)
+    if not is_class or not hasattr(given, "_field_defaults"):
         return [WrongType(f"{rule}: {what} is {shown(given)}: give a class made with typing.NamedTuple")]
     if not given._fields:
         return [f"{rule}: {what} has no fields: give it one, such as {_EXAMPLES[what]}"]
     hints = getattr(given, "__annotations__", {})
-    wrong = [n for n in given._fields if hints.get(n, "float") not in (float, "float")]
+    # with annotations from the future they are texts
+    wrong = [n for n in given._fields if getattr(hints.get(n, float), "__forward_arg__", "float") != "float"]
+    wrong += [n for n in given._fields if isinstance(hints.get(n), type) and hints[n] is not float]
     odd = [n for n, v in given._field_defaults.items() if type(v) is bool or not isinstance(v, (int, float))]
     return [
         f"{rule}: {n} of {what} is no float: a rule works with numbers, write {n}: float"

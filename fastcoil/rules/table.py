@@ -85,7 +85,7 @@ def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str
 
 
 def with_defaults(values: Mapping[str, Any], before: Mapping[str, Rule], rules: Mapping[str, Rule]) -> dict[str, Any]:
-    """The values of a loop whose rules change: without parameters that no rule has any more, with those that are new."""
+    """The values of a loop whose rules change: without parameters that no rule has any more, with new ones."""
     old = {n: p for rule in before.values() for n, p in rule.own.items()}
     new = {n: p for rule in rules.values() for n, p in rule.own.items()}
     kept = {n: v for n, v in values.items() if n not in old or n in new}

@@ -94,8 +94,8 @@ def _unread_parameters(loop: Loop) -> list[str]:
             )
     rules = [rule for rule in loop.rules.values() if rule.name not in _words(loop, rule.kind)]
     problems += [
-        f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, or "
-        "leave them out"
+        f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, "
+        "or leave them out"
         for rule in rules
     ]
     if bool(np.any(np.asarray(loop["estimate_share"]) != 1.0)) and used <= {"none"}:
@@ -120,10 +120,12 @@ def _words(loop: Loop, kind: str) -> set[str]:
 
 def _with_used_rules(loop: Loop) -> Loop:
     """The loop without rules that no scenario has, unless their parameters were changed."""
+    used = [rule for rule in loop.rules.values() if rule.name in _words(loop, rule.kind)]
+    read = {n for rule in used for n in rule.own}
     unused = [
         rule.name
         for rule in loop.rules.values()
-        if rule.name not in _words(loop, rule.kind) and all(loop[n] is p.default for n, p in rule.own.items())
+        if rule not in used and all(n in read or loop[n] is p.default for n, p in rule.own.items())
     ]
     return loop.forgetting(unused) if unused else loop
 

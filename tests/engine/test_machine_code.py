@@ -35,7 +35,7 @@ def assembly_of(name):
 
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     section, signature = {
-        "control": (controller.control, (A, i, f, f, b, f, T.literal(1))),
+        "control": (controller.control, (A, i, f, f, b, f, T.literal(1), T.literal(0))),
         "actuate": (stem.actuate, (A, b)),
         "deliver": (plant.deliver, (A,)),
         "air_side": (plant.air_side, (A, f)),
