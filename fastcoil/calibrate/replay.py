@@ -79,6 +79,10 @@ def replay(
         log = check(log_of, "log", log)
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
         check(max_gap_of, max_gap)
+        if isinstance(loop, Loop) and loop.rules:
+            check.problems.append(
+                f"loop has the rule {next(iter(loop.rules))}: replay knows the PI and the inverse alone"
+            )
         check(require_mappings, columns=columns, units=units, constants=constants)
     data = read_log(
         log,

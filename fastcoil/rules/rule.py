@@ -68,6 +68,22 @@ class Rule:
             raise InputError(f"the code of {self.name} has not been run: run the study with `fastcoil run`")
         return self._made_of
 
+    def adopt(self, made: object) -> None:
+        """Take over the code that the source of this rule makes.
+
+        Raises
+        ------
+        InputError
+            If it makes something else than it declares.
+        """
+        if not isinstance(made, Rule) or made.kind != self.kind:
+            raise InputError(f"{self.name} is no {self.kind}: put @fc.{self.kind}(Parameters, Memory) before it")
+        if made.own != self.own or made.reads != self.reads:
+            raise InputError(
+                f"{self.name}: its Parameters are not those that its source declares: write every default as a number"
+            )
+        self._made_of = made.parts
+
     def check(self) -> None:
         """Compile it as its module is now.
 

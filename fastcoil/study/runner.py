@@ -27,8 +27,8 @@ from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.results import Computed, is_current, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
+from fastcoil.study.workers.own_code import load, load_rules
 from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, resolve_backend
-from fastcoil.study.workers.reduce import load_function
 from fastcoil.study.workers.worker import Job
 
 Advance = Callable[[int], None]
@@ -58,7 +58,7 @@ def run_study(
 
     A study that is finished in ``out`` is only opened; one that was interrupted is resumed.
 
-    Code that comes with the study, the module that ``[run] reduce`` names, is run.
+    Code that comes with the study, the modules that ``reduce``, ``estimator`` and ``law`` name, is run.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def run_study(
         scheduler = check.unless_none(text_of, "scheduler", scheduler)
         extend = check(flag_of, "extend", extend)
     chosen = resolve_backend(backend, engine)
-    study = read_study(path, prepare_reduction=load_function)
+    study = read_study(path, prepare=load)
     folder = folder or default_folder(path)
     return execute(study, folder, n_jobs=n_jobs, backend=chosen, scheduler=scheduler, extend=extend).results
 
@@ -175,10 +175,14 @@ def _finish(
     recorded = store.records(manifest, study.text)
     if todo.size:
         if study.reduction is not None:
-            load_function(study.reduction)  # its mistakes before the work
+            load("reduce", study.reduction)  # its mistakes before the work
+        rules = plan.layout.loop.rules
+        load_rules(rules, study.rules)
+        for rule in rules.values():
+            rule.check()
         advance = progress(todo.size) if progress else _ignore
         compile_kernel()
-        job = Job(manifest.key, plan, study.reduction)
+        job = Job(manifest.key, plan, study.reduction, study.rules)
         first: xr.Dataset | None = None
         with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
             n_jobs = pool.n_workers  # a cluster may have another number
