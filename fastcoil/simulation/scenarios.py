@@ -80,9 +80,18 @@ class Layout:
             raise InputError(problems)
 
 
+def words_used(loop: Loop, kind: str) -> set[str]:
+    """The estimators, or the laws, that some scenario has."""
+    value = loop[kind]
+    if value is None:
+        learns = bool(np.any(np.asarray(loop["learning_step"]) > 0.0))
+        return {"learner"} if learns else {"none"}
+    return set(np.unique(np.asarray(value)).tolist())
+
+
 def _unread_parameters(loop: Loop) -> list[str]:
     """Parameters of estimators that no scenario has, a sentence each: most likely the estimator was forgotten."""
-    used = _words(loop, "estimator")
+    used = {"learner"} if loop["estimator"] is None else words_used(loop, "estimator")
     problems = []
     for parameter in PARAMETERS.values():
         value = loop[parameter.name]
@@ -92,7 +101,7 @@ def _unread_parameters(loop: Loop) -> list[str]:
                 f"{parameter.name} belongs to the estimator {parameter.group}, which no scenario has: give "
                 f"estimator = {parameter.group!r}, or leave {parameter.name} out"
             )
-    rules = [rule for rule in loop.rules.values() if rule.name not in _words(loop, rule.kind)]
+    rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
     problems += [
         f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, "
         "or leave them out"
@@ -113,14 +122,9 @@ def _missing_parameters(loop: Loop) -> list[str]:
     ]
 
 
-def _words(loop: Loop, kind: str) -> set[str]:
-    value = loop[kind]
-    return {"learner"} if value is None else set(np.unique(np.asarray(value)).tolist())
-
-
 def _with_used_rules(loop: Loop) -> Loop:
     """The loop without rules that no scenario has, unless their parameters were changed."""
-    used = [rule for rule in loop.rules.values() if rule.name in _words(loop, rule.kind)]
+    used = [rule for rule in loop.rules.values() if rule.name in words_used(loop, rule.kind)]
     read = {n for rule in used for n in rule.own}
     unused = [
         rule.name

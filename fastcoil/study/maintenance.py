@@ -15,7 +15,7 @@ import xarray as xr
 from fastcoil.engine.host import TraceRequest, compile_kernel
 from fastcoil.errors import InputError, nearest
 from fastcoil.files import make_folder, storage_errors
-from fastcoil.numerics.jit import model_sha256
+from fastcoil.numerics.jit import is_model
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
 from fastcoil.simulation.netcdf import save
@@ -50,7 +50,7 @@ def status(folder: Path) -> list[str]:
         str(ds.attrs["title"]),
         f"{'Unfinished' if left else 'Finished'}: {n - left:,} of {n:,} scenarios ({words})",
     ]
-    if manifest.model_sha256 != model_sha256():
+    if not is_model(manifest.model_sha256):
         lines.append("The sources of the model have changed since: a new run computes everything again.")
     return (
         lines + running + ([] if left == 0 else [f"To resume: fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"])

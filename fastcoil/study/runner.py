@@ -14,7 +14,7 @@ import xarray as xr
 from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError
-from fastcoil.numerics.jit import model_sha256
+from fastcoil.numerics.jit import same_model
 from fastcoil.simulation.dataset import check_same_form, environments_of
 from fastcoil.simulation.resources import check_disk, check_workers
 from fastcoil.simulation.simulate import workers
@@ -147,7 +147,7 @@ def _finish(
 ) -> Finished:
     """Run a study in a folder that is held; see ``execute``."""
     plan, folder = study.plan, store.path
-    asked, stored = Manifest.of(study, model_sha256()), store.read_manifest()
+    asked, stored = Manifest.of(study, study.model_sha256), store.read_manifest()
     if stored is not None and stored.study_sha256 != asked.study_sha256:
         if not extend:
             refuse_other_study(store, study)
@@ -160,7 +160,7 @@ def _finish(
                 store.write_manifest(found, study.text)
             store.remove_superseded(ds, found)
             return Finished(folder, ds, 0)
-    if stored is not None and stored.model_sha256 != asked.model_sha256:
+    if stored is not None and not same_model(stored.model_sha256, asked.model_sha256):
         warnings.warn(
             f"{folder} was computed with other sources of the model: everything is computed again", stacklevel=2
         )
@@ -220,7 +220,7 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked:
     if store.has_results and is_current(store.open_results(), stored):
         return stored
     smaller = store.read_study(stored)
-    if stored.model_sha256 != asked.model_sha256:
+    if not same_model(stored.model_sha256, asked.model_sha256):
         return stored
     computed = Computed.find(store, smaller, stored)
     # this reads all shards, so that damaged ones are set aside before ``open_study`` looks at them

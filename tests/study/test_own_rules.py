@@ -133,11 +133,9 @@ def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_
     assert trace.exists()
     trace.unlink()
     _load.cache_clear()
-    (out / "results.nc").unlink()  # so that every command reads the study again
     for command in (["status", out], ["verify", out]):
-        CliRunner().invoke(main, [str(word) for word in command])
-    with pytest.raises(InputError, match="no finished scenario"):
-        fc.open_study(out)
+        assert CliRunner().invoke(main, [str(word) for word in command]).exit_code == 0
+    fc.open_study(out).close()
     assert not trace.exists()
     done = CliRunner().invoke(main, ["rerun", str(out), "--at", AT])
     assert done.exit_code == 0, done.output
@@ -187,7 +185,7 @@ def test_mistakes_are_found_before_anything_is_computed(path, tmp_path):
         (("def limited(x", "def limited(x:"), "mine.py is no Python: SyntaxError"),
         (("abs(now.e)", "abs(now.ee)"), "by_error reads ee of a Sample"),
         (("import pathlib", "import pathlib\nraise ValueError('unripe')"), "does not run: ValueError: unripe"),
-        (("class Memory", "Parameters.__new__.__defaults__ = (1.0,)\nParameters._field_defaults['gain'] = 1.0\nclass Memory"),
+        (("class Memory", "Parameters._field_defaults['gain'] = 1.0\nclass Memory"),
          "its Parameters are not those that its source declares"),
     ):  # fmt: skip
         mine.write_text(good.replace(*change))

@@ -16,7 +16,9 @@ from typing import Any
 
 from fastcoil.errors import InputError, collecting
 from fastcoil.files import read_text
+from fastcoil.numerics.jit import model_sha256
 from fastcoil.simulation.plan import Plan, plan_simulation
+from fastcoil.simulation.scenarios import words_used
 from fastcoil.study.file.boundary import build_boundary
 from fastcoil.study.file.include import read_includes
 from fastcoil.study.file.loop import build_loop
@@ -56,6 +58,11 @@ class Study:
     def kept_traces(self) -> tuple[str, ...]:
         """Names of the traces that results keep: none if they are reduced."""
         return () if self.reduction else self.plan.traces.names
+
+    @property
+    def model_sha256(self) -> str:
+        """Hash of the sources of the model that it uses."""
+        return model_sha256(frozenset(words_used(self.plan.layout.loop, "estimator")))
 
     @property
     def sha256(self) -> str:

@@ -11,6 +11,7 @@ import xarray as xr
 
 from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.errors import InputError
+from fastcoil.numerics.jit import same_model
 from fastcoil.outputs import STATUS_NOT_RUN
 from fastcoil.rules.rule import KINDS
 from fastcoil.simulation.loop import Loop
@@ -24,7 +25,6 @@ _MUST_AGREE = {
     "rng": "the random numbers",
     "traces": "[run] traces",
     "reduction_sha256": "[run] reduce",
-    "model_sha256": "the sources of the model",
 }
 """What a scenario depends on besides its parameters and its day: attribute and its name in messages."""
 
@@ -45,6 +45,8 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> M
         If something else changed on which the results depend, or the plan lacks a scenario of ``earlier``.
     """
     differs = [words for name, words in _MUST_AGREE.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))]
+    if not same_model(str(attrs.get("model_sha256")), str(earlier.attrs.get("model_sha256"))):
+        differs.append("the sources of the model")
     if differs:
         raise InputError(
             f"--extend: {' and '.join(differs)} changed, so that nothing can be kept: choose another folder with -o"
