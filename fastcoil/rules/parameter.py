@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from keyword import iskeyword
 from typing import Any
 
-from fastcoil.arguments import number_of, text_of
+from fastcoil.arguments import number_of, plain, text_of
 from fastcoil.errors import InputError, nearest, shown
 from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
@@ -58,16 +58,20 @@ def parameter(
     InputError
         If the default is no finite number within the bounds, or a text is none.
     """
-    for name, bound in (("lower", lower), ("upper", upper)):
-        if bound not in (-math.inf, math.inf):
-            number_of(name, bound, "give a number")
+    lower, upper = _bound("lower", lower), _bound("upper", upper)
     within = "" if math.isinf(upper - lower) else f" from {lower:g} to {upper:g}"
     within = within or (f" of at least {lower:g}" if math.isinf(upper) else f" of at most {upper:g}")
     number = number_of("default", default, f"give a number{within}", least=lower, most=upper)
     declared = OwnParameter(number)
     declared.unit, declared.text = text_of("unit", unit), text_of("text", text)
-    declared.lower, declared.upper = float(lower), float(upper)
+    declared.lower, declared.upper = lower, upper
     return declared
+
+
+def _bound(name: str, value: object) -> float:
+    value = plain(value)
+    infinite = isinstance(value, float) and math.isinf(value)
+    return float(value) if infinite else number_of(name, value, "give a number")  # type: ignore[arg-type]
 
 
 def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Parameter]:

@@ -46,8 +46,6 @@ class Rule:
         takes = list(inspect.signature(function).parameters.values())
         if len(takes) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in takes):
             problems.append(f"{name}: it must take three things, def {name}(now, p, memory)")
-        for what, given in (("Parameters", Parameters), ("Memory", Memory)):
-            problems += _field_problems(name, what, given)
         if problems:
             raise InputError(problems)
         defaults = Parameters._field_defaults
@@ -160,7 +158,7 @@ def estimator(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N
     InputError
         With one sentence for each mistake in the classes or the function.
     """
-    return lambda function: Rule.of("estimator", function, Parameters, Memory)
+    return _decorator("estimator", Parameters, Memory)
 
 
 def law(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes
@@ -171,7 +169,7 @@ def law(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 �
 
     Parameters and errors are as of ``fc.estimator``.
     """
-    return lambda function: Rule.of("law", function, Parameters, Memory)
+    return _decorator("law", Parameters, Memory)
 
 
 def rules_for_kernels(rules: Mapping[str, Rule]) -> Rules:
@@ -180,25 +178,31 @@ def rules_for_kernels(rules: Mapping[str, Rule]) -> Rules:
     return Rules(tuple(f for f in made if isinstance(f, Estimator)), tuple(f for f in made if isinstance(f, Law)))
 
 
+def _decorator(kind: str, Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes
+    problems = _field_problems("Parameters", Parameters) + _field_problems("Memory", Memory)
+    if problems:
+        raise InputError(problems)
+    return lambda function: Rule.of(kind, function, Parameters, Memory)
+
+
 def _is_word(name: str) -> bool:
     return any(name in PARAMETERS[kind].choices for kind in KINDS)
 
 
-def _field_problems(rule: str, what: str, given: Any) -> list[str]:
+def _field_problems(what: str, given: Any) -> list[str]:
     """What is wrong with the class of parameters or memory."""
     is_class: bool = isinstance(given, type)
     if not is_class or not hasattr(given, "_field_defaults"):
-        return [WrongType(f"{rule}: {what} is {shown(given)}: give a class made with typing.NamedTuple")]
+        return [WrongType(f"{what} is {shown(given)}: give a class made with typing.NamedTuple")]
     if not given._fields:
-        return [f"{rule}: {what} has no fields: give it one, such as {_EXAMPLES[what]}"]
+        return [f"{what} has no fields: give it one, such as {_EXAMPLES[what]}"]
     hints = getattr(given, "__annotations__", {})
     # with annotations from the future they are texts
     wrong = [n for n in given._fields if getattr(hints.get(n, float), "__forward_arg__", "float") != "float"]
     wrong += [n for n in given._fields if isinstance(hints.get(n), type) and hints[n] is not float]
     odd = [n for n, v in given._field_defaults.items() if type(v) is bool or not isinstance(v, (int, float))]
     return [
-        f"{rule}: {n} of {what} is no float: a rule works with numbers, write {n}: float"
-        for n in dict.fromkeys(wrong + odd)
+        f"{n} of {what} is no float: a rule works with numbers, write {n}: float" for n in dict.fromkeys(wrong + odd)
     ]
 
 

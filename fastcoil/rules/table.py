@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from fastcoil.errors import InputError, WrongType
 from fastcoil.parameter_table import PARAMETERS, Parameter
@@ -40,18 +42,25 @@ def without_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
         if value.kind != name:
             raise InputError(f"{name}: {value.name} is made with @fc.{value.kind}: give {value.kind} = {value.name}")
         return value.name, [value]
-    if isinstance(value, (list, tuple)):
-        parts = [without_rules(name, each) for each in value]
-        return type(value)(word for word, _ in parts), [rule for _, found in parts for rule in found]
-    array = getattr(value, "values", value)
-    if isinstance(array, np.ndarray) and array.dtype.kind == "O":
-        words, rules = without_rules(name, array.ravel().tolist())
-        named = np.array(words).reshape(array.shape)
-        return (value.copy(data=named) if array is not value else named), rules
-    if callable(value) and hasattr(value, "__code__"):
+    if inspect.isfunction(value):
         raise InputError(
             WrongType(f"{name}: {value.__name__} is a plain function: put @fc.{name}(Parameters, Memory) before it")
         )
+    if isinstance(value, (list, tuple)):
+        deep = isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], (list, tuple, np.ndarray))
+        parts = [
+            without_rules(name, each) if deep or isinstance(each, Rule) or inspect.isfunction(each) else (each, [])
+            for each in value
+        ]
+        rules = [rule for _, found in parts for rule in found]
+        words = [word for word, _ in parts]
+        return (tuple(words) if isinstance(value, tuple) else words) if rules else value, rules
+    array = value.values if isinstance(value, xr.DataArray) else value
+    if isinstance(array, np.ndarray) and array.dtype.kind == "O":
+        words, rules = without_rules(name, array.ravel().tolist())
+        if rules:
+            named = np.array(words).reshape(array.shape)
+            return (value.copy(data=named) if isinstance(value, xr.DataArray) else named), rules
     return value, []
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -61,7 +61,7 @@ class Loop:
         return cls(**PRESETS[name].values)
 
     @classmethod
-    def from_dataset(cls, ds: xr.Dataset, rules: Iterable[Rule] = ()) -> Loop:
+    def from_dataset(cls, ds: xr.Dataset, rules: Sequence[Rule] = ()) -> Loop:
         """Rebuild the loop behind a result, or behind a part of it such as ``ds.isel(backlash=3)``.
 
         A parameter that the result does not hold takes its default, with a warning: either it was added after the
@@ -74,10 +74,8 @@ class Loop:
             If ``ds`` was not made by fastcoil, or has no labels along a dimension named after a parameter.
         """
         instance_of("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
-        rules = list(rules)
-        wrong = [rule for rule in rules if not isinstance(rule, Rule)]
-        if wrong:
-            raise InputError(WrongType(f"rules: {shown(wrong[0])}: give rules, made with @fc.estimator or @fc.law"))
+        if not isinstance(rules, (list, tuple)) or not all(isinstance(rule, Rule) for rule in rules):
+            raise InputError(WrongType(f"rules = {shown(rules)}: give a list of what @fc.estimator or @fc.law made"))
         known = taken(NO_RULES, rules, ())
         table = table_of(known)
         constants = _stored_constants(ds, table)
@@ -95,7 +93,7 @@ class Loop:
             )
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
-        loop = cls().knowing(rules)
+        loop = knowing(cls(), rules)
         loop._values = constants | _defaults_of_missing(constants, swept, table)
         return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
 
@@ -111,20 +109,6 @@ class Loop:
         """
         changed = Loop.__new__(Loop)
         changed._values, changed._rules = assigned(self._values, self._rules, values)
-        return changed
-
-    def knowing(self, rules: Iterable[Rule]) -> Loop:
-        """A copy that knows rules of the user's own by their names, and has their parameters."""
-        changed = Loop.__new__(Loop)
-        changed._rules = taken(self._rules, list(rules), self._rules)
-        changed._values = with_defaults(self._values, self._rules, changed._rules)
-        return changed
-
-    def forgetting(self, names: Iterable[str]) -> Loop:
-        """A copy that does not know the rules of these names, and has none of their parameters."""
-        changed = Loop.__new__(Loop)
-        changed._rules = {n: rule for n, rule in self._rules.items() if n not in set(names)}
-        changed._values = with_defaults(self._values, self._rules, changed._rules)
         return changed
 
     @property
@@ -201,6 +185,22 @@ class Loop:
         return all(xr.DataArray(v).identical(xr.DataArray(other._values[n])) for n, v in self._values.items())
 
     __hash__ = None  # type: ignore[assignment]
+
+
+def knowing(loop: Loop, rules: Iterable[Rule]) -> Loop:
+    """A loop that knows rules of the user's own by their names, and has their parameters."""
+    return _with_rules(loop, taken(loop.rules, list(rules), loop.rules))
+
+
+def forgetting(loop: Loop, names: Collection[str]) -> Loop:
+    """A loop that does not know the rules of these names, and has none of their parameters."""
+    return _with_rules(loop, {n: rule for n, rule in loop.rules.items() if n not in names})
+
+
+def _with_rules(loop: Loop, rules: Mapping[str, Rule]) -> Loop:
+    changed = Loop.__new__(Loop)
+    changed._rules, changed._values = rules, with_defaults(dict(loop.items()), loop.rules, rules)
+    return changed
 
 
 def _stored_constants(ds: xr.Dataset, table: Mapping[str, Parameter]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import xarray as xr
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError
 from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, Scalar
-from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.loop import Loop, forgetting
 
 
 class Layout:
@@ -131,7 +131,7 @@ def _with_used_rules(loop: Loop) -> Loop:
         for rule in loop.rules.values()
         if rule not in used and all(n in read or loop[n] is p.default for n, p in rule.own.items())
     ]
-    return loop.forgetting(unused) if unused else loop
+    return forgetting(loop, unused) if unused else loop
 
 
 def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:

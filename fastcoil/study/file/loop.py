@@ -12,7 +12,7 @@ from fastcoil.errors import InputError, collecting, shown
 from fastcoil.parameter_table import INSTALLED_VALVE
 from fastcoil.rules.rule import Rule
 from fastcoil.rules.table import table_of
-from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.loop import Loop, knowing
 from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, sampled_names
 from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters
 
@@ -39,9 +39,9 @@ def build_loop(
     constants = known_parameters(constants, problems, "[loop] ", known)
     if len(file.cases) > _MOST_DIMS:
         raise InputError(f"[cases] has {len(file.cases):,} tables: give at most {_MOST_DIMS}, each is a dimension")
-    loop, axes = Loop().knowing(own.values()), {}
+    loop, axes = knowing(Loop(), own.values()), {}
     with collecting(problems, "[loop] "):
-        loop = Loop.preset(preset).knowing(own.values()).assign(**(included or {}))
+        loop = knowing(Loop.preset(preset), own.values()).assign(**(included or {}))
     valve = _valve_of_several_tables(file)
     if valve:
         # any installed valve, so that each table can change its part of it
