@@ -22,7 +22,7 @@ from fastcoil.memory import available_memory, gib
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.scenarios import columns_of
+from fastcoil.simulation.scenarios import columns_of, words_used
 
 _WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))
 _ROUND_OFF = 1e-6
@@ -79,10 +79,9 @@ def replay(
         log = check(log_of, "log", log)
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
         check(max_gap_of, max_gap)
-        if isinstance(loop, Loop) and loop.rules:
-            check.problems.append(
-                f"loop has the rule {next(iter(loop.rules))}: replay knows the PI and the inverse alone"
-            )
+        if isinstance(loop, Loop):
+            used = [name for name, rule in loop.rules.items() if name in words_used(loop, rule.kind)]
+            check.problems += [f"loop has the rule {name}: replay knows the PI and the inverse alone" for name in used]
         check(require_mappings, columns=columns, units=units, constants=constants)
     data = read_log(
         log,

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import xarray as xr
 from helpers.rules import Memory, Parameters, by_error, own_pi
 
 import fastcoil as fc
@@ -197,3 +198,9 @@ def test_a_parameter_of_the_loop_that_is_read_must_be_given():
     rule = fc.estimator(declared(plant_gain=None), Memory)(fine)
     with pytest.raises(fc.InputError, match="fine reads plant_gain, which the loop does not give: give plant_gain"):
         fc.simulate(fc.Loop(estimator=rule), fc.constant_day(hours=1))
+
+
+def test_a_replay_knows_no_rules():
+    log = xr.Dataset({"T_sup": ("elapsed_time", np.full(90, 14.0)), "T_set": ("elapsed_time", np.full(90, 14.0))})
+    with pytest.raises(fc.InputError, match="loop has the rule own_pi: replay knows the PI and the inverse alone"):
+        fc.replay(fc.Loop(law=own_pi), log)
