@@ -165,6 +165,11 @@ def test_an_extension_keeps_what_its_rules_did_not_change(path, tmp_path):
     assert finished.n_run == 3
     np.testing.assert_array_equal(finished.results.rmse.sel(noise_std=[0.0, 0.02]), before)
     finished.results.close()
+    text = path.read_text()
+    path.write_text(text.replace("gain = 1e-3", "gain = 5e-3"))
+    with pytest.raises(InputError, match="are no longer in the study"):
+        execute(read_study(path), out, n_jobs=1, extend=True)
+    path.write_text(text)
     mine = path.parent / "mine.py"
     mine.write_text(mine.read_text().replace("abs(now.e)", "0.5"))
     path.write_text(path.read_text().replace("0.04]", "0.04, 0.05]"))
