@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from fastcoil.analysis.check_rule import check_rule as check_rule
     from fastcoil.analysis.compare import compare as compare
     from fastcoil.analysis.sobol import sobol_indices as sobol_indices
     from fastcoil.boundary import Boundary as Boundary
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from fastcoil.errors import IntegrityError as IntegrityError
     from fastcoil.errors import LockedError as LockedError
     from fastcoil.errors import StorageError as StorageError
+    from fastcoil.rules.parameter import parameter as parameter
+    from fastcoil.rules.rule import estimator as estimator
+    from fastcoil.rules.rule import law as law
     from fastcoil.simulation.loop import Loop as Loop
     from fastcoil.simulation.presets import presets as presets
     from fastcoil.simulation.simulate import simulate as simulate
@@ -43,13 +47,17 @@ _HOME = {
     "LockedError": "errors",
     "Loop": "simulation.loop",
     "StorageError": "errors",
+    "check_rule": "analysis.check_rule",
     "compare": "analysis.compare",
     "constant_day": "boundary.days",
     "design_day": "boundary.days",
+    "estimator": "rules.rule",
     "fit_coil": "calibrate.coil",
     "fit_valve": "calibrate.valve",
+    "law": "rules.rule",
     "open_study": "study.folder.results",
     "paper_day": "boundary.days",
+    "parameter": "rules.parameter",
     "presets": "simulation.presets",
     "replay": "calibrate.replay",
     "run_study": "study.runner",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fastcoil.errors import InputError, WrongType, nearest, shown
@@ -158,6 +159,8 @@ _TABLE = (
     _positive("plant_gain", "controller", "K", None,
               "change of the supply temperature per full stroke that the controller reckons with",
               label="reckoned plant gain"),
+    Parameter("law", "controller", "", "pi", "what decides the opening that the controller asks for",
+              choices=("pi",), label="control law"),
     Parameter("backlash_estimate", "inverse", "1", 0.0,
               "backlash that the inverse assumes; 0 = plain PI; the learner starts here and never goes below it",
               0.0, 1.0, open_upper=True, label="backlash estimate"),
@@ -255,11 +258,11 @@ INSTALLED_VALVE = ("rangeability", "authority", "m_full")
 RESERVED_DIMS = ("sample", "replicate", "day", "controller", "tuning", "volume", "elapsed_time")
 
 
-def check_name(name: str) -> str:
-    """Return ``name`` if it is a parameter, else raise ``InputError`` with the nearest known one."""
+def check_name(name: str, known: Mapping[str, Parameter] = PARAMETERS) -> str:
+    """Return ``name`` if it is a parameter, one of ``known``, else raise ``InputError`` with the nearest of them."""
     if not isinstance(name, str):
         raise InputError(WrongType(f"{shown(name)} is not the name of a parameter (see `fastcoil parameters`)"))
-    if name not in PARAMETERS:
+    if name not in known:
         text = name if name.isidentifier() and len(name) < 60 else shown(name)
-        raise InputError(f"{text} is not a parameter{nearest(name, PARAMETERS)} (see `fastcoil parameters`)")
+        raise InputError(f"{text} is not a parameter{nearest(name, known)} (see `fastcoil parameters`)")
     return name

@@ -23,7 +23,7 @@ from fastcoil.outputs import TRACES
 from fastcoil.simulation.control_problems import control_problems
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.scenarios import columns_of, missing_parameters
+from fastcoil.simulation.scenarios import columns_of, missing_parameters, words_used
 
 _WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))
 _ROUND_OFF = 1e-6
@@ -80,6 +80,9 @@ def replay(
         log = check(log_of, "log", log)
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
         check(max_gap_of, max_gap)
+        if isinstance(loop, Loop):
+            used = [name for name, rule in loop.rules.items() if name in words_used(loop, rule.kind)]
+            check.problems += [f"loop has the rule {name}: replay knows the PI and the inverse alone" for name in used]
         check(require_mappings, columns=columns, units=units, constants=constants)
     if missing := missing_parameters(loop):
         raise InputError(missing)

@@ -69,7 +69,7 @@ def run(
 
     folder = out or default_folder(study)
     chosen = resolve_backend(backend, engine)
-    asked = read_study(study, prepare_reduction=run_own_code)
+    asked = read_study(study, prepare=run_own_code)
 
     def progress(n_todo: int) -> Advance:
         announce_compilation()
@@ -115,7 +115,7 @@ def plan(study: Path, jobs: int | None) -> None:
 
     n_jobs = workers(jobs)
     start = time.perf_counter()
-    asked = read_study(study, prepare_reduction=run_own_code)
+    asked = read_study(study, prepare=run_own_code)
     reading = time.perf_counter() - start
     planned, traces_kept = asked.plan, asked.reduction is None
     check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))
@@ -186,7 +186,7 @@ def rerun(folder: Path, at: str) -> None:
     if twice:
         raise InputError(twice)
     announce_compilation()
-    path, found = maintenance.rerun(folder, {dim.strip(): label.strip() for dim, label in pairs})
+    path, found = maintenance.rerun(folder, {dim.strip(): label.strip() for dim, label in pairs}, run_own_code)
     say(*found)
     say(f"Traces:  {path}")
 

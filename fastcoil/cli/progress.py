@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from fastcoil.cli.terminal import say
 
 if TYPE_CHECKING:
-    from fastcoil.study.file.reduction import Reduction
+    from fastcoil.study.file.source import Source
     from fastcoil.study.runner import Advance
 
 _SECONDS_BETWEEN_LINES = 10.0
@@ -23,13 +23,13 @@ def announce_compilation(kernel: str = "emulate") -> None:
         say("Compiling the kernels, once per installation: about 10 s …", err=True)
 
 
-def run_own_code(reduction: Reduction) -> None:
+def run_own_code(what: str, source: Source) -> object:
     """Run the module of a study's own function, and say so before."""
-    from fastcoil.study.workers.reduce import load_function
+    from fastcoil.study.workers.own_code import load
 
-    function = reduction.name.partition(":")[2]
-    say(f"This study runs code of its own: {function} from {reduction.path.absolute()}.", err=True)
-    load_function(reduction)
+    function = source.name.partition(":")[2]
+    say(f"This study runs code of its own: {function} from {source.path.absolute()}.", err=True)
+    return load(what, source)
 
 
 def report_progress(n: int, done: int = 0) -> Advance:

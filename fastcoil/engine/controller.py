@@ -11,6 +11,7 @@ import numpy as np
 from fastcoil.control.buffer import median_difference, noise_buffer, noise_level
 from fastcoil.control.compensation import additive, smooth
 from fastcoil.control.inverse import direction, extreme, inverse
+from fastcoil.control.law import Law
 from fastcoil.control.pi import desired_opening, holds, integrated, sample_number
 from fastcoil.engine.rows import LANES, R
 from fastcoil.estimators.family import Estimator
@@ -35,16 +36,19 @@ class Control(NamedTuple):
 
     is_watched: bool = False
     """An estimator wants to know what was measured."""
+    has_law: bool = False
+    """Another law than the PI decides u; it has no integral."""
     has_dead_band: bool = False
     is_additive: bool = False
     is_smooth: bool = False
     measures_noise: bool = False
 
     @classmethod
-    def of(cls, estimator: Estimator | None, row: Mapping[str, np.ndarray]) -> Control:
-        """For a block whose lanes have this estimator and these parameters."""
+    def of(cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]) -> Control:
+        """For a block whose lanes have this estimator, this law, ``None`` for the PI, and these parameters."""
         return cls(
             is_watched=estimator is not None and estimator.periods is None,
+            has_law=law is not None,
             has_dead_band=bool(np.any(row["error_dead_band"] > 0.0)),
             is_additive=bool(np.any(row["compensation"] == ADDITIVE)),
             is_smooth=bool(np.any(row["compensation"] == SMOOTH)),
@@ -85,7 +89,8 @@ def control(S, t, T_set, noise, enabled, counts_switches, parts):
         e = S[R.sign + j] * (y - T_set)
         due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
         integral = integrated(S[R.integral + j], e, S[R.ki + j])
-        u = desired_opening(e, integral, S[R.kp + j])
+        u = S[R.decided + j] if parts.has_law else desired_opening(e, integral, S[R.kp + j])
+        integral = 0.0 if parts.has_law else integral
         acts = due
         if parts.has_dead_band:
             acts = due and not holds(e, S[R.error_dead_band + j])

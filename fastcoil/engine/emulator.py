@@ -16,6 +16,7 @@ import numpy as np
 from fastcoil.engine.controller import PLAIN, call_control, control, draw_noise
 from fastcoil.engine.estimation import call_estimator
 from fastcoil.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
+from fastcoil.engine.law import call_law
 from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
 from fastcoil.engine.plant import air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
 from fastcoil.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, positions
@@ -53,10 +54,10 @@ def record(S, V, rows, traces):
 
 
 @kernel
-def emulate(rows, common, day, S, V, own, metrics, status, traced_rows, rows_after, trace_interval, traces):
+def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows, rows_after, trace_interval, traces):
     """Run the lanes of a block through a day.
 
-    rows, common: of a Block; day: Day; S, V, own: work space, see ``work_space``.
+    rows, common: of a Block; day: Day; S, V, own, own_law: work space, see ``work_space``.
     metrics: out, (N_METRICS, LANES); status: out, (LANES,).
     traced_rows, rows_after: offsets of the traced rows known before, and only after, the march of step t.
     traces: out, (n_points, n_rows + n_rows_after, LANES), the sample at every ``trace_interval`` seconds.
@@ -70,6 +71,9 @@ def emulate(rows, common, day, S, V, own, metrics, status, traced_rows, rows_aft
     estimates = common.estimate != BUILT_IN and not open_loop
     if estimates:
         call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
+    has_law = common.law != BUILT_IN and not open_loop
+    if has_law:
+        call_law(common.law, (S, own_law, 0.0, 0.0, 0.0, 0.0, True, True))
 
     shared = common.shares_air_side
     eps = np.empty((2, n_steps if shared else 0))
@@ -96,6 +100,8 @@ def emulate(rows, common, day, S, V, own, metrics, status, traced_rows, rows_aft
             if estimates and t > 0 and t % common.estimating_period == 0:
                 call_estimator(common.estimate, (S, own, float(t), T_set, m_a, enabled, False))
             if samples or was_enabled != enabled:
+                if has_law:
+                    call_law(common.law, (S, own_law, float(t), T_set, noise, m_a, enabled, False))
                 counts = 1.0 if flags & IN_SWITCH_BLOCK else 0.0
                 if common.control == BUILT_IN:
                     control(S, t, T_set, noise, enabled, counts, PLAIN)

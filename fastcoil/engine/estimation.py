@@ -13,7 +13,7 @@ import numpy as np
 
 from fastcoil.control.pi import clipped, sample_number
 from fastcoil.engine.rows import LANES, R
-from fastcoil.estimators.family import Estimator, Sample
+from fastcoil.estimators.family import Estimator, Sample, defaults_of
 from fastcoil.numerics.jit import exact, section
 from fastcoil.numerics.stages import FLAG, NUMBER, ROWS, Kind, keep, values_at
 
@@ -32,7 +32,8 @@ def within(x_hat, x_bl):
 @section
 def adopt(S, j, t, x_hat):
     """Take over lane j's new estimate, and note since when the estimate has been right."""
-    x_hat = clipped(x_hat)
+    # once no number, always none, so that the status says so at the end
+    x_hat = S[R.estimate + j] if np.isnan(S[R.estimate + j]) else clipped(x_hat)
     right = within(x_hat, S[R.backlash + j])
     since = S[R.time_identified + j]
     since = since if since <= t else t
@@ -48,7 +49,7 @@ def estimator_stage(estimator: Estimator) -> Any:
     own: its parameters, then its memory, (n_parameters + n_memory) * LANES.  With ``begins`` it only fills the memory.
     """
     step, start, confirms = _compiled(estimator.step), _compiled(estimator.start), _compiled(estimator.confirms)
-    Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, _defaults(estimator)
+    Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, defaults_of(estimator.Memory)
     memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None
     has_start, has_confirms = start is not None, confirms is not None
 
@@ -79,13 +80,8 @@ def estimator_stage(estimator: Estimator) -> Any:
                 S[R.time_reached + j] = reached
                 S[R.time_confirmed + j] = confirmed
 
-    return ESTIMATE.compiled(estimate, estimator.name)
+    return ESTIMATE.compiled(estimate, estimator.identity or estimator.name)
 
 
 def _compiled(function: Any) -> Any:
     return function if function is None or hasattr(function, "py_func") else exact(function)
-
-
-def _defaults(estimator: Estimator) -> tuple[float, ...]:
-    """Where the memory starts without a function ``start``."""
-    return tuple(float(estimator.Memory._field_defaults.get(n, 0.0)) for n in estimator.Memory._fields)

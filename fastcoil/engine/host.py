@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.engine.emulator import DAY_COLUMNS, C, Day, emulate
-from fastcoil.engine.lanes import Block, blocks, memory_of, parameter_matrix, trace_rows, work_space
+from fastcoil.engine.lanes import Block, blocks, memory_of, parameter_matrix, room_for, trace_rows, work_space
 from fastcoil.engine.metrics import N_METRICS, OF_ESTIMATORS
 from fastcoil.engine.rows import LANES, VOLUME_ROWS
 from fastcoil.engine.schedule import schedule
@@ -40,8 +40,10 @@ def run_block(block: Block, day: Day, wanted: TraceRequest) -> tuple[np.ndarray,
     n_points = wanted.n_points(day.series.shape[0])
     traces = np.empty((n_points, rows.size + rows_after.size, LANES))
     metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
+    own_law = room_for(block.law, block.for_law)
     S, V, own = work_space(block)
-    emulate(block.rows, block.common, day, S, V, own, metrics, status, rows, rows_after, wanted.interval, traces)
+    work = (S, V, own, own_law)
+    emulate(block.rows, block.common, day, *work, metrics, status, rows, rows_after, wanted.interval, traces)
     for name, values in _of_estimator(block, own, day.command.size > 0).items():
         metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 

@@ -7,8 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fastcoil.control.law import Law
 from fastcoil.engine.controller import Control, control_stage
 from fastcoil.engine.estimation import estimator_stage
+from fastcoil.engine.law import law_stage
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.engine.stem import Stem, stem_stage
 from fastcoil.estimators.family import Estimator
@@ -18,17 +20,39 @@ from fastcoil.parameter_table import PARAMETERS
 
 Columns = Mapping[str, np.ndarray]
 """Parameter name → one value per scenario; words as words, NaN where a stand-in is not given."""
-KIND = ("estimator", "air_march", "n_volumes")
-"""Parameters of which a block has one value.  Lanes of different estimators never share a block."""
+KIND = ("law", "estimator", "air_march", "n_volumes")
+"""Parameters of which a block has one value.  Lanes of different estimators or laws never share a block."""
 _CACHE_LINE = 8
 """Doubles in a cache line of 64 bytes."""
+
+
+class Rules(NamedTuple):
+    """Rules of the user's own: their number as an estimator, or a law, follows those of the package."""
+
+    estimators: tuple[Estimator, ...] = ()
+    laws: tuple[Law, ...] = ()
+
+    def words(self, name: str) -> tuple[str, ...]:
+        """The words for the parameter ``estimator`` or ``law``, by number; for another, its choices."""
+        more: dict[str, tuple[Estimator | Law, ...]] = {"estimator": self.estimators, "law": self.laws}
+        return (*PARAMETERS[name].choices, *(rule.name for rule in more.get(name, ())))
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Names of the parameters that no loop has without these rules: the last rows of a matrix."""
+        rules: tuple[Estimator | Law, ...] = (*self.estimators, *self.laws)
+        names = [n for rule in rules for n in rule.Parameters._fields if n not in PARAMETERS]
+        return tuple(dict.fromkeys(names))
+
+
+NO_RULES = Rules()
 
 
 class Common(NamedTuple):
     """What the lanes of a block have in common, for the kernel.
 
     Periods are common divisors of the lanes' own, s (0 = nothing is estimated).  Flags say what the whole block may
-    skip or share; they change no lane's bits.  The last three are stages.
+    skip or share; they change no lane's bits.  The last four are stages.
     """
 
     n_volumes: int
@@ -40,26 +64,34 @@ class Common(NamedTuple):
     shares_air_side: bool
     leaks: bool
     estimate: Any
+    law: Any
     control: Any
     stem: Any
 
 
 class Block(NamedTuple):
-    """LANES scenarios that share a day and all of KIND; ``rows`` is (len(PARAMETER_ROWS), LANES)."""
+    """LANES scenarios that share a day and all of KIND.
+
+    rows: (len(PARAMETER_ROWS), LANES), below them the rules' own parameters.  for_estimator, for_law: the parameters
+    that these read.
+    """
 
     rows: np.ndarray
     common: Common
     estimator: Estimator | None
+    law: Law | None
+    for_estimator: np.ndarray
+    for_law: np.ndarray
 
 
-def blocks(matrix: np.ndarray) -> list[tuple[np.ndarray, Block]]:
+def blocks(matrix: np.ndarray, rules: Rules = NO_RULES) -> list[tuple[np.ndarray, Block]]:
     """Cut scenarios of one day into blocks: (index of the scenario in each used lane, block).
 
-    matrix: (len(PARAMETER_ROWS), n), see ``parameter_matrix``.  Scenarios that share all of KIND are sorted by
+    matrix, rules: see ``parameter_matrix``.  Scenarios that share all of KIND are sorted by
     sample time, so that most blocks sample in step; the last block of each kind is padded with copies of its last
     scenario.
     """
-    row = _by_name(matrix)
+    row = _by_name(matrix, rules)
     order = np.lexsort([row[name] for name in ("learning_interval", "sample_time", *KIND)])
     kind = np.stack([row[name] for name in KIND])[:, order]
     starts = np.flatnonzero(np.any(np.diff(kind, axis=1, prepend=-1.0) != 0.0, axis=0))
@@ -68,7 +100,7 @@ def blocks(matrix: np.ndarray) -> list[tuple[np.ndarray, Block]]:
         for start in range(0, group.size, LANES):
             members = group[start : start + LANES]
             padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
-            cut.append((members, _block(np.ascontiguousarray(matrix[:, padded]))))
+            cut.append((members, _block(np.ascontiguousarray(matrix[:, padded]), rules)))
     return cut
 
 
@@ -87,29 +119,30 @@ def run_sets(matrix: np.ndarray, run: Callable[[Block], Sequence[np.ndarray]]) -
     return found
 
 
-def parameter_matrix(columns: Columns) -> np.ndarray:
-    """The columns as numbers, (len(PARAMETER_ROWS), n): a word becomes the index of its choice."""
-    matrix = np.stack([_numbers(name, columns[name]) for name in PARAMETER_ROWS])
-    row = _by_name(matrix)
+def parameter_matrix(columns: Columns, rules: Rules = NO_RULES) -> np.ndarray:
+    """The columns as numbers, (len(PARAMETER_ROWS), n), a word as the index of its choice; the rules' own below."""
+    matrix = np.stack([_numbers(name, columns[name], rules) for name in (*PARAMETER_ROWS, *rules.own)])
+    row = _by_name(matrix, rules)
     given = row["estimate_ratio"] >= 0.0
     np.copyto(row["backlash_estimate"], row["estimate_ratio"] * row["backlash"], where=given)
     return matrix
 
 
-def _numbers(name: str, values: np.ndarray) -> np.ndarray:
+def _numbers(name: str, values: np.ndarray, rules: Rules) -> np.ndarray:
     if name in PARAMETERS and PARAMETERS[name].is_word:
-        choices = np.array(PARAMETERS[name].choices)
+        choices = np.array(rules.words(name))
         return np.asarray((values[:, None] == choices) @ np.arange(choices.size), dtype=float)
     return np.asarray(values, dtype=float)
 
 
-def _by_name(matrix: np.ndarray) -> dict[str, np.ndarray]:
-    return dict(zip(PARAMETER_ROWS, matrix, strict=True))
+def _by_name(matrix: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
+    return dict(zip((*PARAMETER_ROWS, *rules.own), matrix, strict=True))
 
 
-def _block(rows: np.ndarray) -> Block:
-    row = _by_name(rows)
-    estimator = ESTIMATORS[int(row["estimator"][0])]
+def _block(rows: np.ndarray, rules: Rules) -> Block:
+    row = _by_name(rows, rules)
+    estimator = (*ESTIMATORS, *rules.estimators)[int(row["estimator"][0])]
+    law = (None, *rules.laws)[int(row["law"][0])]
     common = Common(
         n_volumes=int(row["n_volumes"][0]),
         lagged_air=bool(row["air_march"][0] == 0.0),
@@ -120,10 +153,17 @@ def _block(rows: np.ndarray) -> Block:
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
         leaks=bool(np.any(row["leakage"] >= 0.0)),
         estimate=BUILT_IN if estimator is None else estimator_stage(estimator),
-        control=control_stage(Control.of(estimator, row)),
+        law=BUILT_IN if law is None else law_stage(law),
+        control=control_stage(Control.of(estimator, law, row)),
         stem=stem_stage(Stem.of(row)),
     )
-    return Block(rows, common, estimator)
+    return Block(rows, common, estimator, law, _read_by(estimator, row), _read_by(law, row))
+
+
+def _read_by(rule: Estimator | Law | None, row: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The parameters that a rule reads, (n, LANES)."""
+    names = () if rule is None else rule.Parameters._fields
+    return np.array([row[name] for name in names]).reshape(len(names), LANES)
 
 
 def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | None) -> int:
@@ -136,14 +176,16 @@ def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | Non
 
 def work_space(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The flat states S, V and own of one block: uninitialised, but for the parameters of the estimator in own."""
-    estimator = block.estimator
-    names = () if estimator is None else estimator.Parameters._fields
-    own = _aligned(LANES * (0 if estimator is None else len(names) + len(estimator.Memory._fields)))
-    row = _by_name(block.rows)
-    for k, name in enumerate(names):
-        own[k * LANES : (k + 1) * LANES] = row[name]
-    own[len(names) * LANES :] = 0.0
+    own = room_for(block.estimator, block.for_estimator)
     return _aligned(len(R) * LANES), _aligned((block.common.n_volumes + 2) * VOLUME_STRIDE), own
+
+
+def room_for(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
+    """The parameters of a rule and, behind them, room for its memory."""
+    own = _aligned(parameters.size + (0 if rule is None else LANES * len(rule.Memory._fields)))
+    own[: parameters.size] = parameters.ravel()
+    own[parameters.size :] = 0.0
+    return own
 
 
 def memory_of(block: Block, own: np.ndarray) -> Any:

@@ -105,7 +105,8 @@ def watch(S, V, n_volumes):
 def status_of(S, V, j, n_volumes):
     """0 ok, 1 non-finite, 2 out of range.  A lane that was once inf or NaN never becomes finite again."""
     total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j] + S[R.command + j]
-    total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j]  # an open loop has no integral
+    # an open loop has none of these
+    total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j] + S[R.u + j] + S[R.estimate + j]
     for i in range(1, n_volumes + 1):
         v = i * VOLUME_STRIDE + j
         total += V[v + T_W] + V[v + T_C] + V[v + T_A] + V[v + W_A]

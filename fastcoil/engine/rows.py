@@ -27,8 +27,8 @@ DERIVED_ROWS = (
 STATE_ROWS = (
     # sensor
     "y_s", "noise", "noise_next", "measured",
-    # PI, inverse
-    "u", "integral", "mode", "u_ext", "command",
+    # what a law that is not the PI decided; PI, inverse
+    "decided", "u", "integral", "mode", "u_ext", "command",
     # what the estimator sees of the last sample; the estimate, and what the inverse assumes of it
     "T_seen", "e_seen", "switches", "estimate", "assumed",
     # noise measured on line: readings so far, the last two errors, median size of second differences

@@ -54,6 +54,11 @@ class Sample(NamedTuple):
     """The estimate so far, fraction of stroke."""
 
 
+def defaults_of(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class
+    """Where a memory starts: the defaults of its fields, 0 for one without."""
+    return tuple(float(Memory._field_defaults.get(n, 0.0)) for n in Memory._fields)
+
+
 @dataclass(frozen=True)
 class Estimator:
     """A rule that finds the backlash estimate.
@@ -68,6 +73,7 @@ class Estimator:
     confirms: (t, Parameters, Memory, true backlash, reached, confirmed) → (reached, confirmed), the times at which an
     estimate that moves in steps reached the true backlash and stepped back from it.
     results: Memory of arrays, one value per lane, at the end of a run → metrics by name.
+    identity: all that decides what a user's own rule does, in words; empty for those of the package.
     """
 
     name: str
@@ -78,3 +84,4 @@ class Estimator:
     periods: Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None
     confirms: Any = None
     results: Callable[[Any], dict[str, np.ndarray]] | None = None
+    identity: str = ""

@@ -26,6 +26,7 @@ import platform
 import sys
 from collections.abc import Callable
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from numba.core import config
 from numba.extending import intrinsic
 
 from fastcoil.numerics.kernel_cache import KernelCache, has_kernel, kernel_folder
+from fastcoil.parameter_table import PARAMETERS
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _SETTINGS = (
@@ -44,6 +46,8 @@ _SETTINGS = (
     "OPT", "SLP_VECTORIZE",
 )  # fmt: skip
 """Settings of Numba, from the environment or its configuration file, that decide what is compiled."""
+SHIPPED = PARAMETERS["estimator"].choices
+"""Estimators of the package: each has a file of its name, but for the word none."""
 JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
@@ -91,15 +95,31 @@ else:
 
 
 @cache
-def model_sha256() -> str:
-    """Hash of the sources that decide the results of a simulation: not of the cache, which only keeps them."""
+def model_sha256(estimators: frozenset[str] | None = None) -> str:
+    """Hash of the sources that decide the results of a simulation: not of the cache, which only keeps them.
+
+    estimators: those of the package that the simulation has, all by default; the file of another decides nothing.
+    """
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
+    unused = set() if estimators is None else set(SHIPPED) - estimators
     for part in ("parameter_table.py", "outputs.py", "numerics", "physics", "control", "estimators", "engine"):
         for source in sorted((package / part).rglob("*.py")) or [package / part]:
-            if source.name != "kernel_cache.py":
-                digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes())
+            name = source.relative_to(package).as_posix()
+            if source.name != "kernel_cache.py" and name not in {f"estimators/{each}.py" for each in unused}:
+                digest.update(name.encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()
+
+
+def is_model(sha256: str) -> bool:
+    """Whether a hash is that of these sources, with whichever estimators."""
+    some = (combinations(SHIPPED, n) for n in range(len(SHIPPED) + 1))
+    return any(model_sha256(frozenset(names)) == sha256 for of_size in some for names in of_size)
+
+
+def same_model(one: str, other: str) -> bool:
+    """Whether two hashes are of one model, perhaps with other estimators of it."""
+    return one == other or (is_model(one) and is_model(other))
 
 
 @cache

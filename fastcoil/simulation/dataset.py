@@ -17,7 +17,7 @@ import xarray as xr
 from fastcoil.errors import InputError, IntegrityError, shown
 from fastcoil.numerics.jit import compiled_for
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
-from fastcoil.parameter_table import PARAMETERS
+from fastcoil.parameter_table import PARAMETERS, Parameter
 from fastcoil.simulation.scenarios import Layout
 from fastcoil.version import package_version
 
@@ -163,7 +163,7 @@ def unflatten(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
         name: ((*dims, *v.dims[1:]), v.values.reshape((*shape, *v.shape[1:])), v.attrs)
         for name, v in whole.data_vars.items()
     }
-    labels = {n: c.assign_attrs(coordinate_attrs(n)) for n, c in layout.coordinates().items()}
+    labels = {n: c.assign_attrs(coordinate_attrs(n, layout.loop.parameters)) for n, c in layout.coordinates().items()}
     return xr.Dataset(variables, coords=labels | dict(whole.coords))
 
 
@@ -179,10 +179,10 @@ def attributes(output: Output) -> dict[str, Any]:
     return attrs
 
 
-def coordinate_attrs(name: str) -> dict[str, str]:
+def coordinate_attrs(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> dict[str, str]:
     """CF attributes of a coordinate: a parameter, a reserved dimension, or a user's own."""
-    if name in PARAMETERS:
-        parameter = PARAMETERS[name]
+    if name in table:
+        parameter = table[name]
         units = {"units": parameter.unit} if parameter.unit else {}
         return {"long_name": parameter.label, **units, "comment": parameter.text}
     return dict(_DIM_ATTRS.get(name, {"long_name": name}))

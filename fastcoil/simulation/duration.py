@@ -9,6 +9,7 @@ import numpy as np
 from fastcoil.engine.emulator import Day
 from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import Block, blocks, parameter_matrix
+from fastcoil.rules.rule import rules_for_kernels
 from fastcoil.simulation.plan import Plan
 
 _SHARDS_TIMED, _STEPS_TIMED = 3, 28_800
@@ -33,8 +34,10 @@ def _seconds_of(plan: Plan, shard: np.ndarray) -> float:
     blocks(parameter_matrix(plan.layout.columns(shard)))  # compiles, once, what its blocks call
     start = time.perf_counter()
     columns = plan.layout.columns(shard)
-    matrix = parameter_matrix(columns)
-    made = [block for k in np.unique(columns["day"]) for _, block in blocks(matrix[:, columns["day"] == k])]
+    rules = rules_for_kernels(plan.layout.loop.rules)
+    matrix = parameter_matrix(columns, rules)
+    of_days = [matrix[:, columns["day"] == k] for k in np.unique(columns["day"])]
+    made = [block for of_day in of_days for _, block in blocks(of_day, rules)]
     seconds = time.perf_counter() - start
     start = time.perf_counter()
     day = plan.days[int(columns["day"][0])]

@@ -8,23 +8,24 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.arguments import instance_of
-from fastcoil.errors import InputError, WrongType, collecting, nearest, shown
+from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import METRICS
-from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS, STAND_INS, Scalar, check_name
+from fastcoil.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar, check_name
+from fastcoil.rules.rule import KINDS, Rule
+from fastcoil.rules.table import NO_RULES, table_of, taken, with_defaults
+from fastcoil.simulation.assignment import assigned
 from fastcoil.simulation.parameter_values import checked_value
 from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.signature import UNCHANGED, describe_parameters, take_parameters
 
 _DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
-_VALVE_CURVE = STAND_INS["rangeability"]
-_ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
 
 
 @describe_parameters
@@ -41,12 +42,13 @@ class Loop:
     {'backlash': 3, 'tuning': 2}
     """
 
-    __slots__ = ("_values",)
+    __slots__ = ("_rules", "_values")
     _values: dict[str, Scalar | xr.DataArray]
+    _rules: Mapping[str, Rule]
 
     @take_parameters(_DEFAULTS)
     def __init__(self, **values: Any) -> None:
-        self._values = _assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, values)
+        self._values, self._rules = assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values)
 
     @classmethod
     def preset(cls, name: str) -> Loop:
@@ -59,11 +61,12 @@ class Loop:
         return cls(**PRESETS[name].values)
 
     @classmethod
-    def from_dataset(cls, ds: xr.Dataset) -> Loop:
+    def from_dataset(cls, ds: xr.Dataset, rules: Sequence[Rule] = ()) -> Loop:
         """Rebuild the loop behind a result, or behind a part of it such as ``ds.isel(backlash=3)``.
 
         A parameter that the result does not hold takes its default, with a warning: either it was added after the
-        result was made, or its coordinate was dropped, as by ``ds.isel(backlash=3, drop=True)``.
+        result was made, or its coordinate was dropped, as by ``ds.isel(backlash=3, drop=True)``.  A result holds the
+        names of rules of your own, not their code: give ``rules=[my_rule]``.
 
         Raises
         ------
@@ -71,14 +74,18 @@ class Loop:
             If ``ds`` was not made by fastcoil, or has no labels along a dimension named after a parameter.
         """
         instance_of("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
-        constants = _stored_constants(ds)
+        if not isinstance(rules, (list, tuple)) or not all(isinstance(rule, Rule) for rule in rules):
+            raise InputError(WrongType(f"rules = {shown(rules)}: give a list of what @fc.estimator or @fc.law made"))
+        known = taken(NO_RULES, rules, ())
+        table = table_of(known)
+        constants = _stored_constants(ds, table)
         dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
-        unlabelled = [d for d in dims if d in PARAMETERS and d not in ds.coords]
+        unlabelled = [d for d in dims if d in table and d not in ds.coords]
         if unlabelled:
             raise InputError(
                 [f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled]
             )
-        names = [n for n in ds.coords if n in PARAMETERS]
+        names = [n for n in ds.coords if n in table]
         stray = [n for n in names if not set(ds[n].dims) <= set(dims)]
         if stray:
             raise InputError(
@@ -86,8 +93,8 @@ class Loop:
             )
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
-        loop = cls()
-        loop._values = constants | _defaults_of_missing(constants, swept)
+        loop = knowing(cls(), rules)
+        loop._values = constants | _defaults_of_missing(constants, swept, table)
         return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
 
     @take_parameters(dict.fromkeys(PARAMETERS, UNCHANGED))
@@ -101,12 +108,22 @@ class Loop:
             zipped parameter of another length.
         """
         changed = Loop.__new__(Loop)
-        changed._values = _assigned(self._values, values)
+        changed._values, changed._rules = assigned(self._values, self._rules, values)
         return changed
+
+    @property
+    def rules(self) -> Mapping[str, Rule]:
+        """The rules of the user's own by name, those that are no longer used included."""
+        return self._rules
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Every parameter that this loop may have: those of ``fc.parameters()``, then its rules' own."""
+        return table_of(self._rules)
 
     def __getitem__(self, name: str) -> Scalar | xr.DataArray | None:
         """Value of a parameter; ``None`` for one that is not given."""
-        return self._values.get(check_name(name))
+        return self._values.get(check_name(name, self.parameters))
 
     def items(self) -> Iterable[tuple[str, Scalar | xr.DataArray]]:
         """(name, value) of every parameter that is given."""
@@ -154,23 +171,39 @@ class Loop:
     def __repr__(self) -> str:
         lines = [f"  {dim}: {size}" for dim, size in self.sizes.items()]
         text = ["<fastcoil.Loop>"] + (["Dimensions:", *lines] if lines else [])
-        differs = []
+        differs, table = [], self.parameters
         for name, value in self._values.items():
             if isinstance(value, xr.DataArray):
                 differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_brief(value.values)}")
-            elif value != _DEFAULTS[name]:
-                differs.append(f"  {PARAMETERS[name].equation(value)}")
+            elif value != table[name].default:
+                differs.append(f"  {table[name].equation(value)}")
         return "\n".join(text + (["Differs from paper_like:", *differs] if differs else ["paper_like"]))
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Loop) or self._values.keys() != other._values.keys():
+        if not isinstance(other, Loop) or self._values.keys() != other._values.keys() or self._rules != other._rules:
             return False
         return all(xr.DataArray(v).identical(xr.DataArray(other._values[n])) for n, v in self._values.items())
 
     __hash__ = None  # type: ignore[assignment]
 
 
-def _stored_constants(ds: xr.Dataset) -> dict[str, Any]:
+def knowing(loop: Loop, rules: Iterable[Rule]) -> Loop:
+    """A loop that knows rules of the user's own by their names, and has their parameters."""
+    return _with_rules(loop, taken(loop.rules, list(rules), loop.rules))
+
+
+def forgetting(loop: Loop, names: Collection[str]) -> Loop:
+    """A loop that does not know the rules of these names, and has none of their parameters."""
+    return _with_rules(loop, {n: rule for n, rule in loop.rules.items() if n not in names})
+
+
+def _with_rules(loop: Loop, rules: Mapping[str, Rule]) -> Loop:
+    changed = Loop.__new__(Loop)
+    changed._rules, changed._values = rules, with_defaults(dict(loop.items()), loop.rules, rules)
+    return changed
+
+
+def _stored_constants(ds: xr.Dataset, table: Mapping[str, Parameter]) -> dict[str, Any]:
     """The constants that a result holds in its attributes."""
     if "parameters" not in ds.attrs:
         raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil")
@@ -178,7 +211,12 @@ def _stored_constants(ds: xr.Dataset) -> dict[str, Any]:
         stored = dict(json.loads(ds.attrs["parameters"]))
     except (TypeError, ValueError, RecursionError):
         raise InputError("the attribute 'parameters' of this Dataset is not as fastcoil made it") from None
-    return {name: checked_value(PARAMETERS[check_name(name)], value) for name, value in stored.items()}
+    for kind in KINDS:
+        words = {str(word) for word in [stored.get(kind), *np.ravel(ds[kind].values if kind in ds.coords else [])]}
+        unknown = sorted(words - {"None", *table[kind].choices})
+        if unknown:
+            raise InputError(f"the result has the {kind} {unknown[0]}: give its rule, from_dataset(ds, rules=[…])")
+    return {name: checked_value(table[check_name(name, table)], value) for name, value in stored.items()}
 
 
 def _brief(values: np.ndarray) -> str:
@@ -186,72 +224,14 @@ def _brief(values: np.ndarray) -> str:
     return " ".join(shown) + (" …" if values.size > 5 else "")
 
 
-def _assigned(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Apply ``changes``; all of their mistakes are reported together."""
-    problems: list[str] = []
-    checked: dict[str, Any] = {}
-    for name, value in changes.items():
-        with collecting(problems):
-            checked[name] = checked_value(PARAMETERS[check_name(name)], value)
-    for stand_ins, replaced in _ALTERNATIVES:
-        one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
-        if one and other:
-            problems.append(f"{' and '.join(one)} stand in for {' and '.join(other)}: give one or the other")
-    if problems:
-        raise InputError(problems)
-
-    result = dict(values)
-    if "backlash_estimate" in checked:
-        result.pop("estimate_ratio", None)
-    if "estimate_ratio" in checked:
-        result.pop("backlash_estimate", None)
-    if checked.keys() & set(_VALVE_CURVE) and result.keys() & set(INSTALLED_VALVE):
-        missing = [n for n in _VALVE_CURVE if n not in checked]
-        if missing:
-            raise InputError(
-                f"{', '.join(sorted(checked.keys() & set(_VALVE_CURVE)))}: the valve is given by rangeability, "
-                f"authority and m_full; give {', '.join(missing)} too to replace them"
-            )
-        for n in INSTALLED_VALVE:
-            result.pop(n, None)
-    if checked.keys() & set(INSTALLED_VALVE):
-        missing = [n for n in INSTALLED_VALVE if n not in checked and n not in result]
-        if missing:
-            raise InputError(f"rangeability, authority and m_full go together: {' and '.join(missing)} missing")
-        for n in _VALVE_CURVE:
-            result.pop(n, None)
-    for name, value in checked.items():
-        result.pop(name, None) if isinstance(value, xr.DataArray) else None
-        result[name] = value
-    _check_lengths(result)
-    return result
-
-
-def _check_lengths(values: Mapping[str, Any]) -> None:
-    """Refuse parameters of different lengths along a dimension that they share."""
-    first: dict[str, str] = {}
-    problems = []
-    for name, value in values.items():
-        if not isinstance(value, xr.DataArray):
-            continue
-        for dim, size in value.sizes.items():
-            other = first.setdefault(str(dim), name)
-            expected = values[other].sizes[dim]
-            if size != expected:
-                problems.append(
-                    f"{name} has {size} values along {dim!r}, {other} has {expected}: zipped parameters need the same "
-                    "length; to change it, give all of them in one call"
-                )
-    if problems:
-        raise InputError(problems)
-
-
-def _defaults_of_missing(constants: Mapping[str, Scalar], swept: Mapping[str, xr.DataArray]) -> dict[str, Scalar]:
+def _defaults_of_missing(
+    constants: Mapping[str, Scalar], swept: Mapping[str, xr.DataArray], table: Mapping[str, Parameter]
+) -> dict[str, Scalar]:
     """Defaults of the parameters that a result has neither as constant nor as coordinate, with a warning."""
     known = constants.keys() | swept.keys()
     replaced = {name for stand_in, names in STAND_INS.items() if stand_in in known for name in names}
-    missing = {n: v for n, v in _DEFAULTS.items() if v is not None and n not in known | replaced}
+    missing = {p.name: p.default for p in table.values() if p.default is not None and p.name not in known | replaced}
     if missing:
-        taken = ", ".join(PARAMETERS[name].equation(value) for name, value in missing.items())
-        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {taken}", stacklevel=3)
+        used = ", ".join(table[name].equation(value) for name, value in missing.items())
+        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {used}", stacklevel=3)
     return missing

@@ -195,6 +195,10 @@ def plan_simulation(
                 "give a longer boundary"
             )
     layout = Layout(loop, boundary, replicates)
+    with checking() as check:
+        for rule in layout.loop.rules.values():
+            if rule.is_loaded:
+                check(rule.check)
     commands = _commands(command, boundary)
     days = Days(boundary, commands, warm_up, seed)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)

@@ -13,7 +13,7 @@ from fastcoil.errors import InputError
 from fastcoil.estimators.shipped import ESTIMATORS
 from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS, Scalar
 from fastcoil.simulation.control_problems import control_problems
-from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.loop import Loop, forgetting
 
 _CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
 """The parameter that limits the estimate of an estimator."""
@@ -27,13 +27,13 @@ class Layout:
     """
 
     def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
-        self.loop = loop
+        self.loop = _with_used_rules(loop)
         self.boundary = boundary
-        self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | loop.sizes
+        self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | self.loop.sizes
         if replicates > 1:
             self.sizes["replicate"] = replicates
         self.size = math.prod(self.sizes.values())
-        self._labels = loop.coordinates()
+        self._labels = self.loop.coordinates()
 
     def columns(self, index: np.ndarray) -> dict[str, np.ndarray]:
         """Every parameter of the scenarios ``index``, see ``columns_of``."""
@@ -100,10 +100,19 @@ def _has(value: Mapping[str, Scalar | xr.DataArray | None], estimator: str) -> x
     return xr.DataArray(value["estimator"]) == estimator
 
 
+def words_used(loop: Loop, kind: str) -> set[str]:
+    """The estimators, or the laws, that some scenario has."""
+    value = loop[kind]
+    if value is None:
+        learns = bool(np.any(np.asarray(loop["learning_step"]) > 0.0))
+        return {"learner"} if learns else {"none"}
+    return set(np.unique(np.asarray(value)).tolist())
+
+
 def missing_parameters(loop: Loop) -> list[str]:
-    """Parameters that an estimator of some scenario needs and that have no default, a sentence each."""
-    used = set() if loop["estimator"] is None else set(np.unique(np.asarray(loop["estimator"])).tolist())
-    return [
+    """Parameters that an estimator or a rule reads and that the loop does not give, a sentence each."""
+    used = words_used(loop, "estimator")
+    problems = [
         f"estimator = {estimator.name!r} without {name}: give the {PARAMETERS[name].text} "
         f"({PARAMETERS[name].unit}, {PARAMETERS[name].bounds})"
         for estimator in ESTIMATORS
@@ -111,12 +120,17 @@ def missing_parameters(loop: Loop) -> list[str]:
         for name in estimator.Parameters._fields
         if name not in STAND_INS and PARAMETERS[name].default is None and loop[name] is None
     ]
+    return problems + [
+        f"{rule.name} reads {name}, which the loop does not give: give {name}"
+        for rule in loop.rules.values()
+        for name in rule.reads
+        if loop[name] is None
+    ]
 
 
 def _unread_parameters(loop: Loop) -> list[str]:
     """Parameters of estimators that no scenario has, a sentence each: most likely the estimator was forgotten."""
-    estimator = loop["estimator"]
-    used = {"learner"} if estimator is None else set(np.unique(np.asarray(estimator)).tolist())
+    used = {"learner"} if loop["estimator"] is None else words_used(loop, "estimator")
     problems = []
     for parameter in PARAMETERS.values():
         value = loop[parameter.name]
@@ -126,9 +140,27 @@ def _unread_parameters(loop: Loop) -> list[str]:
                 f"{parameter.name} belongs to the estimator {parameter.group}, which no scenario has: give "
                 f"estimator = {parameter.group!r}, or leave {parameter.name} out"
             )
+    rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
+    problems += [
+        f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, "
+        "or leave them out"
+        for rule in rules
+    ]
     if bool(np.any(np.asarray(loop["estimate_share"]) != 1.0)) and used <= {"none"}:
         problems.append("estimate_share without an estimator: give estimator, or leave estimate_share out")
     return problems
+
+
+def _with_used_rules(loop: Loop) -> Loop:
+    """The loop without rules that no scenario has, unless their parameters were changed."""
+    used = [rule for rule in loop.rules.values() if rule.name in words_used(loop, rule.kind)]
+    read = {n for rule in used for n in rule.own}
+    unused = [
+        rule.name
+        for rule in loop.rules.values()
+        if rule not in used and all(n in read or loop[n] is p.default for n, p in rule.own.items())
+    ]
+    return forgetting(loop, unused) if unused else loop
 
 
 def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:
@@ -138,7 +170,7 @@ def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[
     """
     place = dict(zip(sizes, np.unravel_index(index, tuple(sizes.values())), strict=True)) if sizes else {}
     columns: dict[str, np.ndarray] = {}
-    for name in PARAMETERS:
+    for name in loop.parameters:
         value = loop[name]
         if isinstance(value, xr.DataArray):
             columns[name] = value.values[tuple(place[str(d)] for d in value.dims)]

@@ -20,6 +20,7 @@ from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import blocks, parameter_matrix
 from fastcoil.numerics.jit import compiled_for
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
+from fastcoil.rules.rule import rules_for_kernels
 from fastcoil.simulation.dataset import content_sha256, flat_dataset, join_flat, provenance, unflatten
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import Plan, plan_simulation, simulation_attributes
@@ -95,7 +96,8 @@ def run_plan(plan: Plan, n_jobs: int) -> xr.Dataset:
 def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
     """Run the scenarios ``index``, day by day and block by block.  Returns a flat Dataset, see ``flat_dataset``."""
     columns = plan.layout.columns(index)
-    matrix = parameter_matrix(columns)
+    rules = rules_for_kernels(plan.layout.loop.rules)
+    matrix = parameter_matrix(columns, rules)
     metrics, status = np.empty((len(METRICS), index.size)), np.empty(index.size, dtype=np.int8)
     traces: dict[str, np.ndarray] = {}
     n_points = plan.traces.n_points(plan.n_steps)
@@ -104,7 +106,7 @@ def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
         traces[name] = np.full(shape, np.nan)
     for k in np.unique(columns["day"]):
         day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
-        for lanes, block in blocks(matrix[:, of_day]):
+        for lanes, block in blocks(matrix[:, of_day], rules):
             found, flags, signals = run_block(block, day, plan.traces)
             members = of_day[lanes]
             metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,16 +15,18 @@ import xarray as xr
 from fastcoil.engine.host import TraceRequest, compile_kernel
 from fastcoil.errors import InputError, IntegrityError, nearest
 from fastcoil.files import make_folder, storage_errors
-from fastcoil.numerics.jit import model_sha256
+from fastcoil.numerics.jit import is_model
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
 from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.plan import simulation_attributes
 from fastcoil.simulation.simulate import run_shard
+from fastcoil.study.file.source import Source
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.lock import hold
 from fastcoil.study.folder.results import is_current, open_study
 from fastcoil.study.folder.verify import find_problems
+from fastcoil.study.workers.own_code import load
 
 RERUNS = "reruns"
 _LONGEST_FILE_NAME = 200
@@ -48,7 +50,7 @@ def status(folder: Path) -> list[str]:
         str(ds.attrs["title"]),
         f"{'Unfinished' if left else 'Finished'}: {n - left:,} of {n:,} scenarios ({words})",
     ]
-    if manifest.model_sha256 != model_sha256():
+    if not is_model(manifest.model_sha256):
         lines.append("The sources of the model have changed since: a new run computes everything again.")
     return (
         lines + running + ([] if left == 0 else [f"To resume: fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"])
@@ -61,10 +63,13 @@ def verify(folder: Path) -> list[str]:
     return store.settled(lambda: find_problems(store))
 
 
-def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
+def rerun(
+    folder: Path, at: Mapping[str, str], prepare: Callable[[str, Source], object] = load
+) -> tuple[Path, list[str]]:
     """Run one scenario of a study again, with all traces at every second.
 
-    at: dimension → label, for every dimension with more than one.
+    at: dimension → label, for every dimension with more than one.  prepare: loads the study's own estimators and laws,
+    without which nothing can be run; its reduction is not.
 
     Returns
     -------
@@ -86,11 +91,14 @@ def rerun(folder: Path, at: Mapping[str, str]) -> tuple[Path, list[str]]:
     position = _find_position(labels, at)
     flat = int(np.ravel_multi_index(tuple(position.values()), tuple(layout.sizes.values()))) if position else 0
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
+    rules = layout.loop.rules
+    for name, rule in rules.items():
+        rule.adopt(prepare(rule.kind, study.rules[name]))
     compile_kernel()
     ds = run_shard(plan, np.array([flat])).squeeze("scenario", drop=True)
     for name, coordinate in coordinates.items():
         one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
-        ds = ds.assign_coords({name: one.assign_attrs(coordinate_attrs(name))})
+        ds = ds.assign_coords({name: one.assign_attrs(coordinate_attrs(name, layout.loop.parameters))})
     ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
     path = folder / RERUNS / f"{_file_name(name)}.nc"

@@ -15,7 +15,7 @@ from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError
 from fastcoil.files import storage_errors
-from fastcoil.numerics.jit import model_sha256
+from fastcoil.numerics.jit import same_model
 from fastcoil.simulation.dataset import check_same_form, environments_of
 from fastcoil.simulation.resources import check_disk, check_workers
 from fastcoil.simulation.simulate import workers
@@ -28,8 +28,8 @@ from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.results import Computed, is_current, is_of, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
+from fastcoil.study.workers.own_code import load, load_rules
 from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, resolve_backend
-from fastcoil.study.workers.reduce import load_function
 from fastcoil.study.workers.worker import Job
 
 Advance = Callable[[int], None]
@@ -59,7 +59,7 @@ def run_study(
 
     A study that is finished in ``out`` is only opened; one that was interrupted is resumed.
 
-    Code that comes with the study, the module that ``[run] reduce`` names, is run.
+    Code that comes with the study, the modules that ``reduce``, ``estimator`` and ``law`` name, is run.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def run_study(
         scheduler = check.unless_none(text_of, "scheduler", scheduler)
         extend = check(flag_of, "extend", extend)
     chosen = resolve_backend(backend, engine)
-    study = read_study(path, prepare_reduction=load_function)
+    study = read_study(path, prepare=load)
     folder = folder or default_folder(path)
     return execute(study, folder, n_jobs=n_jobs, backend=chosen, scheduler=scheduler, extend=extend).results
 
@@ -150,7 +150,7 @@ def _finish(
 ) -> Finished:
     """Run a study in a folder that is held; see ``execute``."""
     plan, folder = study.plan, store.path
-    asked, stored = Manifest.of(study, model_sha256()), store.read_manifest()
+    asked, stored = Manifest.of(study, study.model_sha256), store.read_manifest()
     if stored is not None and stored.study_sha256 != asked.study_sha256 and store.has_none_of(stored):
         stored = None  # it was killed before its first scenario
     if stored is not None and stored.study_sha256 != asked.study_sha256:
@@ -165,7 +165,7 @@ def _finish(
                 store.write_manifest(found, study.text)
             store.remove_superseded(ds, found)
             return Finished(folder, ds, 0)
-    if stored is not None and stored.model_sha256 != asked.model_sha256:
+    if stored is not None and not same_model(stored.model_sha256, asked.model_sha256):
         warnings.warn(
             f"{folder} was computed with other sources of the model: everything is computed again", stacklevel=2
         )
@@ -180,10 +180,14 @@ def _finish(
     recorded = store.records(manifest, study.text)
     if todo.size:
         if study.reduction is not None:
-            load_function(study.reduction)  # its mistakes before the work
+            load("reduce", study.reduction)  # its mistakes before the work
+        rules = plan.layout.loop.rules
+        load_rules(rules, study.rules)
+        for rule in rules.values():
+            rule.check()
         advance = progress(todo.size) if progress else _ignore
         compile_kernel()
-        job = Job(manifest.key, plan, study.reduction)
+        job = Job(manifest.key, plan, study.reduction, study.rules)
         first: xr.Dataset | None = None
         with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
             n_jobs = pool.n_workers  # a cluster may have another number
@@ -222,7 +226,7 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked:
         found = store.open_results()
         if is_current(found, stored) or (is_of(found, stored) and not store.shards(stored).any()):
             return stored
-    if stored.model_sha256 != asked.model_sha256:
+    if not same_model(stored.model_sha256, asked.model_sha256):
         return stored
     smaller = store.read_study(stored)
     computed = Computed.find(store, smaller, stored)

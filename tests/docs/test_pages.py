@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import click
@@ -88,9 +89,13 @@ def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     """Its Python, its study files and the commands on them; and what it says they print is printed."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
     names, printed = {"__name__": page.stem}, ""
     for kind, text in blocks(page):
         if kind == "python":
+            if saved := re.match(r"# (\w+\.py)\n", text):
+                Path(saved[1]).write_text(text)
             exec(compile(text, page.name, "exec"), names)
             printed = capsys.readouterr().out
         elif kind == "toml":

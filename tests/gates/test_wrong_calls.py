@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from helpers.hostile_values import HOSTILE, NEVER_RIGHT
 from helpers.log_files import COIL_HEADER, VALVE_HEADER, coil_rows, valve_rows, write_csv
+from helpers.rules import Memory, Parameters, by_error
 from helpers.trend_logs import HEADER, ROWS
 
 import fastcoil as fc
@@ -95,6 +96,7 @@ def base_calls(tmp_path_factory):
         recorded[name].attrs["units"] = "degC"
     plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
     days = {"hours": 0.05}
+    rule = {"Parameters": Parameters, "Memory": Memory}
     return {
         "Boundary": (fc.Boundary, series),
         "Boundary.from_csv": (fc.Boundary.from_csv, {"path": trend, "hours": 0.01}),
@@ -107,13 +109,17 @@ def base_calls(tmp_path_factory):
         "Loop.preset": (fc.Loop.preset, {"name": "lbnl"}),
         "alternatives": (study.alternatives, {"ds": named, "dim": "strategy", "metrics": ["rmse"]}),
         "bands": (study.bands, {"ds": ds, "x": "backlash", "by": "kp", "metrics": ["rmse"]}),
+        "check_rule": (fc.check_rule, {"rule": by_error, "boundary": day}),
         "compare": (fc.compare, {"ds": ds, "baseline": {"backlash": 0.02}, "over": "replicate"}),
         "constant_day": (fc.constant_day, days),
         "design_day": (fc.design_day, days),
+        "estimator": (fc.estimator, rule),
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
         "fit_valve": (fc.fit_valve, {"log": valve}),
+        "law": (fc.law, rule),
         "maps": (study.maps, {"ds": ds, "x": "backlash", "y": "kp", "metrics": ["rmse"]}),
         "open_study": (fc.open_study, {"folder": out}),
+        "parameter": (fc.parameter, {"default": 1.0}),
         "paper_day": (fc.paper_day, days),
         "replay": (fc.replay, {"loop": loop, "log": recorded}),
         "run_study": (fc.run_study, {"path": toml, "out": out}),

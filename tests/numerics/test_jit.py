@@ -54,3 +54,18 @@ def test_the_hashes_follow_what_kernels_are_made_of(copied, monkeypatch, part, b
     monkeypatch.setenv("NUMBA_OPT", "1")
     assert hashes()[0] == changed[0]
     assert hashes()[1] not in (fingerprint, changed[1])
+
+
+def test_an_estimator_decides_nothing_where_nobody_uses_it(copied):
+    def of(*names):
+        jit.model_sha256.cache_clear()
+        return jit.model_sha256(frozenset(names))
+
+    plain, learning = of("none"), of("none", "learner")
+    assert plain != learning == hashes()[0]
+    with (copied / "estimators" / "learner.py").open("a") as file:
+        file.write("\n# changed\n")
+    assert of("none") == plain
+    assert of("none", "learner") != learning
+    assert not jit.is_model(learning)
+    assert jit.is_model(plain)

@@ -16,6 +16,7 @@ import fastcoil as fc
 from fastcoil.errors import InputError, IntegrityError, LockedError, StorageError
 from fastcoil.simulation.dataset import content_sha256
 from fastcoil.study import runner
+from fastcoil.study.file import spec
 from fastcoil.study.file.spec import read_study
 
 pytestmark = pytest.mark.kernel
@@ -90,7 +91,7 @@ def test_a_finished_study_run_again_is_only_opened(study, tmp_path, monkeypatch)
 
 def test_results_of_other_physics_are_run_again(study, tmp_path, monkeypatch):
     fc.run_study(study, tmp_path / "out")
-    monkeypatch.setattr(runner, "model_sha256", lambda: "another model")
+    monkeypatch.setattr(spec, "model_sha256", lambda estimators: "another model")
     with pytest.warns(UserWarning, match="other sources of the model: everything is computed again"):
         finished = runner.execute(read_study(study), tmp_path / "out")
     assert finished.n_run == 16

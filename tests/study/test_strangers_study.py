@@ -15,7 +15,7 @@ from fastcoil.errors import InputError
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.runner import execute
-from fastcoil.study.workers.reduce import _load
+from fastcoil.study.workers.own_code import _load
 
 pytestmark = pytest.mark.kernel
 

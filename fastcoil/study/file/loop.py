@@ -9,8 +9,10 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, collecting, shown
-from fastcoil.parameter_table import INSTALLED_VALVE, PARAMETERS
-from fastcoil.simulation.loop import Loop
+from fastcoil.parameter_table import INSTALLED_VALVE
+from fastcoil.rules.rule import Rule
+from fastcoil.rules.table import table_of
+from fastcoil.simulation.loop import Loop, knowing
 from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, sampled_names
 from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters
 
@@ -21,18 +23,25 @@ _MOST_NAMED = 5
 _SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
 
-def build_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Loop:
-    """Build the loop of a study: preset, what it includes, constants, swept axes, named cases, the sample."""
+def build_loop(
+    file: StudyFile, included: Mapping[str, Any] | None = None, rules: Mapping[str, Rule] | None = None
+) -> Loop:
+    """Build the loop of a study: preset, what it includes, constants, swept axes, named cases, the sample.
+
+    rules: the study's own, by the names that stand for them in the tables.
+    """
     problems: list[str] = []
     constants = dict(file.loop)
     preset = str(constants.pop("preset", "paper_like"))
     constants.pop("include", None)
-    constants = known_parameters(constants, problems, "[loop] ")
+    own = {} if rules is None else rules
+    known = table_of(own)
+    constants = known_parameters(constants, problems, "[loop] ", known)
     if len(file.cases) > _MOST_DIMS:
         raise InputError(f"[cases] has {len(file.cases):,} tables: give at most {_MOST_DIMS}, each is a dimension")
-    loop, axes = Loop(), {}
+    loop, axes = knowing(Loop(), own.values()), {}
     with collecting(problems, "[loop] "):
-        loop = Loop.preset(preset).assign(**(included or {}))
+        loop = knowing(Loop.preset(preset), own.values()).assign(**(included or {}))
     valve = _valve_of_several_tables(file)
     if valve:
         # any installed valve, so that each table can change its part of it
@@ -41,7 +50,7 @@ def build_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Lo
         problems += [f"{', '.join(INSTALLED_VALVE)} go together: {n} is missing, give it too" for n in missing]
     with collecting(problems, "[loop] "):
         loop = loop.assign(**constants)
-    for name, axis in known_parameters(file.sweep, problems, "[sweep] ").items():
+    for name, axis in known_parameters(file.sweep, problems, "[sweep] ", known).items():
         with collecting(problems, "[sweep] "):
             axes[name] = axis_values(name, axis)
     with collecting(problems, "[sweep] "):
@@ -53,7 +62,7 @@ def build_loop(file: StudyFile, included: Mapping[str, Any] | None = None) -> Lo
     if file.sample is not None:
         with collecting(problems, "[sample] "):
             # in one call, since some parameters are only admissible together
-            loop = loop.assign(**sample_values(file.sample))
+            loop = loop.assign(**sample_values(file.sample, known))
     if problems:
         raise InputError(problems)
     return loop
@@ -127,7 +136,7 @@ def _zip_cases(
     """Put the parameters of named cases along ``dim``; a case may leave out what the loop gives, unless ``unset``."""
     if not cases:
         raise InputError("no case: give at least one, such as fast = { kp = 0.05, ti = 5 }")
-    if dim in PARAMETERS:
+    if dim in loop.parameters:
         raise InputError(f"{dim} is a parameter: give the dimension another name, such as tuning or controller")
     if dim in (SAMPLE_DIM, DESIGN_DIM):
         raise InputError(
@@ -135,7 +144,7 @@ def _zip_cases(
         )
     zipped: dict[str, xr.DataArray] = {}
     problems: list[str] = []
-    for name in known_parameters(dict.fromkeys(_case_names(cases)), problems):
+    for name in known_parameters(dict.fromkeys(_case_names(cases)), problems, known=loop.parameters):
         default = None if name in unset else loop[name]
         without = [label for label, case in cases.items() if name not in case]
         if without and (default is None or isinstance(default, xr.DataArray)):
@@ -143,7 +152,7 @@ def _zip_cases(
             problems.append(f"{name} is missing in {', '.join(without[:_MOST_NAMED])}{more}: give it in every case")
             continue
         values = [case.get(name, default) for case in cases.values()]
-        wrong = first_of([p for p in map(PARAMETERS[name].problem, values) if p])
+        wrong = first_of([p for p in map(loop.parameters[name].problem, values) if p])
         if wrong:
             problems += wrong
             continue

@@ -111,7 +111,7 @@ def design_size(table: Mapping[str, Any]) -> int:
     return size * (len(sampled_names(table)) + 2 if table.get("method") == SALTELLI else 1)
 
 
-def sample_values(table: Mapping[str, Any]) -> dict[str, xr.DataArray]:
+def sample_values(table: Mapping[str, Any], known: Mapping[str, Parameter] = PARAMETERS) -> dict[str, xr.DataArray]:
     """Draw the parameters of ``[sample]``: name → numbers in the parameter's unit, or words, along ``sample``.
 
     The same table always gives the same values; with the methods ``sobol``, ``saltelli`` and ``random``
@@ -126,9 +126,9 @@ def sample_values(table: Mapping[str, Any]) -> dict[str, xr.DataArray]:
     """
     problems = _find_setting_problems(table)
     names = sampled_names(table)
-    for name, shape in known_parameters({name: table[name] for name in names}, problems).items():
+    for name, shape in known_parameters({name: table[name] for name in names}, problems, known=known).items():
         with collecting(problems):
-            _check_shape(PARAMETERS[name], shape)
+            _check_shape(known[name], shape)
     if not names:
         problems.append("no parameter is given: give at least one, such as backlash = { uniform = [0.02, 0.15] }")
     if problems:

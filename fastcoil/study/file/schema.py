@@ -1,7 +1,7 @@
 """The JSON Schema of study files, with which an editor completes and checks one as it is written.
 
 It is derived from the tables that the reader itself uses.  The reader may refuse a file that the schema accepts, since
-a schema cannot express every rule.
+a schema cannot express every rule.  It does not know the parameters of a study's own estimators and laws.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from fastcoil.boundary.conditions import CONDITIONS
 from fastcoil.boundary.days import DESIGNS
 from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS, Parameter
+from fastcoil.rules.rule import KINDS
 from fastcoil.simulation.parameter_values import FORBIDDEN_DIMS
 from fastcoil.simulation.plan import RUN_LIMITS
 from fastcoil.simulation.presets import PRESETS
@@ -37,6 +38,7 @@ from fastcoil.study.file.tables import RunTable, StudyFile
 Schema = dict[str, Any]
 
 _NAME = r"[^\W\d]\w*"
+_FUNCTION = rf"^{_NAME}(\.{_NAME})*:{_NAME}$"
 _ABOVE_0 = {("loguniform", "lowest"), ("truncnorm", "standard deviation")}
 _SERIES: Schema = {"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}
 
@@ -82,7 +84,9 @@ def _admissible(parameter: Parameter) -> Schema:
     """Values of a parameter, its meaning, unit and default."""
     unit = "" if parameter.unit in ("", "1") else f" [{parameter.unit}]"
     schema: Schema = {"description": parameter.text + unit}
-    if parameter.is_word:
+    if parameter.name in KINDS:
+        schema["anyOf"] = [{"enum": list(parameter.choices)}, {"type": "string", "pattern": _FUNCTION}]
+    elif parameter.is_word:
         schema["enum"] = list(parameter.choices)
     else:
         schema["type"] = "integer" if parameter.whole else "number"
@@ -215,7 +219,7 @@ def _run() -> Schema:
     numbers = {name: _limited(name) | {"default": RunTable.model_fields[name].default} for name in RUN_LIMITS}
     others: dict[str, Schema] = {
         "traces": {"type": "array", "items": {"enum": list(TRACES)}, "uniqueItems": True},
-        "reduce": {"type": "string", "pattern": rf"^{_NAME}(\.{_NAME})*:{_NAME}$"},
+        "reduce": {"type": "string", "pattern": _FUNCTION},
     }
     known = numbers | others
     return _object(

@@ -16,12 +16,15 @@ from typing import Any
 
 from fastcoil.errors import InputError, collecting
 from fastcoil.files import read_text
+from fastcoil.numerics.jit import model_sha256
 from fastcoil.simulation.plan import Plan, plan_simulation
+from fastcoil.simulation.scenarios import words_used
 from fastcoil.study.file.boundary import build_boundary
 from fastcoil.study.file.include import read_includes
 from fastcoil.study.file.loop import build_loop
-from fastcoil.study.file.reduction import Reduction, find_reduction
+from fastcoil.study.file.rules import find_rules
 from fastcoil.study.file.size import require_room
+from fastcoil.study.file.source import Source, find_source
 from fastcoil.study.file.tables import parse_tables
 from fastcoil.study.file.toml import parse_toml
 
@@ -37,6 +40,7 @@ class Study:
 
     folder: where its relative paths start.  sample_method: how ``[sample]`` was drawn.  reduction: the function that
     ``[run] reduce`` names.  Both are ``None`` without.  included: the parameters from the files in ``[loop] include``.
+    rules: the code of its own estimators and control laws, by name.
     """
 
     text: str
@@ -46,8 +50,9 @@ class Study:
     plan: Plan
     folder: Path
     sample_method: str | None
-    reduction: Reduction | None
+    reduction: Source | None
     included: Mapping[str, Any] = field(default_factory=dict)
+    rules: Mapping[str, Source] = field(default_factory=dict)
 
     @property
     def kept_traces(self) -> tuple[str, ...]:
@@ -55,8 +60,13 @@ class Study:
         return () if self.reduction else self.plan.traces.names
 
     @property
+    def model_sha256(self) -> str:
+        """Hash of the sources of the model that it uses."""
+        return model_sha256(frozenset(words_used(self.plan.layout.loop, "estimator")))
+
+    @property
     def sha256(self) -> str:
-        """Hash of everything that decides the result: the tables, included files, the boundary, the reduction.
+        """Hash of everything that decides the result: the tables, included files, the boundary, its own code.
 
         Title, question, comments and formatting do not.
         """
@@ -65,11 +75,12 @@ class Study:
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
         parts += [self.reduction.sha256] if self.reduction else []
         parts += [json.dumps(self.included)] if self.included else []
+        parts += [self.rules[name].sha256 for name in sorted(self.rules)]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
 def read_study(
-    path: Path, folder: Path | None = None, *, prepare_reduction: Callable[[Reduction], object] | None = None
+    path: Path, folder: Path | None = None, *, prepare: Callable[[str, Source], object] | None = None
 ) -> Study:
     """Read and validate a study file.
 
@@ -78,11 +89,12 @@ def read_study(
     path
         The TOML file.
     folder
-        Where relative paths in ``[boundary]`` and ``include`` and the module of ``[run] reduce`` start from; the
-        file's folder by default.
-    prepare_reduction
-        Called with the reduction, if there is one, so that its mistakes are reported with the others.  By default
-        nothing: reading a study runs no code that comes with it.
+        Where relative paths in ``[boundary]`` and ``include`` and the modules of its own code start from; the file's
+        folder by default.
+    prepare
+        Loads the study's own code, called with the word that names it, ``reduce``, ``estimator`` or ``law``, and its
+        source, so that its mistakes are reported with the others.  By default nothing does: reading a study runs no
+        code that comes with it.
 
     Raises
     ------
@@ -98,12 +110,19 @@ def read_study(
         require_room(file)
     except InputError as error:
         raise InputError([f"{path}: {problem}" for problem in problems + error.problems]) from None
+    try:
+        file, sources, rules = find_rules(file, folder)
+        if prepare is not None:
+            for name, rule in rules.items():
+                rule.adopt(prepare(rule.kind, sources[name]))
+    except InputError as error:
+        raise InputError([f"{path}: {problem}" for problem in problems + error.problems]) from None
     loop = boundary = plan = reduction = None
     from_files: dict[str, Any] = {}
     with collecting(problems, "[loop] "):
         from_files = read_includes(file.loop, folder)
     with collecting(problems):
-        loop = build_loop(file, from_files)
+        loop = build_loop(file, from_files, rules)
     with collecting(problems):
         boundary = build_boundary(file.boundary, folder)
     if loop is not None and boundary is not None:
@@ -111,9 +130,9 @@ def read_study(
             plan = plan_simulation(loop, boundary, **file.run.model_dump(exclude={"reduce"}), traces_on_disk=True)
     if file.run.reduce is not None:
         with collecting(problems, "[run] "):
-            reduction = find_reduction(file.run.reduce, folder)
-            if prepare_reduction is not None:
-                prepare_reduction(reduction)
+            reduction = find_source("reduce", file.run.reduce, folder)
+            if prepare is not None:
+                prepare("reduce", reduction)
         if not file.run.traces:
             problems.append(
                 f"[run] reduce = {file.run.reduce!r} without traces: list the traces it needs, such as "
@@ -122,4 +141,6 @@ def read_study(
     if problems or plan is None:
         raise InputError([f"{path}: {problem}" for problem in problems])
     method = file.sample["method"] if file.sample else None
-    return Study(text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files)
+    return Study(
+        text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files, sources
+    )

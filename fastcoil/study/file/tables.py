@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fastcoil.errors import collecting, nearest, shown
 from fastcoil.outputs import TRACES, WARM_UP
-from fastcoil.parameter_table import LARGEST, PARAMETERS, check_name
+from fastcoil.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
 
 Value = TypeVar("Value")
 
@@ -68,14 +68,16 @@ def first_of(sentences: list[str]) -> list[str]:
     return [sentence + more for sentence in sentences[:1]]
 
 
-def known_parameters(table: Mapping[str, Value], problems: list[str], prefix: str = "") -> dict[str, Value]:
+def known_parameters(
+    table: Mapping[str, Value], problems: list[str], prefix: str = "", known: Mapping[str, Parameter] = PARAMETERS
+) -> dict[str, Value]:
     """The entries of a table whose names are parameters; ``problems`` gets a sentence for each of the others."""
-    unknown = [name for name in table if name not in PARAMETERS]
+    unknown = [name for name in table if name not in known]
     for name in unknown[:_MOST_HINTS]:
         with collecting(problems, prefix):
-            check_name(name)
+            check_name(name, known)
     problems += [f"{prefix}{name} is not a parameter (see `fastcoil parameters`)" for name in unknown[_MOST_HINTS:]]
-    return {name: value for name, value in table.items() if name in PARAMETERS}
+    return {name: value for name, value in table.items() if name in known}
 
 
 def are_numbers(values: object, count: int) -> bool:

@@ -11,7 +11,9 @@ import xarray as xr
 
 from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.errors import InputError
+from fastcoil.numerics.jit import same_model
 from fastcoil.outputs import STATUS_NOT_RUN
+from fastcoil.rules.rule import KINDS
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import Plan
 from fastcoil.simulation.scenarios import columns_of
@@ -23,7 +25,6 @@ _MUST_AGREE = {
     "rng": "the random numbers",
     "traces": "[run] traces",
     "reduction_sha256": "[run] reduce",
-    "model_sha256": "the sources of the model",
 }
 """What a scenario depends on besides its parameters and its day: attribute and its name in messages."""
 
@@ -44,13 +45,23 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> M
         If something else changed on which the results depend, or the plan lacks a scenario of ``earlier``.
     """
     differs = [words for name, words in _MUST_AGREE.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))]
+    if not same_model(str(attrs.get("model_sha256")), str(earlier.attrs.get("model_sha256"))):
+        differs.append("the sources of the model")
     if differs:
         raise InputError(
             f"--extend: {' and '.join(differs)} changed, so that nothing can be kept: choose another folder with -o"
         )
-    new = {key: k for k, key in enumerate(_keys(plan.layout.loop, plan.layout.sizes, json.loads(attrs["day_sha256"])))}
+    loop = plan.layout.loop
+    keys = _keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), _rules(attrs))
+    new = {key: k for k, key in enumerate(keys)}
     sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
-    old = _keys(Loop.from_dataset(earlier), sizes, json.loads(earlier.attrs["day_sha256"]))
+    unknown = sorted(_rules(earlier.attrs).keys() - loop.rules.keys())
+    if unknown:
+        raise InputError(
+            f"--extend: the rule {unknown[0]} is no longer in the study: keep it, or choose another folder with -o"
+        )
+    before = Loop.from_dataset(earlier, [loop.rules[name] for name in _rules(earlier.attrs)])
+    old = _keys(before, sizes, json.loads(earlier.attrs["day_sha256"]), _rules(earlier.attrs))
     place = np.array([new.get(key, -1) for key in old])
     dropped = int((place < 0).sum())
     if dropped:
@@ -79,13 +90,21 @@ def as_part(earlier: xr.Dataset, match: Match, n_volumes: int) -> xr.Dataset:
     return part
 
 
-def _keys(loop: Loop, sizes: dict[str, int], days: list[str]) -> list[bytes]:
+def _rules(attrs: dict[Any, Any]) -> dict[str, str]:
+    """The rules of a study's own: name → hash of the code."""
+    return {str(name): str(rule["sha256"]) for name, rule in json.loads(attrs.get("rules", "{}")).items()}
+
+
+def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, str]) -> list[bytes]:
     """One hash per scenario, over everything its result depends on."""
+    read = {name: rule.own for name, rule in loop.rules.items()}
     n = int(np.prod(list(sizes.values()), dtype=np.int64))
     keys = []
     for start in range(0, n, _AT_ONCE):
         columns = columns_of(loop, sizes, np.arange(start, min(start + _AT_ONCE, n)))
         rows = np.ascontiguousarray(parameter_matrix(columns).T)
-        for row, day in zip(rows, columns["day"], strict=True):
-            keys.append(hashlib.blake2b(row.tobytes() + days[day].encode(), digest_size=16).digest())
+        for k, (row, day) in enumerate(zip(rows, columns["day"], strict=True)):
+            words = [str(columns[kind][k]) for kind in KINDS]
+            own = [f"{w} {rules[w]} {[(n, float(columns[n][k])) for n in read[w]]}" for w in words if w in rules]
+            keys.append(hashlib.blake2b(row.tobytes() + "".join([days[day], *own]).encode(), digest_size=16).digest())
     return keys

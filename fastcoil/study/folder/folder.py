@@ -140,7 +140,7 @@ class StudyFolder:
             what = (
                 "the series of its [boundary]"
                 if study.plan.layout.boundary.sha256 != manifest.boundary_sha256
-                else f"{STUDY}, a file that it includes, or its reduction"
+                else f"{STUDY}, a file that it includes, or its own code"
             )
             raise IntegrityError(
                 f"{self.path}: {what} changed since the run was started: restore it, or use another folder; {cure}"

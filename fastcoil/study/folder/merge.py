@@ -112,6 +112,8 @@ def study_attributes(study: Study, model_sha256: str) -> dict[str, Any]:
         attrs["traces"] = f"{', '.join(traces.names)} every {traces.interval} s"
     if study.reduction:
         attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
+    if study.rules:
+        attrs["rules"] = json.dumps({n: {"code": s.name, "sha256": s.sha256} for n, s in sorted(study.rules.items())})
     return attrs
 
 

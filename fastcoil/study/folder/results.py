@@ -14,6 +14,7 @@ import xarray as xr
 
 from fastcoil.arguments import path_of
 from fastcoil.errors import InputError, IntegrityError
+from fastcoil.numerics.jit import same_model
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import environments_of, join_flat, unflatten
 from fastcoil.study.file.spec import Study
@@ -108,7 +109,7 @@ class Computed:
         if not folder.has_results:
             return cls(study, shards, None, nothing)
         results = folder.open_results()
-        if results.attrs.get("model_sha256") != manifest.model_sha256:
+        if not same_model(str(results.attrs.get("model_sha256")), manifest.model_sha256):
             return cls(study, shards, None, nothing)
         match = match_scenarios(study.plan, study_attributes(study, manifest.model_sha256), results)
         # damaged traces must not be written again with a hash of their own

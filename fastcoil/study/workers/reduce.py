@@ -1,14 +1,6 @@
-"""Run a user's own reduction of traces.  The only place that runs code that comes with a study."""
+"""Run a user's own reduction of traces."""
 
 from __future__ import annotations
-
-import functools
-import hashlib
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,7 +8,8 @@ import xarray as xr
 from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
-from fastcoil.study.file.reduction import Reduction
+from fastcoil.study.file.source import Source
+from fastcoil.study.workers.own_code import its_errors, load
 from fastcoil.study.workers.surroundings import surroundings_restored
 
 SCENARIO = "scenario"
@@ -25,22 +18,9 @@ _TAKEN = {*PARAMETERS, *METRICS, *TRACES, "status", SCENARIO}
 _TAKEN_NAMES = _TAKEN | set(RESERVED_DIMS)
 _TAKEN_DIMS = _TAKEN | {"day", "replicate", "sample"}
 _FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
-_LONGEST_MESSAGE = 300
-"""Characters of an exception's text."""
 
 
-def load_function(reduction: Reduction) -> Callable[[xr.Dataset], Any]:
-    """The function itself, from a module of its own that is run once in each process.
-
-    Raises
-    ------
-    InputError
-        If the source does not run, or holds no such function.
-    """
-    return _load(reduction.name, reduction.source)
-
-
-def reduce(reduction: Reduction, traces: xr.Dataset) -> xr.Dataset:
+def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
     """Reduce the traces of some scenarios.
 
     Parameters
@@ -77,9 +57,9 @@ def reduce(reduction: Reduction, traces: xr.Dataset) -> xr.Dataset:
     return reduced
 
 
-def _call(reduction: Reduction, traces: xr.Dataset) -> xr.Dataset:
-    function = load_function(reduction)
-    with _its_errors(f"reduce = {reduction.name!r} raised"), surroundings_restored():
+def _call(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
+    function = load("reduce", reduction)
+    with its_errors(f"reduce = {reduction.name!r} raised"), surroundings_restored():
         found = function(traces.copy())
     problems = _problems(found, traces)
     if problems:
@@ -91,31 +71,6 @@ def _call(reduction: Reduction, traces: xr.Dataset) -> xr.Dataset:
     for variable in reduced.variables.values():
         variable.attrs = {k: v for k, v in variable.attrs.items() if type(v) in (str, int, float)}
     return reduced
-
-
-@functools.cache
-def _load(name: str, source: str) -> Callable[[xr.Dataset], Any]:
-    wanted = name.partition(":")[2]
-    module = ModuleType(f"reduction_{hashlib.sha256(source.encode()).hexdigest()}")
-    # decorators such as dataclass look here for the module of their class
-    sys.modules[module.__name__] = module
-    with _its_errors(f"reduce = {name!r}: its module does not run:"), surroundings_restored():
-        exec(compile(source, f"<{name}>", "exec", dont_inherit=True), module.__dict__)
-    function: Callable[[xr.Dataset], Any] | None = getattr(module, wanted, None)
-    if not callable(function):
-        raise InputError(f"reduce = {name!r}: its module has no function {wanted}")
-    return function
-
-
-@contextmanager
-def _its_errors(what: str) -> Iterator[None]:
-    """Turn whatever the user's code raises into a sentence: it must end neither a worker nor the program."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise InputError(f"{what} {_describe(error)}") from error
 
 
 def _problems(found: object, traces: xr.Dataset) -> list[str]:
@@ -171,13 +126,3 @@ def _same(one: xr.Variable, other: xr.Variable) -> bool:
     if one.dims != other.dims or one.dtype != other.dtype or one.shape != other.shape:
         return False
     return np.array_equal(one.values, other.values, equal_nan=one.dtype.kind == "f")
-
-
-def _describe(error: BaseException) -> str:
-    """An exception in one line: type and text."""
-    try:
-        text = " ".join(str(error).split())
-    except Exception:  # its own text is the user's code, too
-        text = ""
-    text = text if len(text) <= _LONGEST_MESSAGE else text[:_LONGEST_MESSAGE] + " …"
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__

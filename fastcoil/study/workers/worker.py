@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,8 @@ from fastcoil.outputs import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.simulation.dataset import flat_dataset
 from fastcoil.simulation.plan import Plan
 from fastcoil.simulation.simulate import run_shard
-from fastcoil.study.file.reduction import Reduction
+from fastcoil.study.file.source import Source
+from fastcoil.study.workers.own_code import load_rules
 from fastcoil.study.workers.reduce import reduce
 
 _jobs: dict[str, Job] = {}
@@ -32,12 +34,20 @@ class Job(NamedTuple):
 
     key: str
     plan: Plan
-    reduction: Reduction | None
+    reduction: Source | None
+    rules: Mapping[str, Source] = {}
 
 
 def receive(job: Job) -> None:
     """Keep a job in this process."""
     _jobs[job.key] = job
+
+
+def find_job(key: str) -> Job:
+    """A job that was received, with the code of its rules."""
+    job = _jobs[key]
+    load_rules(job.plan.layout.loop.rules, job.rules)
+    return job
 
 
 def receive_in_child(job: Job, parent: int) -> None:
@@ -80,7 +90,7 @@ def run_received(key: str, index: np.ndarray, expected: tuple[str, str] | None =
             "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume"
         )
     try:
-        return run_scenarios(_jobs[key], index)
+        return run_scenarios(find_job(key), index)
     except KeyboardInterrupt:
         raise Interrupt from None
     except InputError as error:

@@ -26,6 +26,7 @@ from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import compiled_for
 from fastcoil.simulation import plan
 from fastcoil.study import maintenance, runner
+from fastcoil.study.file import spec
 from fastcoil.study.folder import manifest
 from fastcoil.study.folder.results import open_study
 
@@ -125,7 +126,7 @@ def test_a_boundary_file_that_changes_between_a_run_and_its_resume_is_refused(ou
 
 def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(broken_off, monkeypatch):
     done = [p.name for p in shards(broken_off)]
-    monkeypatch.setattr(runner, "model_sha256", lambda: "another model")
+    monkeypatch.setattr(spec, "model_sha256", lambda estimators: "another model")
     with pytest.warns(UserWarning, match="other sources of the model|another version of the model") as warned:
         finished = runner.execute(write_study(PLAIN, broken_off), broken_off, n_jobs=1)
     assert "other sources of the model" in str(warned[0].message)

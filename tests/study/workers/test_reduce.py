@@ -13,8 +13,9 @@ from helpers.refusals import only_problem, problems
 
 from fastcoil.cli.main import main
 from fastcoil.errors import InputError
-from fastcoil.study.file.reduction import Reduction
-from fastcoil.study.workers.reduce import load_function, reduce
+from fastcoil.study.file.source import Source
+from fastcoil.study.workers.own_code import load
+from fastcoil.study.workers.reduce import reduce
 
 SOURCE = """
 import numpy as np
@@ -45,7 +46,7 @@ def traces():
 
 
 def given(source, name="mine:overshoot"):
-    return Reduction(name, source, Path("mine.py"))
+    return Source(name, source, Path("mine.py"))
 
 
 def reducing(body, name="mine:f"):
@@ -194,8 +195,8 @@ def test_the_module_is_run_once_and_is_one_that_decorators_find():
     source = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
     source += "@dataclass\nclass Settings:\n    limit: float = 1.0\nruns = []\ndef f(t): return runs\n"
     one, two = given(source, "m:f"), given(str(source), "m:f")
-    load_function(one)(None).append(1)
-    assert load_function(two)(None) == [1]
+    load("reduce", one)(None).append(1)
+    assert load("reduce", two)(None) == [1]
 
 
 @pytest.mark.parametrize(
@@ -212,7 +213,7 @@ def test_the_module_is_run_once_and_is_one_that_decorators_find():
     ],
 )
 def test_a_module_that_does_not_run_is_refused_with_one_sentence(source, sentence):
-    problem = only_problem(load_function, given(source, "mine:f"))
+    problem = only_problem(load, "reduce", given(source, "mine:f"))
     assert problem.startswith(f"reduce = 'mine:f': {sentence}")
     assert "\n" not in problem
 
@@ -221,7 +222,7 @@ def test_an_interrupt_is_one_wherever_it_comes_from(traces):
     with pytest.raises(KeyboardInterrupt):
         reduce(reducing("raise KeyboardInterrupt"), traces)
     with pytest.raises(KeyboardInterrupt):
-        load_function(given("raise KeyboardInterrupt"))
+        load("reduce", given("raise KeyboardInterrupt"))
 
 
 # On every backend
@@ -271,7 +272,7 @@ def test_a_module_that_changes_the_current_folder_changes_nothing(tmp_path, monk
     monkeypatch.chdir(tmp_path)
     (tmp_path / "elsewhere").mkdir()
     source = "import os\nos.chdir('elsewhere')\ndef f(traces):\n    os.chdir('/')\n    raise ValueError\n"
-    reduction = Reduction("mine:f", source, Path("mine.py"))
+    reduction = Source("mine:f", source, Path("mine.py"))
     with pytest.raises(InputError, match="raised ValueError"):
         reduce(reduction, xr.Dataset({"T_sup": (("scenario", "elapsed_time"), np.ones((2, 2)))}))
     assert Path.cwd() == tmp_path

@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from fastcoil.errors import InputError
-from fastcoil.study.file.reduction import Reduction, find_reduction
+from fastcoil.study.file.source import Source, find_source
 from fastcoil.study.file.spec import read_study
 
 SOURCE = """
@@ -26,18 +26,18 @@ def overshoot(traces):
 
 def test_a_module_next_to_the_study_comes_before_one_that_can_be_imported(tmp_path):
     (tmp_path / "statistics.py").write_text(SOURCE)
-    assert find_reduction("statistics:overshoot", tmp_path).source == SOURCE
+    assert find_source("reduce", "statistics:overshoot", tmp_path).source == SOURCE
     (tmp_path / "pkg").mkdir()
     (tmp_path / "pkg" / "mine.py").write_text(SOURCE)
-    assert find_reduction("pkg.mine:overshoot", tmp_path).name == "pkg.mine:overshoot"
-    assert "def median(" in find_reduction("statistics:median", tmp_path / "pkg").source
+    assert find_source("reduce", "pkg.mine:overshoot", tmp_path).name == "pkg.mine:overshoot"
+    assert "def median(" in find_source("reduce", "statistics:median", tmp_path / "pkg").source
 
 
 def test_a_module_that_can_be_imported_is_found_without_running_it(tmp_path, monkeypatch):
     (tmp_path / "site").mkdir()
     (tmp_path / "site" / "of_mine.py").write_text("import sys\n" + SOURCE)
     monkeypatch.syspath_prepend(tmp_path / "site")
-    assert find_reduction("of_mine:overshoot", tmp_path).source == "import sys\n" + SOURCE
+    assert find_source("reduce", "of_mine:overshoot", tmp_path).source == "import sys\n" + SOURCE
     assert "of_mine" not in sys.modules
 
 
@@ -50,22 +50,22 @@ def test_no_package_is_imported_to_find_a_module_in_it(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path / "site")
     for module in ("named.mine", "named.inner.mine", "spaced.inner.mine"):
         path = (tmp_path / "site").joinpath(*module.split(".")).with_suffix(".py")
-        assert find_reduction(f"{module}:overshoot", tmp_path).path == path
+        assert find_source("reduce", f"{module}:overshoot", tmp_path).path == path
     for module in ("named.absent", "named.mine.deeper", "spaced.absent", "spaced.inner", "math.absent"):
         with pytest.raises(InputError, match="can be imported: put"):
-            find_reduction(f"{module}:overshoot", tmp_path)
+            find_source("reduce", f"{module}:overshoot", tmp_path)
     assert not {"named", "spaced", "named.inner", "spaced.inner"} & set(sys.modules)
 
 
 def test_the_hash_is_of_name_and_text():
-    hashes = {Reduction(*r, Path("a.py")).sha256 for r in (("a:f", "x = 1"), ("a:g", "x = 1"), ("a:f", "x = 2"))}
+    hashes = {Source(*r, Path("a.py")).sha256 for r in (("a:f", "x = 1"), ("a:g", "x = 1"), ("a:f", "x = 2"))}
     assert len(hashes) == 3
-    assert Reduction("a:f", "x = 1", Path("elsewhere/a.py")).sha256 in hashes
+    assert Source("a:f", "x = 1", Path("elsewhere/a.py")).sha256 in hashes
 
 
 def test_line_ends_of_another_system_change_nothing(tmp_path):
     (tmp_path / "mine.py").write_bytes(SOURCE.replace("\n", "\r\n").encode())
-    assert find_reduction("mine:overshoot", tmp_path).source == SOURCE
+    assert find_source("reduce", "mine:overshoot", tmp_path).source == SOURCE
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_what_cannot_be_found_or_read_is_refused_with_one_sentence(tmp_path, mon
     monkeypatch.setitem(sys.modules, "made_here", ModuleType("made_here"))
     (tmp_path / "mine.py").write_bytes(source if isinstance(source, bytes) else source.encode())
     with pytest.raises(InputError) as refused:
-        find_reduction(text, tmp_path)
+        find_source("reduce", text, tmp_path)
     (problem,) = refused.value.problems
     assert sentence in problem
     assert "\n" not in problem
@@ -96,7 +96,7 @@ def test_what_cannot_be_found_or_read_is_refused_with_one_sentence(tmp_path, mon
 
 def test_both_places_that_were_looked_at_are_named(tmp_path):
     with pytest.raises(InputError) as refused:
-        find_reduction("absent:f", tmp_path)
+        find_source("reduce", "absent:f", tmp_path)
     assert f"there is no {tmp_path / 'absent.py'}, and no module absent can be imported" in str(refused.value)
 
 
@@ -135,4 +135,4 @@ def test_a_reduction_that_is_no_text_is_refused(tmp_path):
 def test_a_module_whose_path_no_file_can_have_is_refused(tmp_path):
     for module in (".".join("a" * 5000), "a" * 300):
         with pytest.raises(InputError, match=r"give reduce = 'a.* a shorter name"):
-            find_reduction(f"{module}:f", tmp_path)
+            find_source("reduce", f"{module}:f", tmp_path)

@@ -1,4 +1,4 @@
-"""``[run] reduce``: a user's own function that reduces the traces of each scenario to a few numbers.
+"""A study's own code, ``module:function``: a reduction of traces, an estimator or a control law.
 
 Here its source is found and read as text, so that it can be sent to other processes and hashed with the study.  Nothing
 of it is run, nor of a package that it lies in: a study may be a stranger's.
@@ -23,7 +23,7 @@ _LARGEST = 2**24
 
 
 @dataclass(frozen=True)
-class Reduction:
+class Source:
     """A function of the user: ``name`` is ``module:function``, ``source`` the text of the module, ``path`` its file."""
 
     name: str
@@ -36,8 +36,10 @@ class Reduction:
         return hashlib.sha256(f"{self.name}\0{self.source}".encode()).hexdigest()
 
 
-def find_reduction(text: str, folder: Path) -> Reduction:
+def find_source(what: str, text: str, folder: Path) -> Source:
     """Find ``module:function``: ``module.py`` in ``folder`` if there is one, else a module that can be imported.
+
+    what: the word of the study file that names it.
 
     Raises
     ------
@@ -48,27 +50,27 @@ def find_reduction(text: str, folder: Path) -> Reduction:
     parts = module.split(".")
     if not all(part.isidentifier() for part in (*parts, function)):
         raise InputError(
-            f"reduce = {text!r}: give module:function, such as 'mine:overshoot' for the function overshoot in mine.py"
+            f"{what} = {text!r}: give module:function, such as 'mine:overshoot' for the function overshoot in mine.py"
         )
     path = folder.joinpath(*parts).with_suffix(".py")
-    require_usable(path, f"give reduce = {shown(text)} a shorter name")
+    require_usable(path, f"give {what} = {shown(text)} a shorter name")
     if not is_file(path):
-        path = _find_importable(text, parts, path)
+        path = _find_importable(what, text, parts, path)
     try:
         source = importlib.util.decode_source(read_bytes(path, _LARGEST))  # in the encoding that it declares
         source.encode()
     except (OSError, SyntaxError, ValueError, LookupError) as error:
-        raise InputError(f"reduce = {text!r}: {path} cannot be read: {type(error).__name__}: {error}") from None
-    return Reduction(text, source, path)
+        raise InputError(f"{what} = {text!r}: {path} cannot be read: {type(error).__name__}: {error}") from None
+    return Source(text, source, path)
 
 
-def _find_importable(text: str, parts: Sequence[str], tried: Path) -> Path:
+def _find_importable(what: str, text: str, parts: Sequence[str], tried: Path) -> Path:
     """Source file of a module that can be imported."""
     spec = _find_spec(parts)
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         found = "no module" if spec is None else "no module written in Python"
         raise InputError(
-            f"reduce = {text!r}: there is no {tried}, and {found} {'.'.join(parts)} can be imported: put {tried.name} "
+            f"{what} = {text!r}: there is no {tried}, and {found} {'.'.join(parts)} can be imported: put {tried.name} "
             "next to the study file, or install the module"
         )
     return Path(spec.origin)

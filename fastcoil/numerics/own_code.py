@@ -1,0 +1,204 @@
+"""A user's own function, compiled: with the functions that it calls, and refused where it would not run like ours.
+
+What runs in the loop over lanes may neither allocate nor raise.  Both show in the machine code, so that nobody needs
+to guess from the source.
+"""
+
+from __future__ import annotations
+
+import dis
+import hashlib
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import CellType, CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from fastcoil.errors import InputError, shown
+from fastcoil.numerics.jit import JIT_ENABLED, exact
+
+_MODULES = (math, np)
+"""Modules that a function may use as they are: their attributes do not change."""
+_HEADING = ("Failed in ", "During: ")
+
+
+class OwnCode:
+    """A function of the user with all that it calls, ready to be compiled.
+
+    function: as the compiler takes it.  sha256: of all that decides what it does.
+    """
+
+    def __init__(self, name: str, function: Any, memory: Any) -> None:
+        self._name, self._memory = name, memory
+        self._found: dict[int, Any] = {}
+        self._kept: list[Any] = []  # what a number in _found stands for must live as long
+        self._digest = hashlib.sha256()
+        self.function = exact(self._ready(function))
+        self.sha256 = self._digest.hexdigest()
+
+    def check(self, now: Any, parameters: Any) -> None:
+        """Compile the function for these classes of named tuples.
+
+        Raises
+        ------
+        InputError
+            If it does not compile, returns something else than (number, memory), allocates or may raise.
+        """
+        if not JIT_ENABLED:
+            return
+        arguments = tuple(
+            types.NamedUniTuple(types.float64, len(c._fields), c) for c in (now, parameters, self._memory)
+        )
+        try:
+            self.function.compile(arguments)
+        except Exception as error:  # most are of one class, but not all
+            raise InputError(self._sentence(error, (now, parameters))) from None
+        compiled = self.function.overloads[arguments]
+        returned = compiled.signature.return_type
+        found: Any = returned if isinstance(returned, types.BaseTuple) else None
+        of = self._memory.__name__
+        if found is None or len(found) != 2 or not _is_number(found[0]):
+            raise InputError(
+                f"{self._name} returns {_in_words(returned)}: return a number and {of}(…), with a comma between"
+            )
+        if found[1] != arguments[2]:
+            raise InputError(
+                f"{self._name} returns {_in_words(found[1])} as its memory: return {of}(…), a number for each field"
+            )
+        self._check_machine_code(compiled)
+
+    def _check_machine_code(self, compiled: Any) -> None:
+        name = re.escape(compiled.fndesc.mangled_name)
+        body = re.search(rf'define [^\n]*@"?{name}"?\(.*?\n}}', compiled.library.get_llvm_str(), re.DOTALL)
+        assert body is not None
+        if "NRT_" in body[0]:
+            raise InputError(
+                f"{self._name} makes an array, a list or a text in every call: use numbers, and fields of its memory"
+            )
+        if "random_state" in body[0]:
+            raise InputError(f"{self._name} draws random numbers: nobody could repeat its results, leave them out")
+        if any(code != "0" for code in re.findall(r"ret i32 (\S+)", body[0])):
+            raise InputError(f"{self._name} may raise an error or print: return a number instead, such as now.estimate")
+
+    def _sentence(self, error: Exception, classes: tuple[Any, ...]) -> str:
+        """The useful line of the compiler's message."""
+        text = str(error)
+        lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(_HEADING)]
+        line = re.findall(r'[("]([^"\n(]+?)"?,? (?:line |\()(\d+)[):]', text)
+        where = f", line {line[-1][1]} of {Path(line[-1][0]).name}" if line else ""
+        unknown = re.search(r"Unknown attribute '(\w+)' of type (\w+)\(", text)
+        cls = next((c for c in (*classes, self._memory) if unknown and c.__name__ == unknown[2]), None)
+        if unknown and cls is not None:
+            cure = f"make a new {cls.__name__}(…)" if unknown[1] == "_replace" else f"it has {', '.join(cls._fields)}"
+            return f"{self._name} reads {unknown[1]} of a {cls.__name__}{where}: {cure}"
+        call = re.search(r">>> (.*)", text)
+        why = lines[0] if lines else type(error).__name__
+        if call and why.startswith("No implementation"):
+            why = f"there is no compiled form of {call[1]}"
+        return f"{self._name} does not compile{where}: {why}"
+
+    def _ready(self, function: Any) -> Any:
+        """The function with its helpers compiled, too, and with nothing else of its module."""
+        function = getattr(function, "py_func", function)
+        code = function.__code__
+        self._note(*_words(code), repr(function.__defaults__), repr(function.__kwdefaults__))
+        scope = {"__name__": __name__, "__builtins__": __builtins__}
+        for name in sorted(_names(code) & function.__globals__.keys()):
+            self._note(name)
+            scope[name] = self._value(name, function.__globals__[name])
+        cells = []
+        for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
+            self._note(name)
+            cells.append(CellType(self._value(name, cell.cell_contents)))
+        ready = FunctionType(code, scope, function.__name__, function.__defaults__, tuple(cells))
+        ready.__kwdefaults__ = function.__kwdefaults__
+        return ready
+
+    def _value(self, name: str, given: object) -> Any:
+        """What a name of the user's module stands for, as the compiler takes it."""
+        value: Any = given
+        if id(value) in self._found:
+            self._note(f"known {list(self._found).index(id(value))}")
+            if self._found[id(value)] is None:
+                raise InputError(f"{self._name} uses {name}, which calls itself: use a loop")
+            return self._found[id(value)]
+        if isinstance(value, FunctionType) or hasattr(value, "py_func"):
+            self._found[id(value)] = None
+            self._kept.append(value)
+            made = exact(self._ready(value))
+        elif hasattr(given, "_field_defaults") and isinstance(given, type):
+            self._note(value.__name__, *value._fields, repr(value._field_defaults))
+            made = _maker(value) if value is self._memory else value
+        elif isinstance(value, ModuleType) and value in _MODULES:
+            self._note(value.__name__)
+            made = value
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+            self._note(str(value.dtype), str(value.shape), value.tobytes().hex())
+            made = value
+        elif _is_constant(value):
+            self._note(repr(value))
+            made = value
+        elif value in (int, float, bool, abs, min, max, round, range, len):
+            made = value
+        else:
+            raise InputError(
+                f"{self._name} uses {name}, {shown(value)}: use numbers, functions written in Python, math and numpy"
+            )
+        self._found[id(value)] = made
+        self._kept.append(value)
+        return made
+
+    def _note(self, *words: str) -> None:
+        for word in words:
+            self._digest.update(f"{len(word)} {word}\n".encode())
+
+
+def _names(code: CodeType) -> set[str]:
+    """Names that a function looks up in its module, its inner functions included; not the attributes of what it has."""
+    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    own = {str(i.argval) for i in dis.get_instructions(code) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    return own.union(*map(_names, inner))
+
+
+def _words(code: CodeType) -> Iterator[str]:
+    """All that a piece of code does, but not where it stands."""
+    yield from (code.co_code.hex(), repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)))
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _words(constant)
+        else:
+            yield f"{type(constant).__name__} {constant!r}"
+
+
+def _is_constant(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return all(map(_is_constant, value))
+    return value is None or isinstance(value, (bool, int, float, str, np.generic))
+
+
+def _is_number(kind: Any) -> bool:
+    return isinstance(kind, (types.Float, types.Integer, types.Boolean))
+
+
+def _in_words(kind: Any) -> str:
+    if isinstance(kind, types.NoneType):
+        return "nothing"
+    if isinstance(kind, (types.Float, types.Integer, types.Boolean)):
+        return "a number alone"
+    if isinstance(kind, types.BaseNamedTuple):
+        return f"a {kind.instance_class.__name__}"  # type: ignore[attr-defined]
+    return f"{len(kind)} values" if isinstance(kind, types.BaseTuple) else f"a {kind}"
+
+
+def _maker(memory: Any) -> Any:
+    """What stands for the class of the memory: one type, whatever kind of numbers it is given."""
+    takes = ", ".join(
+        f"{n}={memory._field_defaults[n]!r}" if n in memory._field_defaults else n for n in memory._fields
+    )
+    scope: dict[str, Any] = {"memory": memory, "nan": math.nan, "inf": math.inf}
+    exec(f"def make({takes}):\n    return memory({', '.join(f'1.0 * {n}' for n in memory._fields)})", scope)
+    return exact(scope["make"])

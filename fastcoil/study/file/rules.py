@@ -1,0 +1,112 @@
+"""Estimators and control laws of a study's own: what their source declares, read as text and never run."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from fastcoil.errors import InputError, collecting
+from fastcoil.rules.parameter import own_parameters, parameter
+from fastcoil.rules.rule import KINDS, Rule
+from fastcoil.study.file.source import Source, find_source
+from fastcoil.study.file.tables import StudyFile
+
+
+def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Source], dict[str, Rule]]:
+    """Find the rules that ``estimator`` or ``law`` name as ``module:function`` anywhere in a study file.
+
+    Returns the file with the names of the rules in place of these words, and by name their sources and themselves,
+    without their code.
+
+    Raises
+    ------
+    InputError
+        With a sentence for each that is not found, or declares no rule.
+    """
+    problems: list[str] = []
+    found: dict[str, dict[str, Source]] = {kind: {} for kind in KINDS}
+
+    def named(kind: str, word: str) -> str:
+        with collecting(problems):
+            found[kind].setdefault(word, find_source(kind, word, folder))
+        return word.rpartition(":")[2]
+
+    update = {table: _renamed(getattr(file, table), named) for table in ("loop", "sweep", "cases", "sample")}
+    sources: dict[str, Source] = {}
+    rules: dict[str, Rule] = {}
+    for kind, of_kind in found.items():
+        for word, source in of_kind.items():
+            name = word.rpartition(":")[2]
+            if sources.setdefault(name, source) != source or rules.get(name, kind) != kind:
+                problems.append(f"two rules are called {name}: rename one of them")
+                continue
+            with collecting(problems, f"{kind} = {word!r}: "):
+                rules[name] = declared(kind, name, source)
+    if problems:
+        raise InputError(list(dict.fromkeys(problems)))
+    return file.model_copy(update=update), sources, rules
+
+
+def declared(kind: str, name: str, source: Source) -> Rule:
+    """The rule that a source declares: its decorator, and the class of its parameters, with numbers as defaults.
+
+    Raises
+    ------
+    InputError
+        If it declares none.
+    """
+    try:
+        module = ast.parse(source.source)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise InputError(f"{source.path} is no Python: {type(error).__name__}: {error}") from None
+    functions = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name == name]
+    if not functions:
+        raise InputError(f"{source.path} has no function {name}")
+    calls = [d for d in functions[-1].decorator_list if isinstance(d, ast.Call) and _last(d.func) == kind]
+    given = [*calls[0].args, *(k.value for k in calls[0].keywords if k.arg == "Parameters")] if calls else []
+    classes = [n for n in module.body if isinstance(n, ast.ClassDef) and given and n.name == _last(given[0])]
+    if not classes:
+        raise InputError(
+            f"put @fc.{kind}(Parameters, Memory) before {name}, with classes of {source.path.name} itself, so that the "
+            "study can be read without running it"
+        )
+    own = own_parameters(name, dict(_fields(name, classes[-1])))
+    fields = [name for name, _ in _fields(name, classes[-1])]
+    return Rule(kind, name, own, tuple(n for n in fields if n not in own), source.sha256)
+
+
+def _renamed(value: Any, named: Callable[[str, str], str], kind: str = "") -> Any:
+    """A table with the name of a rule in place of each ``module:function``."""
+    if isinstance(value, dict):
+        return {key: _renamed(part, named, key if key in KINDS else kind) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_renamed(part, named, kind) for part in value]
+    return named(kind, value) if kind and isinstance(value, str) and ":" in value else value
+
+
+def _last(node: ast.expr) -> str:
+    """``estimator`` of ``fc.estimator``."""
+    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+
+
+def _fields(rule: str, cls: ast.ClassDef) -> Iterator[tuple[str, object]]:
+    """Name and default of each field, ``None`` for one without."""
+    for node in cls.body:
+        if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
+            continue
+        default = node.value
+        try:
+            if isinstance(default, ast.Call) and _last(default.func) == "parameter":
+                words = {str(k.arg): ast.literal_eval(k.value) for k in default.keywords}
+                yield node.target.id, parameter(*map(ast.literal_eval, default.args), **words)
+            else:
+                yield node.target.id, None if default is None else ast.literal_eval(default)
+        except (ValueError, TypeError, SyntaxError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(
+                f"{rule}: the default of {node.target.id} is no number: write one, so that the study can be read "
+                "without running it"
+            ) from None

@@ -1,0 +1,43 @@
+"""Rules of a user's own, to try."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import fastcoil as fc
+
+LARGEST = 0.2
+
+
+class Parameters(NamedTuple):
+    sample_time: float
+    kp: float
+    gain: float = fc.parameter(3e-4, unit="K-1 s-1", lower=0.0, upper=1.0, text="how fast it moves")
+
+
+class Memory(NamedTuple):
+    integral: float = 0.0
+    calls: float = 0.0
+
+
+@fc.estimator(Parameters, Memory)
+def by_error(now, p, memory):
+    if now.mode > 0:
+        return limited(now.estimate + p.gain * abs(now.e) * p.sample_time, LARGEST), Memory(calls=memory.calls + 1)
+    return now.estimate, Memory(0, memory.calls + 1)
+
+
+@fc.estimator(Parameters, Memory)
+def by_switches(now, p, memory):
+    return limited(0.01 * now.switches, LARGEST), memory
+
+
+@fc.law(Parameters, Memory)
+def own_pi(now, p, memory):
+    integral = limited(memory.integral + p.gain * now.e, 1.0)
+    return p.kp * now.e + integral, Memory(integral, memory.calls + 1)
+
+
+def limited(x, largest):
+    """Stands below the rules that call it."""
+    return min(max(x, 0.0), largest)

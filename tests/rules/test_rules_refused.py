@@ -1,0 +1,206 @@
+"""A rule that would not run, or run otherwise than it reads, is refused with a sentence before anything runs."""
+
+import random
+from collections import namedtuple
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.rules import Memory, Parameters, by_error, own_pi
+
+import fastcoil as fc
+
+TABLE = [1.0, 2.0]
+
+
+def again(x):
+    return again(x - 1.0) if x > 0.0 else 0.0
+
+
+def fine(now, p, memory):
+    return 0.1, memory
+
+
+def makes_an_array(now, p, memory):
+    return np.zeros(3).sum() + now.e, memory
+
+
+def raises(now, p, memory):
+    if now.e > 100.0:
+        raise ValueError("hot")
+    return 0.1, memory
+
+
+def knows(now, p, memory):
+    return now.backlash, memory
+
+
+def wants(now, p, memory):
+    return p.gian, memory
+
+
+def replaces(now, p, memory):
+    return 0.1, memory._replace(calls=1.0)
+
+
+def forgets(now, p, memory):
+    return now.e
+
+
+def sometimes(now, p, memory):
+    if now.e > 0.0:
+        return 0.1
+    return 0.1, memory
+
+
+def other_shape(now, p, memory):
+    return 0.1, (1.0, 2.0, 3.0)
+
+
+def of_text(now, p, memory):
+    return 0.1, Memory("a", 1.0)
+
+
+def draws(now, p, memory):
+    return np.random.random(), memory  # noqa: NPY002
+
+
+def draws_too(now, p, memory):
+    return random.random(), memory
+
+
+def uses_a_list(now, p, memory):
+    return TABLE[0], memory
+
+
+def calls_itself(now, p, memory):
+    return again(now.e), memory
+
+
+def misspells(now, p, memory):
+    return nwo.e, memory  # noqa: F821
+
+
+def clips(now, p, memory):
+    return np.clip(now.e, 0, 1), memory
+
+
+REFUSED = [
+    (makes_an_array, "makes_an_array makes an array, a list or a text in every call"),
+    (raises, "raises may raise an error or print"),
+    (knows, r"knows reads backlash of a Sample, line \d+ of test_rules_refused.py: it has t, T_set, m_a, T"),
+    (wants, r"wants reads gian of a Parameters, line \d+ .*: it has sample_time, kp, gain"),
+    (replaces, r"replaces reads _replace of a Memory, .*: make a new Memory\(…\)"),
+    (forgets, r"forgets returns a number alone: return a number and Memory\(…\), with a comma between"),
+    (sometimes, r"sometimes does not compile, line \d+ .*: Can't unify return type"),
+    (other_shape, r"other_shape returns 3 values as its memory: return Memory\(…\), a number for each field"),
+    (of_text, r"of_text does not compile, line \d+ "),
+    (draws, "draws draws random numbers: nobody could repeat its results"),
+    (draws_too, "draws_too uses random, .*: use numbers, functions written in Python, math and numpy"),
+    (uses_a_list, r"uses_a_list uses TABLE, \[1.0, 2.0\]: use numbers"),
+    (calls_itself, "calls_itself uses again, which calls itself: use a loop"),
+    (misspells, "misspells does not compile: NameError: name 'nwo' is not defined"),
+    (clips, r"clips does not compile, line \d+ .*: there is no compiled form of clip\("),
+]
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(("function", "sentence"), REFUSED, ids=lambda x: getattr(x, "__name__", ""))
+def test_what_would_not_run_is_refused_in_one_line(function, sentence, monkeypatch):
+    monkeypatch.setattr("fastcoil.simulation.simulate.run_plan", lambda *plan: pytest.fail("it ran"))
+    rule = fc.estimator(Parameters, Memory)(function)
+    with pytest.raises(fc.InputError, match=sentence) as refused:
+        fc.simulate(fc.Loop(estimator=rule), fc.constant_day(hours=1))
+    assert len(refused.value.problems) == 1
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 250
+
+
+def declared(**fields):
+    """A class of parameters with these defaults; ``None`` for a field without one."""
+    names = sorted(fields, key=lambda n: fields[n] is not None)
+    return namedtuple("Parameters", names, defaults=[fields[n] for n in names if fields[n] is not None])
+
+
+class OfText(NamedTuple):
+    word: str = "a"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "memory", "sentence"),
+    [
+        (declared(backlash=None), Memory, "fine reads backlash, which is the plant itself: a rule must not know it"),
+        (declared(m_max=None), Memory, "fine reads m_max, which is the plant itself"),
+        (declared(stroke_time=None), Memory, "fine reads stroke_time, which is the plant itself"),
+        (declared(estimate_ratio=None), Memory, "fine reads estimate_ratio, which is the plant itself"),
+        (declared(learning_step=None), Memory, "fine reads learning_step, which is not for rules"),
+        (declared(action=None), Memory, "fine reads action, which is not for rules"),
+        (declared(kp=0.1), Memory, "kp = 0.1: kp is a parameter of the loop, which has its value; write kp: float"),
+        (declared(kpp=None), Memory, "kpp is no parameter of the loop, did you mean 'kp'.: give it a default"),
+        (declared(rmse=1.0), Memory, "the name rmse is taken"),
+        (declared(drop=1.0), Memory, "the name drop is taken"),
+        (declared(word="a"), Memory, "word of Parameters is no float"),
+        (declared(), Memory, "Parameters has no fields: give it one"),
+        (3, Memory, "Parameters is 3: give a class made with typing.NamedTuple"),
+        (Parameters, OfText, "word of Memory is no float: a rule works with numbers, write word: float"),
+    ],
+)
+def test_what_a_rule_may_not_read_or_remember(parameters, memory, sentence):
+    with pytest.raises(fc.InputError, match=sentence):
+        fc.estimator(parameters, memory)(fine)
+
+
+def test_a_parameter_that_is_none():
+    for given, sentence in (
+        ({"default": 2.0, "upper": 1.0}, "default = 2.0: give a number of at most 1"),
+        ({"default": -1.0, "lower": 0.0}, "of at least 0"),
+        ({"default": "a"}, "default = 'a': give a number"),
+        ({"default": 1.0, "unit": 3}, "unit = 3: give a text"),
+        ({"default": np.nan}, "give a number"),
+    ):
+        with pytest.raises(fc.InputError, match=sentence):
+            fc.parameter(**given)
+
+
+def test_functions_that_are_no_rules():
+    for given, sentence in (
+        ({"estimator": fine}, "fine is a plain function: put @fc.estimator"),
+        ({"estimator": own_pi}, "own_pi is made with @fc.law: give law = own_pi"),
+        ({"estimator": [by_error, fc.estimator(Parameters, Memory)(fine)], "gain": 2.0}, "gain = 2"),
+        ({"estimator": by_error, "gain": "a"}, "gain = 'a': give a number"),
+    ):
+        with pytest.raises(fc.InputError, match=sentence) as refused:
+            fc.Loop(**given)
+        assert len(refused.value.problems) == 1
+    with pytest.raises(fc.InputError, match="it must take three things"):
+        fc.estimator(Parameters, Memory)(again)
+    with pytest.raises(fc.InputError, match="two rules are called by_error"):
+        fc.Loop(estimator=[by_error, fc.estimator(Parameters, Memory)(by_error.parts[0].__class__(
+            fine.__code__, {}, "by_error"))])  # fmt: skip
+
+
+def test_two_rules_that_declare_a_parameter_differently():
+    other = fc.estimator(declared(gain=0.5), Memory)(fine)
+    with pytest.raises(fc.InputError, match="gain is a parameter of by_error and another one of fine: rename one"):
+        fc.Loop(estimator=[by_error, other])
+    assert fc.Loop(estimator=by_error).assign(estimator=other)["gain"] == 0.5
+
+
+def test_parameters_of_a_rule_that_no_scenario_has():
+    loop = fc.Loop(estimator=by_error)
+    day = fc.constant_day(hours=1)
+    with pytest.raises(fc.InputError, match="by_error, which no scenario has, alone reads gain"):
+        fc.simulate(loop.assign(gain=0.5, estimator="none"), day)
+
+
+def test_a_parameter_of_the_loop_that_is_read_must_be_given():
+    rule = fc.estimator(declared(plant_gain=None), Memory)(fine)
+    with pytest.raises(fc.InputError, match="fine reads plant_gain, which the loop does not give: give plant_gain"):
+        fc.simulate(fc.Loop(estimator=rule), fc.constant_day(hours=1))
+
+
+def test_a_replay_knows_no_rules():
+    log = xr.Dataset({"T_sup": ("elapsed_time", np.full(90, 14.0)), "T_set": ("elapsed_time", np.full(90, 14.0))})
+    with pytest.raises(fc.InputError, match="loop has the rule own_pi: replay knows the PI and the inverse alone"):
+        fc.replay(fc.Loop(law=own_pi), log)

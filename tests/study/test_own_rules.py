@@ -1,0 +1,204 @@
+"""Estimators and control laws of a study's own: found as text, part of its hash, run by workers alone."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.errors import InputError
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.runner import execute
+from fastcoil.study.workers.own_code import _load
+
+STUDY = """
+[loop]
+sample_time = 10
+gain = 1e-3
+[sweep]
+noise_std = [0.0, 0.02]
+[cases.controller]
+plain = { estimator = "none" }
+own = { estimator = "mine:by_error" }
+fast = { estimator = "mine:by_error", gain = 2e-3, law = "mine:own_pi" }
+[boundary]
+kind = "constant_day"
+hours = 0.6
+T_set = 14
+"""
+SOURCE = """
+from typing import NamedTuple
+import pathlib
+import fastcoil as fc
+pathlib.Path({trace!r}).touch()
+
+class Parameters(NamedTuple):
+    sample_time: float
+    kp: float
+    gain: float = fc.parameter(3e-4, unit="K-1 s-1", lower=0.0, text="how fast it moves")
+
+class Memory(NamedTuple):
+    integral: float = -0.0
+
+@fc.estimator(Parameters, Memory)
+def by_error(now, p, memory):
+    return limited(now.estimate + p.gain * abs(now.e) * p.sample_time, 0.2), memory
+
+@fc.law(Parameters, Memory)
+def own_pi(now, p, memory):
+    integral = limited(memory.integral + p.gain * now.e * p.sample_time, 1.0)
+    return p.kp * now.e + integral, Memory(integral)
+
+def limited(x, largest):
+    return min(max(x, 0.0), largest)
+"""
+AT = "controller=own,noise_std=0.02"
+
+
+@pytest.fixture
+def trace(tmp_path):
+    """A file that is made when the code of the study is run."""
+    _load.cache_clear()
+    return tmp_path / "trace"
+
+
+@pytest.fixture
+def path(tmp_path, trace):
+    (tmp_path / "mine.py").write_text(SOURCE.format(trace=str(trace)))
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    return path
+
+
+def test_a_study_is_read_with_its_rules_and_runs_nothing(path, trace):
+    loop = read_study(path).plan.layout.loop
+    assert loop["estimator"].values.tolist() == ["none", "by_error", "by_error"]
+    assert loop["gain"].values.tolist() == [1e-3, 1e-3, 2e-3]
+    assert loop["law"].values.tolist() == ["pi", "pi", "own_pi"]
+    assert loop.parameters["gain"].unit == "K-1 s-1"
+    assert not trace.exists()
+
+
+def test_the_source_of_its_rules_is_part_of_the_identity_of_a_study(path):
+    before = read_study(path).sha256
+    mine = path.parent / "mine.py"
+    mine.write_text(mine.read_text() + "# changed\n")
+    assert read_study(path).sha256 != before
+    path.write_text(STUDY.replace("mine:by_error", "none").replace(', law = "mine:own_pi"', "").replace("gain", "kp"))
+    plain = read_study(path).sha256
+    mine.unlink()
+    assert read_study(path).sha256 == plain
+
+
+@pytest.mark.kernel
+def test_a_study_gives_what_simulate_gives_on_every_backend(path, trace, tmp_path):
+    ds = fc.run_study(path, tmp_path / "out", n_jobs=1)
+    assert trace.exists()
+    day = fc.constant_day(hours=0.6, T_set=14)
+    scope = {}
+    exec((tmp_path / "mine.py").read_text(), scope)
+    for controller, parameters in {
+        "plain": {},
+        "own": {"estimator": scope["by_error"], "gain": 1e-3},
+        "fast": {"estimator": scope["by_error"], "gain": 2e-3, "law": scope["own_pi"]},
+    }.items():
+        alone = fc.simulate(fc.Loop(sample_time=10, noise_std=[0.0, 0.02], **parameters), day)
+        one = ds.sel(controller=controller)
+        np.testing.assert_array_equal(one.rmse, alone.rmse)
+        np.testing.assert_array_equal(one.estimate_final, alone.estimate_final)
+    assert ds["gain"].attrs["comment"] == "how fast it moves"
+    assert json.loads(ds.attrs["rules"])["own_pi"]["code"] == "mine:own_pi"
+    assert len(set(ds.rmse.values.ravel())) == 6
+    loop = fc.Loop.from_dataset(ds, rules=[scope["by_error"], scope["own_pi"]])
+    assert loop["gain"].values.tolist() == [1e-3, 1e-3, 2e-3]
+
+
+@pytest.mark.kernel
+@pytest.mark.full
+def test_processes_give_the_same_bits(path, tmp_path):
+    threads = fc.run_study(path, tmp_path / "threads", n_jobs=2)
+    loky = fc.run_study(path, tmp_path / "loky", n_jobs=2, backend="loky")
+    assert threads.attrs["content_sha256"] == loky.attrs["content_sha256"]
+
+
+@pytest.mark.kernel
+def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_path):
+    out = tmp_path / "out"
+    execute(read_study(path), out, n_jobs=1).results.close()
+    assert trace.exists()
+    trace.unlink()
+    _load.cache_clear()
+    for command in (["status", out], ["verify", out]):
+        assert CliRunner().invoke(main, [str(word) for word in command]).exit_code == 0
+    fc.open_study(out).close()
+    assert not trace.exists()
+    done = CliRunner().invoke(main, ["rerun", str(out), "--at", AT])
+    assert done.exit_code == 0, done.output
+    assert f"This study runs code of its own: by_error from {tmp_path / 'mine.py'}." in done.stderr
+    assert trace.exists()
+
+
+@pytest.mark.kernel
+def test_plan_and_run_say_whose_code_they_run_and_rerun_gives_the_same_bits(path, tmp_path):
+    out = tmp_path / "out"
+    for command in (["plan", path], ["run", path, "-o", out, "-j", 1, "--no-figures"]):
+        _load.cache_clear()
+        done = CliRunner().invoke(main, list(map(str, command)))
+        assert done.exit_code == 0, done.output
+        said = [line for line in done.stderr.splitlines() if "code of its own" in line]
+        assert [line.split()[7] for line in said] == ["by_error", "own_pi"]
+    done = CliRunner().invoke(main, ["rerun", str(out), "--at", AT])
+    assert "Equal to the study's result to the last bit." in done.output
+
+
+@pytest.mark.kernel
+def test_an_extension_keeps_what_its_rules_did_not_change(path, tmp_path):
+    out = tmp_path / "out"
+    before = fc.run_study(path, out, n_jobs=1).rmse.load()
+    path.write_text(path.read_text().replace("[0.0, 0.02]", "[0.0, 0.02, 0.04]"))
+    finished = execute(read_study(path), out, n_jobs=1, extend=True)
+    assert finished.n_run == 3
+    np.testing.assert_array_equal(finished.results.rmse.sel(noise_std=[0.0, 0.02]), before)
+    finished.results.close()
+    text = path.read_text()
+    path.write_text(text.replace("gain = 1e-3", "gain = 5e-3"))
+    with pytest.raises(InputError, match="are no longer in the study"):
+        execute(read_study(path), out, n_jobs=1, extend=True)
+    path.write_text(text)
+    mine = path.parent / "mine.py"
+    mine.write_text(mine.read_text().replace("abs(now.e)", "0.5"))
+    path.write_text(path.read_text().replace("0.04]", "0.04, 0.05]"))
+    with pytest.raises(InputError, match="are no longer in the study"):
+        execute(read_study(path), out, n_jobs=1, extend=True)
+
+
+@pytest.mark.kernel
+def test_mistakes_are_found_before_anything_is_computed(path, tmp_path):
+    mine = path.parent / "mine.py"
+    good = mine.read_text()
+    for change, sentence in (
+        (("3e-4", "1e-4 * 3"), "the default of gain is no number: write one, so that the study can be read without"),
+        (("@fc.estimator(Parameters, Memory)", ""), r"put @fc.estimator\(Parameters, Memory\) before by_error"),
+        (("def by_error", "def other"), "mine.py has no function by_error"),
+        (("kp: float", "backlash: float"), "by_error reads backlash, which is the plant itself"),
+        (("lower=0.0", "lower=1.0"), "default = 0.0003: give a number of at least 1"),
+        (("def limited(x", "def limited(x:"), "mine.py is no Python: SyntaxError"),
+        (("abs(now.e)", "abs(now.ee)"), "by_error reads ee of a Sample"),
+        (("import pathlib", "import pathlib\nraise ValueError('unripe')"), "does not run: ValueError: unripe"),
+        (("class Memory", "Parameters._field_defaults['gain'] = 1.0\nclass Memory"),
+         "its Parameters are not those that its source declares"),
+    ):  # fmt: skip
+        mine.write_text(good.replace(*change))
+        assert mine.read_text() != good
+        with pytest.raises(InputError, match=sentence):
+            fc.run_study(path, tmp_path / "out", n_jobs=1)
+    assert not os.path.exists(tmp_path / "out")
+    mine.write_text(good)
+    path.write_text(STUDY.replace("mine:by_error", "absent:rule"))
+    with pytest.raises(InputError, match="estimator = 'absent:rule': there is no "):
+        read_study(path)
