@@ -11,7 +11,8 @@ _UNITS = {"1": "", "K-1": "1/K", "kg s-1": "kg/s", "kJ K-1": "kJ/K", "kW h": "kW
 _PERCENT = frozenset(
     (
         "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
-        "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "estimate_first_down",
+        "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "size_error",
+        "estimate_first_down", "share_off", "hunts",
         "u", "integral", "command", "position", "opening", "estimate",
     )
 )  # fmt: skip

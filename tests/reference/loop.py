@@ -163,7 +163,10 @@ def simulate(
     counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
     metrics = tracking_metrics(traces["T_sup"], T_set, counted)
     metrics.update(movement_metrics(traces["opening"], traces["position"], counted))
-    metrics.update(switching_metrics(switches, traces["estimate"], p["backlash"], learner, counted, warm_up, open_loop))
+    assumes = p["backlash_estimate"] > 0.0 or not learner.is_off
+    metrics.update(
+        switching_metrics(switches, traces["estimate"], p["backlash"], learner, assumes, counted, warm_up, open_loop)
+    )
     metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
     metrics["status"] = status
     return traces, metrics
