@@ -128,25 +128,33 @@ def rows_by_backlash(found: dict[str, xr.Dataset], backlash: xr.DataArray) -> li
 
 
 def pareto(found: dict[str, xr.Dataset]) -> None:
-    """Draw error against travel, both relative to the best PI, a panel for each kind of days."""
-    figure, panels = plt.subplots(1, len(found), figsize=(3.2 * len(found), 3.4), sharey=True, layout="constrained")
-    for panel, (kind, ds) in zip(np.atleast_1d(panels), found.items(), strict=True):
+    """Draw error against travel of the median valve, both relative to the best PI, a panel for each kind of days.
+
+    A remedy has one colour and one mark: full with the best gains, hollow with those of SIMC.
+    """
+    figure, axes = plt.subplots(1, len(found), figsize=(3.4 * len(found), 4.0), sharey=True, layout="constrained")
+    panels = list(np.atleast_1d(axes))
+    for panel, (kind, ds) in zip(panels, found.items(), strict=True):
         base = ds.sel(controller=BASELINE)
-        for k, name in enumerate(ds.controller.values):
-            d = ds.sel(controller=name)
-            x = float((d.motor_travel.mean("day") / base.motor_travel.mean("day")).median())
-            y = float((d.rmse.mean("day") / base.rmse.mean("day")).median())
-            full = not str(name).endswith("SIMC gains")
-            panel.plot(
-                x, y, "os^vDPX<>*"[k % 10], label=str(name), color=f"C{k % 10}", fillstyle="full" if full else "none"
+        shown: list[str] = []
+        for name in map(str, ds.controller.values):
+            remedy = BASELINE if name == SIMC else name.removesuffix(", SIMC gains")
+            shown += [] if remedy in shown else [remedy]
+            k, hollow = shown.index(remedy), name != remedy
+            x, y = (
+                float((ds[metric].sel(controller=name).mean("day") / base[metric].mean("day")).median())
+                for metric in ("motor_travel", "rmse")
             )
-        panel.set(title=kind, xscale="log", xlabel="motor travel / best PI")
+            panel.plot(
+                x, y, "os^vDPX<>*"[k % 10], color=f"C{k % 10}", fillstyle="none" if hollow else "full", label=name
+            )
+        panel.set(title=kind, xscale="log", xlim=(0.05, 8.0), xlabel="motor travel / best PI")
+        panel.set_xticks([0.1, 0.2, 0.5, 1.0, 2.0, 5.0], ["0.1", "0.2", "0.5", "1", "2", "5"])
+        panel.minorticks_off()
         panel.axhline(1.0, color="0.8", zorder=0)
         panel.axvline(1.0, color="0.8", zorder=0)
-    np.atleast_1d(panels)[0].set_ylabel("RMSE / best PI (median valve)")
-    figure.legend(
-        *np.atleast_1d(panels)[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8
-    )
+    panels[0].set_ylabel("RMSE / best PI")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8)
     path = HERE.parent / "results" / "remedies.png"
     path.parent.mkdir(exist_ok=True)
     figure.savefig(path, dpi=150)
