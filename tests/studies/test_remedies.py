@@ -75,7 +75,7 @@ def test_the_model_of_a_first_order_plant_is_that_plant(monkeypatch, gain, tau, 
 @pytest.mark.kernel
 def test_the_best_gains_have_the_lowest_error_on_the_search_days(two_hours):
     loop = fc.Loop.preset("lbnl").assign(backlash=("valve", [0.02, 0.1]))
-    best = best_pi.best_gains(loop, kinds.CONSTANT, [1])
+    best = best_pi.best_gains(loop, [kinds.CONSTANT], [1])
     swept = loop.assign(kp=[0.02, 0.05], ti=[40.0, 100.0])
     ds = fc.simulate(swept, kinds.of_kind(kinds.CONSTANT, [1])).isel(day=0)
     for k in range(2):
