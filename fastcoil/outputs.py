@@ -20,6 +20,14 @@ PEAK_BLOCK = 900
 """Averaging time of the peak power, s."""
 ESTIMATE_WINDOW = 7200
 """Last part of a run over which the estimate is averaged, s."""
+OFF = 0.5
+"""Control error beyond which the supply temperature counts as off its set-point, K."""
+HUNTING_SWING = 0.1
+"""Mean peak-to-peak supply temperature above which a loop may hunt, K."""
+HUNTING_SAMPLE = 10
+"""Seconds between the control errors in which ``hunts`` seeks periods: it sees none shorter than two of them."""
+HUNTING_PERIODS = 10
+"""Least number of whole periods that a loop must show before it counts as hunting."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +61,17 @@ METRICS: dict[str, Output] = {
                difference=True, label="settled RMS error"),
         Output("iae", "K h", "integral of absolute control error", "sum of |e| dt / 3600",
                label="integrated absolute error"),
+        Output("share_off", "1", "share of the time off the set-point", "share of the counted seconds with |e| > 0.5 K",
+               label="share of time with |e| > 0.5 K"),
         Output("hunting_amplitude", "K", "peak-to-peak supply temperature, settled",
-               "mean over settled windows of max - min of T_sup", difference=True, label="hunting, peak to peak"),
+               "mean over settled windows of max - min of T_sup: the whole swing, not half of it",
+               difference=True, label="hunting, peak to peak"),
         Output("hunting_period", "s", "period of the control error",
                "settled seconds per upward zero crossing of e; NaN below 2 crossings", label="hunting period"),
+        Output("hunts", "1", "whether the loop hunts",
+               "1 where the hunting amplitude exceeds 0.1 K and e shows at least 10 whole periods, two thirds of them "
+               "as long, to 20 %, as the one before; else 0.  A period lies between two upward zero crossings of e "
+               "within a settled window, e taken every 10 s", label="share that hunts"),
         Output("switch_frequency", "1", "mode switches per 10 min",
                "mean over whole 600-s blocks from the end of the warm-up", label="mode switches per 10 min"),
         Output("stem_travel", "1", "travel of the valve stem", "sum of |change of opening|, strokes",
@@ -67,6 +82,9 @@ METRICS: dict[str, Output] = {
                "sign changes of successive opening changes above 1e-9", label="stem reversals"),
         Output("estimate_final", "1", "backlash estimate at the end", label="final estimate"),
         Output("estimate_settled", "1", "mean backlash estimate of the last 7200 s", label="settled estimate"),
+        Output("size_error", "1", "error of the estimated backlash",
+               "estimate_settled - backlash; NaN for a plain PI, which assumes no backlash",
+               label="estimate - backlash"),
         Output("learn_time_reached", "s", "time at which the estimate reached the backlash",
                "first update with estimate >= backlash - step/2; NaN = never (censored)",
                censored=True, label="time to reach the backlash"),

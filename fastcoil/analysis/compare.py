@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import checking, level_of, mapping_of, names_of, plain
+from fastcoil.arguments import checking, flag_of, level_of, mapping_of, names_of, plain
 from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import METRICS, STATUS_OK
 from fastcoil.simulation.result import check_result
@@ -30,6 +30,7 @@ def compare(
     over: str | Sequence[str],
     metrics: str | Sequence[str] | None = None,
     level: float = 0.95,
+    relative: bool = False,
 ) -> xr.Dataset:
     """Compare every scenario with its partner under a baseline.
 
@@ -46,6 +47,8 @@ def compare(
         Name or names; all metrics of ``ds`` by default.
     level
         Level of the interval ``low``–``high``.
+    relative
+        Give the differences as shares of the partner's value under the baseline: -0.2 is a fifth lower.
 
     Returns
     -------
@@ -63,6 +66,11 @@ def compare(
         A time that never came counts as later than any that did: quantiles may then be ±inf (beyond the run), and the
         mean is NaN.  Pairs with a failed scenario are left out.
 
+        With ``relative`` every difference is divided by the size of the baseline's value before anything else is done;
+        only ``baseline`` and ``value`` keep their unit.  Where the baseline is 0, an equal value differs by 0, and any
+        other by ±inf: quantiles may then be infinite, and the mean is NaN.  A time that came differs by -1 from a
+        baseline that never did.
+
     Raises
     ------
     InputError
@@ -73,6 +81,7 @@ def compare(
         over = check(names_of, "over", over)
         given = check.unless_none(names_of, "metrics", metrics)
         level = check(level_of, level)
+        relative = check(flag_of, "relative", relative)
         check(
             mapping_of, "baseline", baseline, 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
         )
@@ -90,15 +99,34 @@ def compare(
         values, reference = xr.broadcast(values, values.sel(dict(baseline), drop=True))
         dims = [d for d in values.dims if d not in over]
         own, partner = (v.transpose(*dims, *over).values.reshape(-1, *shape) for v in (values, reference))
-        found = _statistics(own, partner, units, level).reshape(*(values.sizes[d] for d in dims), len(STATISTICS))
-        results[name] = ((*dims, "statistic"), found, ds[name].attrs)
+        found = _statistics(own, partner, units, level, relative).reshape(
+            *(values.sizes[d] for d in dims), len(STATISTICS)
+        )
+        results[name] = ((*dims, "statistic"), found, _in_shares(ds[name].attrs) if relative else ds[name].attrs)
     labels = {d: ds[d] for d in ds["status"].dims if d not in over}
     compared = xr.Dataset(results, coords={**labels, "statistic": list(STATISTICS)})
     compared.attrs = {"baseline": str(dict(baseline)), "over": ", ".join(over), "level": level}
+    compared.attrs |= {"relative": 1} if relative else {}
     return compared
 
 
-def _statistics(values: np.ndarray, reference: np.ndarray, units: Sequence[int], level: float) -> np.ndarray:
+def _in_shares(attrs: Mapping[str, Any]) -> dict[str, Any]:
+    """The attributes of a metric whose differences are shares of the baseline."""
+    comment = f"shares of the baseline; the statistics baseline and value in {attrs.get('units', '1')}"
+    return {**attrs, "units": "1", "comment": comment}
+
+
+def _shares(difference: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Differences as shares of the size of the reference; what becomes of 0 and inf is told in ``compare``."""
+    size = abs(reference)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(np.isinf(size), np.sign(difference), difference / size)
+    return np.where(difference == 0.0, 0.0, share)
+
+
+def _statistics(
+    values: np.ndarray, reference: np.ndarray, units: Sequence[int], level: float, relative: bool
+) -> np.ndarray:
     """Return all statistics, (cells, len(STATISTICS)).
 
     values, reference: (cells, *over), NaN if failed, inf if censored; units: the axes of ``over`` with independent
@@ -112,6 +140,8 @@ def _statistics(values: np.ndarray, reference: np.ndarray, units: Sequence[int],
     both_censored = np.isinf(values) & np.isinf(reference)
     difference = np.zeros(values.shape)
     np.subtract(values, reference, out=difference, where=~both_censored)
+    if relative:
+        difference = _shares(difference, reference)
     found = {
         "baseline": _quantile(reference, n_pairs, 0.5),
         "value": _quantile(values, n_pairs, 0.5),

@@ -9,6 +9,7 @@ import numpy as np
 
 from fastcoil.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R, positions
 from fastcoil.engine.schedule import (
+    HUNTING_SEEN,
     IN_ESTIMATE_WINDOW,
     IN_PEAK_BLOCK,
     PEAK_BLOCK_ENDS,
@@ -17,7 +18,17 @@ from fastcoil.engine.schedule import (
     WINDOW_STARTS,
 )
 from fastcoil.numerics.jit import scalar, section
-from fastcoil.outputs import METRICS, PEAK_BLOCK, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
+from fastcoil.outputs import (
+    HUNTING_PERIODS,
+    HUNTING_SAMPLE,
+    HUNTING_SWING,
+    METRICS,
+    OFF,
+    PEAK_BLOCK,
+    STATUS_NON_FINITE,
+    STATUS_OK,
+    STATUS_OUT_OF_RANGE,
+)
 
 N_METRICS = len(METRICS)
 M = positions(METRICS)
@@ -47,6 +58,13 @@ def account_travel(S, j, d_opening, d_position):
     S[R.last_turn + j] = turn if moved else S[R.last_turn + j]
 
 
+@scalar
+def alike(period, before):
+    """Whether two periods, s, are equally long to 20 % of the longer one."""
+    longer = period if period > before else before
+    return 5.0 * abs(period - before) <= longer
+
+
 @section
 def account_second(S, V, flags, T_set, T_w_in, n_volumes):
     """Add one counted second to control error, hunting and energy."""
@@ -55,6 +73,7 @@ def account_second(S, V, flags, T_set, T_w_in, n_volumes):
         e = first[T_A + j] - T_set
         S[R.sum_e2 + j] += e * e
         S[R.sum_abs_e + j] += abs(e)
+        S[R.off + j] += 1.0 if abs(e) > OFF else 0.0
         S[R.sum_m_w + j] += S[R.m_w + j]
         S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (last[T_W + j] - T_w_in))
         S[R.sum_power + j] += S[R.power + j]
@@ -63,15 +82,29 @@ def account_second(S, V, flags, T_set, T_w_in, n_volumes):
             S[R.highest + j] = first[T_A + j]
             S[R.lowest + j] = first[T_A + j]
             S[R.e_previous + j] = 0.0
+            S[R.e_sampled + j] = 0.0
+            S[R.since_up + j] = np.nan
     if flags & SETTLED:
         for j in range(LANES):
             T = first[T_A + j]
             e = T - T_set
             S[R.sum_e2_settled + j] += e * e
-            S[R.crossings + j] += 1.0 if S[R.e_previous + j] < 0.0 and e >= 0.0 else 0.0
+            # & in place of `and`, which would branch
+            S[R.crossings + j] += 1.0 if (S[R.e_previous + j] < 0.0) & (e >= 0.0) else 0.0
             S[R.e_previous + j] = e
             S[R.highest + j] = T if T > S[R.highest + j] else S[R.highest + j]
             S[R.lowest + j] = T if T < S[R.lowest + j] else S[R.lowest + j]
+    if flags & HUNTING_SEEN:
+        for j in range(LANES):
+            e, before, last = first[T_A + j] - T_set, S[R.e_sampled + j], S[R.last_period + j]
+            since = S[R.since_up + j] + HUNTING_SAMPLE
+            up = (before < 0.0) & (e >= 0.0)
+            whole = up & (since > 0.0)  # not at the first crossing of a window
+            S[R.periods + j] += 1.0 if whole else 0.0
+            S[R.alike + j] += 1.0 if whole & alike(since, last) else 0.0
+            S[R.last_period + j] = since if whole else last
+            S[R.since_up + j] = 0.0 if up else since
+            S[R.e_sampled + j] = e
     if flags & WINDOW_ENDS:
         for j in range(LANES):
             S[R.sum_swing + j] += S[R.highest + j] - S[R.lowest + j]
@@ -128,14 +161,20 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.rmse] = np.sqrt(S[R.sum_e2 + j] / seconds)
         m[M.rmse_settled] = np.sqrt(S[R.sum_e2_settled + j] / settled)
         m[M.iae] = S[R.sum_abs_e + j] / 3600.0
+        m[M.share_off] = S[R.off + j] / seconds
         m[M.hunting_amplitude] = S[R.sum_swing + j] / schedule.n_windows
         m[M.hunting_period] = settled / S[R.crossings + j] if S[R.crossings + j] >= 2.0 else np.nan
+        swings = m[M.hunting_amplitude] > HUNTING_SWING
+        hunts = swings and S[R.periods + j] >= HUNTING_PERIODS and 3.0 * S[R.alike + j] >= 2.0 * S[R.periods + j]
+        m[M.hunts] = np.nan if schedule.n_windows == 0 else (1.0 if hunts else 0.0)
         m[M.switch_frequency] = S[R.sum_switches + j] / blocks
         m[M.stem_travel] = S[R.stem_travel + j]
         m[M.motor_travel] = S[R.motor_travel + j]
         m[M.reversals] = S[R.reversals + j]
         m[M.estimate_final] = S[R.estimate + j]
         m[M.estimate_settled] = S[R.sum_estimate + j] / schedule.n_estimate
+        assumes = S[R.estimator + j] > 0.0 or S[R.backlash_estimate + j] > 0.0
+        m[M.size_error] = m[M.estimate_settled] - S[R.backlash + j] if assumes else np.nan
         m[M.learn_time_reached] = S[R.time_reached + j]
         m[M.learn_time_confirmed] = S[R.time_confirmed + j]
         m[M.time_identified] = S[R.time_identified + j]

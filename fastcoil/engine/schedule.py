@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.outputs import ESTIMATE_WINDOW, PEAK_BLOCK, SETTLING_TIME, SWITCH_BLOCK
+from fastcoil.outputs import ESTIMATE_WINDOW, HUNTING_SAMPLE, PEAK_BLOCK, SETTLING_TIME, SWITCH_BLOCK
 
 COUNTED = 1
 SETTLED = 2
@@ -20,6 +20,7 @@ IN_SWITCH_BLOCK = 16
 IN_PEAK_BLOCK = 32
 PEAK_BLOCK_ENDS = 64
 IN_ESTIMATE_WINDOW = 128
+HUNTING_SEEN = 256
 
 
 class Schedule(NamedTuple):
@@ -56,10 +57,11 @@ def schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int) -> Schedule:
     in_peak_block = whole_blocks(counted, warm_up, PEAK_BLOCK)
     peak_ends = in_peak_block & ((t - warm_up) % PEAK_BLOCK == PEAK_BLOCK - 1)
     in_estimate = counted & (t >= T_set.size - ESTIMATE_WINDOW)
+    hunting_seen = settled & (t % HUNTING_SAMPLE == 0)
     flags = (
         COUNTED * counted + SETTLED * settled + WINDOW_STARTS * starts + WINDOW_ENDS * ends
         + IN_SWITCH_BLOCK * in_switch_block + IN_PEAK_BLOCK * in_peak_block + PEAK_BLOCK_ENDS * peak_ends
-        + IN_ESTIMATE_WINDOW * in_estimate
+        + IN_ESTIMATE_WINDOW * in_estimate + HUNTING_SEEN * hunting_seen
     )  # fmt: skip
     return Schedule(
         flags=flags.astype(np.int64),

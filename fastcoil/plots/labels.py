@@ -20,7 +20,8 @@ _UNITS = {
 _PERCENT = frozenset(
     (
         "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
-        "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "estimate_first_down",
+        "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "size_error",
+        "estimate_first_down", "share_off", "hunts",
         "u", "integral", "command", "position", "opening", "estimate",
     )
 )  # fmt: skip

@@ -164,6 +164,7 @@ def test_every_metric_of_a_simulation_can_be_compared(swept):
         ({"baseline": {"kp": 0}, "over": "day", "level": 95}, "level = 95"),
         ({"baseline": {"kp": 0}, "over": "day", "level": "0.9"}, "level = '0.9': must be a number between 0 and 1"),
         ({"baseline": {"kp": 0}, "over": "day", "level": None}, "level = None"),
+        ({"baseline": {"kp": 0}, "over": "day", "relative": 1}, "relative = 1"),
         ({"baseline": {"kp": [0]}, "over": "day"}, "kp = [0] is not a single label; give one, such as 0"),
         ({"baseline": {"kp": [[0], [0, 1]]}, "over": "day"}, "is not a single label"),
         ({"baseline": {"kp": np.array([0, 1])}, "over": "day"}, "is not a single label"),
@@ -187,6 +188,42 @@ def test_a_mistake_gets_a_sentence(options, sentence):
         fc.compare(ds, **options)
     assert sentence in str(caught.value)
     assert len(caught.value.problems) == 1
+
+
+def test_relative_differences_are_those_of_shares_of_the_partner():
+    rng = np.random.default_rng(8)
+    values = rng.uniform(0.5, 2.0, (3, 6))
+    ds = result(("kp", "day"), rmse=values)
+    found = fc.compare(ds, baseline={"kp": 0}, over="day", relative=True)
+    by_hand = fc.compare(result(("kp", "day"), rmse=values / values[0]), baseline={"kp": 0}, over="day")
+    kept = [s for s in STATISTICS if s not in ("baseline", "value")]
+    np.testing.assert_allclose(found.rmse.sel(statistic=kept), by_hand.rmse.sel(statistic=kept), rtol=1e-12, atol=1e-14)
+    plain = fc.compare(ds, baseline={"kp": 0}, over="day").rmse.sel(statistic=["baseline", "value"])
+    np.testing.assert_array_equal(found.rmse.sel(statistic=["baseline", "value"]), plain)
+    assert found.attrs["relative"] == 1
+    assert found.rmse.attrs["units"] == "1"
+
+
+def test_against_a_baseline_of_0_an_equal_value_is_no_change_and_any_other_is_infinite():
+    ds = result(("kp", "day"), reversals=[[0.0, 0.0, 4.0], [0.0, 0.0, 2.0], [0.0, 3.0, 2.0]])
+    found = fc.compare(ds, baseline={"kp": 0}, over="day", relative=True).reversals
+    assert found.sel(kp=1, statistic=["q05", "median", "q95"]).values.tolist() == [-0.5, 0.0, 0.0]
+    assert float(found.sel(kp=1, statistic="mean")) == pytest.approx(-0.5 / 3)
+    assert found.sel(kp=2, statistic=["q05", "median", "q95"]).values.tolist() == [-0.5, 0.0, np.inf]
+    assert np.isnan(found.sel(kp=2, statistic=["mean", "low", "high"])).all()
+    assert float(found.sel(kp=2, statistic="n_pairs")) == 3
+
+
+def test_relative_to_a_negative_baseline_more_is_positive():
+    ds = result(("kp", "day"), size_error=[[-0.02, -0.02], [-0.01, -0.03]])
+    found = fc.compare(ds, baseline={"kp": 0}, over="day", relative=True).size_error
+    assert found.sel(kp=1, statistic=["q05", "q95"]).values.tolist() == pytest.approx([-0.5, 0.5])
+
+
+def test_a_time_that_came_is_a_whole_share_below_one_that_never_did():
+    ds = result(("kp", "day"), learn_time_reached=[[np.nan, np.nan, 100.0], [50.0, np.nan, np.nan]])
+    found = fc.compare(ds, baseline={"kp": 0}, over="day", relative=True).learn_time_reached
+    assert found.sel(kp=1, statistic=["q05", "median", "q95"]).values.tolist() == [-1.0, 0.0, np.inf]
 
 
 def test_a_single_scenario_has_nothing_to_compare():

@@ -76,6 +76,7 @@ def test_control_error(run):
         rmse=np.sqrt(np.mean(run.error[run.counted] ** 2)),
         rmse_settled=np.sqrt(np.mean(run.error[run.settled] ** 2)),
         iae=np.abs(run.error[run.counted]).sum() / 3600.0,
+        share_off=np.mean(np.abs(run.error[run.counted]) > 0.5),
     )
 
 
@@ -87,6 +88,7 @@ def test_hunting(run):
         hunting_amplitude=np.mean([np.ptp(run["T_sup"][w]) for w in run.windows]),
         hunting_period=run.settled.sum() / crossings if crossings >= 2 else np.nan,
     )
+    assert 0.0 < float(run.ds.share_off) < 1.0
 
 
 @pytest.mark.kernel
@@ -112,7 +114,14 @@ def test_switch_frequency(run):
 @pytest.mark.kernel
 def test_estimate(run):
     recent = run.counted & (SECONDS >= N - 7200)
-    assert_metrics(run, estimate_final=run["estimate"][-1], estimate_settled=run["estimate"][recent].mean())
+    settled = run["estimate"][recent].mean()
+    assumes = run.loop["backlash_estimate"] > 0.0
+    assert_metrics(
+        run,
+        estimate_final=run["estimate"][-1],
+        estimate_settled=settled,
+        size_error=settled - run.loop["backlash"] if assumes else np.nan,
+    )
 
 
 @pytest.mark.kernel
@@ -164,11 +173,12 @@ def test_a_run_too_short_for_a_block_or_a_window_has_no_such_metric():
     ds = fc.simulate(fc.Loop(), fc.paper_day(hours=550 / 3600), warm_up=0)
     missing = {name for name in METRICS if np.isnan(ds[name])}
     learner = {"learn_time_reached", "learn_time_confirmed", "learn_time_first_down", "estimate_first_down"}
-    estimators = learner | {"time_identified", "half_periods", "half_period_spread"}
+    estimators = learner | {"time_identified", "size_error", "half_periods", "half_period_spread"}
     assert missing == estimators | {
         "rmse_settled",
         "hunting_amplitude",
         "hunting_period",
+        "hunts",
         "switch_frequency",
         "coil_peak_power",
     }

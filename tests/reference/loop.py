@@ -171,8 +171,9 @@ def simulate(
     counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
     metrics = tracking_metrics(traces["T_sup"], T_set, counted)
     metrics.update(movement_metrics(traces["opening"], traces["position"], counted))
+    assumes = p["backlash_estimate"] > 0.0 or not estimator.is_off
     metrics.update(
-        switching_metrics(switches, traces["estimate"], p["backlash"], estimator, counted, warm_up, open_loop)
+        switching_metrics(switches, traces["estimate"], p["backlash"], estimator, assumes, counted, warm_up, open_loop)
     )
     metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
     metrics["status"] = status

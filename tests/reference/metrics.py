@@ -7,14 +7,17 @@ METRICS = (
     "rmse",
     "rmse_settled",
     "iae",
+    "share_off",
     "hunting_amplitude",
     "hunting_period",
+    "hunts",
     "stem_travel",
     "motor_travel",
     "reversals",
     "switch_frequency",
     "estimate_final",
     "estimate_settled",
+    "size_error",
     "learn_time_reached",
     "learn_time_confirmed",
     "time_identified",
@@ -33,6 +36,7 @@ SETTLING_TIME = 600  # s since the last set-point change
 SWITCH_BLOCK = 600  # s
 POWER_BLOCK = 900  # s
 ESTIMATE_WINDOW = 7200  # s
+OFF = 0.5  # K
 MOVEMENT_THRESHOLD = 1e-9  # strokes
 
 
@@ -49,7 +53,9 @@ def tracking_metrics(T_sup, T_set, counted):
 
     ranges = []
     crossings = 0
+    periods = []
     for start, stop in windows(settled):
+        periods += whole_periods(error, range(start, stop))
         ranges.append(max(T_sup[start:stop]) - min(T_sup[start:stop]))
         crossings += sum(error[t - 1] < 0.0 <= error[t] for t in range(start + 1, stop))
 
@@ -57,9 +63,26 @@ def tracking_metrics(T_sup, T_set, counted):
         "rmse": math.sqrt(mean([e * e for e in select(error, counted)])),
         "rmse_settled": math.sqrt(mean([e * e for e in select(error, settled)])),
         "iae": math.fsum(abs(e) for e in select(error, counted)) / 3600.0,
+        "share_off": mean([float(abs(e) > OFF) for e in select(error, counted)]),
         "hunting_amplitude": mean(ranges),
         "hunting_period": sum(settled) / crossings if crossings >= 2 else math.nan,
+        "hunts": hunts(mean(ranges), periods),
     }
+
+
+def whole_periods(error, window):
+    """Times [s] between successive upward zero crossings of the error within a window, seen every 10 s."""
+    seen = [t for t in window if t % 10 == 0]
+    ups = [now for before, now in pairwise(seen) if error[before] < 0.0 <= error[now]]
+    return [now - before for before, now in pairwise(ups)]
+
+
+def hunts(amplitude, periods):
+    """1 where the mean peak to peak [K] is above 0.1 K and at least ten periods are mostly like the one before."""
+    if math.isnan(amplitude):
+        return math.nan
+    alike = sum(abs(now - before) / max(now, before) <= 0.2 for before, now in pairwise(periods))
+    return float(amplitude > 0.1 and len(periods) >= 10 and alike / len(periods) >= 2 / 3)
 
 
 def movement_metrics(opening, position, counted):
@@ -74,8 +97,11 @@ def movement_metrics(opening, position, counted):
     }
 
 
-def switching_metrics(switches, estimate, backlash, estimator, counted, warm_up, open_loop):
-    """Mode switches per 10 min, the estimate [strokes] and the learning times [s]; NaN in open loop."""
+def switching_metrics(switches, estimate, backlash, estimator, assumes, counted, warm_up, open_loop):
+    """Mode switches per 10 min, the estimate [strokes] and the learning times [s]; NaN in open loop.
+
+    assumes: whether the controller assumes any backlash at all.
+    """
     n_steps = len(estimate)
     recent = [counted[t] and t >= n_steps - ESTIMATE_WINDOW for t in range(n_steps)]
     switches_per_block = [] if open_loop else block_sums(switches, counted, warm_up, SWITCH_BLOCK)
@@ -83,6 +109,7 @@ def switching_metrics(switches, estimate, backlash, estimator, counted, warm_up,
         "switch_frequency": mean(switches_per_block),
         "estimate_final": estimate[-1],
         "estimate_settled": mean(select(estimate, recent)),
+        "size_error": mean(select(estimate, recent)) - backlash if assumes else math.nan,
         "time_identified": math.nan if estimator.is_off else since_right(estimate, backlash),
         **estimator.metrics(),
     }
