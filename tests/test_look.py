@@ -13,7 +13,7 @@ from fastcoil.errors import InputError, StorageError
 from fastcoil.look import exists, is_file, is_folder
 from fastcoil.paper.regenerate import _make_folder
 from fastcoil.simulation.resources import check_disk
-from fastcoil.study.file.reduction import find_reduction
+from fastcoil.study.file.source import find_source
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def closed(tmp_path, monkeypatch):
         is_folder,
         lambda path: _require_writable(path / "valve.toml"),
         lambda path: check_disk(1, path),
-        lambda path: find_reduction("mine:f", path),
+        lambda path: find_source("reduce", "mine:f", path),
         _make_folder,
     ],
 )

@@ -67,7 +67,7 @@ def _labels(ds: xr.Dataset) -> Iterator[str]:
     for name, label in ds.coords.items():
         kind, parameter = _kind(label.values), PARAMETERS.get(str(name))
         expected = "nt" if parameter is None else "t" if parameter.is_word else "n"
-        placed = label.dims == (name,) or (parameter is not None and set(label.dims) <= set(dims))
+        placed = label.dims == (name,) or set(label.dims) <= set(dims)  # a rule's own parameters are in no table
         if not placed or kind not in expected or (name in dims and not _tell_apart(label.values, kind)):
             yield str(name)
 
