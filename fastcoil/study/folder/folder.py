@@ -190,7 +190,7 @@ class StudyFolder:
 
     def in_the_way(self) -> list[str]:
         """A sentence for each folder that has the name of a file of traces."""
-        found = [path for path in self.trace_files() if is_folder(path) and not path.is_symlink()]
+        found = [path for path in self.trace_files() if is_folder(path)]
         return [f"{path} is a folder with the name of a file: move it away, then run the study again" for path in found]
 
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:

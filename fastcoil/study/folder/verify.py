@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageError
+from fastcoil.look import is_folder
 from fastcoil.plots.files import stale_figures
 from fastcoil.simulation.dataset import check_same_form
 from fastcoil.study.folder import final
@@ -58,7 +59,7 @@ def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
     elif (store.read_text() or "").replace("\r\n", "\n") != ds.attrs.get("study_toml"):
         yield f"{store.study} is not the text of the study that was run: {again}"
     for path in store.trace_files():
-        if not path.is_dir() and path.name != ds.attrs.get("trace_file"):
+        if not is_folder(path) and path.name != ds.attrs.get("trace_file"):
             yield f"{path} is not of this run: {again}"
     for path in stale_figures(store.path, ds.attrs["content_sha256"]):
         yield f"{path} was drawn from other results: run `fastcoil plot {store.path}`, or delete it"
