@@ -16,6 +16,8 @@ UNFINISHED = ".tmp"
 """Suffix of a file that is being written."""
 _CHUNK = 1 << 20
 """Bytes read at once."""
+_LOOKS = ("read", "found", "read by another process")
+"""What is done to a file without writing, for which no space is needed."""
 _PROBE = 1 << 20
 """Bytes that do not fit on a full disk."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 4000
@@ -202,9 +204,8 @@ def storage_errors(path: Path, done: str) -> Iterator[None]:
         raise
     except (OSError, RuntimeError) as error:  # netCDF4 reports errors of HDF5 as RuntimeError
         reason = getattr(error, "strerror", None) or error
-        found = StorageError(
-            f"{path} cannot be {done}: {reason}; free some space or repair the folder, then run the same command again"
-        )
+        cure = "check its permissions and the disk" if done in _LOOKS else "free some space or repair the folder"
+        found = StorageError(f"{path} cannot be {done}: {reason}; {cure}, then run the same command again")
         found.errno = getattr(error, "errno", None)
         raise found from error
 

@@ -29,7 +29,10 @@ def available_memory() -> int:
 
 def gib(n_bytes: float) -> str:
     """Bytes in words."""
-    return f"{n_bytes / 2**30:,.1f} GiB" if n_bytes >= 2**30 else f"{n_bytes / 2**20:,.1f} MiB"
+    for size, unit in ((2**30, "GiB"), (2**20, "MiB"), (2**10, "KiB")):
+        if n_bytes >= size or (unit == "MiB" and n_bytes >= 0.1 * size):
+            return f"{n_bytes / size:,.1f} {unit}"
+    return f"{n_bytes:.0f} bytes"
 
 
 def _of_machine() -> int:

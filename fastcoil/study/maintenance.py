@@ -91,20 +91,21 @@ def rerun(
     position = _find_position(labels, at)
     flat = int(np.ravel_multi_index(tuple(position.values()), tuple(layout.sizes.values()))) if position else 0
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
-    rules = layout.loop.rules
-    for name, rule in rules.items():
-        rule.adopt(prepare(rule.kind, study.rules[name]))
-    compile_kernel()
-    ds = run_shard(plan, np.array([flat])).squeeze("scenario", drop=True)
-    for name, coordinate in coordinates.items():
-        one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
-        ds = ds.assign_coords({name: one.assign_attrs(coordinate_attrs(name, layout.loop.parameters))})
-    ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
     path = folder / RERUNS / f"{_file_name(name)}.nc"
     with storage_errors(path.parent, "made"):
         make_folder(path.parent)
-    with hold(path.parent):  # not the study, which may be running
+    with hold(path.parent):  # not the study, which may be running; a folder that cannot be written is refused now
+        pass
+    for word, rule in layout.loop.rules.items():
+        rule.adopt(prepare(rule.kind, study.rules[word]))
+    compile_kernel()
+    ds = run_shard(plan, np.array([flat])).squeeze("scenario", drop=True)
+    for dim, coordinate in coordinates.items():
+        one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
+        ds = ds.assign_coords({dim: one.assign_attrs(coordinate_attrs(dim, layout.loop.parameters))})
+    ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
+    with hold(path.parent):
         save(ds, path)
     return path, _compare_with_stored(store, ds, position, layout.sizes)
 

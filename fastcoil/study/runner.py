@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import xarray as xr
 
 from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.engine.host import compile_kernel
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, StorageError
 from fastcoil.files import storage_errors
 from fastcoil.numerics.jit import same_model
 from fastcoil.simulation.dataset import check_same_form, environments_of
@@ -133,10 +133,27 @@ def execute(
     with storage_errors(folder, "found"):
         # a study's own code may change the current folder meanwhile, of this thread or another
         store = StudyFolder(folder.absolute())
-    with store.hold():
-        finished = _finish(study, store, n_jobs, backend, scheduler, extend, progress)
+    with ExitStack() as held:
+        try:
+            held.enter_context(store.hold())
+        except StorageError:
+            found = _find_finished(study, store)  # which needs no writing
+            if found is None:
+                raise
+            finished = found
+        else:
+            finished = _finish(study, store, n_jobs, backend, scheduler, extend, progress)
         present(finished)
     return finished
+
+
+def _find_finished(study: Study, store: StudyFolder) -> Finished | None:
+    """The study in a folder that cannot be written, if it is finished there."""
+    asked, stored = Manifest.of(study, study.model_sha256), store.read_manifest()
+    if stored is None or not stored.finished or stored.study_sha256 != asked.study_sha256 or not store.has_results:
+        return None
+    ds = store.open_results()
+    return Finished(store.path, ds, 0) if is_current(ds, asked) else None
 
 
 def _finish(
@@ -150,6 +167,9 @@ def _finish(
 ) -> Finished:
     """Run a study in a folder that is held; see ``execute``."""
     plan, folder = study.plan, store.path
+    in_the_way = store.in_the_way()
+    if in_the_way:
+        raise StorageError("\n".join(in_the_way))
     asked, stored = Manifest.of(study, study.model_sha256), store.read_manifest()
     if stored is not None and stored.study_sha256 != asked.study_sha256 and store.has_none_of(stored):
         stored = None  # it was killed before its first scenario

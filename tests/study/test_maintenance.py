@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shlex
 
 import pytest
 from helpers.studies import PLAIN, run_until_interrupted
 
+from fastcoil.errors import StorageError
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel
@@ -17,3 +20,15 @@ def test_status_suggests_a_command_that_takes_the_folder_for_one_word(tmp_path):
     run_until_interrupted(PLAIN, out, 1)
     command = maintenance.status(out)[-1].removeprefix("To resume: ")
     assert shlex.split(command) == ["fastcoil", "run", "STUDY.toml", "-o", str(out)]
+
+
+def test_a_rerun_that_cannot_be_written_is_refused_before_it_computes(tmp_path, monkeypatch):
+    run_until_interrupted(PLAIN, tmp_path, 1)
+
+    def refuse(*_):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr("fastcoil.study.folder.lock._acquire", refuse)
+    monkeypatch.setattr(maintenance, "run_shard", None)
+    with pytest.raises(StorageError, match="Read-only file system"):
+        maintenance.rerun(tmp_path, {"backlash": "0.02", "estimate_ratio": "0.0", "day": "1"})

@@ -137,7 +137,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing_half_written(study, tmp_path
 def test_a_result_too_large_for_the_disk_is_refused_before_it_runs(study, tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("usage", (), {"free": 1000})())
     monkeypatch.setattr(runner, "make_pool", None)
-    with pytest.raises(InputError, match=r"on disk, 0\.0 MiB are free"):
+    with pytest.raises(InputError, match=r"on disk, 1000 bytes are free"):
         fc.run_study(study, tmp_path / "out")
 
 
@@ -241,3 +241,25 @@ def test_a_study_on_a_real_weather_year_runs_from_start_to_end(tmp_path):
     assert dict(ds.rmse.sizes) == {"day": 4, "backlash": 5, "estimate_ratio": 16}
     assert int(ds.status.max()) == 0
     assert bool((ds.rmse.sel(estimate_ratio=0.9) < ds.rmse.sel(estimate_ratio=0.0)).all())
+
+
+def refuse_to_write(*_):
+    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+
+def test_a_finished_study_that_cannot_be_written_is_found_and_no_other(finished, study, tmp_path, monkeypatch):
+    out, ds = finished
+    monkeypatch.setattr("fastcoil.study.folder.lock._acquire", refuse_to_write)
+    assert fc.run_study(study, out).identical(ds)
+    study.write_text(SMALL.replace("hours = 1", "hours = 2"))
+    with pytest.raises(StorageError, match="Read-only file system; free some space or repair the folder"):
+        fc.run_study(study, out)
+    with pytest.raises(StorageError, match="Read-only"):
+        fc.run_study(study, tmp_path / "other")
+
+
+def test_a_folder_with_the_name_of_traces_is_named_before_anything_runs(study, tmp_path, monkeypatch):
+    (tmp_path / "out" / "traces-mine.nc").mkdir(parents=True)
+    monkeypatch.setattr(runner, "make_pool", None)
+    with pytest.raises(StorageError, match=r"traces-mine\.nc is a folder with the name of a file: move it away"):
+        fc.run_study(study, tmp_path / "out")

@@ -188,6 +188,11 @@ class StudyFolder:
         """All files of traces, whether they are of these results or not."""
         return [path for path in entries(self.path) if path.match(TRACE_FILES)]
 
+    def in_the_way(self) -> list[str]:
+        """A sentence for each folder that has the name of a file of traces."""
+        found = [path for path in self.trace_files() if is_folder(path)]
+        return [f"{path} is a folder with the name of a file: move it away, then run the study again" for path in found]
+
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:
         """Remove shards and traces that the results ``ds`` replace."""
         with storage_errors(self.path, "cleaned up"):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fastcoil.errors import FastcoilError, InputError, IntegrityError
+from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageError
+from fastcoil.look import is_folder
 from fastcoil.plots.files import stale_figures
 from fastcoil.simulation.dataset import check_same_form
 from fastcoil.study.folder import final
@@ -21,6 +22,8 @@ def find_problems(store: StudyFolder) -> list[str]:
     ------
     InputError
         If the folder holds no study.
+    StorageError
+        If the results cannot be read.
     IntegrityError
         If nobody knows which one, for ``run.json`` is lost or damaged.
     """
@@ -32,7 +35,7 @@ def find_problems(store: StudyFolder) -> list[str]:
         problems = error.problems
     except IntegrityError as error:
         problems = str(error).splitlines()
-    return [*problems, *_results(store, manifest), *_shards(store.shards(manifest), n_scenarios)]
+    return [*problems, *store.in_the_way(), *_results(store, manifest), *_shards(store.shards(manifest), n_scenarios)]
 
 
 def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
@@ -43,6 +46,8 @@ def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
     try:
         ds = store.open_results()
         yield from final.find_problems(ds, store.path, manifest)
+    except StorageError:
+        raise
     except FastcoilError as error:
         yield str(error)
         return
@@ -54,7 +59,7 @@ def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
     elif (store.read_text() or "").replace("\r\n", "\n") != ds.attrs.get("study_toml"):
         yield f"{store.study} is not the text of the study that was run: {again}"
     for path in store.trace_files():
-        if path.name != ds.attrs.get("trace_file"):
+        if not is_folder(path) and path.name != ds.attrs.get("trace_file"):
             yield f"{path} is not of this run: {again}"
     for path in stale_figures(store.path, ds.attrs["content_sha256"]):
         yield f"{path} was drawn from other results: run `fastcoil plot {store.path}`, or delete it"

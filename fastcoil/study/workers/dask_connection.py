@@ -6,13 +6,15 @@ import asyncio
 import concurrent.futures as cf
 import contextlib
 import ipaddress
+import linecache
 import logging
+import sys
 import threading
 import warnings
 from collections.abc import Callable
 from typing import Any
 
-from fastcoil.errors import InputError
+from fastcoil.errors import FastcoilError, InputError
 
 _WAIT_FOR_SCHEDULER = 10.0
 """Seconds."""
@@ -24,7 +26,9 @@ def start_local_cluster(n_workers: int) -> Any:
     Raises
     ------
     InputError
-        If they do not start.
+        If they do not start, for the script that calls this starts them again in each of them.
+    FastcoilError
+        If they do not start for another reason.
     """
     from distributed import LocalCluster, SpecCluster
 
@@ -34,6 +38,12 @@ def start_local_cluster(n_workers: int) -> Any:
         15 s after a death the library closes a nanny whose worker is not there, also when it is because of a later
         death: whatever the next worker then runs is lost, and nobody replaces it.
         """
+
+        def close(self, timeout: float | None = None) -> Any:
+            # the library closes it as Python ends, too, also one that was interrupted before its workers had started
+            with contextlib.suppress(Exception):
+                return super().close(timeout)
+            return None
 
         def _update_worker_status(self, op: str, msg: Any) -> None:
             super(SpecCluster, self)._update_worker_status(op, msg)
@@ -50,10 +60,21 @@ def start_local_cluster(n_workers: int) -> Any:
             scheduler_kwargs=quiet,
         )
     except RuntimeError as error:
-        raise InputError(
-            f"the workers of a dask cluster on this machine do not start ({error}): call it in a script only under "
-            "if __name__ == '__main__', or use the backend loky, which needs no such line"
+        if _is_run_by_every_worker():
+            raise InputError(
+                f"the workers of a dask cluster on this machine do not start ({error}): call it in a script only under "
+                "if __name__ == '__main__', or use the backend loky, which needs no such line"
+            ) from None
+        raise FastcoilError(
+            f"the workers of a dask cluster on this machine do not start ({error}): they were killed, or lack memory; "
+            "finished scenarios are kept, run the same command again, with fewer workers or the backend loky"
         ) from None
+
+
+def _is_run_by_every_worker() -> bool:
+    """Whether this program is a script that starts a cluster again in each worker, which runs it as a module."""
+    path = getattr(sys.modules.get("__main__"), "__file__", None)
+    return bool(path) and "__main__" not in "".join(linecache.getlines(str(path)))
 
 
 def connect(address: Any) -> Any:

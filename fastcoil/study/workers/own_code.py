@@ -53,8 +53,9 @@ def _load(what: str, name: str, source: str) -> Any:
     sys.modules[module.__name__] = module
     with its_errors(f"{what} = {name!r}: its module does not run:"), surroundings_restored():
         exec(compile(source, f"<{name}>", "exec", dont_inherit=True), module.__dict__)
-    function = getattr(module, wanted, None)
-    if not callable(function):
+        function = getattr(module, wanted, None)
+        found = callable(function)
+    if not found:
         raise InputError(f"{what} = {name!r}: its module has no function {wanted}")
     return function
 
@@ -72,9 +73,10 @@ def its_errors(what: str) -> Iterator[None]:
 
 def _describe(error: BaseException) -> str:
     """An exception in one line: type and text."""
+    name = type.__dict__["__name__"].__get__(type(error))  # a metaclass may have another answer
     try:
         text = " ".join(str(error).split())
-    except Exception:  # its own text is the user's code, too
+    except BaseException:  # its own text is the user's code, too
         text = ""
     text = text if len(text) <= _LONGEST_MESSAGE else text[:_LONGEST_MESSAGE] + " …"
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+    return f"{name}: {text}" if text else name

@@ -8,15 +8,19 @@ from __future__ import annotations
 import concurrent.futures as cf
 import contextlib
 import os
+import pickle
 import queue
+import tempfile
 from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from fastcoil.errors import InputError, shown
+from fastcoil.files import storage_errors
 from fastcoil.study.workers.dask_cluster import Dask
-from fastcoil.study.workers.worker import Job, receive_in_child, run_received, run_scenarios
+from fastcoil.study.workers.worker import Job, pack, receive_in_child, run_packed, run_scenarios
 
 BACKENDS = ("threads", "loky", "dask")
 
@@ -93,10 +97,17 @@ class Loky:
     def _start(self) -> Any:
         from joblib.externals.loky import ProcessPoolExecutor
 
-        return ProcessPoolExecutor(self.n_workers, initializer=receive_in_child, initargs=(self._job, os.getpid()))
+        # the library writes what a process starts with into a pipe, and waits for ever if that process is dead before
+        # it has read all of it
+        with storage_errors(Path("the folder for temporary files"), "written"):
+            self._file = tempfile.NamedTemporaryFile(prefix="fastcoil-")  # noqa: SIM115 — others open it meanwhile
+            pickle.dump(self._job, self._file)
+            self._file.flush()
+        started_with = (Path(self._file.name), os.getpid())
+        return ProcessPoolExecutor(self.n_workers, initializer=receive_in_child, initargs=started_with)
 
     def submit(self, index: np.ndarray) -> cf.Future[Any]:
-        return self._executor.submit(run_received, self._job.key, index)  # type: ignore[no-any-return]
+        return self._executor.submit(run_packed, self._job.key, pack(index))  # type: ignore[no-any-return]
 
     def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
         return futures[self.n_workers :]  # first come, first served
@@ -111,6 +122,8 @@ class Loky:
             while True:
                 self._executor._work_ids.get_nowait()
         self._executor.shutdown(wait=True, kill_workers=True)
+        with contextlib.suppress(OSError):  # of a folder that is cleaned up by others
+            self._file.close()
 
 
 def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> Pool:

@@ -6,18 +6,10 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError
-from fastcoil.outputs import METRICS, TRACES
-from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
 from fastcoil.study.file.source import Source
+from fastcoil.study.workers.answer import SCENARIO, take_answer
 from fastcoil.study.workers.own_code import its_errors, load
 from fastcoil.study.workers.surroundings import surroundings_restored
-
-SCENARIO = "scenario"
-"""The dimension along which the function gets the traces of a shard."""
-_TAKEN = {*PARAMETERS, *METRICS, *TRACES, "status", SCENARIO}
-_TAKEN_NAMES = _TAKEN | set(RESERVED_DIMS)
-_TAKEN_DIMS = _TAKEN | {"day", "replicate", "sample"}
-_FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
 
 
 def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
@@ -35,7 +27,7 @@ def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         What the function returns: numbers over (scenario, …), with the labels of the further dimensions and those
-        attributes that are text or numbers.
+        attributes that describe a number in words, see ``take_answer``.
 
     Raises
     ------
@@ -61,54 +53,11 @@ def _call(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
     function = load("reduce", reduction)
     with its_errors(f"reduce = {reduction.name!r} raised"), surroundings_restored():
         found = function(traces.copy())
-    problems = _problems(found, traces)
+    with its_errors(f"reduce = {reduction.name!r} returned something that cannot be read:"), surroundings_restored():
+        reduced, problems = take_answer(found, traces)
     if problems:
         raise InputError([f"reduce = {reduction.name!r} returned {problem}" for problem in problems])
-    further = [d for d in found.dims if d != SCENARIO]
-    labels = {d: found.coords[d].variable for d in further if d in found.coords}
-    variables = {n: v.transpose(SCENARIO, ...).variable for n, v in found.data_vars.items()}
-    reduced = xr.Dataset(variables, coords=labels)
-    for variable in reduced.variables.values():
-        variable.attrs = {k: v for k, v in variable.attrs.items() if type(v) in (str, int, float)}
     return reduced
-
-
-def _problems(found: object, traces: xr.Dataset) -> list[str]:
-    """What is wrong with the answer of a function, a sentence each."""
-    if not isinstance(found, xr.Dataset):
-        return [f"a {type(found).__name__}: return an xarray.Dataset"]
-    if not found.data_vars:
-        return ["an empty Dataset: return at least one variable"]
-    problems = []
-    # labels of the scenarios come with the traces, so that these names are taken too
-    labels = set(traces.coords) - {"elapsed_time", "volume"}
-    for name, variable in found.data_vars.items():
-        if not isinstance(name, str) or not name.isidentifier():
-            problems.append(f"a variable {name!r}: name it with letters, digits and _")
-        elif name in _TAKEN_NAMES | labels:
-            problems.append(f"a variable {name}: the name is taken, choose another")
-        if SCENARIO not in variable.dims:
-            problems.append(f"{name} without the dim {SCENARIO!r}: give one value, or more, for each scenario")
-        elif variable.sizes[SCENARIO] != traces.sizes[SCENARIO]:
-            problems.append(
-                f"{name} for {variable.sizes[SCENARIO]} of {traces.sizes[SCENARIO]} scenarios: keep every one of them"
-            )
-        if variable.dtype.kind not in "biu" and variable.dtype not in _FLOATS:
-            problems.append(
-                f"{name} of type {variable.dtype}: return numbers (float64, float32 or integers) or booleans"
-            )
-    for dim in found.dims:
-        if dim != SCENARIO and dim in _TAKEN_DIMS | labels:
-            problems.append(f"a dim {dim}: the name is taken, choose another")
-        elif not isinstance(dim, str) or not dim.isidentifier():
-            problems.append(f"a dim {dim!r}: name it with letters, digits and _")
-        elif dim in found.coords and not _storable(found.coords[dim].values):
-            problems.append(f"labels of {dim} that are neither numbers nor words: give it others, or drop them")
-    return problems
-
-
-def _storable(labels: np.ndarray) -> bool:
-    return labels.dtype.kind in "iufU" or all(isinstance(label, str) for label in labels.tolist())
 
 
 def _protect(traces: xr.Dataset) -> xr.Dataset:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import random
 import shutil
 import stat
@@ -160,3 +162,29 @@ def test_files_of_other_runs_in_a_finished_study_are_named(out, tmp_path):
     assert "results.nc is damaged, or not of this run" in verify(out)[0]
     shutil.copy(other / "study.toml", out)
     assert len(verify(out)) >= 2
+
+
+def test_a_folder_with_the_name_of_traces_is_found_while_the_study_is_unfinished_and_after(out):
+    run_until_interrupted(TRACED, out, 1)
+    wrong = out / "traces-mine.nc"
+    wrong.mkdir()
+    (problem,) = verify(out)
+    assert problem == f"{wrong} is a folder with the name of a file: move it away, then run the study again"
+    wrong.rmdir()
+    run(TRACED, out)
+    wrong.mkdir()
+    assert verify(out) == [problem]
+
+
+def test_results_that_cannot_be_read_are_no_damage(out, monkeypatch):
+    run(PLAIN, out)
+
+    def closed(path, *rest, plain=os.open, **options):
+        if str(path).endswith("results.nc"):
+            raise OSError(errno.EACCES, os.strerror(errno.EACCES))
+        return plain(path, *rest, **options)
+
+    monkeypatch.setattr(os, "open", closed)
+    done = CliRunner().invoke(main, ["verify", str(out)])
+    assert done.exit_code == 4, done.output
+    assert "cannot be read: Permission denied; check its permissions" in done.output

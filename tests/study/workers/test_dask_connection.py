@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
+import sys
 import time
 import warnings
+from types import ModuleType
 
 import pytest
 from helpers.processes import children, cluster, ended, started, wait_for
@@ -123,3 +126,40 @@ def test_a_scheduler_that_others_can_reach_without_a_certificate_is_noted_once(m
     ]
     notes[0] += "network that you do not trust"
     assert [str(w.message) for w in warned] == ([] if guarded else notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "cure"),
+    [
+        ("start()", fc.InputError, "only under if __name__ == '__main__'"),
+        ("if __name__ == '__main__':\n    start()", fc.FastcoilError, "they were killed, or lack memory"),
+        (None, fc.FastcoilError, "they were killed, or lack memory"),
+    ],
+)
+def test_workers_that_do_not_start_are_explained_by_the_program(tmp_path, monkeypatch, text, kind, cure):
+    import distributed
+
+    def refuse(*_, **__):
+        raise RuntimeError("Nanny failed to start.")
+
+    program = ModuleType("__main__")
+    if text is not None:
+        (tmp_path / "program.py").write_text(text)
+        program.__file__ = str(tmp_path / "program.py")
+    monkeypatch.setitem(sys.modules, "__main__", program)
+    monkeypatch.setattr(distributed.LocalCluster, "__init__", refuse)
+    with pytest.raises(fc.FastcoilError, match=re.escape("(Nanny failed to start.): ")) as refused:
+        start_local_cluster(1)
+    assert type(refused.value) is kind
+    assert cure in str(refused.value)
+
+
+def test_a_cluster_that_cannot_be_closed_is_left_without_a_traceback(local, monkeypatch):
+    import distributed
+
+    def refuse(*_, **__):
+        raise AssertionError("Status.init")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(distributed.SpecCluster, "close", refuse)
+        local.cluster.close(timeout=10)

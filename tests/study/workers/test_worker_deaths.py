@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import os
+import pickle
+import shutil
 import signal
+import stat
+import sys
+import tempfile
 import time
+import zlib
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from helpers import failing_shards
 from helpers.processes import N_SCENARIOS, check_crashed, children, cut
+from joblib.externals.loky.backend import resource_tracker
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -22,8 +29,10 @@ from fastcoil.study.runner import execute
 from fastcoil.study.workers import dispatch, pools
 from fastcoil.study.workers.dispatch import Dispatcher
 from fastcoil.study.workers.pools import make_pool
-from fastcoil.study.workers.worker import Job
+from fastcoil.study.workers.worker import Job, pack
 
+_PIPE = 2**16
+"""Bytes that a pipe takes before somebody reads."""
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtures("leaves_nothing")]
 
 
@@ -167,6 +176,37 @@ def test_workers_that_cannot_even_start_end_in_a_sentence(study, tmp_path, monke
     with pytest.raises(FastcoilError, match="workers died in a row without a result"):
         execute(study, tmp_path / "out", backend="loky", n_jobs=1)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.timeout(60)
+def test_a_process_that_dies_before_it_reads_anything_is_waited_for_by_nobody(study, tmp_path, monkeypatch):
+    job = Job("many", study.plan, None)
+    assert len(pickle.dumps(job)) > _PIPE
+    resource_tracker.ensure_running()
+    monkeypatch.setattr(sys, "executable", shutil.which("false"))
+    pool = make_pool("loky", job, 2, None)
+    try:
+        with pytest.raises(pool.deaths):
+            pool.submit(np.arange(10**6)).result(timeout=40)
+    finally:
+        pool.close()
+
+
+def test_a_task_fits_into_a_pipe_and_comes_out_as_it_was():
+    for index in (np.arange(5, 10**6), np.arange(0, 10**6, 2), np.array([3]), np.array([0, 1, 7, 2**40])):
+        assert len(pack(index)) < _PIPE
+        assert np.array_equal(np.cumsum(np.frombuffer(zlib.decompress(pack(index)), np.int64)), index)
+
+
+def test_the_file_with_the_job_is_for_this_user_alone_and_is_removed(study, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    pool = make_pool("loky", Job("key", study.plan, None), 1, None)
+    (file,) = tmp_path.iterdir()
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    pool.restart()
+    assert len(list(tmp_path.iterdir())) == 1
+    pool.close()
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_process_that_is_short_of_memory_is_replaced(study, golden, tmp_path, monkeypatch):
