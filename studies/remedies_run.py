@@ -135,7 +135,7 @@ def run(size: int | None) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset],
             best_found[kind] = xr.concat([as_found(loop, kind), found], "controller")
             first = {"sample": slice(0, SIMC_VALVES)}
             by_simc = renamed(every_remedy(few, simc.isel(first), kind, FRESH_DAYS), SIMC)
-            base = found.sel(controller=[BASELINE]).isel(first)
+            base = best_found[kind].sel(controller=[DRAWN, BASELINE]).isel(first)
             simc_found[kind] = xr.concat([base, by_simc], "controller")
             print(f"ran {kind} after {time.monotonic() - started:.0f} s", flush=True)
     return best_found, simc_found, edges

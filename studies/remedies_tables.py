@@ -64,9 +64,13 @@ def cell(ds: xr.Dataset, name: str, baseline: str) -> str:
 
 
 def error_rows(found: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
-    """A row for each remedy: the change of RMSE on each kind of day, and on all."""
+    """A row for each remedy: the change of RMSE on each kind of day, and on all; the last row is what it changes."""
     of_kinds = [*found.values(), pooled(found)]
-    return [[LABELS[name], *(cell(ds, name, baseline) for ds in of_kinds)] for name in ordered(of_kinds[0])]
+    size = [
+        "(RMSE of plain PI, median)",
+        *(f"{float(ds.rmse.sel(controller=baseline).median()):.3f} K" for ds in of_kinds),
+    ]
+    return [*([LABELS[name], *(cell(ds, name, baseline) for ds in of_kinds)] for name in ordered(of_kinds[0])), size]
 
 
 def cost_rows(found: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
