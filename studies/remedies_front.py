@@ -18,6 +18,7 @@ from remedies_run import (
     SOME_PRICE,
     STUDY,
     every_remedy,
+    faster,
     groups,
     of_remedies,
     on_days,
@@ -50,7 +51,7 @@ MAIN = (
     "learner_growing",
 )
 NEEDS = {
-    "nothing": ("pi", "dead_band_025", "dead_band_050", "half_kp"),
+    "nothing": ("pi", "faster", "half_kp", "dead_band_025", "dead_band_050"),
     "the size, to 20 %": ("inverse_80_buffer",),
     "the size, to 5 %": (
         "inverse_95",
@@ -84,7 +85,8 @@ def run(size: int) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
         print(f"tuned the main remedies for {', '.join(group)}", flush=True)
         for kind in group:
             own[kind] = on_days(main, best, kind, DAYS)
-            by_simc[kind] = renamed(every_remedy(loop, simc, kind, DAYS), SIMC)
+            found = renamed(every_remedy(loop, simc, kind, DAYS), SIMC)
+            by_simc[kind] = xr.concat([found, faster(loop, simc, kind, DAYS)], "controller")
     return own, by_simc
 
 

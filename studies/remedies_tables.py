@@ -15,6 +15,7 @@ LABELS = {
     SIMC: SIMC,
     "pi": "PI",
     "half_kp": "PI, half its kp",
+    "faster": "PI, kp and ti × 2",
     "dead_band_025": "PI, dead band 0.25 K",
     "dead_band_050": "PI, dead band 0.5 K",
     "inverse_80_buffer": "inverse 80 %, buffer 1 %",

@@ -25,6 +25,7 @@ REMEDIES = (
     "inverse_80_buffer",
     "inverse_95_small_buffer",
     "inverse_95_buffer",
+    "inverse_95_noise_buffer",
     "additive_95",
     "hagglund_inverse",
     "learner_growing",
