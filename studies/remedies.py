@@ -1,9 +1,10 @@
 """Remedies for backlash against the best plain PI: error, travel and harm, on every kind of day.
 
-Run with ``python studies/remedies.py``.  Three questions, all on ``remedies.toml``:
+Run with ``python studies/remedies.py``.  Four questions, all on ``remedies.toml``:
 
 * ``remedies_run.py``: what does every remedy do behind the best gains of its valve, and behind those of SIMC?
 * ``remedies_front.py``: and behind gains tuned for the remedy itself?  Which one is to be chosen?
+* ``remedies_found.py``: and behind the gains as somebody left them?
 * ``remedies_valves.py``: does that hold for valves with a neutral zone, stick-slip or a tight seat?
 
 All remedies of a valve see the same days and the same noise.
@@ -11,6 +12,7 @@ All remedies of a valve see the same days and the same noise.
 
 from __future__ import annotations
 
+import remedies_found
 import remedies_front
 import remedies_run
 import remedies_tables
@@ -26,6 +28,7 @@ def main(size: int | None = None) -> None:
     own, by_simc = remedies_front.run(size or remedies_front.VALVES)
     remedies_front.write(own, by_simc)
     draw(own, by_simc)
+    remedies_found.write(remedies_found.run(size or remedies_found.VALVES))
     remedies_valves.write(remedies_valves.run(size or remedies_valves.VALVES))
 
 

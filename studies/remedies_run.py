@@ -106,11 +106,15 @@ def faster(loop: fc.Loop, simc: xr.Dataset, kind: str, seeds: Sequence[int]) -> 
     return on_days(picked(loop, controller=0), gains, kind, seeds).expand_dims(controller=[FASTER])
 
 
+def drawn_kp(plain: fc.Loop, kind: str) -> xr.DataArray:
+    """The gain as somebody left it; of heating, what suits that plant."""
+    return xr.DataArray(plain["kp"]) * (HEATING_GAIN if kind == HEATING else 1.0)
+
+
 def as_found(loop: fc.Loop, kind: str) -> xr.Dataset:
     """Plain PI with the gains as they were drawn."""
     plain = picked(loop, controller=0)
-    kp = xr.DataArray(plain["kp"]) * (HEATING_GAIN if kind == HEATING else 1.0)
-    return on_days(plain, xr.Dataset({"kp": kp}), kind, FRESH_DAYS).expand_dims(controller=[DRAWN])
+    return on_days(plain, xr.Dataset({"kp": drawn_kp(plain, kind)}), kind, FRESH_DAYS).expand_dims(controller=[DRAWN])
 
 
 def renamed(ds: xr.Dataset, plain: str) -> xr.Dataset:

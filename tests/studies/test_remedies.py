@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import remedies
 import remedies_figure
+import remedies_found
 import remedies_front
 import remedies_run
 import remedies_tables
@@ -36,7 +37,8 @@ def short(monkeypatch, tmp_path):
     monkeypatch.setattr(remedies_valves, "FRESH_DAYS", DAYS)
     monkeypatch.setattr(remedies_front, "DAYS", DAYS)
     monkeypatch.setattr(remedies_run, "SIMC_VALVES", 2)
-    for module in (remedies_run, remedies_valves):
+    monkeypatch.setattr(remedies_found, "FRESH_DAYS", DAYS)
+    for module in (remedies_run, remedies_valves, remedies_found):
         monkeypatch.setattr(module, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
 
 
@@ -229,12 +231,32 @@ def test_each_imperfection_acts_and_is_compared_with_its_own_plain_pi(short, wri
     assert all(len(set(of_variant)) == len(rows) for of_variant in places)
 
 
+@pytest.mark.kernel
+def test_behind_the_gains_as_found_remedies_are_compared_with_them(short, written, monkeypatch):
+    monkeypatch.setattr(remedies_found, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))
+    found = remedies_found.run(4)
+    plain = remedies_run.picked(remedies_run.population(4), controller=0)
+    by_hand = fc.simulate(
+        plain.assign(estimate_ratio=0.95, buffer=0.0025, action="heating", kp=0.3 * xr.DataArray(plain["kp"])),
+        kinds.of_kind(kinds.HEATING, DAYS),
+    ).rmse
+    ours = found[kinds.HEATING].rmse.sel(controller="inverse_95_small_buffer")
+    np.testing.assert_array_equal(ours.transpose(*by_hand.dims).values, by_hand.values)
+    remedies_found.write(found)
+    _, (_, *rows) = written("remedies_found")
+    names = {text: name for name, text in remedies_tables.LABELS.items()}
+    for name, change, stepped, *_ in rows[1:]:
+        of_kinds = [changes(ds, names[name], "PI as found") for ds in found.values()]
+        assert change.split(" ")[0] == f"{100 * statistics.mean(of_kinds[0] + of_kinds[1]):+.0f}"
+        assert stepped.split(" ")[0] == f"{100 * statistics.mean(of_kinds[0]):+.0f}"
+
+
 @pytest.mark.full
 @pytest.mark.kernel
 def test_the_command_writes_every_table_and_the_figure(short, written, tmp_path, monkeypatch):
     monkeypatch.setattr(remedies_front, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
     monkeypatch.setattr(remedies_run, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
     remedies.main(2)
-    names = ["remedies", "remedies_simc", "remedies_tuned", "remedies_choice", "remedies_valves"]
+    names = ["remedies", "remedies_simc", "remedies_tuned", "remedies_choice", "remedies_found", "remedies_valves"]
     assert all(len(written(name)[1]) > 3 for name in names)
     assert (tmp_path / "remedies.png").stat().st_size > 20_000
