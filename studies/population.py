@@ -41,8 +41,8 @@ def benefit() -> None:
     failed = int((ds.status > 0).sum())
     write_table(
         "population",
-        f"A population of {ds.sizes['sample']:,} valves and loops on {ds.sizes['day']} days, against the plain PI of the "
-        f"same valve ({failed} of {ds.status.size:,} days failed)",
+        f"A population of {ds.sizes['sample']:,} valves and loops on {ds.sizes['day']} days, against the plain PI of "
+        f"the same valve ({failed} of {ds.status.size:,} days failed)",
         ["controller", "RMSE, mean change (95 % over valves and days)", "RMSE: 5 %, median, 95 % of the valves",
          "settled RMSE, median", "lower RMSE on", "motor travel, median"],
         (
@@ -77,7 +77,12 @@ def benefit() -> None:
     write_table(
         "population_learners",
         "What became of the learners, and learned over true backlash",
-        ["controller", "valves × days", "5, 25, 50, 75, 95 % of them", "within 80 to 120 % (95 % over valves and days)"],
+        [
+            "controller",
+            "valves × days",
+            "5, 25, 50, 75, 95 % of them",
+            "within 80 to 120 % (95 % over valves and days)",
+        ],
         rows,
     )
 
