@@ -31,8 +31,8 @@ _HOUR = 3600.0
 _RULE_NAMES = {"literal": "as printed"}
 _KIND_LOOKS = ((BLUE, "o"), (RED, "s"), (YELLOW, "D"), ("black", "v"), (GREY, "P"))
 """Colour and mark of each kind of day, and of what is judged on none."""
-_OFFSET = 0.24
-"""Distance of the marks of a claim, in rows."""
+_SPREAD = 0.6
+"""Distance between the first and the last mark of a claim, in rows."""
 
 Grid = tuple["Figure", np.ndarray]
 
@@ -197,7 +197,7 @@ def shares(card: Mapping[str, Any]) -> Figure:
     for row, claim in enumerate(claims):
         for name, found in claim["kinds"].items():
             k = kinds.index(name) if name in kinds else len(kinds)
-            y = row + (_OFFSET * (k - 0.5 * (len(kinds) - 1)) if name in kinds else 0.0)
+            y = row + (_SPREAD * (k / max(len(kinds) - 1, 1) - 0.5) if name in kinds else 0.0)
             colour, mark = _KIND_LOOKS[k]
             low, high = found["share_interval"] or (found["share"], found["share"])
             panel.plot([100 * low, 100 * high], [y, y], color=colour, lw=1.2, solid_capstyle="butt")

@@ -46,8 +46,9 @@ def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
     grid, claims = card["grid"], card["claims"]
     kinds = "; ".join(f"*{name}*: {words}" for name, words in card["kinds"].items())
     best = "; ".join(
-        f"{name}: " + ", ".join(f"{g['kp']:.3g}/K and {g['ti']:.3g} s" for g in gains.values())
-        for name, gains in grid["best_gains"].items()
+        f"`{p}`: "
+        + ", ".join(f"{name} {g[p]['kp']:.3g}/K and {g[p]['ti']:.3g} s" for name, g in grid["best_gains"].items())
+        for p in grid["presets"]
     )
     lines = [
         f"# {card['title']}", "",
@@ -60,8 +61,8 @@ def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
         "its 95 % interval over other such days with the same tunings, where the days differ.", "",
         f"Kinds of days: {kinds}.  *quiet* and *coils* are no kinds of days: the share is of tunings on a day without "
         "disturbances, and of coils.", "",
-        "Best gains are those of lowest error for the same plant and sample time, found on other days, of all "
-        f"gains with which the loop does not hunt without backlash.  For {', '.join(grid['presets'])}: {best}.", "",
+        "Best gains are those of lowest error for the same plant and sample time, found on other days, of all with "
+        f"which the loop does not hunt without backlash.  {best}.", "",
         "A claim *holds* at a share of 95 % or more, and *does not hold* at 5 % or less.  Between, the verdict names "
         "the region of tunings, of those tried on this same grid, that predicts best where it holds.  If the share "
         "elsewhere is 5 % or less, it *holds only if* a tuning lies there; else it *holds in part, more often if* it "

@@ -96,7 +96,9 @@ MADE_UP = {
     "best": (ratios("rmse", *FALLING, 0.06, 0.2, 0.3, 0.4), ratios("rmse", *FALLING, 0.06, 0.04, 0.3, 0.4)),
     "finds": (learned("literal", 0.077, 5.5 * H), learned("literal", 0.056, 5.5 * H)),
     "three hours, every 15 min": (learned("every 15 min", 0.07, 2.9 * H), learned("every 15 min", 0.035, 1.0 * H)),
-    "three hours, twice the step": (learned("twice the step", 0.07, 3.0 * H), learned("twice the step", 0.07, 3.01 * H)),
+    "three hours, twice the step": (
+        learned("twice the step", 0.07, 3.0 * H), learned("twice the step", 0.07, 3.01 * H)
+    ),
     "three hours, growing steps": (learned("growing steps", 0.07, 2.9 * H), learned("growing steps", np.nan, np.nan)),
     "any start": (
         xr.concat([learned("a", 0.07, 1.0), learned("b", 0.056, 1.0, 0.014)], "case"),
