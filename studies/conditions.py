@@ -204,8 +204,8 @@ def main() -> None:
     write_table(
         "conditions_good_valve",
         f"The recommended rule on a valve without backlash, means of {good.sizes['day']} days with set-point steps",
-        ["loop", "noise, K", "settled RMSE of the plain PI, K", "with the rule", "motor travel of the plain PI",
-         "with the rule", "final estimate"],
+        ["loop", "noise, K", "settled RMSE of the plain PI, K", "settled RMSE with the rule", "travel of the plain PI",
+         "travel with the rule", "final estimate"],
         good_valve_rows(good),
     )  # fmt: skip
     warm = heating()

@@ -28,7 +28,7 @@ _STREAM = 20
 
 
 def stepped(hours: float, seeds: Sequence[int]) -> Boundary:
-    """Days as the paper's: the set-point steps every 30 min."""
+    """Days as the paper's, with set-point steps every 30 min."""
     return paper_day(hours=hours, seed=list(seeds))
 
 

@@ -104,7 +104,8 @@ def regenerate(
     how: Any = {"kinds": kinds, "quick": quick, "n_jobs": n_jobs}
     stages: dict[str, Callable[[], xr.Dataset]] = {
         "quiet": lambda: grid.quiet(loop, n_jobs),
-        "days": lambda: grid.on_days(loop, grid.best_gains(loop, **how), **how),
+        # gains are best on the usual kinds, so that a further one changes nothing of the others
+        "days": lambda: grid.on_days(loop, grid.best_gains(loop, quick=quick, n_jobs=n_jobs), **how),
         "learning": lambda: grid.learning(loop, **how),
         "starts": lambda: grid.starts(loop, **how),
         "coils": lambda: grid.coils(quick=quick),
