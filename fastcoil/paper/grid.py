@@ -110,14 +110,19 @@ def best_gains(
     swept = swept.assign(buffer=buffers(is_inverse, swept, SEARCH_NOISE))
     ds = on_every_kind(swept, kinds, 4 if quick else 8, SEARCH_DAYS, n_jobs)
     rings = (ds["hunts"].sel(case="no backlash", drop=True) > 0.0).any(["kind", "day"])
-    error = ds["rmse"].where(~rings).fillna(np.inf).mean("day")
-    cost = (error / error.min(GAINS)).mean("kind").stack(gains=GAINS).transpose("case", "plant", "gains")
+    cost = relative_cost(ds["rmse"].where(~rings)).stack(gains=GAINS).transpose("case", "plant", "gains")
     best = {}
     for name in list(cases)[1:]:
         pairs = cost["gains"].values[cost.sel(case=name).argmin("gains").values[np.ravel(which)]]
         gains = (xr.DataArray([pair[k] for pair in pairs], coords={"tuning": tuning}) for k in range(len(GAINS)))
         best[name] = loop.assign(**dict(zip(GAINS, gains, strict=True)))
     return best
+
+
+def relative_cost(error: xr.DataArray) -> xr.DataArray:
+    """Mean, over the kinds of days, of the error relative to that of the best gains on that kind; failed is worst."""
+    of_kind = error.fillna(np.inf).mean("day")
+    return (of_kind / of_kind.min(GAINS)).mean("kind")
 
 
 def on_every_kind(

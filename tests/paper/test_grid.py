@@ -86,6 +86,12 @@ def test_the_best_gains_have_the_lowest_error_of_those_that_do_not_hunt_without_
             assert tuple(float(found[name][n].sel(tuning=preset)) for n in grid.GAINS) == best
 
 
+def test_a_kind_of_day_with_large_errors_counts_no_more_than_one_with_small_ones():
+    error = xr.DataArray([[[[1.0], [1.2], [np.nan]]], [[[0.2], [0.1], [0.05]]]], dims=("kind", "day", "kp", "ti"))
+    cost = grid.relative_cost(error).values.ravel()
+    np.testing.assert_allclose(cost, [(1.0 + 4.0) / 2, (1.2 + 2.0) / 2, np.inf])
+
+
 def test_days_of_a_kind_are_those_of_a_simulation_of_their_own(monkeypatch):
     monkeypatch.setattr(grid, "DAYS", (7, 8))
     loop = few("lbnl")

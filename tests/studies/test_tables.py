@@ -44,7 +44,8 @@ def test_the_scorecard_quotes_the_tables_of_verdicts(written, monkeypatch, tmp_p
         asked.update(kinds=list(kinds), command=command)
         folder.mkdir(parents=True)
         (folder / "scorecard.md").write_text(
-            "# Title\n\nwords\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n\nmore\n\n| c |\n| --- |\n| 3 |\n\n| d |\n"
+            "# Title\n\nwords\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n\nmore\n\n| c |\n| --- |\n| 3 |\n\n"
+            "| d |\n| --- |\n| 4 |\n"
         )
 
     monkeypatch.setattr(scorecard, "HERE", tmp_path / "studies")
