@@ -56,6 +56,15 @@ def test_the_interval_of_a_share_covers_other_valves_and_days_as_often_as_it_say
     assert 0.92 <= np.mean(covered) <= 1.0
 
 
+def test_the_interval_of_a_share_is_that_of_compare():
+    holds = xr.DataArray(np.random.default_rng(4).random((40, 3)) < [0.3, 0.5, 0.45], dims=("sample", "day"))
+    ds = xr.Dataset({"rmse": xr.concat([0.0 * holds, 1.0 * holds], "controller"), "status": 0 * holds})
+    ds = ds.assign_coords(controller=["pi", "learner"]).broadcast_like(ds.rmse)
+    found = population.fc.compare(ds, baseline={"controller": "pi"}, over=["sample", "day"], metrics="rmse").rmse
+    mean, low, high = (100 * float(found.sel(controller="learner", statistic=s)) for s in ("mean", "low", "high"))
+    assert population.share(holds) == f"{mean:.0f} % ({max(low, 0):.0f} to {min(high, 100):.0f})"
+
+
 def test_answers_write_what_plain_python_finds(small, written, monkeypatch):
     monkeypatch.setattr(answers, "results", small)
     answers.main()
