@@ -114,3 +114,60 @@ def answers():
 def test_the_page_of_answers_says_what_the_tables_say():
     page = " ".join((ROOT / "studies" / "README.md").read_text().split())
     assert [sentence for sentence in answers() if sentence not in page] == []
+
+
+def pages():
+    """Page → what it must say."""
+    hunts = re.search(r"\((\d+) of \d+ there, (\d+) of (\d+) elsewhere\)", verdict("PI loop hunts", "quiet")["verdict"])
+    assert hunts[2] == "1", "of so many such loops one does"
+    yield "conditions", f"of the {hunts[3]} such loops of the [scorecard](paper.md#what-holds) one does"
+    rises, best = "the error rises again", "The best estimate is the true backlash"
+    better, with_best, noisy = (
+        "A better tuning does more",
+        "With the best gains for each, an",
+        "for each, noise and a buffer",
+    )
+    yield "paper", f"rises beyond the true backlash in {share(rises)} of the tunings"
+    yield "paper", f"the true backlash or slightly less is best in {share(best)}"
+    yield "paper", f"these are {share(rises, 'constant')} and {share(best, 'constant')}"
+    nearly = [share("tracks almost perfectly", kind).rstrip(" %") for kind in ("constant", "stepped")]
+    yield "paper", "is nearly perfect in {} instead of {} %".format(*nearly)
+    peaks = [int(share("peak demand", kind).rstrip(" %")) for kind in ("stepped", "constant", "design", "weather")]
+    yield "paper", f"in {min(peaks)} to {max(peaks)} %"
+    yield "paper", f"more than an inverse of 95 % on {share(better)} of the tunings as they are"
+    yield "paper", f"where it stands still, on {share(better, 'constant')}"
+    yield "paper", f"on top of the best PI helps nearly everywhere ({share('helps the best PI')})"
+    yield "paper", f"the inverse is ahead on {share(with_best)} with steps, and on all without"
+    shrunk = [share(noisy, kind).rstrip(" %") for kind in ("stepped", "constant", "design")]
+    yield "paper", "that shrinks to {} and {} %, and to {} % on design days".format(*shrunk)
+    learned = named("population_learners", "learner_growing")[WITHIN]
+    middle, low, high = re.findall(r"\d+", learned)
+    yield (
+        "populations",
+        f"{middle} % of the recommended rule's estimates are within 80 to 120 % ({low} to {high} % over",
+    )
+    at = named("robustness", "0.95")
+    yield (
+        "inverse",
+        f"of the 26 plain PIs in {float(at['lower RMSE than the best plain PI in'].rstrip('%')):.0f} % of the",
+    )
+    between = [of["lower RMSE in"] for of in rows("robustness") if 0.5 <= float(of["estimate / backlash"]) <= 1.2]
+    assert {f"{float(cell.rstrip('%')):.0f}" for cell in between} <= {"96", "97"}
+    yield "inverse", "to 120 % of it the error falls in 96 % of the loops"
+    band = named("robustness_baselines", "error dead band of 0.5 K")
+    yield "inverse", f"0.5 K takes {band['at 7 %'].lstrip('-')} of the error at 7 %"
+    assert float(band["RMSE at 2 %"].rstrip(" %")) > 100, "and more than doubles it at 2 %"
+    tuned, exact = (
+        named("robustness_baselines", "best plain PI"),
+        named("robustness_baselines", "best PI, inverse of 95 %"),
+    )
+    assert abs(float(tuned["RMSE"].rstrip(" %")) + 60) < 5, "do as much as the inverse"
+    assert exact["hunting in"] == "15 of 15", "with an inverse the loop hunts"
+
+
+WITHIN = "within 80 to 120 % (95 % over valves and days)"
+
+
+def test_the_pages_say_what_their_tables_say():
+    texts = {path.stem: " ".join(path.read_text().split()) for path in (ROOT / "docs").glob("*.md")}
+    assert [(page, sentence) for page, sentence in pages() if sentence not in texts[page]] == []
