@@ -28,7 +28,7 @@ def all_kinds(path: Path) -> dict[str, Days]:
     """The kinds of days of ``fastcoil paper``, and weather where there is a file."""
 
     def weather(hours: float, seeds: Sequence[int]) -> fc.Boundary:
-        """Summer days of San Francisco with 30 % outdoor air, drawn by the seed, and a constant set-point."""
+        """Summer days of a weather file with 30 % outdoor air, drawn by the seed, and a constant set-point."""
         return replaced(stepped(hours, seeds), seeds, [_summer_day(path, hours, seed) for seed in seeds])
 
     return {**KINDS, "weather": weather} if path.is_file() else dict(KINDS)
