@@ -20,10 +20,10 @@ from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_span, require_whole_seconds
 from fastcoil.memory import available_memory, gib
 from fastcoil.outputs import TRACES
-from fastcoil.simulation.control_problems import control_problems
+from fastcoil.simulation.clashes import controller_clashes, missing_parameters
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
-from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.scenarios import columns_of, missing_parameters, words_used
+from fastcoil.simulation.loop import Loop, words_used
+from fastcoil.simulation.scenarios import columns_of
 
 _WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))
 _ROUND_OFF = 1e-6
@@ -96,7 +96,7 @@ def replay(
         unbroken=True,
     )
     series = _seconds(data)
-    if problems := control_problems(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
+    if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
         raise InputError(problems)
     whole_of("trace_interval", trace_interval, 1, series.shape[0])
     n = math.prod(loop.sizes.values())
