@@ -66,7 +66,7 @@ def test_what_clashes_is_refused_with_a_sentence(parameters, words):
         {"buffer_ratio": [3.0, 6.0], "noise_std": [0.0, 0.02]},
         {"smooth_rate": 1e-3, "compensation": ["inverse", "smooth"]},
         {"error_dead_band": [0.0, 0.9]},
-    ],  # fmt: skip
+    ],
 )
 def test_what_goes_together_is_planned(parameters):
     assert planned(**parameters).n_scenarios >= 1
