@@ -48,7 +48,8 @@ def replay(
     Parameters
     ----------
     loop
-        One loop or a sweep of them: PI, inverse and estimator.
+        One loop or a sweep of them: PI, inverse and estimator.  Air flow is not read: ``gradient`` rests after steps of
+        the set-point, not of the air flow.
     log
         Path of a CSV file, or a Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
         ``elapsed_time`` or ``timestamp``; optional: ``enabled``.  Samples are 1 s apart or more.  A value holds until
@@ -73,7 +74,7 @@ def replay(
     Notes
     -----
     Cai and Braun (2016), section 3.3 and Fig 8.  With ``T_measured`` of a simulation as ``T_sup`` it returns the
-    commands of that simulation to the last bit.
+    commands of that simulation to the last bit, but for those of ``gradient`` after a step of the air flow.
     """
     with checking() as check:
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
@@ -82,7 +83,7 @@ def replay(
         check(max_gap_of, max_gap)
         if isinstance(loop, Loop):
             used = [name for name, rule in loop.rules.items() if name in words_used(loop, rule.kind)]
-            check.problems += [f"loop has the rule {name}: replay knows the PI and the inverse alone" for name in used]
+            check.problems += [f"loop has the rule {name}: replay runs no rules of your own" for name in used]
         check(require_mappings, columns=columns, units=units, constants=constants)
     if missing := missing_parameters(loop):
         raise InputError(missing)
