@@ -32,6 +32,11 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(config, items):
     from fastcoil.numerics.jit import JIT_ENABLED
 
+    # while one process compiles the kernel, the others have tests without it; what many tests share is started once
+    shared = ("forked", "two_workers")
+    items.sort(
+        key=lambda item: (bool(item.get_closest_marker("kernel")), *(n not in item.fixturenames for n in shared))
+    )
     if not os.environ.get("FASTCOIL_FULL"):
         long = [item for item in items if item.get_closest_marker("full")]
         config.hook.pytest_deselected(items=long)
@@ -46,15 +51,34 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(skip)
 
 
+@pytest.fixture(scope="session")
+def _kernel(tmp_path_factory):
+    """The kernel, compiled or from the cache: by one process of pytest-xdist, for all."""
+    from fastcoil.engine.host import compile_kernel
+
+    with FileLock(shared_by_all(tmp_path_factory) / "kernel.lock"):
+        compile_kernel()
+
+
+@pytest.fixture(autouse=True)
+def _compiled(request):
+    if request.node.get_closest_marker("kernel"):
+        request.getfixturevalue("_kernel")
+
+
+def shared_by_all(tmp_path_factory):
+    """A folder that all processes of pytest-xdist have in common."""
+    base = tmp_path_factory.getbasetemp()
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+
 @pytest.fixture(autouse=True)
 def _one_at_a_time(request, tmp_path_factory):
     """Let a test marked ``alone`` wait until no other such test runs in another process of pytest-xdist."""
     if not request.node.get_closest_marker("alone"):
         yield
         return
-    shared = tmp_path_factory.getbasetemp()
-    shared = shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared
-    with FileLock(shared / "alone.lock"):
+    with FileLock(shared_by_all(tmp_path_factory) / "alone.lock"):
         yield
 
 
@@ -230,6 +254,17 @@ def broken_off(out):
     run_until_interrupted(PLAIN, out, DAYS - 1)
     assert len(shards(out)) == DAYS - 1
     return out
+
+
+@pytest.fixture(scope="session")
+def forked(tmp_path_factory):
+    """Run a study or a command in a process forked for it, see ``helpers.forks``."""
+    from helpers.calls import build, why_not
+    from helpers.forks import COMMANDS, forks
+
+    env = {} if why_not() else {"LD_PRELOAD": str(build(tmp_path_factory.mktemp("library")))}
+    with forks(*COMMANDS, **env) as run:
+        yield run
 
 
 @pytest.fixture(scope="session")
