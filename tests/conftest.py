@@ -13,7 +13,9 @@ from filelock import FileLock
 from hypothesis import settings
 
 # a failed assertion tells in them what it found, as it does in a test
-pytest.register_assert_rewrite("helpers.dying_pool", "helpers.studies", "helpers.processes", "helpers.refusals")
+pytest.register_assert_rewrite(
+    "helpers.commands", "helpers.dying_pool", "helpers.studies", "helpers.processes", "helpers.refusals"
+)
 
 # compiling a formula inside an example takes longer than hypothesis' deadline
 settings.register_profile("fastcoil", deadline=None, derandomize=True, database=None)
@@ -192,6 +194,22 @@ def write(tmp_path):
         return path
 
     return write_csv
+
+
+@pytest.fixture
+def valve_log(tmp_path):
+    """Return a function that writes the log of a valve."""
+    from helpers.log_files import VALVE_HEADER, write_csv
+
+    return lambda rows, header=VALVE_HEADER: write_csv(tmp_path / "valve.csv", header, rows)
+
+
+@pytest.fixture
+def coil_log(tmp_path):
+    """Return a function that writes the log of a coil."""
+    from helpers.log_files import COIL_HEADER, write_csv
+
+    return lambda rows, header=COIL_HEADER: write_csv(tmp_path / "coil.csv", header, rows)
 
 
 @pytest.fixture

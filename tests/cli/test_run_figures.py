@@ -5,9 +5,8 @@ from __future__ import annotations
 import shutil
 
 import pytest
-from click.testing import CliRunner
+from helpers.commands import fastcoil
 
-from fastcoil.cli.main import main
 from fastcoil.plots.files import current_figures, stale_figures
 from fastcoil.study.folder.results import open_study
 
@@ -33,10 +32,6 @@ def study(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(SMALL)
     return path
-
-
-def fastcoil(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def run(study, *words):
