@@ -109,10 +109,11 @@ def test_a_study_gives_what_simulate_gives_on_every_backend(path, trace, tmp_pat
 
 @pytest.mark.kernel
 @pytest.mark.full
-def test_processes_give_the_same_bits(path, tmp_path):
+@pytest.mark.parametrize("backend", ["loky", "dask"])
+def test_processes_give_the_same_bits(path, tmp_path, backend):
     threads = fc.run_study(path, tmp_path / "threads", n_jobs=2)
-    loky = fc.run_study(path, tmp_path / "loky", n_jobs=2, backend="loky")
-    assert threads.attrs["content_sha256"] == loky.attrs["content_sha256"]
+    processes = fc.run_study(path, tmp_path / "processes", n_jobs=2, backend=backend)
+    assert threads.attrs["content_sha256"] == processes.attrs["content_sha256"]
 
 
 @pytest.mark.kernel

@@ -91,12 +91,19 @@ def _names_a_rule() -> Schema:
     """Whether an estimator or a law is ``module:function``, in whichever table."""
     listed = {"type": "array", "contains": _FUNCTION}
     drawn = {"type": "object", "properties": {CHOICE: listed}, "required": [CHOICE]}
-    constant, swept, sampled = (
-        {"anyOf": [_has(kind, is_rule) for kind in KINDS]} for is_rule in (_FUNCTION, listed, drawn)
-    )
+    constant = _has_rule(_FUNCTION)
     no_case = {"additionalProperties": {"additionalProperties": {"not": constant}}}
-    named = {"loop": constant, "sweep": swept, "cases": {"not": no_case}, "sample": sampled}
+    named = {
+        "loop": constant,
+        "sweep": _has_rule(listed),
+        "cases": {"not": no_case},
+        "sample": _has_rule(drawn),
+    }
     return {"anyOf": [_has(table, has_rule) for table, has_rule in named.items()]}
+
+
+def _has_rule(value: Schema) -> Schema:
+    return {"anyOf": [_has(kind, value) for kind in KINDS]}
 
 
 def _has(name: str, value: Schema) -> Schema:
