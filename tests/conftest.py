@@ -48,9 +48,13 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.timeout(3600))
     if not JIT_ENABLED:
         skip = pytest.mark.skip(reason="the lane kernel is too slow without the compiler (NUMBA_DISABLE_JIT=1)")
-        for item in items:
-            if item.get_closest_marker("kernel"):
-                item.add_marker(skip)
+    for item in items:
+        if not item.get_closest_marker("kernel"):
+            continue
+        if not JIT_ENABLED:
+            item.add_marker(skip)
+        elif "_kernel" not in item.fixturenames:
+            item.fixturenames.insert(0, "_kernel")  # before fixtures that would compile it themselves
 
 
 @pytest.fixture(scope="session")
@@ -60,12 +64,6 @@ def _kernel(tmp_path_factory):
 
     with FileLock(shared_by_all(tmp_path_factory) / "kernel.lock"):
         compile_kernel()
-
-
-@pytest.fixture(autouse=True)
-def _compiled(request):
-    if request.node.get_closest_marker("kernel"):
-        request.getfixturevalue("_kernel")
 
 
 def shared_by_all(tmp_path_factory):
