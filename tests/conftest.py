@@ -4,7 +4,7 @@ import csv
 import importlib
 import os
 import signal
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -48,21 +48,24 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.timeout(3600))
     if not JIT_ENABLED:
         skip = pytest.mark.skip(reason="the lane kernel is too slow without the compiler (NUMBA_DISABLE_JIT=1)")
-    for item in items:
-        if not item.get_closest_marker("kernel"):
-            continue
-        if not JIT_ENABLED:
-            item.add_marker(skip)
-        elif "_kernel" not in item.fixturenames:
-            item.fixturenames.insert(0, "_kernel")  # before fixtures that would compile it themselves
+        for item in items:
+            if item.get_closest_marker("kernel"):
+                item.add_marker(skip)
 
 
-@pytest.fixture(scope="session")
-def _kernel(tmp_path_factory):
-    """The kernel, compiled or from the cache: by one process of pytest-xdist, for all."""
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item):
+    """Compile the kernel in one process of pytest-xdist for all, before the clock and the fixtures of a test start."""
+    if item.get_closest_marker("kernel") and not item.get_closest_marker("skip"):
+        compile_once(shared_by_all(item.config._tmp_path_factory))
+    return (yield)
+
+
+@cache
+def compile_once(folder):
     from fastcoil.engine.host import compile_kernel
 
-    with FileLock(shared_by_all(tmp_path_factory) / "kernel.lock"):
+    with FileLock(folder / "kernel.lock"):
         compile_kernel()
 
 

@@ -100,13 +100,14 @@ def test_title_question_and_labels_reach_the_terminal_as_text(fastcoil_command, 
     assert printable(TITLE) in fastcoil_command("status", "out").output.splitlines()[0]
 
 
+@pytest.mark.kernel  # `run` compiles it while it reads the study
 @pytest.mark.parametrize(
     "words",
     [
         ("run", NASTY),
         ("run", "s.toml", "-o", NASTY),
         ("run", "s.toml", "--backend", NASTY),
-        pytest.param(("run", "s.toml", "--scheduler", NASTY, "--backend", "dask"), marks=pytest.mark.kernel),
+        ("run", "s.toml", "--scheduler", NASTY, "--backend", "dask"),
         ("status", NASTY),
         ("verify", NASTY.replace("\x00", "")),
         ("plot", NASTY, "--by", NASTY),
