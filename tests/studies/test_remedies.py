@@ -102,6 +102,9 @@ def test_remedies_run_with_the_best_gains_and_with_those_of_simc(short):
             ours = found[kinds.STEPPED].rmse.sel(controller=name)
             theirs = fc.simulate(twin, day).rmse.isel(sample=slice(0, n))
             np.testing.assert_array_equal(ours.transpose(*theirs.dims).values, theirs.values)
+    theirs = fc.simulate(plain.assign(kp=2.0 * simc.kp, ti=2.0 * simc.ti), day).rmse.isel(sample=slice(0, 2))
+    ours = simc_found[kinds.STEPPED].rmse.sel(controller="faster")
+    np.testing.assert_array_equal(ours.transpose(*theirs.dims).values, theirs.values)
 
 
 @pytest.fixture
