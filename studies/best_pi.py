@@ -25,8 +25,8 @@ STEP = 0.1
 """Size of the open-loop step, fraction of stroke."""
 REST, RESPONSE = 3600, 1800
 """Seconds at rest before the step, and of the response."""
-LEAST_GAIN = 0.1
-"""Smallest plant gain that a step is taken to show, K per stroke."""
+LEAST_GAIN = 0.2
+"""Smallest plant gain that a step is taken to show, K per stroke: a buffer of 0.1 K over it must stay below the stroke."""
 SEEN = 2
 """Seconds between the samples of the response."""
 
