@@ -9,9 +9,7 @@ import ipaddress
 import linecache
 import logging
 import sys
-import threading
 import warnings
-from collections.abc import Callable
 from typing import Any
 
 from fastcoil.errors import FastcoilError, InputError
@@ -65,10 +63,21 @@ def start_local_cluster(n_workers: int) -> Any:
                 f"the workers of a dask cluster on this machine do not start ({error}): call it in a script only under "
                 "if __name__ == '__main__', or use the backend loky, which needs no such line"
             ) from None
-        raise FastcoilError(
-            f"the workers of a dask cluster on this machine do not start ({error}): they were killed, or lack memory; "
-            "finished scenarios are kept, run the same command again, with fewer workers or the backend loky"
-        ) from None
+        raise workers_missing(None, error) from None
+
+
+def workers_missing(scheduler: str | None, error: Exception) -> FastcoilError:
+    """The error where the workers of a cluster do not come, or die again and again."""
+    if scheduler is not None:
+        return InputError(
+            f"the dask scheduler at {scheduler} has no workers, or one that does not answer: start one with "
+            f"`dask worker {scheduler}`"
+        )
+    return FastcoilError(
+        f"the workers of a dask cluster on this machine do not start ({str(error) or type(error).__name__}): they were "
+        "killed, or lack memory; finished scenarios are kept, run the same command again, with fewer workers or the "
+        "backend loky"
+    )
 
 
 def _is_run_by_every_worker() -> bool:
@@ -114,20 +123,6 @@ def _is_guarded(address: str) -> bool:
     with contextlib.suppress(ValueError):
         return protocol == "tls" or host == "localhost" or ipaddress.ip_address(host).is_loopback
     return False
-
-
-def within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Make a call, or raise TimeoutError if it takes longer, as one to a stopped worker does."""
-    found: cf.Future[Any] = cf.Future()
-
-    def run() -> None:
-        try:
-            found.set_result(call())
-        except BaseException as error:
-            found.set_exception(error)
-
-    threading.Thread(target=run, daemon=True).start()
-    return found.result(seconds)
 
 
 async def _check_answers(address: str) -> None:
