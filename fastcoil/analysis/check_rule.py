@@ -102,7 +102,7 @@ def _run_of(loop: Loop, boundary: Boundary, ds: xr.Dataset) -> _Run:
 
 def _call_once(rule: Rule, loop: Loop, boundary: Boundary) -> None:
     """Call the plain Python with the first sample, which is the same without the rule: before it is compiled."""
-    without = forgetting(loop.assign(**{rule.kind: PARAMETERS[rule.kind].default}), {rule.name})
+    without = forgetting(loop.assign(**{rule.kind: PARAMETERS[rule.kind].choices[0]}), {rule.name})
     ds = simulate(without, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1)
     run = _run_of(without, boundary, ds)
     is_law = rule.kind == "law"
@@ -110,7 +110,8 @@ def _call_once(rule: Rule, loop: Loop, boundary: Boundary) -> None:
     if int(ds["status"]) != STATUS_OK or t >= ds.sizes["elapsed_time"] or not run.series["enabled"][t]:
         return
     _, Parameters, Memory = rule.parts
-    p = Parameters(*(run.parameters[n] if n in run.parameters else float(loop[n]) for n in Parameters._fields))
+    values: dict[str, Any] = dict(loop.items())
+    p = Parameters(*(run.parameters[n] if n in run.parameters else float(values[n]) for n in Parameters._fields))
     _called(rule, run.sample(t, 0, float(run.traces["estimate"][0])), p, Memory(*defaults_of(Memory)))
 
 

@@ -13,7 +13,7 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from types import CellType, CodeType, FunctionType, ModuleType
+from types import CellType, CodeType, FunctionType
 from typing import Any
 
 import numpy as np
@@ -149,8 +149,8 @@ class OwnCode:
             self._note(_exactly(value))
             if _size(value) > _LONGEST_TABLE:
                 raise InputError(
-                    f"{self._name} uses {name}, a tuple of {_size(value):,} numbers, which takes minutes to compile: give "
-                    f"it at most {_LONGEST_TABLE}"
+                    f"{self._name} uses {name}, a tuple of {_size(value):,} numbers, which takes minutes to compile: "
+                    f"give it at most {_LONGEST_TABLE}"
                 )
             if type(value) is tuple and value and not self._table:
                 self._table = f"{name}[min(max(k, 0), {len(value) - 1})]"
@@ -166,7 +166,9 @@ class OwnCode:
             self._kept.append(value)
             made = exact(self._ready(python))
         elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_field_defaults"):
-            self._note(value.__name__, *value._fields, *(f"{n} {_exactly(d)}" for n, d in value._field_defaults.items()))
+            named: Any = value
+            defaults = (f"{n} {_exactly(default)}" for n, default in named._field_defaults.items())
+            self._note(named.__name__, *named._fields, *defaults)
             made = _maker(value) if value is self._memory else value
         elif any(value is module for module in _MODULES):
             self._note(value.__name__)

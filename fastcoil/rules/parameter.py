@@ -79,6 +79,11 @@ def _bound(name: str, value: object, none: float) -> float:
     return none if isinstance(value, float) and value == none else number_of(name, value, "give a number")
 
 
+def text_without_one(rule: str) -> str:
+    """The text of a parameter that is given none."""
+    return f"parameter of {rule}"
+
+
 def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Parameter]:
     """What a rule declares of its own; the other fields are parameters of the loop that it may read.
 
@@ -103,7 +108,7 @@ def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Paramet
         else:
             declared: Any = default if isinstance(default, OwnParameter) else parameter(default)  # type: ignore[arg-type]
             own[name] = Parameter(
-                name, rule, declared.unit, float(declared), declared.text or f"parameter of {rule}", declared.lower,
+                name, rule, declared.unit, float(declared), declared.text or text_without_one(rule), declared.lower,
                 declared.upper, label=name.replace("_", " "),
             )  # fmt: skip
     if problems:
