@@ -8,11 +8,14 @@ import contextlib
 import ipaddress
 import linecache
 import logging
+import signal
 import sys
 import warnings
+from multiprocessing import resource_tracker
 from typing import Any
 
 from fastcoil.errors import FastcoilError, InputError
+from fastcoil.simulation.in_thread import within
 
 _WAIT_FOR_SCHEDULER = 10.0
 """Seconds."""
@@ -48,7 +51,11 @@ def start_local_cluster(n_workers: int) -> Any:
 
     # the dispatcher retries shards that kill, for it can halve them; no port that another cluster may have
     quiet = {"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"}
-    try:
+
+    def start() -> Any:
+        # threads and processes inherit it: Ctrl-C is for the thread that waits, and for no worker that still starts
+        resource_tracker.ensure_running()  # which would set it back
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         return Patient(
             n_workers=n_workers,
             host="127.0.0.1",  # nobody on another machine can reach it
@@ -57,6 +64,13 @@ def start_local_cluster(n_workers: int) -> Any:
             silence_logs=logging.CRITICAL,
             scheduler_kwargs=quiet,
         )
+
+    try:
+        return within(None, start)
+    except KeyboardInterrupt:
+        # what is still starting fails as the program ends
+        logging.getLogger("asyncio").addFilter(lambda record: "never retrieved" not in record.getMessage())
+        raise
     except RuntimeError as error:
         if _is_run_by_every_worker():
             raise InputError(

@@ -14,7 +14,7 @@ STUDY = """
 estimator = "mine:one"
 [boundary]
 kind = "constant_day"
-hours = 0.1
+hours = 1
 """
 SOURCE = """
 from typing import NamedTuple
