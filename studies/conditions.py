@@ -1,14 +1,18 @@
 """Under which conditions the observations of the paper hold.
 
 Does backlash alone make a loop hunt?  Does the error rise where the estimate exceeds the backlash?  Does the learner
-find the backlash on a quiet day?  Run with ``python studies/conditions.py`` to write the tables.  Plants are generic
-(the presets); the days are constant but for one set-point step, or ``paper_day``.
+find the backlash on a quiet day?  What does the recommended rule do to a good valve, and in heating?  Run with
+``python studies/conditions.py`` to write the tables.  Plants are generic (the presets); the days are constant but for
+one set-point step, ``paper_day``, or those of ``kinds.py``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
+from kinds import HEATING, STEPPED, of_kind, settings
 from report import write_table
 
 import fastcoil as fc
@@ -19,6 +23,16 @@ STEP_AT = 3600
 T_BEFORE, T_AFTER = 14.0, 15.0
 HUNTS = 0.1
 """Peak-to-peak supply temperature, K, in the last hour that counts as hunting where it crosses the set-point."""
+
+
+RECOMMENDED = {
+    "learning_step": 0.028, "learning_interval": 900, "learning_ratio": 1.5, "buffer": 0.01, "learning_min_switches": 1,
+    "learning_max_reference": 0.4, "learning_early_trip": 1, "learning_growth": 2, "learning_shrink": 0.5,
+}  # fmt: skip
+"""The rule for all loops that ``learning.py`` recommends."""
+HARM_DAYS = range(5101, 5106)
+HEATING_KP = 0.0045
+"""A quarter of the gain of ``lbnl``: a loop with water of 40 °C responds about three times as much."""
 
 
 def stepped_day() -> fc.Boundary:
@@ -105,6 +119,62 @@ def overestimate_rows(ds: xr.Dataset) -> list[list[str]]:
     return rows
 
 
+def good_valves(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
+    """The recommended rule on valves without backlash, beside the plain PI, on days with set-point steps."""
+    found = []
+    for preset in fc.presets():
+        loop = fc.Loop.preset(preset).assign(backlash=0.0, noise_std=[0.0, 0.05])
+        for of in (loop, loop.assign(**RECOMMENDED)):
+            found.append(_kept(fc.simulate(of, of_kind(STEPPED, seeds))))
+    ds = xr.concat(found, "both").assign_coords(
+        plant=("both", np.repeat(list(fc.presets()), 2)),
+        remedy=("both", ["plain PI", "recommended"] * len(fc.presets())),
+    )
+    return ds.set_index(both=["plant", "remedy"]).unstack("both")
+
+
+def heating(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
+    """Remedies in heating on the plant of ``lbnl``: water of 40 °C, design days."""
+    loop = fc.Loop.preset("lbnl").assign(kp=HEATING_KP, backlash=[0.0, 0.03, 0.07, 0.12], **settings(HEATING))
+    remedies = {
+        "plain PI": {},
+        "95 %": {"estimate_ratio": 0.95},
+        "95 %, buffer 1 %": {"estimate_ratio": 0.95, "buffer": 0.01},
+        "recommended rule": RECOMMENDED,
+    }
+    found = [_kept(fc.simulate(loop.assign(**values), of_kind(HEATING, seeds))) for values in remedies.values()]
+    return xr.concat(found, xr.DataArray(list(remedies), dims="remedy", name="remedy"))
+
+
+def _kept(ds: xr.Dataset) -> xr.Dataset:
+    return ds[["rmse_settled", "motor_travel", "estimate_final"]].reset_coords(drop=True)
+
+
+def good_valve_rows(ds: xr.Dataset) -> list[list[str]]:
+    """Plant, noise, and means over days: settled error and travel of the plain PI, and what the rule makes of them."""
+    rows = []
+    for plant in fc.presets():
+        for noise in ds.noise_std.values:
+            plain, rule = (
+                ds.sel(plant=plant, noise_std=noise, remedy=r).mean("day") for r in ("plain PI", "recommended")
+            )
+            error, travel = (float(rule[m] / plain[m]) for m in ("rmse_settled", "motor_travel"))
+            rows.append(
+                [f"`{plant}`", f"{noise:g}", f"{float(plain.rmse_settled):.3f}", f"× {error:.1f}",
+                 f"{float(plain.motor_travel):.1f}", f"× {travel:.1f}", f"{100 * float(rule.estimate_final):.1f} %"]
+            )  # fmt: skip
+    return rows
+
+
+def heating_rows(ds: xr.Dataset) -> list[list[str]]:
+    """Backlash, and the settled error with each remedy, mean over days."""
+    settled = ds.rmse_settled.mean("day")
+    return [
+        [f"{x:.0%}", *(f"{float(settled.sel(backlash=x, remedy=r)):.3f}" for r in ds.remedy.values)]
+        for x in ds.backlash.values
+    ]
+
+
 def main() -> None:
     """Write every table."""
     ds, above, end = tunings(), overestimates(), learned_when_quiet()
@@ -129,6 +199,22 @@ def main() -> None:
         f"Does the learner find 7 % on a constant day of 24 h?  {n} tunings per line",
         ["plant", "buffer", "ends within a step of the backlash", "ends above 20 %"],
         quiet_rows(end),
+    )
+    good = good_valves()
+    write_table(
+        "conditions_good_valve",
+        f"The recommended rule on a valve without backlash, means of {good.sizes['day']} days with set-point steps",
+        ["loop", "noise, K", "settled RMSE of the plain PI, K", "settled RMSE with the rule", "travel of the plain PI",
+         "travel with the rule", "final estimate"],
+        good_valve_rows(good),
+    )  # fmt: skip
+    warm = heating()
+    write_table(
+        "conditions_heating",
+        f"Settled RMSE in heating, K: plant of `lbnl`, water of 40 °C, kp = {HEATING_KP}/K, mean of "
+        f"{warm.sizes['day']} design days",
+        ["backlash", *map(str, warm.remedy.values)],
+        heating_rows(warm),
     )
 
 

@@ -4,7 +4,7 @@ import csv
 import importlib
 import os
 import signal
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -13,7 +13,9 @@ from filelock import FileLock
 from hypothesis import settings
 
 # a failed assertion tells in them what it found, as it does in a test
-pytest.register_assert_rewrite("helpers.dying_pool", "helpers.studies", "helpers.processes", "helpers.refusals")
+pytest.register_assert_rewrite(
+    "helpers.commands", "helpers.dying_pool", "helpers.studies", "helpers.processes", "helpers.refusals"
+)
 
 # compiling a formula inside an example takes longer than hypothesis' deadline
 settings.register_profile("fastcoil", deadline=None, derandomize=True, database=None)
@@ -32,6 +34,11 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(config, items):
     from fastcoil.numerics.jit import JIT_ENABLED
 
+    # while one process compiles the kernel, the others have tests without it; what many tests share is started once
+    shared = ("forked", "two_workers")
+    items.sort(
+        key=lambda item: (bool(item.get_closest_marker("kernel")), *(n not in item.fixturenames for n in shared))
+    )
     if not os.environ.get("FASTCOIL_FULL"):
         long = [item for item in items if item.get_closest_marker("full")]
         config.hook.pytest_deselected(items=long)
@@ -46,15 +53,35 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(skip)
 
 
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item):
+    """Compile the kernel in one process of pytest-xdist for all, before the clock and the fixtures of a test start."""
+    if item.get_closest_marker("kernel") and not item.get_closest_marker("skip"):
+        compile_once(shared_by_all(item.config._tmp_path_factory))
+    return (yield)
+
+
+@cache
+def compile_once(folder):
+    from fastcoil.engine.host import compile_kernel
+
+    with FileLock(folder / "kernel.lock"):
+        compile_kernel()
+
+
+def shared_by_all(tmp_path_factory):
+    """A folder that all processes of pytest-xdist have in common."""
+    base = tmp_path_factory.getbasetemp()
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+
 @pytest.fixture(autouse=True)
 def _one_at_a_time(request, tmp_path_factory):
     """Let a test marked ``alone`` wait until no other such test runs in another process of pytest-xdist."""
     if not request.node.get_closest_marker("alone"):
         yield
         return
-    shared = tmp_path_factory.getbasetemp()
-    shared = shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared
-    with FileLock(shared / "alone.lock"):
+    with FileLock(shared_by_all(tmp_path_factory) / "alone.lock"):
         yield
 
 
@@ -171,6 +198,22 @@ def write(tmp_path):
 
 
 @pytest.fixture
+def valve_log(tmp_path):
+    """Return a function that writes the log of a valve."""
+    from helpers.log_files import VALVE_HEADER, write_csv
+
+    return lambda rows, header=VALVE_HEADER: write_csv(tmp_path / "valve.csv", header, rows)
+
+
+@pytest.fixture
+def coil_log(tmp_path):
+    """Return a function that writes the log of a coil."""
+    from helpers.log_files import COIL_HEADER, write_csv
+
+    return lambda rows, header=COIL_HEADER: write_csv(tmp_path / "coil.csv", header, rows)
+
+
+@pytest.fixture
 def leaves_nothing(tmp_path):
     """Check that no process outlives the test, and have dask put its files into the test's folder."""
     from helpers import processes
@@ -230,6 +273,17 @@ def broken_off(out):
     run_until_interrupted(PLAIN, out, DAYS - 1)
     assert len(shards(out)) == DAYS - 1
     return out
+
+
+@pytest.fixture(scope="session")
+def forked(tmp_path_factory):
+    """Run a study or a command in a process forked for it, see ``helpers.forks``."""
+    from helpers.calls import build, why_not
+    from helpers.forks import COMMANDS, forks
+
+    env = {} if why_not() else {"LD_PRELOAD": str(build(tmp_path_factory.mktemp("library")))}
+    with forks(*COMMANDS, **env) as run:
+        yield run
 
 
 @pytest.fixture(scope="session")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping
+
 import numpy as np
 import xarray as xr
 
+from fastcoil.analysis.baselines import best_plain_pi, dead_bands, without_dead_band
 from fastcoil.outputs import STATUS_OK
 from fastcoil.plots.study import numeric_dims
 
@@ -34,8 +37,10 @@ def summary(ds: xr.Dataset) -> list[str]:
 def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
     """The inverse against the plain PI of the same loop, estimate by estimate."""
     name = ratio.replace("_", " ")
+    ds = ds[["rmse", "rmse_settled", "switch_frequency", "motor_travel"]]
     if "backlash" in ds.coords:
-        ds = ds[["rmse", "rmse_settled", "switch_frequency", "motor_travel"]].where(ds["backlash"] > 0.0)
+        ds = ds.where(ds["backlash"] > 0.0)
+    with_dead_bands, ds = ds, without_dead_band(ds)
     others = [d for d in ds["rmse"].dims if d != ratio]
     plain = ds["rmse"].sel({ratio: 0.0})
     relative = ds["rmse"] / plain
@@ -63,7 +68,47 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
     if ratio == "estimate_ratio" and last > 1.0:
         worse = _share(ds["rmse"].sel({ratio: last}) > ds["rmse"].sel({ratio: 1.0}, method="nearest"), plain)
         lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {worse:.0%} of the loops.")
+    return lines + _against_best_pi(ds, ratio, best) + _against_dead_bands(with_dead_bands, ratio, best)
+
+
+def _against_best_pi(ds: xr.Dataset, ratio: str, best: float) -> list[str]:
+    """The best plain PI of the tunings against the others, and the inverse against it."""
+    plain, inverse = ds.sel({ratio: 0.0}, drop=True), ds.sel({ratio: best}, drop=True)
+    at = best_plain_pi(plain)
+    if at is None:
+        return []
+    chosen = plain["rmse"].isel(at, drop=True)
+    n = int((plain["rmse"].count([d for d in plain["rmse"].dims if d not in at]) > 0).sum())
+    alone = _percent((chosen / plain["rmse"]).median() - 1)
+    lower = _share(inverse["rmse"] < chosen, plain["rmse"])
+    with_it = _percent((inverse["rmse"].isel(at, drop=True) / chosen).median() - 1)
+    travel = float((inverse["motor_travel"] / plain["motor_travel"]).isel(at, drop=True).median())
+    return [
+        f"The best plain PI of {n} tunings ({_label(ds, at)}): RMSE is {alone} than with the plain PI of the same loop "
+        f"(median); the inverse is lower than that in {lower:.0%} of the loops.",
+        f"An inverse on top of the best plain PI: RMSE is {with_it} (median), at {travel:.1f} times the motor travel.",
+    ]
+
+
+def _against_dead_bands(ds: xr.Dataset, ratio: str, best: float) -> list[str]:
+    """Plain PIs with an error dead band against the same without, and against the inverse without."""
+    plain, inverse, lines = ds.sel({ratio: 0.0}, drop=True), ds.sel({ratio: best}, drop=True), []
+    for at, partner in dead_bands(plain):
+        banded, own = plain.isel(at, drop=True), plain.isel(partner, drop=True)
+        error, travel = (float((banded[m] / own[m]).median()) for m in ("rmse", "motor_travel"))
+        gain = (inverse["rmse"].isel(partner, drop=True) / banded["rmse"]).median() - 1
+        lines.append(
+            f"An error dead band of {float(plain['error_dead_band'].isel(at)):g} K ({_label(ds, at)}): RMSE is "
+            f"{_percent(error - 1)} than without it, at {travel:.2f} times the motor travel (median); with "
+            f"the inverse instead it is {_percent(gain)} than with the dead band."
+        )
     return lines
+
+
+def _label(ds: xr.Dataset, at: Mapping[Hashable, int]) -> str:
+    """The labels of one tuning: a name, or the values of what is swept."""
+    labels = {d: ds[d].values[k] for d, k in at.items()}
+    return ", ".join(str(v) if isinstance(v, str) else f"{d} = {v:g}" for d, v in labels.items())
 
 
 def _share(holds: xr.DataArray, valid: xr.DataArray) -> float:

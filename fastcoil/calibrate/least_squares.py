@@ -1,9 +1,9 @@
 """Nonlinear least squares whose Jacobian comes from lanes: perturbed parameter sets in the same kernel call.
 
-Levenberg-Marquardt within bounds (``scipy.optimize.least_squares``, ``trf``), started from the best of many sets that
-are screened as lanes; covariance by SVD, widened for the autocorrelation of the residuals.  The paper's ``lm`` knows no
-bounds, and these problems have some that matter: a backlash of 0, the least C_w that is stable, an exponent that the
-data do not identify.  Where no bound is met both end in the same minimum.
+Trust-region reflective steps (``scipy.optimize.least_squares``, ``trf``), started from the best of many sets that are
+screened as lanes; covariance by SVD, widened for the autocorrelation of the residuals.  The paper names
+Levenberg-Marquardt, which knows no bounds, and these problems have some that matter: a backlash of 0, the least C_w
+that is stable, an exponent that the data do not identify.  Where no bound is met both end in the same minimum.
 """
 
 from __future__ import annotations

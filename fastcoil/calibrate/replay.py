@@ -20,10 +20,10 @@ from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_span, require_whole_seconds
 from fastcoil.memory import available_memory, gib
 from fastcoil.outputs import TRACES
-from fastcoil.simulation.control_problems import control_problems
+from fastcoil.simulation.clashes import controller_clashes, missing_parameters
 from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
-from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.scenarios import columns_of, missing_parameters, words_used
+from fastcoil.simulation.loop import Loop, words_used
+from fastcoil.simulation.scenarios import columns_of
 
 _WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))
 _ROUND_OFF = 1e-6
@@ -48,7 +48,8 @@ def replay(
     Parameters
     ----------
     loop
-        One loop or a sweep of them: PI, inverse and estimator.
+        One loop or a sweep of them: PI, inverse and estimator.  Air flow is not read: ``gradient`` rests after steps of
+        the set-point, not of the air flow.
     log
         Path of a CSV file, or a Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
         ``elapsed_time`` or ``timestamp``; optional: ``enabled``.  Samples are 1 s apart or more.  A value holds until
@@ -73,7 +74,7 @@ def replay(
     Notes
     -----
     Cai and Braun (2016), section 3.3 and Fig 8.  With ``T_measured`` of a simulation as ``T_sup`` it returns the
-    commands of that simulation to the last bit.
+    commands of that simulation to the last bit, but for those of ``gradient`` after a step of the air flow.
     """
     with checking() as check:
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
@@ -82,7 +83,7 @@ def replay(
         check(max_gap_of, max_gap)
         if isinstance(loop, Loop):
             used = [name for name, rule in loop.rules.items() if name in words_used(loop, rule.kind)]
-            check.problems += [f"loop has the rule {name}: replay knows the PI and the inverse alone" for name in used]
+            check.problems += [f"loop has the rule {name}: replay runs no rules of your own" for name in used]
         check(require_mappings, columns=columns, units=units, constants=constants)
     if missing := missing_parameters(loop):
         raise InputError(missing)
@@ -96,7 +97,7 @@ def replay(
         unbroken=True,
     )
     series = _seconds(data)
-    if problems := control_problems(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
+    if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
         raise InputError(problems)
     whole_of("trace_interval", trace_interval, 1, series.shape[0])
     n = math.prod(loop.sizes.values())

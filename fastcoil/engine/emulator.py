@@ -119,7 +119,7 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
             air_side(S, m_a)
             m_a_known = m_a
         if counted:
-            account_second(S, V, flags, T_set, T_w_in, n_volumes)
+            account_second(S, V, t, flags, T_set, T_w_in, n_volumes)
 
         traced = traces.shape[0] > 0 and t % trace_interval == 0
         if traced:

@@ -20,7 +20,6 @@ from fastcoil.engine.schedule import (
 from fastcoil.numerics.jit import scalar, section
 from fastcoil.outputs import (
     HUNTING_PERIODS,
-    HUNTING_SAMPLE,
     HUNTING_SWING,
     METRICS,
     OFF,
@@ -66,7 +65,7 @@ def alike(period, before):
 
 
 @section
-def account_second(S, V, flags, T_set, T_w_in, n_volumes):
+def account_second(S, V, t, flags, T_set, T_w_in, n_volumes):
     """Add one counted second to control error, hunting and energy."""
     first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
     for j in range(LANES):
@@ -83,7 +82,7 @@ def account_second(S, V, flags, T_set, T_w_in, n_volumes):
             S[R.lowest + j] = first[T_A + j]
             S[R.e_previous + j] = 0.0
             S[R.e_sampled + j] = 0.0
-            S[R.since_up + j] = np.nan
+            S[R.up_at + j] = np.nan
     if flags & SETTLED:
         for j in range(LANES):
             T = first[T_A + j]
@@ -95,16 +94,20 @@ def account_second(S, V, flags, T_set, T_w_in, n_volumes):
             S[R.highest + j] = T if T > S[R.highest + j] else S[R.highest + j]
             S[R.lowest + j] = T if T < S[R.lowest + j] else S[R.lowest + j]
     if flags & HUNTING_SEEN:
+        rises = False
         for j in range(LANES):
-            e, before, last = first[T_A + j] - T_set, S[R.e_sampled + j], S[R.last_period + j]
-            since = S[R.since_up + j] + HUNTING_SAMPLE
-            up = (before < 0.0) & (e >= 0.0)
-            whole = up & (since > 0.0)  # not at the first crossing of a window
-            S[R.periods + j] += 1.0 if whole else 0.0
-            S[R.alike + j] += 1.0 if whole & alike(since, last) else 0.0
-            S[R.last_period + j] = since if whole else last
-            S[R.since_up + j] = 0.0 if up else since
-            S[R.e_sampled + j] = e
+            rises |= (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
+        if rises:
+            for j in range(LANES):
+                period, last = t - S[R.up_at + j], S[R.last_period + j]
+                up = (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
+                whole = up & (period > 0.0)  # not at the first crossing of a window
+                S[R.periods + j] += 1.0 if whole else 0.0
+                S[R.alike + j] += 1.0 if whole & alike(period, last) else 0.0
+                S[R.last_period + j] = period if whole else last
+                S[R.up_at + j] = t if up else S[R.up_at + j]
+        for j in range(LANES):
+            S[R.e_sampled + j] = first[T_A + j] - T_set
     if flags & WINDOW_ENDS:
         for j in range(LANES):
             S[R.sum_swing + j] += S[R.highest + j] - S[R.lowest + j]

@@ -44,7 +44,7 @@ The temperatures of the coil are in VOLUME_ROWS, what an estimator remembers is 
 """
 SUM_ROWS = (
     "sum_e2", "sum_e2_settled", "sum_abs_e", "off", "e_previous", "crossings", "highest", "lowest", "sum_swing",
-    "e_sampled", "since_up", "periods", "last_period", "alike",
+    "e_sampled", "up_at", "periods", "last_period", "alike",
     "sum_switches", "stem_travel", "motor_travel", "last_turn", "reversals", "sum_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate", "farthest_T_c",
     "time_reached", "time_confirmed", "time_identified",

@@ -16,16 +16,18 @@ from fastcoil.paper.criteria import (
     best_estimate,
     buffer_cures_the_inverse,
     eight_is_largest,
-    energy_ratio,
+    error_and_travel,
     error_doubles,
     error_falls_up_to_the_backlash,
     exact_inverse_is_unity,
+    heat_ratio,
     hunts_with_backlash_only,
+    lower_error,
     ninety_five_is_almost_perfect,
     noise_breaks_the_learner,
     noise_multiplies_switches,
     peak_ratio,
-    raises_energy,
+    raises_heat,
     raises_peak,
     rises_beyond,
     rule_finds,
@@ -36,7 +38,7 @@ from fastcoil.paper.criteria import (
     switches_double_above,
     switches_flat_below,
 )
-from fastcoil.paper.grid import HUNTS, RATIOS, STARTS_AND_STEPS
+from fastcoil.paper.grid import DEAD_BAND, HUNTS, RATIOS, STARTS_AND_STEPS
 from fastcoil.paper.runs import BUFFER_SIGMAS, NOISE, STEP, arithmetic, percent
 
 
@@ -54,7 +56,9 @@ class Claim:
     note: str = ""
 
 
-_IN_TIME = f"It finds the backlash to within {percent(STEP, 1)}, and confirms it by a step down before 3 h."
+_IN_TIME = f"It finds the backlash to within {percent(STEP, 1)}, and confirms it by a step down within 3 h."
+_BEST = "Best gains are those of lowest error for the same plant and sample time, found on other days."
+_ADDED = "Our addition: the paper compares with one plain PI."
 _GROWING = (
     "Our variant: every step up is 1.5 times the last, until the first step down, which comes as soon as it chatters."
 )
@@ -121,20 +125,15 @@ CLAIMS = (
         "As printed: within 8 h its first step down leads to the backlash, to within a step.",
         "learning", rule_finds("literal"), rule_numbers("literal"),
     ),
-    Claim(
-        "three hours", "3.3, 6", "The learning rule, as printed, takes less than three hours.",
-        _IN_TIME,
-        "learning", rule_in_time("literal"), rule_numbers("literal"), arithmetic(),
-    ),
     *(
         Claim(
-            f"three hours, {rule}", "3.3, 6", f"The rule takes less than three hours with {text}.",
+            f"three hours, {rule}", "3.3, 6", f"The rule takes at most three hours with {text}.",
             _IN_TIME,
             "learning", rule_in_time(rule), rule_numbers(rule), note,
         )
         for rule, text, note in (
             ("every 15 min", "an update every 15 min", "Our variant."),
-            ("twice the step", "twice the step", "Our variant; it reaches the backlash after 2 h."),
+            ("twice the step", "twice the step", "Our variant; at best it takes exactly three: two to reach it."),
             ("growing steps", "growing steps", _GROWING),
         )
     ),
@@ -151,14 +150,17 @@ CLAIMS = (
         "The presets' water content was chosen to make it so; the shares are of coils, not of tunings.",
     ),
     Claim(
-        "energy", "1", "Fluctuation raises the cooling energy.",
-        "With 7 % backlash the plain PI uses over 1 % more energy than without.",
-        "days", raises_energy, lambda ds: {"energy with / without backlash [1]": energy_ratio(ds)},
+        "heat", "1", "Fluctuation raises the heat that the coil takes from the air.",
+        "With 7 % backlash the coil takes over 1 % more heat than without.",
+        "days", raises_heat, lambda ds: {"heat with / without backlash [1]": heat_ratio(ds)},
+        "Our stand-in: the paper claims power, demand and energy cost.  Air flow and set-point are given here and "
+        "nothing reheats, so that the mean heat can hardly change.",
     ),
     Claim(
         "peak", "1", "Fluctuation raises the peak demand.",
-        "With 7 % backlash the highest 15-min mean of the cooling power is over 1 % higher than without.",
+        "With 7 % backlash the highest 15-min mean of the coil's heat flow is over 1 % higher than without.",
         "days", raises_peak, lambda ds: {"peak with / without backlash [1]": peak_ratio(ds)},
+        "Of the coil alone: no chiller, pump or fan is simulated.",
     ),
     Claim(
         "noise", "6", "Measurement noise makes the inverse switch severely.",
@@ -186,4 +188,47 @@ CLAIMS = (
         "learning", rule_finds("noise, buffer"), rule_numbers("noise, buffer"),
         "Our addition: the paper says so of the inverse only.",
     ),
+    Claim(
+        "against dead band", "3.3", "An inverse of 95 % beats an error dead band.",
+        f"Its RMSE is over 1 % below that of the plain PI with an error dead band of {DEAD_BAND} K.",
+        "days", lower_error("95 %", "dead band"), error_and_travel("plain PI", "95 %", "dead band"), _ADDED,
+    ),
+    Claim(
+        "against best PI", "3.3", "An inverse of 95 % beats the best plain PI.",
+        f"The RMSE with the tuning's own gains and the inverse is over 1 % below that of the best PI.  {_BEST}",
+        "days", lower_error("95 %", "best PI"), error_and_travel("plain PI", "95 %", "best PI"), _ADDED,
+    ),
+    Claim(
+        "best PI alone", "3.3", "A better tuning does more than an inverse of 95 %.",
+        f"The RMSE of the best PI is over 1 % below that with the tuning's own gains and the inverse.  {_BEST}",
+        "days", lower_error("best PI", "95 %"), error_and_travel("best PI", "95 %"), _ADDED,
+    ),
+    Claim(
+        "best PI with inverse", "3.3", "An inverse of 95 % helps the best PI, too.",
+        f"With the gains of the best PI the RMSE is over 1 % lower with the inverse than without.  {_BEST}",
+        "days", lower_error("best PI, 95 %", "best PI"), error_and_travel("best PI", "best PI, 95 %"), _ADDED,
+    ),
+    Claim(
+        "best against best", "3.3", "With the best gains for each, an inverse of 95 % beats the plain PI.",
+        f"The RMSE of the inverse with its best gains is over 1 % below that of the best PI.  {_BEST}",
+        "days", lower_error("best inverse", "best PI"), error_and_travel("best PI", "best inverse"), _ADDED,
+    ),
+    Claim(
+        "best against best, noise", "6",
+        "With the best gains for each, noise and a buffer, an inverse of 95 % beats the plain PI.",
+        f"The RMSE is over 1 % lower with the best gains for each, noise of {NOISE} K, and a buffer of "
+        f"{BUFFER_SIGMAS:g} Kp σ.",
+        "days", lower_error("best inverse, noise, buffer", "best PI, noise"),
+        error_and_travel("best PI, noise", "best inverse, noise, buffer"), _ADDED,
+    ),
 )  # fmt: skip
+
+IDENTITIES = (
+    (
+        "3.3, 6",
+        "The learning rule, as printed, takes less than three hours.",
+        "contradicts the paper's own step and interval",
+        arithmetic(),
+    ),
+)
+"""What is false whatever the loop, so that a share of tunings would say nothing: section, claim, verdict, why."""

@@ -1,7 +1,7 @@
 """When a claim holds: for one tuning on one day, from the Datasets of the grid.
 
-Every function reads a Dataset with the dims ``tuning``, ``case`` and, where there are days, ``day``.  It returns a
-boolean over ``tuning`` and ``day``, or numbers over these dims by name and unit.  In a failed scenario no claim holds.
+Every function reads a Dataset with the dims ``tuning``, ``case`` and, where there are days, ``kind`` and ``day``.  It
+returns a boolean over the other dims, or numbers over them by name and unit.  In a failed scenario no claim holds.
 """
 
 from __future__ import annotations
@@ -21,8 +21,20 @@ Numbers = Callable[[xr.Dataset], dict[str, xr.DataArray]]
 
 def at(metric: str, *cases: str) -> Numbers:
     """Return a function that looks up a metric in these cases."""
-    unit = {"rmse": "K", "rmse_settled": "K", "switch_frequency": "per 10 min", "swing": "K"}[metric]
-    text = {"rmse": "RMSE", "rmse_settled": "settled RMSE", "switch_frequency": "switches", "swing": "peak to peak"}
+    unit = {
+        "rmse": "K",
+        "rmse_settled": "K",
+        "switch_frequency": "per 10 min",
+        "swing": "K",
+        "motor_travel": "strokes",
+    }[metric]
+    text = {
+        "rmse": "RMSE",
+        "rmse_settled": "settled RMSE",
+        "switch_frequency": "switches",
+        "swing": "peak to peak",
+        "motor_travel": "motor travel",
+    }
     return lambda ds: {f"{text[metric]}, {c} [{unit}]": ds[metric].sel(case=c, drop=True) for c in cases}
 
 
@@ -64,6 +76,16 @@ def error_falls_up_to_the_backlash(ds: xr.Dataset) -> xr.DataArray:
     return (errors.diff("case") < 0.0).all("case")
 
 
+def lower_error(name: str, other: str) -> Holds:
+    """Return the claim that the RMSE of one case is over 1 % lower than that of another."""
+    return lambda ds: _of(ds, "rmse", name) < 0.99 * _of(ds, "rmse", other)
+
+
+def error_and_travel(*cases: str) -> Numbers:
+    """Return a function that looks up the RMSE and the motor travel in these cases."""
+    return lambda ds: at("rmse", *cases)(ds) | at("motor_travel", *cases)(ds)
+
+
 def rises_beyond(metric: str) -> Holds:
     """Return the claim that an error is over 1 % larger at 120 % than at 100 %."""
     return lambda ds: _of(ds, metric, "120 %") > 1.01 * _of(ds, metric, "100 %")
@@ -98,16 +120,16 @@ def _ratio(metric: str) -> Holds:
     return lambda ds: _of(ds, metric, "plain PI") / _of(ds, metric, "no backlash")
 
 
-energy_ratio, peak_ratio = _ratio("coil_energy"), _ratio("coil_peak_power")
+heat_ratio, peak_ratio = _ratio("coil_energy"), _ratio("coil_peak_power")
 
 
-def raises_energy(ds: xr.Dataset) -> xr.DataArray:
-    """The backlash costs more than 1 % of the energy."""
-    return energy_ratio(ds) > 1.01
+def raises_heat(ds: xr.Dataset) -> xr.DataArray:
+    """The backlash raises the heat that the coil takes by more than 1 %."""
+    return heat_ratio(ds) > 1.01
 
 
 def raises_peak(ds: xr.Dataset) -> xr.DataArray:
-    """The backlash raises the peak power by more than 1 %."""
+    """The backlash raises the peak of the coil's heat flow by more than 1 %."""
     return peak_ratio(ds) > 1.01
 
 
@@ -122,11 +144,11 @@ def rule_finds(rule: str) -> Holds:
 
 
 def rule_in_time(rule: str) -> Holds:
-    """Return the claim that a rule finds the backlash and confirms it before three hours."""
+    """Return the claim that a rule finds the backlash and confirms it within three hours."""
 
     def holds(ds: xr.Dataset) -> xr.DataArray:
         of_rule = ds.sel(case=rule, drop=True)
-        return finds(of_rule) & (of_rule["learn_time_confirmed"] < THREE_HOURS)
+        return finds(of_rule) & (of_rule["learn_time_confirmed"] <= THREE_HOURS)
 
     return holds
 

@@ -29,6 +29,10 @@ _WINDOW_H = (2.75, 4.25)
 """Part of the day that the figures over time show."""
 _HOUR = 3600.0
 _RULE_NAMES = {"literal": "as printed"}
+_KIND_LOOKS = ((BLUE, "o"), (RED, "s"), (YELLOW, "D"), ("black", "v"), (GREY, "P"))
+"""Colour and mark of each kind of day, and of what is judged on none."""
+_SPREAD = 0.6
+"""Distance between the first and the last mark of a claim, in rows."""
 
 Grid = tuple["Figure", np.ndarray]
 
@@ -186,26 +190,29 @@ def _draw_switches(panel: Axes, seen: xr.DataArray) -> None:
 
 @apply_style(**_CHANGES)
 def shares(card: Mapping[str, Any]) -> Figure:
-    """Draw the scorecard: share of the grid in which each claim holds."""
-    claims = card["claims"]
-    figure, ((panel,),) = _figure(1, 1, 1.2 + 0.29 * len(claims))
-    rows = np.arange(len(claims))
-    looks = {"holds": (BLUE, ""), "holds only if": (GREY, ""), "does not hold": ("white", "////")}
-    for word, (colour, hatch) in looks.items():
-        chosen = [k for k, c in enumerate(claims) if c["verdict"] == word]
-        widths = [100 * claims[k]["share"] for k in chosen]
-        panel.barh(chosen, widths, color=colour, hatch=hatch, edgecolor="0.3", lw=0.6, label=word)
-        for k, width in zip(chosen, widths, strict=True):
-            low, high = claims[k]["share_interval"] or (width / 100, width / 100)
-            for shade, lw in (("white", 3.0), ("black", 1.0)):  # seen on dark bars, too
-                panel.plot([100 * low, 100 * high], [k, k], color=shade, lw=lw, solid_capstyle="butt")
-            panel.text(101, k, f"{width:.0f} %", va="center", fontsize=7)
+    """Draw the scorecard: shares of the grid in which each claim holds, a mark for each kind of day."""
+    claims, kinds = card["claims"], list(card["kinds"])
+    figure, ((panel,),) = _figure(1, 1, 1.4 + 0.3 * len(claims))
+    drawn: set[str] = set()
+    for row, claim in enumerate(claims):
+        for name, found in claim["kinds"].items():
+            k = kinds.index(name) if name in kinds else len(kinds)
+            y = row + (_SPREAD * (k / max(len(kinds) - 1, 1) - 0.5) if name in kinds else 0.0)
+            colour, mark = _KIND_LOOKS[k]
+            low, high = found["share_interval"] or (found["share"], found["share"])
+            panel.plot([100 * low, 100 * high], [y, y], color=colour, lw=1.2, solid_capstyle="butt")
+            label = name if name in kinds else "no kind of day"
+            text = "" if label in drawn else label
+            drawn.add(label)
+            panel.plot(100 * found["share"], y, color=colour, marker=mark, ms=3.5, ls="", label=text, clip_on=False)
     for limit in (100 * SURELY, 100 * (1 - SURELY)):
         panel.axvline(limit, color="black", lw=0.8, ls=DOTTED)
-    panel.set_yticks(rows, [fill(c["claim"], 58) for c in claims], fontsize=6.5)
+    n_changed = sum(c["change"] > 0 for c in claims)
+    panel.axhline(n_changed - 0.5, color="black", lw=0.8)
+    panel.set_yticks(range(len(claims)), [fill(c["claim"], 58) for c in claims], fontsize=6.5)
     panel.set_ylim(len(claims) - 0.4, -0.6)
     panel.grid(visible=False, axis="y")
     panel.set_axisbelow(True)
     panel.set(xlabel="share in which it holds [%]; line: its 95 % interval over days", xlim=(0, 100))
-    _legend_above(figure, panel, 3)
+    _legend_above(figure, panel, len(kinds) + 1)
     return figure

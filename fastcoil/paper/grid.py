@@ -1,12 +1,12 @@
 """The grid of tunings on which the paper's claims are judged: gains × sample times × ideal and real loops.
 
-Every simulation has the dim ``tuning``, with the presets first, by name.  Nobody would accept a loop that hunts without
-any backlash: such tunings are tried and counted, but left out of the shares.
+Every simulation has the dim ``tuning``, with the presets first, by name, and those on days the dim ``kind``.  Nobody
+would accept a loop that hunts without any backlash: such tunings are tried and counted, but left out of the shares.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.boundary.days import constant_day, paper_day
+from fastcoil.paper.kinds import KINDS, Days
 from fastcoil.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, buffers, percent, rehashed
 from fastcoil.physics.valve import water_flow
 from fastcoil.simulation.dataset import provenance
@@ -23,9 +24,19 @@ from fastcoil.simulation.simulate import simulate
 from fastcoil.simulation.stability import stable
 
 REAL_LOOP = {n: Loop.preset("lbnl")[n] for n in ("C_c", "sensor_time_constant", "stroke_time")}
-DAYS = range(2010, 2016)
-LONG_DAYS = range(2016, 2022)
-"""Seeds of the days; no other study of this repository uses them."""
+DAYS = range(2010, 2015)
+LONG_DAYS = range(2016, 2020)
+SEARCH_DAYS = range(2020, 2022)
+"""Seeds of the days of each kind; no other study of this repository uses them."""
+BEST_KP, BEST_TI = np.geomspace(0.002, 0.4, 12), np.geomspace(5.0, 600.0, 10)
+"""Gains among which the best ones are sought."""
+SEARCH_NOISE = 0.02
+"""Measurement noise of the search, K: without any, the fastest gains look better than they are."""
+DEAD_BAND = 0.2
+"""Error dead band of the PI that the inverse is compared with, K."""
+GAINS = ("kp", "ti")
+PLANT = ("C_c", "sensor_time_constant", "stroke_time", "sample_time")
+"""What differs between tunings: gains, and what they are gains for."""
 RATIOS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0, 1.1, 1.2, 1.5)
 """Estimates relative to the backlash."""
 STARTS_AND_STEPS = ((0.001, 0.0035), (0.007, 0.007), (0.02, 0.007), (0.001, 0.014), (0.028, 0.028))
@@ -80,15 +91,77 @@ def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
     return rehashed(ds.drop_vars(["T_sup", "elapsed_time"]))
 
 
-def on_days(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
-    """Simulate paper days: no backlash, the plain PI, inverses of all estimates, noise, and noise with a buffer."""
+def best_gains(
+    loop: Loop, kinds: Mapping[str, Days] = KINDS, *, quick: bool = False, n_jobs: int | None = None
+) -> dict[str, Loop]:
+    """The tunings with the best gains for the same plant and sample time: of the plain PI, and of the inverse of 95 %.
+
+    Best is the lowest mean, over the kinds of days, of the RMSE relative to the lowest one on that kind, of all gains
+    with which the loop does not hunt without backlash: nobody would leave a loop so that a new valve makes it hunt.
+    """
+    tuning = xr.DataArray(loop["kp"])["tuning"]
+    rows, which = np.unique([loop[n] for n in PLANT], axis=1, return_inverse=True)
+    plants = Loop(**{n: xr.DataArray(row, dims="plant") for n, row in zip(PLANT, rows, strict=True)})
+    kp, ti = (values[::4] if quick else values for values in (BEST_KP, BEST_TI))
+    cases = {"no backlash": (0.0, 0.0), "best PI": (BACKLASH, 0.0), "best inverse": (BACKLASH, 0.95 * BACKLASH)}
+    sizes = along("case", {n: {"backlash": x, "backlash_estimate": y} for n, (x, y) in cases.items()})
+    swept = plants.assign(noise_std=SEARCH_NOISE, kp=kp, ti=ti, **sizes)
+    is_inverse = xr.DataArray([float(n == "best inverse") for n in cases], coords={"case": list(cases)})
+    swept = swept.assign(buffer=buffers(is_inverse, swept, SEARCH_NOISE))
+    ds = on_every_kind(swept, kinds, 4 if quick else 8, SEARCH_DAYS, n_jobs)
+    rings = (ds["hunts"].sel(case="no backlash", drop=True) > 0.0).any(["kind", "day"])
+    cost = relative_cost(ds["rmse"].where(~rings)).stack(gains=GAINS).transpose("case", "plant", "gains")
+    best = {}
+    for name in list(cases)[1:]:
+        pairs = cost["gains"].values[cost.sel(case=name).argmin("gains").values[np.ravel(which)]]
+        gains = (xr.DataArray([pair[k] for pair in pairs], coords={"tuning": tuning}) for k in range(len(GAINS)))
+        best[name] = loop.assign(**dict(zip(GAINS, gains, strict=True)))
+    return best
+
+
+def relative_cost(error: xr.DataArray) -> xr.DataArray:
+    """Mean, over the kinds of days, of the error relative to that of the best gains on that kind; failed is worst."""
+    of_kind = error.fillna(np.inf).mean("day")
+    return (of_kind / of_kind.min(GAINS)).mean("kind")
+
+
+def on_every_kind(
+    loop: Loop, kinds: Mapping[str, Days], hours: float, seeds: Sequence[int], n_jobs: int | None = None
+) -> xr.Dataset:
+    """Simulate days of every kind, along a dim ``kind``; the kinds have the same seeds and the same noise."""
+    found = [simulate(loop, days(hours, seeds), seed=SEED, n_jobs=n_jobs) for days in kinds.values()]
+    labels = xr.DataArray(list(kinds), dims="kind", name="kind")
+    return rehashed(xr.concat(found, labels, data_vars="all", coords="minimal", compat="override",
+                              combine_attrs="drop_conflicts"))  # fmt: skip
+
+
+def on_days(
+    loop: Loop,
+    best: Mapping[str, Loop],
+    kinds: Mapping[str, Days] = KINDS,
+    *,
+    quick: bool = False,
+    n_jobs: int | None = None,
+) -> xr.Dataset:
+    """Simulate days: no backlash, plain PIs and inverses of all estimates, without noise, with it, and with a buffer.
+
+    ``best``: loops with the best gains, for the cases whose names begin with theirs.
+    """
     cases: dict[str, dict[str, float]] = {"no backlash": {"backlash": 0.0}}
-    cases |= {case(ratio): {"backlash": BACKLASH, "backlash_estimate": ratio * BACKLASH} for ratio in RATIOS}
-    with_noise = ("plain PI, noise", 0.0), ("95 %, noise", 0.95), ("95 %, noise, buffer", 0.95)
-    for name, ratio in with_noise:
-        cases[name] = {"backlash": BACKLASH, "backlash_estimate": ratio * BACKLASH, "noise_std": NOISE}
-    swept = loop.assign(**along("case", cases), buffer=_buffers(loop, cases))
-    return simulate(swept, paper_day(hours=8, seed=DAYS[:2] if quick else DAYS), seed=SEED, n_jobs=n_jobs)
+    cases |= {case(ratio): {"backlash_estimate": ratio * BACKLASH} for ratio in RATIOS}
+    cases |= {"plain PI, noise": {}, "dead band": {"error_dead_band": DEAD_BAND}, "best PI": {}, "best PI, noise": {}}
+    for name in ("95 %, noise", "95 %, noise, buffer", "best PI, 95 %", "best inverse", "best inverse, noise, buffer"):
+        cases[name] = {"backlash_estimate": 0.95 * BACKLASH}
+    for name, values in cases.items():
+        values.setdefault("backlash", BACKLASH)
+        values["noise_std"] = NOISE if "noise" in name else 0.0
+    names = xr.DataArray(list(cases), coords={"case": list(cases)})
+    gains = {n: xr.DataArray(loop[n]) for n in GAINS}
+    for name, of in best.items():
+        gains = {n: xr.DataArray(of[n]).where(names.str.startswith(name), gains[n]) for n in GAINS}
+    swept = loop.assign(**along("case", cases), **gains)
+    swept = swept.assign(buffer=_buffers(swept, cases))
+    return on_every_kind(swept, kinds, 8, DAYS[:2] if quick else DAYS, n_jobs)
 
 
 def case(ratio: float) -> str:
@@ -96,23 +169,27 @@ def case(ratio: float) -> str:
     return percent(ratio) if ratio else "plain PI"
 
 
-def learning(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
+def learning(
+    loop: Loop, kinds: Mapping[str, Days] = KINDS, *, quick: bool = False, n_jobs: int | None = None
+) -> xr.Dataset:
     """Simulate the learning rule as printed, faster variants, and the printed rule with noise and with a buffer."""
     cases = {name: LITERAL | rule for name, rule in RULES.items()}
     cases |= {name: LITERAL | {"noise_std": NOISE} for name in ("noise", "noise, buffer")}
     swept = loop.assign(backlash=BACKLASH, **along("case", cases), buffer=_buffers(loop, cases))
-    return simulate(swept, paper_day(hours=8, seed=DAYS[:2] if quick else DAYS), seed=SEED, n_jobs=n_jobs)
+    return on_every_kind(swept, kinds, 8, DAYS[:2] if quick else DAYS, n_jobs)
 
 
-def starts(loop: Loop, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
+def starts(
+    loop: Loop, kinds: Mapping[str, Days] = KINDS, *, quick: bool = False, n_jobs: int | None = None
+) -> xr.Dataset:
     """Simulate the printed rule from several initial guesses with several steps, on days long enough for all."""
     pairs = STARTS_AND_STEPS[1:3] if quick else STARTS_AND_STEPS
     cases = {
         f"from {percent(start, 1)} by {percent(step, 2)}": LITERAL | {"backlash_estimate": start, "learning_step": step}
         for start, step in pairs
     }
-    days = paper_day(hours=12 if quick else LONG_HOURS, seed=LONG_DAYS[:2] if quick else LONG_DAYS)
-    return simulate(loop.assign(backlash=BACKLASH, **along("case", cases)), days, n_jobs=n_jobs)
+    swept = loop.assign(backlash=BACKLASH, **along("case", cases))
+    return on_every_kind(swept, kinds, 12 if quick else LONG_HOURS, LONG_DAYS[:2] if quick else LONG_DAYS, n_jobs)
 
 
 def _buffers(loop: Loop, cases: Mapping[str, Any]) -> xr.DataArray:

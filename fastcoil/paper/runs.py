@@ -50,9 +50,9 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:.{digits}f} %"
 
 
-def buffers(is_buffered: xr.DataArray, loop: Loop) -> xr.DataArray:
+def buffers(is_buffered: xr.DataArray, loop: Loop, noise: float = NOISE) -> xr.DataArray:
     """Buffers that keep most of the noise from turning the inverse where ``is_buffered`` is 1; else the default."""
-    wide = BUFFER_SIGMAS * NOISE * xr.DataArray(loop["kp"])
+    wide = BUFFER_SIGMAS * noise * xr.DataArray(loop["kp"])
     return (1 - is_buffered) * float(str(PARAMETERS["buffer"].default)) + is_buffered * wide
 
 

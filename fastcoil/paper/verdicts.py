@@ -24,6 +24,8 @@ LEVEL = 0.95
 """Confidence of the intervals of shares."""
 WORTH_NAMING = 0.3
 """Lowest Youden index of a region that is worth naming."""
+MATTERS = 0.1
+"""Least difference of shares between kinds of days that is worth reporting."""
 PAIR_GAIN = 0.1
 """By how much the index of a pair of regions must exceed that of any single one."""
 
@@ -59,13 +61,17 @@ REGIONS: dict[str, tuple[str, Callable[[xr.Dataset], xr.DataArray]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """``condition`` and the shares inside and elsewhere are given only where the claim holds in a part of the grid."""
+    """``condition`` and the shares inside and elsewhere are given only where the claim holds in a part of the grid.
+
+    ``sizes``: how many tunings lie inside and elsewhere, where each is judged once, so that counts say more.
+    """
 
     word: str
     share: float
     condition: str | None = None
     inside: float | None = None
     elsewhere: float | None = None
+    sizes: tuple[int, int] | None = None
 
     @property
     def text(self) -> str:
@@ -75,7 +81,12 @@ class Verdict:
         if self.condition is None or self.inside is None or self.elsewhere is None:
             return "holds in part (no region tried predicts where)"
         when = ONLY_IF if self.elsewhere <= 1.0 - SURELY else "holds in part, more often if"
-        return f"{when} {self.condition} ({percent(self.inside)} there, {percent(self.elsewhere)} elsewhere)"
+        there, elsewhere = percent(self.inside), percent(self.elsewhere)
+        if self.sizes is not None:
+            there, elsewhere = (
+                f"{round(share * n)} of {n}" for share, n in zip((self.inside, self.elsewhere), self.sizes, strict=True)
+            )
+        return f"{when} {self.condition} ({there} there, {elsewhere} elsewhere)"
 
 
 def features(quiet: xr.Dataset) -> xr.Dataset:
@@ -102,17 +113,38 @@ def interval(holds: xr.DataArray) -> tuple[float, float] | None:
     Tunings are chosen and days are drawn, and all tunings share the days.  So this is Student's interval of the mean of
     the days' shares, clipped to 0 and 1: few days make it wide, however many tunings there are.
     """
-    n_days = holds.sizes.get("day", 1)
-    if n_days < 2:
-        return None
-    from scipy.stats import t
-
     of_day = holds.mean([d for d in holds.dims if d != "day"])
-    half = float(t.ppf(0.5 + 0.5 * LEVEL, n_days - 1) * of_day.std(ddof=1) / n_days**0.5)
+    half = _half_width(of_day)
     if half == 0.0:
         return None
     share = float(of_day.mean())
     return max(share - half, 0.0), min(share + half, 1.0)
+
+
+def _half_width(of_day: xr.DataArray) -> float:
+    """Half the width of Student's interval of the mean over days; 0 for a single day."""
+    n_days = of_day.sizes.get("day", 1)
+    if n_days < 2:
+        return 0.0
+    from scipy.stats import t
+
+    return float(t.ppf(0.5 + 0.5 * LEVEL, n_days - 1) * of_day.std(ddof=1) / n_days**0.5)
+
+
+def change(holds: xr.DataArray) -> float:
+    """By how much the share differs between kinds of days, over dims ``kind`` and ``day``; 0 where it may be chance.
+
+    The largest difference of two kinds counts if it is at least ``MATTERS`` and its 95 % interval leaves out 0.  Days
+    of two kinds with the same seed are a pair, so it is Student's interval of the mean of their differences.
+    """
+    of_day = holds.mean([d for d in holds.dims if d not in ("kind", "day")])
+    largest = 0.0
+    for one, other in combinations(range(holds.sizes.get("kind", 1)), 2):
+        differences = of_day.isel(kind=one) - of_day.isel(kind=other)
+        size = abs(float(differences.mean()))
+        if size >= max(MATTERS, largest) and size > _half_width(differences):
+            largest = size
+    return largest
 
 
 def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
@@ -128,7 +160,8 @@ def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
             best, gained, chosen = words, gain - margin, region
     if not best:
         return Verdict(ONLY_IF, share)
-    return Verdict(ONLY_IF, share, best, float(rate[chosen].mean()), float(rate[~chosen].mean()))
+    sizes = None if "day" in holds.dims else (int(chosen.sum()), int((~chosen).sum()))
+    return Verdict(ONLY_IF, share, best, float(rate[chosen].mean()), float(rate[~chosen].mean()), sizes)
 
 
 def _regions(known: xr.Dataset, about: str) -> Iterator[tuple[str, np.ndarray, float]]:

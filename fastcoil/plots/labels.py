@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import NamedTuple
+
+import xarray as xr
 
 from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import PARAMETERS
@@ -31,16 +34,18 @@ _MINUTES = frozenset(("learning_interval",))
 
 
 class Quantity(NamedTuple):
-    """``value × factor`` is in ``unit``."""
+    """``value × factor`` is in ``unit``.  meaning: of a rule's own parameter, which no reader has met before."""
 
     text: str
     unit: str
     factor: float
+    meaning: str = ""
 
     @property
     def axis(self) -> str:
         """Label of an axis."""
-        return f"{self.text} [{self.unit}]" if self.unit else self.text
+        named = f"{self.text} [{self.unit}]" if self.unit else self.text
+        return f"{named}: {self.meaning}" if self.meaning else named
 
     def equals(self, value: float) -> str:
         """``backlash = 7 %``, for legends and headings."""
@@ -63,3 +68,17 @@ def quantity(name: str) -> Quantity:
     if name in _MINUTES:
         return Quantity(entry.label, "min", 1 / 60)
     return Quantity(entry.label, _UNITS.get(entry.unit, entry.unit), 1.0)
+
+
+def is_parameter(ds: xr.Dataset, dim: Hashable) -> bool:
+    """Whether a coordinate of a result is a parameter: one of the table, or one that a rule declares."""
+    return dim in PARAMETERS or (dim in ds.coords and "comment" in ds[dim].attrs)
+
+
+def quantity_of(ds: xr.Dataset, dim: str) -> Quantity:
+    """How a coordinate of a result is shown; that of a rule with the unit and words that it declares."""
+    if dim in PARAMETERS or not is_parameter(ds, dim):
+        return quantity(dim)
+    attrs = ds[dim].attrs
+    unit = str(attrs.get("units", ""))
+    return Quantity(str(attrs.get("long_name", dim)), _UNITS.get(unit, unit), 1.0, str(attrs["comment"]))

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
-from fastcoil.plots.labels import quantity
+from fastcoil.parameter_table import RESERVED_DIMS
+from fastcoil.plots.labels import is_parameter, quantity_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,9 +79,9 @@ def _in_words(ds: xr.Dataset, dim: str) -> str:
     size = ds.sizes[dim]
     if dim in RESERVED_DIMS:
         return f"{size} {dim}s"
-    if dim not in PARAMETERS or dim not in ds.coords or ds[dim].dtype.kind not in "if":
+    if not is_parameter(ds, dim) or dim not in ds.coords or ds[dim].dtype.kind not in "if":
         return f"{size} values of {dim.replace('_', ' ')}"
-    shown = quantity(dim)
+    shown = quantity_of(ds, dim)
     low, high = float(ds[dim].min()), float(ds[dim].max())
     words = f"{size} values of {shown.text} ({low * shown.factor:.3g} to {shown.number(high)}"
     if dim in ("estimate_ratio", "backlash_estimate") and low == 0.0:

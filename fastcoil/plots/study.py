@@ -16,8 +16,7 @@ from fastcoil.arguments import checking, names_of, text_of
 from fastcoil.errors import InputError, nearest
 from fastcoil.errors import shown as quoted
 from fastcoil.outputs import METRICS, STATUS_OK
-from fastcoil.parameter_table import PARAMETERS
-from fastcoil.plots.labels import quantity
+from fastcoil.plots.labels import is_parameter, quantity, quantity_of
 from fastcoil.plots.spread import describe, draw_curve, draw_dots
 from fastcoil.plots.style import BLUE, DOTTED, GREY, apply_style, wrapped
 from fastcoil.simulation.result import check_result
@@ -41,7 +40,7 @@ def numeric_dims(ds: xr.Dataset) -> list[str]:
     """Dimensions that are axes of a swept number, with at least two values."""
     return [
         str(d) for d in ds["status"].dims
-        if d in PARAMETERS and d in ds.coords and ds[d].dtype.kind in "if" and ds.sizes[d] > 1
+        if is_parameter(ds, d) and d in ds.coords and ds[d].dtype.kind in "if" and ds.sizes[d] > 1
     ]  # fmt: skip
 
 
@@ -50,11 +49,11 @@ def maps(ds: xr.Dataset, x: str, y: str, metrics: Sequence[str] = STANDARD_METRI
     """Metrics over two swept parameters, one panel each: the median over all other dimensions."""
     metrics = _check(ds, metrics, x=x, y=y)
     figure, panels = _figure(-(-len(metrics) // _PANELS_ABREAST), min(len(metrics), _PANELS_ABREAST), 3.0)
-    of_x, of_y = quantity(x), quantity(y)
+    of_x, of_y = quantity_of(ds, x), quantity_of(ds, y)
     for axes, metric in zip(panels.flat, metrics, strict=False):
         shown = quantity(metric)
         axes.set_title(wrapped(shown.axis, 0.8 * _PANEL, 9))
-        axes.set(xlabel=of_x.axis, ylabel=of_y.axis)
+        axes.set(xlabel=wrapped(of_x.axis, 0.8 * _PANEL, 9), ylabel=wrapped(of_y.axis, 2.0, 9))
         values = shown.factor * ds[metric].median([d for d in ds[metric].dims if d not in (x, y)]).transpose(y, x)
         if _say_if_empty(axes, values):
             continue
@@ -81,21 +80,22 @@ def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] 
         figure, panels = _figure(len(picked), len(metrics), 2.2, sharex="col", sharey="col")
     else:
         figure, panels = _figure(-(-len(metrics) // _PANELS_ABREAST), min(len(metrics), _PANELS_ABREAST), 2.8)
-    along = quantity(x).factor * ds[x]
+    of_x = quantity_of(ds, x)
+    along = of_x.factor * ds[x]
     for k, index in enumerate(picked):
         for axes, metric in zip(panels[k] if by else panels.flat, metrics, strict=False):
             shown = quantity(metric)
             values = shown.factor * ds[metric]
             part, name = values, None
             if by and index is not None:
-                part, name = values.isel({by: index}), quantity(by).equals(float(ds[by][index]))
+                part, name = values.isel({by: index}), quantity_of(ds, by).equals(float(ds[by][index]))
                 axes.set_title(name, loc="left")
                 rest = values.isel({by: [other for other in picked if other != index]})
                 axes.plot(along, rest.median([d for d in rest.dims if d not in (x, by)]).transpose(x, by), **_OTHERS)
             draw_curve(axes, along, part, label=name, color=BLUE)
             axes.set_ylabel(wrapped(shown.axis, 2.0, 9))
             if not by or k == len(picked) - 1:
-                axes.set_xlabel(quantity(x).axis)
+                axes.set_xlabel(wrapped(of_x.axis, 0.8 * _PANEL, 9))
             _mark_exact(axes, x)
             _say_if_empty(axes, values)
     _remove_empty(panels, len(metrics) * len(picked))

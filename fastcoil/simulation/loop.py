@@ -197,6 +197,15 @@ def forgetting(loop: Loop, names: Collection[str]) -> Loop:
     return _with_rules(loop, {n: rule for n, rule in loop.rules.items() if n not in names})
 
 
+def words_used(loop: Loop, kind: str) -> set[str]:
+    """The estimators, or the laws, that some scenario has."""
+    value = loop[kind]
+    if value is None:
+        learns = bool(np.any(np.asarray(loop["learning_step"]) > 0.0))
+        return {"learner"} if learns else {"none"}
+    return set(np.unique(np.asarray(value)).tolist())
+
+
 def _with_rules(loop: Loop, rules: Mapping[str, Rule]) -> Loop:
     changed = Loop.__new__(Loop)
     changed._rules, changed._values = rules, with_defaults(dict(loop.items()), loop.rules, rules)

@@ -19,6 +19,7 @@ from fastcoil.engine.rows import LANES
 from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
+from fastcoil.simulation.clashes import check_clashes
 from fastcoil.simulation.days import Days
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
@@ -203,7 +204,7 @@ def plan_simulation(
     days = Days(boundary, commands, warm_up, seed)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
-    layout.check_together()
+    check_clashes(layout.loop, boundary.series["T_set"])
     check_stability(layout)
     return plan
 

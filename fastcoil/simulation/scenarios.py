@@ -9,14 +9,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.boundary import Boundary
-from fastcoil.errors import InputError
-from fastcoil.estimators.shipped import ESTIMATORS
-from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS, Scalar
-from fastcoil.simulation.control_problems import control_problems
-from fastcoil.simulation.loop import Loop, forgetting
-
-_CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
-"""The parameter that limits the estimate of an estimator."""
+from fastcoil.simulation.loop import Loop, forgetting, words_used
 
 
 class Layout:
@@ -55,100 +48,6 @@ class Layout:
         if "replicate" in self.sizes:
             coordinates["replicate"] = xr.DataArray(np.arange(self.sizes["replicate"]), dims="replicate")
         return coordinates
-
-    def check_together(self) -> None:
-        """Refuse values that only clash together: an estimate of 1 or more, an estimator that starts above its cap."""
-        value: Mapping[str, Scalar | xr.DataArray | None] = {n: self.loop[n] for n in PARAMETERS}
-        problems = []
-        estimate = value["backlash_estimate"]
-        if value["estimate_ratio"] is not None:
-            estimate = value["estimate_ratio"] * value["backlash"]  # type: ignore[operator]
-        largest = float(np.max(estimate))  # type: ignore[arg-type]
-        if largest >= 1.0:
-            problems.append(
-                f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
-                "lower estimate_ratio or backlash"
-            )
-        step = xr.DataArray(value["learning_step"])
-        learns = _has(value, "learner")
-        for name, cap in _CAPS.items():
-            if bool((_has(value, name) & (xr.DataArray(estimate) > xr.DataArray(value[cap]))).any()):
-                problems.append(
-                    f"backlash_estimate up to {largest:g} with the estimator {name}: it cannot start above {cap}, "
-                    "lower the estimate or raise the cap"
-                )
-        if bool((learns & (step == 0.0)).any()):
-            problems.append(
-                "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
-            )
-        excess = float((xr.DataArray(value["slip_jump"]) - xr.DataArray(value["backlash"])).max())
-        if excess > 0.0:
-            problems.append(
-                f"slip_jump is up to {excess:g} above the backlash: a stem jumps at most by the band in which it "
-                "sticks, lower slip_jump or raise backlash"
-            )
-        problems += _unread_parameters(self.loop) + missing_parameters(self.loop)
-        problems += control_problems(self.loop, self.boundary.series["T_set"])
-        if problems:
-            raise InputError(problems)
-
-
-def _has(value: Mapping[str, Scalar | xr.DataArray | None], estimator: str) -> xr.DataArray:
-    """Which scenarios have an estimator; without a word it is the learner where it has a step."""
-    if value["estimator"] is None:
-        return (xr.DataArray(value["learning_step"]) > 0.0) & (estimator == "learner")
-    return xr.DataArray(value["estimator"]) == estimator
-
-
-def words_used(loop: Loop, kind: str) -> set[str]:
-    """The estimators, or the laws, that some scenario has."""
-    value = loop[kind]
-    if value is None:
-        learns = bool(np.any(np.asarray(loop["learning_step"]) > 0.0))
-        return {"learner"} if learns else {"none"}
-    return set(np.unique(np.asarray(value)).tolist())
-
-
-def missing_parameters(loop: Loop) -> list[str]:
-    """Parameters that an estimator or a rule reads and that the loop does not give, a sentence each."""
-    used = words_used(loop, "estimator")
-    problems = [
-        f"estimator = {estimator.name!r} without {name}: give the {PARAMETERS[name].text} "
-        f"({PARAMETERS[name].unit}, {PARAMETERS[name].bounds})"
-        for estimator in ESTIMATORS
-        if estimator is not None and estimator.name in used
-        for name in estimator.Parameters._fields
-        if name not in STAND_INS and PARAMETERS[name].default is None and loop[name] is None
-    ]
-    return problems + [
-        f"{rule.name} reads {name}, which the loop does not give: give {name}"
-        for rule in loop.rules.values()
-        for name in rule.reads
-        if loop[name] is None
-    ]
-
-
-def _unread_parameters(loop: Loop) -> list[str]:
-    """Parameters of estimators that no scenario has, a sentence each: most likely the estimator was forgotten."""
-    used = {"learner"} if loop["estimator"] is None else words_used(loop, "estimator")
-    problems = []
-    for parameter in PARAMETERS.values():
-        value = loop[parameter.name]
-        changed = value is not None and bool(np.any(np.asarray(value) != parameter.default))
-        if parameter.group in ESTIMATOR_GROUPS and changed and parameter.group not in used:
-            problems.append(
-                f"{parameter.name} belongs to the estimator {parameter.group}, which no scenario has: give "
-                f"estimator = {parameter.group!r}, or leave {parameter.name} out"
-            )
-    rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
-    problems += [
-        f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, "
-        "or leave them out"
-        for rule in rules
-    ]
-    if bool(np.any(np.asarray(loop["estimate_share"]) != 1.0)) and used <= {"none"}:
-        problems.append("estimate_share without an estimator: give estimator, or leave estimate_share out")
-    return problems
 
 
 def _with_used_rules(loop: Loop) -> Loop:

@@ -2,23 +2,13 @@
 
 import numpy as np
 import pytest
-from helpers.log_files import COIL_HEADER, VALVE_HEADER, coil_rows, valve_rows, write_csv
+from helpers.log_files import coil_rows, valve_rows
 from helpers.refusals import refusal
 from helpers.simulated_logs import log_of
 
 import fastcoil as fc
 
 pytestmark = pytest.mark.kernel
-
-
-@pytest.fixture
-def valve_log(tmp_path):
-    return lambda rows, header=VALVE_HEADER: write_csv(tmp_path / "valve.csv", header, rows)
-
-
-@pytest.fixture
-def coil_log(tmp_path):
-    return lambda rows, header=COIL_HEADER: write_csv(tmp_path / "coil.csv", header, rows)
 
 
 def test_constants_short_logs_and_other_units_are_refused(valve_log):

@@ -37,6 +37,17 @@ def test_a_simulation_fed_back_gives_its_commands_to_the_bit(hour, settings):
     assert float(found["command"].std()) > 0.0
 
 
+def test_an_estimator_is_replayed_too_but_sees_no_step_of_the_air_flow():
+    second = np.arange(3600)
+    still = {"T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.where(second < 900, 15.0, 14.0)}
+    loop = fc.Loop(estimator="gradient", backlash_estimate=0.03, noise_std=0.1, sample_time=5.0)
+    for m_a, same in ((1.2, True), (np.where(second < 2400, 1.2, 0.9), False)):
+        day = fc.Boundary(m_a=m_a, **still)
+        ds = fc.simulate(loop, day, traces=["T_measured", "estimate"], warm_up=0)
+        assert float(ds["estimate"].std()) > 0.0
+        assert np.array_equal(fc.replay(loop, recorded(ds, day))["estimate"], ds["estimate"]) == same
+
+
 def test_heating_is_replayed_too():
     day = fc.constant_day(hours=0.5, m_a=1.0, T_a_in=10.0, W_a_in=0.003, T_w_in=50.0, T_set=25.0)
     loop = fc.Loop(action="heating", backlash_estimate=0.05)

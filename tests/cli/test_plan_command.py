@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from click.testing import CliRunner
+from helpers.commands import fastcoil
 
-from fastcoil.cli.main import main
 from fastcoil.simulation import resources
 from fastcoil.study import runner
 
@@ -21,10 +20,6 @@ def study(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(DAYS)
     return path
-
-
-def fastcoil(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def test_plan_counts_a_day_with_one_scenario_as_a_block_and_says_what_it_takes(study):

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
-from helpers.processes import environment
+from helpers.commands import fastcoil
 
-from fastcoil.cli.main import main
 from fastcoil.plots.files import current_figures, stale_figures
 from fastcoil.study.folder.results import open_study
 
 pytestmark = pytest.mark.kernel
-
-TESTS = Path(__file__).parents[1]
 
 SMALL = """[loop]
 [sweep]
@@ -40,10 +32,6 @@ def study(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(SMALL)
     return path
-
-
-def fastcoil(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def run(study, *words):
@@ -107,44 +95,21 @@ def test_plot_draws_whatever_is_there(study):
     assert all(after[name] > before[name] for name in before)
 
 
-@pytest.fixture(scope="module")
-def harness():
-    """Return a function that runs a command in a process forked for it: exit code, operations on files."""
-    command = [sys.executable, str(TESTS / "helpers" / "fork_server.py")]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment()
-    ) as server:
-        assert server.stdout.readline() == "ready\n"
-
-        def run_killed(study, arguments, kill_before):
-            out = study.with_name("out")
-            order = {"text": study.read_text(), "folder": str(out), "log": str(out.with_name("log"))}
-            order |= {"arguments": arguments, "kill_before": kill_before}
-            print(json.dumps(order), file=server.stdin, flush=True)
-            return json.loads(server.stdout.readline())
-
-        try:
-            yield run_killed
-        finally:
-            server.stdin.close()
-            server.wait(timeout=60)
-
-
-def killed_before_each(study, harness, stride):
+def killed_before_each(study, forked, stride):
     """Kill an extension before its n-th operation on files, the last ones first: its figures are drawn last."""
     out, start = study.with_name("out"), study.with_name("start")
     run(study)
     shutil.copytree(out, start)
     study.write_text(LARGER)
-    arguments = ["run", str(study), "-o", str(out), "-j", "1", "--extend"]
-    code, n = harness(study, arguments, None)
-    assert code == 0, study.with_name("log").read_text()
+    order = {"arguments": ["run", str(study), "-o", str(out), "-j", "1", "--extend"]}
+    code, n, said = forked(LARGER, out, **order)
+    assert code == 0, said
     assert run(study) == NAMES
     expected = {path.name: path.read_bytes() for path in (out / "figures").glob("*.png")}
     while n > 0:
         shutil.rmtree(out)
         shutil.copytree(start, out)
-        assert harness(study, arguments, n) == [-9, n]
+        assert forked(LARGER, out, **order, kill_before=n)[:2] == (-9, n)
         assert run(study, "--extend", "--no-figures") == []
         assert run(study) == NAMES
         assert {path.name: path.read_bytes() for path in (out / "figures").glob("[!.]*")} == expected
@@ -153,11 +118,11 @@ def killed_before_each(study, harness, stride):
 
 
 @pytest.mark.alone
-def test_a_kill_between_the_last_shard_and_the_last_figure_loses_no_figure(study, harness):
-    killed_before_each(study, harness, 80)
+def test_a_kill_between_the_last_shard_and_the_last_figure_loses_no_figure(study, forked):
+    killed_before_each(study, forked, 80)
 
 
 @pytest.mark.full
 @pytest.mark.alone
-def test_nor_does_a_kill_anywhere(study, harness):
-    killed_before_each(study, harness, 1)
+def test_nor_does_a_kill_anywhere(study, forked):
+    killed_before_each(study, forked, 1)

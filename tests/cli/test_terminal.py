@@ -100,6 +100,7 @@ def test_title_question_and_labels_reach_the_terminal_as_text(fastcoil_command, 
     assert printable(TITLE) in fastcoil_command("status", "out").output.splitlines()[0]
 
 
+@pytest.mark.kernel  # `run` compiles it while it reads the study
 @pytest.mark.parametrize(
     "words",
     [

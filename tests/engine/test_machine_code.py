@@ -127,6 +127,7 @@ np.seterr(all="ignore")
 compile_kernel()
 learner = {"learning_step": 0.01, "learning_early_trip": 1, "sample_time": 5}
 remedies = {"error_dead_band": 0.1, "buffer_ratio": 6.0, "buffer_noise": "measured", "sample_time": 3}
+remedies |= {"buffer_swing": 0.2, "plant_gain": 20.0}
 for compensation in ("additive", "smooth"):
     loop = fc.Loop(**remedies, compensation=compensation, noise_std=0.1, n_volumes=1)
     ds = fc.simulate(loop, fc.paper_day(hours=10 / 3600, seed=1), warm_up=2, n_jobs=1)

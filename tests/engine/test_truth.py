@@ -4,6 +4,7 @@ With the package's saturation function handed to the reference only the logic is
 the trace.  With the reference's own Hyland-Wexler formula the approximation is compared too.
 """
 
+import os
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
@@ -159,9 +160,13 @@ def case(request, hour, run_reference):
     return run_all(run_reference, fc.Loop(**loop), with_series(hour, series), **options)
 
 
+HOURS = 8 if os.environ.get("FASTCOIL_FULL") else 3
+"""Of the reference, of which an hour takes a third of a second; the learners decide every half hour or more often."""
+
+
 @pytest.fixture(scope="module", params=WORKING_DAYS)
-def eight_hours(request, working_day, run_reference):
-    return run_all(run_reference, fc.Loop(**WORKING_DAYS[request.param]), working_day, seed=SEED)
+def many_hours(request, run_reference):
+    return run_all(run_reference, fc.Loop(**WORKING_DAYS[request.param]), fc.paper_day(hours=HOURS, seed=1), seed=SEED)
 
 
 def assert_traces_equal(ds, traces, tolerance):
@@ -189,17 +194,17 @@ def test_traces_with_exact_saturation(case):
     assert_traces_equal(case.ds, case.exact()[0], 1e-5)
 
 
-def test_traces_over_eight_hours(eight_hours):
-    assert_traces_equal(eight_hours.ds, eight_hours.traces, 1e-9)
+def test_traces_over_many_hours(many_hours):
+    assert_traces_equal(many_hours.ds, many_hours.traces, 1e-9)
 
 
-def test_metrics_over_eight_hours(eight_hours):
-    assert_metrics_equal(eight_hours.ds, eight_hours.metrics)
+def test_metrics_over_many_hours(many_hours):
+    assert_metrics_equal(many_hours.ds, many_hours.metrics)
 
 
-@pytest.mark.parametrize("eight_hours", full_but(WORKING_DAYS, ["learner"]), indirect=True)
-def test_traces_over_eight_hours_with_exact_saturation(eight_hours):
-    assert_traces_equal(eight_hours.ds, eight_hours.exact()[0], 1e-4)
+@pytest.mark.parametrize("many_hours", full_but(WORKING_DAYS, ["learner"]), indirect=True)
+def test_traces_over_many_hours_with_exact_saturation(many_hours):
+    assert_traces_equal(many_hours.ds, many_hours.exact()[0], 1e-4)
 
 
 @pytest.mark.parametrize("name", STRETCHING)

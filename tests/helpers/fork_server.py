@@ -138,6 +138,7 @@ def main() -> None:
             done = int.from_bytes(seen[:8], sys.byteorder)
         _, status = os.waitpid(pid, 0)
         print(json.dumps([os.waitstatus_to_exitcode(status), done]), flush=True)
+    os._exit(0)  # to take everything down by the rules would last a second
 
 
 if __name__ == "__main__":

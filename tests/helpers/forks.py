@@ -12,6 +12,9 @@ from typing import Any
 
 from helpers.processes import environment
 
+COMMANDS = ("fastcoil.cli.main", "fastcoil.analysis.summary", "fastcoil.study.maintenance", "fastcoil.plots.study",
+            "matplotlib.figure")  # fmt: skip
+"""What commands import."""
 SERVER = Path(__file__).with_name("fork_server.py")
 
 

@@ -1,22 +1,12 @@
 """Logs as the fits read them: bad ones are refused with column, row and cure; what is left out is counted."""
 
 import pytest
-from helpers.log_files import COIL_HEADER, VALVE_HEADER, changed, coil_rows, valve_rows, write_csv
+from helpers.log_files import COIL_HEADER, VALVE_HEADER, changed, coil_rows, valve_rows
 from helpers.refusals import refusal
 
 import fastcoil as fc
 
 pytestmark = pytest.mark.kernel
-
-
-@pytest.fixture
-def valve_log(tmp_path):
-    return lambda rows, header=VALVE_HEADER: write_csv(tmp_path / "valve.csv", header, rows)
-
-
-@pytest.fixture
-def coil_log(tmp_path):
-    return lambda rows, header=COIL_HEADER: write_csv(tmp_path / "coil.csv", header, rows)
 
 
 def assert_has(text, words):

@@ -54,13 +54,24 @@ def test_the_plain_pi_is_grey_and_time_is_in_hours(folder, drawn):
     np.testing.assert_allclose(plain.get_xdata(), part.elapsed_time / 3600)
 
 
-def test_the_scorecard_shows_every_share_and_its_interval(card, drawn):
+def test_the_scorecard_shows_every_share_and_its_interval_for_every_kind_of_day(card, drawn):
     (axes,) = drawn["scorecard"].axes
-    shown = [text.get_text() for text in sorted(axes.texts, key=lambda text: text.get_position()[1])]
-    assert shown == [f"{100 * claim['share']:.0f} %" for claim in card["claims"]]
-    intervals = {
-        (line.get_ydata()[0], *line.get_xdata()) for line in axes.lines if line.get_ydata()[0] == line.get_ydata()[1]
-    }
-    for k, claim in enumerate(card["claims"]):
-        if claim["share_interval"]:
-            assert (k, *(100 * x for x in claim["share_interval"])) in intervals
+    marks = [line for line in axes.lines if line.get_marker() not in ("None", None, "")]
+    spans = [tuple(line.get_xdata()) for line in axes.lines if line not in marks]
+    kinds = [kind for claim in card["claims"] for kind in claim["kinds"].values()]
+    assert [float(line.get_xdata()[0]) for line in marks] == [100 * kind["share"] for kind in kinds]
+    for kind in kinds:
+        low, high = kind["share_interval"] or (kind["share"], kind["share"])
+        assert (100 * low, 100 * high) in spans
+    rows = [round(float(line.get_ydata()[0])) for line in marks]
+    assert rows == [row for row, claim in enumerate(card["claims"]) for _ in claim["kinds"]]
+    labels = [text.get_text() for text in drawn["scorecard"].legends[0].get_texts()]
+    assert labels == [*card["kinds"], "no kind of day"]
+    looks = {(line.get_marker(), line.get_color()) for line in marks}
+    assert len(looks) == len(labels)
+
+
+def test_a_line_parts_what_changes_with_the_kind_of_day_from_what_does_not(card, drawn):
+    (axes,) = drawn["scorecard"].axes
+    (line,) = (one for one in axes.lines if list(one.get_xdata()) == [0, 1] and len(set(one.get_ydata())) == 1)
+    assert line.get_ydata()[0] == sum(claim["change"] > 0 for claim in card["claims"]) - 0.5

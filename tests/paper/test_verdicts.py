@@ -76,3 +76,37 @@ def test_no_condition_is_named_where_none_tells_or_it_is_the_claim_itself():
     known = xr.Dataset({"hunts": every_other})
     assert verdicts.judge(every_other, known).inside == 1.0
     assert verdicts.judge(every_other, known, about="hunts").condition is None
+
+
+def test_a_claim_changes_with_the_kind_of_day_where_the_difference_is_large_and_no_chance():
+    """Against a paired t test of the days' shares."""
+    rng = np.random.default_rng(3)
+    of_day = np.array([[0.30, 0.50, 0.40, 0.60], [0.44, 0.66, 0.52, 0.76], [0.36, 0.50, 0.46, 0.64]])
+    holds = xr.DataArray(
+        rng.permuted(np.arange(100) < 100 * of_day[..., None], axis=-1), dims=("kind", "day", "tuning")
+    )
+    differences = of_day[1] - of_day[0]
+    low, high = stats.ttest_1samp(differences, 0.0).confidence_interval(0.95)
+    assert low > 0.0
+    assert verdicts.change(holds) == pytest.approx(differences.mean())
+    assert verdicts.change(holds[[1, 0]]) == verdicts.change(holds[[0, 1]])
+    assert verdicts.change(holds[[0, 2]]) == 0.0, "four points are no change"
+    shuffled = holds.copy()
+    shuffled[1] = holds[1].values[[3, 2, 1, 0]]
+    assert verdicts.change(shuffled[[0, 1]]) == 0.0, "the same difference, but not day by day"
+
+
+def test_what_is_judged_on_one_kind_of_day_does_not_change():
+    assert verdicts.change(xr.DataArray([[True, False]], dims=("kind", "tuning"))) == 0.0
+
+
+def test_a_difference_without_scatter_is_no_chance():
+    holds = xr.DataArray([[[True, True]] * 3, [[True, False]] * 3], dims=("kind", "day", "tuning"))
+    assert verdicts.change(holds) == 0.5
+
+
+def test_where_each_tuning_is_judged_once_the_condition_counts():
+    rarely = (TUNINGS.sample_time >= 15.0) & (np.arange(100) != 60)
+    rarely[0] = True
+    text = verdicts.judge(rarely, TUNINGS).text
+    assert text == "holds only if the sample time is 15 s or more (49 of 50 there, 1 of 50 elsewhere)"

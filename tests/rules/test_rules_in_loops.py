@@ -131,12 +131,21 @@ def test_a_helper_that_changes_is_compiled_again(short):
     assert float(fc.simulate(fc.Loop(estimator=rule), short, warm_up=60).estimate_final) == 0.5
 
 
+@fc.law(Parameters, Memory)
+def counting(now, p, memory):
+    return memory.calls / 100, Memory(calls=memory.calls + 1)
+
+
+@pytest.mark.kernel
+def test_a_dead_band_holds_the_u_of_a_law_whose_memory_goes_on():
+    T_set = np.where(np.arange(1200) < 615, 22.0, 14.0)
+    day = fc.Boundary(m_a=1.2, T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=T_set)
+    u = fc.simulate(fc.Loop(law=counting, error_dead_band=5.0), day, warm_up=0, traces=["u"]).u.values
+    assert [u[0], u[629], u[630], u[660]] == [0.0, 0.0, 0.21, 0.22]
+
+
 @pytest.mark.kernel
 def test_where_the_loop_is_off_the_law_begins_again():
-    @fc.law(Parameters, Memory)
-    def counting(now, p, memory):
-        return memory.calls / 100, Memory(calls=memory.calls + 1)
-
     enabled = np.ones(1200)
     enabled[300:615] = 0.0
     day = fc.Boundary(m_a=1.2, T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0, enabled=enabled)

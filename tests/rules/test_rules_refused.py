@@ -299,5 +299,5 @@ def test_a_parameter_of_the_loop_that_is_read_must_be_given():
 
 def test_a_replay_knows_no_rules():
     log = xr.Dataset({"T_sup": ("elapsed_time", np.full(90, 14.0)), "T_set": ("elapsed_time", np.full(90, 14.0))})
-    with pytest.raises(fc.InputError, match="loop has the rule own_pi: replay knows the PI and the inverse alone"):
+    with pytest.raises(fc.InputError, match="loop has the rule own_pi: replay runs no rules of your own"):
         fc.replay(fc.Loop(law=own_pi), log)

@@ -7,6 +7,7 @@ from helpers.refusals import assert_only_problem, only_problem, problems
 
 import fastcoil as fc
 from fastcoil.parameter_table import RESERVED_DIMS
+from fastcoil.simulation.clashes import check_clashes
 from fastcoil.simulation.scenarios import Layout
 
 
@@ -14,7 +15,7 @@ def columns(loop, n_days=None, replicates=1):
     """Parameters of all scenarios, in their flat order."""
     day = fc.paper_day(hours=0.1, seed=list(range(n_days)) if n_days else 1)
     layout = Layout(loop, day, replicates)
-    layout.check_together()
+    check_clashes(layout.loop, day.series["T_set"])
     return layout, layout.columns(np.arange(layout.size))
 
 

@@ -7,10 +7,9 @@ import os
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from helpers.commands import fastcoil, planned_and_run
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 from fastcoil.errors import InputError
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.runner import execute
@@ -61,18 +60,8 @@ AT = "controller=own,noise_std=0.02"
 
 
 @pytest.fixture
-def trace(tmp_path):
-    """A file that is made when the code of the study is run."""
-    _load.cache_clear()
-    return tmp_path / "trace"
-
-
-@pytest.fixture
-def path(tmp_path, trace):
-    (tmp_path / "mine.py").write_text(SOURCE.format(trace=str(trace)))
-    path = tmp_path / "study.toml"
-    path.write_text(STUDY)
-    return path
+def path(with_code):
+    return with_code(STUDY, SOURCE)
 
 
 def test_a_study_is_read_with_its_rules_and_runs_nothing(path, trace):
@@ -120,10 +109,11 @@ def test_a_study_gives_what_simulate_gives_on_every_backend(path, trace, tmp_pat
 
 @pytest.mark.kernel
 @pytest.mark.full
-def test_processes_give_the_same_bits(path, tmp_path):
+@pytest.mark.parametrize("backend", ["loky", "dask"])
+def test_processes_give_the_same_bits(path, tmp_path, backend):
     threads = fc.run_study(path, tmp_path / "threads", n_jobs=2)
-    loky = fc.run_study(path, tmp_path / "loky", n_jobs=2, backend="loky")
-    assert threads.attrs["content_sha256"] == loky.attrs["content_sha256"]
+    processes = fc.run_study(path, tmp_path / "processes", n_jobs=2, backend=backend)
+    assert threads.attrs["content_sha256"] == processes.attrs["content_sha256"]
 
 
 @pytest.mark.kernel
@@ -133,11 +123,11 @@ def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_
     assert trace.exists()
     trace.unlink()
     _load.cache_clear()
-    for command in (["status", out], ["verify", out]):
-        assert CliRunner().invoke(main, [str(word) for word in command]).exit_code == 0
+    for command in ("status", "verify"):
+        assert fastcoil(command, out).exit_code == 0
     fc.open_study(out).close()
     assert not trace.exists()
-    done = CliRunner().invoke(main, ["rerun", str(out), "--at", AT])
+    done = fastcoil("rerun", out, "--at", AT)
     assert done.exit_code == 0, done.output
     assert f"This study runs code of its own: by_error from {tmp_path / 'mine.py'}." in done.stderr
     assert trace.exists()
@@ -146,13 +136,10 @@ def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_
 @pytest.mark.kernel
 def test_plan_and_run_say_whose_code_they_run_and_rerun_gives_the_same_bits(path, tmp_path):
     out = tmp_path / "out"
-    for command in (["plan", path], ["run", path, "-o", out, "-j", 1, "--no-figures"]):
-        _load.cache_clear()
-        done = CliRunner().invoke(main, list(map(str, command)))
-        assert done.exit_code == 0, done.output
+    for done in planned_and_run(path, out):
         said = [line for line in done.stderr.splitlines() if "code of its own" in line]
         assert [line.split()[7] for line in said] == ["by_error", "own_pi"]
-    done = CliRunner().invoke(main, ["rerun", str(out), "--at", AT])
+    done = fastcoil("rerun", out, "--at", AT)
     assert "Equal to the study's result to the last bit." in done.output
 
 

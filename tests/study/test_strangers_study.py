@@ -6,11 +6,10 @@ import json
 from dataclasses import replace
 
 import pytest
-from click.testing import CliRunner
+from helpers.commands import fastcoil, planned_and_run
 from helpers.studies import TRACED
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 from fastcoil.errors import InputError
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.manifest import Manifest
@@ -31,18 +30,9 @@ AT = "backlash=0.07,estimate_ratio=0.9,day=1"
 
 
 @pytest.fixture
-def trace(tmp_path):
-    """A file that is made when the code of the study is run."""
-    return tmp_path / "trace"
-
-
-@pytest.fixture
-def path(tmp_path, trace):
+def path(with_code):
     """A study with a function of its own."""
-    (tmp_path / "mine.py").write_text(SOURCE.format(trace=str(trace)))
-    path = tmp_path / "study.toml"
-    path.write_text(STUDY)
-    return path
+    return with_code(STUDY, SOURCE)
 
 
 @pytest.fixture
@@ -58,10 +48,7 @@ def run_before(path, trace, tmp_path):
 
 def test_plan_and_run_say_whose_code_they_run(path, trace, tmp_path):
     said = f"This study runs code of its own: spread from {tmp_path / 'mine.py'}."
-    for command in (["plan", path], ["run", path, "-o", tmp_path / "out", "-j", 1, "--no-figures"]):
-        _load.cache_clear()
-        done = CliRunner().invoke(main, list(map(str, command)))
-        assert done.exit_code == 0, done.output
+    for done in planned_and_run(path, tmp_path / "out"):
         assert done.stderr.splitlines()[0] == said
         assert trace.exists()
         trace.unlink()
@@ -79,7 +66,7 @@ def test_what_the_code_prints_as_it_is_loaded_moves_no_cursor(path, tmp_path):
 
 def test_nothing_is_said_of_a_study_without_code(path):
     path.write_text(TRACED)
-    assert "code of its own" not in CliRunner().invoke(main, ["plan", str(path)]).output
+    assert "code of its own" not in fastcoil("plan", path).output
 
 
 def test_reading_a_study_runs_nothing(path, trace):
@@ -91,7 +78,7 @@ def test_mistakes_in_the_code_are_found_before_anything_is_computed_together_wit
     path.write_text(STUDY.replace("[sweep]", "kpp = 1\n[sweep]"))
     (tmp_path / "mine.py").write_text("raise ValueError('unripe')")
     for command in (["plan", path], ["run", path, "-o", tmp_path / "out"]):
-        done = CliRunner().invoke(main, list(map(str, command)))
+        done = fastcoil(*command)
         assert done.exit_code == 2
         assert "kpp" in done.stderr
         assert "[run] reduce = 'mine:spread': its module does not run: ValueError: unripe" in done.stderr
@@ -122,20 +109,20 @@ def test_looking_at_a_folder_runs_no_code_of_its_study(path, trace, run_before, 
     forged = replace(Manifest.of(study, manifest["model_sha256"]), relative_to=str(path.parent))
     forged.write(run_before)
     said = [
-        CliRunner().invoke(main, [str(word) for word in command]).output
+        fastcoil(*command).output
         for command in (["status", run_before], ["verify", run_before], ["rerun", run_before, "--at", AT])
     ]
     assert "Nothing is finished yet" in said[0]
     assert "Traces:" in said[2]
     with pytest.raises(InputError, match="no finished scenario"):
         fc.open_study(run_before)
-    CliRunner().invoke(main, ["plot", str(run_before)])
+    fastcoil("plot", run_before)
     assert not trace.exists()
 
 
 def test_a_finished_folder_is_looked_at_without_running_its_code(run_before, trace):
     for command in (["status", run_before], ["verify", run_before], ["rerun", run_before, "--at", AT]):
-        done = CliRunner().invoke(main, [str(word) for word in command])
+        done = fastcoil(*command)
         assert done.exit_code == 0, done.output
     fc.open_study(run_before).close()
     assert not trace.exists()

@@ -1,7 +1,8 @@
 """The JSON Schema of study files, with which an editor completes and checks one as it is written.
 
 It is derived from the tables that the reader itself uses.  The reader may refuse a file that the schema accepts, since
-a schema cannot express every rule.  It does not know the parameters of a study's own estimators and laws.
+a schema cannot express every rule.  The parameters of a study's own estimators and laws stand in another file, so that
+where a study names one, any other name may be one of its parameters; where it names none, no other name is right.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ from fastcoil.study.file.tables import RunTable, StudyFile
 Schema = dict[str, Any]
 
 _NAME = r"[^\W\d]\w*"
-_FUNCTION = rf"^{_NAME}(\.{_NAME})*:{_NAME}$"
+_FUNCTION: Schema = {"type": "string", "pattern": rf"^{_NAME}(\.{_NAME})*:{_NAME}$"}
+_OWN = "own parameter"
+"""Not the name of a parameter."""
 _ABOVE_0 = {("loguniform", "lowest"), ("truncnorm", "standard deviation")}
 _SERIES: Schema = {"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}
 
@@ -48,8 +51,10 @@ def study_schema() -> Schema:
     tables = {
         "title": {"type": "string", "description": "what the study is called in summaries and figures"},
         "question": {"type": "string", "description": "what the study asks"},
-        "loop": _object(_preset() | _parameters(), description="what all loops have in common"),
-        "sweep": _object({n: _axis(p) for n, p in PARAMETERS.items()}, description="each on its own axis"),
+        "loop": _with_own(_preset() | _parameters(), _reference(_OWN), description="what all loops have in common"),
+        "sweep": _with_own(
+            {n: _axis(p) for n, p in PARAMETERS.items()}, _swept(_OWN), description="each on its own axis"
+        ),
         "cases": _cases(),
         "sample": _sample(),
         "boundary": _boundary(),
@@ -63,7 +68,10 @@ def study_schema() -> Schema:
             {name: tables[name] for name in StudyFile.model_fields},
             required=[name for name, field in StudyFile.model_fields.items() if field.is_required()],
         ),
+        "if": _names_a_rule(),
+        "else": {"properties": _without_own(tables)},
         "$defs": {name: _admissible(p) for name, p in PARAMETERS.items()}
+        | {_OWN: {"type": "number", "description": "parameter of an estimator or a law of the study's own"}}
         | {kind: _spacing(kind) for kind in ("linspace", "geomspace")}
         | {kind: _distribution(kind) for kind in DISTRIBUTIONS},
     }
@@ -72,6 +80,44 @@ def study_schema() -> Schema:
 def _object(properties: Mapping[str, Schema], required: Iterable[str] = (), **more: Any) -> Schema:
     named = {"required": list(required)} if required else {}
     return {"type": "object", "properties": dict(properties), "additionalProperties": False, **named, **more}
+
+
+def _with_own(properties: Mapping[str, Schema], own: Schema, **more: Any) -> Schema:
+    """A table that may have parameters of the study's own rules, too, each like ``own``."""
+    return _object(properties, **{"propertyNames": {"pattern": f"^{_NAME}$"}, "additionalProperties": own, **more})
+
+
+def _names_a_rule() -> Schema:
+    """Whether an estimator or a law is ``module:function``, in whichever table."""
+    listed = {"type": "array", "contains": _FUNCTION}
+    drawn = {"type": "object", "properties": {CHOICE: listed}, "required": [CHOICE]}
+    constant = _has_rule(_FUNCTION)
+    no_case = {"additionalProperties": {"additionalProperties": {"not": constant}}}
+    named = {
+        "loop": constant,
+        "sweep": _has_rule(listed),
+        "cases": {"not": no_case},
+        "sample": _has_rule(drawn),
+    }
+    return {"anyOf": [_has(table, has_rule) for table, has_rule in named.items()]}
+
+
+def _has_rule(value: Schema) -> Schema:
+    return {"anyOf": [_has(kind, value) for kind in KINDS]}
+
+
+def _has(name: str, value: Schema) -> Schema:
+    return {"properties": {name: value}, "required": [name]}
+
+
+def _without_own(tables: Mapping[str, Schema]) -> dict[str, Schema]:
+    """The tables with the names that they know, and no other."""
+    case = {"properties": dict.fromkeys(PARAMETERS, True), "additionalProperties": False}
+    known = {
+        name: {"properties": dict.fromkeys(tables[name]["properties"], True), "additionalProperties": False}
+        for name in ("loop", "sweep", "sample")
+    }
+    return known | {"cases": {"additionalProperties": {"additionalProperties": case}}}
 
 
 def _array(items: Iterable[Schema]) -> Schema:
@@ -85,7 +131,7 @@ def _admissible(parameter: Parameter) -> Schema:
     unit = "" if parameter.unit in ("", "1") else f" [{parameter.unit}]"
     schema: Schema = {"description": parameter.text + unit}
     if parameter.name in KINDS:
-        schema["anyOf"] = [{"enum": list(parameter.choices)}, {"type": "string", "pattern": _FUNCTION}]
+        schema["anyOf"] = [{"enum": list(parameter.choices)}, _FUNCTION]
     elif parameter.is_word:
         schema["enum"] = list(parameter.choices)
     else:
@@ -116,9 +162,11 @@ def _values(name: str) -> Schema:
 
 
 def _axis(parameter: Parameter) -> Schema:
-    if parameter.is_word:
-        return _values(parameter.name)
-    return {"anyOf": [_values(parameter.name), _reference("linspace"), _reference("geomspace")]}
+    return _values(parameter.name) if parameter.is_word else _swept(parameter.name)
+
+
+def _swept(name: str) -> Schema:
+    return {"anyOf": [_values(name), _reference("linspace"), _reference("geomspace")]}
 
 
 def _spacing(kind: str) -> Schema:
@@ -129,7 +177,7 @@ def _spacing(kind: str) -> Schema:
 
 
 def _cases() -> Schema:
-    case = _object(_parameters())
+    case = _with_own(_parameters(), _reference(_OWN))
     taken = sorted({SAMPLE_DIM, DESIGN_DIM, *PARAMETERS, *FORBIDDEN_DIMS})
     return {
         "type": "object",
@@ -146,12 +194,13 @@ def _sample() -> Schema:
         "size": {"type": "integer", "minimum": 1, "maximum": LARGEST_SAMPLE, "description": "number of samples"},
         "seed": _limited("seed") | {"default": 0},
     }
-    return _object(
+    return _with_own(
         settings | {name: _sampled(p) for name, p in PARAMETERS.items()},
+        _drawn(_OWN),
         required=["method", "size"],
         description=f"parameters drawn together along the dimension {SAMPLE_DIM}",
-        anyOf=[{"required": [name]} for name in PARAMETERS],
         **{
+            "not": {"propertyNames": {"enum": list(settings)}},
             "if": {"properties": {"method": {"enum": list(POWERS_OF_TWO)}}},
             "then": {"properties": {"size": {"enum": powers}}},
         },
@@ -159,10 +208,15 @@ def _sample() -> Schema:
 
 
 def _sampled(parameter: Parameter) -> Schema:
-    choice = _object({CHOICE: _values(parameter.name)}, required=[CHOICE])
-    if parameter.is_word or parameter.whole:
-        return choice
-    return {"anyOf": [*map(_reference, DISTRIBUTIONS), choice]}
+    return _chosen(parameter.name) if parameter.is_word or parameter.whole else _drawn(parameter.name)
+
+
+def _chosen(name: str) -> Schema:
+    return _object({CHOICE: _values(name)}, required=[CHOICE])
+
+
+def _drawn(name: str) -> Schema:
+    return {"anyOf": [*map(_reference, DISTRIBUTIONS), _chosen(name)]}
 
 
 def _distribution(kind: str) -> Schema:
@@ -219,7 +273,7 @@ def _run() -> Schema:
     numbers = {name: _limited(name) | {"default": RunTable.model_fields[name].default} for name in RUN_LIMITS}
     others: dict[str, Schema] = {
         "traces": {"type": "array", "items": {"enum": list(TRACES)}, "uniqueItems": True},
-        "reduce": {"type": "string", "pattern": _FUNCTION},
+        "reduce": _FUNCTION,
     }
     known = numbers | others
     return _object(

@@ -17,8 +17,8 @@ from typing import Any
 from fastcoil.errors import InputError, collecting
 from fastcoil.files import read_text
 from fastcoil.numerics.jit import model_sha256
+from fastcoil.simulation.loop import words_used
 from fastcoil.simulation.plan import Plan, plan_simulation
-from fastcoil.simulation.scenarios import words_used
 from fastcoil.study.file.boundary import build_boundary
 from fastcoil.study.file.include import read_includes
 from fastcoil.study.file.loop import build_loop

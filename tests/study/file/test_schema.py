@@ -264,11 +264,3 @@ def test_the_command_prints_it_as_json():
     result = CliRunner().invoke(main, ["schema"])
     assert result.exit_code == 0
     assert json.loads(result.output) == SCHEMA
-
-
-@pytest.mark.parametrize(
-    ("estimator", "is_right"), [("learner", True), ("mine:rule", True), ("package.mine:rule", True), ("lerner", False)]
-)
-def test_an_estimator_is_a_word_or_a_function(estimator, is_right):
-    for table in ({"loop": {"estimator": estimator}}, {"loop": {}, "sweep": {"estimator": ["none", estimator]}}):
-        assert VALIDATOR.is_valid(table) == is_right

@@ -18,9 +18,9 @@ def refused(tmp_path):
 
     def refuse(text):
         (tmp_path / "s.toml").write_text(text)
-        start = time.monotonic()
+        start = time.process_time()
         found = problems(read_study, tmp_path / "s.toml")
-        assert time.monotonic() - start < 15.0
+        assert time.process_time() - start < 15.0
         assert max(map(len, found)) < 1000
         return [sentence.removeprefix(f"{tmp_path}/s.toml: ") for sentence in found]
 

@@ -10,19 +10,11 @@ import subprocess
 import warnings
 
 import pytest
-from helpers.forks import forks
 from helpers.studies import DAYS, PLAIN, SITUATIONS, TRACED, golden, run, shards, unfinished
 
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel
-
-
-@pytest.fixture(scope="module")
-def harness():
-    """Run a study in a process forked for it, see ``forks``."""
-    with forks() as run:
-        yield run
 
 
 def resumed(folder, text, **options):
@@ -41,7 +33,7 @@ def resumed(folder, text, **options):
 # --- kill -9 ----------------------------------------------------------------------------------------------------------
 
 
-def killed_before_each(harness, tmp_path, situation, stride=1):
+def killed_before_each(forked, tmp_path, situation, stride=1):
     """Kill a run before its n-th operation on files, n = 1, 2, …: half-written files and all."""
     text, prepare = SITUATIONS[situation]
     before, out = tmp_path / "before", tmp_path / "out"
@@ -53,32 +45,32 @@ def killed_before_each(harness, tmp_path, situation, stride=1):
         shutil.rmtree(out, ignore_errors=True)
         if before.exists():
             shutil.copytree(before, out)
-        code, done, said = harness(text, out, extend=True, kill_before=n)
+        code, done, said = forked(text, out, extend=True, kill_before=n)
         assert (code, done) == (-9, n) or code == 0, said
         resumed(out, text, extend=True)
         n += stride
     return n
 
 
-@pytest.mark.parametrize(("situation", "stride"), [("plain", 11), ("traced", 29), ("extended, unfinished", 47)])
-def test_a_run_killed_at_any_step_is_completed_by_the_next(harness, tmp_path, situation, stride):
-    assert killed_before_each(harness, tmp_path, situation, stride) > 60
+@pytest.mark.parametrize(("situation", "stride"), [("plain", 17), ("traced", 41), ("extended, unfinished", 71)])
+def test_a_run_killed_at_any_step_is_completed_by_the_next(forked, tmp_path, situation, stride):
+    assert killed_before_each(forked, tmp_path, situation, stride) > 60
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("situation", SITUATIONS)
-def test_a_run_killed_at_any_step_in_whatever_situation(harness, tmp_path, situation):
-    assert killed_before_each(harness, tmp_path, situation) > 60
+def test_a_run_killed_at_any_step_in_whatever_situation(forked, tmp_path, situation):
+    assert killed_before_each(forked, tmp_path, situation) > 60
 
 
-def killed_at_random(harness, tmp_path, times, seed):
+def killed_at_random(forked, tmp_path, times, seed):
     """Kill a study with traces again and again until it is finished, then start another, ``times`` kills in total."""
     random_time, killed, k = random.Random(seed), 0, 0
     while killed < times:
         out = tmp_path / f"out{k}"
         code = -9
         while code == -9 and killed < times:
-            code, _, said = harness(TRACED, out, kill_after=random_time.uniform(0.0, 0.4))
+            code, _, said = forked(TRACED, out, kill_after=random_time.uniform(0.0, 0.4))
             assert code in (-9, 0), said
             killed += 1
         resumed(out, TRACED)
@@ -86,23 +78,23 @@ def killed_at_random(harness, tmp_path, times, seed):
         k += 1
 
 
-def test_a_run_killed_at_any_time_is_completed_by_the_next(harness, tmp_path):
-    killed_at_random(harness, tmp_path, 10, seed=1)
+def test_a_run_killed_at_any_time_is_completed_by_the_next(forked, tmp_path):
+    killed_at_random(forked, tmp_path, 10, seed=1)
 
 
 @pytest.mark.full
-def test_a_run_killed_at_any_time_of_very_many(harness, tmp_path):
-    killed_at_random(harness, tmp_path, 500, seed=2)
+def test_a_run_killed_at_any_time_of_very_many(forked, tmp_path):
+    killed_at_random(forked, tmp_path, 500, seed=2)
 
 
 # --- limits -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("limit", [1000, 30_000, 66_000])
-def test_a_limit_on_the_size_of_files_ends_a_run_with_4(harness, tmp_path, limit):
+def test_a_limit_on_the_size_of_files_ends_a_run_with_4(forked, tmp_path, limit):
     out = tmp_path / "out"
     # Python ignores the signal, so that a write fails with EFBIG
-    code, _, said = harness(TRACED.replace("[0.0, 0.9]", "[0.0, 0.5, 0.9]"), out, limits={"RLIMIT_FSIZE": limit})
+    code, _, said = forked(TRACED.replace("[0.0, 0.9]", "[0.0, 0.5, 0.9]"), out, limits={"RLIMIT_FSIZE": limit})
     assert code == (4 if limit < 66_000 else 0), said
     if code:
         assert "Traceback" not in said
@@ -110,11 +102,11 @@ def test_a_limit_on_the_size_of_files_ends_a_run_with_4(harness, tmp_path, limit
     resumed(out, TRACED.replace("[0.0, 0.9]", "[0.0, 0.5, 0.9]"))
 
 
-def test_too_few_open_files_end_a_run_with_4_or_are_enough(harness, tmp_path):
+def test_too_few_open_files_end_a_run_with_4_or_are_enough(forked, tmp_path):
     out = tmp_path / "out"
     codes = set()
     for limit in range(4, 20):
-        code, _, said = harness(TRACED, out, limits={"RLIMIT_NOFILE": limit})
+        code, _, said = forked(TRACED, out, limits={"RLIMIT_NOFILE": limit})
         assert "Traceback" not in said, said
         assert code in (0, 4), said
         codes.add(code)
@@ -130,24 +122,24 @@ def let_others_in(folder):
         parent.chmod(parent.stat().st_mode | 0o755)
 
 
-def test_a_folder_that_cannot_be_reached_ends_a_run_with_4(harness, tmp_path):
+def test_a_folder_that_cannot_be_reached_ends_a_run_with_4(forked, tmp_path):
     if os.getuid():
         pytest.skip("only root can become another user")
     out = tmp_path / "closed" / "out"
     out.parent.mkdir(mode=0o700)
     let_others_in(tmp_path)
-    code, _, said = harness(PLAIN, out, user=65534)
+    code, _, said = forked(PLAIN, out, user=65534)
     assert code == 4, said
     assert "Permission denied" in said
 
 
-def test_a_folder_that_must_not_be_written_ends_a_run_with_4(harness, tmp_path):
+def test_a_folder_that_must_not_be_written_ends_a_run_with_4(forked, tmp_path):
     if os.getuid():
         pytest.skip("only root can become another user")
     out = tmp_path / "out"
     out.mkdir(mode=0o755)
     let_others_in(tmp_path)
-    code, _, said = harness(PLAIN, out, user=65534)
+    code, _, said = forked(PLAIN, out, user=65534)
     assert code == 4, said
     assert "Permission denied" in said
     assert list(out.iterdir()) == []
@@ -174,7 +166,7 @@ def small_disk(tmp_path):
 
 
 @pytest.mark.parametrize("interval", [50, pytest.param(1, marks=pytest.mark.full)])
-def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(harness, small_disk, interval):
+def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(forked, small_disk, interval):
     codes, kept, text = set(), set(), TRACED.replace("interval = 50", f"interval = {interval}")
     ballast = small_disk / "ballast"
     for free_kib in range(8, 1400, 60):
@@ -182,7 +174,7 @@ def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(harness, 
         room = shutil.disk_usage(small_disk).free - 1024 * free_kib
         with ballast.open("wb") as file:
             os.posix_fallocate(file.fileno(), 0, room)
-        code, _, said = harness(text, out, unchecked=True)
+        code, _, said = forked(text, out, unchecked=True)
         codes.add(code)
         assert code in (0, 4), said
         assert not code or re.search("No space left on device", said), said

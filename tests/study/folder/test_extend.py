@@ -83,7 +83,7 @@ EXTENSIONS = {
 }
 
 
-ALL_AT_ONCE = ("front", "middle", "a case", "replicates", "a day in front", "days")
+ALL_AT_ONCE = ("front", "middle", "two axes", "a case", "replicates", "a day in front", "days")
 """What the last of them does, too."""
 
 
@@ -123,6 +123,7 @@ def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, 
     cut(monkeypatch, 5)
     done = run_shards(study(BASE), tmp_path / "out", before)
     asked = study(EXTENSIONS["all at once"])
+    cut(monkeypatch, 12)
     for _ in range(3):
         done += run_until_stopped(asked, tmp_path / "out", 2, extend=again or done <= N)
         partly = fc.open_study(tmp_path / "out")
@@ -137,6 +138,7 @@ def test_an_extension_of_an_extension_that_was_interrupted_keeps_all(study, tmp_
     cut(monkeypatch, 5)
     done = run_until_stopped(study(BASE), tmp_path / "out", 2)
     done += run_until_stopped(study(EXTENSIONS["middle"]), tmp_path / "out", 2, extend=True)
+    cut(monkeypatch, 12)
     asked = study(changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09, 0.11]}, run={"replicates": 2}))
     finished = execute(asked, tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - done

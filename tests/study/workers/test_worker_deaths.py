@@ -109,7 +109,7 @@ def test_a_worker_that_is_killed_once_costs_nothing_but_time(study, golden, tmp_
 
 
 def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_path, monkeypatch):
-    cut(monkeypatch, 8)
+    cut(monkeypatch, 20)
     killed = []
 
     def kill_one(_):
@@ -140,7 +140,7 @@ def test_a_worker_that_hangs_once_is_replaced(study, golden, tmp_path, monkeypat
     monkeypatch.setattr(dispatch, "_LEAST_LIMIT", 3.0)
     monkeypatch.setattr(dispatch, "_LIMIT_FACTOR", 2.0)  # the start of a worker counts, and others may slow it down
     harmed = failing_shards.harmful(study, harm, [35], once=tmp_path / "once")
-    finished = execute(harmed, tmp_path / "out", backend=backend, n_jobs=2)
+    finished = execute(harmed, tmp_path / "out", backend=backend, n_jobs=1)
     assert finished.results.attrs["content_sha256"] == golden
 
 

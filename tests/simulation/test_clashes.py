@@ -9,6 +9,7 @@ import fastcoil as fc
 from fastcoil.simulation.plan import plan_simulation
 
 MEASURED = {"buffer_ratio": 6.0, "buffer_noise": "measured"}
+LIMITED = {"buffer_swing": 0.1, "plant_gain": 20.0}
 
 
 def planned(day=None, **parameters):
@@ -27,11 +28,18 @@ def day_of(T_set):
         ({"buffer_noise": "measured"}, ["buffer_noise = 'measured' without buffer_ratio", "give buffer_ratio"]),
         ({"buffer_noise": ["given", "measured"]}, ["without buffer_ratio"]),
         (
-            {"buffer_noise": ("case", ["given", "measured"]), "buffer_ratio": ("case", [6.0, 0.0])},
+            {"buffer_noise": ("case", ["given", "measured"]), "buffer_ratio": ("case", [6.0, 0.0]), **LIMITED},
             ["without buffer_ratio"],
         ),
-        ({"buffer_swing": 0.1, "plant_gain": 20.0}, ["buffer_swing without buffer_ratio"]),
+        (LIMITED, ["buffer_swing without buffer_ratio"]),
         ({**MEASURED, "buffer_swing": 0.1}, ["buffer_swing without plant_gain", "give plant_gain"]),
+        (MEASURED, ["buffer_noise = 'measured' without buffer_swing", "give buffer_swing and plant_gain"]),
+        ({**MEASURED, "plant_gain": 20.0}, ["without buffer_swing"]),
+        ({**MEASURED, "buffer_swing": [0.0, 0.1], "plant_gain": 20.0}, ["without buffer_swing"]),
+        (
+            {**MEASURED, "buffer_swing": [0.1, 25.0], "plant_gain": 20.0},
+            ["buffer_swing / plant_gain", "1.25", "below 1"],
+        ),
         ({"buffer_ratio": 50.0, "kp": [0.1, 1.0], "noise_std": 0.1}, ["buffer_ratio × kp × noise_std", "5", "below 1"]),
         ({"smooth_rate": 1e-3, "compensation": ["inverse", "additive"]}, ["smooth_rate without compensation"]),
         ({"error_dead_band": [0.1, 5.0]}, ["error_dead_band = 5 K", "within 1 K", "give less"]),
@@ -46,8 +54,15 @@ def test_what_clashes_is_refused_with_a_sentence(parameters, words):
     [
         {**MEASURED, "buffer_swing": 0.1, "plant_gain": [10.0, 30.0]},
         {"buffer_ratio": 50.0, "kp": 1.0, "noise_std": 0.1, "buffer_swing": 0.2, "plant_gain": 20.0},
-        {**MEASURED, "noise_std": 0.1, "kp": 5.0},
+        {**MEASURED, **LIMITED, "noise_std": 0.1, "kp": 5.0},
+        {
+            "buffer_ratio": 6.0,
+            "buffer_noise": ("case", ["given", "measured"]),
+            "buffer_swing": ("case", [0.0, 0.1]),
+            "plant_gain": 20.0,
+        },
         {"buffer_ratio": ("case", [0.0, 6.0]), "buffer": ("case", [0.01, 1e-9])},
+        {"buffer_ratio": ("case", [0.0, 6.0]), "buffer_noise": ("case", ["measured", "measured"]), **LIMITED},
         {"buffer_ratio": [3.0, 6.0], "noise_std": [0.0, 0.02]},
         {"smooth_rate": 1e-3, "compensation": ["inverse", "smooth"]},
         {"error_dead_band": [0.0, 0.9]},

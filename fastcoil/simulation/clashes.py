@@ -1,0 +1,175 @@
+"""What clashes in a loop: parameters that one another rule out or need, each with a sentence that says the cure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.arrays import Array
+from fastcoil.errors import InputError
+from fastcoil.estimators.shipped import ESTIMATORS
+from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS, Scalar
+from fastcoil.simulation.loop import Loop, words_used
+
+ONE_SET_POINT = 1.0
+"""Set-points that lie closer together than this count as one, K: a record of a constant one drifts and has steps."""
+_CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
+"""The parameter that limits the estimate of an estimator."""
+
+
+def check_clashes(loop: Loop, T_set: Array) -> None:
+    """Refuse values that only clash together.  T_set: all the set-points that the loop will see, °C.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each clash.
+    """
+    problems = _estimate_clashes(loop) + _stem_clashes(loop)
+    problems += _unread_parameters(loop) + missing_parameters(loop) + controller_clashes(loop, T_set)
+    if problems:
+        raise InputError(problems)
+
+
+def missing_parameters(loop: Loop) -> list[str]:
+    """Parameters that an estimator or a rule reads and that the loop does not give, a sentence each."""
+    used = words_used(loop, "estimator")
+    problems = [
+        f"estimator = {estimator.name!r} without {name}: give the {PARAMETERS[name].text} "
+        f"({PARAMETERS[name].unit}, {PARAMETERS[name].bounds})"
+        for estimator in ESTIMATORS
+        if estimator is not None and estimator.name in used
+        for name in estimator.Parameters._fields
+        if name not in STAND_INS and PARAMETERS[name].default is None and loop[name] is None
+    ]
+    return problems + [
+        f"{rule.name} reads {name}, which the loop does not give: give {name}"
+        for rule in loop.rules.values()
+        for name in rule.reads
+        if loop[name] is None
+    ]
+
+
+def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
+    """What clashes in the controller alone, a sentence each.  T_set: all the set-points that it will see, °C."""
+    return _buffer_clashes(loop) + _compensation_clashes(loop) + _dead_band_clashes(loop, T_set)
+
+
+def _estimate_clashes(loop: Loop) -> list[str]:
+    """An estimate of 1 or more, an estimator that starts above its cap, a learner without a step."""
+    value: Mapping[str, Scalar | xr.DataArray | None] = {n: loop[n] for n in PARAMETERS}
+    problems = []
+    estimate = value["backlash_estimate"]
+    if value["estimate_ratio"] is not None:
+        estimate = value["estimate_ratio"] * value["backlash"]  # type: ignore[operator]
+    largest = float(np.max(estimate))  # type: ignore[arg-type]
+    if largest >= 1.0:
+        problems.append(
+            f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
+            "lower estimate_ratio or backlash"
+        )
+    for name, cap in _CAPS.items():
+        if bool((_has(value, name) & (xr.DataArray(estimate) > xr.DataArray(value[cap]))).any()):
+            problems.append(
+                f"backlash_estimate up to {largest:g} with the estimator {name}: it cannot start above {cap}, "
+                "lower the estimate or raise the cap"
+            )
+    if bool((_has(value, "learner") & (xr.DataArray(value["learning_step"]) == 0.0)).any()):
+        problems.append("estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate")
+    return problems
+
+
+def _has(value: Mapping[str, Scalar | xr.DataArray | None], estimator: str) -> xr.DataArray:
+    """Which scenarios have an estimator; without a word it is the learner where it has a step."""
+    if value["estimator"] is None:
+        return (xr.DataArray(value["learning_step"]) > 0.0) & (estimator == "learner")
+    return xr.DataArray(value["estimator"]) == estimator
+
+
+def _stem_clashes(loop: Loop) -> list[str]:
+    excess = float((xr.DataArray(loop["slip_jump"]) - xr.DataArray(loop["backlash"])).max())
+    if excess > 0.0:
+        return [
+            f"slip_jump is up to {excess:g} above the backlash: a stem jumps at most by the band in which it "
+            "sticks, lower slip_jump or raise backlash"
+        ]
+    return []
+
+
+def _unread_parameters(loop: Loop) -> list[str]:
+    """Parameters of estimators that no scenario has, a sentence each: most likely the estimator was forgotten."""
+    used = {"learner"} if loop["estimator"] is None else words_used(loop, "estimator")
+    problems = []
+    for parameter in PARAMETERS.values():
+        if parameter.group in ESTIMATOR_GROUPS and parameter.group not in used and _is_changed(loop, parameter.name):
+            problems.append(
+                f"{parameter.name} belongs to the estimator {parameter.group}, which no scenario has: give "
+                f"estimator = {parameter.group!r}, or leave {parameter.name} out"
+            )
+    rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
+    problems += [
+        f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, "
+        "or leave them out"
+        for rule in rules
+    ]
+    if _is_changed(loop, "estimate_share") and used <= {"none"}:
+        problems.append("estimate_share without an estimator: give estimator, or leave estimate_share out")
+    return problems
+
+
+def _buffer_clashes(loop: Loop) -> list[str]:
+    problems = []
+    ratio, swing = xr.DataArray(loop["buffer_ratio"]), xr.DataArray(loop["buffer_swing"])
+    measures = xr.DataArray(loop["buffer_noise"]) == "measured"
+    for name, is_on in (("buffer_noise = 'measured'", measures), ("buffer_swing", swing > 0.0)):
+        if bool(is_on.any()) and not bool((is_on & (ratio > 0.0)).any()):
+            problems.append(f"{name} without buffer_ratio: give buffer_ratio, or leave {name.split()[0]} out")
+    if bool((measures & (ratio > 0.0) & (swing == 0.0)).any()):
+        problems.append(
+            "buffer_noise = 'measured' without buffer_swing: a loop that rings looks like noise and would widen its "
+            "own buffer, give buffer_swing and plant_gain"
+        )
+    gain = loop["plant_gain"]
+    if gain is None and bool((swing > 0.0).any()):
+        problems.append("buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer")
+    if problems:
+        return problems
+    # what is measured may be anything, up to what the swing allows
+    noise = xr.DataArray(loop["noise_std"]).where(~measures, np.inf)
+    buffer = (ratio * abs(xr.DataArray(loop["kp"])) * noise).where(ratio > 0.0, 0.0)
+    if gain is not None:
+        highest = xr.DataArray(swing / xr.DataArray(gain))
+        buffer = buffer.where((swing == 0.0) | (buffer < highest), highest)
+        if bool((measures & (buffer >= 1.0)).any()):
+            largest = float(highest.where(measures).max())
+            return [f"buffer_swing / plant_gain reaches {largest:g}: a buffer must stay below 1, lower buffer_swing"]
+    largest = float(buffer.max())
+    if largest >= 1.0:
+        return [f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"]
+    return []
+
+
+def _compensation_clashes(loop: Loop) -> list[str]:
+    if _is_changed(loop, "smooth_rate") and not bool(np.any(np.asarray(loop["compensation"]) == "smooth")):
+        return ["smooth_rate without compensation = 'smooth': give that word, or leave smooth_rate out"]
+    return []
+
+
+def _dead_band_clashes(loop: Loop, T_set: Array) -> list[str]:
+    """Refuse a dead band in which every change of the set-point would be too small to act on."""
+    widest = float(np.max(np.asarray(loop["error_dead_band"])))
+    width = float(np.max(T_set) - np.min(T_set))
+    if ONE_SET_POINT <= width <= widest:
+        return [
+            f"error_dead_band = {widest:g} K: the set-points lie within {width:g} K, so none of their changes would "
+            "move the valve, give less"
+        ]
+    return []
+
+
+def _is_changed(loop: Loop, name: str) -> bool:
+    """Whether some scenario has another value than the default."""
+    value = loop[name]
+    return value is not None and bool(np.any(np.asarray(value) != PARAMETERS[name].default))
