@@ -25,7 +25,7 @@ from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
 from fastcoil.simulation.loop import Loop, words_used
 from fastcoil.simulation.scenarios import columns_of
 
-_WANTED = Wanted(needed=("T_sup", "T_set"), optional=("enabled",))
+_NEEDED = ("T_sup", "T_set")
 _ROUND_OFF = 1e-6
 """Of the times of a log, s."""
 
@@ -48,12 +48,11 @@ def replay(
     Parameters
     ----------
     loop
-        One loop or a sweep of them: PI, inverse and estimator.  Air flow is not read: ``gradient`` rests after steps of
-        the set-point, not of the air flow.
+        One loop or a sweep of them: PI, inverse and estimator.
     log
         Path of a CSV file, or a Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
-        ``elapsed_time`` or ``timestamp``; optional: ``enabled``.  Samples are 1 s apart or more.  A value holds until
-        the next.
+        ``elapsed_time`` or ``timestamp``; optional: ``enabled``, and ``m_a``, after whose steps ``gradient`` rests.
+        Samples are 1 s apart or more.  A value holds until the next.
     units, columns, constants
         As in ``fc.Boundary.from_csv``.
     trace_interval
@@ -74,7 +73,7 @@ def replay(
     Notes
     -----
     Cai and Braun (2016), section 3.3 and Fig 8.  With ``T_measured`` of a simulation as ``T_sup`` it returns the
-    commands of that simulation to the last bit, but for those of ``gradient`` after a step of the air flow.
+    commands of that simulation to the last bit.
     """
     with checking() as check:
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
@@ -89,7 +88,7 @@ def replay(
         raise InputError(missing)
     data = read_log(
         log,
-        _WANTED,
+        Wanted(_NEEDED, optional=("enabled", "m_a") if "gradient" in words_used(loop, "estimator") else ("enabled",)),
         units=units,
         columns=columns,
         constants={} if constants is None else constants,
@@ -118,10 +117,10 @@ def replay(
 
 
 def _seconds(log: Log) -> Array:
-    """Input of the controller at every second, (n_steps, 3): the last recorded values."""
+    """Input of the controller at every second, (n_steps, 4): the last recorded values, NaN for an unknown air flow."""
     require_whole_seconds(log.name, log.step)
     require_span(log.name, float(log.time[-1]))
-    recorded = {"enabled": np.ones(log.time.size), **log.values}
+    recorded = {"enabled": np.ones(log.time.size), "m_a": np.full(log.time.size, np.nan), **log.values}
     values = {name: recorded[name] for name in REPLAY_COLUMNS}
     seconds = np.arange(int(log.time[-1] + _ROUND_OFF) + 1, dtype=float)
     return np.stack(list(at_seconds(log.time, values, seconds, REPLAY_COLUMNS, _ROUND_OFF).values()), axis=1)

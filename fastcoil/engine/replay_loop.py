@@ -16,7 +16,7 @@ from fastcoil.engine.rows import LANES, R, positions
 from fastcoil.numerics.jit import kernel
 from fastcoil.numerics.stages import BUILT_IN
 
-REPLAY_COLUMNS = ("T_sup", "T_set", "enabled")
+REPLAY_COLUMNS = ("T_sup", "T_set", "enabled", "m_a")
 """Columns of what the controller sees."""
 C = positions(REPLAY_COLUMNS)
 REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
@@ -26,9 +26,9 @@ REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
     """What the controllers of a block command on a record.
 
-    series: (n_steps, 3), columns as in REPLAY_COLUMNS, 1-s samples.  S, V, own: work space as for ``emulate``; V
-    is not read.  traced_rows: their
-    offsets.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
+    series: (n_steps, 4), columns as in REPLAY_COLUMNS, 1-s samples; m_a is NaN where it is not known.  S, V, own: work
+    space as for ``emulate``; V is not read.  traced_rows: their offsets.  traces: out, (n_points, n_rows, LANES), every
+    ``interval`` seconds.
     """
     derive(S, rows, common.n_volumes)
     set_initial_state(S, False)
@@ -42,7 +42,7 @@ def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
         for j in range(LANES):
             S[R.y_s + j] = series[t, C.T_sup]
         if estimates and t > 0 and t % common.estimating_period == 0:
-            call_estimator(common.estimate, (S, own, float(t), series[t, C.T_set], np.nan, enabled, False))
+            call_estimator(common.estimate, (S, own, float(t), series[t, C.T_set], series[t, C.m_a], enabled, False))
         if t % common.control_period == 0 or was_enabled != enabled:
             if common.control == BUILT_IN:
                 control(S, t, series[t, C.T_set], 0.0, enabled, 0.0, PLAIN)
