@@ -26,7 +26,7 @@ STEP = 0.1
 REST, RESPONSE = 3600, 1800
 """Seconds at rest before the step, and of the response."""
 LEAST_GAIN = 0.2
-"""Smallest plant gain that a step is taken to show, K per stroke: a buffer of 0.1 K over it must stay below the stroke."""
+"""Smallest plant gain that a step is taken to show, K per stroke: 0.1 K over it, a buffer, must stay below 1."""
 SEEN = 2
 """Seconds between the samples of the response."""
 
