@@ -14,6 +14,8 @@ from fastcoil.engine.host import TraceRequest, run_block
 from fastcoil.engine.lanes import Block
 
 T = TypeVar("T")
+_PIECE = 0.5
+"""Of a wait without end, s."""
 
 
 def within(seconds: float | None, call: Callable[[], T]) -> T:
@@ -30,6 +32,10 @@ def within(seconds: float | None, call: Callable[[], T]) -> T:
             found.set_exception(error)
 
     threading.Thread(target=run, daemon=True).start()
+    if seconds is None:
+        # in pieces: a Ctrl-C that comes just before a wait begins is heard after it
+        while not cf.wait([found], timeout=_PIECE).done:
+            pass
     return found.result(seconds)
 
 
