@@ -16,7 +16,7 @@ SURE = 0.95
 """Probability of being right from which a size counts as identified."""
 CONFIDENCE = 0.95
 """Of the interval."""
-WEIGHT, WEIGHT_REACTION = 0.5, 0.3
+WEIGHT, WEIGHT_REACTION = 0.6, 0.3
 """Share of the log-likelihood that counts, without and with the reaction: residuals are neither independent nor
 normal.  Chosen on populations of their own, see ``studies/diagnosis.py``."""
 GOOD = 0.01
@@ -110,21 +110,27 @@ def _judged(found: Likelihood, provoked: bool) -> Identification:
     low, high = _interval(probability)
     right = np.abs(CANDIDATES - best) <= np.maximum(TOLERANCE * CANDIDATES, GOOD) + 1e-9
     reason = ""
-    if float(probability[right].sum()) < SURE:
+    if best <= GOOD and not provoked:
+        reason = (
+            "the command only follows the temperature, and a stuck stem looks like a good one: change the set-point"
+        )
+        low, high = 0.0, float(CANDIDATES[-1])
+    elif float(probability[right].sum()) < SURE:
         reason = f"gaps from {low:.1%} to {high:.1%} explain the log: change the set-point up and down, or log longer"
-    elif best <= GOOD and not provoked:
-        reason = "the command only follows the temperature, and a stuck stem looks like a good one: change the set-point"
     elif best == CANDIDATES[-1]:
         reason = f"the gap is {best:.0%} of the stroke or more: the largest that is looked for"
     return Identification(best, low, high, not reason, reason, CANDIDATES, probability)
 
 
 def _interval(probability: Array) -> tuple[float, float]:
-    """The tails outside hold the same probability; half a step of the candidates is added on both sides."""
-    below, half = np.cumsum(probability), 0.5 * (CANDIDATES[1] - CANDIDATES[0])
-    low = CANDIDATES[np.argmax(below > 0.5 * (1.0 - CONFIDENCE))] - half
-    high = CANDIDATES[np.argmax(below >= 0.5 * (1.0 + CONFIDENCE) - 1e-12)] + half
-    return max(float(low), 0.0), float(high)
+    """The tails outside hold the same probability; a step of the candidates is added on both sides.
+
+    Half of it is the width of a candidate, the rest for what a linear model sampled every 30 s gets wrong.
+    """
+    below, step = np.cumsum(probability), CANDIDATES[1] - CANDIDATES[0]
+    low = CANDIDATES[np.argmax(below > 0.5 * (1.0 - CONFIDENCE))] - step
+    high = CANDIDATES[np.argmax(below >= 0.5 * (1.0 + CONFIDENCE) - 1e-12)] + step
+    return max(float(low), 0.0), min(float(high), float(CANDIDATES[-1]))
 
 
 def _is_provoked(command: Array, good: Mask, T_set: Array | None, interval: float) -> bool:
