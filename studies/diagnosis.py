@@ -92,7 +92,8 @@ def identified(of: Logs, hours: int, columns: tuple[str, ...]) -> xr.Dataset:
         for d in range(len(DAYS)):
             seen = {n: s[d, v if s.shape[1] > 1 else 0, at] for n, s in of.signals.items()}
             one = identify_backlash(
-                seen["command"], seen["T_measured"], float(of.interval[v]), seen["T_set"] if "T_set" in columns else None,
+                seen["command"], seen["T_measured"], float(of.interval[v]),
+                seen["T_set"] if "T_set" in columns else None,
                 tuple(seen[n] for n in columns if n != "T_set"), stroke_time=of.stroke_time[v] if v % 3 else None,
             )  # fmt: skip
             found[d, v] = one.backlash, one.low, one.high, one.identified

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fastcoil.diagnosis.identify import GOOD, identify_backlash
+from fastcoil.diagnosis.identify import CANDIDATES, GOOD, _held, _is_provoked, _judged, identify_backlash
+from fastcoil.diagnosis.likelihood import Likelihood
 from fastcoil.diagnosis.motion import motor_positions, openings, turns
 
 INTERVAL = 10.0
@@ -37,7 +38,8 @@ def steps(hours=6, seed=1):
 def test_the_true_backlash_is_found_claimed_and_covered(backlash):
     command, T_set = steps()
     found = identify_backlash(command, plant(command, backlash), INTERVAL, T_set)
-    assert found.identified and not found.reason
+    assert found.identified
+    assert not found.reason
     assert found.backlash == pytest.approx(backlash, abs=0.005)
     assert found.low <= backlash <= found.high
     assert found.probability.sum() == pytest.approx(1.0)
@@ -129,3 +131,30 @@ def test_openings_are_those_of_the_play_operator():
 def test_turns_count_what_comes_back_by_more_than_asked():
     assert turns(np.array([0.0, 0.5, 0.3, 0.6, 0.599, 0.7]), 0.01) == 2
     assert turns(np.linspace(0.0, 1.0, 50), 0.01) == 0
+
+
+def test_a_good_valve_is_claimed_only_if_something_else_than_the_temperature_moved_the_command():
+    sharp = -((CANDIDATES / 0.001) ** 2)
+    found = {provoked: _judged(Likelihood(sharp, sharp, 900), provoked) for provoked in (True, False)}
+    assert found[True].identified
+    assert not found[False].identified
+    assert "stuck stem" in found[False].reason
+    assert (found[False].low, found[False].high) == (0.0, 0.25)
+    worn = -(((CANDIDATES - 0.08) / 0.001) ** 2)
+    assert _judged(Likelihood(sharp, worn, 900), provoked=False).backlash == pytest.approx(0.08)
+
+
+def test_set_points_or_jumps_of_the_command_provoke_and_one_start_up_does_not():
+    command, T_set = steps()
+    good = np.ones(command.size, bool)
+    noise = np.random.default_rng(1).normal(0, 0.002, command.size)
+    assert _is_provoked(noise, good, T_set, INTERVAL)
+    assert not _is_provoked(noise, good, np.full(command.size, 14.0), INTERVAL)
+    assert _is_provoked(command + noise, good, None, INTERVAL)
+    start_up = np.where(np.arange(command.size) < 3, 0.0, 0.5) + noise
+    assert not _is_provoked(start_up, good, None, INTERVAL)
+
+
+def test_a_missing_command_is_the_last_before_it():
+    given = np.array([np.nan, 0.2, np.nan, np.nan, 0.4, np.nan])
+    np.testing.assert_array_equal(_held(given), [0.2, 0.2, 0.2, 0.2, 0.4, 0.4])
