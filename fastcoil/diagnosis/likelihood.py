@@ -66,7 +66,7 @@ def likelihoods(
         return None
 
     def change(series: Array, lag: int) -> Array:
-        return np.subtract(series[rows - lag * width], series[rows - (lag + 1) * width])
+        return np.asarray(series[rows - lag * width] - series[rows - (lag + 1) * width])
 
     y = change(temperature, 0)
     common = [change(temperature, lag) for lag in range(1, OWN_LAGS + 1)]

@@ -150,7 +150,8 @@ def test_set_points_or_jumps_of_the_command_provoke_and_one_start_up_does_not():
     noise = np.random.default_rng(1).normal(0, 0.002, command.size)
     assert _is_provoked(noise, good, T_set, INTERVAL)
     assert not _is_provoked(noise, good, np.full(command.size, 14.0), INTERVAL)
-    assert _is_provoked(command + noise, good, None, INTERVAL)
+    twenty_minutes = np.repeat(command, 2)[: command.size]
+    assert _is_provoked(twenty_minutes + noise, good, None, INTERVAL)
     start_up = np.where(np.arange(command.size) < 3, 0.0, 0.5) + noise
     assert not _is_provoked(start_up, good, None, INTERVAL)
 
