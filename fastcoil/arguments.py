@@ -157,12 +157,11 @@ def text_of(name: str, value: object) -> str:
 
 
 def is_text(text: str) -> bool:
-    """Whether a file can hold the text: half of a surrogate pair cannot be written as UTF-8."""
+    """Whether a file gives the text back as it was: UTF-8, without half of a surrogate pair, up to the first zero."""
     try:
-        text.encode()
+        return b"\0" not in text.encode()
     except UnicodeEncodeError:
         return False
-    return True
 
 
 def instance_of(name: str, value: object, kind: type[T], cure: str) -> T:

@@ -25,6 +25,8 @@ STEP = 0.1
 """Size of the open-loop step, fraction of stroke."""
 REST, RESPONSE = 3600, 1800
 """Seconds at rest before the step, and of the response."""
+LEAST_GAIN = 0.2
+"""Smallest plant gain that a step is taken to show, K per stroke: 0.1 K over it, a buffer, must stay below 1."""
 SEEN = 2
 """Seconds between the samples of the response."""
 
@@ -84,13 +86,16 @@ def _response(loop: fc.Loop, kind: str, level: float) -> xr.DataArray:
 
 
 def simc_gains(loop: fc.Loop, kind: str) -> xr.Dataset:
-    """kp and ti after SIMC with the closed-loop time constant equal to the dead time: Skogestad (2003).
+    """kp and ti after SIMC with the closed-loop time constant equal to the dead time: Skogestad (2003); and the gain.
 
+    plant_gain: K per stroke, of the same step.
     kp = tau / (K (tau_c + theta)), ti = min(tau, 4 (tau_c + theta)), tau_c = theta; J. Process Control 13, 291-309.
     """
     model = first_order(loop, kind)
     kp = model.tau / (model.gain * 2.0 * model.theta)
-    return xr.Dataset({"kp": kp.clip(1e-4, 1.0), "ti": np.minimum(model.tau, 8.0 * model.theta)})
+    gain = model.gain.clip(LEAST_GAIN)  # a valve that changes nothing still needs a number
+    ti = np.minimum(model.tau, 8.0 * model.theta)
+    return xr.Dataset({"kp": kp.clip(1e-4, 1.0), "ti": ti, "plant_gain": gain})
 
 
 def _of(loop: fc.Loop, name: str) -> xr.DataArray:

@@ -18,8 +18,9 @@ from fastcoil.engine.rows import PARAMETER_ROWS
 from fastcoil.errors import InputError
 from fastcoil.estimators.family import Sample, defaults_of
 from fastcoil.outputs import STATUS_MEANINGS, STATUS_OK
+from fastcoil.parameter_table import PARAMETERS
 from fastcoil.rules.rule import Rule, rules_for_kernels
-from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.loop import Loop, forgetting
 from fastcoil.simulation.scenarios import Layout, columns_of
 from fastcoil.simulation.simulate import simulate
 
@@ -79,6 +80,7 @@ def check_rule(rule: Rule, loop: Loop | None = None, boundary: Boundary | None =
     if loop.sizes or boundary.has_day_dim:
         several = ", ".join(["day"] * boundary.has_day_dim + list(loop.sizes))
         raise InputError(f"check_rule takes one loop and one day: leave out the dims {several}")
+    _call_once(rule, loop, boundary)
     ds = simulate(loop, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1)
     if int(ds["status"]) != STATUS_OK:
         raise InputError(
@@ -96,6 +98,21 @@ def _run_of(loop: Loop, boundary: Boundary, ds: xr.Dataset) -> _Run:
     series = {n: np.ravel(values) for n, values in boundary.series.items()}
     turned = np.diff(traces["mode"], prepend=FALLING) != 0.0
     return _Run(dict(zip((*PARAMETER_ROWS, *rules.own), row.tolist(), strict=True)), traces, series, np.cumsum(turned))
+
+
+def _call_once(rule: Rule, loop: Loop, boundary: Boundary) -> None:
+    """Call the plain Python with the first sample, which is the same without the rule: before it is compiled."""
+    without = forgetting(loop.assign(**{rule.kind: PARAMETERS[rule.kind].choices[0]}), {rule.name})
+    ds = simulate(without, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1)
+    run = _run_of(without, boundary, ds)
+    is_law = rule.kind == "law"
+    t = 0 if is_law else int(run.parameters["sample_time"])
+    if int(ds["status"]) != STATUS_OK or t >= ds.sizes["elapsed_time"] or not run.series["enabled"][t]:
+        return
+    _, Parameters, Memory = rule.parts
+    values: dict[str, Any] = dict(loop.items())
+    p = Parameters(*(run.parameters[n] if n in run.parameters else float(values[n]) for n in Parameters._fields))
+    _called(rule, run.sample(t, 0, float(run.traces["estimate"][0])), p, Memory(*defaults_of(Memory)))
 
 
 def _largest_difference(rule: Rule, run: _Run) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -29,7 +31,13 @@ def run_own_code(what: str, source: Source) -> object:
 
     function = source.name.partition(":")[2]
     say(f"This study runs code of its own: {function} from {source.path.absolute()}.", err=True)
-    return load(what, source)
+    printed = {False: io.StringIO(), True: io.StringIO()}
+    try:
+        with contextlib.redirect_stdout(printed[False]), contextlib.redirect_stderr(printed[True]):
+            return load(what, source)
+    finally:
+        for err, text in printed.items():
+            say(*text.getvalue().splitlines(), err=err)
 
 
 def report_progress(n: int, done: int = 0) -> Advance:

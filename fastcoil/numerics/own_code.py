@@ -1,7 +1,8 @@
 """A user's own function, compiled: with the functions that it calls, and refused where it would not run like ours.
 
 What runs in the loop over lanes may neither allocate nor raise.  Both show in the machine code, so that nobody needs
-to guess from the source.
+to guess from the source.  A table is a tuple: an index past its end raises an error, so that a rule that runs has none.
+Indices of arrays are not looked at, so that arrays are refused.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from types import CellType, CodeType, FunctionType, ModuleType
+from types import CellType, CodeType, FunctionType
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,12 @@ from fastcoil.numerics.jit import JIT_ENABLED, exact
 
 _MODULES = (math, np)
 """Modules that a function may use as they are: their attributes do not change."""
+_BUILTINS = (int, float, bool, abs, min, max, round, range, len)
 _HEADING = ("Failed in ", "During: ")
+_LEAST, _MOST = -(2**63), 2**64 - 1
+"""Whole numbers of the machine."""
+_LONGEST_TABLE = 256
+"""Numbers of a tuple: to compile 1000 takes a minute."""
 
 
 class OwnCode:
@@ -37,6 +43,7 @@ class OwnCode:
         self._found: dict[int, Any] = {}
         self._kept: list[Any] = []  # what a number in _found stands for must live as long
         self._digest = hashlib.sha256()
+        self._table = ""
         self.function = exact(self._ready(function))
         self.sha256 = self._digest.hexdigest()
 
@@ -81,8 +88,14 @@ class OwnCode:
             )
         if "random_state" in body[0]:
             raise InputError(f"{self._name} draws random numbers: nobody could repeat its results, leave them out")
-        if any(code != "0" for code in re.findall(r"ret i32 (\S+)", body[0])):
-            raise InputError(f"{self._name} may raise an error or print: return a number instead, such as now.estimate")
+        codes = re.findall(r"ret i32 (\S+)", body[0])
+        if not codes:
+            raise InputError(f"{self._name} never returns: let its loop end, or leave out what no number stands for")
+        if any(code != "0" for code in codes):
+            index = f"; limit an index in whole numbers, as in {self._table}" if self._table else ""
+            raise InputError(
+                f"{self._name} may raise an error or print: return a number instead, such as now.estimate{index}"
+            )
 
     def _sentence(self, error: Exception, classes: tuple[Any, ...]) -> str:
         """The useful line of the compiler's message."""
@@ -103,9 +116,16 @@ class OwnCode:
 
     def _ready(self, function: Any) -> Any:
         """The function with its helpers compiled, too, and with nothing else of its module."""
-        function = getattr(function, "py_func", function)
         code = function.__code__
-        self._note(*_words(code), repr(function.__defaults__), repr(function.__kwdefaults__))
+        self._note(*_words(code))
+        given = function.__defaults__ or ()
+        named = code.co_varnames[code.co_argcount - len(given) : code.co_argcount]
+        defaults = {**dict(zip(named, given, strict=True)), **(function.__kwdefaults__ or {})}
+        for place, default in defaults.items():
+            self._note(place)
+            self._value(place, default)
+        if any(isinstance(constant, bytes) for constant in _constants(code)):
+            raise InputError(f"{self._name} uses bytes: use numbers, and a tuple of numbers for a table")
         scope = {"__name__": __name__, "__builtins__": __builtins__}
         for name in sorted(_names(code) & function.__globals__.keys()):
             self._note(name)
@@ -113,7 +133,11 @@ class OwnCode:
         cells = []
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
             self._note(name)
-            cells.append(CellType(self._value(name, cell.cell_contents)))
+            try:
+                content = cell.cell_contents
+            except ValueError:
+                raise InputError(f"{self._name} uses {name}, which has no value yet: give it one before") from None
+            cells.append(CellType(self._value(name, content)))
         ready = FunctionType(code, scope, function.__name__, function.__defaults__, tuple(cells))
         ready.__kwdefaults__ = function.__kwdefaults__
         return ready
@@ -121,28 +145,40 @@ class OwnCode:
     def _value(self, name: str, given: object) -> Any:
         """What a name of the user's module stands for, as the compiler takes it."""
         value: Any = given
+        if _is_constant(value):
+            self._note(_exactly(value))
+            if _size(value) > _LONGEST_TABLE:
+                raise InputError(
+                    f"{self._name} uses {name}, a tuple of {_size(value):,} numbers, which takes minutes to compile: "
+                    f"give it at most {_LONGEST_TABLE}"
+                )
+            if type(value) is tuple and value and not self._table:
+                self._table = f"{name}[min(max(k, 0), {len(value) - 1})]"
+            return value
         if id(value) in self._found:
             self._note(f"known {list(self._found).index(id(value))}")
             if self._found[id(value)] is None:
                 raise InputError(f"{self._name} uses {name}, which calls itself: use a loop")
             return self._found[id(value)]
-        if isinstance(value, FunctionType) or hasattr(value, "py_func"):
+        python = _python_of(value)
+        if python is not None:
             self._found[id(value)] = None
             self._kept.append(value)
-            made = exact(self._ready(value))
-        elif hasattr(given, "_field_defaults") and isinstance(given, type):
-            self._note(value.__name__, *value._fields, repr(value._field_defaults))
+            made = exact(self._ready(python))
+        elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_field_defaults"):
+            named: Any = value
+            defaults = (f"{n} {_exactly(default)}" for n, default in named._field_defaults.items())
+            self._note(named.__name__, *named._fields, *defaults)
             made = _maker(value) if value is self._memory else value
-        elif isinstance(value, ModuleType) and value in _MODULES:
+        elif any(value is module for module in _MODULES):
             self._note(value.__name__)
             made = value
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-            self._note(str(value.dtype), str(value.shape), value.tobytes().hex())
-            made = value
-        elif _is_constant(value):
-            self._note(repr(value))
-            made = value
-        elif value in (int, float, bool, abs, min, max, round, range, len):
+        elif isinstance(value, (np.ndarray, list)):
+            raise InputError(
+                f"{self._name} uses {name}, {shown(value)}: write a table as a tuple of numbers, (0.1, 0.2, 0.4), and "
+                "limit its index, TABLE[min(max(k, 0), 2)]"
+            )
+        elif any(value is builtin for builtin in _BUILTINS):
             made = value
         else:
             raise InputError(
@@ -171,13 +207,47 @@ def _words(code: CodeType) -> Iterator[str]:
         if isinstance(constant, CodeType):
             yield from _words(constant)
         else:
-            yield f"{type(constant).__name__} {constant!r}"
+            yield _exactly(constant)
+
+
+def _constants(code: CodeType) -> Iterator[object]:
+    """Those of a function, its inner functions included."""
+    for constant in code.co_consts:
+        yield from _constants(constant) if isinstance(constant, CodeType) else [constant]
+
+
+def _exactly(constant: Any) -> str:
+    """A constant in words: the same in every process, others for every other constant."""
+    kind = type(constant).__name__
+    if isinstance(constant, (tuple, frozenset)):
+        parts = [_exactly(part) for part in constant]
+        return f"{kind} ({', '.join(parts if isinstance(constant, tuple) else sorted(parts))})"
+    if isinstance(constant, np.generic):
+        return f"{kind} {constant.item()!r}"
+    if isinstance(constant, int):  # in hexadecimal numbers, of which Python writes as many as there are
+        return f"{kind} {int(constant):x}"
+    return f"{kind} {float.__repr__(constant) if isinstance(constant, float) else repr(constant)}"
+
+
+def _python_of(value: Any) -> FunctionType | None:
+    """The Python of a function, compiled or not; ``None`` for anything else."""
+    try:
+        python = getattr(value, "py_func", value)
+    except Exception:  # an object of the user may raise anything
+        python = value
+    return python if isinstance(python, FunctionType) else None
 
 
 def _is_constant(value: Any) -> bool:
     if isinstance(value, tuple):
         return all(map(_is_constant, value))
-    return value is None or isinstance(value, (bool, int, float, str, np.generic))
+    if isinstance(value, int):
+        return _LEAST <= value <= _MOST
+    return value is None or isinstance(value, (float, str, np.number, np.bool_))
+
+
+def _size(constant: Any) -> int:
+    return sum(map(_size, constant)) if isinstance(constant, tuple) else 1
 
 
 def _is_number(kind: Any) -> bool:
@@ -196,9 +266,9 @@ def _in_words(kind: Any) -> str:
 
 def _maker(memory: Any) -> Any:
     """What stands for the class of the memory: one type, whatever kind of numbers it is given."""
-    takes = ", ".join(
-        f"{n}={memory._field_defaults[n]!r}" if n in memory._field_defaults else n for n in memory._fields
-    )
-    scope: dict[str, Any] = {"memory": memory, "nan": math.nan, "inf": math.inf}
-    exec(f"def make({takes}):\n    return memory({', '.join(f'1.0 * {n}' for n in memory._fields)})", scope)
+    defaults = memory._field_defaults
+    takes = ", ".join(f"{n}={float(defaults[n])!r}" if n in defaults else n for n in memory._fields)
+    # no field begins like these
+    scope: dict[str, Any] = {"_memory": memory, "nan": math.nan, "inf": math.inf}
+    exec(f"def make({takes}):\n    return _memory({', '.join(f'1.0 * {n}' for n in memory._fields)})", scope)
     return exact(scope["make"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from keyword import iskeyword
 from typing import Any
@@ -58,20 +59,29 @@ def parameter(
     InputError
         If the default is no finite number within the bounds, or a text is none.
     """
-    lower, upper = _bound("lower", lower), _bound("upper", upper)
-    within = "" if math.isinf(upper - lower) else f" from {lower:g} to {upper:g}"
-    within = within or (f" of at least {lower:g}" if math.isinf(upper) else f" of at most {upper:g}")
-    number = number_of("default", default, f"give a number{within}", least=lower, most=upper)
+    lower, upper = _bound("lower", lower, -math.inf), _bound("upper", upper, math.inf)
+    if math.isinf(lower) and math.isinf(upper):
+        within = ""
+    elif math.isinf(upper):
+        within = f" of at least {lower:g}"
+    else:
+        within = f" of at most {upper:g}" if math.isinf(lower) else f" from {lower:g} to {upper:g}"
+    number = number_of("default", default, f"give a number{within}", least=lower, most=min(upper, sys.float_info.max))
     declared = OwnParameter(number)
     declared.unit, declared.text = text_of("unit", unit), text_of("text", text)
     declared.lower, declared.upper = lower, upper
     return declared
 
 
-def _bound(name: str, value: object) -> float:
+def _bound(name: str, value: object, none: float) -> float:
+    """A bound; ``none`` stands for the lack of one."""
     value = plain(value)
-    infinite = isinstance(value, float) and math.isinf(value)
-    return float(value) if infinite else number_of(name, value, "give a number")  # type: ignore[arg-type]
+    return none if isinstance(value, float) and value == none else number_of(name, value, "give a number")
+
+
+def text_without_one(rule: str) -> str:
+    """The text of a parameter that is given none."""
+    return f"parameter of {rule}"
 
 
 def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Parameter]:
@@ -98,7 +108,7 @@ def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Paramet
         else:
             declared: Any = default if isinstance(default, OwnParameter) else parameter(default)  # type: ignore[arg-type]
             own[name] = Parameter(
-                name, rule, declared.unit, float(declared), declared.text or f"parameter of {rule}", declared.lower,
+                name, rule, declared.unit, float(declared), declared.text or text_without_one(rule), declared.lower,
                 declared.upper, label=name.replace("_", " "),
             )  # fmt: skip
     if problems:

@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from fastcoil.arguments import is_number
 from fastcoil.control.law import Law
 from fastcoil.engine.lanes import Rules
 from fastcoil.errors import InputError, WrongType, shown
@@ -42,7 +43,9 @@ class Rule:
         name = getattr(function, "__name__", "")
         if not inspect.isfunction(function) or not name.isidentifier():
             raise InputError(WrongType(f"@fc.{kind}(…) stands before {shown(function)}: put it before a function"))
-        problems = [f"{name}: {word} is taken, call the function something else" for word in [name] if _is_word(name)]
+        problems = [f"{name}: {word} is taken, call the function something else" for word in [name] if is_word(name)]
+        if inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function):
+            problems.append(f"{name}: a rule cannot wait, write def without async")
         takes = list(inspect.signature(function).parameters.values())
         if len(takes) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in takes):
             problems.append(f"{name}: it must take three things, def {name}(now, p, memory)")
@@ -76,6 +79,8 @@ class Rule:
         """
         if not isinstance(made, Rule) or made.kind != self.kind:
             raise InputError(f"{self.name} is no {self.kind}: put @fc.{self.kind}(Parameters, Memory) before it")
+        if made.name != self.name:
+            raise InputError(f"{self.name} is the rule {made.name} in the end: give each a name of its own")
         if made.own != self.own or made.reads != self.reads:
             raise InputError(
                 f"{self.name}: its Parameters are not those that its source declares: write every default as a number"
@@ -95,6 +100,20 @@ class Rule:
         if self._code is None or code.sha256 != self._code.sha256:
             code.check(Sample, Parameters)
             self._code = code
+
+    @property
+    def code_sha256(self) -> str:
+        """Hash of all that decides what it does, the values included that its module had when it was compiled, or now.
+
+        Raises
+        ------
+        InputError
+            If it uses something that cannot be compiled.
+        """
+        if self._code is None:
+            function, _, Memory = self.parts
+            return OwnCode(self.name, function, Memory).sha256
+        return self._code.sha256
 
     @property
     def family(self) -> Estimator | Law:
@@ -185,7 +204,8 @@ def _decorator(kind: str, Parameters: Any, Memory: Any) -> Callable[[Any], Rule]
     return lambda function: Rule.of(kind, function, Parameters, Memory)
 
 
-def _is_word(name: str) -> bool:
+def is_word(name: str) -> bool:
+    """Whether a word of the package is called so."""
     return any(name in PARAMETERS[kind].choices for kind in KINDS)
 
 
@@ -200,7 +220,7 @@ def _field_problems(what: str, given: Any) -> list[str]:
     # with annotations from the future they are texts
     wrong = [n for n in given._fields if getattr(hints.get(n, float), "__forward_arg__", "float") != "float"]
     wrong += [n for n in given._fields if isinstance(hints.get(n), type) and hints[n] is not float]
-    odd = [n for n, v in given._field_defaults.items() if type(v) is bool or not isinstance(v, (int, float))]
+    odd = [n for n, v in given._field_defaults.items() if not is_number(v) or not isinstance(v, (int, float))]
     return [
         f"{n} of {what} is no float: a rule works with numbers, write {n}: float" for n in dict.fromkeys(wrong + odd)
     ]

@@ -12,6 +12,7 @@ import xarray as xr
 
 from fastcoil.errors import InputError, WrongType
 from fastcoil.parameter_table import PARAMETERS, Parameter
+from fastcoil.rules.parameter import text_without_one
 from fastcoil.rules.rule import KINDS, Rule
 
 NO_RULES: Mapping[str, Rule] = {}
@@ -85,12 +86,18 @@ def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str
     for rule in rules.values():
         for name, parameter in rule.own.items():
             other = first.setdefault(name, rule)
-            if replace(other.own[name], group="") != replace(parameter, group=""):
+            if _alike(other.own[name]) != _alike(parameter):
                 raise InputError(
                     f"{name} is a parameter of {other.name} and another one of {rule.name}: rename one, or declare "
                     "both alike"
                 )
     return rules
+
+
+def _alike(parameter: Parameter) -> Parameter:
+    """The parameter without what tells whose it is."""
+    text = "" if parameter.text == text_without_one(parameter.group) else parameter.text
+    return replace(parameter, group="", text=text)
 
 
 def with_defaults(values: Mapping[str, Any], before: Mapping[str, Rule], rules: Mapping[str, Rule]) -> dict[str, Any]:

@@ -27,6 +27,7 @@ VOLATILE = (
     "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",
     "package_versions", "platform", "content_sha256", "model_sha256", "fastcoil_version",
     "trace_sha256", "trace_file", "trace_layout", "computed_on", "engine",
+    "own_code",
 )  # fmt: skip
 """Attributes that may differ between two runs with the same content."""
 

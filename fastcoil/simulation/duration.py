@@ -7,9 +7,9 @@ import time
 import numpy as np
 
 from fastcoil.engine.emulator import Day
-from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import Block, blocks, parameter_matrix
 from fastcoil.rules.rule import rules_for_kernels
+from fastcoil.simulation.in_thread import run_interruptibly
 from fastcoil.simulation.plan import Plan
 
 _SHARDS_TIMED, _STEPS_TIMED = 3, 28_800
@@ -52,6 +52,6 @@ def _seconds_of_block(plan: Plan, block: Block, day: Day) -> float:
     seconds = []
     for _ in range(2):
         start = time.perf_counter()
-        run_block(block, part, plan.traces)
+        run_interruptibly(block, part, plan.traces)
         seconds.append(time.perf_counter() - start)
     return min(seconds) * plan.n_steps / n_steps

@@ -16,12 +16,12 @@ import xarray as xr
 
 from fastcoil.arguments import checking, whole_of
 from fastcoil.boundary import Boundary
-from fastcoil.engine.host import run_block
 from fastcoil.engine.lanes import blocks, parameter_matrix
 from fastcoil.numerics.jit import compiled_for
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.rules.rule import rules_for_kernels
 from fastcoil.simulation.dataset import content_sha256, flat_dataset, join_flat, provenance, unflatten
+from fastcoil.simulation.in_thread import run_interruptibly
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import Plan, plan_simulation, simulation_attributes
 
@@ -107,7 +107,7 @@ def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
     for k in np.unique(columns["day"]):
         day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
         for lanes, block in blocks(matrix[:, of_day], rules):
-            found, flags, signals = run_block(block, day, plan.traces)
+            found, flags, signals = run_interruptibly(block, day, plan.traces)
             members = of_day[lanes]
             metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
             for name, signal in signals.items():

@@ -17,6 +17,7 @@ from fastcoil.errors import InputError, IntegrityError, nearest
 from fastcoil.files import make_folder, storage_errors
 from fastcoil.numerics.jit import is_model
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
+from fastcoil.rules.same_code import own_code_of, refuse_other_code
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
 from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.plan import simulation_attributes
@@ -84,7 +85,8 @@ def rerun(
         If the study, or a file it reads, changed since it was run.
     """
     store = StudyFolder(folder)
-    study = store.read_study(store.require_manifest())
+    manifest = store.require_manifest()
+    study = store.read_study(manifest)
     layout = study.plan.layout
     coordinates = layout.coordinates()
     labels = {dim: coordinates[dim].values for dim in layout.sizes}
@@ -99,6 +101,8 @@ def rerun(
         pass
     for word, rule in layout.loop.rules.items():
         rule.adopt(prepare(rule.kind, study.rules[word]))
+    if is_model(manifest.model_sha256):
+        refuse_other_code(own_code_of(layout.loop.rules.values()), manifest.own_code)
     compile_kernel()
     ds = run_shard(plan, np.array([flat])).squeeze("scenario", drop=True)
     for dim, coordinate in coordinates.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 import warnings
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError, StorageError
 from fastcoil.files import storage_errors
 from fastcoil.numerics.jit import same_model
+from fastcoil.rules.same_code import refuse_other_code
 from fastcoil.simulation.dataset import check_same_form, environments_of
 from fastcoil.simulation.resources import check_disk, check_workers
 from fastcoil.simulation.simulate import workers
@@ -153,6 +155,7 @@ def _find_finished(study: Study, store: StudyFolder) -> Finished | None:
     if stored is None or not stored.finished or stored.study_sha256 != asked.study_sha256 or not store.has_results:
         return None
     ds = store.open_results()
+    refuse_other_code(asked.own_code, stored.own_code)
     return Finished(store.path, ds, 0) if is_current(ds, asked) else None
 
 
@@ -170,6 +173,7 @@ def _finish(
     in_the_way = store.in_the_way()
     if in_the_way:
         raise StorageError("\n".join(in_the_way))
+    load_rules(plan.layout.loop.rules, study.rules)
     asked, stored = Manifest.of(study, study.model_sha256), store.read_manifest()
     if stored is not None and stored.study_sha256 != asked.study_sha256 and store.has_none_of(stored):
         stored = None  # it was killed before its first scenario
@@ -180,6 +184,7 @@ def _finish(
     elif store.has_results:
         ds = store.open_results()
         if is_current(ds, asked):
+            refuse_other_code(asked.own_code, json.loads(ds.attrs.get("own_code", "{}")))
             found = finished_manifest(ds, folder, asked.knowing(stored))
             if not store.records(found, study.text):  # run.json or study.toml was lost, or of version 0.1
                 store.write_manifest(found, study.text)
@@ -189,6 +194,8 @@ def _finish(
         warnings.warn(
             f"{folder} was computed with other sources of the model: everything is computed again", stacklevel=2
         )
+    elif stored is not None and stored.study_sha256 == asked.study_sha256:
+        refuse_other_code(asked.own_code, stored.own_code)
     manifest = asked.knowing(stored)
     computed = Computed.find(store, study, manifest)
     todo, environments = computed.survey()
@@ -201,13 +208,11 @@ def _finish(
     if todo.size:
         if study.reduction is not None:
             load("reduce", study.reduction)  # its mistakes before the work
-        rules = plan.layout.loop.rules
-        load_rules(rules, study.rules)
-        for rule in rules.values():
+        for rule in plan.layout.loop.rules.values():
             rule.check()
         advance = progress(todo.size) if progress else _ignore
         compile_kernel()
-        job = Job(manifest.key, plan, study.reduction, study.rules)
+        job = Job(manifest.key, plan, study.reduction, study.rules, asked.own_code)
         first: xr.Dataset | None = None
         with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
             n_jobs = pool.n_workers  # a cluster may have another number
@@ -253,6 +258,6 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked:
     # this reads all shards, so that damaged ones are set aside before ``open_study`` looks at them
     missing, environments = computed.survey()
     if missing.size < smaller.plan.n_scenarios:
-        match_scenarios(study.plan, study_attributes(study, asked.model_sha256), open_study(store.path))
+        match_scenarios(study.plan, study_attributes(study, asked), open_study(store.path))
         merge(store, smaller, replace(stored, computed_on=environments), computed.parts, complete=False)
     return store.read_manifest()

@@ -76,3 +76,37 @@ def test_a_loop_that_fails_and_calls_that_are_wrong(short, monkeypatch):
     ):
         with pytest.raises(fc.InputError, match=sentence):
             fc.check_rule(*words)
+
+
+def test_python_is_called_before_anything_is_compiled(short, monkeypatch):
+    @fc.estimator(Parameters, Memory)
+    def past_the_end(now, p, memory):
+        return (0.1, 0.2)[2 + int(now.t)], memory
+
+    @fc.law(Parameters, Memory)
+    def past_its_end(now, p, memory):
+        return (0.1, 0.2)[2 + int(now.t)], memory
+
+    monkeypatch.setattr("fastcoil.rules.rule.Rule.check", lambda rule: pytest.fail("it was compiled"))
+    for rule, t in ((past_the_end, 30), (past_its_end, 0)):
+        with pytest.raises(fc.InputError, match=f"raises IndexError in plain Python at t = {t} s"):
+            fc.check_rule(rule, None, short)
+
+
+TABLE = tuple(0.01 * k for k in range(100))
+PLANE = ((0.1, 0.2), (0.3, 0.4))
+
+
+def test_a_table_is_a_tuple_with_a_limited_index(short):
+    @fc.estimator(Parameters, Memory)
+    def looks_up(now, p, memory):
+        x = now.t / 30.0
+        k = min(max(int(x), 0), 98)
+        return TABLE[k] + (x - k) * (TABLE[k + 1] - TABLE[k]), memory
+
+    @fc.law(Parameters, Memory)
+    def looks_twice(now, p, memory):
+        return PLANE[int(now.T) % 2][min(max(int(now.e), 0), 1)], memory
+
+    assert fc.check_rule(looks_up, None, short) <= 1e-12
+    assert fc.check_rule(looks_twice, None, short) <= 1e-12

@@ -50,7 +50,7 @@ def assembly_of(name):
         "air_side": (plant.air_side, (A, f)),
         "march_water": (plant.march_water, (A, A, i)),
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
-        "account_second": (metrics.account_second, (A, A, i, f, f, i)),
+        "account_second": (metrics.account_second, (A, A, i, i, f, f, i)),
     }[name]
     return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
 
@@ -143,7 +143,7 @@ assert not ds.status.any()
 matrix = parameter_matrix(columns_of(loop, loop.sizes, np.arange(4)))
 found = run_coil(matrix, np.tile([1.0, 25.0, 0.01, 7.0, 0.5], (4, 1)), np.array([0, 3]))
 assert [part.shape for part in found] == [(2, 4)] * 3
-assert run_replay(matrix, np.tile([15.0, 14.0, 1.0], (7, 1)), 3)["u"].shape == (3, 4)
+assert run_replay(matrix, np.tile([15.0, 14.0, 1.0, 1.2], (7, 1)), 3)["u"].shape == (3, 4)
 openings, flows = np.empty((3, 1)), np.empty((3, 1))
 sets = np.array([[0.07], [2.0], [0.7], [9.0], [0.38]])
 valve_flows(np.array([0.2, 0.2, 0.5]), np.array([0, 0, 1]), sets, np.zeros((2, 1)), openings, flows)

@@ -14,6 +14,28 @@ import fastcoil as fc
 TABLE = [1.0, 2.0]
 
 
+ARRAY = np.array([0.1, 0.2, 0.4])
+COMPLEX = np.array([1j])
+TUPLE = (0.1, 0.2, 0.4)
+LONG = (0.1,) * 300
+CELLS = xr.DataArray([1.0, 2.0])
+
+
+class Rude:
+    """What a user's object may do to whoever looks at it."""
+
+    def __eq__(self, other):
+        raise ValueError("no")
+
+    def __getattr__(self, name):
+        raise ValueError("no")
+
+    __hash__ = object.__hash__
+
+
+RUDE = Rude()
+
+
 def again(x):
     return again(x - 1.0) if x > 0.0 else 0.0
 
@@ -86,7 +108,61 @@ def clips(now, p, memory):
     return np.clip(now.e, 0, 1), memory
 
 
+def looks_up(now, p, memory):
+    return ARRAY[int(now.t)], memory
+
+
+def looks_up_complex(now, p, memory):
+    return COMPLEX[0].real, memory
+
+
+def beyond(now, p, memory):
+    return TUPLE[int(now.t)], memory
+
+
+def of_bytes(now, p, memory):
+    return b"abc"[int(now.t)] * 1e-3, memory
+
+
+def too_long(now, p, memory):
+    return LONG[0], memory
+
+
+def of_xarray(now, p, memory):
+    return CELLS[0], memory
+
+
+def is_rude(now, p, memory):
+    return 0.1 if RUDE is None else 0.2, memory
+
+
+def hidden(x, table=ARRAY):
+    return table[int(x)]
+
+
+def of_default(now, p, memory):
+    return hidden(now.t), memory
+
+
+def make_early():
+    def early(now, p, memory):
+        return late * now.e, memory
+
+    if early is None:
+        late = 1.0
+    return early
+
+
 REFUSED = [
+    (looks_up, r"looks_up uses ARRAY, array\(\[0.1, 0.2, 0.4\]\): write a table as a tuple of numbers"),
+    (looks_up_complex, "looks_up_complex uses COMPLEX, .*: write a table as a tuple of numbers"),
+    (beyond, r"beyond may raise .*; limit an index in whole numbers, as in TUPLE\[min\(max\(k, 0\), 2\)\]"),
+    (of_bytes, "of_bytes uses bytes: use numbers"),
+    (too_long, "too_long uses LONG, a tuple of 300 numbers, which takes minutes to compile: give it at most 256"),
+    (of_xarray, "of_xarray uses CELLS, .*: use numbers, functions"),
+    (is_rude, "is_rude uses RUDE, .*: use numbers, functions"),
+    (of_default, r"of_default uses table, array.*: write a table as a tuple"),
+    (make_early(), "early uses late, which has no value yet: give it one before"),
     (makes_an_array, "makes_an_array makes an array, a list or a text in every call"),
     (raises, "raises may raise an error or print"),
     (knows, r"knows reads backlash of a Sample, line \d+ of test_rules_refused.py: it has t, T_set, m_a, T"),
@@ -98,7 +174,7 @@ REFUSED = [
     (of_text, r"of_text does not compile, line \d+ "),
     (draws, "draws draws random numbers: nobody could repeat its results"),
     (draws_too, "draws_too uses random, .*: use numbers, functions written in Python, math and numpy"),
-    (uses_a_list, r"uses_a_list uses TABLE, \[1.0, 2.0\]: use numbers"),
+    (uses_a_list, r"uses_a_list uses TABLE, \[1.0, 2.0\]: write a table as a tuple"),
     (calls_itself, "calls_itself uses again, which calls itself: use a loop"),
     (misspells, "misspells does not compile: NameError: name 'nwo' is not defined"),
     (clips, r"clips does not compile, line \d+ .*: there is no compiled form of clip\("),
@@ -151,13 +227,32 @@ def test_what_a_rule_may_not_read_or_remember(parameters, memory, sentence):
         fc.estimator(parameters, memory)(fine)
 
 
+class Huge(NamedTuple):
+    x: float = 10**400
+
+
+async def waits(now, p, memory):
+    return 0.1, memory
+
+
+def test_numbers_too_large_and_functions_that_wait():
+    with pytest.raises(fc.InputError, match="x of Memory is no float"):
+        fc.estimator(Parameters, Huge)(fine)
+    with pytest.raises(fc.InputError, match="waits: a rule cannot wait, write def without async"):
+        fc.estimator(Parameters, Memory)(waits)
+
+
 def test_a_parameter_that_is_none():
     for given, sentence in (
         ({"default": 2.0, "upper": 1.0}, "default = 2.0: give a number of at most 1"),
         ({"default": -1.0, "lower": 0.0}, "of at least 0"),
         ({"default": "a"}, "default = 'a': give a number"),
         ({"default": 1.0, "unit": 3}, "unit = 3: give a text"),
-        ({"default": np.nan}, "give a number"),
+        ({"default": np.nan}, "give a number$"),
+        ({"default": np.inf}, "default = inf: give a number$"),
+        ({"default": np.inf, "upper": 2.0}, "give a number of at most 2$"),
+        ({"default": 1.0, "lower": np.inf}, "lower = inf: give a number$"),
+        ({"default": 1.0, "unit": "a\0b"}, "it has characters that no file can hold"),
     ):
         with pytest.raises(fc.InputError, match=sentence):
             fc.parameter(**given)
@@ -185,6 +280,8 @@ def test_two_rules_that_declare_a_parameter_differently():
     with pytest.raises(fc.InputError, match="gain is a parameter of by_error and another one of fine: rename one"):
         fc.Loop(estimator=[by_error, other])
     assert fc.Loop(estimator=by_error).assign(estimator=other)["gain"] == 0.5
+    alike = [fc.estimator(declared(share=0.5), Memory)(function) for function in (fine, knows)]
+    assert fc.Loop(estimator=alike)["share"] == 0.5
 
 
 def test_parameters_of_a_rule_that_no_scenario_has():

@@ -1,115 +1,265 @@
-"""``kinds.py``, ``best_pi.py``, ``remedies.py``: kinds of days, gains, and tables that hold what plain Python finds."""
+"""``remedies.py`` and its parts: gains, remedies that act, and tables that hold what plain Python finds."""
 
 from __future__ import annotations
 
+import math
 import statistics
 
-import best_pi
 import kinds
 import numpy as np
 import pytest
 import remedies
+import remedies_figure
+import remedies_found
+import remedies_front
+import remedies_run
+import remedies_tables
+import remedies_valves
 import xarray as xr
+from by_count import by_count
+from scipy import stats
 
 import fastcoil as fc
 
-WITHOUT_WEATHER = (kinds.STEPPED, kinds.CONSTANT, kinds.DESIGN, kinds.HEATING)
+SMALL_GRID = {"kp": (1.0, 3.0), "ti": (1.0, 4.0)}
+DAYS = [2, 3]
 
 
 @pytest.fixture
-def two_hours(monkeypatch, tmp_path):
-    """Short days, few gains, no figure in the repository."""
+def short(monkeypatch, tmp_path):
+    """Short days, few gains, two kinds of days, no figure in the repository."""
     monkeypatch.setattr(kinds, "HOURS", 2)
-    monkeypatch.setattr(best_pi, "KP", np.array([0.02, 0.05]))
-    monkeypatch.setattr(best_pi, "TI", np.array([40.0, 100.0]))
-    monkeypatch.setattr(remedies, "SEARCH_DAYS", [1])
-    monkeypatch.setattr(remedies, "FRESH_DAYS", [2, 3])
-    monkeypatch.setattr(remedies, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
-    monkeypatch.setattr(remedies, "HERE", tmp_path / "studies")
+    monkeypatch.setattr(remedies_figure, "HERE", tmp_path)
+    for module in (remedies_run, remedies_front):
+        monkeypatch.setattr(module, "GRID", SMALL_GRID)
+    monkeypatch.setattr(remedies_run, "SEARCH_DAYS", [1])
+    monkeypatch.setattr(remedies_run, "FRESH_DAYS", DAYS)
+    monkeypatch.setattr(remedies_valves, "FRESH_DAYS", DAYS)
+    monkeypatch.setattr(remedies_front, "DAYS", DAYS)
+    monkeypatch.setattr(remedies_run, "SIMC_VALVES", 2)
+    monkeypatch.setattr(remedies_found, "FRESH_DAYS", DAYS)
+    for module in (remedies_run, remedies_valves, remedies_found):
+        monkeypatch.setattr(module, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
 
 
-@pytest.mark.parametrize("kind", WITHOUT_WEATHER)
-def test_days_of_a_kind_differ_and_come_again(kind):
-    days, again = kinds.of_kind(kind, [5, 6]), kinds.of_kind(kind, [6])
-    assert days.day.tolist() == [5, 6]
-    for name in ("m_a", "T_a_in", "T_w_in"):
-        assert not np.allclose(days.series[name][0], days.series[name][1])
-        np.testing.assert_array_equal(days.series[name][1], again.series[name][0])
-    changes = np.count_nonzero(np.diff(days.series["T_set"]))
-    assert (changes > 0) == (kind == kinds.STEPPED)
-    colder = days.series["T_a_in"] < days.series["T_set"]
-    assert colder.all() if kind == kinds.HEATING else not colder.any()
+def pairs(ds, metric, name, base):
+    """(own, baseline's) of every valve and day."""
+    return list(zip(*(ds[metric].sel(controller=n).values.ravel().tolist() for n in (name, base)), strict=True))
 
 
-def test_days_of_weather_come_only_with_a_file(tmp_path):
-    assert kinds.WEATHER not in kinds.kinds(tmp_path / "weather.csv")
-    hours = np.arange(1, 8761)
-    columns = {"hour_of_year": hours, "month": 1, "day": 1, "hour": (hours - 1) % 24 + 1, "T_drybulb_C": 20 + hours % 7}
-    text = [",".join([*columns, "T_dewpoint_C"])]
-    text += [",".join(str(np.broadcast_to(v, hours.shape)[k]) for v in columns.values()) + ",12" for k in range(8760)]
-    (tmp_path / "weather.csv").write_text("\n".join(text) + "\n")
-    assert kinds.WEATHER in kinds.kinds(tmp_path / "weather.csv")
-    days = kinds.of_kind(kinds.WEATHER, [1, 2], tmp_path / "weather.csv")
-    assert not np.allclose(days.series["T_a_in"][0], days.series["T_a_in"][1])
-
-
-@pytest.mark.parametrize(("gain", "tau", "theta"), [(20.0, 60.0, 30.0), (8.0, 200.0, 20.0)])
-def test_the_model_of_a_first_order_plant_is_that_plant(monkeypatch, gain, tau, theta):
-    def response(loop, kind, level):
-        t = np.arange(0.0, best_pi.RESPONSE, best_pi.SEEN)
-        rise = np.where(t > theta, 1.0 - np.exp(-(t - theta) / tau), 0.0)
-        T = 25.0 - gain * (level + best_pi.STEP * rise)
-        return xr.DataArray(T, dims="elapsed_time", coords={"elapsed_time": t})
-
-    monkeypatch.setattr(best_pi, "_response", response)
-    loop = fc.Loop(sample_time=10.0)
-    model = best_pi.first_order(loop, kinds.CONSTANT)
-    assert float(model.gain) == pytest.approx(gain, rel=0.01)
-    assert float(model.tau) == pytest.approx(tau, rel=0.1)
-    assert float(model.theta) == pytest.approx(theta + 5.0, abs=4.0)
-    gains = best_pi.simc_gains(loop, kinds.CONSTANT)
-    assert float(gains.kp) == pytest.approx(tau / (gain * 2 * (theta + 5.0)), rel=0.25)
-    assert float(gains.ti) == pytest.approx(min(tau, 8 * (theta + 5.0)), rel=0.25)
+def changes(ds, name, base):
+    return [a / b - 1.0 for a, b in pairs(ds, "rmse", name, base)]
 
 
 @pytest.mark.kernel
-def test_the_best_gains_have_the_lowest_error_on_the_search_days(two_hours):
-    loop = fc.Loop.preset("lbnl").assign(backlash=("valve", [0.02, 0.1]))
-    best = best_pi.best_gains(loop, [kinds.CONSTANT], [1])
-    swept = loop.assign(kp=[0.02, 0.05], ti=[40.0, 100.0])
-    ds = fc.simulate(swept, kinds.of_kind(kinds.CONSTANT, [1])).isel(day=0)
-    for k in range(2):
-        lowest = min(ds.rmse.isel(valve=k).values.ravel())
-        assert float(ds.rmse.isel(valve=k).sel(kp=float(best.kp[k]), ti=float(best.ti[k]))) == lowest
+def test_every_remedy_acts():
+    """Behind the same gains each differs from plain PI on the valve that it is for."""
+    loop = remedies_run.population(64)
+    backlash = np.asarray(loop["backlash"])
+    worn = [int(k) for k in np.flatnonzero(backlash == 0.07)[:1]]
+    one = remedies_run.picked(loop, sample=worn)
+    gains = xr.Dataset({"kp": 0.06, "ti": 20.0, "plant_gain": 12.0})
+    ds = remedies_run.every_remedy(one, gains, kinds.CONSTANT, [1]).isel(sample=0, day=0)
+    plain = float(ds.rmse.sel(controller="pi"))
+    assert int(ds.status.max()) == 0
+    same = [str(n) for n in ds.controller.values if float(ds.rmse.sel(controller=n)) == plain]
+    assert same == ["pi"]
+    assert set(ds.controller.values) <= set(remedies_tables.LABELS)
 
 
 @pytest.mark.kernel
-def test_remedies_write_what_plain_python_finds(two_hours, written):
-    found = remedies.main(size=8)
-    title, (head, *table) = written("remedies")
-    names = [str(n) for n in found[kinds.STEPPED].controller.values]
-    assert names[0] == remedies.DRAWN
-    assert remedies.BASELINE in names
-    assert "on 8 valves and loops, 2 days of each kind" in title
-    assert [row[:2] for row in table] == [[k, n] for k in (kinds.STEPPED, kinds.HEATING) for n in names]
-    for row in table:
-        d, base = (found[row[0]].sel(controller=n) for n in (row[1], remedies.BASELINE))
-        pairs = zip(d.rmse.values.ravel(), base.rmse.values.ravel(), strict=True)
-        assert row[2].split(" ")[0] == f"{100 * statistics.mean(a / b - 1 for a, b in pairs):+.0f}"
-        pairs = zip(d.motor_travel.mean("day").values, base.motor_travel.mean("day").values, strict=True)
-        assert row[head.index("motor travel, median")] == f"× {statistics.median(a / b for a, b in pairs if b):.2f}"
-        assert row[head.index("hunting")] == f"{statistics.mean(d.hunts.values.ravel()):.1%}"
-    _, (_, *by_backlash) = written("remedies_by_backlash")
-    assert {row[0]: set(row[1:]) for row in by_backlash}[remedies.BASELINE] == {"+0 %"}
+def test_gains_are_best_on_the_search_days_and_dearer_travel_means_less_of_it(short):
+    plain = remedies_run.picked(remedies_run.population(4), controller=0)
+    simc = remedies_run.simc_gains(plain, kinds.STEPPED)
+    best = remedies_run.tuned(plain, simc, [kinds.STEPPED], SMALL_GRID, [0.0, 5.0])
+    day, found = kinds.of_kind(kinds.STEPPED, [1]), []
+    for f_kp in SMALL_GRID["kp"]:
+        for f_ti in SMALL_GRID["ti"]:
+            ds = fc.simulate(plain.assign(kp=f_kp * simc.kp, ti=f_ti * simc.ti), day).isel(day=0)
+            found.append((f_kp, f_ti, ds.rmse.values, ds.motor_travel.values))
+    for k in range(4):
+        for price, at in ((0.0, 0), (5.0, 1)):
+            f_kp, f_ti, *_ = min(found, key=lambda x: math.log(x[2][k]) + price * math.log(max(x[3][k], 0.1)))  # noqa: B023
+            of_valve = best.isel(sample=k, price=at)
+            assert float(of_valve.kp / simc.kp[k]) == pytest.approx(f_kp)
+            assert float(of_valve.ti / simc.ti[k]) == pytest.approx(f_ti)
 
 
 @pytest.mark.kernel
-def test_every_remedy_runs_with_the_best_gains_of_its_valve(two_hours):
-    plain = remedies.picked(remedies.population(4), controller=0)
-    simc, best = remedies.tuned(plain, [kinds.STEPPED])
-    assert set(np.round((best.kp / simc.kp).values, 6)) <= set(remedies.KP_FACTORS)
-    found = remedies.remedies(remedies.population(4), kinds.STEPPED, simc, best)
-    alone = plain.assign(kp=best.kp, ti=best.ti, estimate_ratio=0.95, buffer=0.01)
-    ds = fc.simulate(alone, kinds.of_kind(kinds.STEPPED, [2, 3]))
-    ours = found.rmse.sel(controller="inverse_95_buffer").transpose(*ds.rmse.dims)
-    np.testing.assert_array_equal(ours.values, ds.rmse.values)
+def test_remedies_run_with_the_best_gains_and_with_those_of_simc(short):
+    best_found, simc_found, edges = remedies_run.run(4)
+    assert list(best_found) == [kinds.STEPPED, kinds.HEATING]
+    assert set(edges) == {kinds.STEPPED, kinds.HEATING}
+    loop = remedies_run.population(4)
+    plain = remedies_run.picked(loop, controller=0)
+    simc = remedies_run.simc_gains(plain, kinds.STEPPED)
+    best = remedies_run.tuned(plain, simc, [kinds.STEPPED], SMALL_GRID, [0.0]).isel(price=0)
+    day = kinds.of_kind(kinds.STEPPED, DAYS)
+    for gains, found, n in ((best, best_found, 4), (simc, simc_found, 2)):
+        alone = plain.assign(kp=gains.kp, ti=gains.ti, estimate_ratio=0.95, buffer=0.01)
+        own = plain.assign(kp=gains.kp, ti=gains.ti, estimator=by_count, buffer=0.01)
+        for name, twin in (("inverse_95_buffer", alone), ("own_rule", own)):
+            ours = found[kinds.STEPPED].rmse.sel(controller=name)
+            theirs = fc.simulate(twin, day).rmse.isel(sample=slice(0, n))
+            np.testing.assert_array_equal(ours.transpose(*theirs.dims).values, theirs.values)
+    theirs = fc.simulate(plain.assign(kp=2.0 * simc.kp, ti=2.0 * simc.ti), day).rmse.isel(sample=slice(0, 2))
+    ours = simc_found[kinds.STEPPED].rmse.sel(controller="faster")
+    np.testing.assert_array_equal(ours.transpose(*theirs.dims).values, theirs.values)
+
+
+@pytest.fixture
+def table_of_two_kinds():
+    """Results that nobody simulated: 3 valves, 3 days of two kinds, three remedies."""
+    draw = np.random.default_rng(1)
+    names = ["PI as found", "best PI", "inverse_95"]
+
+    def of_kind():
+        metrics = {
+            name: (("controller", "sample", "day"), draw.uniform(0.5, 1.5, (3, 3, 3))) for name in remedies_run.METRICS
+        }
+        metrics["status"] = (("controller", "sample", "day"), np.zeros((3, 3, 3)))
+        return xr.Dataset(metrics, coords={"controller": names, "sample": range(3), "day": [5, 6, 7]})
+
+    return {"stepped": of_kind(), "heating": of_kind()}
+
+
+def test_the_interval_of_a_table_is_that_of_crossed_valves_and_days(table_of_two_kinds):
+    ds = table_of_two_kinds["stepped"]
+    own, base = (ds.rmse.sel(controller=n).values for n in ("inverse_95", "best PI"))
+    share = own / base - 1.0
+    variance = sum(statistics.variance(share.mean(axis=axis).tolist()) / 3 for axis in (0, 1))
+    half = stats.t.ppf(0.975, 2) * math.sqrt(variance)
+    mean, low, high = (100 * x for x in (share.mean(), share.mean() - half, share.mean() + half))
+    assert remedies_tables.cell(ds, "inverse_95", "best PI") == f"{mean:+.0f} % ({low:+.0f} to {high:+.0f})"
+    assert remedies_tables.cell(ds, "best PI", "best PI") == "0"
+
+
+def test_tables_hold_what_plain_python_finds(table_of_two_kinds, written):
+    of_kinds = table_of_two_kinds
+    simc = {k: ds.assign_coords(controller=["best PI", "PI by SIMC", "inverse_95"]) for k, ds in of_kinds.items()}
+    backlash = xr.DataArray([0.0, 0.07, 0.07], dims="sample")
+    remedies_tables.write(of_kinds, simc, {"stepped": 0.02, "heating": 0.1}, backlash)
+    for table, found, base in (("remedies", of_kinds, "best PI"), ("remedies_simc", simc, "PI by SIMC")):
+        title, (head, *rows, (_, *size)) = written(table)
+        assert "3 valves and loops, 3 days of each kind (0 of 54 days failed" in title
+        assert ("2% cooling, 10% heating" in title) == (table == "remedies")
+        assert head == ["remedy", "stepped", "heating", "all"]
+        names = {text: name for name, text in remedies_tables.LABELS.items()}
+        for row in rows:
+            of_row = [changes(ds, names[row[0]], base) for ds in found.values()]
+            means = [100 * statistics.mean(part) for part in (*of_row, of_row[0] + of_row[1])]
+            assert [cell.split(" ")[0] for cell in row[1:]] == [
+                "0" if names[row[0]] == base else f"{mean:+.0f}" for mean in means
+            ]
+        plain = [ds.rmse.sel(controller=base).values.ravel().tolist() for ds in found.values()]
+        assert size == [f"{statistics.median(part):.3f} K" for part in (*plain, plain[0] + plain[1])]
+        _, (head, *rows) = written(f"{table}_cost")
+        for row in rows:
+            name, cells = names[row[0]], dict(zip(head, row, strict=True))
+            of_valves = {
+                metric: [
+                    sum(float(ds[metric].sel(controller=name)[k, d]) for ds in found.values() for d in range(3))
+                    / sum(float(ds[metric].sel(controller=base)[k, d]) for ds in found.values() for d in range(3))
+                    for k in range(3)
+                ]
+                for metric in ("rmse", "motor_travel")
+            }
+            assert cells["motor travel, median"] == f"× {statistics.median(of_valves['motor_travel']):.2f}"
+            assert cells["over 1 % worse in"] == f"{sum(x > 1.01 for x in of_valves['rmse']) / 3:.0%}"
+            hunts = [h for ds in found.values() for h in ds.hunts.sel(controller=name).values.ravel().tolist()]
+            assert cells["hunting"] == f"{statistics.mean(hunts):.1%}"
+        _, (head, *rows) = written(f"{table}_by_backlash")
+        assert head == ["remedy", "0%", "7%"]
+        assert {row[0]: row[1:] for row in rows}[base] == ["+0 %", "+0 %"]
+
+
+@pytest.mark.kernel
+def test_gains_of_their_own_and_the_choice_are_those_of_plain_python(short, written, monkeypatch):
+    monkeypatch.setattr(remedies_front, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
+    own, by_simc = remedies_front.run(3)
+    remedies_front.write(own, by_simc)
+    ours = np.asarray(remedies_front.other_valves(3)["kp"])
+    assert not np.isin(ours, np.asarray(remedies_run.population()["kp"])).any()
+    title, (head, *rows) = written("remedies_tuned")
+    assert "3 other valves, 2 other days" in title
+    shown = [(name, price) for name in remedies_front.MAIN for price in remedies_front.SHOWN]
+    assert [row[:2] for row in rows] == [[remedies_tables.LABELS[n], f"{p:g}"] for n, p in shown]
+    for row, (name, price) in zip(rows, shown, strict=True):
+        for column, at in ((2, 0.0), (4, price)):
+            errors = [
+                (float(a), float(b))
+                for ds in own.values()
+                for a, b in zip(
+                    ds.rmse.sel(controller=name, price=price).values.ravel(),
+                    ds.rmse.sel(controller="pi", price=at).values.ravel(),
+                    strict=True,
+                )
+            ]
+            mean = 100 * statistics.mean(a / b - 1 for a, b in errors)
+            assert row[column].split(" ")[0] == ("0" if (name, price) == ("pi", at) else f"{mean:+.0f}")
+    _, (_, *rows) = written("remedies_choice")
+    names = {text: name for name, text in remedies_tables.LABELS.items()}
+    for _, label, error, cost in rows:
+        base = {m: [x for ds in by_simc.values() for x in ds[m].sel(controller="PI by SIMC").values.ravel()]
+                for m in ("rmse", "motor_travel")}  # fmt: skip
+        name = "PI by SIMC" if names[label] == "pi" else names[label]
+        of_row = {m: [x for ds in by_simc.values() for x in ds[m].sel(controller=name).values.ravel()]
+                  for m in ("rmse", "motor_travel")}  # fmt: skip
+        ratios = [a / b for a, b in zip(of_row["rmse"], base["rmse"], strict=True)]
+        assert error == f"{100 * statistics.mean(ratios) - 100:+.0f} %"
+        travels = [max(a, 0.1) / max(b, 0.1) for a, b in
+                   zip(of_row["motor_travel"], base["motor_travel"], strict=True)]  # fmt: skip
+        dear = [r * t**0.1 for r, t in zip(ratios, travels, strict=True)]
+        assert cost == f"{100 * statistics.mean(dear) - 100:+.0f} %"
+
+
+@pytest.mark.kernel
+def test_each_imperfection_acts_and_is_compared_with_its_own_plain_pi(short, written, monkeypatch):
+    gains = xr.Dataset({"kp": 0.06, "ti": 30.0, "plant_gain": 12.0})
+    monkeypatch.setattr(remedies_valves, "simc_gains", lambda loop, kind: gains)
+    found = remedies_valves.run(4)
+    plain = {name: of_kinds[kinds.STEPPED].rmse.sel(controller="PI by SIMC") for name, of_kinds in found.items()}
+    assert len(found) == 5
+    for name in list(found)[1:]:
+        assert not np.array_equal(plain[name].values, plain["play alone"].values), name
+    remedies_valves.write(found)
+    _, (head, first, *rows) = written("remedies_valves")
+    assert head == ["remedy", *found]
+    assert first[1] == "+0 %, × 1.00"
+    for row, remedy in zip(rows, remedies_valves.REMEDIES[1:], strict=True):
+        for cell, of_kinds in zip(row[1:], found.values(), strict=True):
+            shares = [c for ds in of_kinds.values() for c in changes(ds, remedy, "PI by SIMC")]
+            assert cell.split(" ")[0] == f"{100 * statistics.mean(shares):+.0f}"
+    places = [[int(row[column].split(", ")[-1].rstrip(".")) for row in rows] for column in range(1, 6)]
+    assert all(len(set(of_variant)) == len(rows) for of_variant in places)
+
+
+@pytest.mark.kernel
+def test_behind_the_gains_as_found_remedies_are_compared_with_them(short, written, monkeypatch):
+    monkeypatch.setattr(remedies_found, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))
+    found = remedies_found.run(4)
+    plain = remedies_run.picked(remedies_run.population(4), controller=0)
+    by_hand = fc.simulate(
+        plain.assign(estimate_ratio=0.95, buffer=0.0025, action="heating", kp=0.3 * xr.DataArray(plain["kp"])),
+        kinds.of_kind(kinds.HEATING, DAYS),
+    ).rmse
+    ours = found[kinds.HEATING].rmse.sel(controller="inverse_95_small_buffer")
+    np.testing.assert_array_equal(ours.transpose(*by_hand.dims).values, by_hand.values)
+    remedies_found.write(found)
+    _, (_, *rows) = written("remedies_found")
+    names = {text: name for name, text in remedies_tables.LABELS.items()}
+    for name, change, stepped, *_ in rows[1:]:
+        of_kinds = [changes(ds, names[name], "PI as found") for ds in found.values()]
+        assert change.split(" ")[0] == f"{100 * statistics.mean(of_kinds[0] + of_kinds[1]):+.0f}"
+        assert stepped.split(" ")[0] == f"{100 * statistics.mean(of_kinds[0]):+.0f}"
+
+
+@pytest.mark.full
+@pytest.mark.kernel
+def test_the_command_writes_every_table_and_the_figure(short, written, tmp_path, monkeypatch):
+    monkeypatch.setattr(remedies_front, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
+    monkeypatch.setattr(remedies_run, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
+    remedies.main(2)
+    names = ["remedies", "remedies_simc", "remedies_tuned", "remedies_choice", "remedies_found", "remedies_valves"]
+    assert all(len(written(name)[1]) > 3 for name in names)
+    assert (tmp_path / "remedies.png").stat().st_size > 20_000

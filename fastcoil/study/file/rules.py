@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import ast
+import functools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from fastcoil.errors import InputError, collecting
 from fastcoil.rules.parameter import own_parameters, parameter
-from fastcoil.rules.rule import KINDS, Rule
+from fastcoil.rules.rule import KINDS, Rule, is_word
 from fastcoil.study.file.source import Source, find_source
 from fastcoil.study.file.tables import StudyFile
+
+_MOST_RULES, _MOST_LETTERS = 64, 2**20
+"""Of a study; letters of all their modules."""
 
 
 def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Source], dict[str, Rule]]:
@@ -29,11 +33,17 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Sour
     found: dict[str, dict[str, Source]] = {kind: {} for kind in KINDS}
 
     def named(kind: str, word: str) -> str:
+        if word not in found[kind] and len(found[kind]) >= _MOST_RULES:
+            raise InputError(f"{kind}: more than {_MOST_RULES} rules of its own are named: give fewer")
         with collecting(problems):
             found[kind].setdefault(word, find_source(kind, word, folder))
         return word.rpartition(":")[2]
 
     update = {table: _renamed(getattr(file, table), named) for table in ("loop", "sweep", "cases", "sample")}
+    texts = {source.source for of_kind in found.values() for source in of_kind.values()}
+    if sum(map(len, texts)) > _MOST_LETTERS:
+        problems.append(f"the modules of its rules have more than {_MOST_LETTERS:,} letters: name fewer, or cut them")
+        raise InputError(problems)
     sources: dict[str, Source] = {}
     rules: dict[str, Rule] = {}
     for kind, of_kind in found.items():
@@ -44,6 +54,7 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Sour
                 continue
             with collecting(problems, f"{kind} = {word!r}: "):
                 rules[name] = declared(kind, name, source)
+    _parsed.cache_clear()
     if problems:
         raise InputError(list(dict.fromkeys(problems)))
     return file.model_copy(update=update), sources, rules
@@ -57,8 +68,10 @@ def declared(kind: str, name: str, source: Source) -> Rule:
     InputError
         If it declares none.
     """
+    if is_word(name):
+        raise InputError(f"{name} is taken, call the function something else")
     try:
-        module = ast.parse(source.source)
+        module = _parsed(source.source)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise InputError(f"{source.path} is no Python: {type(error).__name__}: {error}") from None
     functions = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name == name]
@@ -75,6 +88,11 @@ def declared(kind: str, name: str, source: Source) -> Rule:
     own = own_parameters(name, dict(_fields(name, classes[-1])))
     fields = [name for name, _ in _fields(name, classes[-1])]
     return Rule(kind, name, own, tuple(n for n in fields if n not in own), source.sha256)
+
+
+@functools.lru_cache(maxsize=1)
+def _parsed(source: str) -> ast.Module:
+    return ast.parse(source)
 
 
 def _renamed(value: Any, named: Callable[[str, str], str], kind: str = "") -> Any:

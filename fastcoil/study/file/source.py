@@ -15,11 +15,11 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
 from fastcoil.errors import InputError, shown
-from fastcoil.files import read_bytes, require_usable
+from fastcoil.files import TooLargeError, read_bytes, require_usable
 from fastcoil.look import is_file
 
-_LARGEST = 2**24
-"""Bytes of source."""
+_LARGEST = 2**18
+"""Bytes of source: to read one as Python takes 500 times its memory."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,8 @@ def find_source(what: str, text: str, folder: Path) -> Source:
     try:
         source = importlib.util.decode_source(read_bytes(path, _LARGEST))  # in the encoding that it declares
         source.encode()
+    except TooLargeError as error:
+        raise InputError(f"{what} = {text!r}: {path} {error}: move what the function does not need elsewhere") from None
     except (OSError, SyntaxError, ValueError, LookupError) as error:
         raise InputError(f"{what} = {text!r}: {path} cannot be read: {type(error).__name__}: {error}") from None
     return Source(text, source, path)

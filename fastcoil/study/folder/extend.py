@@ -14,6 +14,7 @@ from fastcoil.errors import InputError
 from fastcoil.numerics.jit import same_model
 from fastcoil.outputs import STATUS_NOT_RUN
 from fastcoil.rules.rule import KINDS
+from fastcoil.rules.same_code import refuse_other_code
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import Plan
 from fastcoil.simulation.scenarios import columns_of
@@ -51,17 +52,24 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> M
         raise InputError(
             f"--extend: {' and '.join(differs)} changed, so that nothing can be kept: choose another folder with -o"
         )
+    now, before = _rules(attrs), _rules(earlier.attrs)
+    own_code = json.loads(attrs.get("own_code", "{}"))
+    # of a rule with another source the scenarios are no longer in the study
+    refuse_other_code(
+        {name: own_code[name] for name in own_code if now.get(name) == before.get(name)},
+        json.loads(earlier.attrs.get("own_code", "{}")),
+    )
     loop = plan.layout.loop
-    keys = _keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), _rules(attrs))
+    keys = _keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now)
     new = {key: k for k, key in enumerate(keys)}
     sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
-    unknown = sorted(_rules(earlier.attrs).keys() - loop.rules.keys())
+    unknown = sorted(before.keys() - loop.rules.keys())
     if unknown:
         raise InputError(
             f"--extend: the rule {unknown[0]} is no longer in the study: keep it, or choose another folder with -o"
         )
-    before = Loop.from_dataset(earlier, [loop.rules[name] for name in _rules(earlier.attrs)])
-    old = _keys(before, sizes, json.loads(earlier.attrs["day_sha256"]), _rules(earlier.attrs))
+    smaller = Loop.from_dataset(earlier, [loop.rules[name] for name in before])
+    old = _keys(smaller, sizes, json.loads(earlier.attrs["day_sha256"]), before)
     place = np.array([new.get(key, -1) for key in old])
     dropped = int((place < 0).sum())
     if dropped:
@@ -92,7 +100,7 @@ def as_part(earlier: xr.Dataset, match: Match, n_volumes: int) -> xr.Dataset:
 
 def _rules(attrs: dict[Any, Any]) -> dict[str, str]:
     """The rules of a study's own: name → hash of the code."""
-    return {str(name): str(rule["sha256"]) for name, rule in json.loads(attrs.get("rules", "{}")).items()}
+    return {name: rule.get("sha256", "") for name, rule in json.loads(attrs.get("rules", "{}")).items()}
 
 
 def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, str]) -> list[bytes]:

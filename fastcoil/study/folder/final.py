@@ -143,7 +143,8 @@ def finished_manifest(ds: xr.Dataset, folder: Path, manifest: Manifest) -> Manif
     """The manifest of a study whose complete results are ``ds``, with the hashes of their files."""
     files = [_stored(folder / RESULTS, manifest), trace_file(ds, folder, manifest)]
     outputs = {file.path.name: [file.check()] for file in files if file is not None}
-    return replace(manifest, outputs=outputs, computed_on=environments_of(ds), finished=True)
+    own_code = json.loads(ds.attrs.get("own_code", "{}"))
+    return replace(manifest, outputs=outputs, computed_on=environments_of(ds), finished=True, own_code=own_code)
 
 
 def _stored(path: Path, manifest: Manifest | None) -> StoredFile:

@@ -35,6 +35,9 @@ def _attributes(ds: xr.Dataset) -> Iterator[str]:
         yield from (name for name in _SPEED if not isinstance(ds.attrs.get(name), Real))
     if not isinstance(_parsed(ds, "parameters"), dict):
         yield "parameters"
+    for name in ("rules", "own_code"):
+        if name in ds.attrs and not _is_table_of_texts(_parsed(ds, name)):
+            yield name
     days = _parsed(ds, "day_sha256")
     if not isinstance(days, list) or len(days) != ds["status"].sizes.get("day", 1):
         yield "day_sha256"
@@ -45,6 +48,13 @@ def _parsed(ds: xr.Dataset, name: str) -> Any:
         return json.loads(ds.attrs[name])
     except (KeyError, TypeError, ValueError, RecursionError):
         return None
+
+
+def _is_table_of_texts(value: Any) -> bool:
+    """Whether it is name → name → text, as what is written of a study's own rules."""
+    return isinstance(value, dict) and all(
+        isinstance(each, dict) and all(isinstance(text, str) for text in each.values()) for each in value.values()
+    )
 
 
 def _status(ds: xr.Dataset) -> Iterator[str]:

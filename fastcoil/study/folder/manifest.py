@@ -13,6 +13,7 @@ from typing import Any
 from fastcoil.errors import IntegrityError
 from fastcoil.files import commit, read_bytes, storage_errors
 from fastcoil.look import exists
+from fastcoil.rules.same_code import OwnCode, joined, own_code_of
 from fastcoil.study.file.spec import Study
 
 MANIFEST = "run.json"
@@ -34,7 +35,7 @@ class Manifest:
     relative_to: folder from which the study's relative paths start.  computed_on: every environment that computed a
     part of it.  outputs: for each final file the SHA-256 that its bytes may have, that of the newest first; while a
     file is being replaced, there are two.  finished: whether the results are complete; ``None`` in a folder of
-    version 0.1, which does not say.
+    version 0.1, which does not say.  own_code: what its own rules do, where they were compiled; empty in older folders.
     """
 
     study_sha256: str
@@ -44,12 +45,14 @@ class Manifest:
     computed_on: Sequence[Environment] = field(default=(), compare=False)
     outputs: Mapping[str, Sequence[str]] = field(default_factory=dict, compare=False)
     finished: bool | None = field(default=False, compare=False)
+    own_code: OwnCode = field(default_factory=dict, compare=False)
 
     @classmethod
     def of(cls, study: Study, model_sha256: str) -> Manifest:
         """The manifest of a study, run with these sources of the model."""
         boundary = study.plan.layout.boundary
-        return cls(study.sha256, boundary.sha256, model_sha256, str(study.folder.absolute()))
+        own_code = own_code_of(study.plan.layout.loop.rules.values())
+        return cls(study.sha256, boundary.sha256, model_sha256, str(study.folder.absolute()), own_code=own_code)
 
     @property
     def key(self) -> str:
@@ -60,7 +63,9 @@ class Manifest:
         """The same run, with what ``earlier``, the run in the folder so far, knows of the files there."""
         if earlier is None:
             return self
-        return replace(self, outputs=earlier.outputs)
+        same = (self.study_sha256, self.model_sha256) == (earlier.study_sha256, earlier.model_sha256)
+        own_code = joined(self.own_code, earlier.own_code) if same else self.own_code
+        return replace(self, outputs=earlier.outputs, own_code=own_code)
 
     @classmethod
     def read(cls, folder: Path) -> Manifest | None:
@@ -128,6 +133,11 @@ def _check(manifest: Manifest) -> None:
     outputs = manifest.outputs
     if not isinstance(outputs, dict) or not all(_is_list(hashes, _is_text) for hashes in outputs.values()):
         raise ValueError("outputs are no lists of hashes")
+    own_code = manifest.own_code
+    if not isinstance(own_code, dict) or not all(
+        isinstance(each, dict) and _is_list([*each.values()], _is_text) for each in own_code.values()
+    ):
+        raise ValueError("own_code is no table of hashes")
     if manifest.finished not in (True, False, None):
         raise ValueError("finished is neither true nor false")
 

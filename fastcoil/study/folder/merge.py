@@ -80,7 +80,7 @@ def merge(
     ds = unflatten(whole, plan.layout)
     n_run = int((ds["status"].values != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
-    ds.attrs = study_attributes(study, manifest.model_sha256) | (attrs or {})
+    ds.attrs = study_attributes(study, manifest) | (attrs or {})
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
     if study.kept_traces:
         # a part of the traces is another file than all of them: results and traces are not replaced at once
@@ -96,7 +96,7 @@ def merge(
     return result
 
 
-def study_attributes(study: Study, model_sha256: str) -> dict[str, Any]:
+def study_attributes(study: Study, manifest: Manifest) -> dict[str, Any]:
     """The attributes of the results of a study: provenance, settings, and which study it is."""
     attrs = {
         "title": study.title,
@@ -105,7 +105,7 @@ def study_attributes(study: Study, model_sha256: str) -> dict[str, Any]:
         "summary": study.question,
         "study_toml": study.text,
         "study_sha256": study.sha256,
-        "model_sha256": model_sha256,
+        "model_sha256": manifest.model_sha256,
     }
     traces = study.plan.traces
     if traces.names:
@@ -114,6 +114,8 @@ def study_attributes(study: Study, model_sha256: str) -> dict[str, Any]:
         attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
     if study.rules:
         attrs["rules"] = json.dumps({n: {"code": s.name, "sha256": s.sha256} for n, s in sorted(study.rules.items())})
+    if manifest.own_code:
+        attrs["own_code"] = json.dumps(manifest.own_code)
     return attrs
 
 

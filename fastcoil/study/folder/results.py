@@ -60,7 +60,7 @@ def _open(store: StudyFolder) -> xr.Dataset:
     ds = unflatten(join_flat(study.plan.n_scenarios, parts), study.plan.layout)
     if not ds.data_vars:
         raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
-    ds.attrs = study_attributes(study, manifest.model_sha256) | {"computed_on": json.dumps(list(manifest.computed_on))}
+    ds.attrs = study_attributes(study, manifest) | {"computed_on": json.dumps(list(manifest.computed_on))}
     return ds
 
 
@@ -111,7 +111,7 @@ class Computed:
         results = folder.open_results()
         if not same_model(str(results.attrs.get("model_sha256")), manifest.model_sha256):
             return cls(study, shards, None, nothing)
-        match = match_scenarios(study.plan, study_attributes(study, manifest.model_sha256), results)
+        match = match_scenarios(study.plan, study_attributes(study, manifest), results)
         # damaged traces must not be written again with a hash of their own
         problems = find_problems(results, folder.path, manifest)
         if problems:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import is_text
 from fastcoil.errors import shown
 from fastcoil.outputs import METRICS, TRACES
 from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
@@ -70,7 +71,7 @@ def _variable(array: xr.DataArray) -> xr.Variable:
 
 def _is_word(name: str, text: object) -> bool:
     """Whether an attribute is a text that a file can hold, and no unit that counts from a date."""
-    return type(text) is str and _is_storable(text) and not (name == "units" and " since " in text)
+    return type(text) is str and is_text(text) and not (name == "units" and " since " in text)
 
 
 def _plain(value: Any) -> Any:
@@ -123,13 +124,5 @@ def _is_name(name: object) -> bool:
 
 def _are_labels(labels: np.ndarray) -> bool:
     if labels.dtype.kind in "UO":
-        return all(type(label) is str and _is_storable(label) for label in labels.tolist())
+        return all(type(label) is str and is_text(label) for label in labels.tolist())
     return labels.dtype.kind in "iu" or labels.dtype in _FLOATS
-
-
-def _is_storable(text: str) -> bool:
-    """Whether a file gives a text back as it was: UTF-8, up to the first zero."""
-    try:
-        return b"\0" not in text.encode()
-    except UnicodeEncodeError:
-        return False

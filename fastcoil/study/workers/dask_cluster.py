@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures as cf
 import contextlib
+import time
 import uuid
 import weakref
 from collections.abc import Collection, Sequence
@@ -14,10 +15,11 @@ import numpy as np
 
 from fastcoil.errors import FastcoilError, InputError
 from fastcoil.numerics.jit import model_sha256
-from fastcoil.study.workers.dask_connection import connect, start_local_cluster, within
+from fastcoil.simulation.in_thread import within
+from fastcoil.study.workers.dask_connection import connect, start_local_cluster, workers_missing
 from fastcoil.study.workers.worker import Job, forget, identity, leave_interrupts, receive, run_received
 
-_WAIT_FOR_WORKERS, _WAIT_FOR_ANSWER, _WAIT_FOR_END = 60.0, 5.0, 30.0
+_WAIT_FOR_WORKERS, _WAIT_FOR_ANSWER, _WAIT_FOR_END, _BEFORE_NEXT_TRY = 60.0, 5.0, 30.0, 0.5
 """Seconds."""
 
 
@@ -58,17 +60,22 @@ class Dask:
         self._keys: weakref.WeakKeyDictionary[cf.Future[Any], str] = weakref.WeakKeyDictionary()
 
     def _equip_workers(self) -> None:
+        end = time.monotonic() + _WAIT_FOR_WORKERS
+        while True:
+            try:
+                return self._equip_those_that_live()
+            except FastcoilError:
+                raise
+            except Exception as error:  # the library raises many things where a worker dies meanwhile
+                if isinstance(error, TimeoutError) or time.monotonic() > end:
+                    raise workers_missing(self._scheduler, error) from None
+            time.sleep(_BEFORE_NEXT_TRY)
+
+    def _equip_those_that_live(self) -> None:
         plugin = _make_plugin(self._job, ours=self._cluster is not None)
-        try:
-            self._client.wait_for_workers(1 if self._scheduler else self._n_asked, timeout=_WAIT_FOR_WORKERS)
-            self._identity = within(_WAIT_FOR_WORKERS, self._check_identity)
-            within(_WAIT_FOR_WORKERS, lambda: self._client.register_plugin(plugin))
-        except TimeoutError:
-            at = f" at {self._scheduler}" if self._scheduler else ""
-            raise InputError(
-                f"the dask scheduler{at} has no workers, or one that does not answer: start one with "
-                f"`dask worker {self._scheduler or ''}`"
-            ) from None
+        self._client.wait_for_workers(1 if self._scheduler else self._n_asked, timeout=_WAIT_FOR_WORKERS)
+        self._identity = within(_WAIT_FOR_WORKERS, self._check_identity)
+        within(_WAIT_FOR_WORKERS, lambda: self._client.register_plugin(plugin))
 
     def _check_identity(self) -> tuple[str, str]:
         """The identity of all workers; refuse them if their results would not be bit-identical."""

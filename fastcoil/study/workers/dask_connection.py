@@ -8,13 +8,14 @@ import contextlib
 import ipaddress
 import linecache
 import logging
+import signal
 import sys
-import threading
 import warnings
-from collections.abc import Callable
+from multiprocessing import resource_tracker
 from typing import Any
 
 from fastcoil.errors import FastcoilError, InputError
+from fastcoil.simulation.in_thread import within
 
 _WAIT_FOR_SCHEDULER = 10.0
 """Seconds."""
@@ -50,7 +51,11 @@ def start_local_cluster(n_workers: int) -> Any:
 
     # the dispatcher retries shards that kill, for it can halve them; no port that another cluster may have
     quiet = {"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"}
-    try:
+
+    def start() -> Any:
+        # threads and processes inherit it: Ctrl-C is for the thread that waits, and for no worker that still starts
+        resource_tracker.ensure_running()  # which would set it back
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         return Patient(
             n_workers=n_workers,
             host="127.0.0.1",  # nobody on another machine can reach it
@@ -59,16 +64,34 @@ def start_local_cluster(n_workers: int) -> Any:
             silence_logs=logging.CRITICAL,
             scheduler_kwargs=quiet,
         )
+
+    try:
+        return within(None, start)
+    except KeyboardInterrupt:
+        # what is still starting fails as the program ends
+        logging.getLogger("asyncio").addFilter(lambda record: "never retrieved" not in record.getMessage())
+        raise
     except RuntimeError as error:
         if _is_run_by_every_worker():
             raise InputError(
                 f"the workers of a dask cluster on this machine do not start ({error}): call it in a script only under "
                 "if __name__ == '__main__', or use the backend loky, which needs no such line"
             ) from None
-        raise FastcoilError(
-            f"the workers of a dask cluster on this machine do not start ({error}): they were killed, or lack memory; "
-            "finished scenarios are kept, run the same command again, with fewer workers or the backend loky"
-        ) from None
+        raise workers_missing(None, error) from None
+
+
+def workers_missing(scheduler: str | None, error: Exception) -> FastcoilError:
+    """The error where the workers of a cluster do not come, or die again and again."""
+    if scheduler is not None:
+        return InputError(
+            f"the dask scheduler at {scheduler} has no workers, or one that does not answer: start one with "
+            f"`dask worker {scheduler}`"
+        )
+    return FastcoilError(
+        f"the workers of a dask cluster on this machine do not start ({str(error) or type(error).__name__}): they were "
+        "killed, or lack memory; finished scenarios are kept, run the same command again, with fewer workers or the "
+        "backend loky"
+    )
 
 
 def _is_run_by_every_worker() -> bool:
@@ -114,20 +137,6 @@ def _is_guarded(address: str) -> bool:
     with contextlib.suppress(ValueError):
         return protocol == "tls" or host == "localhost" or ipaddress.ip_address(host).is_loopback
     return False
-
-
-def within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Make a call, or raise TimeoutError if it takes longer, as one to a stopped worker does."""
-    found: cf.Future[Any] = cf.Future()
-
-    def run() -> None:
-        try:
-            found.set_result(call())
-        except BaseException as error:
-            found.set_exception(error)
-
-    threading.Thread(target=run, daemon=True).start()
-    return found.result(seconds)
 
 
 async def _check_answers(address: str) -> None:

@@ -19,6 +19,7 @@ import xarray as xr
 from fastcoil.errors import InputError
 from fastcoil.numerics.jit import fingerprint, model_sha256
 from fastcoil.outputs import METRICS, STATUS_CRASHED, TRACES
+from fastcoil.rules.same_code import OwnCode, own_code_of, refuse_other_code
 from fastcoil.simulation.dataset import flat_dataset
 from fastcoil.simulation.plan import Plan
 from fastcoil.simulation.simulate import run_shard
@@ -40,6 +41,7 @@ class Job(NamedTuple):
     plan: Plan
     reduction: Source | None
     rules: Mapping[str, Source] = {}
+    own_code: OwnCode = {}
 
 
 def receive(job: Job) -> None:
@@ -48,9 +50,17 @@ def receive(job: Job) -> None:
 
 
 def find_job(key: str) -> Job:
-    """A job that was received, with the code of its rules."""
+    """A job that was received, with the code of its rules.
+
+    Raises
+    ------
+    InputError
+        If that makes another rule here.
+    """
     job = _jobs[key]
-    load_rules(job.plan.layout.loop.rules, job.rules)
+    rules = job.plan.layout.loop.rules
+    load_rules(rules, job.rules)
+    refuse_other_code(own_code_of(rules.values()), job.own_code)
     return job
 
 

@@ -154,7 +154,7 @@ def test_an_interrupted_extension_resumes_and_keeps_the_old_results(out):
 def test_run_json_is_valid_json_for_others(broken_off):
     found = json.loads((broken_off / "run.json").read_text())
     identity = {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
-    assert set(found) == identity | {"computed_on", "outputs", "finished", "sha256"}
+    assert set(found) == identity | {"computed_on", "outputs", "own_code", "finished", "sha256"}
 
 
 WRONG = {

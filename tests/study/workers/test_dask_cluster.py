@@ -13,7 +13,7 @@ from helpers.processes import cut, wait_for
 
 import fastcoil as fc
 from fastcoil.cli.main import main
-from fastcoil.study.workers import dispatch
+from fastcoil.study.workers import dask_cluster, dispatch
 from fastcoil.study.workers.dask_cluster import Dask
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
@@ -77,3 +77,45 @@ def test_a_cluster_that_does_not_end_in_time_costs_no_results():
     pool = object.__new__(Dask)
     pool._client, pool._cluster = SimpleNamespace(status="running", close=slow), SimpleNamespace(close=slow)
     pool.close()
+
+
+def equipping(monkeypatch, scheduler, deaths):
+    """A pool whose workers die a number of times while they are asked for what they are."""
+    left = [OSError("in <TCP local=…>: Stream is closed")] * deaths
+
+    def check(pool):
+        if left:
+            raise left.pop()
+        return "model", "cpu"
+
+    monkeypatch.setattr(Dask, "_check_identity", check)
+    monkeypatch.setattr(dask_cluster, "_BEFORE_NEXT_TRY", 0.01)
+    monkeypatch.setattr(dask_cluster, "_make_plugin", lambda *_, **__: None)
+    pool = object.__new__(Dask)
+    pool._scheduler, pool._n_asked, pool._job, pool._cluster = scheduler, 1, None, None
+    pool._client = SimpleNamespace(wait_for_workers=lambda n, timeout: None, register_plugin=lambda plugin: None)
+    return pool
+
+
+def test_workers_that_die_while_they_are_asked_are_asked_again(monkeypatch):
+    pool = equipping(monkeypatch, None, 3)
+    pool._equip_workers()
+    assert pool._identity == ("model", "cpu")
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "kind", "sentence"),
+    [
+        (
+            None,
+            fc.FastcoilError,
+            r"do not start \(in <TCP local=…>: Stream is closed\): they were killed",
+        ),
+        ("tcp://a:1", fc.InputError, "the dask scheduler at tcp://a:1 has no workers, or one that does not answer"),
+    ],
+)
+def test_workers_that_die_again_and_again_are_a_sentence(monkeypatch, scheduler, kind, sentence):
+    monkeypatch.setattr(dask_cluster, "_WAIT_FOR_WORKERS", 0.1)
+    with pytest.raises(fc.FastcoilError, match=sentence) as refused:
+        equipping(monkeypatch, scheduler, 1000)._equip_workers()
+    assert type(refused.value) is kind

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from types import ModuleType
@@ -163,3 +164,24 @@ def test_a_cluster_that_cannot_be_closed_is_left_without_a_traceback(local, monk
     with monkeypatch.context() as patch:
         patch.setattr(distributed.SpecCluster, "close", refuse)
         local.cluster.close(timeout=10)
+
+
+def test_a_start_that_is_interrupted_ends_at_once_and_its_workers_never_hear_of_it(monkeypatch):
+    import distributed
+
+    masks, goes_on = [], threading.Event()
+
+    def start(*_, **__):
+        masks.append(signal.pthread_sigmask(signal.SIG_BLOCK, []))
+        os.kill(os.getpid(), signal.SIGINT)
+        goes_on.wait(30)
+        raise RuntimeError("too late")
+
+    monkeypatch.setattr(distributed.LocalCluster, "__init__", start)
+    before = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        start_local_cluster(1)
+    goes_on.set()
+    assert time.monotonic() - before < 10
+    assert signal.SIGINT in masks[0]
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])

@@ -1,0 +1,77 @@
+"""``kinds.py`` and ``best_pi.py``: kinds of days, the model of a step, and gains."""
+
+from __future__ import annotations
+
+import best_pi
+import kinds
+import numpy as np
+import pytest
+import xarray as xr
+
+import fastcoil as fc
+
+WITHOUT_WEATHER = (kinds.STEPPED, kinds.CONSTANT, kinds.DESIGN, kinds.HEATING)
+
+
+@pytest.fixture
+def two_hours(monkeypatch):
+    """Short days, few gains."""
+    monkeypatch.setattr(kinds, "HOURS", 2)
+    monkeypatch.setattr(best_pi, "KP", np.array([0.02, 0.05]))
+    monkeypatch.setattr(best_pi, "TI", np.array([40.0, 100.0]))
+
+
+@pytest.mark.parametrize("kind", WITHOUT_WEATHER)
+def test_days_of_a_kind_differ_and_come_again(kind):
+    days, again = kinds.of_kind(kind, [5, 6]), kinds.of_kind(kind, [6])
+    assert days.day.tolist() == [5, 6]
+    for name in ("m_a", "T_a_in", "T_w_in"):
+        assert not np.allclose(days.series[name][0], days.series[name][1])
+        np.testing.assert_array_equal(days.series[name][1], again.series[name][0])
+    changes = np.count_nonzero(np.diff(days.series["T_set"]))
+    assert (changes > 0) == (kind == kinds.STEPPED)
+    colder = days.series["T_a_in"] < days.series["T_set"]
+    assert colder.all() if kind == kinds.HEATING else not colder.any()
+
+
+def test_days_of_weather_come_only_with_a_file(tmp_path):
+    assert kinds.WEATHER not in kinds.kinds(tmp_path / "weather.csv")
+    hours = np.arange(1, 8761)
+    columns = {"hour_of_year": hours, "month": 1, "day": 1, "hour": (hours - 1) % 24 + 1, "T_drybulb_C": 20 + hours % 7}
+    text = [",".join([*columns, "T_dewpoint_C"])]
+    text += [",".join(str(np.broadcast_to(v, hours.shape)[k]) for v in columns.values()) + ",12" for k in range(8760)]
+    (tmp_path / "weather.csv").write_text("\n".join(text) + "\n")
+    assert kinds.WEATHER in kinds.kinds(tmp_path / "weather.csv")
+    days = kinds.of_kind(kinds.WEATHER, [1, 2], tmp_path / "weather.csv")
+    assert not np.allclose(days.series["T_a_in"][0], days.series["T_a_in"][1])
+
+
+@pytest.mark.parametrize(("gain", "tau", "theta"), [(20.0, 60.0, 30.0), (8.0, 200.0, 20.0)])
+def test_the_model_of_a_first_order_plant_is_that_plant(monkeypatch, gain, tau, theta):
+    def response(loop, kind, level):
+        t = np.arange(0.0, best_pi.RESPONSE, best_pi.SEEN)
+        rise = np.where(t > theta, 1.0 - np.exp(-(t - theta) / tau), 0.0)
+        T = 25.0 - gain * (level + best_pi.STEP * rise)
+        return xr.DataArray(T, dims="elapsed_time", coords={"elapsed_time": t})
+
+    monkeypatch.setattr(best_pi, "_response", response)
+    loop = fc.Loop(sample_time=10.0)
+    model = best_pi.first_order(loop, kinds.CONSTANT)
+    assert float(model.gain) == pytest.approx(gain, rel=0.01)
+    assert float(model.tau) == pytest.approx(tau, rel=0.1)
+    assert float(model.theta) == pytest.approx(theta + 5.0, abs=4.0)
+    gains = best_pi.simc_gains(loop, kinds.CONSTANT)
+    assert float(gains.kp) == pytest.approx(tau / (gain * 2 * (theta + 5.0)), rel=0.25)
+    assert float(gains.plant_gain) == pytest.approx(gain, rel=0.01)
+    assert float(gains.ti) == pytest.approx(min(tau, 8 * (theta + 5.0)), rel=0.25)
+
+
+@pytest.mark.kernel
+def test_the_best_gains_have_the_lowest_error_on_the_search_days(two_hours):
+    loop = fc.Loop.preset("lbnl").assign(backlash=("valve", [0.02, 0.1]))
+    best = best_pi.best_gains(loop, [kinds.CONSTANT], [1])
+    swept = loop.assign(kp=[0.02, 0.05], ti=[40.0, 100.0])
+    ds = fc.simulate(swept, kinds.of_kind(kinds.CONSTANT, [1])).isel(day=0)
+    for k in range(2):
+        lowest = min(ds.rmse.isel(valve=k).values.ravel())
+        assert float(ds.rmse.isel(valve=k).sel(kp=float(best.kp[k]), ti=float(best.ti[k]))) == lowest

@@ -1,0 +1,94 @@
+"""Rules of a study as they are read: bounded, and with names that are free."""
+
+import ast
+
+import pytest
+
+from fastcoil.errors import InputError
+from fastcoil.study.file import rules
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.workers.own_code import load
+
+STUDY = """
+[loop]
+estimator = "mine:one"
+[boundary]
+kind = "constant_day"
+hours = 1
+"""
+SOURCE = """
+from typing import NamedTuple
+import fastcoil as fc
+
+class Parameters(NamedTuple):
+    gain: float = fc.parameter(0.01)
+
+class Memory(NamedTuple):
+    last: float = 0.0
+
+@fc.estimator(Parameters, Memory)
+def one(now, p, memory):
+    return p.gain, memory
+"""
+
+
+@pytest.fixture
+def study(tmp_path):
+    """Write a study with rules, and its module."""
+
+    def write(source, text=STUDY):
+        (tmp_path / "mine.py").write_text(source)
+        path = tmp_path / "study.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_a_source_that_is_too_large_is_not_read_as_python(study, monkeypatch):
+    path = study(SOURCE + "\nif 0: y = [" + "1," * 140_000 + "]")
+    monkeypatch.setattr(rules, "declared", lambda *rule: pytest.fail("it was read"))
+    with pytest.raises(InputError, match=r"mine.py has \d+,\d+ bytes, more than 262,144: move what") as found:
+        read_study(path)
+    assert len(found.value.problems) == 1
+
+
+def test_many_rules_are_read_once_and_too_many_are_not_read(study, monkeypatch, tmp_path):
+    read, parse = [], ast.parse
+
+    def counted(source, *args, **options):
+        read.extend(["it"] * ("@fc.estimator" in str(source)))
+        return parse(source, *args, **options)
+
+    monkeypatch.setattr(ast, "parse", counted)
+    names = [f"r{k}" for k in range(70)]
+    source = SOURCE + "".join(
+        f"\n@fc.estimator(Parameters, Memory)\ndef {n}(now, p, memory):\n    return p.gain, memory\n" for n in names
+    )
+    swept = STUDY.replace('estimator = "mine:one"', "") + "[sweep]\nestimator = {}\n"
+    read_study(study(source, swept.format([f"mine:{n}" for n in names[:60]])))
+    assert len(read) == 1
+    assert rules._parsed.cache_info().currsize == 0
+    with pytest.raises(InputError, match="estimator: more than 64 rules of its own are named: give fewer"):
+        read_study(study(source, swept.format([f"mine:{n}" for n in names])))
+    for k in range(5):
+        (tmp_path / f"m{k}.py").write_text(SOURCE.replace("one", f"one{k}") + f"# {k}" + "x" * 250_000)
+    with pytest.raises(InputError, match="the modules of its rules have more than 1,048,576 letters: name fewer"):
+        read_study(study(source, swept.format([f"m{k}:one{k}" for k in range(5)])))
+
+
+def test_a_word_of_the_package_is_no_name_of_a_rule(study):
+    with pytest.raises(InputError, match="learner is taken, call the function something else"):
+        read_study(study(SOURCE.replace("one", "learner"), STUDY.replace("one", "learner")))
+
+
+def test_a_rule_keeps_the_name_that_its_source_gives_it(study):
+    two = "\ndef two(now, p, memory): return 0.0, memory\none = fc.estimator(Parameters, Memory)(two)\n"
+    path = study(SOURCE + two)
+    with pytest.raises(InputError, match="one is the rule two in the end: give each a name of its own"):
+        read_study(path, prepare=load)
+
+
+def test_a_unit_that_no_file_holds_is_refused(study):
+    with pytest.raises(InputError, match=r"unit = 'a\\x00b': it has characters that no file can hold"):
+        read_study(study(SOURCE.replace("(0.01)", r'(0.01, unit="a\x00b")')))

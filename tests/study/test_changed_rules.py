@@ -1,0 +1,172 @@
+"""A rule that takes a value from elsewhere: what was computed with another value is never joined with it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.processes import cut
+
+import fastcoil as fc
+from fastcoil.errors import InputError, IntegrityError
+from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.netcdf import save
+from fastcoil.study import maintenance
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.folder.form import malformed
+from fastcoil.study.folder.manifest import Manifest, _checksum
+from fastcoil.study.runner import execute
+from fastcoil.study.workers import worker
+from fastcoil.study.workers.own_code import _load
+
+STUDY = """
+[loop]
+estimator = "mine:steps"
+[sweep]
+backlash = [0.02, 0.07]
+[boundary]
+kind = "constant_day"
+hours = 0.2
+T_set = 14
+[run]
+warm_up = 60
+"""
+SOURCE = """
+from typing import NamedTuple
+import pathlib
+import fastcoil as fc
+
+STEP = float(pathlib.Path({value!r}).read_text())
+
+class Parameters(NamedTuple):
+    gain: float = fc.parameter(1.0)
+
+class Memory(NamedTuple):
+    last: float = 0.0
+
+@fc.estimator(Parameters, Memory)
+def steps(now, p, memory):
+    return min(now.estimate + STEP * p.gain, 0.2), memory
+"""
+CHANGED = "steps is another rule than in the rest of the study: its module takes a value from elsewhere"
+pytestmark = pytest.mark.kernel
+
+
+@pytest.fixture
+def value(tmp_path):
+    """The file that the rule reads as it is loaded."""
+    found = tmp_path / "value"
+    found.write_text("0.001")
+    _load.cache_clear()
+    yield found
+    _load.cache_clear()
+
+
+@pytest.fixture
+def path(tmp_path, value):
+    (tmp_path / "mine.py").write_text(SOURCE.format(value=str(value)))
+    found = tmp_path / "study.toml"
+    found.write_text(STUDY)
+    return found
+
+
+def change(value):
+    value.write_text("0.002")
+    _load.cache_clear()
+
+
+def interrupted(path, out, monkeypatch):
+    """Run the study until one of its shards is there."""
+    cut(monkeypatch, 1)
+
+    def stop(n):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        execute(read_study(path), out, n_jobs=1, progress=lambda n: stop)
+
+
+def test_a_study_goes_on_with_the_same_value_alone(path, value, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    interrupted(path, out, monkeypatch)
+    change(value)
+    with pytest.raises(InputError, match=CHANGED):
+        fc.run_study(path, out, n_jobs=1)
+    value.write_text("0.001")
+    _load.cache_clear()
+    ds = fc.run_study(path, out, n_jobs=1)
+    assert ds.attrs["content_sha256"] == fc.run_study(path, tmp_path / "other", n_jobs=1).attrs["content_sha256"]
+
+
+def test_a_folder_that_does_not_say_goes_on(path, value, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    interrupted(path, out, monkeypatch)
+    manifest = out / "run.json"
+    content = {k: v for k, v in json.loads(manifest.read_text()).items() if k not in ("own_code", "format", "sha256")}
+    manifest.write_text(json.dumps({**content, "format": 2, "sha256": _checksum(content)}))
+    assert not Manifest.read(out).own_code
+    assert fc.run_study(path, out, n_jobs=1).sizes["backlash"] == 2
+    assert Manifest.read(out).own_code.keys() == {"steps"}
+
+
+def test_finished_results_of_another_value_are_neither_shown_nor_run_again_nor_extended(path, value, tmp_path):
+    out = tmp_path / "out"
+    fc.run_study(path, out, n_jobs=1).close()
+    change(value)
+    with pytest.raises(InputError, match=CHANGED):
+        fc.run_study(path, out, n_jobs=1)
+    with pytest.raises(InputError, match=CHANGED):
+        maintenance.rerun(out, {"backlash": "0.02"})
+    path.write_text(STUDY.replace("0.07]", "0.07, 0.12]"))
+    with pytest.raises(InputError, match=CHANGED):
+        fc.run_study(path, out, n_jobs=1, extend=True)
+    assert fc.open_study(out).sizes["backlash"] == 2
+    value.write_text("0.001")
+    _load.cache_clear()
+    assert fc.run_study(path, out, n_jobs=1, extend=True).sizes["backlash"] == 3
+
+
+def test_a_worker_with_another_value_computes_nothing(path, value, monkeypatch):
+    study = read_study(path)
+    job = worker.Job("key", study.plan, None, study.rules, {})
+    monkeypatch.setitem(worker._jobs, "key", job)
+    worker.find_job("key")
+    here = Manifest.of(study, "").own_code
+    assert here["steps"]
+    elsewhere = {"steps": {version: "another" for version in here["steps"]}}
+    monkeypatch.setitem(worker._jobs, "key", job._replace(own_code=elsewhere))
+    with pytest.raises(InputError, match=CHANGED):
+        worker.run_received("key", np.array([0]))
+
+
+def test_the_workers_of_a_run_are_told_what_its_rules_do(path, tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr("fastcoil.study.runner.make_pool", lambda backend, job, *_: told.append(job) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        fc.run_study(path, tmp_path / "out", n_jobs=1)
+    assert told[0].own_code.keys() == {"steps"}
+
+
+FORGED = ["5", "[]", '{"steps": 5}', '{"steps": {"sha256": 1}}', "{", "null", "[" * 100_000, 7]
+
+
+@pytest.mark.parametrize("name", ["rules", "own_code"])
+def test_a_result_with_odd_rules_is_no_result_of_a_study(path, tmp_path, name):
+    out = tmp_path / "out"
+    ds = fc.run_study(path, out, n_jobs=1).load()
+    assert not malformed(ds)
+    assert malformed(ds.assign_attrs({name: "{}"})) == []
+    for text in FORGED:
+        assert malformed(ds.assign_attrs({name: text})) == [name]
+    forged = ds.assign_attrs({name: FORGED[2]}).drop_attrs(deep=False).assign_attrs({**ds.attrs, name: FORGED[2]})
+    forged.attrs["content_sha256"] = content_sha256(forged)
+    Path(out / "results.nc").unlink()
+    save(forged, out / "results.nc")
+    manifest = Manifest.read(out)
+    replace(manifest, outputs={}).write(out)
+    path.write_text(STUDY.replace("0.07]", "0.07, 0.12]"))
+    with pytest.raises(IntegrityError, match=f"is no result of a study: {name} is missing or damaged"):
+        fc.run_study(path, out, n_jobs=1, extend=True)
