@@ -85,7 +85,7 @@ def logs(kind: str) -> Logs:
 
 
 def identified(of: Logs, hours: int, columns: tuple[str, ...]) -> xr.Dataset:
-    """What the first hours of every log tell; half of the stroke times are known."""
+    """What the first hours of every log tell; of two valves in three the stroke time is known."""
     found = np.empty((len(DAYS), VALVES, 4))
     for v, every in enumerate(of.interval // SIMULATED):
         at = slice(0, hours * 3600 // SIMULATED, every)
