@@ -29,7 +29,7 @@ LAYERS = [
     {"boundary"},
     {"simulation"},
     {"plots"},
-    {"analysis", "calibrate"},
+    {"analysis", "calibrate", "diagnosis"},
     {"study"},
     {"paper"},
     {"cli"},

@@ -1,0 +1,1 @@
+"""What a trend log of a loop tells: the backlash of its valve."""
