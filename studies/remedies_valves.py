@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from best_pi import simc_gains
 from kinds import HEATING, kinds
+from remedies_front import MAIN
 from remedies_run import FRESH_DAYS, SIMC, of_remedies, on_days, picked, population, renamed
 from remedies_tables import LABELS, cell, pooled
 from report import write_table
@@ -19,17 +20,7 @@ import fastcoil as fc
 VALVES = 256
 NEUTRAL_ZONE, SLIP_SHARE, LEAKAGE = 0.01, 0.3, 0.001
 """Of the stroke; slip jump over backlash; of the fully open flow."""
-REMEDIES = (
-    "pi",
-    "dead_band_025",
-    "inverse_80_buffer",
-    "inverse_95_small_buffer",
-    "inverse_95_buffer",
-    "inverse_95_noise_buffer",
-    "additive_95",
-    "hagglund_inverse",
-    "learner_growing",
-)
+REMEDIES = (*MAIN[:-1], "hagglund_inverse", *MAIN[-1:])
 
 
 def variants(loop: fc.Loop) -> dict[str, fc.Loop]:

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
 from typing import NamedTuple
 
 import fastcoil as fc
 
 LARGEST = 0.2
+HEAD = """
+from typing import NamedTuple
+import fastcoil as fc
+
+class Parameters(NamedTuple):
+    gain: float = fc.parameter(0.01)
+
+class Memory(NamedTuple):
+    last: float = 0.0
+
+@fc.estimator(Parameters, Memory)
+"""
+"""Source of a rule up to its function."""
 
 
 class Parameters(NamedTuple):
@@ -41,3 +55,13 @@ def own_pi(now, p, memory):
 def limited(x, largest):
     """Stands below the rules that call it."""
     return min(max(x, 0.0), largest)
+
+
+def fine(now, p, memory):
+    return 0.1, memory
+
+
+def declared(**fields):
+    """A class of parameters with these defaults; ``None`` for a field without one."""
+    names = sorted(fields, key=lambda n: fields[n] is not None)
+    return namedtuple("Parameters", names, defaults=[fields[n] for n in names if fields[n] is not None])

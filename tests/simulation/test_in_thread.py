@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 from helpers.processes import environment
+from helpers.rules import HEAD
 
 from fastcoil.simulation import in_thread
 from fastcoil.simulation.in_thread import run_interruptibly, within
@@ -32,18 +33,9 @@ def test_an_error_in_the_thread_is_that_of_the_call():
         within(0.01, lambda: time.sleep(0.1))
 
 
-ENDLESS = """
-import math
-from typing import NamedTuple
-import fastcoil as fc
-
-class Parameters(NamedTuple):
-    gain: float = fc.parameter(0.01)
-
-class Memory(NamedTuple):
-    last: float = 0.0
-
-@fc.estimator(Parameters, Memory)
+ENDLESS = (
+    f"import math\n{HEAD}"
+    + """\
 def endless(now, p, memory):
     x = 0.0
     while now.t > 100.0:
@@ -54,6 +46,7 @@ endless.check()
 print("ready", flush=True)
 fc.{call}
 """
+)
 
 
 @pytest.mark.kernel

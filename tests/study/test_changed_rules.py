@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.processes import cut
+from helpers.rules import HEAD
 
 import fastcoil as fc
 from fastcoil.errors import InputError, IntegrityError
@@ -34,23 +35,15 @@ T_set = 14
 [run]
 warm_up = 60
 """
-SOURCE = """
-from typing import NamedTuple
-import pathlib
-import fastcoil as fc
-
-STEP = float(pathlib.Path({value!r}).read_text())
-
-class Parameters(NamedTuple):
-    gain: float = fc.parameter(1.0)
-
-class Memory(NamedTuple):
-    last: float = 0.0
-
-@fc.estimator(Parameters, Memory)
+SOURCE = (
+    f"import pathlib\n{HEAD.replace('0.01', '1.0')}"
+    + """\
 def steps(now, p, memory):
     return min(now.estimate + STEP * p.gain, 0.2), memory
+
+STEP = float(pathlib.Path({value!r}).read_text())
 """
+)
 CHANGED = "steps is another rule than in the rest of the study: its module takes a value from elsewhere"
 pytestmark = pytest.mark.kernel
 

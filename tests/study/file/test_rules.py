@@ -3,6 +3,7 @@
 import ast
 
 import pytest
+from helpers.rules import HEAD
 
 from fastcoil.errors import InputError
 from fastcoil.study.file import rules
@@ -16,20 +17,13 @@ estimator = "mine:one"
 kind = "constant_day"
 hours = 1
 """
-SOURCE = """
-from typing import NamedTuple
-import fastcoil as fc
-
-class Parameters(NamedTuple):
-    gain: float = fc.parameter(0.01)
-
-class Memory(NamedTuple):
-    last: float = 0.0
-
-@fc.estimator(Parameters, Memory)
+SOURCE = (
+    HEAD
+    + """\
 def one(now, p, memory):
     return p.gain, memory
 """
+)
 
 
 @pytest.fixture

@@ -1,0 +1,61 @@
+"""A loop with rules that do not fit it, or one another, is refused with a sentence."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.rules import Memory, Parameters, by_error, declared, fine, own_pi
+
+import fastcoil as fc
+
+
+def halved(x):
+    return 0.5 * x
+
+
+def equally_fine(now, p, memory):
+    return 0.1, memory
+
+
+def test_functions_that_are_no_rules():
+    for given, sentence in (
+        ({"estimator": fine}, "fine is a plain function: put @fc.estimator"),
+        ({"estimator": own_pi}, "own_pi is made with @fc.law: give law = own_pi"),
+        ({"estimator": [by_error, fc.estimator(Parameters, Memory)(fine)], "gain": 2.0}, "gain = 2"),
+        ({"estimator": by_error, "gain": "a"}, "gain = 'a': give a number"),
+    ):
+        with pytest.raises(fc.InputError, match=sentence) as refused:
+            fc.Loop(**given)
+        assert len(refused.value.problems) == 1
+    with pytest.raises(fc.InputError, match="it must take three things"):
+        fc.estimator(Parameters, Memory)(halved)
+    with pytest.raises(fc.InputError, match="two rules are called by_error"):
+        fc.Loop(estimator=[by_error, fc.estimator(Parameters, Memory)(by_error.parts[0].__class__(
+            fine.__code__, {}, "by_error"))])  # fmt: skip
+
+
+def test_two_rules_that_declare_a_parameter_differently():
+    other = fc.estimator(declared(gain=0.5), Memory)(fine)
+    with pytest.raises(fc.InputError, match="gain is a parameter of by_error and another one of fine: rename one"):
+        fc.Loop(estimator=[by_error, other])
+    assert fc.Loop(estimator=by_error).assign(estimator=other)["gain"] == 0.5
+    alike = [fc.estimator(declared(share=0.5), Memory)(function) for function in (fine, equally_fine)]
+    assert fc.Loop(estimator=alike)["share"] == 0.5
+
+
+def test_parameters_of_a_rule_that_no_scenario_has():
+    loop = fc.Loop(estimator=by_error)
+    day = fc.constant_day(hours=1)
+    with pytest.raises(fc.InputError, match="by_error, which no scenario has, alone reads gain"):
+        fc.simulate(loop.assign(gain=0.5, estimator="none"), day)
+
+
+def test_a_parameter_of_the_loop_that_is_read_must_be_given():
+    rule = fc.estimator(declared(plant_gain=None), Memory)(fine)
+    with pytest.raises(fc.InputError, match="fine reads plant_gain, which the loop does not give: give plant_gain"):
+        fc.simulate(fc.Loop(estimator=rule), fc.constant_day(hours=1))
+
+
+def test_a_replay_knows_no_rules():
+    log = xr.Dataset({"T_sup": ("elapsed_time", np.full(90, 14.0)), "T_set": ("elapsed_time", np.full(90, 14.0))})
+    with pytest.raises(fc.InputError, match="loop has the rule own_pi: replay runs no rules of your own"):
+        fc.replay(fc.Loop(law=own_pi), log)
