@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from fastcoil.calibrate.coil import fit_coil as fit_coil
     from fastcoil.calibrate.replay import replay as replay
     from fastcoil.calibrate.valve import fit_valve as fit_valve
+    from fastcoil.diagnosis.diagnose import diagnose as diagnose
     from fastcoil.errors import FastcoilError as FastcoilError
     from fastcoil.errors import InputError as InputError
     from fastcoil.errors import InputTypeError as InputTypeError
@@ -51,6 +52,7 @@ _HOME = {
     "compare": "analysis.compare",
     "constant_day": "boundary.days",
     "design_day": "boundary.days",
+    "diagnose": "diagnosis.diagnose",
     "estimator": "rules.rule",
     "fit_coil": "calibrate.coil",
     "fit_valve": "calibrate.valve",

@@ -27,6 +27,8 @@ LOGGED = 10
 """Seconds."""
 RESTLESS = 0.7
 """Share of the loops that have a large gain and a short integral time."""
+VISIBLE = 0.035
+"""K, standard deviation of a swing of 0.1 K from peak to peak."""
 HEATING_GAIN = 0.3
 """The drawn kp is for cooling; a loop with water of 40 °C responds about three times as much."""
 
@@ -92,17 +94,16 @@ def logs(kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY) -> L
         return ds.isel(day=0) if "day" in ds.dims else ds
 
     everyone = slice(None)
-    alone = simulated(day, everyone)
+    alone = simulated(day, everyone, traced=True)
     without = simulated(day, everyone, backlash=0.0)
     if kind == SWINGING:
         seen = [simulated(days[k], slice(k, k + 1), traced=True).isel(sample=0) for k in range(n)]
     else:
-        traced = simulated(day, everyone, traced=True)
-        seen = [traced.isel(sample=k) for k in range(n)]
+        seen = [alone.isel(sample=k) for k in range(n)]
     cause = []
     for k in range(n):
         itself, good = bool(alone.hunts[k]), bool(without.hunts[k])
-        forced = kind == SWINGING and float(seen[k].hunting_amplitude) > 2.0 * float(alone.hunting_amplitude[k])
+        forced = kind == SWINGING and VISIBLE < float((seen[k].T_measured - alone.T_measured[k]).std())
         cause.append("tuning" if good else "backlash" if itself else "disturbance" if forced else "none")
     found = []
     for ds, one in zip(seen, days, strict=True):

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.log_options import pairs, require_writable, with_reading_options
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.progress import announce_compilation
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
-from fastcoil.look import exists, is_file, is_folder
 
 if TYPE_CHECKING:
     from fastcoil.calibrate.result import Fit
@@ -26,9 +26,6 @@ def fit() -> None:
 def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options that both fits have."""
     for option in (
-        click.option(
-            "--drop", is_flag=True, help="Leave out and count rows with bad values, instead of refusing them."
-        ),
         click.option("--fit-until", type=float, help="Last second to fit; the rest is held back for validation."),
         click.option(
             "--split",
@@ -37,23 +34,9 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
             "it with --validate.",
         ),
         click.option("--validate", "validation", type=PATH, help="Another CSV file to validate the fit with."),
-        click.option(
-            "--jumps",
-            default="refuse",
-            show_default=True,
-            help="Where time goes back: refuse the log, or split it there.",
-        ),
-        click.option("--max-gap", type=float, help="Longest step to bridge, s; three median steps by default."),
-        click.option(
-            "--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a column whose header has none."
-        ),
-        click.option(
-            "--column", "columns", multiple=True, metavar="NAME=HEADER", help="Header of NAME, if it differs."
-        ),
-        click.argument("data", type=PATH),
     ):
         command = option(command)
-    return command
+    return with_reading_options(command)
 
 
 @fit.command("valve")
@@ -88,12 +71,12 @@ def fit_valve_command(
     """
     from fastcoil.calibrate.valve import fit_valve
 
-    _require_writable(out)
+    require_writable(out)
     announce_compilation("valve_flows")
     found = fit_valve(
         data,
-        columns=_pairs("--column", columns),
-        units=_pairs("--unit", units),
+        columns=pairs("--column", columns),
+        units=pairs("--unit", units),
         m_max=m_max,
         floor=floor,
         settle=settle,
@@ -146,12 +129,12 @@ def fit_coil_command(
     """
     from fastcoil.calibrate.coil import fit_coil
 
-    _require_writable(out)
+    require_writable(out)
     announce_compilation("march_coil")
     found = fit_coil(
         data,
-        columns=_pairs("--column", columns),
-        units=_pairs("--unit", units),
+        columns=pairs("--column", columns),
+        units=pairs("--unit", units),
         constants=_numbers("--constant", constants),
         minimise_on="both" if both else "T_sup",
         warm_up=warm_up,
@@ -170,19 +153,10 @@ def fit_coil_command(
     _write_and_print(found, out)
 
 
-def _pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
-    """``NAME=VALUE`` … as a mapping; None without any, which means the file's own names."""
-    pairs = [one.partition("=") for one in given]
-    wrong = [f"{option} {one}: give NAME=VALUE" for one, (_, sign, _) in zip(given, pairs, strict=True) if not sign]
-    if wrong:
-        raise InputError(wrong)
-    return {name.strip(): value.strip() for name, _, value in pairs} or None
-
-
 def _numbers(option: str, given: Sequence[str]) -> dict[str, float]:
     """``NAME=NUMBER`` … as a mapping."""
     numbers, wrong = {}, []
-    for name, text in (_pairs(option, given) or {}).items():
+    for name, text in (pairs(option, given) or {}).items():
         try:
             numbers[name] = float(text)
         except ValueError:
@@ -190,19 +164,6 @@ def _numbers(option: str, given: Sequence[str]) -> dict[str, float]:
     if wrong:
         raise InputError(wrong)
     return numbers
-
-
-def _require_writable(out: Path) -> None:
-    """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier fit."""
-    from fastcoil.calibrate.result import is_fit
-
-    if is_folder(out) or not is_folder(out.absolute().parent) or out.suffix != ".toml":
-        raise InputError(f"-o {out}: give a file NAME.toml in a folder that exists")
-    if exists(out) and not is_fit(out):
-        raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
-    figure = out.with_suffix(".png")
-    if is_file(figure) and not exists(out):
-        raise InputError(f"-o {out}: {figure} exists and would be replaced, choose another name or delete it")
 
 
 def _write_and_print(found: Fit, out: Path) -> None:

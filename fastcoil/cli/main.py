@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.diagnose import diagnose
 from fastcoil.cli.fit import fit
 from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
@@ -136,7 +137,7 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
-for command in (fit, init, parameters, plot, presets, schema):
+for command in (diagnose, fit, init, parameters, plot, presets, schema):
     main.add_command(command)
 
 

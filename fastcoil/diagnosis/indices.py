@@ -8,12 +8,13 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from fastcoil.arrays import Array, Mask
-from fastcoil.diagnosis.swing import NO_SWING, Swing
 
 SETTLED_AFTER = 600.0
 """Seconds after a change of the set-point from which the loop counts as settled."""
 LEAST_CHANGE = 0.3
 """Change of the set-point that counts, K, at once or within the time above."""
+_END = 0.005
+"""A command so near to closed or open counts as that."""
 _AMPLITUDE = 0.1
 """Of the least oscillation that Hägglund's index counts, K: 1 % of the 10 K that a supply temperature may range over."""
 _EVENTS, _SUPERVISED = 10, 50.0
@@ -44,6 +45,17 @@ def settled(T_set: Array, good: Mask, interval: float) -> Mask:
         steady = windows.max(axis=1) - windows.min(axis=1) < LEAST_CHANGE
     there = sliding_window_view(good, width + 1).mean(axis=1) > 0.5
     return np.concatenate([np.zeros(width, dtype=bool), steady & there]) & good
+
+
+def in_control(command: Array, good: Mask, interval: float) -> Mask:
+    """Where the valve was not closed or wide open for so long that the loop has no say, (n,)."""
+    at_end = good & ((command <= _END) | (command >= 1.0 - _END))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], at_end, [False]]).astype(int)))
+    found = good.copy()
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        if (last - first) * interval > SETTLED_AFTER:
+            found[first:last] = False
+    return found
 
 
 def travel(positions: Array, on: Mask, interval: float) -> tuple[float, float]:
@@ -145,13 +157,3 @@ def hagglund_gap(e: Array, good: Mask, interval: float, kp: float, ti: float, ga
 def rms(e: Array, good: Mask) -> float:
     """Root mean square where good; NaN without samples."""
     return float(np.sqrt(np.mean(e[good] ** 2))) if good.any() else np.nan
-
-
-def swing_indices(swing: Swing = NO_SWING) -> dict[str, Index]:
-    """How the temperature swings."""
-    return {
-        "peak_to_peak": Index(swing.peak_to_peak, "K", "swing of the supply temperature, peak to peak"),
-        "period": Index(swing.period, "s", "period of the swing"),
-        "regularity": Index(swing.regularity, "1", "regularity of the zero crossings after Thornhill; regular above 1"),
-        "periodic_share": Index(swing.share, "1", "share of the variance that comes back after a period"),
-    }

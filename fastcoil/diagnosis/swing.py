@@ -14,9 +14,11 @@ _LEAST_SHARE, _LEAST_PERIODS = 0.5, 8
 """A regular swing makes up at least this share of the variance, and is seen so many times."""
 LEAST_SWING = 0.1
 """Peak to peak below which nobody minds a swing, K."""
-_LEVELS = (600.0, 1800.0, 5400.0)
-"""Seconds of the running means that take slower changes away; only shorter periods are looked for."""
+_LEVELS = (600.0, 1800.0, 3600.0)
+"""Seconds of the running means that take slower changes away; periods up to _LONGER of that are looked for."""
+_LONGER = 1.2
 _SHOWN = 3
+"""Periods in the longest unbroken stretch, at least."""
 _INTERVALS = 10
 """Intervals between zero crossings of the autocovariance that are compared, at most."""
 _FEWEST = 4
@@ -69,9 +71,9 @@ def swing_of(series: Array, good: Mask, interval: float) -> Swing:
         width = round(seconds / interval)
         if width < _FEWEST or good.sum() < width:
             continue
-        rest = np.where(good, series - _running_mean(series, good, width), 0.0)
+        rest = np.where(good, series - running_mean(series, good, width), 0.0)
         swing = _from_autocovariance(rest, good, interval)
-        if swing.period < min(seconds, longest / _SHOWN) and swing.share > found.share:
+        if swing.period < min(_LONGER * seconds, longest / _SHOWN) and swing.share > found.share:
             found = swing
     return found
 
@@ -118,13 +120,21 @@ def _crossings(covariance: Array) -> Array:
 def _peak_to_peak(rest: Array, good: Mask, period: float) -> float:
     """Mean of highest less lowest in each period, in which all samples are good; noise is smoothed before."""
     width, n = max(1, round(period / _SMOOTH)), max(2, round(period))
-    smooth = _running_mean(rest, good, width)
+    smooth = running_mean(rest, good, width)
     whole = rest.size // n
     blocks, fine = smooth[: whole * n].reshape(whole, n), good[: whole * n].reshape(whole, n).all(axis=1)
     return float(np.ptp(blocks[fine], axis=1).mean()) if fine.any() else np.nan
 
 
-def _running_mean(series: Array, good: Mask, width: int) -> Array:
+def median_swing(series: Array, good: Mask, samples: int) -> float:
+    """Median of highest less lowest over so many samples in a row that are all good; NaN if there are none."""
+    whole = series.size // samples
+    blocks, fine = (of[: whole * samples].reshape(whole, samples) for of in (series, good))
+    fine = fine.all(axis=1)
+    return float(np.median(np.ptp(blocks[fine], axis=1))) if fine.any() else np.nan
+
+
+def running_mean(series: Array, good: Mask, width: int) -> Array:
     """Mean of the good samples among the ``width`` around each."""
     def total(of: Array) -> Array:
         summed = np.concatenate([[0.0], np.cumsum(of)])

@@ -1,0 +1,177 @@
+"""``diagnose``: whether a valve has backlash, and whether that is why its loop hunts, from a trend log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.arguments import checking, choice_of, flag_of, number_of
+from fastcoil.diagnosis.cause import cause_of
+from fastcoil.diagnosis.fitted_loop import FittedLoop, fit_loop_model
+from fastcoil.diagnosis.grid import Grid, on_grid
+from fastcoil.diagnosis.identify import USUAL_STROKE_TIME, Identification, identify_backlash
+from fastcoil.diagnosis.measures import Measures, loop_indices, measures_of
+from fastcoil.diagnosis.remedies import as_dataset, outcomes_of
+from fastcoil.diagnosis.result import Diagnosis, scalars
+from fastcoil.logs import read_log
+from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
+from fastcoil.logs.series import COLUMNS
+
+_WANTED = Wanted(
+    needed=("command", "T_sup"), optional=("T_set", "m_a", "T_a_in", "enabled"), measured=("T_sup", "m_a", "T_a_in")
+)
+_LONGEST = 3600.0
+"""Of a stroke or of the time between two samples of a controller, s."""
+WIDE_SWING = 0.4
+"""Swing of the command above which no size is claimed, fraction of stroke."""
+_ABOVE_0 = math.nextafter(0.0, 1.0)
+
+
+def diagnose(
+    log: Any,
+    stroke_time: float | None = None,
+    sample_time: float | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None = None,
+    drop: bool = False,
+    jumps: str = "refuse",
+    max_gap: float | None = None,
+) -> Diagnosis:
+    """Find the backlash of a valve in a trend log of its loop, and why the loop hunts if it does.
+
+    Parameters
+    ----------
+    log
+        Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``T_sup`` (°C, °F, K),
+        and ``elapsed_time`` or ``timestamp``; of a Dataset of ``fc.simulate``, ``T_measured`` is taken if it is there.
+        Optional: ``T_set``, without which no cause can be told; ``m_a`` and ``T_a_in``, air flow and entering air,
+        with which smaller gaps show; ``enabled``, 0 where the plant is off.
+    stroke_time
+        Seconds of the motor from closed to open, 0 if it is as good as immediate; 90 if left out.
+    sample_time
+        Seconds between two samples of the controller; found from the log if left out.
+    units, columns
+        As in ``fc.Boundary.from_csv``.
+    drop, jumps, max_gap
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+
+    Returns
+    -------
+    Diagnosis
+        ``backlash`` counts only if ``identified``; ``reason`` says why it is not.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the log or the arguments.
+    """
+    with checking() as check:
+        log = check(log_of, "log", log)
+        seconds = f"give seconds, at most {_LONGEST:g}"
+        stroke_time = check.unless_none(number_of, "stroke_time", stroke_time, seconds, least=0.0, most=_LONGEST)
+        sample_time = check.unless_none(number_of, "sample_time", sample_time, seconds, least=_ABOVE_0, most=_LONGEST)
+        check(flag_of, "drop", drop)
+        check(choice_of, "jumps", jumps, ("refuse", "split"))
+        check(max_gap_of, max_gap)
+        check(require_mappings, units=units, columns=columns)
+    if hasattr(log, "data_vars") and "T_measured" in log and "T_sup" not in (columns or {}):
+        log = log.assign(T_sup=log["T_measured"])
+    data = read_log(
+        log, _WANTED, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap, has_command=True
+    )
+    grid, notes = on_grid(data)
+    known = [name for name in ("m_a", "T_a_in") if name in grid.values]
+    found = identify_backlash(
+        grid.values["command"],
+        grid.values["T_sup"],
+        grid.interval,
+        grid.values.get("T_set"),
+        tuple(grid.values[name] for name in known),
+        grid.on,
+        stroke_time,
+    )
+    measures = measures_of(grid, stroke_time)
+    found = _doubted(found, measures)
+    fitted = _modelled(grid, found, stroke_time, sample_time)
+    outcomes = {} if isinstance(fitted, str) else outcomes_of(fitted, fitted.backlash)
+    cause = cause_of(measures, fitted)
+    notes = [*data.notes, *notes, *_remarks(grid, stroke_time, sample_time, fitted)]
+    return Diagnosis(
+        source=data.name,
+        backlash=found.backlash,
+        interval=(found.low, found.high),
+        identified=found.identified,
+        reason=found.reason,
+        cause=cause.name,
+        because=cause.because,
+        hunts=measures.swing.is_regular,
+        profile=_profile(found),
+        indices=scalars(measures.indices | loop_indices(measures, grid.interval, fitted)),
+        predictions=as_dataset(outcomes) if outcomes else None,
+        signals=_signals(grid, measures),
+        notes=notes,
+    )
+
+
+def _doubted(found: Identification, measures: Measures) -> Identification:
+    """The backlash, not identified where the loop swings so far that the curve of the valve hides the gap."""
+    if not (found.identified and measures.swing.is_regular and measures.command_swing > WIDE_SWING):
+        return found
+    reason = (
+        f"the command swings over {measures.command_swing:.0%} of the stroke, where the valve's curve hides the gap: "
+        "halve the gain and log again"
+    )
+    return found._replace(low=0.0, high=float(found.candidates[-1]), identified=False, reason=reason)
+
+
+def _modelled(
+    grid: Grid, found: Identification, stroke_time: float | None, sample_time: float | None
+) -> FittedLoop | str:
+    """The loop as a model, or why there is none."""
+    values = grid.values
+    if "T_set" not in values:
+        return "the log has no set-point (T_set)"
+    seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
+    backlash = found.backlash if np.isfinite(found.backlash) else 0.0
+    return fit_loop_model(
+        values["command"], values["T_sup"], values["T_set"], grid.interval, backlash, seconds, sample_time, grid.on
+    )
+
+
+def _remarks(
+    grid: Grid, stroke_time: float | None, sample_time: float | None, fitted: FittedLoop | str
+) -> list[str]:
+    """What was assumed, and what could not be computed."""
+    notes = []
+    if stroke_time is None:
+        notes.append(f"the motor is taken to need {USUAL_STROKE_TIME:g} s for its stroke: give stroke_time if it is known")
+    if "T_set" not in grid.values:
+        notes.append("without a set-point (T_set) no error, no index of it, no cause and no prediction is computed")
+    elif isinstance(fitted, str):
+        notes.append(f"no prediction: {fitted}")
+    if sample_time is not None and sample_time < grid.interval:
+        notes.append(
+            f"the log has a sample every {grid.interval:g} s, the controller one every {sample_time:g} s: turns of the "
+            "command between two samples are lost"
+        )
+    return notes
+
+
+def _profile(found: Identification) -> xr.Dataset:
+    profile = {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})}
+    attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
+    return xr.Dataset(profile, {"backlash": ("backlash", found.candidates, attrs)})
+
+
+def _signals(grid: Grid, measures: Measures) -> xr.Dataset:
+    """The log as it was used."""
+    series = {name: ("elapsed_time", values, {"units": COLUMNS[name].unit}) for name, values in grid.values.items()}
+    series["position"] = ("elapsed_time", measures.position, {"units": "1"})
+    series["calm"] = ("elapsed_time", measures.calm, {})
+    attrs = {"interval": grid.interval, "hours": float(grid.on.sum()) * grid.interval / 3600.0}
+    return xr.Dataset(series, {"elapsed_time": ("elapsed_time", grid.time, {"units": "s"})}, attrs)

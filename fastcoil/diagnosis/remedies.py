@@ -1,0 +1,46 @@
+"""What the fitted loop would do with another valve, tuning or controller."""
+
+from __future__ import annotations
+
+import xarray as xr
+
+from fastcoil.diagnosis.fitted_loop import FittedLoop, Outcome, what_if
+
+BUFFER = 0.01
+"""Of the backlash inverse that is tried, fraction of stroke."""
+CASES = ("as_found", "no_gap", "half_gap", "half_gain", "inverse")
+WORDS = {
+    "as_found": "as found",
+    "no_gap": "no gap",
+    "half_gap": "half the gap",
+    "half_gain": "half the gain",
+    "inverse": "backlash inverse",
+}
+_MEANINGS = {
+    "rmse": ("K", "RMS control error"),
+    "amplitude": ("K", "amplitude of the swing, half of peak to peak"),
+    "period": ("s", "period of the swing"),
+    "travel_per_day": ("1", "strokes of the motor in a day"),
+    "reversals_per_day": ("1", "turns of the motor in a day"),
+    "hunts": ("1", "whether the loop hunts"),
+}
+
+
+def outcomes_of(fitted: FittedLoop, backlash: float) -> dict[str, Outcome]:
+    """Simulate the fitted loop in every case; ``backlash``: of its valve, fraction of stroke."""
+    return {
+        "as_found": what_if(fitted),
+        "no_gap": what_if(fitted, backlash=0.0),
+        "half_gap": what_if(fitted, backlash=0.5 * backlash),
+        "half_gain": what_if(fitted, kp_factor=0.5),
+        "inverse": what_if(fitted, estimate=backlash, buffer=BUFFER),
+    }
+
+
+def as_dataset(outcomes: dict[str, Outcome]) -> xr.Dataset:
+    """The outcomes along ``case``."""
+    variables = {
+        name: ("case", [float(getattr(one, name)) for one in outcomes.values()], {"units": unit, "long_name": meaning})
+        for name, (unit, meaning) in _MEANINGS.items()
+    }
+    return xr.Dataset(variables, coords={"case": list(outcomes)})

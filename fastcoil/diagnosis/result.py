@@ -1,0 +1,126 @@
+"""The result of a diagnosis: backlash, cause, indices, predictions; in words, as TOML, as a figure."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+from fastcoil.arguments import path_of
+from fastcoil.diagnosis.words import in_words
+from fastcoil.errors import InputError
+from fastcoil.files import commit
+from fastcoil.look import is_folder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a trend log tells of a loop and its valve.
+
+    Attributes
+    ----------
+    source
+        Name of the log.
+    backlash, interval
+        Most probable backlash and its 95 % interval, fractions of stroke; NaN and everything where the log was not fit
+        to compare any.
+    identified, reason
+        Whether the backlash is right, to 20 % of itself or 1 % of the stroke, with 95 % probability; why not, and what
+        to do to find out, else empty.
+    cause, because
+        Why the loop hunts: ``none`` (it does not), ``backlash`` (without the gap it would not), ``tuning`` (it would
+        with a perfect valve, too), ``disturbance`` (something from outside swings), ``unknown``; and a sentence.
+    hunts
+        Whether the log shows a swing that comes back regularly.
+    profile
+        Dataset over ``backlash``: the ``probability`` of each size.
+    indices
+        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, Hägglund's oscillation index and
+        backlash, the normalised Harris index, travel and turns of the motor; gain, integral time and sample time of the
+        controller, gain of the plant and margin, where the loop could be modelled.
+    predictions
+        Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop does
+        on this log's day.  None where the loop could not be modelled.
+    signals
+        Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
+    notes
+        What was left out of the log, what was assumed, and what could not be computed.
+    """
+
+    source: str
+    backlash: float
+    interval: tuple[float, float]
+    identified: bool
+    reason: str
+    cause: str
+    because: str
+    hunts: bool
+    profile: xr.Dataset
+    indices: xr.Dataset
+    predictions: xr.Dataset | None
+    signals: xr.Dataset = field(repr=False)
+    notes: list[str] = field(default_factory=list)
+
+    def summary(self) -> list[str]:
+        """The diagnosis in words, line by line."""
+        return in_words(self)
+
+    def plot(self) -> Figure:
+        """The diagnosis on one page, as a matplotlib ``Figure``."""
+        from fastcoil.diagnosis.figure import page
+
+        return page(self)
+
+    def to_toml(self, path: str | Path | None = None) -> str:
+        """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
+
+        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
+        """
+        text = "\n".join(_toml(self)) + "\n"
+        if path is not None:
+            path = path_of("path", path)
+            if is_folder(path) or not is_folder(path.parent):
+                raise InputError(f"{path} cannot be written: give a file in a folder that exists")
+            commit(path, text.encode())
+        return text
+
+
+def _toml(d: Diagnosis) -> list[str]:
+    lines = [f"# backlash fitted to {d.source} by fastcoil diagnose"]
+    lines += [f"# {line}" for line in d.summary()[1:]]
+    lines += ["", "[loop]"] + ([f"backlash = {d.backlash!r}"] if d.identified else [])
+    lines += ["", "[fit]", 'kind = "diagnosis"', f"source = {_text(d.source)}"]
+    lines += [f"identified = {'true' if d.identified else 'false'}", f"reason = {_text(d.reason)}"]
+    lines += [f"cause = {_text(d.cause)}", f"because = {_text(d.because)}"]
+    lines += [f"notes = [{', '.join(map(_text, d.notes))}]"]
+    low, high = d.interval
+    lines += ["", "[fit.interval_95]", f"backlash = [{low!r}, {high!r}]"]
+    lines += ["", "[fit.indices]"] + [f"{name} = {_number(float(value))}" for name, value in d.indices.items()]
+    for case in [] if d.predictions is None else d.predictions["case"].values:
+        one = d.predictions.sel(case=case)  # type: ignore[union-attr]
+        lines += ["", f"[fit.predictions.{case}]"]
+        lines += [f"{name} = {_number(float(value))}" for name, value in one.data_vars.items()]
+    return lines
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _number(value: float) -> str:
+    return repr(value) if math.isfinite(value) else ("nan" if math.isnan(value) else "inf")
+
+
+def scalars(values: Mapping[str, tuple[float, str, str]]) -> xr.Dataset:
+    """Single numbers by name, with unit and meaning, as a Dataset."""
+    return xr.Dataset(
+        {name: ((), value, {"units": unit, "long_name": meaning}) for name, (value, unit, meaning) in values.items()}
+    )

@@ -1,0 +1,78 @@
+"""A diagnosis in the words of a technician."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fastcoil.diagnosis.cause import BACKLASH, DISTURBANCE, NONE, TUNING
+from fastcoil.diagnosis.identify import GOOD
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from fastcoil.diagnosis.result import Diagnosis
+
+_FEWER = 0.9
+"""A change of error or travel to less than this share is worth saying."""
+
+
+def in_words(d: Diagnosis) -> list[str]:
+    """The diagnosis, line by line."""
+    hours = d.signals.attrs["hours"]
+    lines = [f"{d.source}: {hours:.1f} h, a sample every {d.signals.attrs['interval']:g} s"]
+    lines += [_gap(d), _hunting(d), *_cures(d)]
+    return lines + [f"Note: {note}" for note in d.notes]
+
+
+def _gap(d: Diagnosis) -> str:
+    low, high = (100 * bound for bound in d.interval)
+    if d.identified and d.backlash <= GOOD:
+        return f"Gap: none to speak of, {100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
+    if d.identified:
+        return f"Gap: {100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
+    if np.isnan(d.backlash):
+        return f"Gap: cannot tell: {d.reason}"
+    return f"Gap: cannot tell; most probable {100 * d.backlash:.3g} % (95 %: {low:.3g} to {high:.3g} %): {d.reason}"
+
+
+def _hunting(d: Diagnosis) -> str:
+    """Whether the loop hunts, and why."""
+    size, period = float(d.indices["peak_to_peak"]) / 2, float(d.indices["period"])
+    if d.cause == NONE:
+        error = float(d.indices["error_rms_settled"])
+        held = f": its error is {error:.2g} K (RMS, settled)" if np.isfinite(error) else ""
+        return f"Hunting: none{held}"
+    if not d.hunts:
+        return f"Hunting: cannot tell: {d.because}"
+    swings = f"Hunting: ± {size:.2g} K every {_duration(period)}"
+    blamed = {BACKLASH: "the gap", TUNING: "the tuning", DISTURBANCE: "a disturbance"}
+    return f"{swings}, because of {blamed[d.cause]}: {d.because}" if d.cause in blamed else f"{swings}; {d.because}"
+
+
+def _cures(d: Diagnosis) -> list[str]:
+    """What the fitted loop would do with another valve, tuning or controller."""
+    if d.predictions is None:
+        return []
+    found = d.predictions.sel(case="as_found")
+    lines = [
+        f"Model of this loop: error {float(found.rmse):.2g} K, motor {float(found.travel_per_day):.0f} strokes and "
+        f"{float(found.reversals_per_day):.0f} turns a day"
+    ]
+    cases = [("half_gain", "With half the gain")]
+    if d.identified and d.backlash > GOOD:
+        cases += [("no_gap", "Without the gap"), ("half_gap", "With half the gap"), ("inverse", "With a backlash inverse")]
+    return lines + [f"{words}: {_compared(d.predictions.sel(case=case), found)}" for case, words in cases]
+
+
+def _compared(one: xr.Dataset, found: xr.Dataset) -> str:
+    stands = ", no hunting" if bool(found.hunts) and not bool(one.hunts) else ""
+    return (
+        f"error {float(one.rmse):.2g} K, motor {float(one.travel_per_day):.0f} strokes and "
+        f"{float(one.reversals_per_day):.0f} turns a day{stands}"
+    )
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
