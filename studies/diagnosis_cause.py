@@ -43,7 +43,7 @@ class Logs(NamedTuple):
 
 
 def valves(kind: str, seed: int = SEED, n: int = VALVES) -> dict[str, np.ndarray]:
-    """Parameters of the valves and loops of a kind of day: a quarter without backlash, tunings from calm to restless."""
+    """Parameters of the valves and loops of a kind of day: a quarter has no backlash, tunings are calm to restless."""
     draw = np.random.default_rng([seed, KINDS.index(kind)])
 
     def loguniform(low: float, high: float) -> np.ndarray:

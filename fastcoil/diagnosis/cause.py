@@ -12,10 +12,10 @@ from fastcoil.diagnosis.swing import Swing, running_mean
 
 NONE, BACKLASH, TUNING, DISTURBANCE, UNKNOWN = "none", "backlash", "tuning", "disturbance", "unknown"
 FULL_SWING = 0.6
-"""Swing of the command, fraction of stroke, that no gap makes: the loop is unstable, and the ends of the valve hold it."""
+"""Swing of the command that no gap makes, fraction of stroke: the loop is unstable, and the ends of the valve hold it."""
 ALIKE, LEAST_SIZE = 1.6, 0.5
-"""A model swings as the log does if the periods differ by less than this factor, and if its swing has at least this share
-of the logged one."""
+"""A model swings as the log does if the periods differ by less than this factor, and if its swing has at least this
+share of the logged one."""
 FORETELLS = 0.8
 """Margin max |L||N| of the describing function above which a gap may make the loop hunt."""
 _KICKED, _LEAST_KICK = 600.0, 1.0
@@ -46,9 +46,15 @@ def cause_of(measures: Measures, fitted: FittedLoop | str) -> Cause:
     if not swing.is_regular:
         return Cause(UNKNOWN, measures.blind) if measures.blind else Cause(NONE, "no swing comes back regularly")
     if stroke > FULL_SWING:
-        return Cause(TUNING, f"the command swings over {stroke:.0%} of the stroke, more than a gap makes it: lower the gain")
+        return Cause(
+            TUNING, f"the command swings over {stroke:.0%} of the stroke, more than a gap makes it: lower the gain"
+        )
     if isinstance(fitted, str):
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
+    return _of_model(fitted, swing)
+
+
+def _of_model(fitted: FittedLoop, swing: Swing) -> Cause:
     quiet = by_itself(fitted, swing)
     with_gap, without = what_if(quiet), what_if(quiet, backlash=0.0)
     if _swings_alike(without, swing):

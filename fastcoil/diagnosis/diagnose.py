@@ -26,8 +26,9 @@ _WANTED = Wanted(
 )
 _LONGEST = 3600.0
 """Of a stroke or of the time between two samples of a controller, s."""
-WIDE_SWING = 0.4
-"""Swing of the command above which no size is claimed, fraction of stroke."""
+WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
+"""Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
+size is claimed."""
 _ABOVE_0 = math.nextafter(0.0, 1.0)
 
 
@@ -96,7 +97,7 @@ def diagnose(
         stroke_time,
     )
     measures = measures_of(grid, stroke_time)
-    found = _doubted(found, measures)
+    found = _doubted(found, grid, measures)
     fitted = _modelled(grid, found, stroke_time, sample_time)
     outcomes = {} if isinstance(fitted, str) else outcomes_of(fitted, fitted.backlash)
     cause = cause_of(measures, fitted)
@@ -118,14 +119,22 @@ def diagnose(
     )
 
 
-def _doubted(found: Identification, measures: Measures) -> Identification:
-    """The backlash, not identified where the loop swings so far that the curve of the valve hides the gap."""
-    if not (found.identified and measures.swing.is_regular and measures.command_swing > WIDE_SWING):
+def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identification:
+    """The backlash, not identified where the log holds a trap that the likelihood does not know."""
+    reason = ""
+    if measures.swing.is_regular and measures.command_swing > WIDE_SWING:
+        # the squared opening of the model does not follow the curve of a valve over so much of its stroke
+        reason = (
+            f"the command swings over {measures.command_swing:.0%} of the stroke, where the valve's curve hides the gap: "
+            "halve the gain and log again"
+        )
+    elif grid.increment > LARGEST_INCREMENT:
+        reason = (
+            f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it at "
+            "fixed times, or at changes of 0.05 K"
+        )
+    if not (reason and found.identified):
         return found
-    reason = (
-        f"the command swings over {measures.command_swing:.0%} of the stroke, where the valve's curve hides the gap: "
-        "halve the gain and log again"
-    )
     return found._replace(low=0.0, high=float(found.candidates[-1]), identified=False, reason=reason)
 
 
@@ -143,13 +152,13 @@ def _modelled(
     )
 
 
-def _remarks(
-    grid: Grid, stroke_time: float | None, sample_time: float | None, fitted: FittedLoop | str
-) -> list[str]:
+def _remarks(grid: Grid, stroke_time: float | None, sample_time: float | None, fitted: FittedLoop | str) -> list[str]:
     """What was assumed, and what could not be computed."""
     notes = []
     if stroke_time is None:
-        notes.append(f"the motor is taken to need {USUAL_STROKE_TIME:g} s for its stroke: give stroke_time if it is known")
+        notes.append(
+            f"the motor is taken to need {USUAL_STROKE_TIME:g} s for its stroke: give stroke_time if it is known"
+        )
     if "T_set" not in grid.values:
         notes.append("without a set-point (T_set) no error, no index of it, no cause and no prediction is computed")
     elif isinstance(fitted, str):
@@ -172,6 +181,7 @@ def _signals(grid: Grid, measures: Measures) -> xr.Dataset:
     """The log as it was used."""
     series = {name: ("elapsed_time", values, {"units": COLUMNS[name].unit}) for name, values in grid.values.items()}
     series["position"] = ("elapsed_time", measures.position, {"units": "1"})
-    series["calm"] = ("elapsed_time", measures.calm, {})
+    calm = xr.DataArray(measures.calm, dims="elapsed_time")
     attrs = {"interval": grid.interval, "hours": float(grid.on.sum()) * grid.interval / 3600.0}
-    return xr.Dataset(series, {"elapsed_time": ("elapsed_time", grid.time, {"units": "s"})}, attrs)
+    ds = xr.Dataset(series, {"elapsed_time": ("elapsed_time", grid.time, {"units": "s"})}, attrs)
+    return ds.assign(calm=calm)

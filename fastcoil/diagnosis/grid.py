@@ -1,4 +1,4 @@
-"""A log of any rhythm as samples at equal intervals: missing where the log is silent, whole where only values changed."""
+"""A log of any rhythm as samples at equal intervals: missing where it is silent, held where it has changes only."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ HELD = ("command", "T_set", "enabled")
 LEAST_SAMPLES = 20
 _REGULAR, _NEARLY = 0.8, 0.25
 """A log is regular if this share of its steps are whole multiples of the median, to this share of it."""
+_FIRST_OF_TEN, _ROUNDED, _ALIKE = 0.1, 0.05, 2.0
+"""Of the changes of a temperature logged at changes, half are below twice the smallest tenth."""
 _LEAST, _MOST = 1.0, 10.0
 """Interval between the samples made of an irregular log, s."""
 _LONGEST_SILENCE = 600.0
@@ -28,13 +30,15 @@ class Grid(NamedTuple):
     """The series of a log at equal intervals.
 
     interval: s.  time: of each sample since the first of the log, s, (n,); it jumps where a long silence was cut out.
-    values: by name, (n,), NaN where missing.  on: whether the plant was on and the log there, (n,).
+    values: by name, (n,), NaN where missing.  on: whether the plant was on and the log there, (n,).  increment: by which
+    the temperature had to change to be logged, K; 0 where it was logged anyway.
     """
 
     interval: float
     time: Array
     values: dict[str, Array]
     on: Mask
+    increment: float
 
 
 class _Rhythm(NamedTuple):
@@ -128,7 +132,24 @@ def _filled(log: Log, at: Index, cut: Index, found: _Rhythm, same: Mask) -> Grid
         on &= np.nan_to_num(values["enabled"]) > 0.0
     since = np.arange(n) - at[np.searchsorted(at, index, side="right") - 1]
     time = log.time[held] + since * found.interval
-    return Grid(found.interval, time, values, on)
+    return Grid(found.interval, time, values, on, increment_of(log.values["T_sup"]))
+
+
+def increment_of(temperature: Array) -> float:
+    """By how much a temperature had to change to be logged, K; 0 if it was logged anyway, or rounded.
+
+    Rounded values are whole steps apart; those logged at changes are anywhere, but never near the one before.
+    """
+    known = temperature[np.isfinite(temperature)]
+    changes = np.abs(np.diff(known))
+    changed = changes[changes > 0.0]
+    if changed.size < LEAST_SAMPLES:
+        return 0.0
+    least = float(np.quantile(changed, _FIRST_OF_TEN))
+    steps = (known - known[0]) / least
+    rounded = float(np.quantile(np.abs(steps - np.rint(steps)), 1.0 - _FIRST_OF_TEN)) < _ROUNDED
+    alike = float(np.median(changed)) < _ALIKE * least
+    return least if alike and not rounded else 0.0
 
 
 def _last_known(series: Array, at: Index, n: int) -> Array:

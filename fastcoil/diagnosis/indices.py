@@ -16,7 +16,7 @@ LEAST_CHANGE = 0.3
 _END = 0.005
 """A command so near to closed or open counts as that."""
 _AMPLITUDE = 0.1
-"""Of the least oscillation that Hägglund's index counts, K: 1 % of the 10 K that a supply temperature may range over."""
+"""Of the least oscillation that Hägglund's index counts, K: 1 % of the 10 K that a supply temperature ranges over."""
 _EVENTS, _SUPERVISED = 10, 50.0
 """So many events within so many integral times are an oscillation."""
 _ORDER, _STEP, _AHEAD = 15, 30.0, 60.0
@@ -117,8 +117,8 @@ def harris_index(e: Array, good: Mask, interval: float) -> float:
 
     σ² is the variance of what could not be foretold of the error a minute ahead: from an autoregressive model of order
     15 in steps of 30 s, with innovations of variance s² and impulse response h, σ² = s² (h₀² + h₁²).  The index of
-    Harris (Can. J. Chem. Eng. 67 (1989) 856) as ASHRAE RP-1587 recommends it for HVAC loops; a minute stands for the dead
-    time, which a log does not tell.
+    Harris (Can. J. Chem. Eng. 67 (1989) 856) as ASHRAE RP-1587 recommends it for HVAC loops; a minute stands for the
+    dead time, which a log does not tell.
     """
     every = max(1, round(_STEP / interval))
     thinned, usable = e[::every], good[::every]
@@ -142,8 +142,8 @@ def harris_index(e: Array, good: Mask, interval: float) -> float:
 def hagglund_gap(e: Array, good: Mask, interval: float, kp: float, ti: float, gain: float) -> float:
     """Backlash after Hägglund, J. Process Control 17 (2007) 741, fraction of stroke; NaN without evidence.
 
-    While the gap is crossed the valve stands still and the error is a square wave; d = kp (Δt/ti - 1/(kp gain)) Δy, with
-    the mean error Δy of a half period Δt.  The median of those that last 5 ti or more and whose peak is below 2 Δy.
+    While the gap is crossed the valve stands still and the error is a square wave; d = kp (Δt/ti - 1/(kp gain)) Δy,
+    with the mean error Δy of a half period Δt.  The median of those that last 5 ti or more and whose peak is below 2 Δy.
 
     kp, ti: gain [1/K] and integral time [s] of the controller.  gain: of the plant, K per stroke.
     """

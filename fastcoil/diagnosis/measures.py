@@ -36,7 +36,8 @@ class Measures(NamedTuple):
 
     error: control error where it is known, K, (n,); else of the temperature, °C.  has_error: which of the two.
     calm: where the plant was on, in control and settled, (n,).  swing: of the error there.  position: of the motor,
-    (n,).  command_swing: median of highest less lowest command in a period.  indices: by name.  blind: why the log could not show a swing; empty if it could.
+    (n,).  command_swing: median of highest less lowest command in a period.  indices: by name.  blind: why the log
+    could not show a swing; empty if it could.
     """
 
     error: Array

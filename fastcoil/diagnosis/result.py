@@ -43,12 +43,12 @@ class Diagnosis:
     profile
         Dataset over ``backlash``: the ``probability`` of each size.
     indices
-        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, Hägglund's oscillation index and
-        backlash, the normalised Harris index, travel and turns of the motor; gain, integral time and sample time of the
+        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, Hägglund's oscillation index
+        and backlash, the normalised Harris index, travel and turns of the motor; gain, integral time and sample time of the
         controller, gain of the plant and margin, where the loop could be modelled.
     predictions
-        Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop does
-        on this log's day.  None where the loop could not be modelled.
+        Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop
+        does on this log's day.  None where the loop could not be modelled.
     signals
         Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
     notes

@@ -129,17 +129,18 @@ def _peak_to_peak(rest: Array, good: Mask, period: float) -> float:
 def median_swing(series: Array, good: Mask, samples: int) -> float:
     """Median of highest less lowest over so many samples in a row that are all good; NaN if there are none."""
     whole = series.size // samples
-    blocks, fine = (of[: whole * samples].reshape(whole, samples) for of in (series, good))
-    fine = fine.all(axis=1)
+    blocks = series[: whole * samples].reshape(whole, samples)
+    fine = good[: whole * samples].reshape(whole, samples).all(axis=1)
     return float(np.median(np.ptp(blocks[fine], axis=1))) if fine.any() else np.nan
 
 
 def running_mean(series: Array, good: Mask, width: int) -> Array:
     """Mean of the good samples among the ``width`` around each."""
+
     def total(of: Array) -> Array:
         summed = np.concatenate([[0.0], np.cumsum(of)])
         index = np.arange(of.size)
         low, high = np.maximum(index - width // 2, 0), np.minimum(index + (width + 1) // 2, of.size)
         return np.asarray(summed[high] - summed[low])
 
-    return np.asarray(total(np.where(good, series, 0.0)) / np.maximum(total(good * 1.0), 1.0))
+    return np.asarray(total(np.where(good, series, 0.0)) / np.maximum(total(good.astype(float)), 1.0))

@@ -62,7 +62,11 @@ def _cures(d: Diagnosis) -> list[str]:
     ]
     cases = [("half_gain", "With half the gain")]
     if d.identified and d.backlash > GOOD:
-        cases += [("no_gap", "Without the gap"), ("half_gap", "With half the gap"), ("inverse", "With a backlash inverse")]
+        cases += [
+            ("no_gap", "Without the gap"),
+            ("half_gap", "With half the gap"),
+            ("inverse", "With a backlash inverse"),
+        ]
     return lines + [f"{words}: {_compared(d.predictions.sel(case=case), found)}" for case, words in cases]
 
 
