@@ -13,7 +13,7 @@ HELD = 1e-9
 """A command that changes by less is held."""
 LEAST_CHANGES, LEAST_ROWS = 20, 30
 BUSY = 20
-"""Changes of the command whose mean distance is the sample time, where it is shortest."""
+"""Changes of the command in a row whose mean distance is the sample time, where it is shortest."""
 EXACT = 1e-3
 """Residual, as a share of the changes, below which the log holds every sample of the controller."""
 LAGS, ENOUGH = (1, 2, 3, 4), 0.995
@@ -64,7 +64,7 @@ def recover_pi(
     if changes.size < LEAST_CHANGES:
         return f"the command changes {changes.size} times only: log a day on which the loop works"
     error = temperature - T_set
-    every = _sample_time(changes, interval) if sample_time is None else sample_time
+    every = _sample_time(command, changes, interval) if sample_time is None else sample_time
     if every > 1.2 * interval:
         found = _slower(command, error, changes, interval, every)
     else:
@@ -82,11 +82,18 @@ def recover_pi(
     return found
 
 
-def _sample_time(changes: Index, interval: float) -> float:
-    """Seconds between the controller's samples, or ``interval`` if the log is coarser."""
-    busy = min(BUSY, changes.size) - 1
-    mean = (changes[busy:] - changes[: changes.size - busy]) * (interval / busy)
-    found = float(np.quantile(mean, 0.1))
+def _sample_time(command: Array, changes: Index, interval: float) -> float:
+    """Seconds between the controller's samples, or ``interval`` if the log is coarser.
+
+    A saturated command is held for as long as it stays so, and tells nothing.
+    """
+    held = command[changes[:-1]]
+    gaps = np.diff(changes)[(held > EDGE) & (held < 1.0 - EDGE)]
+    if gaps.size == 0:
+        return interval
+    busy = min(BUSY, gaps.size)
+    total = np.concatenate([[0], np.cumsum(gaps)])
+    found = float(np.quantile(total[busy:] - total[:-busy], 0.1)) * interval / busy
     nice = 5.0 * round(found / 5.0)
     return nice if abs(found - nice) < 0.05 * found and nice > 0.0 else found
 
