@@ -18,6 +18,8 @@ MOST_SECONDS = 172800.0
 """Of a longer log the end is replayed."""
 LARGEST_ERROR, LARGEST_TRAVEL_ERROR = 0.2, 0.4
 """By how much control error and motor travel of the replayed log may differ from the logged ones, as logarithms."""
+GAIN_ERROR, LARGEST_SPREAD = 1.15, 1.5
+"""A what-if is told if that much more and less loop gain change no verdict, and the control error by less than this."""
 HUNTS_ABOVE = 0.8
 """Margin that foretells hunting."""
 _FREQUENCIES, _DEPTHS = 400, 400
@@ -92,7 +94,8 @@ def fit_loop_model(
     action = "cooling" if pi.kp > 0.0 else "heating"
     fitted = FittedLoop(
         abs(pi.kp), pi.ti, pi.sample_time, action, plant.gain, margin(pi, plant), pi.explained, plant.explained,
-        backlash, stroke_time, pi, plant, day_of(plant, command, T_set, good),
+        backlash, stroke_time, pi, plant,
+        day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval)),
     )  # fmt: skip
     return _doubt(fitted, command, temperature, T_set) or fitted
 
@@ -104,8 +107,11 @@ def what_if(
     ti_factor: float = 1.0,
     estimate: float = 0.0,
     buffer: float = 0.0,
-) -> Outcome:
+) -> Outcome | str:
     """What the logged day would have been with another backlash, kp, ti, or with a backlash inverse.
+
+    A sentence where the answer turns on less than the fit can know: what changes is simulated with ``GAIN_ERROR`` more
+    and less loop gain too, and all three have to agree.
 
     Parameters
     ----------
@@ -116,20 +122,26 @@ def what_if(
     estimate, buffer
         Of the inverse, fractions of stroke; an estimate of 0 is the plain PI.
     """
-    return outcome_of(_played(fitted, backlash, kp_factor, ti_factor, estimate, buffer), fitted.day, fitted.plant.step)
-
-
-def _played(
-    fitted: FittedLoop,
-    backlash: float | None = None,
-    kp_factor: float = 1.0,
-    ti_factor: float = 1.0,
-    estimate: float = 0.0,
-    buffer: float = 0.0,
-) -> Played:
-    pi = fitted.pi._replace(kp=kp_factor * fitted.pi.kp, ti=ti_factor * fitted.pi.ti)
     size = fitted.backlash if backlash is None else backlash
-    return play(fitted.plant, pi, fitted.day, fitted.stroke_time, size, estimate, buffer)
+
+    def with_gain(factor: float) -> Outcome:
+        pi = fitted.pi._replace(kp=factor * kp_factor * fitted.pi.kp, ti=ti_factor * fitted.pi.ti)
+        played = play(fitted.plant, pi, fitted.day, fitted.stroke_time, size, estimate, buffer)
+        return outcome_of(played, fitted.day, fitted.plant.step)
+
+    found = with_gain(1.0)
+    if (size, kp_factor, ti_factor, estimate) == (fitted.backlash, 1.0, 1.0, 0.0):
+        return found  # the log itself, which is known
+    more, less = with_gain(GAIN_ERROR), with_gain(1.0 / GAIN_ERROR)
+    if not found.hunts == more.hunts == less.hunts:
+        return f"whether the loop would hunt turns on {GAIN_ERROR - 1.0:.0%} of its gain, which the log does not tell"
+    errors = [found.rmse, more.rmse, less.rmse]
+    if not max(errors) < LARGEST_SPREAD * min(errors):
+        return (
+            f"the control error would be {min(errors):.2g} to {max(errors):.2g} K: it turns on "
+            f"{GAIN_ERROR - 1.0:.0%} of the loop's gain, which the log does not tell"
+        )
+    return found
 
 
 def margin(pi: RecoveredPI, plant: FittedPlant) -> float:
@@ -158,10 +170,19 @@ def margin(pi: RecoveredPI, plant: FittedPlant) -> float:
     return float(np.max(np.abs(L[inside]) * size))
 
 
+def _period(temperature: Array, T_set: Array, good: Mask, interval: float) -> float:
+    """Samples to a period if the logged loop hunts, else 0."""
+    nothing = np.zeros(T_set.size)
+    seen = outcome_of(
+        Played(temperature, nothing, nothing, nothing), Day(nothing, nothing, T_set, nothing, good), interval
+    )
+    return seen.period / interval if seen.hunts else 0.0
+
+
 def _doubt(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:
     """Why the fitted loop is not to be trusted, or nothing: it has to repeat the log that it was fitted to."""
     day, plant = fitted.day, fitted.plant
-    played = _played(fitted)
+    played = play(plant, fitted.pi, day, fitted.stroke_time, fitted.backlash, 0.0, 0.0)
     counted = counted_steps(day, plant.step)[:: plant.per_sample]
     at = slice(None, None, plant.per_sample)
     true = temperature - day.noise[at]

@@ -166,19 +166,30 @@ def _filtered(
     basis: Array, grid: list[tuple[float, float, int]], step: float, per_sample: int
 ) -> list[tuple[tuple[float, float, int], Array]]:
     """The basis behind the lags and delay of each point of a grid, at the samples of the log."""
-    from scipy.signal import lfilter
-
-    def lagged(series: Array, seconds: float) -> Array:
-        a = math.exp(-step / seconds)
-        return np.asarray(lfilter([1.0 - a], [1.0, -a], series, axis=0, zi=a * series[:1])[0])
-
-    once = {slow: lagged(basis, slow) for slow in {slow for slow, _, _ in grid}}
-    twice = {(slow, fast): lagged(once[slow], fast) for slow, fast in {(slow, fast) for slow, fast, _ in grid}}
+    slows = sorted({slow for slow, _, _ in grid})
+    pairs = sorted({(slow, fast) for slow, fast, _ in grid})
+    once = lagged(np.repeat(basis[:, :, np.newaxis], len(slows), axis=2), _shares(slows, step))
+    both = lagged(once[:, :, [slows.index(slow) for slow, _ in pairs]], _shares([fast for _, fast in pairs], step))
+    twice = {pair: both[:, :, k] for k, pair in enumerate(pairs)}
     found = []
     for slow, fast, delay in grid:
         series = twice[slow, fast]
         early = np.repeat(series[:1], delay, axis=0)
         found.append(((slow, fast, delay), np.concatenate([early, series[: series.shape[0] - delay]])[::per_sample]))
+    return found
+
+
+def _shares(lags: list[float], step: float) -> Array:
+    """Of the way to its input that a lag goes in a step."""
+    return np.asarray(1.0 - np.exp(-step / np.array(lags)))
+
+
+def lagged(series: Array, share: Array | float) -> Array:
+    """First-order lag along the first axis that goes ``share`` of the way to each new input; it starts at rest."""
+    found = np.empty_like(series)
+    state = series[0]
+    for k, wanted in enumerate(series):
+        found[k] = state = state + share * (wanted - state)
     return found
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array, Mask
-from fastcoil.diagnosis.fitted_plant import FittedPlant
+from fastcoil.diagnosis.fitted_plant import FittedPlant, lagged
 from fastcoil.diagnosis.recovered_pi import RecoveredPI
 
 BUFFER = 1e-9
@@ -38,16 +38,32 @@ class Played(NamedTuple):
     opening: Array
 
 
-def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask) -> Day:
-    """The day of a log; the noise is told from the disturbance by how it changes from sample to sample."""
+def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> Day:
+    """The day of a log; the noise is told from the disturbance by how it changes from sample to sample.
+
+    period: samples to a period of a loop that hunts, else 0.  What is left of the hunting in the disturbance is what
+    the plant does not get right, and would go on in a loop that is calm: a mean over whole periods takes it out.
+    """
     n = plant.disturbance.size
     smooth, level = without_noise(plant.disturbance, good)
+    noise_seen = plant.disturbance - smooth
+    if period > 0.0:
+        smooth = mean_over(smooth, period)
     at = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
     sample = at.astype(int)
     noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples nobody knows it
-    noise[:: plant.per_sample] = plant.disturbance - smooth
+    noise[:: plant.per_sample] = noise_seen
     works = good[sample] & good[np.minimum(sample + 1, n - 1)]
     return Day(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], works)
+
+
+def mean_over(series: Array, width: float) -> Array:
+    """Moving mean over ``width`` samples around each; fewer at the ends."""
+    total = np.concatenate([[0.0], np.cumsum(series)])
+    k = np.arange(series.size)
+    half = np.minimum(np.minimum(k, series.size - 1 - k) + 0.5, 0.5 * width)
+    ends = np.arange(total.size, dtype=float)
+    return np.asarray((np.interp(k + 0.5 + half, ends, total) - np.interp(k + 0.5 - half, ends, total)) / (2.0 * half))
 
 
 def without_noise(series: Array, good: Mask) -> tuple[Array, float]:
@@ -56,8 +72,6 @@ def without_noise(series: Array, good: Mask) -> tuple[Array, float]:
     Changes from sample to sample have the variance q + 2 r and, one after the other, the covariance -r, with r that of
     the noise and q that of a step of the walk; the smoother is the one that is best for these (Muth 1960, both ways).
     """
-    from scipy.signal import lfilter
-
     changes = np.diff(series)
     changes = changes[good[1:] & good[:-1]]
     most = 6.0 * 1.4826 * float(np.median(np.abs(changes)))
@@ -69,8 +83,8 @@ def without_noise(series: Array, good: Mask) -> tuple[Array, float]:
     q = variance - 2.0 * r
     ahead = 0.5 * (q + math.sqrt(q * q + 4.0 * q * r))
     share = ahead / (ahead + r)
-    once = lfilter([share], [1.0, share - 1.0], series, zi=[(1.0 - share) * series[0]])[0][::-1]
-    return lfilter([share], [1.0, share - 1.0], once, zi=[(1.0 - share) * once[0]])[0][::-1], math.sqrt(r)
+    once = lagged(series, share)[::-1]
+    return lagged(once, share)[::-1], math.sqrt(r)
 
 
 def play(
