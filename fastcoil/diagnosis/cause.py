@@ -6,13 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.diagnosis.fitted_loop import FittedLoop, Outcome, what_if
+from fastcoil.diagnosis.fitted_loop import FittedLoop, what_if
 from fastcoil.diagnosis.measures import Measures
+from fastcoil.diagnosis.outcome import Outcome
 from fastcoil.diagnosis.swing import Swing, running_mean
 
 NONE, BACKLASH, TUNING, DISTURBANCE, UNKNOWN = "none", "backlash", "tuning", "disturbance", "unknown"
 FULL_SWING = 0.6
-"""Swing of the command that no gap makes, fraction of stroke: the loop is unstable, and the ends of the valve hold it."""
+"""Swing of the command that no gap makes, fraction of stroke: the loop is unstable, the ends of the valve hold it."""
 ALIKE, LEAST_SIZE = 1.6, 0.5
 """A model swings as the log does if the periods differ by less than this factor, and if its swing has at least this
 share of the logged one."""
@@ -57,9 +58,11 @@ def cause_of(measures: Measures, fitted: FittedLoop | str) -> Cause:
 def _of_model(fitted: FittedLoop, swing: Swing) -> Cause:
     quiet = by_itself(fitted, swing)
     with_gap, without = what_if(quiet), what_if(quiet, backlash=0.0)
-    if _swings_alike(without, swing):
+    if isinstance(without, Outcome) and _swings_alike(without, swing):
         return Cause(TUNING, "the loop would hunt with a perfect valve, too: lower the gain")
-    if _swings_alike(with_gap, swing):
+    if isinstance(with_gap, Outcome) and _swings_alike(with_gap, swing):
+        if isinstance(without, str):
+            return Cause(UNKNOWN, f"gap or tuning: {without}")
         return Cause(BACKLASH, "the loop would not hunt without it")
     if fitted.margin < FORETELLS:
         return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")

@@ -125,13 +125,13 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
     if measures.swing.is_regular and measures.command_swing > WIDE_SWING:
         # the squared opening of the model does not follow the curve of a valve over so much of its stroke
         reason = (
-            f"the command swings over {measures.command_swing:.0%} of the stroke, where the valve's curve hides the gap: "
-            "halve the gain and log again"
+            f"the command swings over {measures.command_swing:.0%} of the stroke, where the valve's curve hides the "
+            "gap: halve the gain and log again"
         )
     elif grid.increment > LARGEST_INCREMENT:
         reason = (
-            f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it at "
-            "fixed times, or at changes of 0.05 K"
+            f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it "
+            "at fixed times, or at changes of 0.05 K"
         )
     if not (reason and found.identified):
         return found

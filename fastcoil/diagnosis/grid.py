@@ -30,8 +30,8 @@ class Grid(NamedTuple):
     """The series of a log at equal intervals.
 
     interval: s.  time: of each sample since the first of the log, s, (n,); it jumps where a long silence was cut out.
-    values: by name, (n,), NaN where missing.  on: whether the plant was on and the log there, (n,).  increment: by which
-    the temperature had to change to be logged, K; 0 where it was logged anyway.
+    values: by name, (n,), NaN where missing.  on: whether the plant was on and the log there, (n,).  increment: by
+    which the temperature had to change to be logged, K; 0 where it was logged anyway.
     """
 
     interval: float

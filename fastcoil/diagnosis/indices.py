@@ -143,7 +143,7 @@ def hagglund_gap(e: Array, good: Mask, interval: float, kp: float, ti: float, ga
     """Backlash after Hägglund, J. Process Control 17 (2007) 741, fraction of stroke; NaN without evidence.
 
     While the gap is crossed the valve stands still and the error is a square wave; d = kp (Δt/ti - 1/(kp gain)) Δy,
-    with the mean error Δy of a half period Δt.  The median of those that last 5 ti or more and whose peak is below 2 Δy.
+    with the mean error Δy of a half period Δt.  The median of those that last 5 ti or more and peak below 2 Δy.
 
     kp, ti: gain [1/K] and integral time [s] of the controller.  gain: of the plant, K per stroke.
     """

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import xarray as xr
 
-from fastcoil.diagnosis.fitted_loop import FittedLoop, Outcome, what_if
+from fastcoil.diagnosis.fitted_loop import FittedLoop, what_if
+from fastcoil.diagnosis.outcome import Outcome
 
 BUFFER = 0.01
 """Of the backlash inverse that is tried, fraction of stroke."""
@@ -26,7 +28,7 @@ _MEANINGS = {
 }
 
 
-def outcomes_of(fitted: FittedLoop, backlash: float) -> dict[str, Outcome]:
+def outcomes_of(fitted: FittedLoop, backlash: float) -> dict[str, Outcome | str]:
     """Simulate the fitted loop in every case; ``backlash``: of its valve, fraction of stroke."""
     return {
         "as_found": what_if(fitted),
@@ -37,10 +39,11 @@ def outcomes_of(fitted: FittedLoop, backlash: float) -> dict[str, Outcome]:
     }
 
 
-def as_dataset(outcomes: dict[str, Outcome]) -> xr.Dataset:
-    """The outcomes along ``case``."""
-    variables = {
-        name: ("case", [float(getattr(one, name)) for one in outcomes.values()], {"units": unit, "long_name": meaning})
-        for name, (unit, meaning) in _MEANINGS.items()
-    }
-    return xr.Dataset(variables, coords={"case": list(outcomes)})
+def as_dataset(outcomes: dict[str, Outcome | str]) -> xr.Dataset:
+    """The outcomes along ``case``: numbers, NaN where one is a sentence, which is then the ``doubt``."""
+    ds = xr.Dataset(coords={"case": list(outcomes)})
+    for name, (unit, meaning) in _MEANINGS.items():
+        values = [np.nan if isinstance(one, str) else float(getattr(one, name)) for one in outcomes.values()]
+        ds[name] = ("case", values, {"units": unit, "long_name": meaning})
+    ds["doubt"] = ("case", [one if isinstance(one, str) else "" for one in outcomes.values()])
+    return ds

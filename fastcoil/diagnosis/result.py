@@ -44,11 +44,11 @@ class Diagnosis:
         Dataset over ``backlash``: the ``probability`` of each size.
     indices
         Dataset of single numbers with units: errors, the swing, Thornhill's regularity, Hägglund's oscillation index
-        and backlash, the normalised Harris index, travel and turns of the motor; gain, integral time and sample time of the
-        controller, gain of the plant and margin, where the loop could be modelled.
+        and backlash, the normalised Harris index, travel and turns of the motor; gain, integral time and sample time of
+        the controller, gain of the plant and margin, where the loop could be modelled.
     predictions
         Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop
-        does on this log's day.  None where the loop could not be modelled.
+        does on this log's day; NaN where that cannot be told, with the ``doubt``.  None where there is no model.
     signals
         Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
     notes
@@ -104,10 +104,12 @@ def _toml(d: Diagnosis) -> list[str]:
     low, high = d.interval
     lines += ["", "[fit.interval_95]", f"backlash = [{low!r}, {high!r}]"]
     lines += ["", "[fit.indices]"] + [f"{name} = {_number(float(value))}" for name, value in d.indices.items()]
-    for case in [] if d.predictions is None else d.predictions["case"].values:
-        one = d.predictions.sel(case=case)  # type: ignore[union-attr]
-        lines += ["", f"[fit.predictions.{case}]"]
-        lines += [f"{name} = {_number(float(value))}" for name, value in one.data_vars.items()]
+    if d.predictions is not None:
+        for case in d.predictions["case"].values:
+            one = d.predictions.sel(case=case)
+            lines += ["", f"[fit.predictions.{case}]", f"doubt = {_text(str(one['doubt'].values))}"]
+            numbers = one.drop_vars("doubt").data_vars.items()
+            lines += [f"{name} = {_number(float(value))}" for name, value in numbers]
     return lines
 
 

@@ -14,9 +14,6 @@ if TYPE_CHECKING:
 
     from fastcoil.diagnosis.result import Diagnosis
 
-_FEWER = 0.9
-"""A change of error or travel to less than this share is worth saying."""
-
 
 def in_words(d: Diagnosis) -> list[str]:
     """The diagnosis, line by line."""
@@ -56,25 +53,24 @@ def _cures(d: Diagnosis) -> list[str]:
     if d.predictions is None:
         return []
     found = d.predictions.sel(case="as_found")
-    lines = [
-        f"Model of this loop: error {float(found.rmse):.2g} K, motor {float(found.travel_per_day):.0f} strokes and "
-        f"{float(found.reversals_per_day):.0f} turns a day"
-    ]
-    cases = [("half_gain", "With half the gain")]
+    cases = [("as_found", "As found"), ("half_gain", "With half the gain")]
     if d.identified and d.backlash > GOOD:
         cases += [
             ("no_gap", "Without the gap"),
             ("half_gap", "With half the gap"),
             ("inverse", "With a backlash inverse"),
         ]
-    return lines + [f"{words}: {_compared(d.predictions.sel(case=case), found)}" for case, words in cases]
+    return [f"{words}: {_told(d.predictions.sel(case=case), found)}" for case, words in cases]
 
 
-def _compared(one: xr.Dataset, found: xr.Dataset) -> str:
-    stands = ", no hunting" if bool(found.hunts) and not bool(one.hunts) else ""
+def _told(one: xr.Dataset, found: xr.Dataset) -> str:
+    """One case in words."""
+    if str(one["doubt"].values):
+        return f"cannot tell: {one['doubt'].values}"
+    stands = ", no hunting" if float(found["hunts"]) > float(one["hunts"]) else ""
     return (
-        f"error {float(one.rmse):.2g} K, motor {float(one.travel_per_day):.0f} strokes and "
-        f"{float(one.reversals_per_day):.0f} turns a day{stands}"
+        f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes and "
+        f"{float(one['reversals_per_day']):.0f} turns a day{stands}"
     )
 
 
