@@ -7,7 +7,6 @@ whether it hunts, and of what.  ``fc.diagnose`` sees the log of the first simula
 
 from __future__ import annotations
 
-import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from kinds import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from report import write_table
 
 import fastcoil as fc
+from fastcoil.diagnosis.identify import GOOD, TOLERANCE
 
 SEED, VALVES, DAY = 6203, 96, 62031
 SWINGING = "swinging"
@@ -115,3 +115,77 @@ def logs(kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY) -> L
             log[name].attrs["units"] = unit
         found.append(log)
     return Logs(found, cause, drawn["backlash"], drawn["stroke_time"])
+
+
+class Answer(NamedTuple):
+    """What a diagnosis says of a log, and what is true."""
+
+    kind: str
+    true: str
+    said: str
+    backlash: float
+    claimed: bool
+    found: float
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the found backlash is right, to 20 % of itself or 1 % of the stroke."""
+        return bool(abs(self.found - self.backlash) <= max(TOLERANCE * self.backlash, GOOD) + 1e-9)
+
+
+def answers(kind: str) -> list[Answer]:
+    """Diagnose every log of a kind; of every other valve the stroke time is known."""
+    of = logs(kind)
+    found = []
+    for k, log in enumerate(of.logs):
+        d = fc.diagnose(log, stroke_time=float(of.stroke_time[k]) if k % 2 else None)
+        found.append(Answer(kind, of.cause[k], d.cause, float(of.backlash[k]), d.identified, d.backlash))
+    return found
+
+
+def of_logs(flags: list[bool]) -> str:
+    """A share of logs with its interval."""
+    return share(xr.DataArray([flags], dims=("day", "sample")).astype(float)) if flags else "none"
+
+
+def main() -> None:
+    """Measure on every kind of day and write the tables."""
+    everything: list[Answer] = []
+    rows = []
+    for kind in KINDS:
+        found = answers(kind)
+        everything += found
+        for true in CAUSES:
+            said = [one.said for one in found if one.true == true]
+            if said:
+                rows.append([kind, true, str(len(said)), *(str(said.count(answer)) for answer in ANSWERS)])
+                print(rows[-1], flush=True)
+    write_table(
+        "diagnosis_cause",
+        f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOGGED} s; how often each answer was given",
+        ["day", "truth", "loops", *ANSWERS],
+        rows,
+    )
+    summary = []
+    for answer in ANSWERS:
+        given = [one for one in everything if one.said == answer]
+        right = of_logs([one.true == answer for one in given]) if answer in CAUSES else "–"
+        true = [one for one in everything if one.true == answer]
+        told = of_logs([one.said == answer for one in true]) if answer in CAUSES else "–"
+        summary.append([f"cause: {answer}", str(len(given)), right, told])
+    claimed = [one for one in everything if one.claimed]
+    good = [one for one in everything if one.backlash == 0.0]
+    summary.append(["a backlash", str(len(claimed)), of_logs([one.is_right for one in claimed]),
+                    of_logs([one.claimed and one.is_right for one in everything])])  # fmt: skip
+    accused = [one.claimed and one.found > GOOD + 1e-9 for one in good]
+    summary.append(["a backlash above 1 %, of good valves", str(sum(accused)), "0 %", of_logs(accused)])
+    write_table(
+        "diagnosis_answers",
+        f"The same {len(everything)} logs by answer",
+        ["answer", "logs", "right of these", "share of the logs of which it is true"],
+        summary,
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.diagnosis.fitted_loop import FittedLoop, what_if
+from fastcoil.diagnosis.fitted_loop import FittedLoop
 from fastcoil.diagnosis.measures import Measures
-from fastcoil.diagnosis.outcome import Outcome
+from fastcoil.diagnosis.outcome import Outcome, outcome_of
+from fastcoil.diagnosis.replayed_loop import play
 from fastcoil.diagnosis.swing import Swing, running_mean
 
 NONE, BACKLASH, TUNING, DISTURBANCE, UNKNOWN = "none", "backlash", "tuning", "disturbance", "unknown"
@@ -17,6 +18,8 @@ FULL_SWING = 0.6
 ALIKE, LEAST_SIZE = 1.6, 0.5
 """A model swings as the log does if the periods differ by less than this factor, and if its swing has at least this
 share of the logged one."""
+GAINS, _MOST = (1.0 / 1.1, 1.0, 1.1), 2
+"""Times the gain of the model, which no log tells exactly; most of them must hunt without a gap to blame the tuning."""
 FORETELLS = 0.8
 """Margin max |L||N| of the describing function above which a gap may make the loop hunt."""
 _KICKED, _LEAST_KICK = 600.0, 1.0
@@ -41,14 +44,15 @@ def cause_of(measures: Measures, fitted: FittedLoop | str) -> Cause:
     measures
         What the log shows.
     fitted
-        The loop as a model, or why there is none.
+        The loop as a model, or why there is none.  A loop that does not repeat its log to the letter may do.
     """
     swing, stroke = measures.swing, measures.command_swing
     if not swing.is_regular:
         return Cause(UNKNOWN, measures.blind) if measures.blind else Cause(NONE, "no swing comes back regularly")
     if stroke > FULL_SWING:
         return Cause(
-            TUNING, f"the command swings over {stroke:.0%} of the stroke, more than a gap makes it: lower the gain"
+            TUNING,
+            f"the command swings over {100 * stroke:.0f} % of the stroke, more than a gap makes it: lower the gain",
         )
     if isinstance(fitted, str):
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
@@ -57,16 +61,26 @@ def cause_of(measures: Measures, fitted: FittedLoop | str) -> Cause:
 
 def _of_model(fitted: FittedLoop, swing: Swing) -> Cause:
     quiet = by_itself(fitted, swing)
-    with_gap, without = what_if(quiet), what_if(quiet, backlash=0.0)
-    if isinstance(without, Outcome) and _swings_alike(without, swing):
+    with_gap, without = _alike(quiet, swing, fitted.backlash), _alike(quiet, swing, 0.0)
+    if without >= _MOST:
         return Cause(TUNING, "the loop would hunt with a perfect valve, too: lower the gain")
-    if isinstance(with_gap, Outcome) and _swings_alike(with_gap, swing):
-        if isinstance(without, str):
-            return Cause(UNKNOWN, f"gap or tuning: {without}")
+    if with_gap == len(GAINS) and without == 0:
         return Cause(BACKLASH, "the loop would not hunt without it")
-    if fitted.margin < FORETELLS:
+    if with_gap == 0 and fitted.margin < FORETELLS:
         return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
-    return Cause(UNKNOWN, "the model of the loop does not swing as the log does")
+    return Cause(
+        UNKNOWN, "whether the loop would hunt by itself turns on a tenth of its gain, which the log does not tell"
+    )
+
+
+def _alike(quiet: FittedLoop, swing: Swing, backlash: float) -> int:
+    """With how many of ``GAINS`` the loop swings by itself as the log does."""
+    count = 0
+    for factor in GAINS:
+        pi = quiet.pi._replace(kp=factor * quiet.pi.kp)
+        played = play(quiet.plant, pi, quiet.day, quiet.stroke_time, backlash, 0.0, 0.0)
+        count += _swings_alike(outcome_of(played, quiet.day, quiet.plant.step), swing)
+    return count
 
 
 def by_itself(fitted: FittedLoop, swing: Swing) -> FittedLoop:

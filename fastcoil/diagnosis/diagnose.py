@@ -11,7 +11,7 @@ import xarray as xr
 
 from fastcoil.arguments import checking, choice_of, flag_of, number_of
 from fastcoil.diagnosis.cause import cause_of
-from fastcoil.diagnosis.fitted_loop import FittedLoop, fit_loop_model
+from fastcoil.diagnosis.fitted_loop import FittedLoop, fit_and_doubt
 from fastcoil.diagnosis.grid import Grid, on_grid
 from fastcoil.diagnosis.identify import USUAL_STROKE_TIME, Identification, identify_backlash
 from fastcoil.diagnosis.measures import Measures, loop_indices, measures_of
@@ -98,9 +98,11 @@ def diagnose(
     )
     measures = measures_of(grid, stroke_time)
     found = _doubted(found, grid, measures)
-    fitted = _modelled(grid, found, stroke_time, sample_time)
+    modelled = _modelled(grid, found, stroke_time, sample_time)
+    doubtful, doubt = (modelled, modelled) if isinstance(modelled, str) else modelled
+    cause = cause_of(measures, doubtful)
+    fitted = doubt or doubtful
     outcomes = {} if isinstance(fitted, str) else outcomes_of(fitted, fitted.backlash)
-    cause = cause_of(measures, fitted)
     notes = [*data.notes, *notes, *_remarks(grid, stroke_time, sample_time, fitted)]
     return Diagnosis(
         source=data.name,
@@ -125,7 +127,7 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
     if measures.swing.is_regular and measures.command_swing > WIDE_SWING:
         # the squared opening of the model does not follow the curve of a valve over so much of its stroke
         reason = (
-            f"the command swings over {measures.command_swing:.0%} of the stroke, where the valve's curve hides the "
+            f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve hides the "
             "gap: halve the gain and log again"
         )
     elif grid.increment > LARGEST_INCREMENT:
@@ -140,14 +142,14 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
 
 def _modelled(
     grid: Grid, found: Identification, stroke_time: float | None, sample_time: float | None
-) -> FittedLoop | str:
-    """The loop as a model, or why there is none."""
+) -> tuple[FittedLoop, str] | str:
+    """The loop as a model with why it is not to be trusted, empty if it is, or why there is none."""
     values = grid.values
     if "T_set" not in values:
         return "the log has no set-point (T_set)"
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     backlash = found.backlash if np.isfinite(found.backlash) else 0.0
-    return fit_loop_model(
+    return fit_and_doubt(
         values["command"], values["T_sup"], values["T_set"], grid.interval, backlash, seconds, sample_time, grid.on
     )
 

@@ -74,6 +74,21 @@ def fit_loop_model(
     enabled
         Whether the plant was on; all of it if None.
     """
+    found = fit_and_doubt(command, temperature, T_set, interval, backlash, stroke_time, sample_time, enabled)
+    return found if isinstance(found, str) else found[1] or found[0]
+
+
+def fit_and_doubt(
+    command: Array,
+    temperature: Array,
+    T_set: Array,
+    interval: float,
+    backlash: float,
+    stroke_time: float,
+    sample_time: float | None = None,
+    enabled: Mask | None = None,
+) -> tuple[FittedLoop, str] | str:
+    """As ``fit_loop_model``, with the loop and why it is not to be trusted (empty if it is) where it can be fitted."""
     if interval > HORIZON:
         return f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster"
     last = slice(-int(MOST_SECONDS / interval), None)
@@ -97,7 +112,7 @@ def fit_loop_model(
         backlash, stroke_time, pi, plant,
         day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval)),
     )  # fmt: skip
-    return _doubt(fitted, command, temperature, T_set) or fitted
+    return fitted, _doubt(fitted, command, temperature, T_set)
 
 
 def what_if(
