@@ -162,7 +162,7 @@ def main() -> None:
                 print(rows[-1], flush=True)
     write_table(
         "diagnosis_cause",
-        f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOGGED} s; how often each answer was given",
+        f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOGGED} s; answers by truth",
         ["day", "truth", "loops", *ANSWERS],
         rows,
     )
@@ -178,7 +178,7 @@ def main() -> None:
     summary.append(["a backlash", str(len(claimed)), of_logs([one.is_right for one in claimed]),
                     of_logs([one.claimed and one.is_right for one in everything])])  # fmt: skip
     accused = [one.claimed and one.found > GOOD + 1e-9 for one in good]
-    summary.append(["a backlash above 1 %, of good valves", str(sum(accused)), "0 %", of_logs(accused)])
+    summary.append(["a backlash above 1 %, of good valves", str(sum(accused)), "–", of_logs(accused)])
     write_table(
         "diagnosis_answers",
         f"The same {len(everything)} logs by answer",

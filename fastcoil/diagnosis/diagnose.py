@@ -127,8 +127,8 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
     if measures.swing.is_regular and measures.command_swing > WIDE_SWING:
         # the squared opening of the model does not follow the curve of a valve over so much of its stroke
         reason = (
-            f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve hides the "
-            "gap: halve the gain and log again"
+            f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
+            "hides the gap: halve the gain and log again"
         )
     elif grid.increment > LARGEST_INCREMENT:
         reason = (

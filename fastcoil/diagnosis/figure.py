@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 _TELLING = 7200.0
 """Seconds that are drawn."""
 _SIZE = (7.5, 9.0)
+_ROOM = 145.0
+"""Per cent of the longest bar, for the words behind it."""
 _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
-_MOST_LINES = 6
 _TABLE = (
     ("error_rms", "error, RMS", "K"),
     ("error_rms_settled", "error, settled", "K"),
@@ -134,21 +135,20 @@ def _predictions(axes: Axes, d: Diagnosis) -> None:
     cases = list(found["case"].values)
     places = np.arange(len(cases))[::-1]
     error, travel = found["rmse"].values, found["travel_per_day"].values
-    for values, shift, colour, hatch, label in (
-        (error, 0.2, BLUE, "", "RMS error"),
-        (travel, -0.2, YELLOW, "//", "motor travel"),
-    ):
-        share = 100 * values / values[0]
-        axes.barh(places + shift, share, height=0.38, color=colour, hatch=hatch, edgecolor="white", lw=0, label=label)
-    for place, e, strokes in zip(places, error, travel, strict=True):
-        axes.text(2, place + 0.2, f"{e:.2g} K", va="center", color="white", fontsize=7)
-        axes.text(2, place - 0.2, f"{strokes:.0f} strokes/d", va="center", fontsize=7)
+    for values, shift, colour, form in ((error, 0.2, BLUE, "{:.2g} K"), (travel, -0.2, YELLOW, "{:.0f} strokes a day")):
+        share = np.nan_to_num(100 * values / values[0])
+        axes.barh(places + shift, share, height=0.38, color=colour)
+        for place, value, end in zip(places + shift, values, share, strict=True):
+            if np.isfinite(value):
+                axes.text(end + 2, place, form.format(value), va="center", fontsize=7)
+    for place in places[~np.isfinite(error)]:
+        axes.text(2, place, "cannot tell", va="center", fontsize=7)
+    axes.set_xlim(0, _ROOM * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
     axes.axvline(100, color="black", lw=0.8, ls=DOTTED)
     hunting = found["hunts"].values > 0
-    axes.set_yticks(places, [f"{WORDS[c]}{' (hunts)' if h else ''}" for c, h in zip(cases, hunting, strict=True)])
-    axes.set_xlabel("share of as found [%]")
+    axes.set_yticks(places, [WORDS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, hunting, strict=True)])
+    axes.set_xlabel("RMS error and motor travel, as found = 100 %")
     axes.grid(visible=False, axis="y")
-    axes.legend(ncols=2, **_ABOVE)
 
 
 def _indices(axes: Axes, d: Diagnosis) -> None:

@@ -17,8 +17,8 @@ LEAST_SWING = 0.1
 _LEVELS = (600.0, 1800.0, 3600.0)
 """Seconds of the running means that take slower changes away; periods up to _LONGER of that are looked for."""
 _LONGER = 1.2
-_SHOWN = 3
-"""Periods in the longest unbroken stretch, at least."""
+_SHOWN, _SHOWN_CLEARLY, _CLEAR = 3, 2, 0.7
+"""Periods in the longest unbroken stretch, at least; fewer will do where so large a share is periodic."""
 _INTERVALS = 10
 """Intervals between zero crossings of the autocovariance that are compared, at most."""
 _FEWEST = 4
@@ -63,7 +63,7 @@ def swing_of(series: Array, good: Mask, interval: float) -> Swing:
     Thornhill, Huang and Zhang (2003): the zero crossings of the autocovariance come at half the period; they are
     regular if r = mean / (3 standard deviation) of the intervals between them exceeds 1.  Slower drifts are taken away
     before, by running means of several lengths; the most periodic of what is left counts.  The longest unbroken stretch
-    must show three periods.
+    must show three periods, or two clear ones.
     """
     longest = _longest(good) * interval
     found = NO_SWING
@@ -73,7 +73,8 @@ def swing_of(series: Array, good: Mask, interval: float) -> Swing:
             continue
         rest = np.where(good, series - running_mean(series, good, width), 0.0)
         swing = _from_autocovariance(rest, good, interval)
-        if swing.period < min(_LONGER * seconds, longest / _SHOWN) and swing.share > found.share:
+        shown = _SHOWN_CLEARLY if swing.share > _CLEAR else _SHOWN
+        if swing.period < min(_LONGER * seconds, longest / shown) and swing.share > found.share:
             found = swing
     return found
 
