@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from helpers.hostile_values import HOSTILE, NEVER_RIGHT
 from helpers.log_files import COIL_HEADER, VALVE_HEADER, coil_rows, valve_rows, write_csv
+from helpers.loop_logs import loop_log, write_log
 from helpers.rules import Memory, Parameters, by_error
 from helpers.trend_logs import HEADER, ROWS
 
@@ -42,7 +43,7 @@ def public_calls():
             found[name] = value
         if isinstance(value, type):
             found |= _methods(name, value)
-    found |= _methods("Fit", type_of_fit())
+    found |= _methods("Fit", type_of_fit()) | _methods("Diagnosis", type_of_diagnosis())
     found |= {f.__name__: f for f in (study.maps, study.bands, study.alternatives, study.standard_figures, files.write)}
     return {name: call for name, call in found.items() if parameters(call)}
 
@@ -51,6 +52,12 @@ def type_of_fit():
     from fastcoil.calibrate.result import Fit
 
     return Fit
+
+
+def type_of_diagnosis():
+    from fastcoil.diagnosis.result import Diagnosis
+
+    return Diagnosis
 
 
 def _methods(name, cls):
@@ -94,6 +101,7 @@ def base_calls(tmp_path_factory):
     )
     for name in ("T_sup", "T_set"):
         recorded[name].attrs["units"] = "degC"
+    hunting = write_log(loop_log(hours=1.0), folder / "loop.csv")
     plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
     days = {"hours": 0.05}
     rule = {"Parameters": Parameters, "Memory": Memory}
@@ -101,6 +109,7 @@ def base_calls(tmp_path_factory):
         "Boundary": (fc.Boundary, series),
         "Boundary.from_csv": (fc.Boundary.from_csv, {"path": trend, "hours": 0.01}),
         "Boundary.from_dataset": (fc.Boundary.from_dataset, {"ds": day.to_dataset()}),
+        "Diagnosis.to_toml": (fc.diagnose(hunting).to_toml, {"path": folder / "diagnosis.toml"}),
         "Fit.to_toml": (fc.fit_valve(valve).to_toml, {"path": folder / "fit.toml"}),
         "Loop": (fc.Loop, {}),
         "Loop.__getitem__": (loop.__getitem__, {"name": "kp"}),
@@ -113,6 +122,7 @@ def base_calls(tmp_path_factory):
         "compare": (fc.compare, {"ds": ds, "baseline": {"backlash": 0.02}, "over": "replicate"}),
         "constant_day": (fc.constant_day, days),
         "design_day": (fc.design_day, days),
+        "diagnose": (fc.diagnose, {"log": hunting}),
         "estimator": (fc.estimator, rule),
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
         "fit_valve": (fc.fit_valve, {"log": valve}),

@@ -1,0 +1,187 @@
+"""``fc.diagnose`` from log to answer: backlash, cause, words, TOML, page; and what it says where it cannot tell."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from helpers.loop_logs import loop_log, write_log
+from helpers.refusals import assert_only_problem, problems
+from helpers.shared_data import measured
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.study.file.toml import parse_toml
+
+BACKLASH = 0.08
+
+
+@pytest.fixture(scope="module")
+def log():
+    return loop_log(backlash=BACKLASH)
+
+
+@pytest.fixture(scope="module")
+def coarse(log):
+    """A sample every 10 min, without set-point."""
+    return fc.diagnose(log.drop_vars("T_set").isel(elapsed_time=slice(None, None, 60)))
+
+
+@pytest.fixture(scope="module")
+def diagnosis(log):
+    return fc.diagnose(log, stroke_time=90.0)
+
+
+def test_the_backlash_of_a_log_is_identified_with_its_interval_and_profile(diagnosis):
+    assert diagnosis.identified
+    assert not diagnosis.reason
+    assert diagnosis.backlash == pytest.approx(BACKLASH, abs=0.01)
+    assert diagnosis.interval[0] <= BACKLASH <= diagnosis.interval[1]
+    assert float(diagnosis.profile.probability.sum()) == pytest.approx(1.0)
+    assert float(diagnosis.profile.probability.idxmax()) == diagnosis.backlash
+
+
+def test_the_controller_is_found_again_and_the_predictions_say_what_the_gap_is_worth(diagnosis):
+    assert float(diagnosis.indices.kp) == pytest.approx(0.02, rel=0.05)
+    assert float(diagnosis.indices.ti) == pytest.approx(90.0, rel=0.05)
+    assert diagnosis.indices.ti.attrs["units"] == "s"
+    rmse = diagnosis.predictions.rmse
+    assert float(rmse.sel(case="no_gap")) < float(rmse.sel(case="half_gap")) < float(rmse.sel(case="as_found"))
+
+
+def test_a_calm_loop_has_no_cause(diagnosis):
+    assert (diagnosis.cause, diagnosis.hunts) == ("none", False)
+    assert any(line.startswith("Hunting: none") for line in diagnosis.summary())
+
+
+def test_a_loop_that_swings_from_end_to_end_is_blamed_on_its_tuning_and_no_size_is_claimed():
+    found = fc.diagnose(loop_log(kp=0.08, ti=20.0), stroke_time=90.0)
+    assert (found.cause, found.hunts, found.identified) == ("tuning", True, False)
+    assert any("because of the tuning" in line for line in found.summary())
+
+
+def test_a_loop_whose_air_swings_is_blamed_on_a_disturbance():
+    found = fc.diagnose(loop_log(backlash=0.02, swing=1.5, period=400.0), stroke_time=90.0)
+    assert found.cause == "disturbance"
+    assert float(found.indices.period) == pytest.approx(400.0, rel=0.05)
+
+
+def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
+    found = fc.diagnose(loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
+    assert found.cause == "backlash"
+    assert found.identified
+    assert found.backlash == pytest.approx(0.06, abs=0.01)
+
+
+def test_without_a_set_point_the_backlash_is_found_and_what_is_missing_is_said(log):
+    found = fc.diagnose(log.drop_vars("T_set"), stroke_time=90.0)
+    assert found.backlash == pytest.approx(BACKLASH, abs=0.01)
+    assert found.predictions is None
+    assert np.isnan(found.indices.error_rms)
+    assert any("without a set-point" in note for note in found.notes)
+
+
+def test_a_csv_file_says_the_same_as_the_dataset(log, diagnosis, tmp_path):
+    found = fc.diagnose(write_log(log, tmp_path / "log.csv"), stroke_time=90.0)
+    assert found.source == "log.csv"
+    assert found.backlash == pytest.approx(diagnosis.backlash, abs=0.0026)
+    assert found.cause == diagnosis.cause
+
+
+def test_a_simulation_is_read_by_its_measured_temperature(log):
+    renamed = log.rename(T_sup="T_measured").assign(T_sup=("elapsed_time", np.full(log.sizes["elapsed_time"], 14.0)))
+    renamed.T_measured.attrs["units"] = "degC"
+    assert fc.diagnose(renamed).backlash == pytest.approx(BACKLASH, abs=0.01)
+
+
+def test_a_temperature_logged_at_changes_of_a_third_of_a_kelvin_is_not_trusted(log):
+    T, kept = log.T_sup.values, [0]
+    for k in range(T.size):
+        if abs(T[k] - T[kept[-1]]) >= 0.3:
+            kept.append(k)
+    coarse = T[np.array(kept)[np.searchsorted(kept, np.arange(T.size), side="right") - 1]]
+    found = fc.diagnose(log.assign(T_sup=log.T_sup.copy(data=coarse)), stroke_time=90.0)
+    assert not found.identified
+
+
+def test_a_log_that_is_too_coarse_or_too_short_says_so_instead_of_claiming(log, coarse):
+    assert (coarse.identified, coarse.cause) == (False, "unknown")
+    assert "every 600 s" in coarse.reason
+    short = fc.diagnose(log.isel(elapsed_time=slice(0, 120)))
+    assert (short.identified, short.cause) == (False, "unknown")
+    assert "an hour or more" in short.because
+
+
+def test_the_toml_can_be_included_and_holds_a_backlash_only_if_it_is_identified(diagnosis, coarse, tmp_path):
+    text = diagnosis.to_toml(tmp_path / "diagnosis.toml")
+    tables = parse_toml(text, "diagnosis.toml")
+    assert tables["loop"] == {"backlash": diagnosis.backlash}
+    assert tables["fit"]["interval_95"]["backlash"] == list(diagnosis.interval)
+    assert set(tables) == {"loop", "fit"}
+    study = tmp_path / "study.toml"
+    study.write_text('[loop]\npreset = "lbnl"\ninclude = ["diagnosis.toml"]\n[boundary]\nhours = 1\nseed = 1\n')
+    from fastcoil.study.file.spec import read_study
+
+    assert read_study(study).plan.n_scenarios == 1
+    assert parse_toml(coarse.to_toml(), "d.toml")["loop"] == {}
+    assert_only_problem(["cannot be written"], diagnosis.to_toml, tmp_path / "absent" / "d.toml")
+
+
+def test_the_page_shows_log_profile_predictions_and_indices(diagnosis, coarse):
+    titles = [axes.get_title(loc="left") for axes in diagnosis.plot().axes]
+    assert {"Two telling hours", "Identified", "What the fitted loop would do", "Indices"} <= set(titles)
+    assert "Not identified" in [axes.get_title(loc="left") for axes in coarse.plot().axes]
+
+
+def test_mistakes_are_told_together_before_the_log_is_read():
+    told = "\n".join(problems(fc.diagnose, 5, -1.0, 0.0, drop="yes", jumps="on", max_gap=-1))
+    for name in ("log", "stroke_time", "sample_time", "drop", "jumps", "max_gap"):
+        assert name in told
+
+
+def test_the_command_prints_the_answer_and_writes_what_is_asked(log, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_log(log, tmp_path / "log.csv")
+    said = CliRunner().invoke(main, ["diagnose", "log.csv", "--stroke-time", "90"])
+    assert said.exit_code == 0, said.output
+    assert "Gap: 8 % of the stroke" in said.output
+    assert {path.name for path in tmp_path.iterdir()} == {"log.csv"}
+
+
+@pytest.mark.full
+def test_the_command_writes_toml_and_page_and_replaces_only_its_own(log, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_log(log, tmp_path / "log.csv")
+    for _ in range(2):
+        said = CliRunner().invoke(main, ["diagnose", "log.csv", "-o", "found.toml"])
+        assert said.exit_code == 0, said.output
+    assert {path.name for path in tmp_path.iterdir()} == {"log.csv", "found.toml", "found.png"}
+    (tmp_path / "mine.toml").write_text("mine = 1\n")
+    said = CliRunner().invoke(main, ["diagnose", "log.csv", "-o", "mine.toml"])
+    assert said.exit_code == 2
+    assert "no fit" in said.output
+    assert (tmp_path / "mine.toml").read_text() == "mine = 1\n"
+
+
+def test_the_loop_that_hunts_at_lbnl_is_told_as_found():
+    """It hardly has backlash, and swings every half hour."""
+    found = fc.diagnose(
+        measured("b33_ahu2_5s.csv"),
+        columns={"elapsed_time": "time_s", "command": "valve_command_pct", "T_sup": "T_sup_C", "T_set": "T_sup_set_C"},
+        units={"elapsed_time": "s", "command": "%", "T_sup": "degC", "T_set": "degC"},
+    )
+    assert not (found.identified and found.backlash > 0.03)
+    assert found.hunts
+    assert found.cause != "backlash"
+    assert float(found.indices.period) == pytest.approx(1800.0, rel=0.05)
+    assert float(found.indices.kp) == pytest.approx(0.018, rel=0.25)
+
+
+def test_a_log_every_ten_minutes_is_told_to_be_too_coarse():
+    found = fc.diagnose(
+        measured("riskbr_ahu1.csv"),
+        columns={"elapsed_time": "time_s", "command": "valve_pos_deg", "T_sup": "T_supply_air_C"},
+        units={"elapsed_time": "s", "command": "deg", "T_sup": "degC"},
+        drop=True,
+        jumps="split",
+    )
+    assert (found.identified, found.cause) == (False, "unknown")
+    assert "every 600 s" in found.reason
