@@ -9,6 +9,7 @@ import numpy as np
 from fastcoil.arrays import Array
 from fastcoil.diagnosis.motion import openings
 from fastcoil.diagnosis.remedies import WORDS
+from fastcoil.diagnosis.words import in_words
 from fastcoil.plots.style import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from fastcoil.diagnosis.result import Diagnosis
+    from fastcoil.diagnosis.findings import Findings
 
 _TELLING = 7200.0
 """Seconds that are drawn."""
@@ -42,7 +43,7 @@ _TABLE = (
 
 
 @apply_style()
-def page(d: Diagnosis) -> Figure:
+def page(d: Findings) -> Figure:
     """The diagnosis as a page."""
     from matplotlib.figure import Figure
 
@@ -57,7 +58,7 @@ def page(d: Diagnosis) -> Figure:
     _profile(fig.add_subplot(grid[2, 1]), d)
     _predictions(fig.add_subplot(grid[3, 0]), d)
     _indices(fig.add_subplot(grid[3, 1]), d)
-    headline = d.summary()[:3]
+    headline = in_words(d)[:3]
     fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
     return fig
 
@@ -95,7 +96,7 @@ def _command(axes: Axes, seen: xr.Dataset) -> None:
     axes.margins(x=0.01)
 
 
-def _opening(axes: Axes, d: Diagnosis, seen: xr.Dataset) -> None:
+def _opening(axes: Axes, d: Findings, seen: xr.Dataset) -> None:
     """The opening behind the motor with the most probable gap: the wider the loop, the larger the gap."""
     axes.set(xlabel="motor position [%]", ylabel="opening [%]")
     axes.set_title("Valve behind the motor, modelled", loc="left")
@@ -114,7 +115,7 @@ def _opening(axes: Axes, d: Diagnosis, seen: xr.Dataset) -> None:
     axes.set_ylim(low - 0.1 * (high - low) - 0.5, high + 0.1 * (high - low) + 0.5)
 
 
-def _profile(axes: Axes, d: Diagnosis) -> None:
+def _profile(axes: Axes, d: Findings) -> None:
     sizes, probability = 100 * d.profile["backlash"].values, 100 * d.profile["probability"].values
     low, high = d.interval
     axes.axvspan(100 * low, 100 * high, color=FAINT, lw=0, label="95 % interval")
@@ -125,7 +126,7 @@ def _profile(axes: Axes, d: Diagnosis) -> None:
     axes.legend(**_ABOVE)
 
 
-def _predictions(axes: Axes, d: Diagnosis) -> None:
+def _predictions(axes: Axes, d: Findings) -> None:
     """Error and travel in every case, as shares of what the model does as found."""
     axes.set_title("What the fitted loop would do", loc="left")
     if d.predictions is None:
@@ -151,7 +152,7 @@ def _predictions(axes: Axes, d: Diagnosis) -> None:
     axes.grid(visible=False, axis="y")
 
 
-def _indices(axes: Axes, d: Diagnosis) -> None:
+def _indices(axes: Axes, d: Findings) -> None:
     axes.axis("off")
     axes.set_title("Indices", loc="left")
     cells = []

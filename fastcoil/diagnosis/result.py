@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import xarray as xr
 
 from fastcoil.arguments import path_of
+from fastcoil.diagnosis.findings import Findings
 from fastcoil.diagnosis.words import in_words
 from fastcoil.errors import InputError
 from fastcoil.files import commit
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Findings):
     """What a trend log tells of a loop and its valve.
 
     Attributes
@@ -55,20 +56,6 @@ class Diagnosis:
         What was left out of the log, what was assumed, and what could not be computed.
     """
 
-    source: str
-    backlash: float
-    interval: tuple[float, float]
-    identified: bool
-    reason: str
-    cause: str
-    because: str
-    hunts: bool
-    profile: xr.Dataset
-    indices: xr.Dataset
-    predictions: xr.Dataset | None
-    signals: xr.Dataset = field(repr=False)
-    notes: list[str] = field(default_factory=list)
-
     def summary(self) -> list[str]:
         """The diagnosis in words, line by line."""
         return in_words(self)
@@ -93,9 +80,9 @@ class Diagnosis:
         return text
 
 
-def _toml(d: Diagnosis) -> list[str]:
+def _toml(d: Findings) -> list[str]:
     lines = [f"# backlash fitted to {d.source} by fastcoil diagnose"]
-    lines += [f"# {line}" for line in d.summary()[1:]]
+    lines += [f"# {line}" for line in in_words(d)[1:]]
     lines += ["", "[loop]"] + ([f"backlash = {d.backlash!r}"] if d.identified else [])
     lines += ["", "[fit]", 'kind = "diagnosis"', f"source = {_text(d.source)}"]
     lines += [f"identified = {'true' if d.identified else 'false'}", f"reason = {_text(d.reason)}"]

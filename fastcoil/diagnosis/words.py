@@ -12,10 +12,10 @@ from fastcoil.diagnosis.identify import GOOD
 if TYPE_CHECKING:
     import xarray as xr
 
-    from fastcoil.diagnosis.result import Diagnosis
+    from fastcoil.diagnosis.findings import Findings
 
 
-def in_words(d: Diagnosis) -> list[str]:
+def in_words(d: Findings) -> list[str]:
     """The diagnosis, line by line."""
     hours = d.signals.attrs["hours"]
     lines = [f"{d.source}: {hours:.1f} h, a sample every {d.signals.attrs['interval']:g} s"]
@@ -23,7 +23,7 @@ def in_words(d: Diagnosis) -> list[str]:
     return lines + [f"Note: {note}" for note in d.notes]
 
 
-def _gap(d: Diagnosis) -> str:
+def _gap(d: Findings) -> str:
     low, high = (100 * bound for bound in d.interval)
     if d.identified and d.backlash <= GOOD:
         return f"Gap: none to speak of, {100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
@@ -34,7 +34,7 @@ def _gap(d: Diagnosis) -> str:
     return f"Gap: cannot tell; most probable {100 * d.backlash:.3g} % (95 %: {low:.3g} to {high:.3g} %): {d.reason}"
 
 
-def _hunting(d: Diagnosis) -> str:
+def _hunting(d: Findings) -> str:
     """Whether the loop hunts, and why."""
     size, period = float(d.indices["peak_to_peak"]) / 2, float(d.indices["period"])
     if d.cause == NONE:
@@ -48,7 +48,7 @@ def _hunting(d: Diagnosis) -> str:
     return f"{swings}, because of {blamed[d.cause]}: {d.because}" if d.cause in blamed else f"{swings}; {d.because}"
 
 
-def _cures(d: Diagnosis) -> list[str]:
+def _cures(d: Findings) -> list[str]:
     """What the fitted loop would do with another valve, tuning or controller."""
     if d.predictions is None:
         return []
