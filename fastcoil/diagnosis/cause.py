@@ -33,7 +33,7 @@ class Cause(NamedTuple):
     because: str
 
 
-def cause_of(measures: Measures, fitted: FittedLoop | str) -> Cause:
+def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) -> Cause:
     """Judge why a loop swings.
 
     The fitted loop is simulated on the day of the log with all fast disturbances taken away, with its gap and without.
@@ -45,6 +45,8 @@ def cause_of(measures: Measures, fitted: FittedLoop | str) -> Cause:
         What the log shows.
     fitted
         The loop as a model, or why there is none.  A loop that does not repeat its log to the letter may do.
+    identified
+        Whether the log tells the backlash; no valve is blamed for one that it does not tell.
     """
     swing, stroke = measures.swing, measures.command_swing
     if not swing.is_regular:
@@ -56,16 +58,19 @@ def cause_of(measures: Measures, fitted: FittedLoop | str) -> Cause:
         )
     if isinstance(fitted, str):
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
-    return _of_model(fitted, swing)
+    return _of_model(fitted, swing, identified)
 
 
-def _of_model(fitted: FittedLoop, swing: Swing) -> Cause:
+def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
     quiet = by_itself(fitted, swing)
     with_gap, without = _alike(quiet, swing, fitted.backlash), _alike(quiet, swing, 0.0)
     if without >= _MOST:
         return Cause(TUNING, "the loop would hunt with a perfect valve, too: lower the gain")
     if with_gap == len(GAINS) and without == 0:
-        return Cause(BACKLASH, "the loop would not hunt without it")
+        if identified:
+            return Cause(BACKLASH, "the loop would not hunt without it")
+        size = 100 * fitted.backlash
+        return Cause(UNKNOWN, f"it would with a gap of {size:.2g} % and not without, but the log does not tell the gap")
     if with_gap == 0 and fitted.margin < FORETELLS:
         return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
     return Cause(

@@ -100,7 +100,7 @@ def diagnose(
     found = _doubted(found, grid, measures)
     modelled = _modelled(grid, found, stroke_time, sample_time)
     doubtful, doubt = (modelled, modelled) if isinstance(modelled, str) else modelled
-    cause = cause_of(measures, doubtful)
+    cause = cause_of(measures, doubtful, identified=found.identified)
     fitted = doubt or doubtful
     outcomes = {} if isinstance(fitted, str) else outcomes_of(fitted, fitted.backlash)
     notes = [*data.notes, *notes, *_remarks(grid, stroke_time, sample_time, fitted)]
