@@ -19,7 +19,7 @@ ALIKE, LEAST_SIZE = 1.6, 0.5
 """A model swings as the log does if the periods differ by less than this factor, and if its swing has at least this
 share of the logged one."""
 GAINS, _MOST = (1.0 / 1.1, 1.0, 1.1), 2
-"""Times the gain of the model, which no log tells exactly; most of them must hunt without a gap to blame the tuning."""
+"""Times the gain of the model, which no log tells exactly, and how many of these have to agree."""
 FORETELLS = 0.8
 """Margin max |L||N| of the describing function above which a gap may make the loop hunt."""
 _KICKED, _LEAST_KICK = 600.0, 1.0
@@ -66,7 +66,7 @@ def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
     with_gap, without = _alike(quiet, swing, fitted.backlash), _alike(quiet, swing, 0.0)
     if without >= _MOST:
         return Cause(TUNING, "the loop would hunt with a perfect valve, too: lower the gain")
-    if with_gap == len(GAINS) and without == 0:
+    if with_gap >= _MOST and without == 0:
         if identified:
             return Cause(BACKLASH, "the loop would not hunt without it")
         size = 100 * fitted.backlash

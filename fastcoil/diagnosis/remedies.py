@@ -23,7 +23,7 @@ _MEANINGS = {
     "amplitude": ("K", "amplitude of the swing, half of peak to peak"),
     "period": ("s", "period of the swing"),
     "travel_per_day": ("1", "strokes of the motor in a day"),
-    "reversals_per_day": ("1", "turns of the motor in a day"),
+    "reversals_per_day": ("1", "turns of the stem in a day"),
     "hunts": ("1", "whether the loop hunts"),
 }
 

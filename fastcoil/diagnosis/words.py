@@ -69,8 +69,8 @@ def _told(one: xr.Dataset, found: xr.Dataset) -> str:
         return f"cannot tell: {one['doubt'].values}"
     stands = ", no hunting" if float(found["hunts"]) > float(one["hunts"]) else ""
     return (
-        f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes and "
-        f"{float(one['reversals_per_day']):.0f} turns a day{stands}"
+        f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes a day, stem turns "
+        f"{float(one['reversals_per_day']):.0f} times a day{stands}"
     )
 
 
