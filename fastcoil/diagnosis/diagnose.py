@@ -29,6 +29,10 @@ _LONGEST = 3600.0
 WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
 """Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
 size is claimed."""
+LEAST_EXPLAINED = 0.1
+"""Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
+WIDEST = 0.1
+"""Interval of a backlash that may be claimed, fraction of stroke."""
 _ABOVE_0 = math.nextafter(0.0, 1.0)
 
 
@@ -99,9 +103,9 @@ def diagnose(
     measures = measures_of(grid, stroke_time)
     found = _doubted(found, grid, measures)
     modelled = _modelled(grid, found, stroke_time, sample_time)
-    doubtful, doubt = (modelled, modelled) if isinstance(modelled, str) else modelled
-    cause = cause_of(measures, doubtful, identified=found.identified)
-    fitted = doubt or doubtful
+    loop, doubt = (modelled, modelled) if isinstance(modelled, str) else modelled
+    cause = cause_of(measures, loop, identified=found.identified)
+    fitted = doubt or loop
     outcomes = {} if isinstance(fitted, str) else outcomes_of(fitted, fitted.backlash)
     notes = [*data.notes, *notes, *_remarks(grid, stroke_time, sample_time, fitted)]
     return Diagnosis(
@@ -135,6 +139,12 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
             f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it "
             "at fixed times, or at changes of 0.05 K"
         )
+    elif found.high - found.low > WIDEST:
+        reason = (
+            f"gaps from {100 * found.low:.2g} to {100 * found.high:.2g} % explain the log: change the set-point up and "
+            "down, or log longer"
+        )
+        return found._replace(identified=False, reason=reason) if found.identified else found
     if not (reason and found.identified):
         return found
     return found._replace(low=0.0, high=float(found.candidates[-1]), identified=False, reason=reason)
@@ -149,9 +159,12 @@ def _modelled(
         return "the log has no set-point (T_set)"
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     backlash = found.backlash if np.isfinite(found.backlash) else 0.0
-    return fit_and_doubt(
+    modelled = fit_and_doubt(
         values["command"], values["T_sup"], values["T_set"], grid.interval, backlash, seconds, sample_time, grid.on
     )
+    if not isinstance(modelled, str) and (share := modelled[0].explained_temperature) < LEAST_EXPLAINED:
+        return f"the command explains only {100 * share:.0f} % of the changes of the temperature"
+    return modelled
 
 
 def _remarks(grid: Grid, stroke_time: float | None, sample_time: float | None, fitted: FittedLoop | str) -> list[str]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _TELLING = 7200.0
 """Seconds that are drawn."""
 _SIZE = (7.5, 9.0)
-_ROOM = 145.0
+_ROOM = 160.0
 """Per cent of the longest bar, for the words behind it."""
 _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 _TABLE = (
@@ -64,11 +64,13 @@ def page(d: Findings) -> Figure:
 
 
 def telling(signals: xr.Dataset) -> slice:
-    """The two hours in which the motor travels most while the plant is on and nothing is missing."""
+    """The two hours in which the motor travels most while nothing is missing: settled, where the loop ever is."""
     interval, n = signals.attrs["interval"], signals.sizes["elapsed_time"]
     width = min(n, max(2, round(_TELLING / interval)))
     moves = np.abs(np.diff(signals["position"].values, prepend=signals["position"].values[0]))
     there = np.isfinite(signals["T_sup"].values) & np.isfinite(signals["command"].values)
+    calm = signals["calm"].values
+    moves = np.where(calm, moves, 0.0) if calm.any() else moves
     worth = np.cumsum(np.concatenate([[0.0], np.where(there, moves, 0.0)]))
     seen = np.cumsum(np.concatenate([[0.0], there]))
     score = (worth[width:] - worth[:-width]) * ((seen[width:] - seen[:-width]) / width) ** 4

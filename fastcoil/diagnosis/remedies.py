@@ -16,7 +16,7 @@ WORDS = {
     "no_gap": "no gap",
     "half_gap": "half the gap",
     "half_gain": "half the gain",
-    "inverse": "inverse",
+    "inverse": "a backlash inverse",
 }
 _MEANINGS = {
     "rmse": ("K", "RMS control error"),

@@ -8,18 +8,22 @@ import numpy as np
 
 from fastcoil.diagnosis.cause import BACKLASH, DISTURBANCE, NONE, TUNING
 from fastcoil.diagnosis.identify import GOOD
+from fastcoil.diagnosis.remedies import WORDS
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from fastcoil.diagnosis.findings import Findings
 
+_POSSIBLE = ("half_gain", "no_gap", "half_gap", "inverse")
+"""Cures; without a known gap only the first."""
+
 
 def in_words(d: Findings) -> list[str]:
     """The diagnosis, line by line."""
     hours = d.signals.attrs["hours"]
     lines = [f"{d.source}: {hours:.1f} h, a sample every {d.signals.attrs['interval']:g} s"]
-    lines += [_gap(d), _hunting(d), *_cures(d)]
+    lines += [_gap(d), _hunting(d), *_cures(d), *_either(d)]
     return lines + [f"Note: {note}" for note in d.notes]
 
 
@@ -61,6 +65,16 @@ def _cures(d: Findings) -> list[str]:
             ("inverse", "With a backlash inverse"),
         ]
     return [f"{words}: {_told(d.predictions.sel(case=case), found)}" for case, words in cases]
+
+
+def _either(d: Findings) -> list[str]:
+    """What would stop the hunting, best first."""
+    if d.predictions is None or not float(d.predictions["hunts"].sel(case="as_found")):
+        return []
+    calm = d.predictions.where(d.predictions["hunts"] == 0.0, drop=True).sortby("rmse")
+    possible = _POSSIBLE if d.identified and d.backlash > GOOD else _POSSIBLE[:1]
+    cures = [WORDS[case] for case in calm["case"].values if case in possible]
+    return [f"What would stop the hunting: {', or '.join(cures)}"] if cures else []
 
 
 def _told(one: xr.Dataset, found: xr.Dataset) -> str:
