@@ -18,6 +18,8 @@ FULL_SWING = 0.6
 ALIKE, LEAST_SIZE = 1.6, 0.5
 """A model swings as the log does if the periods differ by less than this factor, and if its swing has at least this
 share of the logged one."""
+LEAST_EXPLAINED = 0.1
+"""Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
 GAINS, _MOST = (1.0 / 1.1, 1.0, 1.1), 2
 """Times the gain of the model, which no log tells exactly, and how many of these have to agree."""
 FORETELLS = 0.8
@@ -58,7 +60,17 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
         )
     if isinstance(fitted, str):
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
+    if sentence := too_little(fitted):
+        return Cause(UNKNOWN, sentence)
     return _of_model(fitted, swing, identified)
+
+
+def too_little(fitted: FittedLoop) -> str:
+    """Why the model of a loop holds too little of it to be used, or nothing."""
+    share = fitted.explained_temperature
+    if share >= LEAST_EXPLAINED:
+        return ""
+    return f"the command explains only {100 * share:.0f} % of the changes of the temperature"
 
 
 def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.arguments import checking, choice_of, flag_of, number_of
-from fastcoil.diagnosis.cause import cause_of
+from fastcoil.diagnosis.cause import cause_of, too_little
 from fastcoil.diagnosis.fitted_loop import FittedLoop, fit_and_doubt
 from fastcoil.diagnosis.grid import Grid, on_grid
 from fastcoil.diagnosis.identify import USUAL_STROKE_TIME, Identification, identify_backlash
@@ -29,8 +29,6 @@ _LONGEST = 3600.0
 WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
 """Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
 size is claimed."""
-LEAST_EXPLAINED = 0.1
-"""Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
 WIDEST = 0.1
 """Interval of a backlash that may be claimed, fraction of stroke."""
 _ABOVE_0 = math.nextafter(0.0, 1.0)
@@ -118,7 +116,7 @@ def diagnose(
         because=cause.because,
         hunts=measures.swing.is_regular,
         profile=_profile(found),
-        indices=scalars(measures.indices | loop_indices(measures, grid.interval, fitted)),
+        indices=scalars(measures.indices | loop_indices(measures, grid.interval, loop, trusted=not doubt)),
         predictions=as_dataset(outcomes) if outcomes else None,
         signals=_signals(grid, measures),
         notes=notes,
@@ -127,27 +125,29 @@ def diagnose(
 
 def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identification:
     """The backlash, not identified where the log holds a trap that the likelihood does not know."""
-    reason = ""
+    if not found.identified:
+        return found
+    unknown = found._replace(low=0.0, high=float(found.candidates[-1]), identified=False)
     if measures.swing.is_regular and measures.command_swing > WIDE_SWING:
         # the squared opening of the model does not follow the curve of a valve over so much of its stroke
         reason = (
             f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
             "hides the gap: halve the gain and log again"
         )
-    elif grid.increment > LARGEST_INCREMENT:
+        return unknown._replace(reason=reason)
+    if grid.increment > LARGEST_INCREMENT:
         reason = (
             f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it "
             "at fixed times, or at changes of 0.05 K"
         )
-    elif found.high - found.low > WIDEST:
+        return unknown._replace(reason=reason)
+    if found.high - found.low > WIDEST:
         reason = (
             f"gaps from {100 * found.low:.2g} to {100 * found.high:.2g} % explain the log: change the set-point up and "
             "down, or log longer"
         )
-        return found._replace(identified=False, reason=reason) if found.identified else found
-    if not (reason and found.identified):
-        return found
-    return found._replace(low=0.0, high=float(found.candidates[-1]), identified=False, reason=reason)
+        return found._replace(identified=False, reason=reason)
+    return found
 
 
 def _modelled(
@@ -162,9 +162,7 @@ def _modelled(
     modelled = fit_and_doubt(
         values["command"], values["T_sup"], values["T_set"], grid.interval, backlash, seconds, sample_time, grid.on
     )
-    if not isinstance(modelled, str) and (share := modelled[0].explained_temperature) < LEAST_EXPLAINED:
-        return f"the command explains only {100 * share:.0f} % of the changes of the temperature"
-    return modelled
+    return modelled if isinstance(modelled, str) else (modelled[0], too_little(modelled[0]) or modelled[1])
 
 
 def _remarks(grid: Grid, stroke_time: float | None, sample_time: float | None, fitted: FittedLoop | str) -> list[str]:

@@ -94,15 +94,14 @@ def measures_of(grid: Grid, stroke_time: float | None) -> Measures:
     return Measures(error, T_set is not None, calm, swing, positions[:-1], moved, indices, _blind(grid, calm))
 
 
-def loop_indices(measures: Measures, interval: float, fitted: FittedLoop | str) -> dict[str, Index]:
-    """Indices that need the controller and the plant: NaN where the loop could not be modelled."""
-    known = not isinstance(fitted, str)
-    kp, ti, every, gain, margin = (
-        (fitted.kp, fitted.ti, fitted.sample_time, fitted.gain, fitted.margin)
-        if not isinstance(fitted, str)
-        else (np.nan,) * 5
-    )
-    size = hagglund_gap(measures.error, measures.calm, interval, abs(kp), ti, abs(gain)) if known else np.nan
+def loop_indices(measures: Measures, interval: float, loop: FittedLoop | str, *, trusted: bool) -> dict[str, Index]:
+    """Indices of the controller, and of a plant that is ``trusted``: NaN where the loop could not be modelled."""
+    kp, ti, every, gain, margin, size = (np.nan,) * 6
+    if not isinstance(loop, str):
+        kp, ti, every = loop.kp, loop.ti, loop.sample_time
+        if trusted:
+            gain, margin = loop.gain, loop.margin
+            size = hagglund_gap(measures.error, measures.calm, interval, kp, ti, abs(gain))
     return {
         "hagglund_backlash": Index(size, "1", "backlash after Hägglund, fraction of stroke"),
         "kp": Index(kp, "K-1", "gain of the controller"),

@@ -31,7 +31,7 @@ PLACES = ("", "docs", "studies", "benchmarks", "fastcoil", "fastcoil/engine")
 MADE = {
     *("study.toml", "sweep.toml", "mine.toml", "ahu.toml", "valve.toml", "coil.toml"),
     *("results.nc", "study.schema.json", "logs.py", "valve.csv", "coil.csv", "log.csv", "other.csv", "weather.csv"),
-    *("valve.png", "coil.png"),
+    *("valve.png", "coil.png", "make_log.py", "diagnosis.toml", "diagnosis.png"),
     *("learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"),
     *("scorecard.md", "scorecard.json"),
     *("run.json", "mine.py", "module.py"),
@@ -110,6 +110,14 @@ def test_the_readme_shows_the_script_of_the_first_look():
     code = "\n".join(script.splitlines()[docstring.end_lineno :]).strip()
     _, shown = blocks(ROOT / "README.md", "python")[0]
     assert shown.strip() == code
+
+
+def test_the_readme_shows_what_the_page_on_diagnosis_prints():
+    ((_, shown),) = blocks(ROOT / "README.md", "console")
+    command, *lines = shown.strip().splitlines()
+    page = ROOT / "docs" / "diagnosis.md"
+    assert command.removeprefix("$ ") in blocks(page, "sh")[0][1]
+    assert set(lines) <= set(blocks(page, "text")[0][1].splitlines())
 
 
 def test_the_speeds_that_are_quoted_are_measured():
