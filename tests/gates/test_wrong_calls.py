@@ -94,6 +94,10 @@ def base_calls(tmp_path_factory):
     )
     for name in ("T_sup", "T_set"):
         recorded[name].attrs["units"] = "degC"
+    entering = {"m_a": 1.2, "T_a_in": 26.0, "W_a_in": 0.01, "T_w_in": 7.0}
+    commanded = recorded.assign(T_sup=recorded.T_sup + 0.01 * recorded.elapsed_time, command=0.0 * recorded.T_set + 0.5)
+    commanded["T_sup"].attrs["units"] = "degC"
+    commanded["command"].attrs["units"] = "1"
     plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
     days = {"hours": 0.05}
     rule = {"Parameters": Parameters, "Memory": Memory}
@@ -115,6 +119,7 @@ def base_calls(tmp_path_factory):
         "design_day": (fc.design_day, days),
         "estimator": (fc.estimator, rule),
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
+        "fit_loop": (fc.fit_loop, {"log": commanded, "loop": loop, "constants": entering, "warm_up": 0.0}),
         "fit_valve": (fc.fit_valve, {"log": valve}),
         "law": (fc.law, rule),
         "maps": (study.maps, {"ds": ds, "x": "backlash", "y": "kp", "metrics": ["rmse"]}),
