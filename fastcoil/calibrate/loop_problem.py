@@ -162,7 +162,8 @@ class LoopProblem:
         used, batch, width = self.compared & self.fitting, self.data.batch, max(1, round(APART / self.data.step))
         own = np.concatenate([np.full(samples.size, k) for k, (samples, *_) in enumerate(self.pieces)])
         at = np.concatenate([samples for samples, *_ in self.pieces])
-        both = used[at] & (at >= width) & used[at - width] & (batch[at] == batch[at - width])
+        earlier = np.maximum(at - width, 0)
+        both = (at >= width) & used[at] & used[earlier] & (batch[at] == batch[earlier])
         at, own = at[both], own[both]
         if at.size < _FEWEST_SAMPLES:
             raise InputError(

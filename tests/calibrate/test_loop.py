@@ -117,6 +117,8 @@ def test_two_mistakes_are_two_sentences(log):
     assert "kp" in said
     assert "slip_jump" in said
     assert "to compare" in refusal(fc.fit_loop, log.isel(elapsed_time=slice(0, 60)), MODEL)
+    short = simulated(every=1, noise=0.0, hours=1).isel(elapsed_time=slice(0, 100))
+    assert "0 changes" in refusal(fc.fit_loop, short, MODEL, warm_up=0, split=1.0)
     assert "W_a_in" in refusal(fc.fit_loop, log.drop_vars("W_a_in"), MODEL)
 
 
