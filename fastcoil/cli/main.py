@@ -12,6 +12,7 @@ import click
 
 from fastcoil.cli.diagnose import diagnose
 from fastcoil.cli.fit import fit
+from fastcoil.cli.fit_loop import fit_loop_command  # noqa: F401 — adds itself to the group fit
 from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
 from fastcoil.cli.paths import PATH
