@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fastcoil.cli.fit import _numbers, _pairs, _require_writable, _with_common_options, _write_and_print, fit
+from fastcoil.cli.fit import _numbers, _with_common_options, _write_and_print, fit
+from fastcoil.cli.log_options import pairs, require_writable
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.progress import announce_compilation
 
@@ -46,14 +47,14 @@ def fit_loop_command(
     """
     from fastcoil.calibrate.loop import fit_loop
 
-    _require_writable(out)
+    require_writable(out)
     loop = _loop_of(parts)
     announce_compilation()
     found = fit_loop(
         data,
         loop,
-        columns=_pairs("--column", columns),
-        units=_pairs("--unit", units),
+        columns=pairs("--column", columns),
+        units=pairs("--unit", units),
         constants=_numbers("--constant", constants),
         warm_up=warm_up,
         **reading,
