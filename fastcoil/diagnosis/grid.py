@@ -60,7 +60,7 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
     if forward.size + 1 < LEAST_SAMPLES:
         raise InputError(
             f"{log.name}: {counted(forward.size + 1, 'sample')} in unbroken pieces, {LEAST_SAMPLES} are needed: "
-            "give a longer log, or bridge its gaps with max_gap"
+            "give a longer log, or bridge its gaps: max_gap, --max-gap"
         )
     found = _rhythm(log, forward, same)
     notes = [] if found.regular else [

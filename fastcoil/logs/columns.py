@@ -18,6 +18,8 @@ _LONGEST_HEADER = 100
 """Characters of a header that a message repeats."""
 _MOST_NAMED = 3
 """A message names this many unknown columns and counts the rest."""
+_PER_CENT = 1.5
+"""A share above this is in per cent."""
 _MOST_HINTS = 200
 """Unknown columns for which the name that was probably meant is sought: it takes a millisecond each."""
 
@@ -75,13 +77,26 @@ def find_unit(table: Table, series: Series, column: int, given: str | None, opti
         table.problems.append(f"{series.name} is in {both}: drop one")
     elif not unit:
         header = table.header[column]
-        cure = table.unit_cure.format(header=header if len(header) <= _LONGEST_HEADER else "…", unit=series.unit)
-        cure += f", or pass units={{{series.name!r}: {series.unit!r}}}{option}"
+        likely = _likely_unit(table, series, column)
+        cure = table.unit_cure.format(header=header if len(header) <= _LONGEST_HEADER else "…", unit=likely)
+        cure += f", or pass units={{{series.name!r}: {likely!r}}}{option.replace(repr(series.unit), repr(likely))}"
         table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
     else:
         with collecting(table.problems):
             return series.spelled(unit)
     return None
+
+
+def _likely_unit(table: Table, series: Series, column: int) -> str:
+    """The unit that a message suggests: ours, but per cent for shares of which one exceeds 1 by far."""
+    if "%" in series.units:
+        for row in table.rows:
+            try:
+                if _PER_CENT < float(row[column]) <= 100.0 * _PER_CENT:
+                    return "%"
+            except ValueError:
+                continue
+    return series.unit
 
 
 def _find_headers(table: Table, declared: Declared, names: list[str], example: str) -> dict[str, int]:

@@ -131,6 +131,12 @@ def test_the_page_shows_log_profile_predictions_and_indices(diagnosis, coarse):
     assert "Not identified" in [axes.get_title(loc="left") for axes in coarse.plot().axes]
 
 
+def test_a_command_to_100_without_a_unit_is_told_to_be_per_cent(log, tmp_path):
+    path = write_log(log, tmp_path / "log.csv")
+    path.write_text(path.read_text().replace("command [%]", "command"))
+    assert_only_problem(["command has no unit", "--unit command='%'"], fc.diagnose, path)
+
+
 def test_mistakes_are_told_together_before_the_log_is_read():
     told = "\n".join(problems(fc.diagnose, 5, -1.0, 0.0, drop="yes", jumps="on", max_gap=-1))
     for name in ("log", "stroke_time", "sample_time", "drop", "jumps", "max_gap"):
