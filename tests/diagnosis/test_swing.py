@@ -44,11 +44,26 @@ def test_what_wanders_without_a_rhythm_is_no_swing():
     assert sum(one.is_regular for one in found) <= 1
 
 
-def test_a_swing_that_nobody_minds_or_that_is_seen_twice_is_not_called_regular():
+def test_regularity_is_a_third_of_the_mean_over_the_deviation_of_the_intervals():
+    """Between zero crossings of the autocovariance, here in plain Python for every running mean that is taken away."""
+    series = np.sin(2 * np.pi * TIME / 200.0) + drawn(5).normal(0, 1.0, N)
+    expected = []
+    for half in (30, 90, 180):
+        rest = np.array([series[k] - series[max(k - half, 0) : k + half].mean() for k in range(N)])
+        covariance = np.array([rest[lag:] @ rest[: N - lag] / (N - lag) for lag in range(240)])
+        at = np.flatnonzero(covariance[1:] * covariance[:-1] < 0.0)
+        between = np.diff(at + covariance[at] / (covariance[at] - covariance[at + 1]))[:10]
+        expected.append(pytest.approx(between.mean() / (3 * between.std(ddof=1)), rel=0.01))
+    assert swing_of(series, EVERYWHERE, INTERVAL).regularity in expected
+
+
+def test_a_swing_that_nobody_minds_or_that_is_seen_seven_times_is_not_called_regular():
     small = swing_of(0.04 * np.sin(2 * np.pi * TIME / 600), EVERYWHERE, INTERVAL)
     assert small.regularity > 1.0
     assert not small.is_regular
-    assert not swing_of(np.sin(2 * np.pi * TIME / 6000), EVERYWHERE, INTERVAL).is_regular
+    seven = swing_of(np.sin(2 * np.pi * TIME / 4000), EVERYWHERE, INTERVAL)
+    assert seven.period == pytest.approx(4000.0, rel=0.05)
+    assert not seven.is_regular
     assert not swing_of(np.zeros(N), EVERYWHERE, INTERVAL).is_regular
 
 
