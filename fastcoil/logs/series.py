@@ -55,6 +55,11 @@ class Series:
         return next(iter(self.units))
 
     @property
+    def is_switch(self) -> bool:
+        """Whether it is on or off."""
+        return self.whole and (self.lower, self.upper) == (0.0, 1.0)
+
+    @property
     def known_units(self) -> str:
         return known_units(self.units)
 
@@ -73,6 +78,10 @@ class Series:
         with np.errstate(invalid="ignore"):
             good = np.isfinite(values) & (values >= self.lower) & (values <= self.upper)
             return ~(good & (values == np.rint(values))) if self.whole else ~good
+
+    def is_missing_mark(self, values: Array) -> Mask:
+        """Where ``values``, as they are logged, mark a missing value."""
+        return np.isin(values, _MISSING_MARKS)
 
     def sentence(self, value: float, where: str, n_bad: int, unit: str | None = None) -> str:
         """A sentence on a bad ``value`` (in ``unit``): where it is, the bounds, and the cure."""
