@@ -35,9 +35,7 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array], long_st
     steps = np.diff(time)[within]
     if steps.size < _FEWEST:
         return None
-    median = float(np.median(steps))
-    regular = float(np.mean(np.abs(steps - median) <= _ABOUT * median))
-    if regular > _REGULAR or np.mean(steps > long_step * median) < _LONG:
+    if is_regular(steps) or np.mean(steps > long_step * np.median(steps)) < _LONG:
         return None
     changed = {name: _changed(series)[within] for name, series in values.items() if name != "batch"}
     if not changed or np.mean(np.any(list(changed.values()), axis=0)) < _CHANGES:
@@ -45,6 +43,14 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array], long_st
     if not any(change.sum() > 2 and np.mean(~change) >= _REPEATS for change in changed.values()):
         return None
     return float(_LONGER * np.quantile(steps, _USUAL))
+
+
+def is_regular(steps: Array) -> bool:
+    """Whether most steps are about the usual one; ``steps``: [s], any number of them."""
+    if not steps.size:
+        return False
+    median = float(np.median(steps))
+    return bool(np.mean(np.abs(steps - median) <= _ABOUT * median) > _REGULAR)
 
 
 def _changed(series: Array) -> Mask:

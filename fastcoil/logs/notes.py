@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -18,3 +20,19 @@ def counted(what: Mask | int, noun: str) -> str:
 def first_row(row_numbers: Sequence[int], where: Mask) -> str:
     """``first in row 7``: the row number of the first sample that ``where`` marks."""
     return f"first in row {row_numbers[int(np.argmax(where))]}"
+
+
+class Told(Protocol):
+    """A log that says how it was read."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def told(self) -> list[str]: ...
+
+
+def warn_of_reading(log: Told) -> None:
+    """Warn, where a result has no place for notes, of what is not self-evident about how a log was read."""
+    if log.told:
+        warnings.warn(f"{log.name}: {'; '.join(log.told)}", UserWarning, stacklevel=2)

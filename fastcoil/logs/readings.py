@@ -42,12 +42,18 @@ class Readings:
 
 
 def read_columns(
-    table: Table, found: Mapping[str, int], declared: Declared, wanted: Wanted, *, strict: bool
+    table: Table,
+    found: Mapping[str, int],
+    declared: Declared,
+    wanted: Wanted,
+    *,
+    strict: bool,
+    sparse: bool = False,
 ) -> Readings:
     """Every column ``found`` but ``timestamp`` as numbers in our units.
 
     With ``strict``, readings just outside a bound are bad values too, and a temperature of 0 never means a sensor that
-    is off.
+    is off.  With ``sparse``, a value that is missing is no mistake.
     """
     readings = Readings()
     columns = {name: column for name, column in found.items() if name != "timestamp"}
@@ -79,8 +85,8 @@ def read_columns(
             first = first_row(table.row_numbers, off)
             readings.complaints.append(f"{name} is 0, {first}, where others are far above: sensor off")
             bad |= off
-        elif bad.any():
-            readings.complaints.append(_complaint(table, series, column, unit, bad, by_status, cells.values))
+        elif (wrong := bad & ~readings.missing[name] if sparse else bad).any():
+            readings.complaints.append(_complaint(table, series, column, unit, wrong, by_status, cells.values))
         if unit == "V" and series.units is TRAVEL:
             _suspect_live_zero(series, values[~bad], declared, table.notes)
     return readings

@@ -49,7 +49,7 @@ class Pieces(NamedTuple):
 
 
 def rows_at(table: Table, column: int, declared: Declared, time_format: str | None, drop: bool | None) -> Array:
-    """Time of every row since the first good one, s, (n_rows,), from timestamps; NaN in rows without one, to be dropped.
+    """Time of every row since the first good one, s, (n_rows,), from timestamps; NaN in rows without one.
 
     Nothing, (0,), if something is wrong with them that becomes a problem of the table.
     """

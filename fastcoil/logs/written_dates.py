@@ -34,7 +34,7 @@ _DAYLIGHT = {
 _UNEVEN = 5.0
 """The order of day and month that makes a log this much longer than the other one, and uneven, is wrong."""
 _SECOND = 1_000_000
-MICROSECONDS = "datetime64[us]"
+MICROSECONDS = np.dtype("datetime64[us]")
 
 
 class Parts(NamedTuple):

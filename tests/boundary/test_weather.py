@@ -110,7 +110,7 @@ def test_weather_by_relative_humidity_other_headers_and_pressure(write):
         ({"start_hour": 8, "hours": -1}, ["hours = -1 h"]),
         ({"start_hour": 8, "columns": {"T": "T_drybulb_C"}}, ["columns has unknown 'T'"]),
         ({"start_hour": 8, "columns": {"RH": "humidity"}}, ["RH: there is no column 'humidity'"]),
-        ({"start_hour": 8, "units": {"T_drybulb": "C"}}, ["T_drybulb is in 'C'", "degC, degF, K"]),
+        ({"start_hour": 8, "units": {"T_drybulb": "Cel"}}, ["T_drybulb is in 'Cel'", "degC, degF, K"]),
     ],
 )
 def test_weather_refuses(write, arguments, words):
