@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array, Mask
-from fastcoil.logs.units import is_unit, same_unit
+from fastcoil.logs.units import is_unit
 from fastcoil.logs.written_dates import MOST_LETTERS
 
 MISSING = frozenset(
@@ -54,16 +54,14 @@ class Writing(NamedTuple):
 class Cells(NamedTuple):
     """A column of cells.
 
-    values: NaN where there is no number, (n,).  unit: what stands behind the numbers; empty if nothing does.  missing:
-    where a cell says that there is no value.  marked: where a status speaks against the value beside it.  odd: index of
-    the first cell whose unit is not that of the others, -1 if there is none.
+    values: NaN where there is no number, (n,).  units: what stands behind a number, by the index of the cell.  missing:
+    where a cell says that there is no value.  marked: where a status speaks against the value beside it.
     """
 
     values: Array
-    unit: str
+    units: dict[int, str]
     missing: Mask
     marked: Mask
-    odd: int
 
 
 def is_datum(cell: str) -> bool:
@@ -129,14 +127,7 @@ def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:
                     values[k] = number
                     if unit.strip():
                         units[k] = unit.strip()
-    unit = next(iter(units.values()), "")
-    odd = next((k for k, other in units.items() if not same_unit(other, unit)), -1)
-    return Cells(values, unit, missing, marked, odd)
-
-
-def first_without_unit(cells: Sequence[str], values: Array) -> int:
-    """Index of the first number without a unit of its own, -1 if there is none."""
-    return next((k for k in np.flatnonzero(~np.isnan(values)).tolist() if cells[k].strip()[-1:].isdigit()), -1)
+    return Cells(values, units, missing, marked)
 
 
 def _plain_number(cell: str, writing: Writing) -> float:

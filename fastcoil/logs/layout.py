@@ -130,6 +130,8 @@ def _header_index(rows: Sequence[list[str]]) -> int:
     named = [k for k, row in enumerate(rows) if _may_be_header(row) and _has_data_below(rows, k)]
     if not named:
         return 0
+    if any(_is_data(row) for row in rows[: named[0]]):
+        return 0  # rows of data in another order are no remarks
     lengths = [end - k for k, end in zip(named, [*named[1:], len(rows)], strict=True)]
     return max(zip(lengths, named, strict=True), key=lambda pair: pair[0])[1]
 
@@ -161,6 +163,12 @@ def _is_filled_with_data(row: Sequence[str]) -> bool:
     return any(is_datum(cell) or is_time(cell) for cell in row[:_MOST_LOOKED_AT])
 
 
+def _is_data(row: Sequence[str]) -> bool:
+    """Whether every cell, of two at least, holds a number or a time, or says that it has none."""
+    cells = row[:_MOST_LOOKED_AT]
+    return len(cells) > 1 and all(is_datum(cell) or is_time(cell) or is_missing(cell) for cell in cells)
+
+
 def _is_unit_row(row: Sequence[str]) -> bool:
     """Whether a row has units: one at least that is known, and nothing long, no number and no time."""
     cells = [cell.strip().strip("[]()").strip() for cell in row]
@@ -185,7 +193,8 @@ def _footer_length(data: Numbered, width: int) -> int:
     while n < min(_LAST, len(data) - 2):
         cells = _trimmed(data[-1 - n][1])
         filled = [cell for cell in cells if cell.strip()]
-        if len(filled) >= width or is_datum(cells[0]) or is_time(cells[0]) or is_missing(cells[0]):
+        first = cells[0].strip()
+        if len(filled) >= width or first[:1].isdigit() or is_datum(first) or is_time(first) or is_missing(first):
             break
         n += 1
     return n

@@ -10,7 +10,7 @@ import numpy as np
 from fastcoil.arrays import Array, Mask
 from fastcoil.errors import collecting, shown
 from fastcoil.logs.arguments import Declared, Wanted
-from fastcoil.logs.cells import Cells, Writing, cells_of, first_without_unit, is_missing, writing_of
+from fastcoil.logs.cells import Cells, Writing, cells_of, is_missing, writing_of
 from fastcoil.logs.columns import find_unit
 from fastcoil.logs.notes import counted, first_row
 from fastcoil.logs.series import COLUMNS, Series, in_total
@@ -128,26 +128,28 @@ def _unit_of(
     table: Table, series: Series, column: int, given: str | None, cells: Cells, has_command: bool
 ) -> str | None:
     """Unit of a column, by its header, as ``given``, or by its cells; None, and a problem, if none is known."""
-    if not cells.unit:
-        return find_unit(table, series, column, given, has_command)
-    if cells.odd >= 0:
-        odd, row = shown(table.rows[cells.odd][column]), table.row_numbers[cells.odd]
-        table.problems.append(f"{series.name} is in {shown(cells.unit)} and, {odd} in row {row}: write one unit")
-        return None
-    with collecting(table.problems):
-        unit = series.spelled(cells.unit)
-        declared = table.declared_unit(column) or given
-        if declared and series.units[series.spelled(declared)] != series.units[unit]:
-            where = "by its header" if table.declared_unit(column) else "by units"
-            table.problems.append(f"{series.name} is in {shown(cells.unit)} by its cells, in {shown(declared)} {where}")
-            return None
-        bare = first_without_unit([row[column] for row in table.rows], cells.values)
-        if not declared and bare >= 0:
-            cell, row = shown(table.rows[bare][column]), table.row_numbers[bare]
-            table.problems.append(f"{series.name} = {cell} in row {row} has no unit, others have: write it in all")
-            return None
-        table.notes.append(f"{series.name} is in {shown(cells.unit)} by its cells")
+    n_numbers = int(np.sum(~np.isnan(cells.values)))
+    if 2 * len(cells.units) < n_numbers or not cells.units:
+        unit = find_unit(table, series, column, given, has_command)
+        if unit is not None:  # a number with another unit among others is no number of this column
+            cells.values[[k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]] = np.nan
         return unit
+    first = next(iter(cells.units.values()))
+    with collecting(table.problems):
+        unit = series.spelled(first)
+        declared = table.declared_unit(column) or given
+        odd = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
+        bare = [k for k in np.flatnonzero(~np.isnan(cells.values)).tolist() if k not in cells.units]
+        if declared and not series.is_same_unit(declared, unit):
+            where = "by its header" if table.declared_unit(column) else "by units"
+            table.problems.append(f"{series.name} is in {shown(first)} by its cells, in {shown(declared)} {where}")
+        elif odd or (bare and not declared):
+            k = (odd or bare)[0]
+            cell, row = shown(table.rows[k][column]), table.row_numbers[k]
+            table.problems.append(f"{series.name} = {cell} in row {row}: others are in {shown(first)}, write one unit")
+        else:
+            table.notes.append(f"{series.name} is in {shown(first)} by its cells")
+            return unit
     return None
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fastcoil.arrays import Array, Mask
+from fastcoil.errors import InputError
 from fastcoil.logs.units import (
     AIR_FLOW,
     DIFFERENCE,
@@ -66,6 +67,13 @@ class Series:
     def spelled(self, unit: str) -> str:
         """``unit`` as ``units`` spells it."""
         return spelled(self.name, unit, self.units)
+
+    def is_same_unit(self, one: str, other: str) -> bool:
+        """Whether two texts are units of this series, of one size and zero."""
+        try:
+            return self.units[self.spelled(one)] == self.units[self.spelled(other)]
+        except InputError:
+            return False
 
     def convert(self, values: Array, unit: str) -> Array:
         """``values`` from a declared ``unit`` into ours."""

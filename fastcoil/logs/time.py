@@ -61,7 +61,7 @@ def rows_at(table: Table, column: int, declared: Declared, time_format: str | No
             k = int(np.argmin(stamps.good))
             cell, number = table.rows[k][column], table.row_numbers[k]
             table.problems.append(f"timestamp = {shown(cell)} in row {number} {stamps.wrong}")
-        elif stamps.good.any():
+        else:
             since = stamps.microseconds - stamps.microseconds[np.argmax(stamps.good)]
             return np.where(stamps.good, since / 1e6, np.nan)
     return np.zeros(0)

@@ -113,16 +113,6 @@ def is_unit(text: str) -> bool:
     return len(text) <= _LONGEST_UNIT and not text.isdigit() and _folded(text) in _ALL
 
 
-def same_unit(one: str, other: str) -> bool:
-    """Whether two texts are spellings of one unit."""
-    one, other = _folded(one), _folded(other)
-    return _fold_by_spelling(one) == _fold_by_spelling(other)
-
-
-def _fold_by_spelling(folded: str) -> str:
-    return _folded(_SPELLINGS.get(folded, folded))
-
-
 def _folded(unit: str) -> str:
     plain = unit.replace("\N{DEGREE CELSIUS}", "degC").replace("\N{DEGREE FAHRENHEIT}", "degF").replace("°", "deg")
     plain = plain.replace("³", "3").replace("\N{EN DASH}", "-").casefold()
