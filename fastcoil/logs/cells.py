@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -80,8 +81,12 @@ def writing_of(columns: Iterable[Sequence[str]], separator: str) -> Writing:
     """How the numbers in these columns are written; ``separator``: of the columns in the file."""
     points = commas = 0
     unclear = ""
-    for cells in columns:
-        if not any("," in cell for cell in cells):
+    columns = list(columns)
+    with_commas = [any("," in cell for cell in cells) for cells in columns]
+    if not any(with_commas):
+        return Writing(grouped=True)
+    for cells, has_commas in zip(columns, with_commas, strict=True):
+        if not has_commas:
             points += any(_POINT.search(cell) and not _ONE_GROUP["."].fullmatch(cell.strip()) for cell in cells)
             continue
         for cell in cells:
@@ -106,13 +111,11 @@ def writing_of(columns: Iterable[Sequence[str]], separator: str) -> Writing:
 
 def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:
     """The numbers of a column; with ``switch``, words for on and off are 1 and 0."""
-    values = np.empty(len(cells))
+    values = _plain_numbers(cells, writing)
     missing, marked = np.zeros(len(cells), dtype=bool), np.zeros(len(cells), dtype=bool)
     units: dict[int, str] = {}
-    for k, cell in enumerate(cells):
-        values[k] = number = _plain_number(cell, writing)
-        if not math.isnan(number):
-            continue
+    for k in np.flatnonzero(np.isnan(values)).tolist():
+        cell = cells[k]
         if is_missing(cell) or _STATUS.fullmatch(cell[:MOST_LETTERS].strip()):
             missing[k] = True
         elif len(cell) <= MOST_LETTERS:
@@ -128,6 +131,13 @@ def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:
                     if unit.strip():
                         units[k] = unit.strip()
     return Cells(values, units, missing, marked)
+
+
+def _plain_numbers(cells: Sequence[str], writing: Writing) -> Array:
+    if writing.mark == ".":
+        with contextlib.suppress(ValueError):
+            return np.array([float(cell) for cell in cells], dtype=np.float64)
+    return np.array([_plain_number(cell, writing) for cell in cells], dtype=np.float64)
 
 
 def _plain_number(cell: str, writing: Writing) -> float:

@@ -75,7 +75,7 @@ def read_layout(path: Path) -> Layout | None:
         units = [cell.strip().strip("[]()").strip() for cell in data[0][1]]
         notes.append(f"row {data[0][0]} has the units: {', '.join(filter(None, units))[:80]}")
         data = data[1:]
-    width, data = _without_trailing_separators(header[1], data)
+    width = _cut_trailing_separators(header[1], data)
     n_footer = _footer_length(data, width)
     if n_footer:
         notes.append(f"row {data[-n_footer][0]} and what follows is no part of the table: "
@@ -179,12 +179,16 @@ def _is_unit_row(row: Sequence[str]) -> bool:
     )
 
 
-def _without_trailing_separators(header: list[str], data: Numbered) -> tuple[int, Numbered]:
-    """Number of columns, and the rows without the blank cells that a separator at the end of each line makes."""
+def _cut_trailing_separators(header: list[str], data: Numbered) -> int:
+    """Cut the blank cells that a separator at the end of each line makes; the number of columns that are left."""
     width = len(_trimmed(header))
-    if width == 0 or any(any(map(str.strip, row[width:])) for _, row in data):
+    longer = [row for _, row in data if len(row) > width]
+    if width == 0 or any(any(map(str.strip, row[width:])) for row in longer):
         width = len(header)
-    return width, [(i, row[:width] if not any(map(str.strip, row[width:])) else row) for i, row in data]
+    for row in longer:
+        if not any(map(str.strip, row[width:])):
+            del row[width:]
+    return width
 
 
 def _footer_length(data: Numbered, width: int) -> int:

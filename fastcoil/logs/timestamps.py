@@ -117,6 +117,9 @@ def is_time(cell: str) -> bool:
 def _of_datetimes(times: list[datetime | None], row_numbers: list[int], wrong: str) -> Stamps:
     """Times that all have a UTC offset, or none has one; different offsets are different clocks of one time."""
     good = np.array([time is not None for time in times])
+    if not any(time is not None and time.tzinfo for time in times):
+        on_clock = np.array([time or _EPOCH for time in times], dtype=MICROSECONDS)
+        return Stamps(on_clock.astype(np.int64), good, False, wrong, [])
     offsets = [None if time is None else time.utcoffset() for time in times]
     known = [k for k, time in enumerate(times) if time is not None]
     notes: list[str] = []
@@ -128,10 +131,8 @@ def _of_datetimes(times: list[datetime | None], row_numbers: list[int], wrong: s
             )
         if not notes and offsets[k] != offsets[known[0]]:
             notes.append(f"timestamp has another UTC offset from row {row_numbers[k]} on: read in UTC")
-    absolute = bool(known) and offsets[known[0]] is not None
-    origin = _UTC if absolute else _EPOCH
-    since = [0 if time is None else (time - origin) // _MICROSECOND for time in times]
-    return Stamps(np.array(since, dtype=np.int64), good, absolute, wrong, notes)
+    since = [0 if time is None else (time - _UTC) // _MICROSECOND for time in times]
+    return Stamps(np.array(since, dtype=np.int64), good, True, wrong, notes)
 
 
 def _serial(numbers: Array, example: str) -> Stamps:
