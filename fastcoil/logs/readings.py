@@ -118,6 +118,7 @@ def _writing(table: Table, columns: Mapping[str, int]) -> Writing:
             f"a number such as {writing.unclear!r} may mean {writing.unclear.replace(',', '')} or "
             f"{writing.unclear.replace(',', '.')}: write decimal points and no separators of thousands"
         )
+        table.stop_if_wrong()
     said = "numbers are read with a decimal comma"
     if writing.mark == "," and said not in table.notes:
         table.notes.append(said)

@@ -19,7 +19,7 @@ _MONTHS = (
     "july", "august", "september", "october", "november", "december",
 )  # fmt: skip
 _WRITTEN = re.compile(
-    r"\s*(?:[A-Za-z]{3,9},?\s+(?=\d))?"
+    r"\s*(?:(?i:mon|tue|wed|thu|fri|sat|sun)[a-z]{0,6},?\s+)?"
     r"(?P<a>\d{1,4}|[A-Za-z]{3,9})(?P<mark>[-./ ])(?P<b>\d{1,2}|[A-Za-z]{3,9}),?(?P=mark)(?P<c>\d{1,4})"
     r"(?:[T,\s]\s*(?P<h>\d{1,2}):(?P<min>\d{2})(?::(?P<s>\d{2})(?:[.,](?P<part>\d{1,9}))?)?"
     r"\s*(?:(?P<half>[AaPp])\.?[Mm]\.?(?![A-Za-z]))?"
@@ -97,7 +97,7 @@ def parts_of(cell: str) -> Parts | None:
         offset=_offset(found["offset"]) if found["offset"] else 0 if _is_utc(cell, found["zone"]) else None,
         zone="" if found["offset"] else (found["zone"] or "").lower(),
         dotted=found["mark"] == ".",
-        year_first=len(found["a"]) == 4,
+        year_first=len(found["a"]) == 4 and month != 0,
     )
 
 
