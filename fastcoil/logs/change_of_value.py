@@ -8,6 +8,8 @@ import numpy as np
 
 from fastcoil.arrays import Array, Mask
 
+LONG_STEP = 3.0
+"""Steps longer than this many median steps are gaps, but in a log of changes."""
 _REGULAR, _ABOUT = 0.6, 0.2
 """Steps are regular where more than this share of them is within so much of the median."""
 _LONG = 0.05
@@ -20,7 +22,7 @@ _USUAL, _LONGER = 0.95, 10.0
 """A step so many times longer than this share of all steps is a gap of such a log, too."""
 
 
-def longest_step(time: Array, within: Mask, values: Mapping[str, Array], long_step: float) -> float | None:
+def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> float | None:
     """Longest step that is no gap [s], if this is a log of changes; else None.
 
     Parameters
@@ -29,13 +31,11 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array], long_st
         Time of the rows [s] and the series by name, each (n,).
     within
         Where two rows follow each other in time, (n - 1,).
-    long_step
-        Steps longer than so many median ones are gaps of other logs.
     """
     steps = np.diff(time)[within]
     if steps.size < _FEWEST:
         return None
-    if is_regular(steps) or np.mean(steps > long_step * np.median(steps)) < _LONG:
+    if not may_be_of_changes(steps):
         return None
     changed = {name: _changed(series)[within] for name, series in values.items() if name != "batch"}
     if not changed or np.mean(np.any(list(changed.values()), axis=0)) < _CHANGES:
@@ -45,12 +45,13 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array], long_st
     return float(_LONGER * np.quantile(steps, _USUAL))
 
 
-def is_regular(steps: Array) -> bool:
-    """Whether most steps are about the usual one; ``steps``: [s], any number of them."""
+def may_be_of_changes(steps: Array) -> bool:
+    """Whether steps, of any number, are uneven, and some of them long; a single sample has none, and may be, too."""
     if not steps.size:
-        return False
+        return True
     median = float(np.median(steps))
-    return bool(np.mean(np.abs(steps - median) <= _ABOUT * median) > _REGULAR)
+    regular = np.mean(np.abs(steps - median) <= _ABOUT * median) > _REGULAR
+    return bool(not regular and np.mean(steps > LONG_STEP * median) >= _LONG)
 
 
 def _changed(series: Array) -> Mask:

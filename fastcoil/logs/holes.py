@@ -81,7 +81,7 @@ def _bridge(
         near &= np.diff(readings.known["batch"]) == 0.0
     between = np.zeros(time.size, dtype=bool)
     between[1:-1] = near[1:] & near[:-1]
-    for name in readings.known.keys() - {*measured, "elapsed_time", "batch"}:
+    for name in [n for n in readings.known if n not in (*measured, "elapsed_time", "batch")]:
         values, lost = readings.known[name], bad[name]
         sound = np.zeros(time.size, dtype=bool)
         sound[1:-1] = ~lost[2:] & ~lost[:-2]

@@ -10,7 +10,7 @@ import numpy as np
 
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.errors import InputError
-from fastcoil.logs.change_of_value import is_regular
+from fastcoil.logs.change_of_value import LONG_STEP, may_be_of_changes
 from fastcoil.logs.notes import counted
 from fastcoil.logs.points import Files, Point
 from fastcoil.logs.series import COLUMNS
@@ -19,8 +19,6 @@ from fastcoil.logs.written_dates import MICROSECONDS
 _NICE = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)
 """Steps of a clock, s."""
 _SECOND = 1_000_000
-_LONG_STEP = 3.0
-"""A point of regular samples has a gap where they are this many times further apart than usual."""
 _MOST_CELLS = 20_000_000
 _DIGITS = 10
 
@@ -68,7 +66,7 @@ def join_points(
         raise InputError(
             f"{which[True]} has UTC offsets or epoch times, {which[False]} a local clock: export both alike"
         )
-    regular = {point.name: is_regular(np.diff(point.times) / _SECOND) for point in points}
+    regular = {point.name: not may_be_of_changes(np.diff(point.times) / _SECOND) for point in points}
     clock = _clock(points, regular, step)
     notes, values, good = list(files.notes), {}, np.ones(clock.size, dtype=bool)
     for point in points:
@@ -113,7 +111,7 @@ def _on_clock(point: Point, clock: Index, regular: bool, max_gap: float | None) 
     held = COLUMNS[point.name].hold or not regular
     limit = max_gap
     if limit is None and regular and steps.size:
-        limit = _LONG_STEP * float(np.median(steps)) / _SECOND
+        limit = LONG_STEP * float(np.median(steps)) / _SECOND
     apart = np.where(following > latest, point.times[following] - point.times[latest], clock - point.times[latest])
     exact = clock == point.times[latest]
     good = exact | (apart <= (np.inf if limit is None else limit * _SECOND))

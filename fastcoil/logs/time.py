@@ -13,13 +13,11 @@ import numpy as np
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.errors import collecting, shown
 from fastcoil.logs.arguments import Declared
-from fastcoil.logs.change_of_value import longest_step
+from fastcoil.logs.change_of_value import LONG_STEP, longest_step
 from fastcoil.logs.notes import counted
 from fastcoil.logs.table import Table
 from fastcoil.logs.timestamps import read_stamps
 
-_LONG_STEP = 3.0
-"""Steps longer than this many median steps are gaps."""
 _HOUR, _MOST_CLOCK_CHANGES = 3600.0, 5
 _MANY = 0.1
 """If more than this share of the steps go back in time, the log is out of order."""
@@ -71,7 +69,7 @@ def longest_bridged(time: Array, max_gap: float | None) -> float:
     """Longest step that is no gap of a log of regular steps, s."""
     steps = np.diff(time[np.isfinite(time)])
     forward = steps[steps > 0.0]
-    return max_gap or _LONG_STEP * (float(np.median(forward)) if forward.size else 0.0)
+    return max_gap or LONG_STEP * (float(np.median(forward)) if forward.size else 0.0)
 
 
 def number_pieces(
@@ -92,13 +90,13 @@ def number_pieces(
         notes.append(f"time goes back or stands still {counted(back, 'time')}: the record starts again there")
     forward = steps[~new & ~back]
     median = float(np.median(forward)) if forward.size else np.inf
-    of_changes = longest_step(time, ~new & ~back, values, _LONG_STEP)
+    of_changes = longest_step(time, ~new & ~back, values)
     if of_changes and not rules.max_gap:
         table.notes.append(
             f"rows are {forward.min():g} to {forward.max():g} s apart, and each has a change: a log of changes, "
             f"values hold between rows; steps up to {of_changes:g} s are no gaps, {rules.gap_cure} says otherwise"
         )
-    gaps = ~new & ~back & (steps > (rules.max_gap or of_changes or _LONG_STEP * median))
+    gaps = ~new & ~back & (steps > (rules.max_gap or of_changes or LONG_STEP * median))
     if rules.unbroken and (new | gaps).any():
         table.problems.append(_broken(steps, new, gaps, median, rows))
     elif gaps.any():
