@@ -12,6 +12,8 @@ LONG_STEP = 3.0
 """Steps longer than this many median steps are gaps, but in a log of changes."""
 _REGULAR, _ABOUT = 0.6, 0.2
 """Steps are regular where more than this share of them is within so much of the median."""
+_SHORT_AND_LONG, _SPREAD = (0.1, 0.9), 4.0
+"""They are uneven where they are not regular and these quantiles are so far apart: further than lost rows make them."""
 _LONG = 0.05
 """Share of steps that would be gaps, at least."""
 _CHANGES, _REPEATS = 0.9, 0.2
@@ -35,7 +37,7 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> floa
     steps = np.diff(time)[within]
     if steps.size < _FEWEST:
         return None
-    if not may_be_of_changes(steps):
+    if not may_be_of_changes(steps) or np.mean(steps > LONG_STEP * np.median(steps)) < _LONG:
         return None
     changed = {name: _changed(series)[within] for name, series in values.items() if name != "batch"}
     if not changed or np.mean(np.any(list(changed.values()), axis=0)) < _CHANGES:
@@ -46,12 +48,13 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> floa
 
 
 def may_be_of_changes(steps: Array) -> bool:
-    """Whether steps, of any number, are uneven, and some of them long; a single sample has none, and may be, too."""
+    """Whether steps are uneven; a single sample has none, and may be of changes, too."""
     if not steps.size:
         return True
     median = float(np.median(steps))
     regular = np.mean(np.abs(steps - median) <= _ABOUT * median) > _REGULAR
-    return bool(not regular and np.mean(steps > LONG_STEP * median) >= _LONG)
+    short, long = np.quantile(steps, _SHORT_AND_LONG)
+    return bool(not regular and long >= _SPREAD * short)
 
 
 def _changed(series: Array) -> Mask:

@@ -5,6 +5,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.calibrate.coil_record import record_of
+from fastcoil.calibrate.valve_record import why_unidentified
 from fastcoil.logs import read_log
 from fastcoil.logs.arguments import Wanted
 
@@ -98,6 +99,14 @@ def test_the_backlash_of_a_log_of_changes_is_found(write):
     assert high - low < 0.02
 
 
+def test_no_reversal_in_many_pieces_names_the_cure():
+    said = why_unidentified(0, 0.1, (0.0, 0.3), 0.9, n_pieces=123)
+    assert "the command turns 0 times" in said
+    assert "or bridge the gaps, between which it is in 123 pieces, with max_gap, --max-gap" in said
+    assert "pieces" not in why_unidentified(0, 0.1, (0.0, 0.3), 0.9, n_pieces=1)
+
+
+@pytest.mark.full
 @pytest.mark.kernel
 @pytest.mark.filterwarnings("ignore:.*pieces, each with a start:UserWarning")
 def test_a_fit_that_finds_no_reversal_in_many_pieces_names_the_cure(write):
