@@ -56,7 +56,7 @@ def trend_log_series(
         unbroken=True,
     )
     require_whole_seconds(log.name, log.step)
-    warn_of_reading(log)
+    warn_of_reading(log.name, log.told)
     values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
     values["W_a_in"] = log.humidity_ratio(pressure)
     return at_seconds(

@@ -101,7 +101,7 @@ def replay(
         time_format=time_format,
         unbroken=True,
     )
-    warn_of_reading(data)
+    warn_of_reading(data.name, data.told)
     series = _seconds(data)
     if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
         raise InputError(problems)

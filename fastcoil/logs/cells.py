@@ -44,12 +44,13 @@ class Writing(NamedTuple):
     """How the numbers of a table are written.
 
     mark: of the decimals.  grouped: whether thousands may be separated by the other mark.  unclear: a number that may
-    be a thousand times another one, where nothing shows which; else empty.
+    be a thousand times another one, where nothing shows which; else empty.  note: what is said of it; else empty.
     """
 
     mark: str = "."
     grouped: bool = False
     unclear: str = ""
+    note: str = ""
 
 
 class Cells(NamedTuple):
@@ -79,7 +80,7 @@ def is_missing(cell: str) -> bool:
 
 def writing_of(columns: Iterable[Sequence[str]], separator: str) -> Writing:
     """How the numbers in these columns are written; ``separator``: of the columns in the file."""
-    points = commas = 0
+    points = commas = thousands = 0
     unclear = ""
     columns = list(columns)
     with_commas = [any("," in cell for cell in cells) for cells in columns]
@@ -98,6 +99,7 @@ def writing_of(columns: Iterable[Sequence[str]], separator: str) -> Writing:
                     unclear = unclear or number
                 elif last == "." or number.count(",") > 1:
                     points += 1
+                    thousands += 1
                 else:
                     commas += 1
             elif "." in number and not _ONE_GROUP["."].fullmatch(number):
@@ -105,8 +107,10 @@ def writing_of(columns: Iterable[Sequence[str]], separator: str) -> Writing:
     if commas and points:
         return Writing()
     if commas or (unclear and not points and separator == ";"):
-        return Writing(",", grouped=True)
-    return Writing(".", grouped=True, unclear="" if points else unclear)
+        return Writing(",", grouped=True, note="numbers are read with a decimal comma")
+    if unclear and not points:
+        return Writing(".", grouped=True, unclear=unclear)
+    return Writing(".", grouped=True, note="commas in numbers separate thousands" if unclear or thousands else "")
 
 
 def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:

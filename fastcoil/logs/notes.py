@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -22,17 +21,7 @@ def first_row(row_numbers: Sequence[int], where: Mask) -> str:
     return f"first in row {row_numbers[int(np.argmax(where))]}"
 
 
-class Told(Protocol):
-    """A log that says how it was read."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def told(self) -> list[str]: ...
-
-
-def warn_of_reading(log: Told) -> None:
+def warn_of_reading(name: str, told: Sequence[str]) -> None:
     """Warn, where a result has no place for notes, of what is not self-evident about how a log was read."""
-    if log.told:
-        warnings.warn(f"{log.name}: {'; '.join(log.told)}", UserWarning, stacklevel=2)
+    if told:
+        warnings.warn(f"{name}: {'; '.join(told)}", UserWarning, stacklevel=3)

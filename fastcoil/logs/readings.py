@@ -119,9 +119,8 @@ def _writing(table: Table, columns: Mapping[str, int]) -> Writing:
             f"{writing.unclear.replace(',', '.')}: write decimal points and no separators of thousands"
         )
         table.stop_if_wrong()
-    said = "numbers are read with a decimal comma"
-    if writing.mark == "," and said not in table.notes:
-        table.notes.append(said)
+    if writing.note and writing.note not in table.notes:
+        table.notes.append(writing.note)
     return writing
 
 

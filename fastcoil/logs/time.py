@@ -98,7 +98,7 @@ def number_pieces(
         )
     gaps = ~new & ~back & (steps > (rules.max_gap or of_changes or LONG_STEP * median))
     if rules.unbroken and (new | gaps).any():
-        table.problems.append(_broken(steps, new, gaps, median, rows))
+        table.problems.append(_broken(steps, new, gaps, median, rows, stamped))
     elif gaps.any():
         k = int(np.argmax(gaps))
         notes.append(
@@ -137,14 +137,15 @@ def _backward(time: Array, back: Mask, rows: list[int], rules: TimeRules, stampe
     return f"elapsed_time: row {rows[k + 1]} {what} row {rows[k]}{more}: {cure}"
 
 
-def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int]) -> str:
+def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int], stamped: bool) -> str:
     """Where a log that should be one piece breaks, and the cure."""
     if new.any():
         k = int(np.argmax(new))
         return f"batch changes between rows {rows[k]} and {rows[k + 1]}: give the rows of one batch only"
     k = int(np.argmax(np.where(gaps, steps, 0.0)))
     gap, ends = f"{steps[k]:g}", f"{rows[k]} and {rows[k + 1]}"
+    clocks = ", as where clocks are set forward" if _hour(steps[k] - median, stamped) else ""
     return (
-        f"rows {ends} are {gap} s apart, others {median:g} s: fill the gap, cut the log, "
+        f"rows {ends} are {gap} s apart, others {median:g} s{clocks}: fill the gap, cut the log, "
         f"or pass max_gap={gap} to bridge it"
     )

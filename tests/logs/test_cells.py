@@ -61,6 +61,13 @@ def test_separators_of_thousands(cells, values):
     np.testing.assert_allclose(cells_of(cells, writing_of([cells], ","), switch=False).values, values)
 
 
+def test_separators_of_thousands_are_said(write):
+    path = write(["elapsed_time [s]", "m_w [L/h]"], [[0, "999.5"], [60, "7,200"], [120, "3,600"]])
+    log = read_log(path, Wanted(("m_w",)))
+    np.testing.assert_allclose(log.values["m_w"], [0.2776389, 2, 1], rtol=1e-6)
+    assert log.notes == ["commas in numbers separate thousands"]
+
+
 def test_a_number_that_may_mean_two_things_is_refused(write):
     path = write(["elapsed_time [s]", "T_sup [degC]"], [[0, "1,234"], [60, "1,235"]])
     said = only_problem(read_log, path, Wanted(("T_sup",)))

@@ -173,6 +173,9 @@ def test_a_clock_set_back_is_named_as_such(tmp_path):
 def test_a_clock_set_forward_is_a_gap_that_says_so(tmp_path):
     stamps = ISO[:40] + times("%Y-%m-%dT%H:%M:%S", START + timedelta(hours=1))[40:]
     assert any("clocks set forward?" in note for note in as_read(tmp_path, stamps).notes)
+    assert "3660 s apart, others 60 s, as where clocks are set forward: fill" in refusal(
+        tmp_path, stamps, unbroken=True
+    )
 
 
 def test_several_rows_in_a_minute_ask_for_seconds(tmp_path):
