@@ -137,13 +137,12 @@ def _header_index(rows: Sequence[list[str]]) -> int:
 
 
 def _may_be_header(row: Sequence[str]) -> bool:
-    """Whether a row has names: no numbers, no times, no pair of a word with a colon and its value, no units alone."""
+    """Whether a row has names: all different, no numbers, no times, no units alone."""
     cells = [cell.strip() for cell in _trimmed(row)]
     return (
         cells.count("") <= 1
         and len(set(cells)) == len(cells)
         and (len(cells) > 1 or len(row) == 1)
-        and not cells[0].endswith(":")
         and not any(is_datum(cell) or is_time(cell) for cell in cells[:_MOST_LOOKED_AT])
         and not _is_unit_row(row)
     )

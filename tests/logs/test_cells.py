@@ -183,6 +183,7 @@ def test_of_two_columns_of_status_each_is_for_the_value_on_its_left(tmp_path):
     assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [7]
 
 
-def test_another_column_that_is_called_status_is_an_unknown_one(tmp_path):
-    text = text_of(rows(ISO, COMMAND, T_SUP, range(ROWS)), (*HEADER, "Status"))
+@pytest.mark.parametrize("cells", [range(ROWS), ["alarm"] * 3 + [""] * (ROWS - 3), ["ok"] * 59 + ["closed"]])
+def test_another_column_that_is_called_status_is_an_unknown_one(tmp_path, cells):
+    text = text_of(rows(ISO, COMMAND, T_SUP, cells), (*HEADER, "Status"))
     assert "column 'Status' is unknown" in only_problem(read, tmp_path, text)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, read, rows, text_of, times
+from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, read, rows, saved, text_of, times
 from helpers.refusals import only_problem, problems
 
+from fastcoil.logs import read_log
+from fastcoil.logs.arguments import Wanted
 from fastcoil.logs.table import label_and_unit
 
 MAPPED = {"columns": {"timestamp": "Time", "command": "Cmd", "T_sup": "SAT"}}
@@ -24,6 +26,15 @@ def test_lines_before_the_header_are_left_out_and_said(tmp_path, before, n):
     assert log.rows[0] == before.count("\n") + 2  # as a spreadsheet numbers them
     said = "the first row is" if n == 1 else f"the first {n} rows are"
     assert any(note.startswith(f"{said} no part of the table: 'Trend report") for note in log.notes)
+
+
+def test_pairs_of_a_word_and_its_value_are_no_header(tmp_path):
+    before = "Point:,AHU1 valve\nFrom:,2024-07-11\nTo:,2024-07-12\n"
+    cells = [row[:2] for row in rows()]
+    path = saved(tmp_path, text_of(cells, HEADER[:2], before=before))
+    log = read_log(path, Wanted(("command",)))
+    np.testing.assert_allclose(log.values["command"], COMMAND / 100)
+    assert log.notes == ["the first 3 rows are no part of the table: 'Point:'"]
 
 
 @pytest.mark.parametrize("after", ["End of report\n", "\nTotal: 60 rows\nPrinted by,the system,\n"])
