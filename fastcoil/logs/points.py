@@ -11,6 +11,7 @@ import numpy as np
 from fastcoil.arrays import Array, Index
 from fastcoil.errors import InputError, collecting, nearest, shown
 from fastcoil.logs.arguments import Declared, Wanted
+from fastcoil.logs.cells import is_datum
 from fastcoil.logs.notes import counted
 from fastcoil.logs.readings import read_columns
 from fastcoil.logs.series import COLUMNS
@@ -33,6 +34,8 @@ _TIMES = (
 """Headers of a column of times, in small letters."""
 POINTS = [name for name in COLUMNS if name not in ("elapsed_time", "batch")]
 """What a point may be."""
+_ROWS_LOOKED_AT = 1000
+"""A column without a number in them is one of remarks."""
 _CURE = "--time-format '{format}'"
 
 
@@ -125,7 +128,8 @@ class Files:
     def _names(self, table: Table, path: Path, time: int) -> dict[str, int]:
         """Column of each point of a file, by our name."""
         status = status_columns(table)
-        columns = [k for k, header in enumerate(table.header) if k != time and k not in status]
+        others = [k for k in range(len(table.header)) if k != time and k not in status]
+        columns = [k for k in others if any(is_datum(row[k]) for row in table.rows[:_ROWS_LOOKED_AT])]
         named: dict[str, int] = {}
         for name, target in self._columns.items():
             file, _, header = target.partition(":")
@@ -150,13 +154,13 @@ class Files:
         if not named and len(columns) == 1 and path.stem in POINTS:
             named[path.stem] = columns[0]
         if not named:
-            headers = ", ".join(shown(table.header[k]) for k in columns[:3]) or "no column but the time"
+            headers = ", ".join(shown(table.header[k]) for k in columns[:3]) or "no column of numbers but the time"
             raise InputError(
                 f"{path.name} has {headers}: say which point that is, with --column NAME={path.name}"
                 + (":HEADER" if len(columns) > 1 else "")
                 + f", of {', '.join(POINTS)}"
             )
-        left = [table.header[k] for k in columns if k not in named.values()]
+        left = [table.header[k] for k in others if k not in named.values()]
         if left:
             table.notes.append(f"{counted(len(left), 'column')} left out: {', '.join(map(shown, left[:3]))}")
         return named

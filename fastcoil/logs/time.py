@@ -94,7 +94,7 @@ def number_pieces(
     if of_changes and not rules.max_gap:
         table.notes.append(
             f"rows are {forward.min():g} to {forward.max():g} s apart, and each has a change: a log of changes, "
-            f"values hold between rows; steps up to {of_changes:g} s are no gaps, {rules.gap_cure} says otherwise"
+            f"values hold between rows; steps of up to {of_changes:g} s are no gaps (another limit: {rules.gap_cure})"
         )
     gaps = ~new & ~back & (steps > (rules.max_gap or of_changes or LONG_STEP * median))
     if rules.unbroken and (new | gaps).any():

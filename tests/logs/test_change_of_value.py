@@ -40,7 +40,7 @@ def test_a_log_of_changes_is_one_piece_and_says_so(write):
     assert log.change_of_value
     (note,) = log.notes
     assert note.startswith("rows are 5 to 900 s apart, and each has a change: a log of changes, values hold between")
-    assert note.endswith("are no gaps, max_gap, --max-gap says otherwise")
+    assert note.endswith("are no gaps (another limit: max_gap, --max-gap)")
 
 
 def test_max_gap_still_rules(write):

@@ -107,6 +107,16 @@ def test_points_are_named_by_header_by_file_or_by_the_caller(point):
         assert header == ["timestamp", "command [1]", "m_w [kg s-1]", "T_sup [degC]"]
 
 
+def test_columns_of_remarks_and_status_are_no_points(point):
+    values = [f"{{ }},{{{'down' if k == 20 else 'ok'}}},{k}" for k in range(40)]
+    path = point("command.csv", PERIODIC, values, "Timestamp,Trend Flags,Status,Value (%)", "%d-%b-%y %I:%M:%S %p PDT")
+    text, notes = joined(path)
+    _, seconds, values = table_of(text)
+    np.testing.assert_allclose(values[:, 0], 0.01 * np.where(seconds // 60 == 21, 19, (seconds - 13) // 60))
+    assert "command.csv: 1 column left out: 'Trend Flags'" in notes
+    assert "command.csv: 1 row marked as bad by the column 'Status' (first in row 22)" in notes
+
+
 def test_a_table_with_blanks_is_several_points(point, tmp_path):
     path = tmp_path / "history.csv"
     rows = ["Time,command [%],T_sup [degC],Zone"]
