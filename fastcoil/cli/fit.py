@@ -27,7 +27,7 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options that both fits have."""
     for option in (
         click.option(
-            "--drop", is_flag=True, help="Leave out and count rows with bad values, instead of refusing them."
+            "--drop", is_flag=True, help="Leave out and count bad values, or bridge a single one, instead of refusing."
         ),
         click.option("--fit-until", type=float, help="Last second to fit; the rest is held back for validation."),
         click.option(

@@ -75,6 +75,15 @@ def test_irregular_rows_without_changes_are_none(write):
     assert log.n_batches > 1
 
 
+def test_uneven_rows_without_long_steps_are_none(write):
+    rng = np.random.default_rng(3)
+    times = np.cumsum(rng.choice([10, 30, 50], 200))
+    log = read_log(write(HEADER, [[t, 10 * (k // 20), 1 + k / 500] for k, t in enumerate(times)]), WANTED)
+    assert log.n_batches == 1
+    assert not log.change_of_value
+    assert not log.notes
+
+
 def test_values_of_a_log_of_changes_hold_in_a_boundary_and_in_a_coil_record(write):
     rows = [[t, c / 50, 25, 0.01, 7, 14 + c // 50, c / 50, 15 + c // 50] for t, c, _ in changes(hours=3)]
     names = ["m_a [kg/s]", "T_a_in [degC]", "W_a_in [1]", "T_w_in [degC]", "T_set [degC]", "m_w [kg/s]", "T_sup [degC]"]
