@@ -67,10 +67,11 @@ def test_a_log_of_regular_rows_of_which_some_are_lost_is_none(write, lost):
     assert log.n_batches == 1 + np.sum(np.diff(log.time) > 180)
 
 
-def test_irregular_rows_without_changes_are_none(write):
+@pytest.mark.parametrize("noise", [0.0, 0.3], ids=["no value changes", "all values change in each row"])
+def test_irregular_rows_that_are_not_of_changes_are_none(write, noise):
     rng = np.random.default_rng(3)
     times = np.cumsum(rng.choice([5, 20, 90, 600], 200))
-    log = read_log(write(HEADER, [[t, 50, 1.2] for t in times]), WANTED)
+    log = read_log(write(HEADER, [[t, 50 + noise * rng.normal(), 2 + noise * rng.normal()] for t in times]), WANTED)
     assert not log.change_of_value
     assert log.n_batches > 1
 
