@@ -74,6 +74,10 @@ def find_unit(table: Table, series: Series, column: int, given: str | None, has_
     """
     declared, header = table.declared_unit(column), table.header[column]
     if given and declared and not table.units and not header.endswith("]"):
+        if not series.is_same_unit(given, declared):
+            table.notes.append(
+                f"{series.name} is read in {shown(given)}, not in {shown(declared)} as its header has it"
+            )
         declared = None  # what stands in round brackets may be a remark
     unit = declared or given or ("1" if series.needs_no_unit else None)
     if declared and given and declared != given:

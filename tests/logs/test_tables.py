@@ -102,7 +102,10 @@ def test_such_columns_are_asked_for_with_or_without_their_unit(tmp_path, header)
 
 def test_a_remark_in_round_brackets_gives_way_to_a_declared_unit(tmp_path):
     text = text_of(rows(), ("timestamp", "command (V)", "T_sup [degC]"))
-    assert_same_log(read(tmp_path, text, units={"command": "%"}))
+    log = read(tmp_path, text, units={"command": "%"})
+    assert_same_log(log)
+    assert log.notes == ["command is read in '%', not in 'V' as its header has it"]
+    assert not read(tmp_path, text_of(rows(), ("timestamp", "command (%)", HEADER[2])), units={"command": "%"}).notes
 
 
 @pytest.mark.parametrize(
