@@ -151,6 +151,8 @@ def test_newest_first_and_doubles(point):
     assert turned == expected
     assert "command.csv: the newest row is first: turned round" in notes
     assert "command.csv: 1 row at the time of the next: left out" in notes
+    text, _ = joined(point("T_sup.csv", seconds, [0, 9, 2, 3, 4], "Time,Value (°C)"), step=30)
+    np.testing.assert_allclose(table_of(text)[2][:4, 0], [0, 1, 2, 2.5])
 
 
 def test_utc_offsets_are_kept_as_utc(point):
