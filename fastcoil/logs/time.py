@@ -18,6 +18,7 @@ from fastcoil.logs.notes import counted
 from fastcoil.logs.table import Table
 from fastcoil.logs.timestamps import read_stamps
 
+_DAY = 86400.0
 _HOUR, _MOST_CLOCK_CHANGES = 3600.0, 5
 _MANY = 0.1
 """If more than this share of the steps go back in time, the log is out of order."""
@@ -119,6 +120,8 @@ def _backward(time: Array, back: Mask, rows: list[int], rules: TimeRules, stampe
     k, times = int(np.argmax(back)), int(back.sum())
     if stamped and times > _MANY * steps.size and not (time % 60.0).any():
         most = int(np.unique(time, return_counts=True)[1].max())
+        if most > 1 and (steps >= 0.0).all() and not (time % _DAY).any():
+            return f"timestamp has dates only, up to {most} rows to a day: put date and time of day into one column"
         if most > 1 and (steps >= 0.0).all():
             return (
                 f"timestamp is to the minute, with up to {most} rows in one (first: rows {rows[k]} and {rows[k + 1]}): "

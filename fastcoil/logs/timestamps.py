@@ -83,7 +83,8 @@ def read_stamps(cells: Sequence[str], row_numbers: list[int], time_format: str |
         return _of_datetimes(times, row_numbers, f"is not as {time_format!r} says: mend it or time_format")
     times = [timestamp_of(cell) for cell in cells]
     n_iso = sum(time is not None for time in times)
-    iso = "is not ISO 8601: write it as 2024-07-01T08:00:00"
+    iso = "is not ISO 8601: write it as 2024-07-01T08:00:00, or say how to read it: "
+    iso += cure.format(format="%d/%m/%Y %H:%M")
     if 2 * n_iso >= len(times):
         return _of_datetimes(times, row_numbers, iso)
     numbers = np.array([_number(cell) for cell in cells])

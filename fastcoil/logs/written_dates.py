@@ -23,7 +23,7 @@ _WRITTEN = re.compile(
     r"(?P<a>\d{1,4}|[A-Za-z]{3,9})(?P<mark>[-./ ])(?P<b>\d{1,2}|[A-Za-z]{3,9}),?(?P=mark)(?P<c>\d{1,4})"
     r"(?:[T,\s]\s*(?P<h>\d{1,2}):(?P<min>\d{2})(?::(?P<s>\d{2})(?:[.,](?P<part>\d{1,9}))?)?"
     r"\s*(?:(?P<half>[AaPp])\.?[Mm]\.?(?![A-Za-z]))?"
-    r"\s*\(?(?:Z|(?:UTC|GMT)?(?P<offset>[+-]\d{2}:?\d{2}|[+-]\d{1,2}))?\s*(?P<zone>[A-Za-z_/]{1,32})?\)?)?\s*"
+    r"\s*\(?(?:Z|(?:UTC|GMT)?(?P<offset>[+-]\d{2}:?\d{2}|[+-]\d{1,2}))?\s*[\[]?(?P<zone>[A-Za-z_/]{1,32})?[)\]]?)?\s*"
 )
 _DAYLIGHT = {
     "pdt": "pst", "mdt": "mst", "cdt": "cst", "edt": "est", "akdt": "akst", "adt": "ast", "ndt": "nst",

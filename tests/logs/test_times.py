@@ -38,6 +38,7 @@ def refusal(tmp_path, stamps, **options):
         ("%b %d, %Y %H:%M", None),
         ("%A, %B %d, %Y %I:%M:%S %p", None),
         ("%Y-%m-%dT%H:%M:%S.000-04:00 New_York", None),
+        ("%Y-%m-%dT%H:%M-04:00[America/New_York]", None),
     ],
 )
 @pytest.mark.parametrize("day", [11, 25], ids=["over midnight", "beyond the 12th"])
@@ -124,7 +125,9 @@ def test_seconds_and_milliseconds_since_1970(tmp_path, scale, said):
 
 
 def test_small_numbers_are_no_timestamps(tmp_path):
-    assert "timestamp = '0' in row 2 is not ISO 8601" in refusal(tmp_path, [str(60 * k) for k in range(ROWS)])
+    said = refusal(tmp_path, [str(60 * k) for k in range(ROWS)])
+    assert "timestamp = '0' in row 2 is not ISO 8601" in said
+    assert CURE in said
 
 
 # ------------------------------------------------------------------------------------------------------ time zones
@@ -182,6 +185,11 @@ def test_several_rows_in_a_minute_ask_for_seconds(tmp_path):
     stamps = [stamp[:16] for stamp in times("%Y-%m-%dT%H:%M:%S", step=20)]
     said = refusal(tmp_path, stamps)
     assert "timestamp is to the minute, with up to 3 rows in one (first: rows 2 and 3): export it with seconds" in said
+
+
+def test_dates_without_the_time_of_day_ask_for_it(tmp_path):
+    said = refusal(tmp_path, times("%d/%m/%Y", START.replace(day=25)))
+    assert "timestamp has dates only, up to 30 rows to a day: put date and time of day into one column" in said
 
 
 # ----------------------------------------------------------------------------------------------------- time_format
