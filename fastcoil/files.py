@@ -45,12 +45,10 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False) -> str
 
     Parameters
     ----------
-    path
-        The file.
+    path, limit
+        The file, and the most bytes it may have.
     what
         What to give if this file cannot be used, such as ``"a CSV file"``.
-    limit
-        The most bytes it may have.
     utf_16
         Whether it may be UTF-16 instead, with a byte order mark.
 
