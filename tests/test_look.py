@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fastcoil.cli.fit import _require_writable
+from fastcoil.cli.log_options import require_writable
 from fastcoil.errors import InputError, StorageError
 from fastcoil.look import exists, is_file, is_folder
 from fastcoil.paper.regenerate import _make_folder
@@ -37,7 +37,7 @@ def closed(tmp_path, monkeypatch):
         exists,
         is_file,
         is_folder,
-        lambda path: _require_writable(path / "valve.toml"),
+        lambda path: require_writable(path / "valve.toml"),
         lambda path: check_disk(1, path),
         lambda path: find_source("reduce", "mine:f", path),
         _make_folder,
@@ -62,4 +62,4 @@ def test_what_is_there_and_what_is_not(tmp_path):
 
 def test_a_fit_into_a_missing_folder_is_still_a_mistake_of_the_user(tmp_path):
     with pytest.raises(InputError, match="in a folder that exists"):
-        _require_writable(tmp_path / "none" / "valve.toml")
+        require_writable(tmp_path / "none" / "valve.toml")

@@ -27,6 +27,7 @@ def diagnose(
     drop: bool,
     jumps: str,
     max_gap: float | None,
+    time_format: str | None,
 ) -> None:
     """Find the backlash of a valve in a trend log, and why its loop hunts.
 
@@ -46,6 +47,7 @@ def diagnose(
         drop=drop,
         jumps=jumps,
         max_gap=max_gap,
+        time_format=time_format,
     )
     say(*found.summary())
     if out is not None:

@@ -63,6 +63,7 @@ def fit_valve_command(
     drop: bool,
     jumps: str,
     max_gap: float | None,
+    time_format: str | None,
 ) -> None:
     """Fit backlash and flow curve to the columns command and m_w of DATA.
 
@@ -87,6 +88,7 @@ def fit_valve_command(
         drop=drop,
         jumps=jumps,
         max_gap=max_gap,
+        time_format=time_format,
     )
     _write_and_print(found, out)
 
@@ -121,6 +123,7 @@ def fit_coil_command(
     drop: bool,
     jumps: str,
     max_gap: float | None,
+    time_format: str | None,
 ) -> None:
     """Fit the coil to m_w, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) and T_sup of DATA.
 
@@ -149,6 +152,7 @@ def fit_coil_command(
         drop=drop,
         jumps=jumps,
         max_gap=max_gap,
+        time_format=time_format,
     )
     _write_and_print(found, out)
 

@@ -16,7 +16,7 @@ def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the log and the options that say how it is read."""
     for option in (
         click.option(
-            "--drop", is_flag=True, help="Leave out and count rows with bad values, instead of refusing them."
+            "--drop", is_flag=True, help="Leave out and count bad values, or bridge a single one, instead of refusing."
         ),
         click.option(
             "--jumps",
@@ -25,6 +25,11 @@ def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
             help="Where time goes back: refuse the log, or split it there.",
         ),
         click.option("--max-gap", type=float, help="Longest step to bridge, s; three median steps by default."),
+        click.option(
+            "--time-format",
+            metavar="PATTERN",
+            help="How timestamp is written: '%d/%m/%Y %H:%M', excel or epoch; recognised by default.",
+        ),
         click.option(
             "--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a column whose header has none."
         ),

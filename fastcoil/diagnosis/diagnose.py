@@ -20,6 +20,7 @@ from fastcoil.diagnosis.result import Diagnosis, scalars
 from fastcoil.logs import read_log
 from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
 from fastcoil.logs.series import COLUMNS
+from fastcoil.logs.timestamps import time_format_of
 
 _WANTED = Wanted(
     needed=("command", "T_sup"), optional=("T_set", "m_a", "T_a_in", "enabled"), measured=("T_sup", "m_a", "T_a_in")
@@ -44,6 +45,7 @@ def diagnose(
     drop: bool = False,
     jumps: str = "refuse",
     max_gap: float | None = None,
+    time_format: str | None = None,
 ) -> Diagnosis:
     """Find the backlash of a valve in a trend log of its loop, and why the loop hunts if it does.
 
@@ -60,8 +62,9 @@ def diagnose(
         Seconds between two samples of the controller; found from the log if left out.
     units, columns
         As in ``fc.Boundary.from_csv``.
-    drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+    drop, jumps, max_gap, time_format
+        What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
+        ``fastcoil.logs.read_log``.
 
     Returns
     -------
@@ -81,11 +84,20 @@ def diagnose(
         check(flag_of, "drop", drop)
         check(choice_of, "jumps", jumps, ("refuse", "split"))
         check(max_gap_of, max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
         check(require_mappings, units=units, columns=columns)
     if hasattr(log, "data_vars") and "T_measured" in log and "T_sup" not in (columns or {}):
         log = log.assign(T_sup=log["T_measured"])
     data = read_log(
-        log, _WANTED, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap, has_command=True
+        log,
+        _WANTED,
+        units=units,
+        columns=columns,
+        drop=drop,
+        jumps=jumps,
+        max_gap=max_gap,
+        time_format=time_format,
+        has_command=True,
     )
     grid, notes = on_grid(data)
     known = [name for name in ("m_a", "T_a_in") if name in grid.values]
