@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fastcoil.cli.fit import _numbers, _pairs, _require_writable, _with_common_options, _write_and_print, fit
+from fastcoil.cli.fit import (
+    _numbers,
+    _require_writable,
+    _with_common_options,
+    _write_and_print,
+    fit,
+    pairs,
+)
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.progress import announce_compilation
 
@@ -52,8 +59,8 @@ def fit_loop_command(
     found = fit_loop(
         data,
         loop,
-        columns=_pairs("--column", columns),
-        units=_pairs("--unit", units),
+        columns=pairs("--column", columns),
+        units=pairs("--unit", units),
         constants=_numbers("--constant", constants),
         warm_up=warm_up,
         **reading,
