@@ -16,6 +16,7 @@ from fastcoil.errors import shown
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, log_of
 from fastcoil.logs.series import HUMIDITIES
+from fastcoil.logs.timestamps import time_format_of
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop
 
@@ -38,6 +39,7 @@ def fit_loop(
     drop: bool = False,
     jumps: str = "refuse",
     max_gap: float | None = None,
+    time_format: str | None = None,
 ) -> LoopFit:
     """Fit the backlash of a valve to a log of commands and supply temperatures; no flow meter is needed.
 
@@ -59,6 +61,8 @@ def fit_loop(
         As in ``fc.fit_valve``.
     drop, jumps, max_gap
         What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+    time_format
+        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
 
     Returns
     -------
@@ -82,6 +86,7 @@ def fit_loop(
         validation = check.unless_none(log_of, "validation", validation)
         warm_up = check(number_of, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
         check_reading(check, units=units, columns=columns, constants=constants, drop=drop, jumps=jumps, max_gap=max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
         split, fit_until = split_of(check, split, fit_until)
         for name, values in loop.swept.items() if isinstance(loop, Loop) else ():
             if name != "backlash":
@@ -99,6 +104,7 @@ def fit_loop(
             drop=drop,
             jumps=jumps,
             max_gap=max_gap,
+            time_format=time_format,
             has_command=True,
         )
         return in_operation(found)

@@ -79,5 +79,4 @@ def _loop_of(parts: Sequence[str]) -> Loop:
     if len(names) > 1:
         raise InputError(f"--loop {' --loop '.join(names)}: give one preset")
     included = read_includes({"include": files}, Path())
-    included.pop("backlash", None)
     return Loop.preset(*names or ["paper_like"]).assign(**included)

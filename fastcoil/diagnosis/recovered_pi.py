@@ -16,10 +16,12 @@ BUSY = 20
 """Changes of the command in a row whose mean distance is the sample time, where it is shortest."""
 EXACT = 1e-3
 """Residual, as a share of the changes, below which the log holds every sample of the controller."""
-LAGS, ENOUGH = (1, 2, 3, 4), 0.995
-"""Changes that a row of the fit spans, and the share explained that is enough to try no more."""
+LAGS = (1, 2, 4)
+"""Changes that a row of the fit spans."""
 USUAL = 10.0
 """Seconds between samples of a controller that a coarser log does not tell."""
+LESS = 0.9
+"""Share of what one sample leaves unexplained that the sample before may leave at most to be taken in its place."""
 LEAST_EXPLAINED = 0.9
 """Share of the variance of the command's changes that a PI has to explain."""
 EDGE = 1e-6
@@ -63,13 +65,15 @@ def recover_pi(
     changes = np.flatnonzero((np.abs(np.diff(command)) > HELD) & good[1:] & good[:-1]) + 1
     if changes.size < LEAST_CHANGES:
         return f"the command changes {changes.size} times only: log a day on which the loop works"
-    error = temperature - T_set
     every = _sample_time(command, changes, interval) if sample_time is None else sample_time
-    if every > 1.2 * interval:
-        found = _slower(command, error, changes, interval, every)
-    else:
-        between = 0.5 * (temperature[1:] + temperature[:-1]) - T_set[:-1]
-        found = _faster(command, error, interval * between, good, interval, sample_time)
+    found = _recovered(command, temperature, T_set, interval, good, changes, every, sample_time)
+    # many logs write the command that answers a temperature one sample after it
+    before = np.maximum(np.arange(command.size) - 1, 0)
+    both = good & good[before]
+    both[0] = False
+    later = _recovered(command, temperature[before], T_set[before], interval, both, changes, every, sample_time)
+    if found is None or (later is not None and 1.0 - later.explained < LESS * (1.0 - found.explained)):
+        found = later
     if found is None:
         return "too little of the log shows the controller at work: the command is saturated or hardly moves"
     if found.explained < LEAST_EXPLAINED:
@@ -80,6 +84,18 @@ def recover_pi(
     if found.ti <= 0.0 or not np.isfinite(found.ti):
         return "the command goes on without an error and comes back with one: no PI does that"
     return found
+
+
+def _recovered(
+    command: Array, temperature: Array, T_set: Array, interval: float, good: Mask, changes: Index, every: float,
+    given: float | None,
+) -> RecoveredPI | None:  # fmt: skip
+    """The PI whose command answers the temperature of the same sample."""
+    error = temperature - T_set
+    if every > 1.2 * interval:
+        return _slower(command, error, changes, interval, every)
+    between = 0.5 * (temperature[1:] + temperature[:-1]) - T_set[:-1]
+    return _faster(command, error, interval * between, good, interval, given)
 
 
 def _sample_time(command: Array, changes: Index, interval: float) -> float:
@@ -151,18 +167,12 @@ def _moving_sum(flags: Mask, width: int) -> Index:
 
 
 def _best(command: Array, error: Array, rows: Callable[[int], tuple[Index, Index, Array]]) -> Fit | None:
-    """The fit over the shortest lag that explains nearly all, or over the one that explains most.
+    """The fit over the lag that explains most.
 
     A log whose samples fall between those of the controller sees one of these now and two then; a longer lag evens
     that out, and what a coarse resolution does too.
     """
-    fits = []
-    for lag in LAGS:
-        fit = _regressed(command, error, *rows(lag))
-        if fit is not None:
-            fits.append(fit)
-            if fit.explained > ENOUGH:
-                return fit
+    fits = [fit for lag in LAGS if (fit := _regressed(command, error, *rows(lag))) is not None]
     return max(fits, key=lambda fit: fit.explained, default=None)
 
 
