@@ -178,7 +178,8 @@ def test_the_loop_that_hunts_at_lbnl_is_told_as_found():
     assert found.hunts
     assert found.cause != "backlash"
     assert float(found.indices.period) == pytest.approx(1800.0, rel=0.05)
-    assert float(found.indices.kp) == pytest.approx(0.018, rel=0.25)
+    assert float(found.indices.kp) == pytest.approx(0.018, rel=0.05)
+    assert float(found.indices.ti) == pytest.approx(30.0, rel=0.05)
 
 
 def test_a_log_every_ten_minutes_is_told_to_be_too_coarse():
