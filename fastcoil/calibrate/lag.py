@@ -15,6 +15,8 @@ import numpy as np
 
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.calibrate.least_squares import autocorrelation
+from fastcoil.calibrate.play_curve import N_KNOTS, hats
+from fastcoil.calibrate.valve_record import step_of
 from fastcoil.engine.valve_loop import valve_flows
 from fastcoil.logs import Log
 
@@ -23,7 +25,6 @@ _NEAR, _AROUND = 6, 2
 _FARTHEST = 7200.0
 """The cross-correlation proposes shifts up to this, s: clocks that differ by an hour."""
 _BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
-_N_KNOTS = 11
 _STRETCH = 100
 """Samples: a longer piece is cut into stretches of one to two times this."""
 _PRICE, _PRICE_WITHIN = 12.0, 30.0
@@ -86,7 +87,7 @@ def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
     good, fitting: (n,), samples that may be compared, and those of the part to fit; what follows that part has no
     influence on its shifts.
     """
-    step = float(np.median(np.diff(log.time[fitting])))
+    step = step_of(log, fitting)
     found = _stretches(log, good, fitting, step)
     of_fit = found.sums[found.fitted]
     chosen, curve = _search(of_fit, found.lags, found.price[found.fitted], 1.0)
@@ -144,13 +145,13 @@ def _stretches(log: Log, good: Mask, fitting: Mask, step: float) -> Stretches:
     rows, start = np.ones((5, _BACKLASHES.size)), np.full((log.n_batches, _BACKLASHES.size), 0.5)
     rows[0] = _BACKLASHES
     openings, flows = np.empty((n, _BACKLASHES.size)), np.empty((n, _BACKLASHES.size))
-    sums = np.zeros((len(price) - 1, lags.size, _BACKLASHES.size, _N_KNOTS + 1, _N_KNOTS + 1))
+    sums = np.zeros((len(price) - 1, lags.size, _BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
     for i, lag in enumerate(lags):
         command, outside = delayed(log, lag * step)
         valve_flows(command, log.batch, rows, start, openings, flows)
         used = (good & ~outside)[:, None]
         for j in range(_BACKLASHES.size):
-            A = np.where(used, np.column_stack([_hats(openings[:, j]), log.values["m_w"]]), 0.0)
+            A = np.where(used, np.column_stack([hats(openings[:, j]), log.values["m_w"]]), 0.0)
             for s in range(len(price) - 1):
                 part = A[ends[s] : ends[s + 1]]
                 sums[s, i, j] = part.T @ part
@@ -172,19 +173,14 @@ def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
     return np.union1d(lags, np.arange(peak - _AROUND, peak + _AROUND + 1))
 
 
-def _hats(opening: Array) -> Array:
-    """Weights of the knots at each opening, (n, knots), for a curve of straight lines."""
-    place = np.clip(opening, 0.0, 1.0) * (_N_KNOTS - 1)
-    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(_N_KNOTS)), 0.0)
-
-
 def _search(sums: Array, lags: Index, price: Array, worth: float) -> tuple[Index, Curve]:
     """The lag of each stretch, an index in ``lags``, and the curve: from each common lag until neither changes.
 
     worth: samples that are worth one independent one.
     """
     found = []
-    for common in range(lags.size):
+    n = sums[:, :, 0, :-1, :-1].sum(axis=(0, 2, 3))
+    for common in np.flatnonzero(n >= 0.5 * n.max()):
         chosen = np.full(sums.shape[0], common)
         for _ in range(_ROUNDS):
             curve, before = _curve(sums, chosen, worth), chosen
@@ -205,8 +201,9 @@ def _curve(sums: Array, chosen: Index, worth: float) -> Curve:
     errors = [float(_errors(G, c)) for G, c in zip(total, flows, strict=True)]
     j = int(np.argmin(errors))
     n = max(float(total[j, :-1, :-1].sum()), 1.0)  # the weights of a sample sum to 1
+    n_all = float(sums[:, :, j, :-1, :-1].sum(axis=(-2, -1)).max(axis=1).sum())
     mean = max(errors[j] / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY)
-    return Curve(j, flows[j], mean * worth, -0.5 * n / worth * float(np.log(mean)))
+    return Curve(j, flows[j], mean * worth, -0.5 * n_all / worth * float(np.log(mean)))
 
 
 def _cheapest(sums: Array, lags: Index, price: Array, curve: Curve) -> Index:
@@ -225,9 +222,10 @@ def _cheapest(sums: Array, lags: Index, price: Array, curve: Curve) -> Index:
 
 
 def _missing(sums: Array, curve: Curve) -> Array:
-    """Cost of samples that a lag leaves without a command, (stretches, lags): as much as those that it keeps cost."""
+    """Cost of samples that a lag leaves without a command, (stretches, lags): that of others; it may not be most."""
     n = sums[:, :, curve.backlash, :-1, :-1].sum(axis=(-2, -1))
-    return 0.5 * (n.max(axis=1, keepdims=True) - n)
+    most = n.max(axis=1, keepdims=True)
+    return np.where(n < 0.5 * most, np.inf, 0.5 * (most - n))
 
 
 def _worth(log: Log, used: Mask, found: Stretches, chosen: Index, curve: Curve, step: float) -> float:
@@ -240,14 +238,15 @@ def _worth(log: Log, used: Mask, found: Stretches, chosen: Index, curve: Curve, 
     openings, flows = np.empty((log.time.size, 1)), np.empty((log.time.size, 1))
     valve_flows(command, log.batch, rows, np.full((log.n_batches, 1), 0.5), openings, flows)
     used = used & ~outside
-    r = np.where(used, _hats(openings[:, 0]) @ curve.flows - log.values["m_w"], 0.0)
+    r = np.where(used, hats(openings[:, 0]) @ curve.flows - log.values["m_w"], 0.0)
     n = int(np.flatnonzero(used)[-1]) + 1
     return max(1.0 + 2.0 * float(autocorrelation(r[:n], log.batch[:n], used[:n]).sum()), 1.0)
 
 
 def _solved(G: Array) -> Array:
     A = G[:-1, :-1]
-    return np.asarray(np.linalg.solve(A + _RIDGE * np.trace(A) * np.eye(A.shape[0]), G[:-1, -1]))
+    ridge = _RIDGE * np.trace(A) + _TINY
+    return np.asarray(np.linalg.solve(A + ridge * np.eye(A.shape[0]), G[:-1, -1]))
 
 
 def _errors(G: Array, flows: Array) -> Array:
