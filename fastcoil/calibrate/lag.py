@@ -30,20 +30,22 @@ _STRETCH = 100
 _PRICE, _PRICE_WITHIN = 12.0, 30.0
 """Of a shift and of a change of it between pieces, and of a change within one, in logarithms of likelihood."""
 _ROUNDS = 10
+_MOST_MEMORY = 0.98
 _RIDGE = 1e-9
 _ROUND_OFF = 1e-6
 _TINY = 1e-300
 
 
 class Curve(NamedTuple):
-    """The backlash, an index in ``_BACKLASHES``; flows at the knots, kg/s; variance of a residual as if it were white.
+    """The backlash, an index in ``_BACKLASHES``; flows at the knots, kg/s; variance of a residual, (kg/s)².
 
-    likelihood: logarithm of it.
+    worth: samples that are worth one independent one.  likelihood: logarithm of it.
     """
 
     backlash: int
     flows: Array
     variance: float
+    worth: float
     likelihood: float
 
 
@@ -51,15 +53,21 @@ class Stretches(NamedTuple):
     """What the search needs of a log.
 
     lags: that are tried, in samples, (lags,).  number: of the stretch of each sample, (n,).  sums: of products of the
-    curve's terms and the flow, (stretches, lags, backlashes, knots + 1, knots + 1).  price: of each change of the lag
+    curve's terms and the flow, (stretches, lags, backlashes, knots + 1, knots + 1).  counts: samples in each sum,
+    (stretches, lags).  price: of each change of the lag
     from one stretch to the next, (stretches,), the first is that of any lag but 0.  fitted: (stretches,).
     """
 
     lags: Index
     number: Index
     sums: Array
+    counts: Array
     price: Array
     fitted: Mask
+
+    def of(self, which: Mask) -> Stretches:
+        """Some of the stretches."""
+        return self._replace(sums=self.sums[which], counts=self.counts[which], price=self.price[which])
 
 
 def delayed(log: Log, lag: Array | float) -> tuple[Array, Mask]:
@@ -88,16 +96,19 @@ def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
     influence on its shifts.
     """
     step = step_of(log, fitting)
-    found = _stretches(log, good, fitting, step)
-    of_fit = found.sums[found.fitted]
-    chosen, curve = _search(of_fit, found.lags, found.price[found.fitted], 1.0)
-    worth = _worth(log, good & fitting, found, chosen, curve, step)
-    chosen, curve = _search(of_fit, found.lags, found.price[found.fitted], worth)
+    lags_tried = _lags_to_try(log, good & fitting, step)
+    found = _stretches(log, good, fitting, step, lags_tried, 0.0)
+    chosen, curve = _search(found.of(found.fitted), 1.0)
+    memory, _ = _correlation(log, good & fitting, found, chosen, curve, step, 0.0)
+    found = _stretches(log, good, fitting, step, lags_tried, memory)
+    chosen, curve = _search(found.of(found.fitted), 1.0)
+    _, worth = _correlation(log, good & fitting, found, chosen, curve, step, memory)
+    chosen, curve = _search(found.of(found.fitted), worth)
     lags = np.zeros(found.fitted.size)
     lags[found.fitted] = found.lags[chosen]
     if not found.fitted.all():
         rest = ~found.fitted
-        lags[rest] = found.lags[_cheapest(found.sums[rest], found.lags, found.price[rest], curve)]
+        lags[rest] = found.lags[_cheapest(found.of(rest), curve)]
     shifts = lags[found.number]
     return _moved(log, shifts * step, _told(log, shifts, step)) if shifts.any() else log
 
@@ -131,8 +142,11 @@ def _told(log: Log, shifts: Array, step: float) -> list[str]:
     return notes
 
 
-def _stretches(log: Log, good: Mask, fitting: Mask, step: float) -> Stretches:
-    """Pieces, long ones cut and none partly fitted, and their sums."""
+def _stretches(log: Log, good: Mask, fitting: Mask, step: float, lags: Index, memory: float) -> Stretches:
+    """Pieces, long ones cut and none partly fitted, and their sums.
+
+    memory: of the residuals, from one sample to the next; that share of the sample before is subtracted from each.
+    """
     n = log.time.size
     border = (np.diff(log.batch) != 0) | (np.diff(fitting.astype(int)) != 0)
     number, price = np.zeros(n, dtype=np.int64), [_PRICE]
@@ -141,21 +155,28 @@ def _stretches(log: Log, good: Mask, fitting: Mask, step: float) -> Stretches:
         number[part] = len(price) - 1 + np.arange(part.size) * cuts // part.size
         price += [_PRICE_WITHIN] * (cuts - 1) + [_PRICE]
     ends = np.searchsorted(number, np.arange(len(price)))
-    lags = _lags_to_try(log, good & fitting, step)
     rows, start = np.ones((5, _BACKLASHES.size)), np.full((log.n_batches, _BACKLASHES.size), 0.5)
     rows[0] = _BACKLASHES
     openings, flows = np.empty((n, _BACKLASHES.size)), np.empty((n, _BACKLASHES.size))
     sums = np.zeros((len(price) - 1, lags.size, _BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
+    counts = np.zeros((len(price) - 1, lags.size))
+    follows = np.append(False, ~border)
     for i, lag in enumerate(lags):
         command, outside = delayed(log, lag * step)
         valve_flows(command, log.batch, rows, start, openings, flows)
-        used = (good & ~outside)[:, None]
+        used = good & ~outside
+        if memory:
+            used &= follows & np.append(False, used[:-1])
+        counts[:, i] = np.add.reduceat(used, ends[:-1])
         for j in range(_BACKLASHES.size):
-            A = np.where(used, np.column_stack([hats(openings[:, j]), log.values["m_w"]]), 0.0)
+            A = np.column_stack([hats(openings[:, j]), log.values["m_w"]])
+            if memory:
+                A[1:] -= memory * A[:-1]
+            A = np.where(used[:, None], A, 0.0)
             for s in range(len(price) - 1):
                 part = A[ends[s] : ends[s + 1]]
                 sums[s, i, j] = part.T @ part
-    return Stretches(lags, number, sums, np.array(price[:-1]), fitting[ends[:-1]])
+    return Stretches(lags, number, sums, counts, np.array(price[:-1]), fitting[ends[:-1]])
 
 
 def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
@@ -173,45 +194,53 @@ def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
     return np.union1d(lags, np.arange(peak - _AROUND, peak + _AROUND + 1))
 
 
-def _search(sums: Array, lags: Index, price: Array, worth: float) -> tuple[Index, Curve]:
+def _search(found: Stretches, worth: float) -> tuple[Index, Curve]:
     """The lag of each stretch, an index in ``lags``, and the curve: from each common lag until neither changes.
 
     worth: samples that are worth one independent one.
     """
-    found = []
-    n = sums[:, :, 0, :-1, :-1].sum(axis=(0, 2, 3))
+    ways = []
+    n = found.counts.sum(axis=0)
     for common in np.flatnonzero(n >= 0.5 * n.max()):
-        chosen = np.full(sums.shape[0], common)
+        chosen = np.full(found.sums.shape[0], common)
         for _ in range(_ROUNDS):
-            curve, before = _curve(sums, chosen, worth), chosen
-            chosen = _cheapest(sums, lags, price, curve)
+            curve, before = _curve(found, chosen, worth), chosen
+            chosen = _cheapest(found, curve)
             if (chosen == before).all():
                 break
-        curve = _curve(sums, chosen, worth)
-        changed = np.append(lags[chosen[0]] != 0, np.diff(chosen) != 0)
-        found.append((price[changed].sum() - curve.likelihood, chosen, curve))
-    _, chosen, curve = min(found, key=lambda one: float(one[0]))
+        curve = _curve(found, chosen, worth)
+        changed = np.append(found.lags[chosen[0]] != 0, np.diff(chosen) != 0)
+        ways.append((found.price[changed].sum() - curve.likelihood, chosen, curve))
+    _, chosen, curve = min(ways, key=lambda one: float(one[0]))
     return chosen, curve
 
 
-def _curve(sums: Array, chosen: Index, worth: float) -> Curve:
+def _curve(found: Stretches, chosen: Index, worth: float) -> Curve:
     """The best curve with each stretch at its lag."""
-    total = sums[np.arange(chosen.size), chosen].sum(axis=0)
+    at = np.arange(chosen.size), chosen
+    total, n = found.sums[at].sum(axis=0), max(float(found.counts[at].sum()), 1.0)
     flows = [_solved(G) for G in total]
     errors = [float(_errors(G, c)) for G, c in zip(total, flows, strict=True)]
     j = int(np.argmin(errors))
-    n = max(float(total[j, :-1, :-1].sum()), 1.0)  # the weights of a sample sum to 1
-    n_all = float(sums[:, :, j, :-1, :-1].sum(axis=(-2, -1)).max(axis=1).sum())
     mean = max(errors[j] / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY)
-    return Curve(j, flows[j], mean * worth, -0.5 * n_all / worth * float(np.log(mean)))
+    n_all = float(found.counts.max(axis=1).sum())
+    return Curve(j, flows[j], mean, worth, -0.5 * n_all / worth * float(np.log(mean)))
 
 
-def _cheapest(sums: Array, lags: Index, price: Array, curve: Curve) -> Index:
-    """The lag of each stretch, an index in ``lags``: the way through the stretches with the least errors and prices."""
-    costs = _errors(sums[:, :, curve.backlash], curve.flows) / (2.0 * curve.variance)
-    costs += _missing(sums, curve)
-    best, ways = costs[0] + price[0] * (lags != 0), []
-    for cost, of_change in zip(costs[1:], price[1:], strict=True):
+def _cheapest(found: Stretches, curve: Curve) -> Index:
+    """The lag of each stretch, an index in ``lags``: the way through the stretches with the least errors and prices.
+
+    Samples that a lag leaves without a command cost as much as others; they may not be most of a stretch.  Where all
+    of a stretch fits worse than the rest, chance moves it more easily: its own variance counts.
+    """
+    most = found.counts.max(axis=1, keepdims=True)
+    errors = _errors(found.sums[:, :, curve.backlash], curve.flows)
+    errors = np.where(found.counts < 0.5 * most, np.inf, errors + curve.variance * (most - found.counts))
+    own = errors.min(axis=1, keepdims=True) / np.maximum(most, 1.0)
+    costs = errors / (2.0 * curve.worth * np.maximum(own, curve.variance))
+    lags, ways = found.lags, []
+    best = costs[0] + found.price[0] * (lags != 0)
+    for cost, of_change in zip(costs[1:], found.price[1:], strict=True):
         whole = best[:, None] + of_change * (lags[:, None] != lags)
         ways.append(whole.argmin(axis=0))
         best = whole.min(axis=0) + cost
@@ -221,15 +250,13 @@ def _cheapest(sums: Array, lags: Index, price: Array, curve: Curve) -> Index:
     return np.array(chosen[::-1])
 
 
-def _missing(sums: Array, curve: Curve) -> Array:
-    """Cost of samples that a lag leaves without a command, (stretches, lags): that of others; it may not be most."""
-    n = sums[:, :, curve.backlash, :-1, :-1].sum(axis=(-2, -1))
-    most = n.max(axis=1, keepdims=True)
-    return np.where(n < 0.5 * most, np.inf, 0.5 * (most - n))
+def _correlation(
+    log: Log, used: Mask, found: Stretches, chosen: Index, curve: Curve, step: float, memory: float
+) -> tuple[float, float]:
+    """Of the residuals of the fitted part: from one to the next; samples that are worth one independent one.
 
-
-def _worth(log: Log, used: Mask, found: Stretches, chosen: Index, curve: Curve, step: float) -> float:
-    """Samples of the fitted part that are worth one independent one, by the autocorrelation of the residuals."""
+    memory: what is subtracted from each first, as a share of the one before.
+    """
     lags = np.zeros(found.fitted.size)
     lags[found.fitted] = found.lags[chosen]
     command, outside = delayed(log, lags[found.number] * step)
@@ -239,8 +266,10 @@ def _worth(log: Log, used: Mask, found: Stretches, chosen: Index, curve: Curve, 
     valve_flows(command, log.batch, rows, np.full((log.n_batches, 1), 0.5), openings, flows)
     used = used & ~outside
     r = np.where(used, hats(openings[:, 0]) @ curve.flows - log.values["m_w"], 0.0)
+    r[1:] -= memory * r[:-1]
     n = int(np.flatnonzero(used)[-1]) + 1
-    return max(1.0 + 2.0 * float(autocorrelation(r[:n], log.batch[:n], used[:n]).sum()), 1.0)
+    rho = autocorrelation(r[:n], log.batch[:n], used[:n])
+    return min(float(rho[0]), _MOST_MEMORY) if rho.size else 0.0, max(1.0 + 2.0 * float(rho.sum()), 1.0)
 
 
 def _solved(G: Array) -> Array:
