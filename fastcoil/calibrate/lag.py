@@ -29,6 +29,8 @@ _STRETCH = 100
 """Samples: a longer piece is cut into stretches of one to two times this."""
 _PRICE, _PRICE_WITHIN = 12.0, 30.0
 """Of a shift and of a change of it between pieces, and of a change within one, in logarithms of likelihood."""
+_WORTHWHILE = 0.8
+"""A shift leaves at most this share of the squared residuals of the rows that it moves."""
 _ROUNDS = 10
 _MOST_MEMORY = 0.98
 _RIDGE = 1e-9
@@ -105,10 +107,10 @@ def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
     _, worth = _correlation(log, good & fitting, found, chosen, curve, step, memory)
     chosen, curve = _search(found.of(found.fitted), worth)
     lags = np.zeros(found.fitted.size)
-    lags[found.fitted] = found.lags[chosen]
+    lags[found.fitted] = _worthwhile(found.of(found.fitted), chosen, curve)
     if not found.fitted.all():
-        rest = ~found.fitted
-        lags[rest] = found.lags[_cheapest(found.of(rest), curve)]
+        rest = found.of(~found.fitted)
+        lags[~found.fitted] = _worthwhile(rest, _cheapest(rest, curve), curve)
     shifts = lags[found.number]
     return _moved(log, shifts * step, _told(log, shifts, step)) if shifts.any() else log
 
@@ -248,6 +250,16 @@ def _cheapest(found: Stretches, curve: Curve) -> Index:
     for way in reversed(ways):
         chosen.append(int(way[chosen[-1]]))
     return np.array(chosen[::-1])
+
+
+def _worthwhile(found: Stretches, chosen: Index, curve: Curve) -> Index:
+    """The lag of each stretch in samples, 0 where a run of stretches with one lag gains little by it."""
+    errors = _errors(found.sums[:, :, curve.backlash], curve.flows)
+    kept, none = found.lags[chosen], int(np.flatnonzero(found.lags == 0)[0])
+    for run in np.split(np.arange(chosen.size), np.flatnonzero(np.diff(chosen)) + 1):
+        if errors[run, chosen[run]].sum() > _WORTHWHILE * errors[run, none].sum():
+            kept[run] = 0
+    return kept
 
 
 def _correlation(

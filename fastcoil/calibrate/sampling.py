@@ -19,13 +19,20 @@ _STILL = 2e-3
 _AT_AN_END = 0.01
 """A command this close to 0 or 1 may rest there while the valve still travels."""
 _FEWEST_STILL = 20
-_OF_METER = 1.5
-"""Residuals up to this many times the meter's own noise leave nothing to motion between the rows."""
+_BESIDES_NOISE = 0.5
+"""Motion between the rows explains a residual whose square, less the meter's noise, is more than this share of what the
+backlash explains."""
+_PER_SHARE, _SLACK = 0.25, 0.001
+"""Below that the interval is widened by so much of the backlash for the square root of that share, and by so much."""
 _TINY, _SMALL, _BY_PLAY = 0.04, 0.12, 0.5
 """So little of the flow's change from row to row is left as a residual, that motion between them leaves more.
 
 The second holds if the backlash explains more than half of the residual that there is without it.
 """
+_WORTH_A_WORD = 0.05
+"""Of the backlash: a smaller allowance is made without a note."""
+_OUTLYING = 6.0
+"""Changes of the flow at rest that exceed the typical one by this factor count as that much."""
 _CURE = (
     "log every 10 s, or at least as often as the controller acts; if the command holds from row to row, "
     "say so: holds='command', --hold command"
@@ -44,9 +51,13 @@ def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judge
     """What remains of the interval of a fit if motion between the rows is allowed for; ``holds``: there is none."""
     interval, x = solution.profile.interval, float(solution.estimate.x[X_BL])
     why = why_unidentified(problem.n_reversals, x, interval, solution.profile.grid[-1])
-    if why or holds or not _may_hide(problem, solution):
+    share = 0.0 if why or holds else _besides_noise(problem, solution)
+    if share == 0.0:
         return Judged(interval, why, "")
-    step = step_of(problem.data, problem.fitting)
+    if share <= _BESIDES_NOISE:
+        more = _PER_SHARE * math.sqrt(share) * x + _SLACK
+        note = f"{_seen(problem)}: the interval of the backlash allows {more:.2g} for that; {_CURE}"
+        return Judged((max(interval[0] - more, 0.0), interval[1] + more), "", note if more > _WORTH_A_WORD * x else "")
     curve = solution.estimate.x[1:5].copy()
     curve[[k - 1 for k in LOGS]] = np.exp(curve[[k - 1 for k in LOGS]])
     fitting = problem.fitting
@@ -54,12 +65,12 @@ def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judge
         problem.command[fitting],
         np.where(problem.good, problem.flow, np.nan)[fitting],
         problem.batch[fitting],
-        step,
+        step_of(problem.data, problem.fitting),
         curve,
     )
     if bias is None:
         return Judged(interval, "", "")
-    seen = f"rows are {step:g} s apart, and a controller moves the valve between them, unseen"
+    seen = _seen(problem)
     if math.isnan(bias.low):
         return Judged(
             interval, f"not identified: {seen}: no simulated loop with this valve moves as this log does; {_CURE}", ""
@@ -73,23 +84,32 @@ def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judge
     return Judged((low, high), "", f"{seen}: {shown}; the interval of the backlash allows for that; {_CURE}")
 
 
-def _may_hide(problem: ValveProblem, solution: ValveSolution) -> bool:
-    """Whether the command moves at most rows, and the residuals are more than the meter's noise."""
+def _seen(problem: ValveProblem) -> str:
+    step = step_of(problem.data, problem.fitting)
+    return f"rows are {step:g} s apart, and a controller may move the valve between them, unseen"
+
+
+def _besides_noise(problem: ValveProblem, solution: ValveSolution) -> float:
+    """What motion between the rows may have left in the residuals, as a share of what the backlash explains in them.
+
+    That is their square less that of the meter's noise; 0 if the command rests at most rows, or if so little is left
+    that there can be no such motion.
+    """
     n = problem.n_fit
     command, batch = problem.command[:n], problem.batch[:n]
     flow = np.where(problem.good & problem.fitting, problem.flow, np.nan)[:n]
     same_piece = np.diff(batch) == 0
     moves = np.abs(np.diff(command)) > _STILL
     if not same_piece.any() or moves[same_piece].mean() < _LEAST_MOVING:
-        return False
+        return 0.0
     n_compared = max(int(solution.model.used.sum()), 1)
-    left, plain = (math.sqrt(one.rss / n_compared) for one in (solution.estimate, solution.without_backlash))
+    left, plain = (one.rss / n_compared for one in (solution.estimate, solution.without_backlash))
     changes = np.diff(flow)[same_piece]
-    change = math.sqrt(float(np.nanmean(changes**2))) if np.isfinite(changes).any() else 0.0
-    if left < _TINY * change or (left < _SMALL * change and left < _BY_PLAY * plain):
-        return False
-    noise = _noise(command, np.where(flow > problem.floor, flow, np.nan), ~moves & same_piece)
-    return not left <= _OF_METER * noise
+    change = float(np.nanmean(changes**2)) if np.isfinite(changes).any() else 0.0
+    if left < _TINY**2 * change or (left < _SMALL**2 * change and left < _BY_PLAY**2 * plain):
+        return 0.0
+    noise = _noise(command, np.where(flow > problem.floor, flow, np.nan), ~moves & same_piece) ** 2
+    return max(left - noise, 1e-6 * left) / max(plain - min(noise, 0.9 * left), 1e-300)
 
 
 def _noise(command: Array, flow: Array, still: Array) -> float:
@@ -102,4 +122,4 @@ def _noise(command: Array, flow: Array, still: Array) -> float:
     changes = changes[np.isfinite(changes)]
     if changes.size < _FEWEST_STILL:
         return 0.0
-    return float(np.median(np.abs(changes))) / 0.6745 / math.sqrt(2.0)
+    return float(np.sqrt(0.5 * np.mean(np.clip(np.abs(changes), 0.0, _OUTLYING * np.median(np.abs(changes))) ** 2)))
