@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fastcoil.arrays import Array, Index
+from fastcoil.arrays import Array, Index, Mask
 from fastcoil.calibrate.least_squares import CONFIDENCE, Estimate, Model, Uncertainty
 
 _DRAWS = 400
@@ -44,7 +44,7 @@ def widened(model: Model, best: Estimate, spread: Uncertainty, fixed: list[int])
     )
 
 
-def blocks(segment: Index, used: Array, n_effective: float) -> Index:
+def blocks(segment: Index, used: Mask, n_effective: float) -> Index:
     """Number of the block of each sample, (n,): the unbroken pieces, cut where they are too few."""
     pieces = np.unique(segment[used])
     if pieces.size >= _FEWEST:

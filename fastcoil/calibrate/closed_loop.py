@@ -1,4 +1,4 @@
-"""How far a log that is coarser than its controller misleads: simulated loops with the fitted valve, logged as coarsely.
+"""How far a log misleads that is coarser than its controller: simulated loops with the fitted valve, logged as it.
 
 Between two rows the controller moves the valve and turns it back, and the log shows nothing of it.  Loops of many
 tunings are simulated with the fitted flow curve and several backlashes, thinned to the interval of the log, and their
@@ -15,6 +15,7 @@ import numpy as np
 from fastcoil.arrays import Array, Index
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import paper_day
+from fastcoil.calibrate import work
 from fastcoil.calibrate.play_curve import hats
 from fastcoil.engine.valve_loop import valve_flows
 from fastcoil.simulation.loop import Loop
@@ -101,7 +102,7 @@ def _loops(step: float, curve: Array) -> list[list[_Shown]]:
     day = paper_day(_HOURS, range(n_days))
     calm = Boundary(**{name: values for name, values in day.series.items() if name in _GIVEN}, T_set=_T_SET)
     m_max, a, b, c = curve
-    found = []
+    found: list[list[_Shown]] = []
     for preset in PRESETS:
         base = Loop.preset(preset)
         loop = base.assign(
@@ -113,6 +114,7 @@ def _loops(step: float, curve: Array) -> list[list[_Shown]]:
             valve_c=c,
         )
         for of in (day, calm):
+            work.part("simulated loops", len(found), 2 * len(_GAINS) * len(PRESETS))
             ds = simulate(loop, of, traces=["command", "m_w"], trace_interval=interval, n_jobs=1)
             ds = ds.isel(elapsed_time=ds["elapsed_time"].values >= _WARM_UP)
             dims = ("tuning", "backlash", "day", "elapsed_time")
@@ -149,7 +151,9 @@ def _shown(command: Array, flow: Array, batch: Index) -> _Shown:
     answers = np.einsum("njk,n->jk", terms, measured)
     ridge = _RIDGE * used.sum() * np.eye(products.shape[-1])
     flows = np.linalg.solve(products + ridge, answers[..., None])[..., 0]
-    errors = measured @ measured - 2.0 * (flows * answers).sum(axis=1) + np.einsum("jk,jkl,jl->j", flows, products, flows)
+    errors = (
+        measured @ measured - 2.0 * (flows * answers).sum(axis=1) + np.einsum("jk,jkl,jl->j", flows, products, flows)
+    )
     moves = np.diff(command)[np.diff(batch) == 0]
     turns = moves[np.abs(moves) > _STILL]
     pieces = np.split(command, np.flatnonzero(np.diff(batch)) + 1)

@@ -54,7 +54,8 @@ def coil_fit(problem: CoilProblem, solution: CoilSolution, started: float) -> Fi
     fitted = problem.compared["T_sup"] & problem.fitting
     notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns, and how the inputs run between samples")
     notes.append(f"{(wet > 0).mean():.0%} of the fitted samples have wet volumes, {wet.mean():.1f} on average")
-    notes.append(f"stable up to the {record.limits.m_w_max:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion")
+    most = record.limits.m_w_max
+    notes.append(f"stable up to the {most:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion")
     return Fit(
         kind="coil",
         source=data.name,

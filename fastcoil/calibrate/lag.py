@@ -9,11 +9,11 @@ other.  The shift of each stretch is the one that fits best, less a price for ev
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from fastcoil.arrays import Array, Index, Mask
+from fastcoil.calibrate.lag_search import BACKLASHES, Curve, Stretches, cheapest, search, worthwhile
 from fastcoil.calibrate.least_squares import autocorrelation
 from fastcoil.calibrate.play_curve import N_KNOTS, hats
 from fastcoil.calibrate.valve_record import step_of
@@ -24,52 +24,12 @@ _NEAR, _AROUND = 6, 2
 """Shifts tried: up to so many samples either way, and around the one that the cross-correlation proposes."""
 _FARTHEST = 7200.0
 """The cross-correlation proposes shifts up to this, s: clocks that differ by an hour."""
-_BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
 _STRETCH = 100
 """Samples: a longer piece is cut into stretches of one to two times this."""
 _PRICE, _PRICE_WITHIN = 12.0, 30.0
 """Of a shift and of a change of it between pieces, and of a change within one, in logarithms of likelihood."""
-_WORTHWHILE = 0.8
-"""A shift leaves at most this share of the squared residuals of the rows that it moves."""
-_ROUNDS = 10
 _MOST_MEMORY = 0.98
-_RIDGE = 1e-9
 _ROUND_OFF = 1e-6
-_TINY = 1e-300
-
-
-class Curve(NamedTuple):
-    """The backlash, an index in ``_BACKLASHES``; flows at the knots, kg/s; variance of a residual, (kg/s)².
-
-    worth: samples that are worth one independent one.  likelihood: logarithm of it.
-    """
-
-    backlash: int
-    flows: Array
-    variance: float
-    worth: float
-    likelihood: float
-
-
-class Stretches(NamedTuple):
-    """What the search needs of a log.
-
-    lags: that are tried, in samples, (lags,).  number: of the stretch of each sample, (n,).  sums: of products of the
-    curve's terms and the flow, (stretches, lags, backlashes, knots + 1, knots + 1).  counts: samples in each sum,
-    (stretches, lags).  price: of each change of the lag
-    from one stretch to the next, (stretches,), the first is that of any lag but 0.  fitted: (stretches,).
-    """
-
-    lags: Index
-    number: Index
-    sums: Array
-    counts: Array
-    price: Array
-    fitted: Mask
-
-    def of(self, which: Mask) -> Stretches:
-        """Some of the stretches."""
-        return self._replace(sums=self.sums[which], counts=self.counts[which], price=self.price[which])
 
 
 def delayed(log: Log, lag: Array | float) -> tuple[Array, Mask]:
@@ -100,17 +60,17 @@ def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
     step = step_of(log, fitting)
     lags_tried = _lags_to_try(log, good & fitting, step)
     found = _stretches(log, good, fitting, step, lags_tried, 0.0)
-    chosen, curve = _search(found.of(found.fitted), 1.0)
+    chosen, curve = search(found.of(found.fitted), 1.0)
     memory, _ = _correlation(log, good & fitting, found, chosen, curve, step, 0.0)
     found = _stretches(log, good, fitting, step, lags_tried, memory)
-    chosen, curve = _search(found.of(found.fitted), 1.0)
+    chosen, curve = search(found.of(found.fitted), 1.0)
     _, worth = _correlation(log, good & fitting, found, chosen, curve, step, memory)
-    chosen, curve = _search(found.of(found.fitted), worth)
+    chosen, curve = search(found.of(found.fitted), worth)
     lags = np.zeros(found.fitted.size)
-    lags[found.fitted] = _worthwhile(found.of(found.fitted), chosen, curve)
+    lags[found.fitted] = worthwhile(found.of(found.fitted), chosen, curve)
     if not found.fitted.all():
         rest = found.of(~found.fitted)
-        lags[~found.fitted] = _worthwhile(rest, _cheapest(rest, curve), curve)
+        lags[~found.fitted] = worthwhile(rest, cheapest(rest, curve), curve)
     shifts = lags[found.number]
     return _moved(log, shifts * step, _told(log, shifts, step)) if shifts.any() else log
 
@@ -157,10 +117,10 @@ def _stretches(log: Log, good: Mask, fitting: Mask, step: float, lags: Index, me
         number[part] = len(price) - 1 + np.arange(part.size) * cuts // part.size
         price += [_PRICE_WITHIN] * (cuts - 1) + [_PRICE]
     ends = np.searchsorted(number, np.arange(len(price)))
-    rows, start = np.ones((5, _BACKLASHES.size)), np.full((log.n_batches, _BACKLASHES.size), 0.5)
-    rows[0] = _BACKLASHES
-    openings, flows = np.empty((n, _BACKLASHES.size)), np.empty((n, _BACKLASHES.size))
-    sums = np.zeros((len(price) - 1, lags.size, _BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
+    rows, start = np.ones((5, BACKLASHES.size)), np.full((log.n_batches, BACKLASHES.size), 0.5)
+    rows[0] = BACKLASHES
+    openings, flows = np.empty((n, BACKLASHES.size)), np.empty((n, BACKLASHES.size))
+    sums = np.zeros((len(price) - 1, lags.size, BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
     counts = np.zeros((len(price) - 1, lags.size))
     follows = np.append(False, ~border)
     for i, lag in enumerate(lags):
@@ -170,7 +130,7 @@ def _stretches(log: Log, good: Mask, fitting: Mask, step: float, lags: Index, me
         if memory:
             used &= follows & np.append(False, used[:-1])
         counts[:, i] = np.add.reduceat(used, ends[:-1])
-        for j in range(_BACKLASHES.size):
+        for j in range(BACKLASHES.size):
             A = np.column_stack([hats(openings[:, j]), log.values["m_w"]])
             if memory:
                 A[1:] -= memory * A[:-1]
@@ -196,72 +156,6 @@ def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
     return np.union1d(lags, np.arange(peak - _AROUND, peak + _AROUND + 1))
 
 
-def _search(found: Stretches, worth: float) -> tuple[Index, Curve]:
-    """The lag of each stretch, an index in ``lags``, and the curve: from each common lag until neither changes.
-
-    worth: samples that are worth one independent one.
-    """
-    ways = []
-    n = found.counts.sum(axis=0)
-    for common in np.flatnonzero(n >= 0.5 * n.max()):
-        chosen = np.full(found.sums.shape[0], common)
-        for _ in range(_ROUNDS):
-            curve, before = _curve(found, chosen, worth), chosen
-            chosen = _cheapest(found, curve)
-            if (chosen == before).all():
-                break
-        curve = _curve(found, chosen, worth)
-        changed = np.append(found.lags[chosen[0]] != 0, np.diff(chosen) != 0)
-        ways.append((found.price[changed].sum() - curve.likelihood, chosen, curve))
-    _, chosen, curve = min(ways, key=lambda one: float(one[0]))
-    return chosen, curve
-
-
-def _curve(found: Stretches, chosen: Index, worth: float) -> Curve:
-    """The best curve with each stretch at its lag."""
-    at = np.arange(chosen.size), chosen
-    total, n = found.sums[at].sum(axis=0), max(float(found.counts[at].sum()), 1.0)
-    flows = [_solved(G) for G in total]
-    errors = [float(_errors(G, c)) for G, c in zip(total, flows, strict=True)]
-    j = int(np.argmin(errors))
-    mean = max(errors[j] / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY)
-    n_all = float(found.counts.max(axis=1).sum())
-    return Curve(j, flows[j], mean, worth, -0.5 * n_all / worth * float(np.log(mean)))
-
-
-def _cheapest(found: Stretches, curve: Curve) -> Index:
-    """The lag of each stretch, an index in ``lags``: the way through the stretches with the least errors and prices.
-
-    Samples that a lag leaves without a command cost as much as others; they may not be most of a stretch.  Where all
-    of a stretch fits worse than the rest, chance moves it more easily: its own variance counts.
-    """
-    most = found.counts.max(axis=1, keepdims=True)
-    errors = _errors(found.sums[:, :, curve.backlash], curve.flows)
-    errors = np.where(found.counts < 0.5 * most, np.inf, errors + curve.variance * (most - found.counts))
-    own = errors.min(axis=1, keepdims=True) / np.maximum(most, 1.0)
-    costs = errors / (2.0 * curve.worth * np.maximum(own, curve.variance))
-    lags, ways = found.lags, []
-    best = costs[0] + found.price[0] * (lags != 0)
-    for cost, of_change in zip(costs[1:], found.price[1:], strict=True):
-        whole = best[:, None] + of_change * (lags[:, None] != lags)
-        ways.append(whole.argmin(axis=0))
-        best = whole.min(axis=0) + cost
-    chosen = [int(best.argmin())]
-    for way in reversed(ways):
-        chosen.append(int(way[chosen[-1]]))
-    return np.array(chosen[::-1])
-
-
-def _worthwhile(found: Stretches, chosen: Index, curve: Curve) -> Index:
-    """The lag of each stretch in samples, 0 where a run of stretches with one lag gains little by it."""
-    errors = _errors(found.sums[:, :, curve.backlash], curve.flows)
-    kept, none = found.lags[chosen], int(np.flatnonzero(found.lags == 0)[0])
-    for run in np.split(np.arange(chosen.size), np.flatnonzero(np.diff(chosen)) + 1):
-        if errors[run, chosen[run]].sum() > _WORTHWHILE * errors[run, none].sum():
-            kept[run] = 0
-    return kept
-
-
 def _correlation(
     log: Log, used: Mask, found: Stretches, chosen: Index, curve: Curve, step: float, memory: float
 ) -> tuple[float, float]:
@@ -273,7 +167,7 @@ def _correlation(
     lags[found.fitted] = found.lags[chosen]
     command, outside = delayed(log, lags[found.number] * step)
     rows = np.ones((5, 1))
-    rows[0] = _BACKLASHES[curve.backlash]
+    rows[0] = BACKLASHES[curve.backlash]
     openings, flows = np.empty((log.time.size, 1)), np.empty((log.time.size, 1))
     valve_flows(command, log.batch, rows, np.full((log.n_batches, 1), 0.5), openings, flows)
     used = used & ~outside
@@ -282,15 +176,3 @@ def _correlation(
     n = int(np.flatnonzero(used)[-1]) + 1
     rho = autocorrelation(r[:n], log.batch[:n], used[:n])
     return min(float(rho[0]), _MOST_MEMORY) if rho.size else 0.0, max(1.0 + 2.0 * float(rho.sum()), 1.0)
-
-
-def _solved(G: Array) -> Array:
-    A = G[:-1, :-1]
-    ridge = _RIDGE * np.trace(A) + _TINY
-    return np.asarray(np.linalg.solve(A + ridge * np.eye(A.shape[0]), G[:-1, -1]))
-
-
-def _errors(G: Array, flows: Array) -> Array:
-    """Sums of squared residuals, of sums of products (…, k, k)."""
-    v = np.append(flows, -1.0)
-    return np.asarray(np.maximum(np.einsum("...ij,i,j", G, v, v), 0.0))

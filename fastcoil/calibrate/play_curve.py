@@ -7,9 +7,24 @@ import numpy as np
 from fastcoil.arrays import Array
 
 N_KNOTS = 11
+_RIDGE = 1e-9
+_TINY = 1e-300
 
 
 def hats(opening: Array) -> Array:
     """Weights of the knots, evenly spaced from 0 to 1, at each opening: (…,) → (…, knots)."""
     place = np.clip(opening, 0.0, 1.0) * (N_KNOTS - 1)
     return np.asarray(np.maximum(1.0 - np.abs(place[..., None] - np.arange(N_KNOTS)), 0.0))
+
+
+def solved(G: Array) -> Array:
+    """Flows at the knots, (k - 1,), from sums of products of the weights and, last, the flow, (k, k)."""
+    A = G[:-1, :-1]
+    ridge = _RIDGE * np.trace(A) + _TINY
+    return np.asarray(np.linalg.solve(A + ridge * np.eye(A.shape[0]), G[:-1, -1]))
+
+
+def errors_of(G: Array, flows: Array) -> Array:
+    """Sums of squared residuals, of sums of products (…, k, k)."""
+    v = np.append(flows, -1.0)
+    return np.asarray(np.maximum(np.einsum("...ij,i,j", G, v, v), 0.0))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array
+from fastcoil.arrays import Array, Mask
 from fastcoil.calibrate.closed_loop import bias_of
 from fastcoil.calibrate.valve_problem import LOGS, X_BL, ValveProblem, ValveSolution
 from fastcoil.calibrate.valve_record import step_of, why_unidentified
@@ -22,7 +22,7 @@ _FEWEST_STILL = 20
 _BESIDES_NOISE = 0.5
 """Motion between the rows explains a residual whose square, less the meter's noise, is more than this share of what the
 backlash explains."""
-_PER_SHARE, _SLACK = 0.25, 0.001
+_PER_SHARE, _SLACK = 0.4, 0.001
 """Below that the interval is widened by so much of the backlash for the square root of that share, and by so much."""
 _TINY, _SMALL, _BY_PLAY = 0.04, 0.12, 0.5
 """So little of the flow's change from row to row is left as a residual, that motion between them leaves more.
@@ -50,7 +50,8 @@ class Judged(NamedTuple):
 def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judged:
     """What remains of the interval of a fit if motion between the rows is allowed for; ``holds``: there is none."""
     interval, x = solution.profile.interval, float(solution.estimate.x[X_BL])
-    why = why_unidentified(problem.n_reversals, x, interval, solution.profile.grid[-1])
+    n_pieces = int(problem.batch[problem.n_fit - 1]) + 1
+    why = why_unidentified(problem.n_reversals, x, interval, solution.profile.grid[-1], n_pieces)
     share = 0.0 if why or holds else _besides_noise(problem, solution)
     if share == 0.0:
         return Judged(interval, why, "")
@@ -112,7 +113,7 @@ def _besides_noise(problem: ValveProblem, solution: ValveSolution) -> float:
     return max(left - noise, 1e-6 * left) / max(plain - min(noise, 0.9 * left), 1e-300)
 
 
-def _noise(command: Array, flow: Array, still: Array) -> float:
+def _noise(command: Array, flow: Array, still: Mask) -> float:
     """Standard deviation of the meter's noise where the command rests for three rows, kg/s; 0 if it hardly does.
 
     Two equal commands may be chance: the valve may have moved between them.

@@ -21,9 +21,10 @@ from fastcoil.calibrate.result import (
 )
 from fastcoil.calibrate.sampling import judged
 from fastcoil.calibrate.split import FITTING, UNUSED, VALIDATION
-from fastcoil.calibrate.valve_problem import LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
 from fastcoil.calibrate.suspicion import suspicions
+from fastcoil.calibrate.valve_problem import LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
 from fastcoil.engine.valve_loop import VALVE_ROWS
+
 
 def valve_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:
     """The fit with everything a user may ask of it.
