@@ -76,10 +76,10 @@ def _curve(found: Stretches, chosen: Index, worth: float) -> Curve:
     """The best curve with each stretch at its lag."""
     at = np.arange(chosen.size), chosen
     total, n = found.sums[at].sum(axis=0), max(float(found.counts[at].sum()), 1.0)
-    flows = [solved(G) for G in total]
-    errors = [float(errors_of(G, c)) for G, c in zip(total, flows, strict=True)]
+    flows = solved(total)
+    errors = errors_of(total, flows)
     j = int(np.argmin(errors))
-    mean = max(errors[j] / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY)
+    mean = max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY)
     n_all = float(found.counts.max(axis=1).sum())
     return Curve(j, flows[j], mean, worth, -0.5 * n_all / worth * float(np.log(mean)))
 

@@ -17,14 +17,14 @@ def hats(opening: Array) -> Array:
     return np.asarray(np.maximum(1.0 - np.abs(place[..., None] - np.arange(N_KNOTS)), 0.0))
 
 
-def solved(G: Array) -> Array:
-    """Flows at the knots, (k - 1,), from sums of products of the weights and, last, the flow, (k, k)."""
-    A = G[:-1, :-1]
-    ridge = _RIDGE * np.trace(A) + _TINY
-    return np.asarray(np.linalg.solve(A + ridge * np.eye(A.shape[0]), G[:-1, -1]))
+def solved(products: Array) -> Array:
+    """Flows at the knots, (…, k - 1), from sums of products of the weights and, last, the flow, (…, k, k)."""
+    A, b = products[..., :-1, :-1], products[..., :-1, -1]
+    ridge = _RIDGE * np.trace(A, axis1=-2, axis2=-1) + _TINY
+    return np.asarray(np.linalg.solve(A + ridge[..., None, None] * np.eye(A.shape[-1]), b[..., None])[..., 0])
 
 
-def errors_of(G: Array, flows: Array) -> Array:
-    """Sums of squared residuals, of sums of products (…, k, k)."""
-    v = np.append(flows, -1.0)
-    return np.asarray(np.maximum(np.einsum("...ij,i,j", G, v, v), 0.0))
+def errors_of(products: Array, flows: Array) -> Array:
+    """Sums of squared residuals, (…,), of a curve, (…, k - 1) or (k - 1,)."""
+    v = np.concatenate([flows, np.full((*flows.shape[:-1], 1), -1.0)], axis=-1)
+    return np.asarray(np.maximum(np.einsum("...ij,...i,...j", products, v, v), 0.0))

@@ -22,7 +22,9 @@ _FEWEST_STILL = 20
 _BESIDES_NOISE = 0.5
 """Motion between the rows explains a residual whose square, less the meter's noise, is more than this share of what the
 backlash explains."""
-_PER_SHARE, _SLACK = 0.4, 0.001
+_TOO_MUCH = 0.8
+"""Beyond this share the backlash explains too little beside it."""
+_PER_SHARE, _SLACK = 0.4, 0.002
 """Below that the interval is widened by so much of the backlash for the square root of that share, and by so much."""
 _TINY, _SMALL, _BY_PLAY = 0.04, 0.12, 0.5
 """So little of the flow's change from row to row is left as a residual, that motion between them leaves more.
@@ -31,6 +33,8 @@ The second holds if the backlash explains more than half of the residual that th
 """
 _WORTH_A_WORD = 0.05
 """Of the backlash: a smaller allowance is made without a note."""
+_SURELY = 1.2
+"""Squared residuals below this many times the meter's noise may be that noise alone."""
 _OUTLYING = 6.0
 """Changes of the flow at rest that exceed the typical one by this factor count as that much."""
 _CURE = (
@@ -52,13 +56,19 @@ def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judge
     interval, x = solution.profile.interval, float(solution.estimate.x[X_BL])
     n_pieces = int(problem.batch[problem.n_fit - 1]) + 1
     why = why_unidentified(problem.n_reversals, x, interval, solution.profile.grid[-1], n_pieces)
-    share = 0.0 if why or holds else _besides_noise(problem, solution)
-    if share == 0.0:
+    share = 0.0 if holds else _besides_noise(problem, solution)
+    if why and share > _BESIDES_NOISE and problem.n_reversals > 1:
+        why += f"; or the rows are too far apart: {_seen(problem)}; {_CURE}"
+    if why or share == 0.0:
         return Judged(interval, why, "")
     if share <= _BESIDES_NOISE:
         more = _PER_SHARE * math.sqrt(share) * x + _SLACK
         note = f"{_seen(problem)}: the interval of the backlash allows {more:.2g} for that; {_CURE}"
         return Judged((max(interval[0] - more, 0.0), interval[1] + more), "", note if more > _WORTH_A_WORD * x else "")
+    seen = _seen(problem)
+    if share > _TOO_MUCH:
+        why = "the backlash explains little of what the curve alone leaves of the flow"
+        return Judged(interval, f"not identified: {seen}: {why}; {_CURE}", "")
     curve = solution.estimate.x[1:5].copy()
     curve[[k - 1 for k in LOGS]] = np.exp(curve[[k - 1 for k in LOGS]])
     fitting = problem.fitting
@@ -71,7 +81,6 @@ def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judge
     )
     if bias is None:
         return Judged(interval, "", "")
-    seen = _seen(problem)
     if math.isnan(bias.low):
         return Judged(
             interval, f"not identified: {seen}: no simulated loop with this valve moves as this log does; {_CURE}", ""
@@ -110,7 +119,7 @@ def _besides_noise(problem: ValveProblem, solution: ValveSolution) -> float:
     if left < _TINY**2 * change or (left < _SMALL**2 * change and left < _BY_PLAY**2 * plain):
         return 0.0
     noise = _noise(command, np.where(flow > problem.floor, flow, np.nan), ~moves & same_piece) ** 2
-    return max(left - noise, 1e-6 * left) / max(plain - min(noise, 0.9 * left), 1e-300)
+    return max(left - _SURELY * noise, 1e-6 * left) / max(plain - min(noise, 0.9 * left), 1e-300)
 
 
 def _noise(command: Array, flow: Array, still: Mask) -> float:
