@@ -65,26 +65,29 @@ def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judge
         more = _PER_SHARE * math.sqrt(share) * x + _SLACK
         note = f"{_seen(problem)}: the interval of the backlash allows {more:.2g} for that; {_CURE}"
         return Judged((max(interval[0] - more, 0.0), interval[1] + more), "", note if more > _WORTH_A_WORD * x else "")
-    seen = _seen(problem)
+    return _by_simulation(problem, solution, share)
+
+
+def _by_simulation(problem: ValveProblem, solution: ValveSolution, share: float) -> Judged:
+    """What simulated loops leave of the interval; ``share``: as `_besides_noise` finds it."""
+    interval, x, seen = solution.profile.interval, float(solution.estimate.x[X_BL]), _seen(problem)
     if share > _TOO_MUCH:
         why = "the backlash explains little of what the curve alone leaves of the flow"
         return Judged(interval, f"not identified: {seen}: {why}; {_CURE}", "")
-    curve = solution.estimate.x[1:5].copy()
+    curve, fitting = solution.estimate.x[1:5].copy(), problem.fitting
     curve[[k - 1 for k in LOGS]] = np.exp(curve[[k - 1 for k in LOGS]])
-    fitting = problem.fitting
     bias = bias_of(
         problem.command[fitting],
         np.where(problem.good, problem.flow, np.nan)[fitting],
         problem.batch[fitting],
-        step_of(problem.data, problem.fitting),
+        step_of(problem.data, fitting),
         curve,
     )
     if bias is None:
         return Judged(interval, "", "")
     if math.isnan(bias.low):
-        return Judged(
-            interval, f"not identified: {seen}: no simulated loop with this valve moves as this log does; {_CURE}", ""
-        )
+        why = "no simulated loop with this valve moves as this log does"
+        return Judged(interval, f"not identified: {seen}: {why}; {_CURE}", "")
     low, high = min(interval[0], bias.low), max(interval[1], bias.high)
     least, most = bias.shares
     shown = f"such loops, simulated with this valve and logged as coarsely, show {least:.2g} to {most:.2g} of theirs"

@@ -28,7 +28,7 @@ def line(seed, n_batches, n, common):
 
 
 def test_an_error_common_to_a_batch_widens_the_interval_to_its_true_size():
-    """The scatter of the slope over 100 sets of 20 batches is what the bootstrap says, far more than the plain error."""
+    """The scatter of the slope over 100 sets of 20 batches is what the bootstrap says, not the plain error."""
     found = [line(seed, 20, 50, 2.0) for seed in range(100)]
     scatter = np.std([best.x[1] for best, _, _ in found])
     plain, boot = (np.mean([np.sqrt(one[k].covariance[1, 1]) for one in found]) for k in (1, 2))

@@ -53,12 +53,17 @@ def test_on_a_terminal_it_is_a_bar_that_goes_away(clock, monkeypatch):
 
     shown = Terminal()
     monkeypatch.setattr(sys, "stderr", shown)
-    with pytest.raises(KeyboardInterrupt), fit_progress.fit_progress():
-        work.part("starts", 0, 768)
-        assert shown.getvalue() == ""
-        clock[0] += 2.0
-        work.part("descents", 2, 5)
-        raise KeyboardInterrupt
+
+    def interrupted_fit():
+        with fit_progress.fit_progress():
+            work.part("starts", 0, 768)
+            assert shown.getvalue() == ""
+            clock[0] += 2.0
+            work.part("descents", 2, 5)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted_fit()
     assert "2/5" in shown.getvalue()
     assert "descents" in shown.getvalue()
     assert shown.getvalue().endswith("\x1b[?25h") or "\x1b[2K" in shown.getvalue()  # the cursor is back, the line gone
