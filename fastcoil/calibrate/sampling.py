@@ -24,7 +24,7 @@ _BESIDES_NOISE = 0.5
 backlash explains."""
 _TOO_MUCH = 0.8
 """Beyond this share the backlash explains too little beside it."""
-_PER_SHARE, _SLACK = 0.4, 0.002
+_PER_SHARE, _SLACK = 0.6, 0.002
 """Below that the interval is widened by so much of the backlash for the square root of that share, and by so much."""
 _TINY, _SMALL, _BY_PLAY = 0.04, 0.12, 0.5
 """So little of the flow's change from row to row is left as a residual, that motion between them leaves more.

@@ -9,6 +9,10 @@ from helpers.simulated_logs import flows, log_of, noise, noisy, walk
 import fastcoil as fc
 from fastcoil.calibrate import sampling
 from fastcoil.calibrate.closed_loop import Bias
+from fastcoil.calibrate.sampling import Judged, judged
+from fastcoil.calibrate.valve_problem import ValveProblem
+from fastcoil.logs import read_log
+from fastcoil.logs.arguments import Wanted
 
 pytestmark = pytest.mark.kernel
 
@@ -23,24 +27,31 @@ def trend(preset, interval, seed, backlash, hours, **changed):
     return log_of(command, np.maximum(flow + noise(rng, flow.size, 0.02), 1e-3), float(interval))
 
 
+def solved(log):
+    """The problem of a log without a shift, and its solution."""
+    data = read_log(log, Wanted(needed=("command", "m_w"), measured=("m_w",)))
+    problem = ValveProblem(data, None, None, 1.0, None)
+    return problem, problem.solve(None, "unknown")
+
+
 @pytest.fixture(scope="module")
 def coarse():
-    """A walk whose rows are every third of those that moved the valve: what turns between them is not logged."""
+    """A walk of which every third row is logged: what turns between the rows is not seen."""
     rng = np.random.default_rng(31)
-    command = walk(rng, n=900, largest=0.1)
-    return log_of(command[::3], noisy(rng, flows(command), 0.01)[::3])
+    command = walk(rng, n=600, largest=0.1)
+    return solved(log_of(command[::3], noisy(rng, flows(command), 0.01)[::3]))
 
 
-def with_bias(monkeypatch, log, bias, **options):
-    """The fit of a log if the simulated loops say this."""
+@pytest.fixture
+def simulated(monkeypatch):
+    """Call it with what the simulated loops are to say; holds the arguments of each call."""
     calls = []
 
-    def found(*arguments):
-        calls.append(arguments)
-        return bias
+    def say(bias):
+        monkeypatch.setattr(sampling, "bias_of", lambda *arguments: calls.append(arguments) or bias)
+        return calls
 
-    monkeypatch.setattr(sampling, "bias_of", found)
-    return fc.fit_valve(log, split=1.0, lag=0, **options), len(calls)
+    return say
 
 
 @pytest.mark.parametrize(
@@ -52,40 +63,64 @@ def with_bias(monkeypatch, log, bias, **options):
     ],
 )
 def test_what_such_loops_show_widens_the_interval_or_leaves_nothing_identified(
-    monkeypatch, coarse, bias, identified, words
+    monkeypatch, simulated, coarse, bias, identified, words
 ):
     monkeypatch.setattr(sampling, "_besides_noise", lambda *_: 0.6)
-    fit, n_calls = with_bias(monkeypatch, coarse, bias)
-    assert n_calls == 1
-    assert ("backlash" in fit.parameters) == identified, fit.held
-    said = [note for note in fit.notes if "60 s apart" in note] if identified else [fit.held["backlash"]]
-    assert words in said[0]
-    assert "--hold command" in said[0]
+    (calls, found) = simulated(bias), judged(*coarse, False)
+    assert calls[0][3] == 60.0
+    assert (found.why == "") == identified
+    said = found.note if identified else found.why
+    assert "rows are 60 s apart" in said
+    assert words in said
+    assert "--hold command" in said
     if not np.isnan(bias.low):
-        low, high = fit.profile.attrs["interval_95"]
-        assert low <= bias.low
-        assert high >= bias.high
-    if identified:
-        assert fit.standard_errors["backlash"] > 0.25 * (bias.high - bias.low) / 2.1
+        assert found.interval[0] <= min(bias.low, coarse[1].profile.interval[0])
+        assert found.interval[1] >= max(bias.high, coarse[1].profile.interval[1])
 
 
-def test_a_command_that_holds_from_row_to_row_needs_no_such_allowance(monkeypatch, coarse):
-    allowed, _ = with_bias(monkeypatch, coarse, Bias(0.01, 0.2, (0.3, 1.0)))
-    held, n_calls = with_bias(monkeypatch, coarse, Bias(0.01, 0.2, (0.3, 1.0)), holds="command")
-    assert n_calls == 0
-    assert "backlash" in held.parameters
-    assert np.ptp(allowed.profile.attrs["interval_95"]) > 1.2 * np.ptp(held.profile.attrs["interval_95"])
-    with pytest.raises(fc.InputError, match="holds = 'm_w': choose 'command'"):
-        fc.fit_valve(coarse, holds="m_w")
+def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_command_holds(
+    monkeypatch, simulated, coarse
+):
+    assert sampling._besides_noise(*coarse) > 0.2
+    monkeypatch.setattr(sampling, "_besides_noise", lambda *_: 0.2)
+    calls = simulated(None)
+    allowed, held = judged(*coarse, False), judged(*coarse, True)
+    assert held == (coarse[1].profile.interval, "", "")
+    assert allowed.interval[0] < held.interval[0] < held.interval[1] < allowed.interval[1]
+    assert not calls
 
 
-def test_steps_that_are_logged_whole_are_taken_as_they_are(monkeypatch):
+def test_where_the_backlash_explains_little_beside_them_it_is_not_identified(monkeypatch, simulated, coarse):
+    calls = simulated(None)
+    monkeypatch.setattr(sampling, "_besides_noise", lambda *_: 0.9)
+    assert "the backlash explains little of what the curve alone leaves" in judged(*coarse, False).why
+    assert not calls
+
+
+def test_steps_that_are_logged_whole_are_taken_as_they_are(simulated):
+    calls = simulated(None)
     rng = np.random.default_rng(32)
-    for command in (walk(rng, n=300), np.repeat(walk(rng, n=60), 5)):
-        log = log_of(command, noisy(rng, flows(command), 0.02))
-        fit, n_calls = with_bias(monkeypatch, log, None)
-        assert n_calls == 0
-        assert fit.intervals["backlash"] == fc.fit_valve(log, split=1.0, lag=0, holds="command").intervals["backlash"]
+    for command in (walk(rng, n=150), np.repeat(walk(rng, n=40), 5)):
+        problem, solution = solved(log_of(command, noisy(rng, flows(command), 0.02)))
+        assert judged(problem, solution, False) == (solution.profile.interval, "", "")
+    assert not calls
+
+
+def test_the_fit_has_the_wider_interval(monkeypatch):
+    rng = np.random.default_rng(33)
+    log = log_of(command := walk(rng, n=80), noisy(rng, flows(command), 0.01))
+    plain = fc.fit_valve(log, lag=0, holds="command")
+    low, high = plain.intervals["backlash"]
+    monkeypatch.setattr(
+        "fastcoil.calibrate.valve_result.judged", lambda *_: Judged((low - 0.01, high + 0.01), "", "so")
+    )
+    wide = fc.fit_valve(log, lag=0)
+    assert wide.intervals["backlash"] == tuple(wide.profile.attrs["interval_95"]) == (low - 0.01, high + 0.01)
+    ratio = wide.standard_errors["backlash"] / plain.standard_errors["backlash"]
+    assert ratio == pytest.approx((high - low + 0.02) / (high - low))
+    assert "so" in wide.notes
+    with pytest.raises(fc.InputError, match="holds = 'm_w': choose 'command'"):
+        fc.fit_valve(log, holds="m_w")
 
 
 @pytest.mark.full
