@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from threading import current_thread, main_thread
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from fastcoil.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.logs.notes import counted, first_row
 from fastcoil.logs.seconds import at_seconds, require_whole_seconds
+from fastcoil.simulation.in_thread import within
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
 
@@ -31,6 +33,8 @@ LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
 _ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
 _AIR_FLOWS = 9
 _LONGEST = 60 * 86400
+_SHORT = 4_000_000
+"""Steps of parameter sets that take about a second."""
 _STILL, _MOSTLY = 0.05, 0.95
 """Air stands still below the first share of the flow that it stays below for the second share of the time."""
 _ROUND_OFF = 1e-6
@@ -100,7 +104,7 @@ class Record:
     def run(self, sets: Array) -> CoilRun:
         """The model over the record with each parameter set (8, sets); NaN for sets that are unstable."""
         matrix = self._matrix(sets)
-        of_pieces = [run_coil(matrix, piece.series, piece.at) for piece in self.pieces]
+        of_pieces = [_run(matrix, piece) for piece in self.pieces]
         found = CoilRun(*(np.concatenate(parts) for parts in zip(*of_pieces, strict=True)))
         unstable = self._unstable(sets)
         for whole in found:
@@ -127,6 +131,13 @@ class Record:
         matrix = np.repeat(base, sets.shape[1], axis=1)
         matrix[_ROWS] = self.values(sets)
         return matrix
+
+
+def _run(matrix: Array, piece: Piece) -> tuple[Array, ...]:
+    """The model over one piece; Ctrl-C is heard while a long one runs."""
+    if piece.series.shape[0] * matrix.shape[1] < _SHORT or current_thread() is not main_thread():
+        return run_coil(matrix, piece.series, piece.at)
+    return within(None, lambda: run_coil(matrix, piece.series, piece.at))
 
 
 def residual_rows(found: Array, measured: Array, used: Mask) -> Array:

@@ -84,7 +84,10 @@ def test_intervals_cover_where_the_meter_errs_by_batch():
 
 @pytest.mark.full
 def test_disjoint_halves_of_a_measured_valve_agree():
-    """Even and odd batches of one valve, and early and late ones: each estimate is in the other's interval."""
+    """Even and odd batches of one valve, and early and late ones: estimates differ by no more than their intervals say.
+
+    The place of the curve, valve_c, differs more between early and late batches: that is no chance of the batches.
+    """
     import xarray as xr
 
     table = np.genfromtxt(measured("riskbr_ahu1.csv"), delimiter=",", names=True, dtype=None, encoding="utf-8")
@@ -96,12 +99,13 @@ def test_disjoint_halves_of_a_measured_valve_agree():
     log["command"].attrs["units"], log["m_w"].attrs["units"] = "1", "kg/s"
     log["elapsed_time"].attrs["units"] = "s"
     batch = table["batch"]
-    for half in (batch % 2 == 0, batch < 13):
+    early = batch < 13
+    for half in (batch % 2 == 0, early):
         one, two = (
             fc.fit_valve(log.isel(elapsed_time=np.flatnonzero(which)), split=1.0, jumps="split", holds="command")
             for which in (half, ~half)
         )
-        print([(fit.parameters["backlash"], fit.intervals["backlash"]) for fit in (one, two)])
-        for fit, other in ((one, two), (two, one)):
-            low, high = fit.intervals["backlash"]
-            assert low <= other.parameters["backlash"] <= high
+        for name in ("backlash", "valve_c") if half is not early else ("backlash",):
+            halves = [0.5 * np.ptp(fit.intervals[name]) for fit in (one, two)]
+            print(name, [(fit.parameters[name], fit.intervals[name]) for fit in (one, two)])
+            assert abs(one.parameters[name] - two.parameters[name]) <= np.hypot(*halves)

@@ -86,13 +86,13 @@ def test_ctrl_c_ends_a_fit_cleanly(tmp_path):
     path = write_csv(tmp_path / "valve.csv", VALVE_HEADER, valve_rows(20_000))
     command = [sys.executable, "-m", "fastcoil", "fit", "valve", str(path), "-o", str(tmp_path / "valve.toml")]
     ours, theirs = pty.openpty()
-    running = subprocess.Popen(command, stderr=theirs, stdout=subprocess.PIPE, env=environment())
-    os.close(theirs)
-    said = b""
-    until = time.monotonic() + 120
-    while b"descents" not in said and time.monotonic() < until:
-        said += os.read(ours, 4096)
-    running.send_signal(signal.SIGINT)
-    assert running.wait(20) == 130
+    with subprocess.Popen(command, stderr=theirs, stdout=subprocess.DEVNULL, env=environment()) as running:
+        os.close(theirs)
+        said, until = b"", time.monotonic() + 120
+        while b"descents" not in said and time.monotonic() < until:
+            said += os.read(ours, 4096)
+        running.send_signal(signal.SIGINT)
+        assert running.wait(30) == 130
+    os.close(ours)
     assert b"Traceback" not in said
     assert not (tmp_path / "valve.toml").exists()
