@@ -61,14 +61,21 @@ def test_a_valve_is_validated_with_a_second_log(tmp_path):
 
 
 def test_what_a_valve_is_validated_with_has_no_influence_on_its_fit():
-    """A log with larger flows, a floor, longer holds, other rows and a shift changes no bit."""
+    """Logs with larger flows, a floor, longer holds and intervals, a pump that is off: they change no bit."""
     rng = np.random.default_rng(25)
-    log = log_of(c := walk(rng, n=120, top=0.6), noisy(rng, flows(c), 0.02))
-    held = np.repeat(walk(rng, n=40), 10)
-    flow = np.maximum(np.roll(noisy(rng, 3.0 * flows(held), 0.02), 1), 0.4)
-    options = {"holds": "command"}
+    command = np.repeat(walk(rng, n=40, top=0.6), 4)
+    flow = np.maximum(noisy(rng, flows(command), 0.02), 0.1)
+    flow[np.argsort(command)[-8:-4]] = 0.1  # the pump is off
+    log, options = log_of(command, flow), {"lag": 0, "holds": "command"}
     alone = fc.fit_valve(log, split=1.0, **options)
-    for other in (log_of(held, flow, interval=600.0), log_of(held[:100], np.zeros(100) + 0.001 * held[:100])):
+    assert any("flows left out, sensor or pump off" in note for note in alone.notes)
+    assert any("taken as its floor" in note for note in alone.notes)
+    assert any("flows not compared: less than 120 s" in note for note in alone.notes)
+    long_holds = np.repeat(rng.permutation(np.linspace(0.0, 1.0, 80)), 10)
+    for other in (
+        log_of(long_holds, np.where(long_holds < 0.5, 5e-4, 3.0 * flows(long_holds)), interval=600.0),
+        log_of(long_holds, np.where(long_holds < 0.9, 0.1, 1.0)),
+    ):
         fit = fc.fit_valve(log, validation=other, **options)
         assert fit.parameters == alone.parameters
         assert fit.intervals == alone.intervals
