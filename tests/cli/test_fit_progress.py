@@ -78,6 +78,7 @@ def test_a_fit_tells_of_its_parts_and_a_short_one_prints_nothing(tmp_path, monke
     done = CliRunner().invoke(main, ["fit", "valve", str(path), *options])
     assert (done.exit_code, done.stderr) == (0, ""), done
     assert {what for what, _, _ in parts} == {"starts", "descents", "values of the backlash"}
+    assert [done for what, done, _ in parts if what == "descents"] == [0, 1, 2, 3, 4]
     assert all(done < of for _, done, of in parts)
 
 
