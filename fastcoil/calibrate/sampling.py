@@ -63,8 +63,12 @@ def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judge
         return Judged(interval, why, "")
     if share <= _BESIDES_NOISE:
         more = _PER_SHARE * math.sqrt(share) * x + _SLACK
+        wider = (max(interval[0] - more, 0.0), interval[1] + more)
+        if why_unidentified(problem.n_reversals, x, wider, solution.profile.grid[-1]):
+            true = f"a backlash of {wider[0]:.2g} to {wider[1]:.2g} may lie behind the {x:.2g} found"
+            return Judged(wider, f"not identified: {_seen(problem)}: {true}; {_CURE}", "")
         note = f"{_seen(problem)}: the interval of the backlash allows {more:.2g} for that; {_CURE}"
-        return Judged((max(interval[0] - more, 0.0), interval[1] + more), "", note if more > _WORTH_A_WORD * x else "")
+        return Judged(wider, "", note if more > _WORTH_A_WORD * x else "")
     return _by_simulation(problem, solution, share)
 
 

@@ -69,6 +69,7 @@ def test_on_a_terminal_it_is_a_bar_that_goes_away(clock, monkeypatch):
     assert shown.getvalue().endswith("\x1b[?25h") or "\x1b[2K" in shown.getvalue()  # the cursor is back, the line gone
 
 
+@pytest.mark.full
 @pytest.mark.kernel
 def test_a_fit_tells_of_its_parts_and_a_short_one_prints_nothing(tmp_path, monkeypatch):
     parts = []
