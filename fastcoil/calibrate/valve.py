@@ -20,6 +20,7 @@ from fastcoil.calibrate.valve_result import valve_fit
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, log_of
+from fastcoil.logs.timestamps import time_format_of
 
 _LEAST_REACH = 0.02
 """A command that stays below this share of the stroke has the wrong unit."""
@@ -52,6 +53,7 @@ def fit_valve(
     drop: bool = False,
     jumps: str = "refuse",
     max_gap: float | None = None,
+    time_format: str | None = None,
 ) -> Fit:
     """Fit the backlash and the flow curve of a valve to a log of commands and flows.
 
@@ -86,6 +88,8 @@ def fit_valve(
         between the rows, and the interval of the backlash allows for that.
     drop, jumps, max_gap
         What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+    time_format
+        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
 
     Returns
     -------
@@ -114,6 +118,7 @@ def fit_valve(
         lag = check(_lag_of, lag)
         holds = check.unless_none(choice_of, "holds", holds, ("command",))
         check_reading(check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
         split, fit_until = split_of(check, split, fit_until)
 
     def read(source: Any) -> Log:
@@ -125,6 +130,7 @@ def fit_valve(
             drop=drop,
             jumps=jumps,
             max_gap=max_gap,
+            time_format=time_format,
             has_command=True,
         )
 

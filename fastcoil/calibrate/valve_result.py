@@ -38,7 +38,7 @@ def valve_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, start
     natural[list(LOGS)] = np.exp(natural[list(LOGS)])
     slope = np.where(np.isin(np.arange(5), LOGS), natural, 1.0)
     covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
-    found = judged(problem, solution, holds or of_signal.inverted)
+    found = judged(problem, solution, holds or of_signal.inverted or problem.data.change_of_value)
     why = f"not identified: {of_signal.notes[0]}" if of_signal.inverted else found.why
     covariance = _as_wide(covariance, profiled.interval, found.interval)
     profiled = profiled._replace(interval=found.interval)

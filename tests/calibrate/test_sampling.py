@@ -91,8 +91,7 @@ def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_comma
 
 
 def test_an_allowance_wider_than_the_backlash_leaves_it_not_identified(monkeypatch, coarse):
-    monkeypatch.setattr(sampling, "_besides_noise", lambda *_: 0.2)
-    assert judged(*coarse, False).why == ""
+    monkeypatch.setattr(sampling, "_besides_noise", lambda *_: 0.5)
     monkeypatch.setattr(sampling, "_PER_SHARE", 3.0)
     assert "may lie behind" in judged(*coarse, False).why
 
