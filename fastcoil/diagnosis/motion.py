@@ -5,36 +5,30 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.arrays import Array
+from fastcoil.engine import play_loop
 
 
-def motor_positions(command: Array, most_travel: float) -> Array:
+def motor_positions(command: Array, most_travel: float, neutral_zone: float = 0.0) -> Array:
     """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
 
-    command: fraction of stroke, held from sample to sample; most_travel: fraction of stroke between two samples.  The
-    motor stands at the first command when the log begins.
+    command: fraction of stroke, held from sample to sample.  most_travel: fraction of stroke between two samples.
+    neutral_zone: fraction of stroke around the command in which a motor at rest stays.  The motor stands at the first
+    command when the log begins.
     """
     positions = np.empty(command.size + 1)
-    positions[0] = position = float(command[0])
-    for k, target in enumerate(command.tolist(), 1):
-        positions[k] = position = min(max(target, position - most_travel), position + most_travel)
+    play_loop.motor_positions(np.ascontiguousarray(command, float), most_travel, neutral_zone, positions)
     return positions
 
 
-def openings(positions: Array, backlash: Array) -> Array:
-    """Opening behind each candidate backlash, Eq (1): (samples, candidates).
+def mean_openings(positions: Array, backlash: Array, width: int) -> tuple[Array, Array]:
+    """Mean opening behind each candidate backlash and the mean of its square: (pieces, candidates) each.
 
-    Between two samples the motor runs one way, so that the play operator at the samples is exact.  Nobody knows where
-    the stem stood when the log began; it starts in the middle of its play, and the first turn of the motor that closes
-    the gap makes up for that.
+    A piece is ``width`` intervals between positions; the last that is not complete is left out.
     """
-    least = positions[:, np.newaxis] - backlash
-    q = np.clip(positions[0] - backlash / 2.0, 0.0, 1.0 - backlash)
-    found = np.empty_like(least)
-    for k, position in enumerate(positions):
-        np.maximum(q, least[k], out=q)
-        np.minimum(q, position, out=q)
-        found[k] = q
-    return found / (1.0 - backlash)
+    openings = np.empty(((positions.size - 1) // width, backlash.size))
+    squares = np.empty_like(openings)
+    play_loop.mean_openings(positions, np.ascontiguousarray(backlash, float), width, openings, squares)
+    return openings, squares
 
 
 def turns(positions: Array, least: float) -> int:

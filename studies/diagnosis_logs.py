@@ -1,0 +1,111 @@
+"""Logs for ``diagnosis.py``: valves and loops drawn at random, on days of every kind, as a trend log would show them.
+
+A *population* is a kind of day and what sets its valves or its logs apart: an inverse that runs, a stem with other
+faults, a coarse sensor, a controller of another sample time.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from kinds import HEATING, STEPPED, kinds, of_kind, settings
+
+import fastcoil as fc
+
+SIMULATED = 5
+"""Seconds between the samples of the traces that logs are thinned from."""
+HEATING_GAIN = 0.3
+"""The drawn kp is for cooling; a loop with water of 40 °C responds about three times as much."""
+SIZES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15]
+STEPPED_HEATING = "stepped heating"
+LEVELS = (25.0, 23.5, 27.0, 25.0, 22.5, 24.0, 28.0, 26.0, 24.5, 23.0, 22.0, 25.5, 29.0, 27.5, 24.0, 25.0)
+"""Set-points of a stepped day of heating, °C, half an hour each."""
+
+
+class Population(NamedTuple):
+    """What sets valves and logs apart from the plain ones of a kind of day.
+
+    inverse: estimate over true backlash of a running inverse, or a range of it; good valves get one of 3 %.
+    of_log: ``shift`` of the command against the temperature in samples, ``every`` seconds between samples.
+    """
+
+    kind: str
+    loop: dict[str, object] = {}
+    authority: tuple[float, float] = (0.05, 0.9)
+    sample_times: tuple[float, ...] = (5.0, 10.0, 15.0, 30.0)
+    inverse: tuple[float, float] = (0.0, 0.0)
+    slips: float = 0.0
+    stroke_wrong: bool = False
+    shift: int = 0
+    intervals: tuple[int, ...] = (10, 15, 30)
+
+
+class Logs(NamedTuple):
+    """Logs of a population: true backlash (valves,); signals (days, valves or 1, samples); s between samples."""
+
+    backlash: np.ndarray
+    sample_time: np.ndarray
+    stroke_time: np.ndarray
+    interval: np.ndarray
+    signals: dict[str, np.ndarray]
+
+
+def valves(of: Population, seed: list[int], n: int, good_only: bool = False) -> dict[str, np.ndarray]:
+    """Parameters of the valves and loops.
+
+    A quarter has no backlash; of the others half have one of the sizes of ``remedies.toml``, half any size.
+    """
+    draw = np.random.default_rng(seed)
+
+    def loguniform(low: float, high: float) -> np.ndarray:
+        return np.exp(draw.uniform(np.log(low), np.log(high), n))
+
+    sizes = np.where(np.arange(n) % 2, draw.choice(SIZES, n), draw.uniform(0.005, 0.15, n))
+    backlash = np.where((np.arange(n) % 4 == 0) | good_only, 0.0, sizes)
+    inverse = draw.uniform(*of.inverse, n)
+    return {
+        "backlash": backlash,
+        "rangeability": loguniform(20, 100),
+        "authority": loguniform(*of.authority),
+        "C_w": draw.uniform(8.8, 14.0, n),
+        "C_c": loguniform(10, 30),
+        "kp": loguniform(0.005, 0.06) * (HEATING_GAIN if HEATING in of.kind else 1.0),
+        "ti": loguniform(20, 300),
+        "sample_time": draw.choice(of.sample_times, n),
+        "noise_std": draw.uniform(0.0, 0.05, n),
+        "sensor_time_constant": draw.uniform(5, 60, n),
+        "stroke_time": draw.uniform(30, 150, n),
+        "backlash_estimate": inverse * np.where(backlash > 0.0, backlash, 0.03),
+        "slip_jump": of.slips * backlash,
+    }
+
+
+def days_of(kind: str, seeds: list[int]) -> fc.Boundary:
+    """Days of a kind of ``kinds.py``, or of heating with a set-point that steps."""
+    if kind != STEPPED_HEATING:
+        return of_kind(kind, seeds)
+    days = of_kind(HEATING, seeds)
+    series = {name: days.series[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
+    series["T_set"] = np.broadcast_to(np.repeat(LEVELS, 1800), series["T_set"].shape)
+    return fc.Boundary(**series, day=seeds)
+
+
+def logs(of: Population, seed: list[int], days: list[int], n: int, good_only: bool = False) -> Logs:
+    """Simulate the valves of a population on its days."""
+    drawn = valves(of, seed, n, good_only)
+    loop = fc.Loop.preset("lbnl").assign(
+        m_full=1.7, **{name: ("sample", values) for name, values in drawn.items()}, **of.loop,
+        **settings(HEATING if HEATING in of.kind else of.kind),
+    )  # fmt: skip
+    boundary = days_of(of.kind, days)
+    ds = fc.simulate(
+        loop, boundary, traces=["command", "T_measured"], trace_interval=SIMULATED, seed=seed[0], n_jobs=1
+    )
+    signals = {
+        n: ds[n].transpose("day", "sample", "elapsed_time").values.astype(float) for n in ("command", "T_measured")
+    }
+    signals |= {n: np.asarray(boundary.series[n], float)[:, np.newaxis, ::SIMULATED] for n in ("T_set", "m_a", "T_a_in")}
+    draw = np.random.default_rng([*seed, 9])
+    stroke = drawn["stroke_time"] * (np.exp(draw.uniform(-0.7, 0.7, n)) if of.stroke_wrong else 1.0)
+    return Logs(drawn["backlash"], drawn["sample_time"], stroke, draw.choice(of.intervals, n), signals)
