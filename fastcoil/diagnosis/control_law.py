@@ -25,8 +25,8 @@ def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | N
     their changes.  What a robust fit of that leaves is 0 but for changes of the set-point, and the like.
     """
     if T_set is not None:
-        changes = np.abs(np.diff(np.asarray(T_set, float)))[good[1:] & good[:-1]]
-        return bool(np.sum(changes >= LEAST_SET_POINT_CHANGE) >= LEAST_SET_POINT_CHANGES)
+        changed = np.abs(np.diff(np.asarray(T_set, float)))[good[1:] & good[:-1]]
+        return bool(np.sum(changed >= LEAST_SET_POINT_CHANGE) >= LEAST_SET_POINT_CHANGES)
     at = np.flatnonzero(np.diff(command) != 0.0) + 1
     if at.size < FEWEST:
         return False
@@ -38,10 +38,9 @@ def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | N
     now, before, long_before = now[whole], before[whole], long_before[whole]
     if now.size < FEWEST:
         return False
-    changes = [temperature[now] - temperature[before], temperature[before] - temperature[long_before]]
-    left = np.abs(
-        _left(np.stack([*changes, temperature[now], np.ones(now.size)], axis=1), command[now] - command[before])
-    )
+    last, one_before = temperature[now] - temperature[before], temperature[before] - temperature[long_before]
+    X = np.stack([last, one_before, temperature[now], np.ones(now.size)], axis=1)
+    left = np.abs(_left(X, command[now] - command[before]))
     jumps = now[left > JUMP * np.quantile(left, USUAL)]
     return jumps.size > 0 and 1 + int(np.sum(np.diff(jumps) * interval > APART)) >= LEAST_JUMPS
 

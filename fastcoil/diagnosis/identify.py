@@ -141,10 +141,10 @@ def _compared(log: _Log, interval: float, travel: float) -> Likelihood | None:
 def _judged(found: Sequence[Likelihood], provoked: bool, hidden: bool, counts: float) -> Identification:
     """The most probable size and whether it may be claimed.
 
-    found: of each way in which the columns may fit in time.  provoked: whether something else than the temperature moved
-    the command.  If nothing did, the command itself gets coefficients of its own, and a good valve is never claimed: a
-    stem that stands still looks the same.  hidden: whether the stem may have moved between the samples unseen.
-    counts: share of the likelihood that counts, less where the controller moves the valve between the samples.
+    found: of each way in which the columns may fit in time.  provoked: whether something else than the temperature
+    moved the command.  If nothing did, the command itself gets coefficients of its own, and a good valve is never
+    claimed: a stem that stands still looks the same.  hidden: whether the stem may have moved between the samples
+    unseen.  counts: share of the likelihood that counts, less where the controller moves the valve between the samples.
     """
     probability = np.zeros(CANDIDATES.size)
     for one in found:
