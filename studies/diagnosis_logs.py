@@ -55,8 +55,8 @@ class Logs(NamedTuple):
     stroke_time: np.ndarray
     interval: np.ndarray
     signals: dict[str, np.ndarray]
-    late: int
-    tells_sample_time: bool
+    late: int = 0
+    tells_sample_time: bool = False
 
 
 DAYS_OF_KINDS = {kind: Population(kind) for kind in (*kinds(), STEPPED_HEATING)}

@@ -57,6 +57,12 @@ def share_to_and_fro(command: Array, good: Mask) -> float:
     return float(np.mean(turns[both])) if both.any() else 0.0
 
 
+def arrivals(command: Array, good: Mask) -> int:
+    """How often the command arrives at one of its ends."""
+    at_end = (command <= CLOSED) | (command >= 1.0 - CLOSED)
+    return int(np.sum(at_end[1:] & ~at_end[:-1] & good[1:] & good[:-1]))
+
+
 def late(command: Array, temperature: Array, good: Mask) -> int:
     """By how many samples the temperatures stand too late beside the commands; negative: too early; 0 if not sure.
 

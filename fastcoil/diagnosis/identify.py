@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array, Mask
-from fastcoil.diagnosis.control_law import is_provoked, late, share_to_and_fro
+from fastcoil.diagnosis.control_law import arrivals, is_provoked, late, share_to_and_fro
 from fastcoil.diagnosis.likelihood import HORIZON, Likelihood, likelihoods
 from fastcoil.diagnosis.motion import motor_positions, turns
 
@@ -18,7 +18,7 @@ SURE = 0.95
 """Probability of being right from which a size counts as identified."""
 CONFIDENCE = 0.95
 """Of the interval."""
-WEIGHT, WEIGHT_REACTION = 0.6, 0.3
+WEIGHT, WEIGHT_REACTION = 0.8, 0.3
 """Share of the log-likelihood that counts, without and with the reaction: residuals are neither independent nor
 normal.  Chosen on populations of their own, see ``studies/diagnosis.py``."""
 GOOD = 0.01
@@ -26,11 +26,11 @@ GOOD = 0.01
 TOLERANCE = 0.2
 LEAST_ODDS = 10.0
 """Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
-NEUTRAL_ZONES = (0.0, 0.01, 0.02)
-"""Of the motor, fractions of stroke, all as probable: a log tells them from backlash, and nobody knows them."""
 USUAL_STROKE_TIME = 90.0
 """Seconds, where nobody gives it."""
 LEAST_TURN = 0.005
+MOST_ARRIVALS, SWING = (10, 0.2), 0.05
+"""Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
 LONGEST_INTERVAL = 60.0
 MOST_TO_AND_FRO = 0.01
 """Share of the samples at which the command may move back what it moved the sample before."""
@@ -99,7 +99,8 @@ def identify_backlash(
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     travel = interval / seconds if seconds > 0.0 else 1.0
     log = _Log(_held(command), _held(temperature), tuple(np.asarray(d, float) for d in disturbances), good)
-    if turns(motor_positions(log.command, travel), LEAST_TURN) == 0:
+    positions = motor_positions(log.command, travel)
+    if turns(positions, LEAST_TURN) == 0:
         return _cannot("the command never turns back, and a gap shows at turns only: change the set-point up and down")
     samples = late(log.command, log.temperature, good)
     # a command that answers old temperatures may be that of a slow controller, and stand where it belongs
@@ -110,9 +111,16 @@ def identify_backlash(
     provoked = is_provoked(log.command, log.temperature, good, T_set, interval)
     unseen = sample_time is None or sample_time < interval
     in_step = sample_time is not None and not unseen and (sample_time / interval) % 1.0 < 1e-6
-    hidden = share_to_and_fro(log.command, good) > MOST_TO_AND_FRO and not (provoked and in_step)
+    doubt = ""
+    if share_to_and_fro(log.command, good) > MOST_TO_AND_FRO and not (provoked and in_step):
+        doubt = (
+            "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log "
+            "as often as the controller acts, say its sample time, and change the set-point up and down"
+        )
+    elif arrivals(log.command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
+        doubt = "the command runs to its ends again and again: lower the gain of the controller, and log again"
     counts = min(1.0, HORIZON / interval) if unseen else 1.0
-    return _judged(found, provoked, hidden, counts)._replace(late=samples * interval)
+    return _judged(found, provoked, doubt, counts)._replace(late=samples * interval)
 
 
 class _Log(NamedTuple):
@@ -134,22 +142,22 @@ class _Log(NamedTuple):
 
 
 def _compared(log: _Log, interval: float, travel: float) -> Likelihood | None:
-    motions = [motor_positions(log.command, travel, zone) for zone in NEUTRAL_ZONES]
-    return likelihoods(log.temperature, motions, log.disturbances, log.good, interval, CANDIDATES)
+    positions = motor_positions(log.command, travel)
+    return likelihoods(log.temperature, positions, log.disturbances, log.good, interval, CANDIDATES)
 
 
-def _judged(found: Sequence[Likelihood], provoked: bool, hidden: bool, counts: float) -> Identification:
+def _judged(found: Sequence[Likelihood], provoked: bool, doubt: str, counts: float) -> Identification:
     """The most probable size and whether it may be claimed.
 
     found: of each way in which the columns may fit in time.  provoked: whether something else than the temperature
     moved the command.  If nothing did, the command itself gets coefficients of its own, and a good valve is never
-    claimed: a stem that stands still looks the same.  hidden: whether the stem may have moved between the samples
-    unseen.  counts: share of the likelihood that counts, less where the controller moves the valve between the samples.
+    claimed: a stem that stands still looks the same.  doubt: why nothing may be claimed of this log, if so.  counts:
+    share of the likelihood that counts, less where the controller moves the valve between the samples.
     """
     probability = np.zeros(CANDIDATES.size)
     for one in found:
         likelihood = counts * (WEIGHT * one.plain if provoked else WEIGHT_REACTION * one.reaction)
-        of_one = np.exp(likelihood - likelihood.max()).sum(axis=0)
+        of_one = np.exp(likelihood - likelihood.max())
         probability += of_one / of_one.sum() / len(found)
     right = np.abs(CANDIDATES[:, np.newaxis] - CANDIDATES) <= np.maximum(TOLERANCE * CANDIDATES, GOOD) + 1e-9
     surely = right @ probability
@@ -160,12 +168,9 @@ def _judged(found: Sequence[Likelihood], provoked: bool, hidden: bool, counts: f
     worse = bool(probability.max() >= LEAST_ODDS * probability[good].max())
     low, high = _interval(probability)
     low = low if worse else 0.0
-    reason = ""
-    if hidden:
-        reason = (
-            "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log "
-            "as often as the controller acts, say its sample time, and change the set-point up and down"
-        )
+    reason = doubt
+    if doubt:
+        low, high = 0.0, float(CANDIDATES[-1])
     elif backlash <= GOOD and not provoked:
         reason = (
             "the command only follows the temperature, and a stuck stem looks like a good one: change the set-point"

@@ -27,11 +27,14 @@ OWN_LAGS, OPENING_LAGS, DISTURBANCE_LAGS = 8, 4, 3
 """Changes of the temperature, the opening and each known disturbance that enter, one a horizon."""
 PRECISION = 0.01
 """Of the prior of the opening's coefficients, 1/K²: each is known to ± 10 K per stroke before the log is read."""
+MODEL_ERROR = 0.3
+"""Share of what the stem explains that counts as if it were noise: coil and valve curve are not linear, and where the
+temperature swings far, as in a loop that hunts, that is what the residuals are made of."""
 LEAST_ROWS = 60
 
 
 class Likelihood(NamedTuple):
-    """Log-likelihoods, (motions, candidates), without and with coefficients for the command itself; rows below them."""
+    """Log-likelihood of each candidate, without and with coefficients for the command itself; rows that it rests on."""
 
     plain: Array
     reaction: Array
@@ -39,12 +42,7 @@ class Likelihood(NamedTuple):
 
 
 def likelihoods(
-    temperature: Array,
-    motions: Sequence[Array],
-    disturbances: Sequence[Array],
-    good: Mask,
-    interval: float,
-    candidates: Array,
+    temperature: Array, positions: Array, disturbances: Sequence[Array], good: Mask, interval: float, candidates: Array
 ) -> Likelihood | None:
     """Compare candidate sizes of the backlash; None if the log is too short.
 
@@ -52,8 +50,8 @@ def likelihoods(
     ----------
     temperature
         (n,), °C.
-    motions
-        What the motor may have done: positions, each (n + 1,), see ``motor_positions``.
+    positions
+        (n + 1,), of the motor, see ``motor_positions``.
     disturbances
         Each (n,): what else moves the temperature and is in the log.
     good
@@ -82,14 +80,11 @@ def likelihoods(
     total, freedom = float(y @ y), rows.size - Z.shape[1]
     if total <= 0.0:
         return None
-    plain, reaction = [], []
-    for positions in motions:
-        # positions after the last sample have no temperature
-        gram, product = _normal_equations(positions[:n], candidates, width, rows, Z, y)
-        k = 2 * OPENING_LAGS
-        plain.append(_evidence(gram[:, :k, :k], product[:, :k], total, freedom))
-        reaction.append(_evidence(gram, product, total, freedom))
-    return Likelihood(np.array(plain), np.array(reaction), rows.size)
+    # positions after the last sample have no temperature
+    gram, product = _normal_equations(positions[:n], candidates, width, rows, Z, y)
+    k = 2 * OPENING_LAGS
+    plain = _evidence(gram[:, :k, :k], product[:, :k], total, freedom)
+    return Likelihood(plain, _evidence(gram, product, total, freedom), rows.size)
 
 
 def _normal_equations(
@@ -121,4 +116,5 @@ def _evidence(gram: Array, product: Array, total: float, freedom: int) -> Array:
     precision = PRECISION * total / freedom
     solved = np.linalg.solve(gram + precision * unit, product[..., np.newaxis])[..., 0]
     left = np.maximum(total - np.sum(product * solved, axis=1), 1e-12 * total)
+    left += MODEL_ERROR * (total - left.min())
     return np.asarray(-0.5 * freedom * np.log(left / total) - 0.5 * np.linalg.slogdet(unit + gram / precision)[1])

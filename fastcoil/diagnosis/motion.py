@@ -8,15 +8,14 @@ from fastcoil.arrays import Array
 from fastcoil.engine import play_loop
 
 
-def motor_positions(command: Array, most_travel: float, neutral_zone: float = 0.0) -> Array:
+def motor_positions(command: Array, most_travel: float) -> Array:
     """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
 
-    command: fraction of stroke, held from sample to sample.  most_travel: fraction of stroke between two samples.
-    neutral_zone: fraction of stroke around the command in which a motor at rest stays.  The motor stands at the first
-    command when the log begins.
+    command: fraction of stroke, held from sample to sample; most_travel: fraction of stroke between two samples.  The
+    motor stands at the first command when the log begins.
     """
     positions = np.empty(command.size + 1)
-    play_loop.motor_positions(np.ascontiguousarray(command, float), most_travel, neutral_zone, positions)
+    play_loop.motor_positions(np.ascontiguousarray(command, float), most_travel, positions)
     return positions
 
 

@@ -5,22 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.numerics.jit import kernel
-from fastcoil.physics.actuator import driven
+from fastcoil.physics.actuator import motor
 from fastcoil.physics.valve import backlash, opening
 
 
 @kernel
-def motor_positions(command, most_travel, neutral_zone, positions):
+def motor_positions(command, most_travel, positions):
     """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
 
     command: (n,), fraction of stroke, held from sample to sample.  most_travel: fraction of stroke between two samples.
-    neutral_zone: around the command, in which a motor at rest stays.  positions: out, (n + 1,).  The motor stands at
-    the first command when the log begins.
+    positions: out, (n + 1,).  The motor stands at the first command when the log begins.
     """
     positions[0] = command[0]
-    runs = False
     for k in range(command.size):
-        positions[k + 1], runs = driven(positions[k], command[k], most_travel, neutral_zone, runs)
+        positions[k + 1] = motor(positions[k], command[k], most_travel)
 
 
 @kernel
