@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from kinds import CONSTANT, HEATING, STEPPED, kinds, of_kind, settings
+from kinds import CONSTANT, DESIGN, HEATING, STEPPED, kinds, of_kind, settings
 
 import fastcoil as fc
 
@@ -28,7 +28,8 @@ class Population(NamedTuple):
 
     inverse: estimate over true backlash of a running inverse, from and to; that of a good valve thinks of 3 %.
     slips: jump over backlash.  late: samples by which the temperatures stand late beside the commands.  coarse:
-    resolution of the logged command, fraction of stroke, and of the temperature, K.
+    resolution of the logged command, fraction of stroke, and of the temperature, K.  of_the_gap: whether what lies
+    between the gap and the gap with the neutral zone, or without the slip jump, counts as right too.
     """
 
     kind: str = STEPPED
@@ -45,18 +46,21 @@ class Population(NamedTuple):
     coarse: tuple[float, float] = (0.0, 0.0)
     intervals: tuple[int, ...] = (10, 15, 30)
     tells_sample_time: bool = False
+    of_the_gap: bool = False
 
 
 class Logs(NamedTuple):
-    """Logs of a population: true backlash (valves,); signals (days, valves or 1, samples); s between samples."""
+    """Logs of a population.  Per valve: its backlash, least and most that counts.  Signals: (days, valves or 1, n)."""
 
     backlash: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
     sample_time: np.ndarray
     stroke_time: np.ndarray
     interval: np.ndarray
     signals: dict[str, np.ndarray]
-    late: int = 0
-    tells_sample_time: bool = False
+    late: int
+    tells_sample_time: bool
 
 
 DAYS_OF_KINDS = {kind: Population(kind) for kind in (*kinds(), STEPPED_HEATING)}
@@ -71,7 +75,9 @@ OTHERS = {
     "log rounded to 0.1 K, 1 %": Population(coarse=(0.01, 0.1)),
     "authority 0.02 to 0.1": Population(authority=(0.02, 0.1)),
     "neutral zone up to 2 %": Population(neutral_zone=0.02),
+    "neutral zone up to 2 %, counted as gap": Population(neutral_zone=0.02, of_the_gap=True),
     "slip jump 0.3 X": Population(slips=0.3),
+    "slip jump 0.3 X, 0.7 X to X counted": Population(slips=0.3, of_the_gap=True),
     "leakage 0.1 %": Population(loop={"leakage": 0.001}),
     "sample time 7 or 20 s": Population(sample_times=(7.0, 20.0)),
     "fast tunings that hunt": Population(kp=(0.03, 0.1), ti=(8, 20)),
@@ -82,8 +88,11 @@ OTHERS = {
     "log of 60 s, fast tunings": Population(intervals=(60,), kp=(0.03, 0.1), ti=(8, 20)),
     "log of 60 s, sample time of 60 s given": Population(intervals=(60,), sample_times=(60.0,), tells_sample_time=True),
 }
-GOOD_VALVES = {**DAYS_OF_KINDS, "inverse of 3 %": Population(inverse=(1.0, 1.0)),
-               "log of 60 s": Population(intervals=(60,))}  # fmt: skip
+GOOD_VALVES = {
+    **{kind: population for kind, population in DAYS_OF_KINDS.items() if kind != DESIGN},
+    "inverse of 3 %": Population(inverse=(1.0, 1.0)),
+    "log of 60 s": Population(intervals=(60,)),
+}
 
 
 def valves(of: Population, seed: list[int], n: int, good_only: bool = False) -> dict[str, np.ndarray]:
@@ -145,9 +154,11 @@ def logs(of: Population, seed: list[int], days: list[int], n: int, good_only: bo
     }
     draw = np.random.default_rng([*seed, 9])
     wrong = np.log(of.stroke_time_wrong)
+    size, stroke_time = drawn["backlash"], drawn["stroke_time"] * np.exp(draw.uniform(-wrong, wrong, n))
+    least, most = size - of.of_the_gap * drawn["slip_jump"], size + of.of_the_gap * drawn["neutral_zone"]
+    interval = draw.choice(of.intervals, n)
     return Logs(
-        drawn["backlash"], drawn["sample_time"], drawn["stroke_time"] * np.exp(draw.uniform(-wrong, wrong, n)),
-        draw.choice(of.intervals, n), signals, of.late, of.tells_sample_time,
+        size, least, most, drawn["sample_time"], stroke_time, interval, signals, of.late, of.tells_sample_time
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ normal.  Chosen on populations of their own, see ``studies/diagnosis.py``."""
 GOOD = 0.01
 """Up to this backlash a valve is called good; also the least tolerance of a size, beside ``TOLERANCE`` of it."""
 TOLERANCE = 0.2
-LEAST_ODDS = 10.0
+LEAST_ODDS = 300.0
 """Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
 USUAL_STROKE_TIME = 90.0
 """Seconds, where nobody gives it."""
@@ -32,8 +32,9 @@ LEAST_TURN = 0.005
 MOST_ARRIVALS, SWING = (10, 0.2), 0.05
 """Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
 LONGEST_INTERVAL = 60.0
-MOST_TO_AND_FRO = 0.01
-"""Share of the samples at which the command may move back what it moved the sample before."""
+MOST_TO_AND_FRO, JUMPY_COUNTS = 0.01, 0.5
+"""Share of the samples at which the command may move back what it moved the sample before; the share of the likelihood
+that counts of a log with more."""
 
 
 class Identification(NamedTuple):
@@ -111,15 +112,16 @@ def identify_backlash(
     provoked = is_provoked(log.command, log.temperature, good, T_set, interval)
     unseen = sample_time is None or sample_time < interval
     in_step = sample_time is not None and not unseen and (sample_time / interval) % 1.0 < 1e-6
-    doubt = ""
-    if share_to_and_fro(log.command, good) > MOST_TO_AND_FRO and not (provoked and in_step):
+    doubt, counts = "", min(1.0, HORIZON / interval) if unseen else 1.0
+    jumpy = share_to_and_fro(log.command, good) > MOST_TO_AND_FRO
+    counts *= JUMPY_COUNTS if jumpy else 1.0
+    if jumpy and not (provoked and in_step):
         doubt = (
             "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log "
             "as often as the controller acts, say its sample time, and change the set-point up and down"
         )
     elif arrivals(log.command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
         doubt = "the command runs to its ends again and again: lower the gain of the controller, and log again"
-    counts = min(1.0, HORIZON / interval) if unseen else 1.0
     return _judged(found, provoked, doubt, counts)._replace(late=samples * interval)
 
 

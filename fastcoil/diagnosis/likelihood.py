@@ -27,7 +27,7 @@ OWN_LAGS, OPENING_LAGS, DISTURBANCE_LAGS = 8, 4, 3
 """Changes of the temperature, the opening and each known disturbance that enter, one a horizon."""
 PRECISION = 0.01
 """Of the prior of the opening's coefficients, 1/K²: each is known to ± 10 K per stroke before the log is read."""
-MODEL_ERROR = 0.3
+MODEL_ERROR = 0.1
 """Share of what the stem explains that counts as if it were noise: coil and valve curve are not linear, and where the
 temperature swings far, as in a loop that hunts, that is what the residuals are made of."""
 LEAST_ROWS = 60
