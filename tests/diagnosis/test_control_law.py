@@ -34,6 +34,11 @@ def test_steps_of_the_set_point_are_seen_without_its_column(every):
     assert not is_provoked(*loop(every=every), GOOD, None, INTERVAL)
 
 
+def test_a_noisy_command_hides_no_step_of_the_set_point():
+    command, T = loop(steps())
+    assert is_provoked(command + np.random.default_rng(6).normal(0, 0.001, 2160), T, GOOD, None, INTERVAL)
+
+
 def test_a_column_of_the_set_point_decides_where_there_is_one():
     command, T = loop()
     assert is_provoked(command, T, GOOD, steps(), INTERVAL)
@@ -76,5 +81,13 @@ def test_a_shift_is_told_only_where_the_control_law_shows():
     command, T = loop()
     assert late(np.clip(0.5 + np.cumsum(draw.normal(0, 0.01, 2160)), 0, 1), np.roll(T, 2), GOOD) == 0
     assert late(command + draw.normal(0, 0.02, 2160), np.roll(T, 2), GOOD) == 0
+    assert late(command + np.random.default_rng(5).normal(0, 3e-4, 2160), np.roll(T, 2), GOOD) == 0
     assert late(np.full(2160, 0.5), T, GOOD) == 0
     assert late(command, np.roll(T, 2), np.arange(2160) % 8 > 0) == 0
+
+
+def test_a_temperature_that_moves_slowly_tells_no_shift():
+    T = 14.0 + np.sin(np.arange(2160) / 15)
+    command = 0.5 + 0.02 * (T - 14) + 0.0005 * np.cumsum(T - 14)
+    noises = [np.random.default_rng(seed).normal(0, 3e-6, 2160) for seed in range(8)]
+    assert not any(late(command + noise, np.roll(T, 1), GOOD) for noise in noises)

@@ -35,7 +35,7 @@ def steps(hours=6, seed=1):
     return command, 24.0 - 20.0 * command
 
 
-@pytest.mark.parametrize("backlash", [0.0, 0.02, 0.063, 0.15])
+@pytest.mark.parametrize("backlash", [0.0, 0.03, 0.063, 0.15])
 def test_the_true_backlash_is_found_claimed_and_covered(backlash):
     command, T_set = steps()
     found = identify_backlash(command, plant(command, backlash), INTERVAL, T_set)
@@ -187,18 +187,27 @@ def controlled(backlash, samples=0, every=1):
     return np.array(commands), np.roll(temperatures, samples), T_set
 
 
-@pytest.mark.parametrize("samples", [2, -2])
-def test_columns_that_do_not_fit_in_time_are_found_and_moved(samples):
-    command, T, T_set = controlled(0.07, samples)
+def test_temperatures_that_stand_late_are_moved_back():
+    command, T, T_set = controlled(0.07, 2)
     found = identify_backlash(command, T, INTERVAL, T_set)
-    assert found.late == samples * INTERVAL
+    assert found.late == 2 * INTERVAL
+    assert found.identified
+    belongs = controlled(0.07)
+    n = command.size - 2
+    same = identify_backlash(belongs[0][:n], belongs[1][:n], INTERVAL, T_set[2:])
+    assert found[:5] == same[:5]
+
+
+def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(monkeypatch):
+    command, T, T_set = controlled(0.07, -2)
+    found = identify_backlash(command, T, INTERVAL, T_set)
+    assert found.late == -2 * INTERVAL
     assert found.backlash == pytest.approx(0.07, abs=0.014)
-    assert found.identified or samples < 0
-    if samples > 0:
-        belongs = controlled(0.07)
-        n = command.size - samples
-        same = identify_backlash(belongs[0][:n], belongs[1][:n], INTERVAL, T_set[samples:])
-        assert found[:5] == same[:5]
+    monkeypatch.setattr("fastcoil.diagnosis.identify.late", lambda *_: 0)
+    as_is, moved = (
+        identify_backlash(command[cut:], T[: T.size - cut], INTERVAL, T_set[cut:]).probability for cut in (0, 2)
+    )
+    np.testing.assert_allclose(found.probability, (as_is + moved) / 2, atol=1e-9)
 
 
 def test_a_command_that_jumps_to_and_fro_needs_the_sample_time():
