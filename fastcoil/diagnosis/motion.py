@@ -19,6 +19,21 @@ def motor_positions(command: Array, most_travel: float) -> Array:
     return positions
 
 
+def openings(positions: Array, backlash: Array) -> Array:
+    """Opening behind each candidate backlash, Eq (1), at each position: (positions, candidates).
+
+    Nobody knows where the stem stood when the log began; it starts in the middle of its play.
+    """
+    least = positions[:, np.newaxis] - backlash
+    q = np.clip(positions[0] - backlash / 2.0, 0.0, 1.0 - backlash)
+    found = np.empty_like(least)
+    for k, position in enumerate(positions):
+        np.maximum(q, least[k], out=q)
+        np.minimum(q, position, out=q)
+        found[k] = q
+    return found / (1.0 - backlash)
+
+
 def mean_openings(positions: Array, backlash: Array, width: int) -> tuple[Array, Array]:
     """Mean opening behind each candidate backlash and the mean of its square: (pieces, candidates) each.
 

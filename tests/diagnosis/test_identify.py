@@ -210,14 +210,18 @@ def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(mon
     np.testing.assert_allclose(found.probability, (as_is + moved) / 2, atol=1e-9)
 
 
-def test_a_command_that_jumps_to_and_fro_needs_the_sample_time():
+def test_a_command_that_jumps_to_and_fro_needs_the_sample_time_and_counts_for_less(monkeypatch):
     command, T_set = steps()
     chatter = command + 0.04 * (np.random.default_rng(9).random(command.size) < 0.5)
     given = (chatter, plant(chatter, 0.05), INTERVAL, T_set)
     assert "to and fro" in identify_backlash(*given).reason
     assert "to and fro" in identify_backlash(*given, sample_time=15.0).reason
-    assert identify_backlash(*given, sample_time=10.0).backlash == pytest.approx(0.05, abs=0.01)
-    assert "to and fro" not in identify_backlash(*given, sample_time=10.0).reason
+    found = identify_backlash(*given, sample_time=10.0)
+    assert found.backlash == pytest.approx(0.05, abs=0.01)
+    assert "to and fro" not in found.reason
+    monkeypatch.setattr("fastcoil.diagnosis.identify.share_to_and_fro", lambda *_: 0.0)
+    whole = identify_backlash(*given, sample_time=10.0).probability
+    np.testing.assert_allclose(found.probability, np.sqrt(whole) / np.sqrt(whole).sum(), atol=1e-9)
 
 
 def test_a_command_that_runs_from_end_to_end_is_not_judged():

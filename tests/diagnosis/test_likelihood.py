@@ -33,19 +33,22 @@ def test_the_likelihood_is_that_of_a_least_squares_fit_with_the_coefficients_int
         stem.append(q / 0.9)
     between = (np.array(stem)[1:] + np.array(stem)[:-1]) / 2
     rows = np.arange(10, T.size)  # 8 lags and the change itself need ten samples
-    d, do, ds = (np.diff(series) for series in (T, between, between**2))
+    motor = (positions[1:] + positions[:-1]) / 2
+    d, do, ds, dm = (np.diff(series) for series in (T, between, between**2, motor))
     Z = np.stack([d[rows - 1 - lag] for lag in range(1, 9)] + [np.ones(rows.size)], 1)
-    X = np.stack([series[rows - 2 - lag] for series in (do, ds) for lag in range(4)], 1)
     y = d[rows - 1] - Z @ np.linalg.lstsq(Z, d[rows - 1], rcond=None)[0]
-    X = X - Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
     freedom = rows.size - 9
     ridge = 0.01 * (y @ y) / freedom
-    b = np.linalg.solve(X.T @ X + ridge * np.eye(8), X.T @ y)
-    least = y @ y - X.T @ y @ b  # the best of the candidates explains most
-    expected = -freedom / 2 * np.log((least + MODEL_ERROR * (y @ y - least)) / (y @ y))
-    expected -= np.linalg.slogdet(np.eye(8) + X.T @ X / ridge)[1] / 2
+    for of, likelihood in (((do, ds), found.plain), ((do, ds, dm), found.reaction)):
+        X = np.stack([series[rows - 2 - lag] for series in of for lag in range(4)], 1)
+        X = X - Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
+        k = X.shape[1]
+        left = y @ y - X.T @ y @ np.linalg.solve(X.T @ X + ridge * np.eye(k), X.T @ y)
+        # the best of the candidates explains most
+        expected = -freedom / 2 * np.log((left + MODEL_ERROR * (y @ y - left)) / (y @ y))
+        expected -= np.linalg.slogdet(np.eye(k) + X.T @ X / ridge)[1] / 2
+        assert likelihood[2] == pytest.approx(expected, rel=1e-6)
     assert found.rows == rows.size
-    assert found.plain[2] == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_clean_log_is_not_believed_beyond_what_a_linear_model_can_know():

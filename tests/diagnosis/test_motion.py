@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fastcoil.diagnosis.motion import mean_openings, motor_positions, turns
+from fastcoil.diagnosis.motion import mean_openings, motor_positions, openings, turns
 
 
 def test_the_motor_runs_to_the_command_no_faster_than_it_can():
@@ -21,17 +21,18 @@ def test_the_motor_runs_to_the_command_no_faster_than_it_can():
 def test_openings_are_means_of_those_of_the_play_operator(width):
     positions = motor_positions(np.random.default_rng(4).uniform(0, 1, 41), 0.1)
     sizes = np.array([0.0, 0.07, 0.2])
-    openings, squares = mean_openings(positions, sizes, width)
-    assert openings.shape == squares.shape == (41 // width, 3)
+    means, squares = mean_openings(positions, sizes, width)
+    assert means.shape == squares.shape == (41 // width, 3)
     for j, size in enumerate(sizes):
         q, stem = min(max(positions[0] - size / 2, 0), 1 - size), []
         for position in positions:
             q = min(max(q, position - size), position)
             stem.append(q / (1 - size))
+        np.testing.assert_allclose(openings(positions, sizes)[:, j], stem, atol=1e-14)
         between = [(a + b) / 2 for a, b in zip(stem[:-1], stem[1:], strict=True)]
         for k in range(41 // width):
             piece = between[k * width : (k + 1) * width]
-            assert openings[k, j] == pytest.approx(sum(piece) / width, abs=1e-14)
+            assert means[k, j] == pytest.approx(sum(piece) / width, abs=1e-14)
             assert squares[k, j] == pytest.approx(sum(o * o for o in piece) / width, abs=1e-14)
 
 
