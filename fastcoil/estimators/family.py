@@ -75,6 +75,7 @@ class Estimator:
     confirms: (t, Parameters, Memory, true backlash, reached, confirmed) → (reached, confirmed), the times at which an
     estimate that moves in steps reached the true backlash and stepped back from it.
     results: Memory of arrays, one value per lane, at the end of a run → metrics by name.
+    waives_buffer: whether the loop is plain PI, without the buffer of the inverse, while its estimate is 0.
     identity: all that decides what a user's own rule does, in words; empty for those of the package.
     """
 
@@ -87,4 +88,5 @@ class Estimator:
     confirms: Any = None
     results: Callable[[Any], dict[str, np.ndarray]] | None = None
     words: int = 0
+    waives_buffer: bool = False
     identity: str = ""
