@@ -1,4 +1,4 @@
-"""Does a controller find its own backlash while it works, how soon, and what harm does it do?
+"""How soon a controller finds its own backlash while it works, how often it is right, and what harm it does.
 
 Run with ``python studies/identify_online.py``.  Valves and loops are drawn like those of ``remedies.toml``, with the
 gains as somebody left them, on valves and days that no threshold was chosen on.  Right means: within 20 % of the true
@@ -128,8 +128,9 @@ def main() -> None:
     write_table(
         "identify_online",
         f"`estimator = \"identify\"` over {VALVES} valves and loops × {len(DAYS)} days of each kind",
-        ["days", "right at the end (95 %)", "of those above 1 %", "median time to the first right one, all and above 1 %, h",
-         "once too high", "RMSE more than 1 % above plain PI", "the same, good valves",
+        ["days", "right at the end (95 %)", "of those above 1 %",
+         "median time to the first right one, all and above 1 %, h", "once too high",
+         "RMSE more than 1 % above plain PI", "the same, good valves",
          "RMSE: 99 % of them below, largest, %", "RMSE: median, mean, %", "travel where it acted"],
         rows,
     )  # fmt: skip
