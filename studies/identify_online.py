@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from diagnosis import share
 from kinds import HEATING, STEPPED, kinds, of_kind, settings
-from population import share
 from report import write_table
 
 import fastcoil as fc
@@ -108,11 +108,11 @@ def row(name: str, ds: xr.Dataset) -> list[str]:
     return [
         name,
         share(ds.right),
-        share(worn.right > 0) if worn.sizes["sample"] else "–",
+        share(worn.right) if worn.sizes["sample"] else "–",
         ", ".join(f"{hours:.1f}" if np.isfinite(hours) else "–" for hours in first),
         share(ds.high),
         share(ds.rise > WORSE),
-        share(good > WORSE),
+        share(good > WORSE) if good.sizes["sample"] else "–",
         f"{100 * float(ds.rise.quantile(0.99)):+.1f}, {100 * float(ds.rise.max()):+.1f}",
         f"{100 * float(ds.rise.median()):+.1f}, {100 * float(ds.rise.mean()):+.1f}",
         f"{float(ds.travel.where(ds.acted).median()):.2f}" if bool(ds.acted.any()) else "–",
