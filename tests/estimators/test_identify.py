@@ -101,7 +101,9 @@ def test_a_temperature_that_stands_still_explains_nothing():
     ids=["sure", "unsure", "perhaps good", "kept", "good", "too large", "too large, perhaps good", "perhaps not"],
 )
 def test_an_estimate_is_taken_over_if_it_is_right_and_given_up_if_it_is_too_large(probabilities, kept, expected):
-    assert identify_verdict.judged(with_probabilities(**probabilities), kept, 0.8, True) == pytest.approx(expected, abs=1e-12)
+    assert identify_verdict.judged(with_probabilities(**probabilities), kept, 0.8, True) == pytest.approx(
+        expected, abs=1e-12
+    )
 
 
 @INTERPRETED
