@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.fit_progress import fit_progress
 from fastcoil.cli.log_options import pairs, require_writable, with_reading_options
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.progress import announce_compilation
@@ -48,6 +49,16 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
 @click.option(
     "--initial", default="unknown", show_default=True, help="Side of the gap at the start: unknown, rising or falling."
 )
+@click.option(
+    "--lag",
+    default="auto",
+    show_default=True,
+    metavar="SECONDS",
+    help="The flow is logged so long after the command; auto: sought, told, and taken out.",
+)
+@click.option(
+    "--hold", metavar="command", help="The command holds from row to row; else a controller may move it between them."
+)
 def fit_valve_command(
     data: Path,
     out: Path,
@@ -57,6 +68,8 @@ def fit_valve_command(
     floor: float | None,
     settle: float | None,
     initial: str,
+    lag: str,
+    hold: str | None,
     split: float | None,
     fit_until: float | None,
     validation: Path | None,
@@ -74,22 +87,25 @@ def fit_valve_command(
 
     require_writable(out)
     announce_compilation("valve_flows")
-    found = fit_valve(
-        data,
-        columns=pairs("--column", columns),
-        units=pairs("--unit", units),
-        m_max=m_max,
-        floor=floor,
-        settle=settle,
-        initial=initial,
-        split=split,
-        fit_until=fit_until,
-        validation=validation,
-        drop=drop,
-        jumps=jumps,
-        max_gap=max_gap,
-        time_format=time_format,
-    )
+    with fit_progress():
+        found = fit_valve(
+            data,
+            columns=pairs("--column", columns),
+            units=pairs("--unit", units),
+            m_max=m_max,
+            floor=floor,
+            settle=settle,
+            initial=initial,
+            lag=_lag(lag),
+            holds=hold,
+            split=split,
+            fit_until=fit_until,
+            validation=validation,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            time_format=time_format,
+        )
     _write_and_print(found, out)
 
 
@@ -134,27 +150,36 @@ def fit_coil_command(
 
     require_writable(out)
     announce_compilation("march_coil")
-    found = fit_coil(
-        data,
-        columns=pairs("--column", columns),
-        units=pairs("--unit", units),
-        constants=_numbers("--constant", constants),
-        minimise_on="both" if both else "T_sup",
-        warm_up=warm_up,
-        T_initial=t_initial,
-        n_volumes=volumes,
-        air_march=air_march,
-        pressure=pressure,
-        holds=holds,
-        split=split,
-        fit_until=fit_until,
-        validation=validation,
-        drop=drop,
-        jumps=jumps,
-        max_gap=max_gap,
-        time_format=time_format,
-    )
+    with fit_progress():
+        found = fit_coil(
+            data,
+            columns=pairs("--column", columns),
+            units=pairs("--unit", units),
+            constants=_numbers("--constant", constants),
+            minimise_on="both" if both else "T_sup",
+            warm_up=warm_up,
+            T_initial=t_initial,
+            n_volumes=volumes,
+            air_march=air_march,
+            pressure=pressure,
+            holds=holds,
+            split=split,
+            fit_until=fit_until,
+            validation=validation,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            time_format=time_format,
+        )
     _write_and_print(found, out)
+
+
+def _lag(text: str) -> float | str:
+    """Seconds, or the word."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _numbers(option: str, given: Sequence[str]) -> dict[str, float]:

@@ -109,6 +109,7 @@ def diagnose(
         tuple(grid.values[name] for name in known),
         grid.on,
         stroke_time,
+        sample_time,
     )
     measures = measures_of(grid, stroke_time)
     found = _doubted(found, grid, measures)
