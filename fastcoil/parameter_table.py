@@ -185,7 +185,7 @@ _TABLE = (
               label="rate of the smooth inverse"),
     Parameter("estimator", "estimator", "", None,
               "what finds the backlash estimate; by default the learner where learning_step > 0, else nothing does",
-              choices=("none", "learner", "hagglund", "gradient"), label="estimator"),
+              choices=("none", "learner", "hagglund", "gradient", "identify"), label="estimator"),
     Parameter("estimate_share", "estimator", "1", 1.0,
               "share of the estimate that the inverse assumes; 0 = the estimate is only reported", 0.0, 1.0,
               label="share of the estimate"),
@@ -242,6 +242,17 @@ _TABLE = (
               label="pause"),
     Parameter("gradient_cap", "gradient", "1", 0.2, "largest estimate the adaptation may reach", 0.0, 0.9,
               open_lower=True, label="adaptation cap"),
+    Parameter("identify_stroke_time", "identify", "s", 90.0,
+              "time for a full stroke that the identification reckons with; 0 = instantaneous", 0.0,
+              label="reckoned stroke time"),
+    _positive("identify_memory", "identify", "s", 86400.0,
+              "time after which what was seen counts 1/e as much; only time within 2 h of a step of the set-point "
+              "counts or passes", label="memory"),
+    _positive("identify_interval", "identify", "s", 600.0, "time between comparisons of the possible sizes",
+              label="interval of comparisons"),
+    Parameter("identify_certainty", "identify", "1", 0.9,
+              "least probability of being right, to 20 % of the backlash or 1 % of stroke, at which an estimate is "
+              "taken over", 0.0, 1.0, open_upper=True, label="certainty"),
 )
 # fmt: on
 

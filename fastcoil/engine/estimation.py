@@ -15,7 +15,7 @@ from fastcoil.control.pi import clipped, sample_number
 from fastcoil.engine.rows import LANES, R
 from fastcoil.estimators.family import Estimator, Sample, defaults_of
 from fastcoil.numerics.jit import exact, section
-from fastcoil.numerics.stages import FLAG, NUMBER, ROWS, Kind, keep, values_at
+from fastcoil.numerics.stages import FLAG, NUMBER, ROWS, Kind, array_at, keep, values_at
 
 ESTIMATE = Kind(ROWS, ROWS, NUMBER, NUMBER, NUMBER, FLAG, FLAG)
 """Stages that find the estimate, see ``estimator_stage``."""
@@ -46,12 +46,15 @@ def adopt(S, j, t, x_hat):
 def estimator_stage(estimator: Estimator) -> Any:
     """Where the estimator is, compiled: (S, own, t, T_set, m_a, enabled, begins) → nothing.
 
-    own: its parameters, then its memory, (n_parameters + n_memory) * LANES.  With ``begins`` it only fills the memory.
+    own: its parameters, then its memory, (n_parameters + n_memory) * LANES, then an array for each lane, if it has one.
+    With ``begins`` it only fills the memory.
     """
     step, start, confirms = _compiled(estimator.step), _compiled(estimator.start), _compiled(estimator.confirms)
     Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, defaults_of(estimator.Memory)
     memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None
     has_start, has_confirms = start is not None, confirms is not None
+    words, arrays_at = estimator.words, memory_at + len(Memory._fields) * LANES
+    has_array = words > 0
 
     def estimate(S, own, t, T_set, m_a, enabled, begins):
         if begins:
@@ -68,9 +71,14 @@ def estimator_stage(estimator: Estimator) -> Any:
                 t, T_set, m_a, S[R.T_seen + j], S[R.e_seen + j], S[R.u + j], S[R.command + j], S[R.mode + j],
                 S[R.switches + j], S[R.estimate + j],
             )  # fmt: skip
-            x_hat, after = step(now, p, memory)
             samples = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
-            due = (samples & enabled) | every_call  # no branch: every lane runs the same
+            due = (samples & enabled) | every_call
+            if has_array:
+                if not due:
+                    continue
+                x_hat, after = step(now, p, memory, array_at(own, arrays_at + j * words, words))
+            else:
+                x_hat, after = step(now, p, memory)  # no branch: every lane runs the same
             keep(due, after, memory, own, memory_at + j, LANES)
             adopt(S, j, t, x_hat if due else S[R.estimate + j])
             if has_confirms:

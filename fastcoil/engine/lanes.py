@@ -181,8 +181,9 @@ def work_space(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def room_for(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
-    """The parameters of a rule and, behind them, room for its memory."""
-    own = _aligned(parameters.size + (0 if rule is None else LANES * len(rule.Memory._fields)))
+    """The parameters of a rule and, behind them, room for its memory and an estimator's arrays."""
+    words = rule.words if isinstance(rule, Estimator) else 0
+    own = _aligned(parameters.size + (0 if rule is None else LANES * (len(rule.Memory._fields) + words)))
     own[: parameters.size] = parameters.ravel()
     own[parameters.size :] = 0.0
     return own
@@ -192,8 +193,8 @@ def memory_of(block: Block, own: np.ndarray) -> Any:
     """What the estimator of a block remembers, as its named tuple of arrays (LANES,)."""
     estimator = block.estimator
     assert estimator is not None
-    remembered = own.reshape(-1, LANES)[len(estimator.Parameters._fields) :]
-    return estimator.Memory(*remembered)
+    first, n = len(estimator.Parameters._fields), len(estimator.Memory._fields)
+    return estimator.Memory(*own.reshape(-1, LANES)[first : first + n])
 
 
 def _aligned(size: int) -> np.ndarray:

@@ -68,6 +68,8 @@ class Estimator:
     is what one call leaves to the next.
     step: (Sample, Parameters, Memory) → (estimate, Memory), called at every controller sample but the first.
     start: Parameters → Memory at the start; by default the defaults of Memory.
+    words: floats of an array that each lane has besides, from 0 on.  ``step`` then takes it, too, changes it in place,
+    and is called for no lane that does not sample or is off.
     periods: rows of a block by name → seconds, all of whose multiples the rule may act at, where these are not the
     controller samples; the rule then decides itself when to act.
     confirms: (t, Parameters, Memory, true backlash, reached, confirmed) → (reached, confirmed), the times at which an
@@ -85,6 +87,7 @@ class Estimator:
     periods: Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None
     confirms: Any = None
     results: Callable[[Any], dict[str, np.ndarray]] | None = None
+    words: int = 0
     identity: str = ""
     watches: Callable[[Mapping[str, np.ndarray]], bool] | None = None
 

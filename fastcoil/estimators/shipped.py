@@ -5,10 +5,11 @@ from __future__ import annotations
 from fastcoil.estimators.family import Estimator
 from fastcoil.estimators.gradient import GRADIENT
 from fastcoil.estimators.hagglund import HAGGLUND
+from fastcoil.estimators.identify import IDENTIFY
 from fastcoil.estimators.learner import LEARNER
 from fastcoil.parameter_table import PARAMETERS
 
-_KNOWN = (LEARNER, HAGGLUND, GRADIENT)
+_KNOWN = (LEARNER, HAGGLUND, GRADIENT, IDENTIFY)
 ESTIMATORS: tuple[Estimator | None, ...] = tuple(
     next((e for e in _KNOWN if e.name == name), None) for name in PARAMETERS["estimator"].choices
 )

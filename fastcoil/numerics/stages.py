@@ -20,8 +20,9 @@ from numba import types
 from numba.core import cgutils
 from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
+from numba.np.numpy_support import carray
 
-from fastcoil.numerics.jit import FLAGS, JIT_ENABLED, fingerprint
+from fastcoil.numerics.jit import FLAGS, JIT_ENABLED, exact, fingerprint
 from fastcoil.numerics.kernel_cache import KernelCache, kernel_folder
 
 NUMBER, FLAG, ROWS, WHOLE = types.float64, types.boolean, types.CPointer(types.float64), types.int64
@@ -115,6 +116,11 @@ if JIT_ENABLED:
 
         return types.void(types.boolean, values, before, rows, types.int64, types.int64), codegen
 
+    @exact
+    def array_at(rows: Any, place: Any, size: Any) -> Any:
+        """``size`` numbers from ``rows[place]`` on, to be read and changed."""
+        return carray(rows, (place + size,))[place:]
+
     def _pointers(builder: Any, args: Any, n: int) -> list[Any]:
         rows, place, stride = args
         steps = [builder.add(place, builder.mul(stride, stride.type(k))) for k in range(n)]
@@ -133,3 +139,7 @@ else:
         """Store a tuple of numbers where ``values_at`` found it, or what was there ``before`` unless it is ``due``."""
         for k, (new, old) in enumerate(zip(values, before, strict=True)):
             rows[place + stride * k] = new if due else old
+
+    def array_at(rows: Any, place: Any, size: Any) -> Any:
+        """``size`` numbers from ``rows[place]`` on, to be read and changed."""
+        return rows[place : place + size]

@@ -74,4 +74,9 @@ PAPER_LIKE = {
     "gradient_dead_zone": 0.05,
     "gradient_pause": 400.0,
     "gradient_cap": 0.2,
+    # Identification.
+    "identify_stroke_time": 90.0,
+    "identify_memory": 86400.0,
+    "identify_interval": 600.0,
+    "identify_certainty": 0.9,
 }

@@ -1,0 +1,231 @@
+"""The backlash from the controller's own command and temperature, while it works, without provoking anything.
+
+The play operator turns the command into an opening behind each of CANDIDATES; a linear model from opening to
+temperature is fitted to each (``normal_equations``), and the candidates that fit best are the likely ones.  After
+Jelali (2008), done recursively.
+
+Only the hours after a step of the set-point count.  Between steps the command follows the temperature and nothing
+else, a stem that stands still looks like one without a gap, and what the loop then says about its valve is wrong more
+often than right.  Nothing is forgotten meanwhile.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.estimators.family import Estimator
+from fastcoil.estimators.normal_equations import (
+    CANDIDATES,
+    DRIVEN,
+    MOVES,
+    OWN,
+    PROBABILITY,
+    WORDS,
+    N,
+    add_row,
+    compare,
+    remember_change,
+)
+from fastcoil.numerics.elementary import exp
+from fastcoil.numerics.jit import exact
+from fastcoil.physics.actuator import motor
+from fastcoil.physics.valve import backlash
+
+HORIZON = 30.0
+"""Seconds over which the model foretells: long against the noise of a sensor, short against a coil."""
+SET_POINT_STEP = 0.1
+"""A change of the set-point between two samples that is a step, K."""
+PROVOKED = 7200.0
+"""Seconds after a step that count."""
+AT_END = 600.0
+"""Seconds at an end of the stroke after which nothing counts: the coil is another one there."""
+LEAST_ROWS = 60.0
+"""Horizons before there is an estimate."""
+WEIGHT = 0.6
+"""Share of the log-likelihood that counts: residuals are neither independent nor normal."""
+GOOD = 0.01
+"""Up to this backlash a valve is called good and left alone; also the least tolerance of an estimate."""
+TOLERANCE = 0.2
+"""Of an estimate, as a share of it."""
+DOUBT = 0.01
+"""Largest probability of no backlash at which there is an estimate: on a good valve each does harm."""
+NO_BACKLASH = 0.0051
+
+STEM, OPENED, MEAN = WORDS, WORDS + N, WORDS + 2 * N
+"""Behind the normal equations, (N,) each: place in the gap, opening summed over the horizon, mean of the last one."""
+
+
+@exact
+def mean_place(q_before, q, ran, stroke_time, interval):
+    """Mean place of a stem over an interval in which it waited for its gap to close, moved, and stopped at q.
+
+    ran: how long the motor ran, s; stroke_time: s.
+    """
+    moved = q - q_before
+    return q - moved * (ran - 0.5 * abs(moved) * stroke_time) / interval
+
+
+@exact
+def right(candidate, estimate):
+    """Whether an estimate is right if the backlash is this candidate."""
+    tolerance = TOLERANCE * candidate if TOLERANCE * candidate > GOOD else GOOD
+    return abs(candidate - estimate) <= tolerance + 1e-9
+
+
+@exact
+def posterior(w):
+    """Turn log-likelihoods in PROBABILITY into probabilities; their mean, fraction of stroke."""
+    highest = w[PROBABILITY]
+    for c in range(1, N):
+        highest = w[PROBABILITY + c] if w[PROBABILITY + c] > highest else highest
+    total, first_moment = 0.0, 0.0
+    for c in range(N):
+        p = exp(WEIGHT * (w[PROBABILITY + c] - highest))
+        w[PROBABILITY + c] = p
+        total += p
+        first_moment += p * CANDIDATES[c]
+    for c in range(N):
+        w[PROBABILITY + c] /= total
+    return first_moment / total
+
+
+@exact
+def judged(w, kept, certainty):
+    """The estimate, 0 for a good valve, if the probabilities make it right with this certainty; else what is kept."""
+    mean, is_right, is_none = posterior(w), 0.0, 0.0
+    mean = 0.0 if mean <= GOOD else mean
+    for c in range(N):
+        is_right += w[PROBABILITY + c] if right(CANDIDATES[c], mean) else 0.0
+        is_none += w[PROBABILITY + c] if CANDIDATES[c] <= NO_BACKLASH else 0.0
+    sure = is_right >= certainty and (mean == 0.0 or is_none <= DOUBT)
+    return mean if sure else kept
+
+
+class Parameters(NamedTuple):
+    """Parameters of the loop that the identification uses."""
+
+    sample_time: float
+    identify_stroke_time: float
+    identify_memory: float
+    identify_interval: float
+    identify_certainty: float
+
+
+class Memory(NamedTuple):
+    """What it remembers beside its array.  NaN: nothing yet."""
+
+    width: float
+    """Samples in a horizon."""
+    decay: float
+    """What a horizon in the sums still counts after one more."""
+    sampled_at: float
+    """Time of the last sample, s."""
+    T_set: float
+    """Set-point of the last sample, °C."""
+    counts_until: float
+    """End of the time that counts, s."""
+    left_end_at: float
+    """When u was last not at an end of the stroke, s."""
+    position: float
+    """Of the motor, fraction of stroke."""
+    samples: float
+    """Since the horizon began."""
+    T: float
+    """Temperature when it began, °C."""
+    horizons: float
+    """Since the last interruption."""
+    rows: float
+    """Horizons in the sums, each by how much it still counts."""
+    compares_at: float
+    """When the candidates are compared next, s."""
+    added: float
+    """1 if a horizon was added since the last time."""
+
+
+@exact
+def start(p):
+    """Memory at the start: a valve at rest and closed."""
+    width = np.floor(HORIZON / p.sample_time + 0.5)
+    width = 1.0 if width < 1.0 else width
+    decay = exp(-width * p.sample_time / p.identify_memory)
+    return Memory(width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, np.nan, 0.0, 0.0, p.identify_interval, 0.0)
+
+
+@exact
+def close_horizon(w, width, change):
+    """Take a change of the temperature, K, and of the openings behind the candidates over the horizon that ends."""
+    remember_change(w, change)
+    for a in range(DRIVEN - 1, 0, -1):
+        for c in range(N):
+            w[MOVES + a * N + c] = w[MOVES + (a - 1) * N + c]
+    for c in range(N):
+        mean = w[OPENED + c] / width
+        w[MOVES + c] = mean - w[MEAN + c]
+        w[MEAN + c] = mean
+        w[OPENED + c] = 0.0
+
+
+@exact
+def move_stems(w, position, ran, stroke_time, interval):
+    """Move the stem behind each candidate with the motor, and add its mean opening to the horizon."""
+    for c in range(N):
+        q = backlash(w[STEM + c], position, CANDIDATES[c])
+        mean = mean_place(w[STEM + c], q, ran, stroke_time, interval)
+        w[OPENED + c] += mean / (1.0 - CANDIDATES[c])
+        w[STEM + c] = q
+
+
+@exact
+def step(now, p, memory, w):
+    """Follow motor and stems to this sample, close the horizon where one ends, and compare at every interval.
+
+    The temperature is that of the sample before: the openings up to then are in the sums already.  After an
+    interruption the motor stands where the command is, or on its way, and the lags start anew.
+    """
+    elapsed = now.t - memory.sampled_at
+    interrupted = elapsed > 1.5 * p.sample_time
+    begins = interrupted or np.isnan(memory.T)
+    ends = begins or memory.samples == memory.width
+    inside = now.u > 0.0 and now.u < 1.0
+    left_end_at = now.t if inside or interrupted else memory.left_end_at
+    horizons = 0.0 if begins else memory.horizons
+    rows, added = memory.rows, memory.added
+    if ends:
+        close_horizon(w, memory.width, 0.0 if begins else now.T - memory.T)
+        horizons += 0.0 if begins else 1.0
+        if horizons > OWN and now.t <= memory.counts_until and now.t - left_end_at <= AT_END:
+            add_row(w, memory.decay)
+            rows = memory.decay * rows + 1.0
+            added = 1.0
+
+    most = elapsed / p.identify_stroke_time if p.identify_stroke_time > 0.0 else np.inf
+    position = motor(memory.position, now.command, most)
+    ran = abs(position - memory.position) * p.identify_stroke_time
+    move_stems(w, position, ran, p.identify_stroke_time, elapsed)
+
+    steps = abs(now.T_set - memory.T_set) >= SET_POINT_STEP
+    compares = now.t >= memory.compares_at
+    x_hat = now.estimate
+    if compares and added > 0.0 and rows >= LEAST_ROWS and compare(w, rows):
+        x_hat = judged(w, now.estimate, p.identify_certainty)
+    after = Memory(
+        memory.width,
+        memory.decay,
+        now.t,
+        now.T_set,
+        now.t + PROVOKED if steps else memory.counts_until,
+        left_end_at,
+        position,
+        1.0 if ends else memory.samples + 1.0,
+        np.nan if interrupted else (now.T if ends else memory.T),
+        horizons,
+        rows,
+        now.t + p.identify_interval if compares else memory.compares_at,
+        0.0 if compares else added,
+    )
+    return x_hat, after
+
+
+IDENTIFY = Estimator("identify", Parameters, Memory, step, start, words=WORDS + 3 * N)
