@@ -1,4 +1,4 @@
-"""Which estimator finds the backlash, where does it fail, and what does it do to a good valve?
+"""Estimators of the backlash under many conditions: which finds it, where it fails, what it does to a good valve.
 
 Run with ``python studies/learners.py``.  The estimators are the rows of ``learners.toml``; the conditions are those of
 ``learners_conditions.py``.  All estimators of a loop see the same days and the same noise.
