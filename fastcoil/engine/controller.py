@@ -42,6 +42,8 @@ class Control(NamedTuple):
     is_additive: bool = False
     is_smooth: bool = False
     measures_noise: bool = False
+    waives_buffer: bool = False
+    """Lanes without an estimate need none: a good valve is left alone."""
 
     @classmethod
     def of(cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]) -> Control:
@@ -53,6 +55,7 @@ class Control(NamedTuple):
             is_additive=bool(np.any(row["compensation"] == ADDITIVE)),
             is_smooth=bool(np.any(row["compensation"] == SMOOTH)),
             measures_noise=bool(np.any(row["buffer_noise"] == MEASURED)),
+            waives_buffer=estimator is not None and estimator.waives_buffer,
         )
 
 
@@ -104,6 +107,8 @@ def control(S, t, T_set, noise, enabled, counts_switches, parts):
         buffer = S[R.buffer + j]
         if parts.measures_noise:
             buffer = measured_buffer(S, j, e, due)
+        if parts.waives_buffer:
+            buffer = buffer if S[R.assumed + j] > 0.0 else 0.0
 
         mode = direction(u, S[R.mode + j], S[R.u_ext + j], buffer)
         turned = mode != S[R.mode + j]

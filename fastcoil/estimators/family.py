@@ -76,6 +76,7 @@ class Estimator:
     estimate that moves in steps reached the true backlash and stepped back from it.
     watches: rows of a block by name → whether such a rule looks at T or e; one without periods always may.
     results: Memory of arrays, one value per lane, at the end of a run → metrics by name.
+    waives_buffer: whether the loop is plain PI, without the buffer of the inverse, while its estimate is 0.
     identity: all that decides what a user's own rule does, in words; empty for those of the package.
     """
 
@@ -88,6 +89,7 @@ class Estimator:
     confirms: Any = None
     results: Callable[[Any], dict[str, np.ndarray]] | None = None
     words: int = 0
+    waives_buffer: bool = False
     identity: str = ""
     watches: Callable[[Mapping[str, np.ndarray]], bool] | None = None
 

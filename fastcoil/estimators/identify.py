@@ -49,8 +49,10 @@ GOOD = 0.01
 """Up to this backlash a valve is called good and left alone; also the least tolerance of an estimate."""
 TOLERANCE = 0.2
 """Of an estimate, as a share of it."""
-DOUBT = 0.01
+DOUBT = 0.005
 """Largest probability of no backlash at which there is an estimate: on a good valve each does harm."""
+TOO_LARGE = 0.05
+"""Largest probability of being not too large at which an estimate is given up."""
 NO_BACKLASH = 0.0051
 
 STEM, OPENED, MEAN = WORDS, WORDS + N, WORDS + 2 * N
@@ -93,14 +95,22 @@ def posterior(w):
 
 @exact
 def judged(w, kept, certainty):
-    """The estimate, 0 for a good valve, if the probabilities make it right with this certainty; else what is kept."""
-    mean, is_right, is_none = posterior(w), 0.0, 0.0
+    """The estimate after a comparison.
+
+    It is the mean of the probabilities if that is right with this certainty, 0 for a good valve.  Otherwise it is what
+    was kept, unless that is nearly certainly too large.
+    """
+    mean, is_right, is_none, is_as_large = posterior(w), 0.0, 0.0, 0.0
     mean = 0.0 if mean <= GOOD else mean
     for c in range(N):
-        is_right += w[PROBABILITY + c] if right(CANDIDATES[c], mean) else 0.0
-        is_none += w[PROBABILITY + c] if CANDIDATES[c] <= NO_BACKLASH else 0.0
-    sure = is_right >= certainty and (mean == 0.0 or is_none <= DOUBT)
-    return mean if sure else kept
+        p = w[PROBABILITY + c]
+        is_right += p if right(CANDIDATES[c], mean) else 0.0
+        is_none += p if CANDIDATES[c] <= NO_BACKLASH else 0.0
+        is_as_large += p if CANDIDATES[c] >= kept or right(CANDIDATES[c], kept) else 0.0
+    has_backlash = is_none <= DOUBT
+    if is_right >= certainty and (mean == 0.0 or has_backlash):
+        return mean
+    return (mean if has_backlash else 0.0) if is_as_large <= TOO_LARGE else kept
 
 
 class Parameters(NamedTuple):
@@ -228,4 +238,4 @@ def step(now, p, memory, w):
     return x_hat, after
 
 
-IDENTIFY = Estimator("identify", Parameters, Memory, step, start, words=WORDS + 3 * N)
+IDENTIFY = Estimator("identify", Parameters, Memory, step, start, words=WORDS + 3 * N, waives_buffer=True)
