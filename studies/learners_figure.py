@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import matplotlib.pyplot as plt
-from learners_conditions import GOOD
-from learners_run import KNOWN, Run, controllers, fails, harmed
+from learners_run import HARM, KNOWN, WORSE, Run, controllers, fails, harmed
 from learners_tables import LABELS
 from matplotlib.axes import Axes
 from report import HERE
@@ -30,20 +29,22 @@ ROW = 0.5
 
 @apply_style()
 def draw(runs: list[Run]) -> None:
-    """Draw wrong estimates and loops that get worse side by side, a row for each condition."""
+    """Draw wrong estimates and loops that get worse side by side, a row for each condition; good valves come last."""
+    runs = sorted(runs, key=lambda run: run.is_good)
     shown = [name for name in MARKS if name in controllers()]
     figure, panels = plt.subplots(1, 2, figsize=(10.0, 1.6 + ROW * len(runs)), sharey=True, layout="constrained")
-    finding = [name for name in shown if name != KNOWN]
-    _panel(panels[0], [run for run in runs if not run.is_good], finding, lambda run, name: share_of(fails(run, name)))
+    worn = [run for run in runs if not run.is_good]
+    _panel(panels[0], worn, [name for name in shown if name != KNOWN], lambda run, name: share_of(fails(run, name)))
     _panel(panels[1], runs, shown, harmed)
     panels[0].set(xlabel="wrong estimates at the end [%]", xlim=(-3, 103))
-    panels[1].set(xlabel="loops worse than their plain PI [%]", xlim=(-3, 103))
-    names = [run.condition.name.replace("`", "") for run in runs]
-    panels[0].set_yticks(range(len(runs)), names)
+    panels[1].set(xlabel=f"loops worse than their plain PI, by > {WORSE:.0%} (no backlash: > {HARM:.0%}) [%]",
+                  xlim=(-3, 103))  # fmt: skip
+    panels[0].set_yticks(range(len(runs)), [run.condition.name.replace("`", "") for run in runs])
     panels[0].set_ylim(len(runs) - 0.5, -0.5)
-    good = next((row for row, run in enumerate(runs) if run.condition.name.startswith(GOOD)), None)
-    if good is not None:
-        panels[0].text(50, good, "nothing to find", ha="center", va="center", color="0.4", fontsize=8)
+    if len(worn) < len(runs):
+        panels[0].text(50, 0.5 * (len(worn) + len(runs) - 1), "nothing to find", ha="center", va="center", color="0.3")
+        for panel in panels:
+            panel.axhline(len(worn) - 0.5, color="0.4", lw=0.8)
     figure.legend(*panels[1].get_legend_handles_labels(), loc="outside lower center", ncols=len(shown))
     path = HERE / "learners.png"
     figure.savefig(path, dpi=150)

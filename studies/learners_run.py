@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +38,7 @@ class Run(NamedTuple):
         return self.condition.name.startswith(GOOD)
 
 
+@cache
 def controllers() -> dict[str, dict[str, object]]:
     """The rows of the study: parameters by name."""
     return read_study(STUDY).tables["cases"]["controller"]  # type: ignore[no-any-return]

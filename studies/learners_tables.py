@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import xarray as xr
 from kinds import STEPPED
+from learners_conditions import LABELS as OF_KINDS
 from learners_conditions import LOOPS, VALVES
 from learners_run import KNOWN, ONE, PI, ROUND_OFF, Run, change, controllers, fails, harmed
+from remedies_tables import cell, pooled
 from report import write_table
 from shares import share_of
 
@@ -61,45 +62,39 @@ def good_rows(runs: list[Run]) -> list[list[str]]:
     return table
 
 
-def cost_rows(runs: list[Run], *, kind: str | None) -> list[list[str]]:
-    """A row for each controller, over the valves with backlash on days of a kind, or of all kinds."""
-    some = [run for run in runs if is_of_kinds(run) and kind in (None, run.condition.kind)]
+def cost_rows(run: Run) -> list[list[str]]:
+    """A row for each controller: what the estimates do to error and travel, and whether and when they are right."""
     table = []
     for name in controllers():
-        error, settled, travel = (
-            np.concatenate([change(run, name, metric).values for run in some])
-            for metric in ("rmse", "rmse_settled", "motor_travel")
+        settled, travel = (
+            100 * float(change(run, name, metric).median()) for metric in ("rmse_settled", "motor_travel")
         )
-        cells = [f"{100 * float(error.mean()):+.0f} %", f"{100 * float(np.median(settled)):+.0f} %",
-                 f"× {1 + float(np.median(travel)):.2f}"]  # fmt: skip
-        table.append([LABELS[name], *cells, *(_found(some, name) if name in estimators() else ["—"] * 4)])
+        cells = [cell(run.ds, name, PI), f"{settled:+.0f} %", f"× {1 + travel / 100:.2f}"]
+        table.append([LABELS[name], *cells, *(_found(run, name) if name in estimators() else ["—"] * 4)])
     return table
 
 
-def is_of_kinds(run: Run) -> bool:
-    """Whether a condition is that of the valves on one kind of day, nothing else changed."""
-    plain = {"set-point steps", "constant set-point", "design days", "weather, 30 % outdoor air", "heating"}
-    return run.condition.name.removeprefix(f"{VALVES}: ") in plain
+def on_valves(runs: list[Run], *, stepped: bool) -> Run:
+    """The valves with backlash on days with set-point steps, or on those of every kind as one dim of days."""
+    some = {
+        r.condition.kind: r for r in runs if r.condition.name in {f"{VALVES}: {text}" for text in OF_KINDS.values()}
+    }
+    first = some[STEPPED]
+    return first if stepped else first._replace(ds=pooled({kind: run.ds for kind, run in some.items()}))
 
 
-def _found(runs: list[Run], name: str) -> list[str]:
-    """Wrong estimates below and above the backlash, loop-days that are right at the end, and since when."""
-    at = {"controller": name}
-    low, high = (
-        np.concatenate([(fails(run, name) & beyond(run.ds.estimate_final.sel(at), run.backlash)).values.ravel()
-                        for run in runs])
-        for beyond in (xr.DataArray.__lt__, xr.DataArray.__gt__)
-    )  # fmt: skip
-    since = np.concatenate([run.ds.time_identified.sel(at).values.ravel() for run in runs])
-    middle = float(np.sort(np.nan_to_num(since, nan=np.inf))[(since.size - 1) // 2])
-    share = 100 * np.isfinite(since).mean()
-    hours = f"{middle / 3600:.1f} h" if np.isfinite(middle) else "—"
-    return [f"{100 * low.mean():.0f} %", f"{100 * high.mean():.0f} %", f"{share:.0f} %", hours]
+def _found(run: Run, name: str) -> list[str]:
+    """Wrong estimates below and above the backlash, days that end with a right one, and since when it was right."""
+    estimate, wrong = run.ds.estimate_final.sel(controller=name), fails(run, name)
+    low, high = (100 * float((wrong & beyond).mean()) for beyond in (estimate < run.backlash, estimate > run.backlash))
+    since = np.sort(run.ds.time_identified.sel(controller=name).fillna(np.inf).values.ravel())
+    middle = since[(since.size - 1) // 2] / 3600
+    return [f"{low:.0f} %", f"{high:.0f} %", str(share_of(~wrong)), f"{middle:.1f} h" if np.isfinite(middle) else "—"]
 
 
 COST = [
-    "estimator", "RMSE, mean change", "settled RMSE, median", "motor travel, median", "too low", "too high",
-    "right at the end", "right since, median",
+    "estimator", "RMSE, mean change (95 %)", "settled RMSE, median", "motor travel, median", "too low", "too high",
+    "right at the end (95 %)", "right since, median",
 ]  # fmt: skip
 
 
@@ -141,9 +136,9 @@ def write(runs: list[Run]) -> None:
         ["condition", *all_names],
         good_rows(runs),
     )
-    for table, kind, where in (
-        ("learners_cost", None, "all kinds of days"),
-        ("learners_cost_stepped", STEPPED, "days with set-point steps"),
+    for table, stepped, where in (
+        ("learners_cost", False, "days of every kind"),
+        ("learners_cost_stepped", True, "days with set-point steps"),
     ):
         write_table(table, f"Valves with backlash on {where}, against their plain PI", COST,
-                    cost_rows(runs, kind=kind))  # fmt: skip
+                    cost_rows(on_valves(runs, stepped=stepped)))  # fmt: skip
