@@ -1,6 +1,6 @@
 """Under which conditions ``learners.py`` tries the estimators: loops, valves and days.
 
-The four loops are those on which the recommended learner was chosen (``learning_step.toml``), each condition changing
+The four loops are those on which the growing rule was chosen (``learning_step.toml``), each condition changing
 one thing; the valves are drawn as in ``valve_population.toml``, with gains as somebody left them.
 """
 
@@ -22,7 +22,7 @@ from fastcoil.study.file.spec import read_study
 
 STUDY = HERE / "learners.toml"
 HOURS = 16
-LOOP_DAYS, VALVE_DAYS = range(6101, 6121), range(6201, 6206)
+LOOP_DAYS, VALVE_DAYS = range(6101, 6111), range(6201, 6206)
 BACKLASHES = (0.03, 0.07, 0.075, 0.12)
 NOISES = (0.0, 0.02, 0.05)
 SEED = 6126

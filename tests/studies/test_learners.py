@@ -56,11 +56,8 @@ def test_each_condition_changes_what_it_says(monkeypatch):
     outdoor = {name: condition.outdoor for name, condition in found.items() if condition.kind == kinds.WEATHER}
     assert [name for name, share in outdoor.items() if share == 1.0] == ["four loops: weather, 100 % outdoor air"]
     assert all(condition.loop.coordinates()["sample"].size == 6 for condition in found.values())
-
-
-def test_without_a_weather_file_no_condition_asks_for_one(monkeypatch):
     monkeypatch.setattr(learners_conditions, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
-    assert not any("weather" in condition.name for condition in learners_conditions.conditions(1))
+    assert not any(condition.kind == kinds.WEATHER for condition in learners_conditions._of_loops())
 
 
 def test_days_are_as_long_as_asked_for_and_weather_has_the_asked_share_of_outdoor_air(tmp_path):
