@@ -13,7 +13,18 @@ from typing import NamedTuple
 import numpy as np
 import remedies_run
 import xarray as xr
-from kinds import CONSTANT, DESIGN, HEATING, STEPPED, WEATHER, kinds, of_kind, settings
+from kinds import (
+    CONSTANT,
+    DESIGN,
+    HEATING,
+    OUTDOOR_AIR,
+    STEPPED,
+    T_SET,
+    WEATHER,
+    kinds,
+    of_kind,
+    settings,
+)
 from remedies_run import HEATING_GAIN, picked
 from report import HERE
 
@@ -35,6 +46,7 @@ LABELS = {
 }
 LOOPS, VALVES, GOOD = "four loops", "valves", "no backlash"
 """Where the labels of conditions begin."""
+MORNING = f"{VALVES}: steps in the first four hours alone"
 LOW_AUTHORITY, SMALL = f"{VALVES}: authority 0.02 to 0.1", f"{VALVES}: backlash 0.5 to 2 %"
 ONE_DAY, THREE_DAYS = f"{VALVES} of `remedies`: a day of 8 h", f"{VALVES} of `remedies`: 24 h"
 
@@ -47,11 +59,18 @@ class Condition(NamedTuple):
     kind: str
     seeds: Sequence[int]
     hours: int = HOURS
-    outdoor: float = 0.3
+    outdoor: float = OUTDOOR_AIR
+    steps_for: int | None = None
+    """Hours after which the set-point stands still; without, it does what it does on days of this kind."""
 
     def days(self) -> fc.Boundary:
         """The days themselves."""
-        return of_kind(self.kind, self.seeds, hours=self.hours, outdoor=self.outdoor)
+        days = of_kind(self.kind, self.seeds, hours=self.hours, outdoor=self.outdoor)
+        if self.steps_for is None:
+            return days
+        series = {name: values.copy() for name, values in days.series.items()}
+        series["T_set"][:, self.steps_for * 3600 :] = T_SET
+        return fc.Boundary(**series, day=list(self.seeds))
 
 
 def four_loops(backlashes: Sequence[float] = BACKLASHES) -> fc.Loop:
@@ -70,7 +89,7 @@ def valves() -> fc.Loop:
 
 def conditions(size: int | None = None) -> Iterator[Condition]:
     """All conditions; those of weather only where there is a weather file.  size: only so many loops and valves."""
-    for condition in (*_of_loops(), *_of_valves()):
+    for condition in (*_of_valves(), *_of_loops()):
         few = picked(condition.loop, sample=slice(0, size))
         heats = condition.kind == HEATING
         kp = xr.DataArray(few["kp"]) * (HEATING_GAIN if heats else 1.0)
@@ -97,6 +116,7 @@ def _of_valves() -> Iterator[Condition]:
     plain = valves()
     for kind in kinds():
         yield Condition(f"{VALVES}: {LABELS[kind]}", plain, kind, VALVE_DAYS)
+    yield Condition(MORNING, plain, STEPPED, VALVE_DAYS, steps_for=4)
     draw, n = np.random.default_rng(SEED), int(plain.coordinates()["sample"].size)
     low = plain.assign(authority=("sample", np.exp(draw.uniform(np.log(0.02), np.log(0.1), n))))
     small = plain.assign(backlash=("sample", draw.uniform(0.005, 0.02, n)))

@@ -16,7 +16,7 @@ from shares import Share, share_of
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
 
-PI, KNOWN = "pi", "fixed_95"
+PI, KNOWN, KNOWN_STROKE = "pi", "fixed_95", "identify_stroke"
 METRICS = ("rmse", "rmse_settled", "motor_travel", "estimate_final", "time_identified", "status")
 TWENTY, ONE = 0.2, 0.01
 """Right is what lies within 20 % of the backlash or, where the study says so, 1 % of the stroke."""
@@ -59,9 +59,10 @@ def tried(condition: Condition) -> xr.Dataset:
     """Metrics of every controller under a condition; the plant's gain comes from a step of the command."""
     gain = simc_gains(condition.loop, HEATING if condition.kind == HEATING else STEPPED).plant_gain
     loop, days = condition.loop.assign(plant_gain=gain), condition.days()
+    stroke = {KNOWN_STROKE: {"identify_stroke_time": loop["stroke_time"]}}
     found = [
-        fc.simulate(loop.assign(**values), days)[list(METRICS)].reset_coords(drop=True)
-        for values in controllers().values()
+        fc.simulate(loop.assign(**values | stroke.get(name, {})), days)[list(METRICS)].reset_coords(drop=True)
+        for name, values in controllers().items()
     ]
     names = list(controllers())
     return xr.concat(found, xr.DataArray(names, dims="controller", name="controller"))

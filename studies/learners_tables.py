@@ -21,6 +21,7 @@ LABELS = {
     "hagglund": "Hägglund",
     "gradient": "gradient",
     "identify": "identify",
+    "identify_stroke": "identify, stroke time known",
 }
 """The names of the controllers for readers."""
 
