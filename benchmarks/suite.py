@@ -48,6 +48,7 @@ OPTIONS = {
     "own air side": Options({"beta3": ("case", (0.38, 0.42))}),
     "hagglund": Options({"estimator": "hagglund", "plant_gain": 25.0, "estimate_share": 0.0}),
     "gradient": Options({"estimator": "gradient"}),
+    "identify": Options({"estimator": "identify"}),
     "traces": Options(traces=("T_sup", "u", "command", "opening", "m_w", "power")),
 }
 """``all four``: noise, stroke time, sensor lag and learning.  ``own air side``: lanes that differ in beta3.

@@ -15,11 +15,14 @@ SECONDS = np.arange(3600)
 PASSIVE = {"estimator": "hagglund", "plant_gain": 25.0, "estimate_share": 0.0}
 ACTING = PASSIVE | {"estimate_share": 0.8}
 GRADIENT = {"estimator": "gradient", "gradient_gain": 3e-3}
-ESTIMATORS = {"passive": PASSIVE, "acting": ACTING, "gradient": GRADIENT}
+IDENTIFY = {"estimator": "identify", "identify_interval": 200.0, "identify_certainty": 0.4, "identify_memory": 3600.0}
+ESTIMATORS = {"passive": PASSIVE, "acting": ACTING, "gradient": GRADIENT, "identify": IDENTIFY}
 HEATING = {"T_w_in": 55.0, "T_a_in": 12.0 + SECONDS / 1800, "T_set": np.where(SECONDS < 1800, 24.0, 20.0)}
 OFF_AND_ON = {"enabled": np.where((SECONDS > 1250) & (SECONDS < 1615), 0, 1)}
 GUSTS = {"m_a": np.where(SECONDS % 1600 < 800, 1.0, 1.3)}
 NOISY = {"noise_std": 0.05, "buffer": 0.01}
+STEPS = {"T_set": 14.0 + np.resize([0.0, 1.0, -0.5, 0.5], 6)[SECONDS // 600]}
+WARMER = {"action": "heating", "kp": 0.01, "stroke_time": 60.0, "sample_time": 10.0}
 
 CASES = {
     "passive": (PASSIVE, {}),
@@ -33,6 +36,11 @@ CASES = {
     "gradient, off and on": (GRADIENT | {"gradient_pause": 100.0}, OFF_AND_ON),
     "gradient, gusts": (GRADIENT | {"gradient_filter_time": 30.0, "gradient_reference_time": 120.0}, GUSTS),
     "gradient at its cap": (GRADIENT | {"gradient_cap": 0.02, "gradient_dead_zone": 0.0, "gradient_pause": 0.0}, {}),
+    "identify": (IDENTIFY | {"sample_time": 10.0, "estimate_share": 0.9}, STEPS),
+    "identify, fast, noise": (IDENTIFY | NOISY | {"sample_time": 7.0, "stroke_time": 90.0}, STEPS),
+    "identify, slow": (IDENTIFY | {"backlash_estimate": 0.15, "identify_stroke_time": 0.0}, STEPS),
+    "identify, off and on": (IDENTIFY | {"sample_time": 5.0, "identify_memory": 1e5}, STEPS | OFF_AND_ON),
+    "identify, heating": (IDENTIFY | WARMER, HEATING | {"T_set": 10.0 + STEPS["T_set"]}),
 }
 
 

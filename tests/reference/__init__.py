@@ -26,6 +26,7 @@ from reference.control import (
 )
 from reference.gradient import Gradient
 from reference.hagglund import Hagglund
+from reference.identify import Identify
 from reference.learner import Learner
 from reference.loop import ESTIMATORS, SCALAR_TRACES, VOLUME_TRACES, simulate
 from reference.metrics import METRICS
@@ -53,6 +54,7 @@ __all__ = [
     "Controller",
     "Gradient",
     "Hagglund",
+    "Identify",
     "Learner",
     "NeutralZone",
     "NoiseMeter",

@@ -104,9 +104,10 @@ class Controller:
         elif is_sample and not abs(error) <= p["error_dead_band"] > 0.0:
             self.u, self.integral = pi_controller(error, self.integral, p["kp"], p["ti"], p["sample_time"])
 
+        waived = p["estimator"] == "identify" and estimate == 0.0
         extreme_before, command_before = self.u_extreme, self.command
         self.command, self.mode, self.u_extreme = backlash_inverse(
-            self.u, estimate, self.buffer, self.mode, self.u_extreme, self.command
+            self.u, estimate, 0.0 if waived else self.buffer, self.mode, self.u_extreme, self.command
         )
         if p["compensation"] == "additive":
             holds = self.u_extreme == extreme_before

@@ -8,6 +8,7 @@ from reference.control import Controller
 from reference.fixed import Fixed
 from reference.gradient import Gradient
 from reference.hagglund import Hagglund
+from reference.identify import Identify
 from reference.learner import Learner
 from reference.metrics import METRICS, coil_metrics, movement_metrics, switching_metrics, tracking_metrics
 from reference.noise import standard_normal
@@ -31,7 +32,7 @@ SCALAR_TRACES = (
     "power",
 )
 VOLUME_TRACES = ("T_w", "T_c", "T_a", "W_a")
-ESTIMATORS = {"none": Fixed, "learner": Learner, "hagglund": Hagglund, "gradient": Gradient}
+ESTIMATORS = {"none": Fixed, "learner": Learner, "hagglund": Hagglund, "gradient": Gradient, "identify": Identify}
 
 
 def simulate(
@@ -112,6 +113,7 @@ def simulate(
             # Estimator
             seen = SimpleNamespace(T_set=T_set[t], m_a=m_a[t], enabled=enabled[t], T=T_seen, e=error_seen)
             seen.u, seen.mode, seen.switches = controller.u, controller.mode, switches_so_far
+            seen.command = controller.command
             if t > 0:
                 estimator.look(t, seen)
 
