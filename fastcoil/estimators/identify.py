@@ -4,9 +4,9 @@ The play operator turns the command into an opening behind each of CANDIDATES; a
 temperature is fitted to each (``normal_equations``), and the candidates that fit best are the likely ones.  After
 Jelali (2008), done recursively.
 
-Only the hours after a step of the set-point count.  Between steps the command follows the temperature and nothing
-else, a stem that stands still looks like one without a gap, and what the loop then says about its valve is wrong more
-often than right.  Nothing is forgotten meanwhile.
+Only the hours after a step of the set-point count, and not the minutes after a step of the air flow.  Between steps the
+command follows the temperature and nothing else, a stem that stands still looks like one without a gap, and what the
+loop then says about its valve is wrong more often than right.  Nothing is forgotten meanwhile.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ SET_POINT_STEP = 0.1
 """A change of the set-point between two samples that is a step, K."""
 PROVOKED = 7200.0
 """Seconds after a step that count."""
+AIR_FLOW_STEP, DISTURBED = 0.05, 300.0
+"""A change of the air flow in a horizon, as a share of it, after which nothing counts for so many seconds."""
 AT_END = 600.0
 """Seconds at an end of the stroke after which nothing counts: the coil is another one there."""
 LEAST_ROWS = 60.0
@@ -144,6 +146,10 @@ class Memory(NamedTuple):
     """Since the horizon began."""
     T: float
     """Temperature when it began, °C."""
+    m_a: float
+    """Air flow when it began, kg/s; NaN where it is not known."""
+    resumes: float
+    """End of the time that does not count after a step of the air flow, s."""
     horizons: float
     """Since the last interruption."""
     rows: float
@@ -160,7 +166,9 @@ def start(p):
     width = np.floor(HORIZON / p.sample_time + 0.5)
     width = 1.0 if width < 1.0 else width
     decay = exp(-width * p.sample_time / p.identify_memory)
-    return Memory(width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, np.nan, 0.0, 0.0, p.identify_interval, 0.0)
+    return Memory(
+        width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, 0.0, p.identify_interval, 0.0
+    )
 
 
 @exact
@@ -202,10 +210,12 @@ def step(now, p, memory, w):
     left_end_at = now.t if inside or interrupted else memory.left_end_at
     horizons = 0.0 if begins else memory.horizons
     rows, added = memory.rows, memory.added
+    gusts = ends and abs(now.m_a - memory.m_a) > AIR_FLOW_STEP * memory.m_a
+    resumes = now.t + DISTURBED if gusts else memory.resumes
     if ends:
         close_horizon(w, memory.width, 0.0 if begins else now.T - memory.T)
         horizons += 0.0 if begins else 1.0
-        if horizons > OWN and now.t <= memory.counts_until and now.t - left_end_at <= AT_END:
+        if horizons > OWN and resumes <= now.t <= memory.counts_until and now.t - left_end_at <= AT_END:
             add_row(w, memory.decay)
             rows = memory.decay * rows + 1.0
             added = 1.0
@@ -230,6 +240,8 @@ def step(now, p, memory, w):
         position,
         1.0 if ends else memory.samples + 1.0,
         np.nan if interrupted else (now.T if ends else memory.T),
+        now.m_a if ends else memory.m_a,
+        resumes,
         horizons,
         rows,
         now.t + p.identify_interval if compares else memory.compares_at,

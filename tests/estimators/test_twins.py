@@ -22,6 +22,7 @@ OFF_AND_ON = {"enabled": np.where((SECONDS > 1250) & (SECONDS < 1615), 0, 1)}
 GUSTS = {"m_a": np.where(SECONDS % 1600 < 800, 1.0, 1.3)}
 NOISY = {"noise_std": 0.05, "buffer": 0.01}
 STEPS = {"T_set": 14.0 + np.resize([0.0, 1.0, -0.5, 0.5], 6)[SECONDS // 600]}
+ONE_GUST = {"m_a": np.where(SECONDS < 2000, 1.0, 1.3)}
 WARMER = {"action": "heating", "kp": 0.01, "stroke_time": 60.0, "sample_time": 10.0}
 
 CASES = {
@@ -38,7 +39,7 @@ CASES = {
     "gradient at its cap": (GRADIENT | {"gradient_cap": 0.02, "gradient_dead_zone": 0.0, "gradient_pause": 0.0}, {}),
     "identify": (IDENTIFY | {"sample_time": 10.0, "estimate_share": 0.9}, STEPS),
     "identify, fast, noise": (IDENTIFY | NOISY | {"sample_time": 7.0, "stroke_time": 90.0}, STEPS),
-    "identify, slow": (IDENTIFY | {"backlash_estimate": 0.15, "identify_stroke_time": 0.0}, STEPS),
+    "identify, slow, a gust": (IDENTIFY | {"backlash_estimate": 0.15, "identify_stroke_time": 0.0}, STEPS | ONE_GUST),
     "identify, off and on": (IDENTIFY | {"sample_time": 5.0, "identify_memory": 1e5}, STEPS | OFF_AND_ON),
     "identify, heating": (IDENTIFY | WARMER, HEATING | {"T_set": 10.0 + STEPS["T_set"]}),
 }

@@ -44,6 +44,7 @@ class Identify(Fixed):
         self.next_comparison = self.interval
         self.motor, self.stems = 0.0, [0.0] * len(CANDIDATES)
         self.before, self.T_set, self.step_at, self.inside_at = 0.0, None, -math.inf, 0.0
+        self.m_a, self.gust_at = math.nan, -math.inf
         self.rows, self.rows_compared = [], 0  # (change, 6 changes before, 3 changes of the openings)
         self.begin()
 
@@ -58,6 +59,9 @@ class Identify(Fixed):
         elapsed, interrupted = t - self.before, t - self.before > 1.5 * self.sample_time
         if interrupted or 0.0 < seen.u < 1.0:
             self.inside_at = t
+        if interrupted or self.openings is None or len(self.openings) == self.width:
+            self.gust_at = t if abs(seen.m_a - self.m_a) > 0.05 * self.m_a else self.gust_at
+            self.m_a = seen.m_a
         if interrupted:
             self.begin()
         elif self.openings is None:
@@ -66,7 +70,8 @@ class Identify(Fixed):
             self.temperatures.append(seen.T)
             self.means.append(np.mean(self.openings, axis=0))
             self.openings = []
-            if len(self.temperatures) >= 8 and t - self.step_at <= 7200.0 and t - self.inside_at <= 600.0:
+            quiet = t - self.gust_at >= 300.0 and t - self.inside_at <= 600.0
+            if len(self.temperatures) >= 8 and t - self.step_at <= 7200.0 and quiet:
                 self.rows.append((np.diff(self.temperatures[-8:])[::-1], np.diff(self.means[-4:], axis=0)[::-1]))
 
         most = elapsed / self.stroke_time if self.stroke_time > 0.0 else math.inf
