@@ -51,7 +51,11 @@ def wait_for_shards(process, folder, n=1):
 @pytest.mark.alone
 @pytest.mark.parametrize(
     ("number", "code"),
-    [(signal.SIGINT, 130), (signal.SIGTERM, 143), pytest.param(signal.SIGHUP, 143, marks=pytest.mark.full)],
+    [
+        (signal.SIGTERM, 143),
+        pytest.param(signal.SIGINT, 130, marks=pytest.mark.full),  # beside the one of test_interrupted_runs.py
+        pytest.param(signal.SIGHUP, 143, marks=pytest.mark.full),
+    ],
     ids=str,
 )
 def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(command, tmp_path, number, code):

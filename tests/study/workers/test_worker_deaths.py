@@ -85,6 +85,7 @@ def test_several_scenarios_that_kill_are_crashed_and_no_other(study, healthy, tm
     )
 
 
+@pytest.mark.full
 def test_several_scenarios_without_memory_are_crashed_and_no_other(study, healthy, tmp_path, monkeypatch):
     cut(monkeypatch, 40)
     culprits = [0, 1, 5, 77, N_SCENARIOS - 1]
