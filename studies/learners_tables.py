@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from kinds import STEPPED
 from learners_conditions import LABELS as OF_KINDS
-from learners_conditions import LOOPS, VALVES
+from learners_conditions import LOOPS, MORNING, VALVES
 from learners_run import KNOWN, ONE, PI, ROUND_OFF, Run, change, controllers, fails, harmed
 from remedies_tables import cell, pooled
 from report import write_table
@@ -75,13 +75,12 @@ def cost_rows(run: Run) -> list[list[str]]:
     return table
 
 
-def on_valves(runs: list[Run], *, stepped: bool) -> Run:
-    """The valves with backlash on days with set-point steps, or on those of every kind as one dim of days."""
+def every_kind(runs: list[Run]) -> Run:
+    """The valves with backlash on days of every kind, as one dim of days."""
     some = {
         r.condition.kind: r for r in runs if r.condition.name in {f"{VALVES}: {text}" for text in OF_KINDS.values()}
     }
-    first = some[STEPPED]
-    return first if stepped else first._replace(ds=pooled({kind: run.ds for kind, run in some.items()}))
+    return some[STEPPED]._replace(ds=pooled({kind: run.ds for kind, run in some.items()}))
 
 
 def _found(run: Run, name: str) -> list[str]:
@@ -137,9 +136,10 @@ def write(runs: list[Run]) -> None:
         ["condition", *all_names],
         good_rows(runs),
     )
-    for table, stepped, where in (
-        ("learners_cost", False, "days of every kind"),
-        ("learners_cost_stepped", True, "days with set-point steps"),
+    by_name = {run.condition.name: run for run in runs}
+    for table, run, where in (
+        ("learners_cost", every_kind(runs), "days of every kind"),
+        ("learners_cost_stepped", by_name[f"{VALVES}: {OF_KINDS[STEPPED]}"], "days with set-point steps"),
+        ("learners_cost_morning", by_name[MORNING], "days whose set-point steps in the first four hours alone"),
     ):
-        write_table(table, f"Valves with backlash on {where}, against their plain PI", COST,
-                    cost_rows(on_valves(runs, stepped=stepped)))  # fmt: skip
+        write_table(table, f"Valves with backlash on {where}, against their plain PI", COST, cost_rows(run))

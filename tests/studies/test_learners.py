@@ -101,7 +101,7 @@ def runs():
     """Results that nobody simulated: worn valves on two kinds of days, and good ones."""
     draw = np.random.default_rng(1)
     names = ["four loops: set-point steps", "valves: set-point steps", "valves: heating",
-             "no backlash, valves: heating"]  # fmt: skip
+             learners_conditions.MORNING, "no backlash, valves: heating"]  # fmt: skip
     days = {name: kinds.HEATING if "heating" in name else kinds.STEPPED for name in names}
     found = []
     for name in names:
@@ -149,11 +149,11 @@ def test_tables_hold_what_plain_python_finds(runs, written):
     labels = {text: name for name, text in learners_tables.LABELS.items()}
     title, _ = written("learners_failures")
     assert "3 loops × 4 days and 3 valves × 4 days" in title
-    assert f"(0 of {4 * len(NAMES) * 12} days failed)" in title
+    assert f"(0 of {5 * len(NAMES) * 12} days failed)" in title
     for table, least in (("learners_failures", 0.01), ("learners_twenty", 0.0)):
         _, (head, *rows) = written(table)
         assert [labels[text] for text in head[1:]] == NAMES[2:]
-        assert [row[0] for row in rows] == list(by_name)[:3]
+        assert [row[0] for row in rows] == list(by_name)[:4]
         for condition, *cells in rows:
             expected = [rounded(wrong(by_name[condition], labels[text], least)) for text in head[1:]]
             assert [percent(cell) for cell in cells] == expected
@@ -162,20 +162,20 @@ def test_tables_hold_what_plain_python_finds(runs, written):
         expected = [rounded(r > 0.02 for r in rises(by_name[condition], labels[text])) for text in head[1:]]
         assert [percent(cell) for cell in cells] == expected
     _, (head, *rows) = written("learners_good")
-    assert [row[0] for row in rows] == list(by_name)[3:]
+    assert [row[0] for row in rows] == list(by_name)[4:]
     for text, cell in zip(head[1:], rows[0][1:], strict=True):
-        of_loops = rises(runs[3], labels[text])
+        of_loops = rises(runs[4], labels[text])
         share, middle, called = re.fullmatch(r"(\d+) % \(.*\), (\S+) %, (\d+) %", cell).groups()
         assert int(share) == rounded(r > 0.01 for r in of_loops)
         assert float(middle) == pytest.approx(100 * statistics.median(of_loops), abs=0.051)
-        estimates = runs[3].ds.estimate_final.sel(controller=labels[text]).values.ravel().tolist()
+        estimates = runs[4].ds.estimate_final.sel(controller=labels[text]).values.ravel().tolist()
         assert int(called) == rounded(e > 0.01 for e in estimates)
 
 
 def test_the_table_of_costs_holds_what_plain_python_finds(runs, written):
     learners_tables.write(runs)
     labels = {text: name for name, text in learners_tables.LABELS.items()}
-    for table, some in (("learners_cost", runs[1:3]), ("learners_cost_stepped", runs[1:2])):
+    for table, some in (("learners_cost", runs[1:3]), ("learners_cost_morning", runs[3:4])):
         _, (head, *rows) = written(table)
         for row in rows:
             name, cells = labels[row[0]], dict(zip(head, row, strict=True))
@@ -229,6 +229,6 @@ def test_the_command_writes_every_table_and_the_figure(written, monkeypatch, tmp
         monkeypatch.setattr(learners_conditions, days, [1, 2])
     monkeypatch.setattr(learners_figure, "HERE", tmp_path)
     learners.main(2)
-    names = ("failures", "twenty", "worse", "good", "cost", "cost_stepped")
+    names = ("failures", "twenty", "worse", "good", "cost", "cost_morning")
     assert all(len(written(f"learners_{name}")[1]) > 3 for name in names)
     assert (tmp_path / "learners.png").stat().st_size > 20_000
