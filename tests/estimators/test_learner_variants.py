@@ -62,6 +62,17 @@ def test_a_set_point_step_or_a_start_is_no_error_of_the_estimate():
     assert np.isnan(float(ds.learn_time_first_down))
 
 
+@pytest.mark.kernel
+def test_a_learner_that_looks_at_its_error_changes_no_bit_of_its_neighbours(hour):
+    cases = {"learning_reference": [0, 1, 1], "learning_error_ratio": [0.0, 0.0, 0.8], "sample_time": [30, 7, 11]}
+    shared = {"learning_step": 0.01, "learning_interval": 600.0, "noise_std": 0.02, **DEAF}
+    together = fc.simulate(fc.Loop(**shared, **{n: ("case", v) for n, v in cases.items()}), hour, warm_up=600)
+    for k in range(3):
+        alone = fc.simulate(fc.Loop(**shared, **{n: v[k] for n, v in cases.items()}), hour, warm_up=600)
+        for name in ("rmse", "estimate_final", "motor_travel"):
+            assert float(alone[name]) == float(together[name].isel(case=k)), (k, name)
+
+
 @pytest.mark.parametrize(
     ("squares", "n", "reference_squares", "reference_n", "ratio", "expected"),
     [
