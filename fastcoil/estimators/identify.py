@@ -21,13 +21,13 @@ from fastcoil.estimators.normal_equations import (
     DRIVEN,
     MOVES,
     OWN,
-    PROBABILITY,
     WORDS,
     N,
     add_row,
     compare,
     remember_change,
 )
+from fastcoil.estimators.verdict import judged
 from fastcoil.numerics.elementary import exp
 from fastcoil.numerics.jit import exact
 from fastcoil.physics.actuator import motor
@@ -45,18 +45,6 @@ AT_END = 600.0
 """Seconds at an end of the stroke after which nothing counts: the coil is another one there."""
 LEAST_ROWS = 60.0
 """Horizons before there is an estimate."""
-WEIGHT = 0.6
-"""Share of the log-likelihood that counts: residuals are neither independent nor normal."""
-GOOD = 0.01
-"""Up to this backlash a valve is called good and left alone; also the least tolerance of an estimate."""
-TOLERANCE = 0.2
-"""Of an estimate, as a share of it."""
-DOUBT = 0.005
-"""Largest probability of no backlash at which there is an estimate: on a good valve each does harm."""
-TOO_LARGE = 0.05
-"""Largest probability of being not too large at which an estimate is given up."""
-NO_BACKLASH = 0.0051
-
 STEM, OPENED, MEAN = WORDS, WORDS + N, WORDS + 2 * N
 """Behind the normal equations, (N,) each: place in the gap, opening summed over the horizon, mean of the last one."""
 
@@ -69,50 +57,6 @@ def mean_place(q_before, q, ran, stroke_time, interval):
     """
     moved = q - q_before
     return q - moved * (ran - 0.5 * abs(moved) * stroke_time) / interval
-
-
-@exact
-def right(candidate, estimate):
-    """Whether an estimate is right if the backlash is this candidate."""
-    tolerance = TOLERANCE * candidate if TOLERANCE * candidate > GOOD else GOOD
-    return abs(candidate - estimate) <= tolerance + 1e-9
-
-
-@exact
-def posterior(w):
-    """Turn log-likelihoods in PROBABILITY into probabilities; their mean, fraction of stroke."""
-    highest = w[PROBABILITY]
-    for c in range(1, N):
-        highest = w[PROBABILITY + c] if w[PROBABILITY + c] > highest else highest
-    total, first_moment = 0.0, 0.0
-    for c in range(N):
-        p = exp(WEIGHT * (w[PROBABILITY + c] - highest))
-        w[PROBABILITY + c] = p
-        total += p
-        first_moment += p * CANDIDATES[c]
-    for c in range(N):
-        w[PROBABILITY + c] /= total
-    return first_moment / total
-
-
-@exact
-def judged(w, kept, certainty):
-    """The estimate after a comparison.
-
-    It is the mean of the probabilities if that is right with this certainty, 0 for a good valve.  Otherwise it is what
-    was kept, unless that is nearly certainly too large.
-    """
-    mean, is_right, is_none, is_as_large = posterior(w), 0.0, 0.0, 0.0
-    mean = 0.0 if mean <= GOOD else mean
-    for c in range(N):
-        p = w[PROBABILITY + c]
-        is_right += p if right(CANDIDATES[c], mean) else 0.0
-        is_none += p if CANDIDATES[c] <= NO_BACKLASH else 0.0
-        is_as_large += p if CANDIDATES[c] >= kept or right(CANDIDATES[c], kept) else 0.0
-    has_backlash = is_none <= DOUBT
-    if is_right >= certainty and (mean == 0.0 or has_backlash):
-        return mean
-    return (mean if has_backlash else 0.0) if is_as_large <= TOO_LARGE else kept
 
 
 class Parameters(NamedTuple):
@@ -142,6 +86,9 @@ class Memory(NamedTuple):
     """When u was last not at an end of the stroke, s."""
     position: float
     """Of the motor, fraction of stroke."""
+    moved: float
+    """Sum of its mean places in this horizon so far, and their mean in the one before."""
+    motor: float
     samples: float
     """Since the horizon began."""
     T: float
@@ -166,15 +113,16 @@ def start(p):
     width = np.floor(HORIZON / p.sample_time + 0.5)
     width = 1.0 if width < 1.0 else width
     decay = exp(-width * p.sample_time / p.identify_memory)
+    first = p.identify_interval
     return Memory(
-        width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, 0.0, p.identify_interval, 0.0
-    )
+        width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, 0.0, first, 0.0,
+    )  # fmt: skip
 
 
 @exact
-def close_horizon(w, width, change):
-    """Take a change of the temperature, K, and of the openings behind the candidates over the horizon that ends."""
-    remember_change(w, change)
+def close_horizon(w, width, change, moved):
+    """Take the changes over the horizon that ends: of the temperature, K, the motor, and the candidates' openings."""
+    remember_change(w, change, moved)
     for a in range(DRIVEN - 1, 0, -1):
         for c in range(N):
             w[MOVES + a * N + c] = w[MOVES + (a - 1) * N + c]
@@ -212,8 +160,9 @@ def step(now, p, memory, w):
     rows, added = memory.rows, memory.added
     gusts = ends and abs(now.m_a - memory.m_a) > AIR_FLOW_STEP * memory.m_a
     resumes = now.t + DISTURBED if gusts else memory.resumes
+    motor_now = memory.moved / memory.width
     if ends:
-        close_horizon(w, memory.width, 0.0 if begins else now.T - memory.T)
+        close_horizon(w, memory.width, 0.0 if begins else now.T - memory.T, motor_now - memory.motor)
         horizons += 0.0 if begins else 1.0
         if horizons > OWN and resumes <= now.t <= memory.counts_until and now.t - left_end_at <= AT_END:
             add_row(w, memory.decay)
@@ -223,13 +172,14 @@ def step(now, p, memory, w):
     most = elapsed / p.identify_stroke_time if p.identify_stroke_time > 0.0 else np.inf
     position = motor(memory.position, now.command, most)
     ran = abs(position - memory.position) * p.identify_stroke_time
+    place = mean_place(memory.position, position, ran, p.identify_stroke_time, elapsed)
     move_stems(w, position, ran, p.identify_stroke_time, elapsed)
 
     steps = abs(now.T_set - memory.T_set) >= SET_POINT_STEP
     compares = now.t >= memory.compares_at
     x_hat = now.estimate
     if compares and added > 0.0 and rows >= LEAST_ROWS and compare(w, rows):
-        x_hat = judged(w, now.estimate, p.identify_certainty)
+        x_hat = judged(w, now.estimate, p.identify_certainty, memory.width > 1.0)
     after = Memory(
         memory.width,
         memory.decay,
@@ -238,6 +188,8 @@ def step(now, p, memory, w):
         now.t + PROVOKED if steps else memory.counts_until,
         left_end_at,
         position,
+        place if ends else memory.moved + place,
+        motor_now if ends else memory.motor,
         1.0 if ends else memory.samples + 1.0,
         np.nan if interrupted else (now.T if ends else memory.T),
         now.m_a if ends else memory.m_a,

@@ -17,15 +17,16 @@ CANDIDATES = np.concatenate([np.arange(10) * 0.005, np.arange(5, 16) * 0.01, np.
 N = 26
 OWN, DRIVEN = 6, 3
 """Changes of the temperature before this one, and of the opening, that the model has."""
-COMMON = OWN + 2
-"""The change that is to be explained, those before it, and the constant: in this order."""
+MOTOR = OWN + 2
+COMMON = MOTOR + 1
+"""The change that is to be explained, those before it, the constant, and the change of the motor: in this order."""
 PRECISION = 0.01
 """Of the prior of the opening's coefficients, 1/K²: each is known to ± 10 K per stroke before anything is seen."""
 REDUNDANT = 1e-10
 """A column of which less than this share is its own is left out."""
 
 LAGS = 0
-"""Where each part starts: the last changes of temperature, and the constant, (COMMON,)."""
+"""Where each part starts: what the candidates have in common, (COMMON,)."""
 SUMS = LAGS + COMMON
 """Sums of their products, (COMMON, COMMON), lower half."""
 FACTOR = SUMS + COMMON * COMMON
@@ -34,22 +35,25 @@ SOLVED = FACTOR + COMMON * COMMON
 """Scratch: one row of what is to be explained and DRIVEN rows of the openings, each solved with that factor."""
 PROBABILITY = SOLVED + (DRIVEN + 1) * COMMON
 """Log-likelihoods, then probabilities, (N,)."""
-MOVES = PROBABILITY + N
+EARLIER = PROBABILITY + N
+"""The same, with the motor in place of the opening in the horizon in which the change happens."""
+MOVES = EARLIER + N
 """Last changes of the opening, (DRIVEN, N)."""
 CROSSED = MOVES + DRIVEN * N
 """Sums of their products with LAGS, (DRIVEN, COMMON, N)."""
 PAIRED = CROSSED + DRIVEN * COMMON * N
-"""Sums of their products with one another, (DRIVEN, DRIVEN, N), lower half."""
-WORDS = PAIRED + DRIVEN * DRIVEN * N
+"""Sums of their products with one another, the lower half row by row, (DRIVEN * (DRIVEN + 1) / 2, N)."""
+WORDS = PAIRED + DRIVEN * (DRIVEN + 1) // 2 * N
 
 
 @exact
-def remember_change(w, change):
-    """Move the last changes of temperature on by one, and put this one, K, in front."""
+def remember_change(w, change, moved):
+    """Move the last changes of temperature on by one, and put this one, K, in front; moved: that of the motor."""
     for i in range(OWN, 0, -1):
         w[LAGS + i] = w[LAGS + i - 1]
     w[LAGS] = change
     w[LAGS + OWN + 1] = 1.0
+    w[LAGS + MOTOR] = moved
 
 
 @exact
@@ -66,7 +70,7 @@ def add_row(w, decay):
             for c in range(N):
                 w[at + c] = decay * w[at + c] + lag * w[move + c]
         for b in range(a + 1):
-            at, other = PAIRED + (a * DRIVEN + b) * N, MOVES + b * N
+            at, other = PAIRED + (a * (a + 1) // 2 + b) * N, MOVES + b * N
             for c in range(N):
                 w[at + c] = decay * w[at + c] + w[move + c] * w[other + c]
 
@@ -97,18 +101,24 @@ def solve_row(w, row, at, stride):
 
 
 @exact
-def product(w, row, other):
-    """Product of two rows of SOLVED: what two columns share with what comes before a change."""
+def product(w, row, other, end):
+    """Product of two rows of SOLVED up to ``end``: what two columns share with what comes before a change."""
     found = 0.0
-    for i in range(1, COMMON):
+    for i in range(1, end):
         found += w[SOLVED + row * COMMON + i] * w[SOLVED + other * COMMON + i]
     return found
 
 
 @exact
-def own_part(w, c, a, b):
-    """Product of two columns of the openings behind candidate c, less what they share with what comes before."""
-    return w[PAIRED + (a * DRIVEN + b) * N + c] - product(w, 1 + a, 1 + b)
+def with_change(w, c, a, end):
+    """Product of column a of the openings behind candidate c and the change, less what both share with the rest."""
+    return w[CROSSED + a * COMMON * N + c] - product(w, 1 + a, 0, end)
+
+
+@exact
+def with_other(w, c, a, b, end):
+    """Product of two columns of the openings behind candidate c, less what both share with the rest; b up to a."""
+    return w[PAIRED + (a * (a + 1) // 2 + b) * N + c] - product(w, 1 + a, 1 + b, end)
 
 
 @exact
@@ -117,40 +127,55 @@ def explained(w, c, precision):
 
     Their coefficients have a normal prior of this precision.
     """
-    for a in range(DRIVEN):
-        solve_row(w, 1 + a, CROSSED + a * COMMON * N + c, N)
-    b_0 = w[CROSSED + c] - product(w, 1, 0)
-    b_1 = w[CROSSED + COMMON * N + c] - product(w, 2, 0)
-    b_2 = w[CROSSED + 2 * COMMON * N + c] - product(w, 3, 0)
-    s_00 = own_part(w, c, 0, 0) + precision
-    s_11 = own_part(w, c, 1, 1) + precision
-    s_22 = own_part(w, c, 2, 2) + precision
-    r_10 = own_part(w, c, 1, 0) / s_00
-    r_20 = own_part(w, c, 2, 0) / s_00
-    s_21 = own_part(w, c, 2, 1) - r_10 * r_20 * s_00
-    s_11 -= r_10 * r_10 * s_00
-    r_21 = s_21 / s_11
-    s_22 -= r_20 * r_20 * s_00 + r_21 * s_21
-    b_1 -= r_10 * b_0
-    b_2 -= r_20 * b_0 + r_21 * b_1
+    s_00 = with_other(w, c, 0, 0, MOTOR) + precision
+    r_10 = with_other(w, c, 1, 0, MOTOR) / s_00
+    r_20 = with_other(w, c, 2, 0, MOTOR) / s_00
+    s_11 = with_other(w, c, 1, 1, MOTOR) + precision - r_10 * r_10 * s_00
+    s_21 = with_other(w, c, 2, 1, MOTOR) - r_10 * r_20 * s_00
+    s_22 = with_other(w, c, 2, 2, MOTOR) + precision - r_20 * r_20 * s_00 - s_21 * s_21 / s_11
+    b_0 = with_change(w, c, 0, MOTOR)
+    b_1 = with_change(w, c, 1, MOTOR) - r_10 * b_0
+    b_2 = with_change(w, c, 2, MOTOR) - r_20 * b_0 - s_21 / s_11 * b_1
     found = b_0 * b_0 / s_00 + b_1 * b_1 / s_11 + b_2 * b_2 / s_22
     return found, 0.5 * log(s_00 / precision * (s_11 / precision) * (s_22 / precision))
 
 
 @exact
+def explained_earlier(w, c, precision):
+    """The same of the openings before this horizon, with what the motor did in it as given."""
+    s_11 = with_other(w, c, 1, 1, COMMON) + precision
+    r_21 = with_other(w, c, 2, 1, COMMON) / s_11
+    s_22 = with_other(w, c, 2, 2, COMMON) + precision - r_21 * r_21 * s_11
+    b_1 = with_change(w, c, 1, COMMON)
+    b_2 = with_change(w, c, 2, COMMON) - r_21 * b_1
+    return b_1 * b_1 / s_11 + b_2 * b_2 / s_22, 0.5 * log(s_11 / precision * (s_22 / precision))
+
+
+@exact
+def evidence(total, found, sharpness, freedom):
+    """Log-likelihood of a candidate that explains ``found`` of the ``total``, K², its coefficients integrated out."""
+    left = total - found
+    left = REDUNDANT * total if left < REDUNDANT * total else left
+    return -0.5 * freedom * log(left / total) - sharpness
+
+
+@exact
 def compare(w, rows):
-    """Log-likelihood of each candidate into PROBABILITY, the coefficients of its openings integrated out.
+    """Log-likelihoods of the candidates into PROBABILITY and, of earlier openings alone, into EARLIER.
 
     rows: horizons in the sums, each by how much it still counts.  Returns whether there is anything to explain.
     """
     factorise(w)
     solve_row(w, 0, SUMS, COMMON)
-    total, freedom = w[SUMS] - product(w, 0, 0), rows - OWN - 1.0
-    if not (freedom > 0.0 and total > REDUNDANT * w[SUMS]):
+    total, left = w[SUMS] - product(w, 0, 0, MOTOR), w[SUMS] - product(w, 0, 0, COMMON)
+    freedom = rows - OWN - 1.0
+    if not (freedom > 1.0 and left > REDUNDANT * w[SUMS]):
         return False
     for c in range(N):
+        for a in range(DRIVEN):
+            solve_row(w, 1 + a, CROSSED + a * COMMON * N + c, N)
         found, sharpness = explained(w, c, PRECISION * total / freedom)
-        left = total - found
-        left = REDUNDANT * total if left < REDUNDANT * total else left
-        w[PROBABILITY + c] = -0.5 * freedom * log(left / total) - sharpness
+        w[PROBABILITY + c] = evidence(total, found, sharpness, freedom)
+        found, sharpness = explained_earlier(w, c, PRECISION * left / (freedom - 1.0))
+        w[EARLIER + c] = evidence(left, found, sharpness, freedom - 1.0)
     return True

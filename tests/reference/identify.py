@@ -45,12 +45,12 @@ class Identify(Fixed):
         self.motor, self.stems = 0.0, [0.0] * len(CANDIDATES)
         self.before, self.T_set, self.step_at, self.inside_at = 0.0, None, -math.inf, 0.0
         self.m_a, self.gust_at = math.nan, -math.inf
-        self.rows, self.rows_compared = [], 0  # (change, 6 changes before, 3 changes of the openings)
+        self.rows, self.rows_compared = [], 0  # (change and 6 before, 3 changes of the openings, that of the motor)
         self.begin()
 
     def begin(self):
         """Nothing of what came before is known to be unbroken."""
-        self.temperatures, self.means, self.openings = [], [], None
+        self.temperatures, self.means, self.openings, self.places, self.place_means = [], [], None, [], []
 
     def look(self, t, seen):
         """One more sample."""
@@ -65,14 +65,16 @@ class Identify(Fixed):
         if interrupted:
             self.begin()
         elif self.openings is None:
-            self.temperatures, self.openings = [seen.T], []
+            self.temperatures, self.openings, self.places = [seen.T], [], []
         elif len(self.openings) == self.width:
             self.temperatures.append(seen.T)
             self.means.append(np.mean(self.openings, axis=0))
-            self.openings = []
+            self.place_means.append(np.mean(self.places))
+            self.openings, self.places = [], []
             quiet = t - self.gust_at >= 300.0 and t - self.inside_at <= 600.0
             if len(self.temperatures) >= 8 and t - self.step_at <= 7200.0 and quiet:
-                self.rows.append((np.diff(self.temperatures[-8:])[::-1], np.diff(self.means[-4:], axis=0)[::-1]))
+                moves = np.diff(self.means[-4:], axis=0)[::-1]
+                self.rows.append((np.diff(self.temperatures[-8:])[::-1], moves, np.diff(self.place_means[-2:])))
 
         most = elapsed / self.stroke_time if self.stroke_time > 0.0 else math.inf
         end = clip(seen.command, self.motor - most, self.motor + most)
@@ -80,6 +82,7 @@ class Identify(Fixed):
         found = [behind(*path, q, x, elapsed) for q, x in zip(self.stems, CANDIDATES, strict=True)]
         self.motor, self.stems = end, [q for q, _ in found]
         if self.openings is not None:
+            self.places.append(behind(*path, path[1][0], 0.0, elapsed)[1])
             self.openings.append([mean / (1.0 - x) for (_, mean), x in zip(found, CANDIDATES, strict=True)])
 
         if self.T_set is not None and abs(seen.T_set - self.T_set) >= 0.1:
@@ -99,31 +102,40 @@ class Identify(Fixed):
         if counted < 60.0:
             return
         changes = np.array([row[0] for row in self.rows]) * root
-        own, _ = np.linalg.qr(np.hstack([changes[:, 1:], root]))
-        y = changes[:, 0] - own @ (own.T @ changes[:, 0])
-        freedom = counted - 7.0
-        variance = y @ y / freedom
-        evidence = []
-        for c in range(len(CANDIDATES)):
-            D = np.array([row[1][:, c] for row in self.rows]) * root
-            D = D - own @ (own.T @ D)
-            # coefficients are normal with variance / precision each, so changes have this covariance over `variance`
-            small = np.eye(3) + D.T @ D / (0.01 * variance)
-            left = y @ y - y @ D @ np.linalg.solve(small, D.T @ y) / (0.01 * variance)
-            evidence.append(-0.5 * freedom * math.log(left / (y @ y)) - 0.5 * math.log(np.linalg.det(small)))
-        probability = np.exp(0.6 * (np.array(evidence) - max(evidence)))
-        self.judge(probability / probability.sum())
+        moves = np.array([row[1] for row in self.rows]) * root[:, np.newaxis]
+        motor = np.array([row[2] for row in self.rows]) * root
+        before = np.hstack([changes[:, 1:], root])
+        plain = probabilities(changes[:, 0], before, moves, counted - 7.0)
+        earlier = probabilities(changes[:, 0], np.hstack([before, motor]), moves[:, 1:], counted - 8.0)
+        self.judge(plain, earlier if self.width > 1 else plain)
 
-    def judge(self, probability):
+    def judge(self, probability, earlier):
         """Keep the estimate, or take the mean of the probabilities, or none."""
         sizes = np.array(CANDIDATES)
         tolerance = np.maximum(0.2 * sizes, 0.01) + 1e-9
         mean = float(probability @ sizes)
         mean = mean if mean > 0.01 else 0.0
-        has_backlash = probability[sizes <= 0.0051].sum() <= 0.005
+        none = sizes <= 0.0051
+        has_backlash = probability[none].sum() <= 0.005 and earlier[none].sum() <= 0.05
         right = probability[abs(sizes - mean) <= tolerance].sum()
         not_too_large = probability[sizes >= self.estimate - tolerance * (sizes < self.estimate)].sum()
         if right >= self.certainty and (has_backlash or mean == 0.0):
             self.estimate = mean
         elif not_too_large <= 0.05:
             self.estimate = mean if has_backlash else 0.0
+
+
+def probabilities(change, before, moves, freedom):
+    """Of the candidates, from one row a horizon: changes, what comes before them, moves of the openings (n, k, N)."""
+    own, _ = np.linalg.qr(before)
+    y = change - own @ (own.T @ change)
+    precision = 0.01 * (y @ y) / freedom
+    evidence = []
+    for moved in moves.transpose(2, 0, 1):
+        D = moved - own @ (own.T @ moved)
+        # coefficients have this precision each, so that the changes have 1 + D D' / precision times their variance
+        small = np.eye(D.shape[1]) + D.T @ D / precision
+        left = y @ y - y @ D @ np.linalg.solve(small, D.T @ y) / precision
+        evidence.append(-0.5 * freedom * math.log(left / (y @ y)) - 0.5 * math.log(np.linalg.det(small)))
+    found = np.exp(0.6 * (np.array(evidence) - max(evidence)))
+    return found / found.sum()
