@@ -155,9 +155,7 @@ def good_valve_rows(ds: xr.Dataset) -> list[list[str]]:
     rows = []
     for plant in fc.presets():
         for noise in ds.noise_std.values:
-            plain, rule = (
-                ds.sel(plant=plant, noise_std=noise, remedy=r).mean("day") for r in ("plain PI", "growing")
-            )
+            plain, rule = (ds.sel(plant=plant, noise_std=noise, remedy=r).mean("day") for r in ("plain PI", "growing"))
             error, travel = (float(rule[m] / plain[m]) for m in ("rmse_settled", "motor_travel"))
             rows.append(
                 [f"`{plant}`", f"{noise:g}", f"{float(plain.rmse_settled):.3f}", f"× {error:.1f}",
