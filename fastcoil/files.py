@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import errno
 import os
@@ -39,17 +40,17 @@ class IrregularError(ValueError):
     """A pipe, a device or a socket stands where a file is expected: it may never end, or never begin."""
 
 
-def read_text(path: Path, what: str, limit: int) -> str:
+def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False) -> str:
     """Read a text file that a user names: UTF-8, with or without byte order mark; line ends are kept.
 
     Parameters
     ----------
-    path
-        The file.
+    path, limit
+        The file, and the most bytes it may have.
     what
         What to give if this file cannot be used, such as ``"a CSV file"``.
-    limit
-        The most bytes it may have.
+    utf_16
+        Whether it may be UTF-16 instead, with a byte order mark.
 
     Raises
     ------
@@ -58,7 +59,9 @@ def read_text(path: Path, what: str, limit: int) -> str:
     """
     require_usable(path, f"give {what}")
     try:
-        return read_bytes(path, limit).decode("utf-8-sig")
+        data = read_bytes(path, limit)
+        wide = utf_16 and data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        return data.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError as error:
         format = "'CSV UTF-8'" if path.suffix.lower() == ".csv" else "UTF-8"  # as spreadsheets call it
         raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as {format}") from None

@@ -250,7 +250,7 @@ _TABLE = (
               "counts or passes", label="memory"),
     _positive("identify_interval", "identify", "s", 600.0, "time between comparisons of the possible sizes",
               label="interval of comparisons"),
-    Parameter("identify_certainty", "identify", "1", 0.8,
+    Parameter("identify_certainty", "identify", "1", 0.7,
               "least probability of being right, to 20 % of the backlash or 1 % of stroke, at which an estimate is "
               "taken over", 0.0, 1.0, open_upper=True, label="certainty"),
 )

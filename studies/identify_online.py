@@ -17,7 +17,7 @@ import fastcoil as fc
 
 SEED, VALVES = 9214, 512
 DAYS = range(92141, 92146)
-LONG, LONG_HOURS = "three stepped", 24
+LONG, LONG_HOURS = "stepped, 24 h", 24
 """A day of 24 h with a set-point step every half hour, for three of 8 h."""
 HEATING_GAIN = 0.3
 """The drawn kp is for cooling; a loop with water of 40 °C responds about three times as much."""
@@ -123,7 +123,7 @@ def main() -> None:
     """Measure every condition and write the table."""
     rows = []
     for name, (loop, days) in conditions().items():
-        rows.append(row(name, measured(loop, days)))
+        rows.append([cell.replace("(-0.0", "(0.0") for cell in row(name, measured(loop, days))])
         print(*rows[-1], sep=" | ", flush=True)
     write_table(
         "identify_online",

@@ -220,18 +220,20 @@ class Boundary:
         start: float = 0.0,
         hours: float | None = None,
         max_gap: float | None = None,
+        time_format: str | None = None,
     ) -> Boundary:
         """Read the trend log of a building into 1-s samples.
 
         The header names each column and its unit: ``m_a [kg/s]``, ``T_a_in [degF]``; a volume flow of air is taken at
-        1.2 kg/m3.  Time is ``elapsed_time [s]`` (min, h) or ``timestamp`` (ISO 8601, one UTC offset); humidity is
-        ``W_a_in``, ``RH_a_in`` or ``T_dp_in``.  Samples are 1 s apart or more; between them ``T_set`` and ``enabled``
+        1.2 kg/m3.  Time is ``elapsed_time [s]`` (min, h) or ``timestamp``; humidity is ``W_a_in``, ``RH_a_in`` or
+        ``T_dp_in``.  Samples are 1 s apart or more; between them ``T_set`` and ``enabled``
         hold, the others run straight.
 
         Parameters
         ----------
         path
-            A CSV file: UTF-8, commas, decimal points, a header row.
+            A CSV file.  What is not self-evident about how it was read, such as the order of day and month, is said in
+            a warning.
         units
             Units by series, for headers without one: ``{"T_a_in": "degF"}``.
         columns
@@ -245,7 +247,12 @@ class Boundary:
         start, hours
             Hours from the first row to the first sample; how many hours to take, up to the last row if left out.
         max_gap
-            Longest step to be bridged [s]; three times the median step if left out.
+            Longest step to be bridged [s]; three times the median step if left out, and more in a log whose rows were
+            written when a value changed; all its values hold until the next.
+        time_format
+            How ``timestamp`` is written: a pattern such as ``"%d/%m/%Y %H:%M"``, ``"excel"`` for serial days,
+            ``"epoch"`` for seconds or milliseconds since 1970.  If left out it is recognised, or refused where two
+            readings fit.
 
         Raises
         ------
@@ -264,6 +271,7 @@ class Boundary:
                 start=start,
                 hours=hours,
                 max_gap=max_gap,
+                time_format=time_format,
             )
         )
 

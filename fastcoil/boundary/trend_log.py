@@ -12,10 +12,11 @@ from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import condition_of, whole_seconds
 from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.errors import InputError
-from fastcoil.logs import Log, read_log
+from fastcoil.logs import Log, read_log, warn_of_reading
 from fastcoil.logs.arguments import Wanted, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
+from fastcoil.logs.timestamps import time_format_of
 
 _WANTED = Wanted(needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled"))
 _HOLD = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
@@ -31,6 +32,7 @@ def trend_log_series(
     start: float,
     hours: float | None,
     max_gap: float | None,
+    time_format: str | None,
 ) -> dict[str, Array]:
     """Series by name, each (n_steps,): arguments and errors as of `fastcoil.Boundary.from_csv`."""
     with checking() as check:
@@ -40,6 +42,7 @@ def trend_log_series(
         if hours is not None:
             check(whole_seconds, hours)
         check(max_gap_of, max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
         check(require_mappings, columns=columns, units=units, constants=constants)
     log = read_log(
         path,
@@ -48,13 +51,17 @@ def trend_log_series(
         columns=columns,
         constants={} if constants is None else constants,
         max_gap=max_gap,
+        time_format=time_format,
         strict=True,
         unbroken=True,
     )
     require_whole_seconds(log.name, log.step)
+    warn_of_reading(log.name, log.told)
     values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
     values["W_a_in"] = log.humidity_ratio(pressure)
-    return at_seconds(log.time, values, _wanted_seconds(log, start, hours), _HOLD)
+    return at_seconds(
+        log.time, values, _wanted_seconds(log, start, hours), list(values) if log.change_of_value else _HOLD
+    )
 
 
 def _wanted_seconds(log: Log, start: float, hours: float | None) -> Array:

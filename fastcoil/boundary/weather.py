@@ -18,6 +18,7 @@ from fastcoil.boundary.series import Values
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.logs.arguments import require_mappings
 from fastcoil.logs.columns import asked_columns
+from fastcoil.logs.notes import warn_of_reading
 from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.seconds import MOST_SECONDS
 from fastcoil.logs.series import Series
@@ -111,7 +112,9 @@ def weather_day(
         days = check.unless_none(_days_of, "days", days)
     if (RH_return is None) == (W_return is None):
         raise InputError("RH_return and W_return: give one of them")
-    weather = _weather(Table.read(path), columns, units)
+    table = Table.read(path)
+    weather = _weather(table, columns, units)
+    warn_of_reading(table.name, table.notes)
     p = weather.get("p", 101325.0) if pressure is None else pressure
     if "T_dewpoint" in weather:
         W_hourly = humidity_ratio_from_dew_point(weather["T_dewpoint"], p)

@@ -17,6 +17,7 @@ from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, log_of
 from fastcoil.logs.series import HUMIDITIES
+from fastcoil.logs.timestamps import time_format_of
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop
 
@@ -44,6 +45,7 @@ def fit_coil(
     drop: bool = False,
     jumps: str = "refuse",
     max_gap: float | None = None,
+    time_format: str | None = None,
 ) -> Fit:
     """Fit the eight parameters of a coil to a log of its flows and temperatures.
 
@@ -71,6 +73,8 @@ def fit_coil(
         Another log, of the same columns, to validate with; then all of the first is fitted.
     drop, jumps, max_gap
         What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+    time_format
+        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
 
     Returns
     -------
@@ -99,6 +103,7 @@ def fit_coil(
         for name, array in loop.swept.items() if loop else ():
             check.problems.append(f"{name} = {shown(array.values.tolist())}: give one value")
         check_reading(check, units=units, columns=columns, constants=constants, drop=drop, jumps=jumps, max_gap=max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
         split, fit_until = split_of(check, split, fit_until)
     both = minimise_on == "both"
     wanted = Wanted(
@@ -117,6 +122,7 @@ def fit_coil(
             drop=drop,
             jumps=jumps,
             max_gap=max_gap,
+            time_format=time_format,
             has_command=True,
         )
         return in_operation(found)

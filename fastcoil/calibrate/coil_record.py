@@ -144,6 +144,8 @@ def record_of(log: Log, loop: Loop, holds: tuple[str, ...]) -> Record:
     values = log.values | {"W_a_in": log.humidity_ratio(pressure)}
     if not values["m_w"].any():
         raise InputError(f"{log.name}: m_w is 0 throughout: give a log with water flow")
+    if log.change_of_value:
+        holds = COIL_COLUMNS
     unbroken = np.split(np.arange(log.time.size), np.flatnonzero(np.diff(log.batch)) + 1)
     seconds_in_all = sum(log.time[samples[-1]] - log.time[samples[0]] for samples in unbroken)
     if seconds_in_all > _LONGEST:

@@ -15,9 +15,10 @@ from fastcoil.arrays import Array
 from fastcoil.engine.lanes import parameter_matrix
 from fastcoil.engine.replay_loop import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.errors import InputError
-from fastcoil.logs import Log, read_log
+from fastcoil.logs import Log, read_log, warn_of_reading
 from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_span, require_whole_seconds
+from fastcoil.logs.timestamps import time_format_of
 from fastcoil.memory import available_memory, gib
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.clashes import controller_clashes, missing_parameters
@@ -39,6 +40,7 @@ def replay(
     constants: Mapping[str, float] | None = None,
     trace_interval: int = 1,
     max_gap: float | None = None,
+    time_format: str | None = None,
 ) -> xr.Dataset:
     """Feed recorded temperatures and set-points to the controllers of a loop, and return what they command.
 
@@ -59,6 +61,8 @@ def replay(
         Seconds between the samples of the result.
     max_gap
         Longest step to be bridged [s]; three times the median step if left out.
+    time_format
+        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
 
     Returns
     -------
@@ -80,6 +84,7 @@ def replay(
         log = check(log_of, "log", log)
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
         check(max_gap_of, max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
         if isinstance(loop, Loop):
             used = [name for name, rule in loop.rules.items() if name in words_used(loop, rule.kind)]
             check.problems += [f"loop has the rule {name}: replay runs no rules of your own" for name in used]
@@ -93,8 +98,10 @@ def replay(
         columns=columns,
         constants={} if constants is None else constants,
         max_gap=max_gap,
+        time_format=time_format,
         unbroken=True,
     )
+    warn_of_reading(data.name, data.told)
     series = _seconds(data)
     if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
         raise InputError(problems)

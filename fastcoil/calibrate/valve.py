@@ -18,6 +18,7 @@ from fastcoil.calibrate.valve_result import valve_fit
 from fastcoil.errors import InputError
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, log_of
+from fastcoil.logs.timestamps import time_format_of
 
 _LEAST_REACH = 0.02
 """A command that stays below this share of the stroke has the wrong unit."""
@@ -47,6 +48,7 @@ def fit_valve(
     drop: bool = False,
     jumps: str = "refuse",
     max_gap: float | None = None,
+    time_format: str | None = None,
 ) -> Fit:
     """Fit the backlash and the flow curve of a valve to a log of commands and flows.
 
@@ -74,6 +76,8 @@ def fit_valve(
         Another log, of the same columns, to validate with; then all of the first is fitted.
     drop, jumps, max_gap
         What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+    time_format
+        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
 
     Returns
     -------
@@ -100,6 +104,7 @@ def fit_valve(
         settle = check.unless_none(number_of, "settle", settle, "give a number, 0 or more", least=0.0)
         initial = check(choice_of, "initial", initial, ("unknown", "rising", "falling"))
         check_reading(check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
         split, fit_until = split_of(check, split, fit_until)
 
     def read(source: Any) -> Log:
@@ -111,6 +116,7 @@ def fit_valve(
             drop=drop,
             jumps=jumps,
             max_gap=max_gap,
+            time_format=time_format,
             has_command=True,
         )
 

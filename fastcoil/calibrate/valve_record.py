@@ -18,6 +18,7 @@ _SURELY_OPEN = 0.25
 """A valve this much further open than one that passes water passes water too, whatever its backlash."""
 _BIN, _BIN_SAMPLES = 0.05, 3
 _FEWEST_REVERSALS = 2
+_MANY_PIECES = ", or bridge the gaps, between which it is in {n:,} pieces, with max_gap, --max-gap"
 _SMALL = 0.02
 """An interval from 0 to less than this means no backlash."""
 
@@ -91,8 +92,10 @@ def sensor_off(command: Array, flow: Array, floor: float) -> Mask:
     return np.asarray(off | (flow == 0.0) if floor > 0.0 else off)
 
 
-def why_unidentified(n_reversals: int, x_BL: float, interval: tuple[float, float], most: float) -> str:
-    """Why the data do not identify the backlash; empty if they do.
+def why_unidentified(
+    n_reversals: int, x_BL: float, interval: tuple[float, float], most: float, n_pieces: int = 1
+) -> str:
+    """Why the data do not identify the backlash; empty if they do.  n_pieces: in which the log is, reversals within.
 
     They do if its interval is no wider than ``x_BL`` itself, or below ``_SMALL``.  An interval that just misses 0 can
     be chance, and its middle is then too large.
@@ -102,6 +105,8 @@ def why_unidentified(n_reversals: int, x_BL: float, interval: tuple[float, float
         return (
             f"not identified: the command turns {n_reversals} times by more than {_TURN:.0%} of stroke, and only "
             "reversals show backlash; give a log in which it goes up and down"
+            + _MANY_PIECES.format(n=n_pieces)
+            * (n_pieces > 1)
         )
     if high >= most or high - low > max(x_BL, _SMALL):
         tried = " (the largest value tried)" if high >= most else ""

@@ -34,7 +34,8 @@ def valve_fit(problem: ValveProblem, solution: ValveSolution, started: float) ->
     natural[list(LOGS)] = np.exp(natural[list(LOGS)])
     slope = np.where(np.isin(np.arange(5), LOGS), natural, 1.0)
     covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
-    why = why_unidentified(problem.n_reversals, float(natural[X_BL]), profiled.interval, profiled.grid[-1])
+    n_pieces = int(problem.batch[problem.n_fit - 1]) + 1
+    why = why_unidentified(problem.n_reversals, float(natural[X_BL]), profiled.interval, profiled.grid[-1], n_pieces)
     held = {"backlash": why} if why else {}
     if M_MAX in solution.fixed:
         held["m_max"] = "given"

@@ -27,7 +27,7 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options that both fits have."""
     for option in (
         click.option(
-            "--drop", is_flag=True, help="Leave out and count rows with bad values, instead of refusing them."
+            "--drop", is_flag=True, help="Leave out and count bad values, or bridge a single one, instead of refusing."
         ),
         click.option("--fit-until", type=float, help="Last second to fit; the rest is held back for validation."),
         click.option(
@@ -44,6 +44,11 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
             help="Where time goes back: refuse the log, or split it there.",
         ),
         click.option("--max-gap", type=float, help="Longest step to bridge, s; three median steps by default."),
+        click.option(
+            "--time-format",
+            metavar="PATTERN",
+            help="How timestamp is written: '%d/%m/%Y %H:%M', excel or epoch; recognised by default.",
+        ),
         click.option(
             "--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a column whose header has none."
         ),
@@ -80,6 +85,7 @@ def fit_valve_command(
     drop: bool,
     jumps: str,
     max_gap: float | None,
+    time_format: str | None,
 ) -> None:
     """Fit backlash and flow curve to the columns command and m_w of DATA.
 
@@ -92,8 +98,8 @@ def fit_valve_command(
     announce_compilation("valve_flows")
     found = fit_valve(
         data,
-        columns=_pairs("--column", columns),
-        units=_pairs("--unit", units),
+        columns=pairs("--column", columns),
+        units=pairs("--unit", units),
         m_max=m_max,
         floor=floor,
         settle=settle,
@@ -104,6 +110,7 @@ def fit_valve_command(
         drop=drop,
         jumps=jumps,
         max_gap=max_gap,
+        time_format=time_format,
     )
     _write_and_print(found, out)
 
@@ -138,6 +145,7 @@ def fit_coil_command(
     drop: bool,
     jumps: str,
     max_gap: float | None,
+    time_format: str | None,
 ) -> None:
     """Fit the coil to m_w, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) and T_sup of DATA.
 
@@ -150,8 +158,8 @@ def fit_coil_command(
     announce_compilation("march_coil")
     found = fit_coil(
         data,
-        columns=_pairs("--column", columns),
-        units=_pairs("--unit", units),
+        columns=pairs("--column", columns),
+        units=pairs("--unit", units),
         constants=_numbers("--constant", constants),
         minimise_on="both" if both else "T_sup",
         warm_up=warm_up,
@@ -166,11 +174,12 @@ def fit_coil_command(
         drop=drop,
         jumps=jumps,
         max_gap=max_gap,
+        time_format=time_format,
     )
     _write_and_print(found, out)
 
 
-def _pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
+def pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
     """``NAME=VALUE`` … as a mapping; None without any, which means the file's own names."""
     pairs = [one.partition("=") for one in given]
     wrong = [f"{option} {one}: give NAME=VALUE" for one, (_, sign, _) in zip(given, pairs, strict=True) if not sign]
@@ -182,7 +191,7 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
 def _numbers(option: str, given: Sequence[str]) -> dict[str, float]:
     """``NAME=NUMBER`` … as a mapping."""
     numbers, wrong = {}, []
-    for name, text in (_pairs(option, given) or {}).items():
+    for name, text in (pairs(option, given) or {}).items():
         try:
             numbers[name] = float(text)
         except ValueError:

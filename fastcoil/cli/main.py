@@ -13,6 +13,7 @@ import click
 from fastcoil.cli.fit import fit
 from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
+from fastcoil.cli.join import join
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.progress import announce_compilation, duration, report_progress, run_own_code
@@ -136,7 +137,7 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
-for command in (fit, init, parameters, plot, presets, schema):
+for command in (fit, init, join, parameters, plot, presets, schema):
     main.add_command(command)
 
 

@@ -1,7 +1,7 @@
 """The backlash from the controller's own command and temperature, while it works, without provoking anything.
 
 The play operator turns the command into an opening behind each of CANDIDATES; a linear model from opening to
-temperature is fitted to each (``normal_equations``), and the candidates that fit best are the likely ones.  After
+temperature is fitted to each (``identify_equations``), and the candidates that fit best are the likely ones.  After
 Jelali (2008), done recursively.
 
 Only the hours after a step of the set-point count, and not the minutes after a step of the air flow.  Between steps the
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.estimators.family import Estimator
-from fastcoil.estimators.normal_equations import (
+from fastcoil.estimators.identify_equations import (
     CANDIDATES,
     DRIVEN,
     MOVES,
@@ -27,7 +27,7 @@ from fastcoil.estimators.normal_equations import (
     compare,
     remember_change,
 )
-from fastcoil.estimators.verdict import judged
+from fastcoil.estimators.identify_verdict import judged
 from fastcoil.numerics.elementary import exp
 from fastcoil.numerics.jit import exact
 from fastcoil.physics.actuator import motor

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,6 +11,7 @@ from fastcoil.arguments import is_number
 from fastcoil.errors import collecting, nearest, shown
 from fastcoil.logs.arguments import Declared, Wanted
 from fastcoil.logs.series import COLUMNS, TIMES, Series
+from fastcoil.logs.status import status_columns
 from fastcoil.logs.table import Table, label_and_unit
 
 _OUTPUTS = ("command", "T_sup", "T_w_out")
@@ -18,6 +20,8 @@ _LONGEST_HEADER = 100
 """Characters of a header that a message repeats."""
 _MOST_NAMED = 3
 """A message names this many unknown columns and counts the rest."""
+_PERCENT, _FAR_ABOVE_1, _ROWS_LOOKED_AT = "%", 11.0, 10_000
+_FLOAT = re.compile(r"\d{1,3}(?:\.\d{0,20})?")
 _MOST_HINTS = 200
 """Unknown columns for which the name that was probably meant is sought: it takes a millisecond each."""
 
@@ -63,25 +67,39 @@ def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
     return {name: column for name, column in found.items() if column is not None}
 
 
-def find_unit(table: Table, series: Series, column: int, given: str | None, option: str = "") -> str | None:
-    """Unit of a column: from its header, or as ``given``; None, and a problem, if there is no known one.
+def find_unit(table: Table, series: Series, column: int, given: str | None, has_command: bool = False) -> str | None:
+    """Unit of a column: from its header or the row below, or as ``given``; None, and a problem, if none is known.
 
-    option: what a command calls the argument ``units``, for the message.
+    has_command: whether a command has an option for the argument ``units``, for the message.
     """
-    declared = label_and_unit(table.header[column])[1]
+    declared, header = table.declared_unit(column), table.header[column]
+    if given and declared and not table.units and not header.endswith("]"):
+        if not series.is_same_unit(given, declared):
+            table.notes.append(
+                f"{series.name} is read in {shown(given)}, not in {shown(declared)} as its header has it"
+            )
+        declared = None  # what stands in round brackets may be a remark
     unit = declared or given or ("1" if series.needs_no_unit else None)
     if declared and given and declared != given:
         both = f"{shown(declared)} by its header, in {shown(given)} by units"
         table.problems.append(f"{series.name} is in {both}: drop one")
     elif not unit:
-        header = table.header[column]
-        cure = table.unit_cure.format(header=header if len(header) <= _LONGEST_HEADER else "…", unit=series.unit)
-        cure += f", or pass units={{{series.name!r}: {series.unit!r}}}{option}"
-        table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
+        of_percent = _PERCENT in series.units and _reads_as_percent(table, column)
+        meant = _PERCENT if of_percent else series.unit
+        cure = table.unit_cure.format(header=header if len(header) <= _LONGEST_HEADER else "…", unit=meant)
+        cure += f", or pass units={{{series.name!r}: {meant!r}}}" + f", --unit {series.name}='{meant}'" * has_command
+        why = ", and its values look like percent" if of_percent else ""
+        table.problems.append(f"{series.name} has no unit{why}: {cure} ({series.known_units})")
     else:
         with collecting(table.problems):
             return series.spelled(unit)
     return None
+
+
+def _reads_as_percent(table: Table, column: int) -> bool:
+    """Whether the numbers of a column are far above 1, and none above 100."""
+    numbers = [float(row[column]) for row in table.rows[:_ROWS_LOOKED_AT] if _FLOAT.fullmatch(row[column].strip())]
+    return bool(numbers) and _FAR_ABOVE_1 < max(numbers) <= 100.5
 
 
 def _find_headers(table: Table, declared: Declared, names: list[str], example: str) -> dict[str, int]:
@@ -91,11 +109,12 @@ def _find_headers(table: Table, declared: Declared, names: list[str], example: s
     """
     unknown = []
     found = asked_columns(table, declared.columns or {})
+    of_status = status_columns(table)
     for column, cell in enumerate(table.header):
         label = label_and_unit(cell)[0]
         if label in names:
             found.setdefault(label, column)
-        else:
+        elif column not in of_status:
             unknown.append(cell)
     if declared.columns is None:
         say_which = declared.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")

@@ -15,10 +15,12 @@ from fastcoil.errors import InputError
 from fastcoil.logs.arguments import Declared, Wanted, max_gap_of, require_mappings
 from fastcoil.logs.columns import find_columns
 from fastcoil.logs.dataset import table_of
+from fastcoil.logs.holes import fill_or_cut
 from fastcoil.logs.readings import read_columns
 from fastcoil.logs.series import COLUMNS
 from fastcoil.logs.table import Table
-from fastcoil.logs.time import TimeRules, number_pieces, seconds_of
+from fastcoil.logs.time import TimeRules, longest_bridged, number_pieces, rows_at
+from fastcoil.logs.timestamps import time_format_of
 
 
 @dataclass(kw_only=True)
@@ -27,7 +29,9 @@ class Log:
 
     names: of the log, and of the second log for validation if there is one.  source: index in ``names`` of the log that
     each sample comes from.  time: seconds since the first row of that log.  batch: number of the unbroken piece that
-    each sample belongs to, from 0.  rows: row number of each sample in its file.  notes: what was left out, and why.
+    each sample belongs to, from 0.  rows: row number of each sample in its file.  notes: how it was read, what was left
+    out, and why.  told: those of them on how it was read.  change_of_value: whether its rows were written when a value
+    changed, so that values hold between them.
     """
 
     names: tuple[str, ...]
@@ -37,6 +41,8 @@ class Log:
     batch: Index
     rows: Index
     notes: list[str] = field(default_factory=list)
+    told: list[str] = field(default_factory=list)
+    change_of_value: bool = False
 
     @property
     def name(self) -> str:
@@ -85,6 +91,8 @@ class Log:
             batch=np.concatenate([self.batch, other.batch + self.n_batches]),
             rows=np.concatenate([self.rows, other.rows]),
             notes=self.notes + [f"{name}: {note}" for note in other.notes],
+            told=self.told + [f"{name}: {note}" for note in other.told],
+            change_of_value=self.change_of_value and other.change_of_value,
         )
 
     def where(self, kept: Mask) -> Log:
@@ -99,6 +107,8 @@ class Log:
             batch=np.concatenate([[0], np.cumsum(new)]),
             rows=self.rows[kept],
             notes=self.notes,
+            told=self.told,
+            change_of_value=self.change_of_value,
         )
 
 
@@ -112,6 +122,7 @@ def read_log(
     drop: bool | None = None,
     jumps: str | None = None,
     max_gap: float | None = None,
+    time_format: str | None = None,
     strict: bool = False,
     unbroken: bool = False,
     has_command: bool = False,
@@ -128,13 +139,18 @@ def read_log(
     units, columns, constants
         As in ``fc.Boundary.from_csv``; constants are None where the caller does not offer them.
     drop
-        Whether rows with a blank, NaN or impossible value are left out (and counted) instead of refused; None where
-        the caller does not offer it.
+        Whether blank, NaN and impossible values are left out (and counted) instead of refused: those of measured
+        series become NaN, an input that is missing in one row alone is bridged, other rows with one are left out.  None
+        where the caller does not offer it.
     jumps
         ``refuse`` time that goes back or stands still within a batch, or ``split`` the batch there; None where the
         caller does not offer it.
     max_gap
-        Longest step that does not end a batch [s]; three times the median step if left out.
+        Longest step that does not end a batch [s]; three times the median step if left out, and more in a log whose
+        rows were written when a value changed.
+    time_format
+        How ``timestamp`` is written: a pattern as of strftime, ``excel`` for serial days, ``epoch`` for seconds or
+        milliseconds since 1970; recognised if left out.
     strict
         Take every reading as it is, and refuse columns that are not wanted.  Else readings just outside a bound count
         as the bound, temperatures of a sensor that is off are found, and other known columns are ignored.
@@ -151,6 +167,8 @@ def read_log(
     if jumps not in ("refuse", "split", None):
         raise InputError(f"jumps = {jumps!r}: choose 'refuse' or 'split'")
     max_gap = max_gap_of(max_gap)
+    if time_format is not None:
+        time_format = time_format_of("time_format", time_format)
     require_mappings(columns=columns, units=units, constants=constants)
     declared = Declared(columns=columns, units=units or {}, constants=constants, has_command=has_command)
     rules = TimeRules(
@@ -158,16 +176,31 @@ def read_log(
         max_gap=max_gap,
         unbroken=unbroken,
         jumps_cure=declared.cure("jumps='split'", "--jumps split"),
+        gap_cure=declared.cure("max_gap", "--max-gap"),
     )
     table = Table.read(source) if isinstance(source, (str, Path)) else table_of(source, columns, COLUMNS)
     found = find_columns(table, declared, wanted, strict=strict)
+    if time_format is not None and "timestamp" not in found:
+        table.problems.append(f"time_format = {time_format!r}: it is for the column timestamp, which the log lacks")
     table.stop_if_wrong()
-    known, notes = read_columns(table, found, declared, wanted, drop, strict=strict)
-    time, batch = seconds_of(table, found, known), np.zeros(0, dtype=np.int64)
-    if time is not None:
-        batch = number_pieces(table, time, known.pop("batch", None), rules, notes)
+    readings, stamped = read_columns(table, found, declared, wanted, strict=strict), "timestamp" in found
+    if stamped:
+        time = rows_at(table, found["timestamp"], declared, time_format, drop)
+    else:
+        time = readings.known.get("elapsed_time", np.zeros(0))
+    known = readings.known
+    if time.size:
+        longest = longest_bridged(time, max_gap)
+        known, time = fill_or_cut(table, readings, time, declared, wanted, drop, longest, stamped=stamped)
+        known.pop("elapsed_time", None)
+    else:
+        table.problems += readings.complaints
+    pieces = None
+    if time.size and np.isfinite(time).all():
+        pieces = number_pieces(table, time, known, rules, readings.notes, stamped=stamped)
     table.stop_if_wrong()
-    assert time is not None  # a problem otherwise
+    assert pieces is not None  # a problem otherwise
+    known.pop("batch", None)
     values = {name: np.full(time.size, float(value)) for name, value in (constants or {}).items()} | known
     rows = np.array(table.row_numbers)
     return Log(
@@ -175,7 +208,9 @@ def read_log(
         source=np.zeros_like(rows),
         time=np.round(time - time[0], 6),
         values=values,
-        batch=batch,
+        batch=pieces.number,
         rows=rows,
-        notes=notes,
+        notes=table.notes + readings.notes,
+        told=table.notes,
+        change_of_value=pieces.change_of_value,
     )

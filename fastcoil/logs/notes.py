@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,3 +19,9 @@ def counted(what: Mask | int, noun: str) -> str:
 def first_row(row_numbers: Sequence[int], where: Mask) -> str:
     """``first in row 7``: the row number of the first sample that ``where`` marks."""
     return f"first in row {row_numbers[int(np.argmax(where))]}"
+
+
+def warn_of_reading(name: str, told: Sequence[str]) -> None:
+    """Warn, where a result has no place for notes, of what is not self-evident about how a log was read."""
+    if told:
+        warnings.warn(f"{name}: {'; '.join(told)}", UserWarning, stacklevel=3)

@@ -2,71 +2,94 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 
 from fastcoil.arrays import Array, Mask
-from fastcoil.errors import InputError, shown
+from fastcoil.errors import collecting, shown
 from fastcoil.logs.arguments import Declared, Wanted
+from fastcoil.logs.cells import Cells, Writing, cells_of, is_missing, writing_of
 from fastcoil.logs.columns import find_unit
 from fastcoil.logs.notes import counted, first_row
 from fastcoil.logs.series import COLUMNS, Series, in_total
+from fastcoil.logs.status import marked_by_status
 from fastcoil.logs.table import Table
-from fastcoil.logs.time import timestamp_of
-from fastcoil.logs.units import TEMPERATURE
+from fastcoil.logs.units import TEMPERATURE, TRAVEL
 
 _SCATTER = 0.02
 """Readings up to this share of the column's span outside a bound are taken as the bound."""
 _WARM = 5.0
 """A temperature of exactly 0 among others above this, °C, is a sensor that is off."""
+_LIVE_ZERO, _FULL_SIGNAL = (0.18, 0.26), 0.9
+"""A command in V whose lowest value is here and whose highest is above that, of 10 V, may be a signal of 2–10 V."""
+
+
+class Readings:
+    """The columns of a log as numbers, and what is wrong with them.
+
+    known: numbers in our units by name, (n,).  bad: where they may not be used.  missing: where a cell says that there
+    is no value.  notes: what was taken for something else.  complaints: a sentence for each column with bad numbers.
+    """
+
+    def __init__(self) -> None:
+        self.known: dict[str, Array] = {}
+        self.bad: dict[str, Mask] = {}
+        self.missing: dict[str, Mask] = {}
+        self.notes: list[str] = []
+        self.complaints: list[str] = []
 
 
 def read_columns(
-    table: Table, found: Mapping[str, int], declared: Declared, wanted: Wanted, drop: bool | None, *, strict: bool
-) -> tuple[dict[str, Array], list[str]]:
-    """Every column ``found`` but ``timestamp`` as numbers in our units, (n,), and notes on what was left out.
+    table: Table,
+    found: Mapping[str, int],
+    declared: Declared,
+    wanted: Wanted,
+    *,
+    strict: bool,
+    sparse: bool = False,
+) -> Readings:
+    """Every column ``found`` but ``timestamp`` as numbers in our units.
 
-    A bad value of a measured column becomes NaN; rows with any other bad value are cut from the table.  Both are
-    problems of the table unless ``drop`` is true; None where the caller does not offer it.  With ``strict``,
-    readings just outside a bound are bad values too, and a temperature of 0 never means a sensor that is off.
+    With ``strict``, readings just outside a bound are bad values too, and a temperature of 0 never means a sensor that
+    is off.  With ``sparse``, a value that is missing is no mistake.
     """
-    known: dict[str, Array] = {}
-    bad: dict[str, Mask] = {}
-    notes: list[str] = []
-    complaints: list[str] = []
-    for name, column in found.items():
-        if name == "timestamp":
-            bad[name] = np.array([bool(drop) and timestamp_of(row[column]) is None for row in table.rows])
-            continue
+    readings = Readings()
+    columns = {name: column for name, column in found.items() if name != "timestamp"}
+    writing = _writing(table, columns)
+    marked = marked_by_status(table, columns)
+    for name, column in columns.items():
         series = COLUMNS[name]
-        option = f", --unit {name}='{series.unit}'" if declared.has_command else ""
-        unit = find_unit(table, series, column, declared.units.get(name), option)
+        given = declared.units.get(name)
+        cells = cells_of([row[column] for row in table.rows], writing, switch=series.is_switch)
+        unit = _unit_of(table, series, column, given, cells, declared.has_command)
         if unit is None:
             continue
-        values = _convert(table, series, column, unit)
+        _note_words(table, series, column, cells)
+        values = series.convert(cells.values, unit)
         if series.scatters and not strict:
-            values = _at_bounds(table, series, values, notes)
-        known[name], bad[name] = values, series.is_bad(values)
-        off = np.zeros(values.size, dtype=bool) if strict else _sensor_off(table, series, column, values)
+            values = _at_bounds(table, series, values, readings.notes)
+        by_status = marked[name] | cells.marked if name in marked else cells.marked
+        values[by_status] = np.nan
+        bad = series.is_bad(values)
+        readings.known[name], readings.bad[name] = values, bad
+        readings.missing[name] = cells.missing | by_status | series.is_missing_mark(cells.values)
+        off = np.zeros(values.size, dtype=bool) if strict else _sensor_off(table, series, cells.values, values)
         if off.any() and name in wanted.measured:
             first = first_row(table.row_numbers, off)
-            notes.append(f"{counted(off, 'value')} left out: {name} is 0, sensor off ({first})")
-            bad[name] &= ~off
+            readings.notes.append(f"{counted(off, 'value')} left out: {name} is 0, sensor off ({first})")
+            bad &= ~off
             values[off] = np.nan
         elif off.any():
             first = first_row(table.row_numbers, off)
-            complaints.append(f"{name} is 0, {first}, where others are far above: sensor off")
-            bad[name] |= off
-        elif bad[name].any():
-            complaints.append(_complaint(table, series, column, unit, bad[name]))
-    if complaints and not drop:
-        if drop is not None:
-            complaints[-1] += f"; or leave such rows out and count them: {declared.cure('drop=True', '--drop')}"
-        table.problems += complaints
-        return known, notes
-    _drop_measured(table, known, bad, wanted, notes)
-    return _drop_rows(table, known, bad, notes), notes
+            readings.complaints.append(f"{name} is 0, {first}, where others are far above: sensor off")
+            bad |= off
+        elif (wrong := bad & ~readings.missing[name] if sparse else bad).any():
+            readings.complaints.append(_complaint(table, series, column, unit, wrong, by_status, cells.values))
+        if unit == "V" and series.units is TRAVEL:
+            _suspect_live_zero(series, values[~bad], declared, table.notes)
+    return readings
 
 
 def read_numbers(table: Table, series: Series, column: int, unit: str | None = None) -> Array:
@@ -75,40 +98,95 @@ def read_numbers(table: Table, series: Series, column: int, unit: str | None = N
     Anything wrong is added to the problems; the numbers then mean nothing.
     """
     nothing = np.arange(len(table.rows), dtype=np.float64)
-    known = find_unit(table, series, column, unit)
+    cells = cells_of([row[column] for row in table.rows], _writing(table, {series.name: column}), switch=False)
+    known = _unit_of(table, series, column, unit, cells, False)
     if known is None:
         return nothing
-    values = _convert(table, series, column, known)
+    values = series.convert(cells.values, known)
     bad = series.is_bad(values)
     if bad.any():
-        table.problems.append(_complaint(table, series, column, known, bad))
+        table.problems.append(_complaint(table, series, column, known, bad, cells.marked, cells.values))
         return nothing
     return values
 
 
-def _convert(table: Table, series: Series, column: int, unit: str) -> Array:
-    """A column in our unit, (n_rows,), NaN where a cell is no number; the values are not yet checked."""
-    cells = [_number(row[column]) for row in table.rows]
-    return series.convert(np.array([np.nan if cell is None else cell for cell in cells]), unit)
+def _writing(table: Table, columns: Mapping[str, int]) -> Writing:
+    """How the numbers of the table are written; it is a problem if nobody can tell."""
+    writing = writing_of(([row[column] for row in table.rows] for column in columns.values()), table.separator)
+    if writing.unclear:
+        table.problems.append(
+            f"a number such as {writing.unclear!r} may mean {writing.unclear.replace(',', '')} or "
+            f"{writing.unclear.replace(',', '.')}: write decimal points and no separators of thousands"
+        )
+        table.stop_if_wrong()
+    if writing.note and writing.note not in table.notes:
+        table.notes.append(writing.note)
+    return writing
 
 
-def _complaint(table: Table, series: Series, column: int, unit: str, bad: Mask) -> str:
+def _unit_of(
+    table: Table, series: Series, column: int, given: str | None, cells: Cells, has_command: bool
+) -> str | None:
+    """Unit of a column, by its header, as ``given``, or by its cells; None, and a problem, if none is known."""
+    n_numbers = int(np.sum(~np.isnan(cells.values)))
+    if 2 * len(cells.units) < n_numbers or not cells.units:
+        unit = find_unit(table, series, column, given, has_command)
+        if unit is not None:  # a number with another unit among others is no number of this column
+            cells.values[[k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]] = np.nan
+        return unit
+    first = next(iter(cells.units.values()))
+    with collecting(table.problems):
+        unit = series.spelled(first)
+        declared = table.declared_unit(column) or given
+        odd = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
+        bare = [k for k in np.flatnonzero(~np.isnan(cells.values)).tolist() if k not in cells.units]
+        if declared and not series.is_same_unit(declared, unit):
+            where = "by its header" if table.declared_unit(column) else "by units"
+            table.problems.append(f"{series.name} is in {shown(first)} by its cells, in {shown(declared)} {where}")
+        elif odd or (bare and not declared):
+            k = (odd or bare)[0]
+            cell, row = shown(table.rows[k][column]), table.row_numbers[k]
+            table.problems.append(f"{series.name} = {cell} in row {row}: others are in {shown(first)}, write one unit")
+        else:
+            table.notes.append(f"{series.name} is in {shown(first)} by its cells")
+            return unit
+    return None
+
+
+def _note_words(table: Table, series: Series, column: int, cells: Cells) -> None:
+    """Say which words were read as numbers."""
+    if series.is_switch:
+        said = {row[column].strip(): value for row, value in zip(table.rows, cells.values.tolist(), strict=True)}
+        words = {word: value for word, value in said.items() if not math.isnan(value) and word[-1].isalpha()}
+        if words:
+            table.notes.append(
+                f"{series.name}: " + ", ".join(f"{word!r} is {value:g}" for word, value in words.items())
+            )
+
+
+def _suspect_live_zero(series: Series, values: Array, declared: Declared, notes: list[str]) -> None:
+    """Say so where a command in V looks like a signal whose lowest value, 2 V, is the closed valve."""
+    if values.size and _LIVE_ZERO[0] <= values.min() <= _LIVE_ZERO[1] and values.max() >= _FULL_SIGNAL:
+        cure = declared.cure(f"units={{{series.name!r}: 'V 2-10'}}", f"--unit {series.name}='V 2-10'")
+        notes.append(
+            f"{series.name} is from {10 * values.min():.3g} to {10 * values.max():.3g} V, read as a signal of 0–10 V: "
+            f"if it is one of 2–10 V, write '[V 2-10]' in the header, or {cure}"
+        )
+
+
+def _complaint(table: Table, series: Series, column: int, unit: str, bad: Mask, marked: Mask, numbers: Array) -> str:
     """A sentence on the first ``bad`` cell of a column in ``unit``: its row, how many there are, and the cure."""
     i, n_bad = int(np.argmax(bad)), int(bad.sum())
     cell, row = table.rows[i][column], table.row_numbers[i]
-    value = _number(cell)
-    if value is not None:
-        return series.sentence(value, f" in row {row}", n_bad, unit)
+    if marked[i]:
+        return f"{series.name} in row {row} is no reading by its status: fill or cut the gap{in_total(n_bad)}"
+    if not np.isnan(numbers[i]) or cell.strip().lower().lstrip("+-") == "nan":
+        return series.sentence(float(numbers[i]), f" in row {row}", n_bad, unit)
+    if cell.strip() and is_missing(cell):
+        return f"{series.name} is missing, {shown(cell)}, in row {row}: fill or cut the gap{in_total(n_bad)}"
     what = f"= {shown(cell)}" if cell.strip() else "is blank"
     cure = "give a number with a decimal point, or fill or cut the gap"
     return f"{series.name} {what} in row {row}: {cure}{in_total(n_bad)}"
-
-
-def _number(cell: str) -> float | None:
-    try:
-        return float(cell)
-    except ValueError:
-        return None
 
 
 def _at_bounds(table: Table, series: Series, values: Array, notes: list[str]) -> Array:
@@ -124,41 +202,11 @@ def _at_bounds(table: Table, series: Series, values: Array, notes: list[str]) ->
     return np.where(near, np.clip(values, series.lower, series.upper), values)
 
 
-def _sensor_off(table: Table, series: Series, column: int, values: Array) -> Mask:
+def _sensor_off(table: Table, series: Series, numbers: Array, values: Array) -> Mask:
     """Where a temperature reads exactly 0 in its own unit, and nearly all others are far above freezing."""
     nowhere = np.zeros(values.size, dtype=bool)
     if series.units is not TEMPERATURE:
         return nowhere
-    zero = np.array([_number(row[column]) == 0.0 for row in table.rows])
+    zero = numbers == 0.0
     others = values[~zero & ~series.is_bad(values)]
     return zero if zero.any() and others.size and np.quantile(others, 0.01) >= _WARM else nowhere
-
-
-def _drop_measured(
-    table: Table, known: dict[str, Array], bad: dict[str, Mask], wanted: Wanted, notes: list[str]
-) -> None:
-    """Make the bad values of measured columns NaN, and take them out of ``bad``."""
-    for name in [n for n in wanted.measured if n in bad]:
-        lost = bad.pop(name)
-        if lost.any():
-            notes.append(_left_out(table, name, lost, "value"))
-            known[name][lost] = np.nan
-        if np.isnan(known[name]).all():
-            raise InputError(f"{table.name}: {name} has no admissible number: check its unit")
-
-
-def _drop_rows(table: Table, known: dict[str, Array], bad: Mapping[str, Mask], notes: list[str]) -> dict[str, Array]:
-    """The columns without the rows in which one of them is bad; these are cut from the table too."""
-    notes += [_left_out(table, name, lost, "row") for name, lost in bad.items() if lost.any()]
-    kept = ~np.any(list(bad.values()), axis=0)
-    if kept.all():
-        return known
-    table.keep(kept)
-    if len(table.rows) < 2:
-        raise InputError(f"{table.name}: fewer than two rows are left: mend the log ({'; '.join(notes)})")
-    return {name: values[kept] for name, values in known.items()}
-
-
-def _left_out(table: Table, name: str, lost: Mask, noun: str) -> str:
-    first = first_row(table.row_numbers, lost)
-    return f"{counted(lost, noun)} left out: {name} is no admissible number ({first})"

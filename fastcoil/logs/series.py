@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fastcoil.arrays import Array, Mask
+from fastcoil.errors import InputError
 from fastcoil.logs.units import (
     AIR_FLOW,
     DIFFERENCE,
@@ -55,12 +56,24 @@ class Series:
         return next(iter(self.units))
 
     @property
+    def is_switch(self) -> bool:
+        """Whether it is on or off."""
+        return self.whole and (self.lower, self.upper) == (0.0, 1.0)
+
+    @property
     def known_units(self) -> str:
         return known_units(self.units)
 
     def spelled(self, unit: str) -> str:
         """``unit`` as ``units`` spells it."""
         return spelled(self.name, unit, self.units)
+
+    def is_same_unit(self, one: str, other: str) -> bool:
+        """Whether two texts are units of this series, of one size and zero."""
+        try:
+            return self.units[self.spelled(one)] == self.units[self.spelled(other)]
+        except InputError:
+            return False
 
     def convert(self, values: Array, unit: str) -> Array:
         """``values`` from a declared ``unit`` into ours."""
@@ -73,6 +86,10 @@ class Series:
         with np.errstate(invalid="ignore"):
             good = np.isfinite(values) & (values >= self.lower) & (values <= self.upper)
             return ~(good & (values == np.rint(values))) if self.whole else ~good
+
+    def is_missing_mark(self, values: Array) -> Mask:
+        """Where ``values``, as they are logged, mark a missing value."""
+        return np.isin(values, _MISSING_MARKS)
 
     def sentence(self, value: float, where: str, n_bad: int, unit: str | None = None) -> str:
         """A sentence on a bad ``value`` (in ``unit``): where it is, the bounds, and the cure."""

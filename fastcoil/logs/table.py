@@ -1,13 +1,10 @@
 """A CSV file as a table of text, with the mistakes found in it so far.
 
-UTF-8, commas, a header row, decimal points; read with the standard ``csv`` module.  Rows are numbered as a spreadsheet
-numbers them: the header is row 1.
+Read with the standard ``csv`` module.  Rows are numbered as a spreadsheet numbers them: a header at the top is row 1.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -18,31 +15,53 @@ import numpy as np
 
 from fastcoil.arrays import Mask
 from fastcoil.errors import InputError, nearest, shown
-from fastcoil.files import read_text
+from fastcoil.logs.layout import read_layout
 from fastcoil.logs.notes import counted
+from fastcoil.logs.units import is_unit
 
-_LARGEST = 2**30
-"""Bytes."""
-_MOST_CELLS, _MOST_COLUMNS = 100_000_000, 10_000
-"""As a table of text, more cells would fill the memory; no building logs so many points in one file."""
+STATUS = ("status", "quality")
+"""Headers of columns that say which values of a row count."""
+_LONGEST_HEADER = 200
+"""Letters of a header in which a unit without brackets is sought."""
 
 
 def label_and_unit(header: str) -> tuple[str, str | None]:
-    """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; the unit is None if there is none."""
+    """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; the unit is None if there is none.
+
+    Known units are found in round brackets and after a comma or slash, too.
+    """
     text = header.strip()
     label, bracket, unit = text.partition("[")
     if bracket and text.endswith("]"):
         label, unit = label.rstrip(), unit[:-1].strip()
         return (header, None) if "\n" in label + unit else (label, unit)
-    return (header, None) if "\n" in text else (text, None)
+    if "\n" in text:
+        return header, None
+    return _without_brackets(text) if len(text) <= _LONGEST_HEADER else (text, None)
+
+
+def _without_brackets(text: str) -> tuple[str, str | None]:
+    """``Cmd (%)``, ``Flow, L/s`` and ``T / °C`` as label and unit."""
+    label, bracket, rest = text.rpartition("(")
+    if bracket and rest.endswith(")") and label.strip() and is_unit(rest[:-1].strip()):
+        return label.rstrip(), rest[:-1].strip()
+    for mark in (",", "/"):
+        label, found, rest = text.partition(mark)
+        while found:
+            if label.strip() and is_unit(rest.strip()):
+                return label.rstrip(), rest.strip()
+            more, found, rest = rest.partition(mark)
+            label = f"{label}{mark}{more}"
+    return text, None
 
 
 @dataclass
 class Table:
     """The cells of a log, and the mistakes found in it so far.
 
-    name: of the file, for messages.  rows: without the header.  row_numbers: of each row in the file.
-    unit_cure: how to declare the ``unit`` of a column in the log itself, given its ``header``.
+    name: of the file, for messages.  rows: without the header.  row_numbers: of each row in the file.  units: the cells
+    of a row of units below the header; None if there is none.  separator: of the columns in the file.  notes: how it
+    was read.  unit_cure: how to declare the ``unit`` of a column in the log itself, given its ``header``.
     """
 
     name: str
@@ -51,6 +70,9 @@ class Table:
     row_numbers: list[int]
     problems: list[str] = field(default_factory=list)
     unit_cure: str = "write '{header} [{unit}]' in the header"
+    units: list[str] | None = None
+    separator: str = ","
+    notes: list[str] = field(default_factory=list)
 
     @classmethod
     def read(cls, path: str | Path) -> Table:
@@ -62,19 +84,27 @@ class Table:
             If the file cannot be read, or its rows and its header do not match.
         """
         path = Path(path)
-        try:
-            numbered = _numbered_rows(path)
-        except csv.Error as error:
-            raise InputError(f"{path} is not a CSV file ({error}): save it as 'CSV UTF-8'") from None
-        if not numbered:
+        layout = read_layout(path)
+        if layout is None:
             raise InputError(f"{path} is empty: give a header row and at least two rows of data")
-        first, header, data = numbered[0][0], [cell.strip() for cell in numbered[0][1]], numbered[1:]
+        first, header, data = layout.header[0], [cell.strip() for cell in layout.header[1]], layout.rows
         if len(header) == 1 and re.search("[;\t]", header[0]):
-            raise InputError(f"{path} separates its columns by ';' or tabs: use commas, and points for decimals")
+            raise InputError(
+                f"{path} separates its header by ';' or tabs, and its rows otherwise: use commas in both, and points "
+                "for decimals"
+            )
         if len(data) < 2:
             have = "one row of data" if data else "a header but no data"
             raise InputError(f"{path} has {have}: give at least two rows, so that the step is known")
-        table = cls(path.name, header, [row for _, row in data], [i for i, _ in data])
+        table = cls(
+            path.name,
+            header,
+            [row for _, row in data],
+            [i for i, _ in data],
+            units=layout.units,
+            separator=layout.separator,
+            notes=layout.notes,
+        )
         table._check_header(first)
         table._check_widths()
         table.stop_if_wrong()
@@ -85,7 +115,7 @@ class Table:
         self.problems += [
             f"column {shown(cell)} appears twice in the header: rename or delete one"
             for cell, count in Counter(self.header).items()
-            if cell and count > 1
+            if count > 1 and cell and cell.lower() not in STATUS
         ]
         if (blank := self.header.count("")) > 1:
             self.problems.append(
@@ -115,6 +145,12 @@ class Table:
         labels = [label_and_unit(cell)[0] for cell in self.header]
         return labels.index(header) if header in labels else None
 
+    def declared_unit(self, column: int) -> str | None:
+        """Unit of a column by its header, or by a row of units below."""
+        by_header = label_and_unit(self.header[column])[1]
+        below = self.units[column] if self.units else ""
+        return by_header if by_header is not None else below or None
+
     def check_names(self, what: str, given: Iterable[str], known: Iterable[str]) -> None:
         """Every name ``given`` in the argument ``what`` that is not ``known`` is a problem."""
         known = list(known)
@@ -129,18 +165,3 @@ class Table:
         index = np.flatnonzero(kept).tolist()
         self.rows = [self.rows[i] for i in index]
         self.row_numbers = [self.row_numbers[i] for i in index]
-
-
-def _numbered_rows(path: Path) -> list[tuple[int, list[str]]]:
-    """The rows of a CSV file that are not blank, with their numbers."""
-    numbered: list[tuple[int, list[str]]] = []
-    n_cells = 0
-    for i, row in enumerate(csv.reader(io.StringIO(read_text(path, "a CSV file", _LARGEST), newline="")), start=1):
-        if len(row) > _MOST_COLUMNS:
-            raise InputError(f"{path}: row {i} has {len(row):,} cells: give at most {_MOST_COLUMNS:,} columns")
-        n_cells += len(row)
-        if n_cells > _MOST_CELLS:
-            raise InputError(f"{path} has more than {_MOST_CELLS:,} cells: leave out columns, or cut it into parts")
-        if any(map(str.strip, row)):
-            numbered.append((i, row))
-    return numbered

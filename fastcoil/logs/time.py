@@ -1,24 +1,25 @@
-"""The time of a log: how it is written, where it jumps or has gaps, and the unbroken pieces between.
+"""The time of a log: where it jumps or has gaps, and the unbroken pieces between.
 
-New formats of a time go into `timestamp_of`.  A lag between two columns is to be sought piece by piece, as
-`number_pieces` numbers them.
+A lag between two columns is to be sought piece by piece, as `number_pieces` numbers them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import datetime
 from typing import NamedTuple
 
 import numpy as np
 
 from fastcoil.arrays import Array, Index, Mask
-from fastcoil.errors import shown
+from fastcoil.errors import collecting, shown
+from fastcoil.logs.arguments import Declared
+from fastcoil.logs.change_of_value import LONG_STEP, longest_step
 from fastcoil.logs.notes import counted
 from fastcoil.logs.table import Table
+from fastcoil.logs.timestamps import read_stamps
 
-_LONG_STEP = 3.0
-"""Steps longer than this many median steps are gaps."""
+_DAY = 86400.0
+_HOUR, _MOST_CLOCK_CHANGES = 3600.0, 5
 _MANY = 0.1
 """If more than this share of the steps go back in time, the log is out of order."""
 
@@ -27,97 +28,127 @@ class TimeRules(NamedTuple):
     """What to do where time does not simply go on.
 
     jumps: ``refuse`` time that goes back or stands still within a batch, or ``split`` the batch there; None where the
-    caller does not offer it.  max_gap: longest step that ends no piece, s; None for three times the median step.
-    unbroken: refuse a log of more than one piece.  jumps_cure: how to ask for ``split``.
+    caller does not offer it.  max_gap: longest step that ends no piece, s; None for three times the median step, or
+    more in a log of changes.  unbroken: refuse a log of more than one piece.  jumps_cure, gap_cure: how to ask for
+    ``split``, and for another longest step.
     """
 
     jumps: str | None
     max_gap: float | None
     unbroken: bool
     jumps_cure: str
+    gap_cure: str
 
 
-def timestamp_of(cell: str) -> datetime | None:
-    """The time in a cell (ISO 8601), or None."""
-    try:
-        return datetime.fromisoformat(cell.strip())
-    except ValueError:
-        return None
+class Pieces(NamedTuple):
+    """Number of the unbroken piece of each row, (n,), from 0; whether rows were written when a value changed."""
+
+    number: Index
+    change_of_value: bool
 
 
-def seconds_of(table: Table, found: Mapping[str, int], known: dict[str, Array]) -> Array | None:
-    """Time of every row, s, (n_rows,), taken out of ``known`` or from timestamps; None if a row has none."""
-    if "timestamp" in found:
-        return _seconds_since_first(table, found["timestamp"])
-    time = known.pop("elapsed_time", None)
-    return time if time is not None and np.isfinite(time).all() else None
+def rows_at(table: Table, column: int, declared: Declared, time_format: str | None, drop: bool | None) -> Array:
+    """Time of every row since the first good one, s, (n_rows,), from timestamps; NaN in rows without one.
 
-
-def _seconds_since_first(table: Table, column: int) -> Array | None:
-    times: list[datetime] = []
-    for row, number in zip(table.rows, table.row_numbers, strict=True):
-        time = timestamp_of(row[column])
-        if time is None:
-            wrong = "is not ISO 8601: write it as 2024-07-01T08:00:00"
+    Nothing, (0,), if something is wrong with them that becomes a problem of the table.
+    """
+    cure = declared.cure("time_format='{format}'", "--time-format '{format}'")
+    with collecting(table.problems):
+        stamps = read_stamps([row[column] for row in table.rows], table.row_numbers, time_format, cure)
+        table.notes += stamps.notes
+        if not (stamps.good.all() or drop):
+            k = int(np.argmin(stamps.good))
+            cell, number = table.rows[k][column], table.row_numbers[k]
+            table.problems.append(f"timestamp = {shown(cell)} in row {number} {stamps.wrong}")
         else:
-            times.append(time)
-            if time.utcoffset() == times[0].utcoffset():
-                continue
-            wrong = "has another UTC offset than the first: write one time zone, without daylight saving"
-        table.problems.append(f"timestamp = {shown(row[column])} in row {number} {wrong}")
-        return None
-    return np.array([(time - times[0]).total_seconds() for time in times])
+            since = stamps.microseconds - stamps.microseconds[np.argmax(stamps.good)]
+            return np.where(stamps.good, since / 1e6, np.nan)
+    return np.zeros(0)
 
 
-def number_pieces(table: Table, time: Array, batch: Array | None, rules: TimeRules, notes: list[str]) -> Index:
-    """Number of the unbroken piece of each row, (n_rows,), from 0.
+def longest_bridged(time: Array, max_gap: float | None) -> float:
+    """Longest step that is no gap of a log of regular steps, s."""
+    steps = np.diff(time[np.isfinite(time)])
+    forward = steps[steps > 0.0]
+    return max_gap or LONG_STEP * (float(np.median(forward)) if forward.size else 0.0)
+
+
+def number_pieces(
+    table: Table, time: Array, values: Mapping[str, Array], rules: TimeRules, notes: list[str], *, stamped: bool
+) -> Pieces:
+    """The unbroken pieces of a log of these ``values``, ``batch`` among them; ``stamped``: by timestamps.
 
     A new piece starts where ``batch`` changes, after a gap, and after a jump.  What is not allowed becomes a problem of
     the table.
     """
-    steps, rows = np.diff(time), table.row_numbers
+    steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     new = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
     back = (steps <= 0.0) & ~new
     if back.any() and rules.jumps != "split":
-        table.problems.append(_backward(steps, back, rows, rules))
-        return np.zeros(time.size, dtype=np.int64)
+        table.problems.append(_backward(time, back, rows, rules, stamped))
+        return Pieces(np.zeros(time.size, dtype=np.int64), False)
     if back.any():
         notes.append(f"time goes back or stands still {counted(back, 'time')}: the record starts again there")
     forward = steps[~new & ~back]
     median = float(np.median(forward)) if forward.size else np.inf
-    gaps = ~new & ~back & (steps > (rules.max_gap or _LONG_STEP * median))
+    of_changes = longest_step(time, ~new & ~back, values)
+    if of_changes and not rules.max_gap:
+        table.notes.append(
+            f"rows are {forward.min():g} to {forward.max():g} s apart, and each has a change: a log of changes, "
+            f"values hold between rows; steps of up to {of_changes:g} s are no gaps (another limit: {rules.gap_cure})"
+        )
+    gaps = ~new & ~back & (steps > (rules.max_gap or of_changes or LONG_STEP * median))
     if rules.unbroken and (new | gaps).any():
-        table.problems.append(_broken(steps, new, gaps, median, rows))
+        table.problems.append(_broken(steps, new, gaps, median, rows, stamped))
     elif gaps.any():
         k = int(np.argmax(gaps))
         notes.append(
             f"{counted(gaps, 'gap')} in time (first: {steps[k]:g} s between rows {rows[k]} and {rows[k + 1]}): "
             "the record starts again after each"
+            + (" (a step of an hour more than usual: clocks set forward?)" if _hour(steps[k] - median, stamped) else "")
         )
-    return np.concatenate([[0], np.cumsum(new | back | gaps)])
+    return Pieces(np.concatenate([[0], np.cumsum(new | back | gaps)]), bool(of_changes))
 
 
-def _backward(steps: Array, back: Mask, rows: list[int], rules: TimeRules) -> str:
+def _hour(step: float, stamped: bool) -> bool:
+    return stamped and step == _HOUR
+
+
+def _backward(time: Array, back: Mask, rows: list[int], rules: TimeRules, stamped: bool) -> str:
     """Where time first goes back, how often it does, and the cure."""
+    steps = np.diff(time)
     k, times = int(np.argmax(back)), int(back.sum())
+    if stamped and times > _MANY * steps.size and not (time % 60.0).any():
+        most = int(np.unique(time, return_counts=True)[1].max())
+        if most > 1 and (steps >= 0.0).all() and not (time % _DAY).any():
+            return f"timestamp has dates only, up to {most} rows to a day: put date and time of day into one column"
+        if most > 1 and (steps >= 0.0).all():
+            return (
+                f"timestamp is to the minute, with up to {most} rows in one (first: rows {rows[k]} and {rows[k + 1]}): "
+                "export it with seconds, or keep one row of each minute"
+            )
     what = "is at the same time as" if steps[k] == 0.0 else "is earlier than"
     cure = "sort the rows and drop doubles"
     if rules.jumps is not None:
         cure += f", or let the record start again there: {rules.jumps_cure}"
     if times > 1 and back.mean() > _MANY:
         cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
+    forward = steps[steps > 0.0]
+    if forward.size and times <= _MOST_CLOCK_CHANGES and _hour(float(np.median(forward)) - steps[k], stamped):
+        cure = f"clocks were set back an hour here: log UTC or the UTC offset; else {cure}"
     more = f" ({times} such rows)" if times > 1 else ""
     return f"elapsed_time: row {rows[k + 1]} {what} row {rows[k]}{more}: {cure}"
 
 
-def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int]) -> str:
+def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int], stamped: bool) -> str:
     """Where a log that should be one piece breaks, and the cure."""
     if new.any():
         k = int(np.argmax(new))
         return f"batch changes between rows {rows[k]} and {rows[k + 1]}: give the rows of one batch only"
     k = int(np.argmax(np.where(gaps, steps, 0.0)))
     gap, ends = f"{steps[k]:g}", f"{rows[k]} and {rows[k + 1]}"
+    clocks = ", as where clocks are set forward" if _hour(steps[k] - median, stamped) else ""
     return (
-        f"rows {ends} are {gap} s apart, others {median:g} s: fill the gap, cut the log, "
+        f"rows {ends} are {gap} s apart, others {median:g} s{clocks}: fill the gap, cut the log, "
         f"or pass max_gap={gap} to bridge it"
     )

@@ -47,7 +47,7 @@ _SETTINGS = (
 )  # fmt: skip
 """Settings of Numba, from the environment or its configuration file, that decide what is compiled."""
 SHIPPED = PARAMETERS["estimator"].choices
-"""Estimators of the package: each has a file of its name, but for the word none."""
+"""Estimators of the package: each has a file of its name, or several that begin with it, but for the word none."""
 JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
@@ -106,7 +106,8 @@ def model_sha256(estimators: frozenset[str] | None = None) -> str:
     for part in ("parameter_table.py", "outputs.py", "numerics", "physics", "control", "estimators", "engine"):
         for source in sorted((package / part).rglob("*.py")) or [package / part]:
             name = source.relative_to(package).as_posix()
-            if source.name != "kernel_cache.py" and name not in {f"estimators/{each}.py" for each in unused}:
+            of_unused = part == "estimators" and source.stem.partition("_")[0] in unused
+            if source.name != "kernel_cache.py" and not of_unused:
                 digest.update(name.encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()
 

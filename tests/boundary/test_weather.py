@@ -110,7 +110,7 @@ def test_weather_by_relative_humidity_other_headers_and_pressure(write):
         ({"start_hour": 8, "hours": -1}, ["hours = -1 h"]),
         ({"start_hour": 8, "columns": {"T": "T_drybulb_C"}}, ["columns has unknown 'T'"]),
         ({"start_hour": 8, "columns": {"RH": "humidity"}}, ["RH: there is no column 'humidity'"]),
-        ({"start_hour": 8, "units": {"T_drybulb": "C"}}, ["T_drybulb is in 'C'", "degC, degF, K"]),
+        ({"start_hour": 8, "units": {"T_drybulb": "Cel"}}, ["T_drybulb is in 'Cel'", "degC, degF, K"]),
     ],
 )
 def test_weather_refuses(write, arguments, words):
@@ -151,3 +151,12 @@ def test_every_week_of_a_year_of_weather_is_admissible():
     days = quiet_weather_day(measured("san_francisco_tmy3_hourly.csv"), days=range(1, 365, 7), hour=8, hours=1, **PLANT)
     assert days.n_days == 52
     assert 15.0 < days.series["T_a_in"].min() < days.series["T_a_in"].max() < 28.0
+
+
+@pytest.mark.filterwarnings("ignore:hourly weather")
+def test_how_a_weather_file_was_read_is_said(tmp_path):
+    path = tmp_path / "weather.csv"
+    text = "\n".join(";".join(map(str, row)).replace(".", ",") for row in [WEATHER_HEADER, *WEATHER_ROWS])
+    path.write_text("Station 7\n" + text, encoding="utf-8")
+    with pytest.warns(UserWarning, match=r"weather.csv: columns are separated by semicolons; .* 'Station 7'; .* comma"):
+        weather_day(path, start_hour=34, **PLANT)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.estimators import identify, normal_equations, verdict
+from fastcoil.estimators import identify, identify_equations, identify_verdict
 from fastcoil.estimators.identify import IDENTIFY, Memory, Parameters
-from fastcoil.estimators.normal_equations import CANDIDATES, DRIVEN, EARLIER, OWN, PRECISION, PROBABILITY, WORDS, N
+from fastcoil.estimators.identify_equations import CANDIDATES, DRIVEN, EARLIER, OWN, PRECISION, PROBABILITY, WORDS, N
 
 KERNEL = pytest.mark.kernel
 INTERPRETED = pytest.mark.usefixtures("interpreted")
@@ -19,7 +19,7 @@ ACTING = {"estimator": "identify", "estimate_share": 0.95, "buffer": 0.0025}
 @pytest.fixture
 def interpreted(monkeypatch):
     """The formulas in plain Python: compiling each for a call from a test would take longer than all the tests."""
-    for module in (identify, normal_equations, verdict):
+    for module in (identify, identify_equations, identify_verdict):
         for name, function in vars(module).items():
             if hasattr(function, "py_func"):
                 monkeypatch.setattr(module, name, {"exp": math.exp, "log": math.log}.get(name, function.py_func))
@@ -31,7 +31,7 @@ def with_probabilities(**of_sizes):
     for at in (PROBABILITY, EARLIER):
         w[at : at + N] = -1e4
         for number, probability in of_sizes.items():
-            w[at + int(number[1:])] = np.log(probability) / verdict.WEIGHT
+            w[at + int(number[1:])] = np.log(probability) / identify_verdict.WEIGHT
     return w
 
 
@@ -55,13 +55,13 @@ def test_the_evidence_is_that_of_a_linear_model_with_a_normal_prior():
     own, motor, moves = rng.normal(size=rows + OWN + 1), rng.normal(size=rows), 0.1 * rng.normal(size=(rows, DRIVEN, N))
     w = np.zeros(WORDS)
     for k in range(rows + OWN):
-        normal_equations.remember_change(w, own[k], motor[k - OWN])
+        identify_equations.remember_change(w, own[k], motor[k - OWN])
         if k >= OWN:
-            w[normal_equations.MOVES : normal_equations.MOVES + DRIVEN * N] = moves[k - OWN].ravel()
-            normal_equations.add_row(w, decay)
+            w[identify_equations.MOVES : identify_equations.MOVES + DRIVEN * N] = moves[k - OWN].ravel()
+            identify_equations.add_row(w, decay)
     root = np.sqrt(decay ** np.arange(rows - 1, -1, -1.0))[:, np.newaxis]
     counted = float(np.sum(root**2))
-    assert normal_equations.compare(w, counted)
+    assert identify_equations.compare(w, counted)
     before = [*(own[OWN - i : OWN - i + rows] for i in range(1, OWN + 1)), np.ones(rows)]
     for at, columns, first in ((PROBABILITY, before, 0), (EARLIER, [*before, motor], 1)):
         Z, freedom = root * np.stack(columns, axis=1), counted - len(columns)
@@ -80,9 +80,9 @@ def test_the_evidence_is_that_of_a_linear_model_with_a_normal_prior():
 def test_a_temperature_that_stands_still_explains_nothing():
     w = np.zeros(WORDS)
     for _ in range(100):
-        normal_equations.remember_change(w, 0.0, 0.0)
-        normal_equations.add_row(w, 1.0)
-    assert not normal_equations.compare(w, 100.0)
+        identify_equations.remember_change(w, 0.0, 0.0)
+        identify_equations.add_row(w, 1.0)
+    assert not identify_equations.compare(w, 100.0)
 
 
 @INTERPRETED
@@ -101,7 +101,9 @@ def test_a_temperature_that_stands_still_explains_nothing():
     ids=["sure", "unsure", "perhaps good", "kept", "good", "too large", "too large, perhaps good", "perhaps not"],
 )
 def test_an_estimate_is_taken_over_if_it_is_right_and_given_up_if_it_is_too_large(probabilities, kept, expected):
-    assert verdict.judged(with_probabilities(**probabilities), kept, 0.8, True) == pytest.approx(expected, abs=1e-12)
+    assert identify_verdict.judged(with_probabilities(**probabilities), kept, 0.8, True) == pytest.approx(
+        expected, abs=1e-12
+    )
 
 
 @INTERPRETED
@@ -109,7 +111,7 @@ def test_a_controller_that_answers_within_a_horizon_needs_earlier_openings_to_sa
     for answers, expected in ((True, 0.0), (False, 0.05)):
         w = with_probabilities(c10=1.0)
         w[EARLIER] = w[EARLIER + 10]
-        assert verdict.judged(w, 0.0, 0.8, answers) == pytest.approx(expected, abs=1e-12)
+        assert identify_verdict.judged(w, 0.0, 0.8, answers) == pytest.approx(expected, abs=1e-12)
 
 
 @INTERPRETED

@@ -90,6 +90,16 @@ LOG = "timestamp,m_a [kg/s],T_a_in [degC],RH_a_in [percent],T_w_in [degC],T_set,
 TIMED = "elapsed_time [s],m_a [m3/h],T_a_in [degF],W_a_in [g/kg],T_w_in [degC],T_set [degC],T_sup [degC]\n" + "".join(
     f"{60 * k},{3000 + k},7{k % 9}.5,9.{k % 10},7.1,14,1{k % 6}.2\n" for k in range(40)
 )
+FOREIGN = (
+    "Trend report\nSite:;Berkeley\n\nZeit;m_a;T_a_in;RH_a_in;T_w_in;T_set;command;m_w;enabled;Status\n"
+    ";kg/s;°C;%;°C;°C;%;l/min;;\n"
+    + "".join(
+        f"{1 + k // 20}.07.2024 8:{k:02};1,{k % 9};25,{k % 7};5{k % 9};7,{k % 3};14;{k % 10},5;1.20{k % 8},5;"
+        f"{'On' if k % 5 else 'Off'};{{ok}}\n"
+        for k in range(40)
+    )
+    + "\nEnd of report\n"
+)
 WEATHER = "hour_of_year,month,day,hour,T_drybulb_C,T_dewpoint_C,RH_pct,p_Pa\n" + "".join(
     f"{k},1,{1 + k // 24},{k % 24},{k % 20},{k % 7},60,10{k % 9}000\n" for k in range(1, 60)
 )
@@ -105,5 +115,7 @@ VALUES = (
 CELLS = (
     "1e308", "-1e308", "nan", "inf", "-1", "", " ", "9" * 400, "1e-320", "x" * 1000, '"a\nb"', "2024-13-01",
     "9999-12-31", "0001-01-01T00:00:00+14:00", "2024-07-01T08:00:00Z", "1,5", "1;5", "\x00", "\x1b[2J", "#N/A", "１２",
-    "1_0", "0x10",
+    "1_0", "0x10", "1,234", "1.234,5", "5.12 V", "47 %", "{fault}", "3 {down}", "On", "13/07/2024 8:05 PM",
+    "07/13/2024", "1-Jul-24 08:05:00 AM PDT", "45474.5", "1719820800", "1719820800000", "31.02.2024", "24:00",
+    "12,5", "---",
 )  # fmt: skip

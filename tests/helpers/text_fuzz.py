@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from helpers.fuzz_seeds import CELLS, LOG, STUDIES, TIMED, VALUES, VALVE, WEATHER
+from helpers.fuzz_seeds import CELLS, FOREIGN, LOG, STUDIES, TIMED, VALUES, VALVE, WEATHER
 
 MEMORY = 2**30
 """Bytes that reading one file may take."""
@@ -111,9 +111,9 @@ def study_token(data: bytes, r: random.Random) -> bytes:
     return "\n".join(lines).encode()
 
 
-def log_token(data: bytes, r: random.Random) -> bytes:
+def log_token(data: bytes, r: random.Random, separator: str = ",") -> bytes:
     """Cells replaced, columns swapped, doubled or left out, rows moved, the time scaled, thousands of columns."""
-    rows = [line.split(",") for line in data.decode().splitlines()]
+    rows = [line.split(separator) for line in data.decode().splitlines()]
     kind = r.randrange(8)
     width, height = len(rows[0]), len(rows)
     if kind <= 1:
@@ -140,7 +140,7 @@ def log_token(data: bytes, r: random.Random) -> bytes:
         rows[0][r.randrange(width)] = r.choice(
             ["x" * 50_000, "T_sup [" + "C" * 9000 + "]", "a" + " " * 20_000 + "b", "\x1b[2J"]
         )
-    return "\n".join(map(",".join, rows)).encode()
+    return "\n".join(map(separator.join, rows)).encode()
 
 
 def _scaled(cells: list[str], factor: float) -> list[str]:
@@ -196,6 +196,7 @@ def main(seed: int, count: int, folder: Path) -> None:
     from fastcoil.calibrate import coil_record, valve_record  # noqa: F401 — so that the limit counts no library
     from fastcoil.logs import read_log
     from fastcoil.logs.arguments import Wanted
+    from fastcoil.logs.join import join_points
     from fastcoil.study.file.spec import read_study
 
     whole = {"valve.toml": VALVE, "log.csv": LOG, "weather.csv": WEATHER}
@@ -217,6 +218,12 @@ def main(seed: int, count: int, folder: Path) -> None:
 
     whose = {"columns": {"T_set": "T_set"}}
     unit = {"units": {"command": "1"}}
+    foreign = {"columns": {"timestamp": "Zeit"}, "drop": True, "jumps": "split"}
+    foreign_token = partial(log_token, separator=";")
+
+    def join() -> object:
+        return join_points([paths["damaged.csv"]], columns={}, units={}, time_format=None, step=None, max_gap=None)
+
     kinds: list[tuple[str, str, str, Callable[..., bytes], Callable[[], object]]] = [
         *((f"study {k}", text, "study.toml", study_token, study) for k, text in enumerate(STUDIES)),
         ("include", VALVE, "damaged.toml", study_token, include),
@@ -224,6 +231,8 @@ def main(seed: int, count: int, folder: Path) -> None:
         ("day, timed", TIMED, "damaged.csv", log_token, csv(Boundary.from_csv, **whose)),
         ("log", LOG, "damaged.csv", log_token, csv(read_log, of_valve, drop=True, jumps="split", **unit)),
         ("log, strict", LOG, "damaged.csv", log_token, csv(read_log, of_valve, **unit)),
+        ("log, foreign", FOREIGN, "damaged.csv", foreign_token, csv(read_log, of_valve, **foreign)),
+        ("joined", FOREIGN, "damaged.csv", foreign_token, join),
         ("weather", WEATHER, "damaged.csv", log_token, csv(weather_day, **of_day, hours=2, start_hour=3)),
     ]
     for _, text, name, _, read in kinds:  # whole files are read, and the libraries are there

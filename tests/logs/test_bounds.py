@@ -9,7 +9,7 @@ import pytest
 from helpers.refusals import only_problem, problems
 
 import fastcoil as fc
-from fastcoil.logs import table
+from fastcoil.logs import layout
 from fastcoil.logs.seconds import MOST_SECONDS
 from fastcoil.logs.table import label_and_unit
 
@@ -59,7 +59,7 @@ def test_too_many_columns_are_refused(write):
 
 
 def test_too_many_cells_are_refused_while_they_are_read(write, monkeypatch):
-    monkeypatch.setattr(table, "_MOST_CELLS", 100)
+    monkeypatch.setattr(layout, "_MOST_CELLS", 100)
     path = write(HEADER, [[60 * k, *ROW] for k in range(100)])
     assert "has more than 100 cells: leave out columns, or cut it into parts" in only_problem(
         fc.Boundary.from_csv, path

@@ -78,5 +78,5 @@ PAPER_LIKE = {
     "identify_stroke_time": 90.0,
     "identify_memory": 86400.0,
     "identify_interval": 600.0,
-    "identify_certainty": 0.8,
+    "identify_certainty": 0.7,
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastcoil.estimators.normal_equations import CANDIDATES, EARLIER, PROBABILITY, N
+from fastcoil.estimators.identify_equations import CANDIDATES, EARLIER, PROBABILITY, N
 from fastcoil.numerics.elementary import exp
 from fastcoil.numerics.jit import exact
 

@@ -1,0 +1,163 @@
+"""What a cell says: a number in the writing of a country, with a unit or a status, or that there is none."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.arrays import Array, Mask
+from fastcoil.logs.units import is_unit
+from fastcoil.logs.written_dates import MOST_LETTERS
+
+MISSING = frozenset(
+    ("", "-", "--", "---", "nan", "null", "none", "nil", "n/a", "na", "#n/a", "#na", "no data", "nodata", "missing")
+)
+"""Cells that say that there is no value."""
+_GOOD = frozenset(("ok", "good", "{ok}", "normal", "valid", "{}"))
+"""A status beside a number that does not speak against it; in braces others do."""
+_STATUS = re.compile(r"\{.*\}")
+"""A status instead of a number."""
+_ON = frozenset(("on", "true", "yes", "active", "enabled", "run", "running", "start", "started"))
+_OFF = frozenset(("off", "false", "no", "inactive", "disabled", "stop", "stopped"))
+_NUMBER = re.compile(r"(?P<number>[+-]?[\d.,’' \u00a0\u202f]*\d[.,]?(?:[eE][+-]?\d+)?)\s*(?P<rest>\D.*)?", re.DOTALL)
+_GROUPED = {
+    mark: re.compile(
+        rf"[+-]?\d{{1,3}}([{re.escape(others)}’' \u00a0\u202f])\d{{3}}(?:\1\d{{3}})*(?:{re.escape(mark)}\d*)?"
+    )
+    for mark, others in ((".", ","), (",", "."))
+}
+"""A number with separators of thousands, by its decimal mark."""
+_POINT = re.compile(r"\.\d")
+_PLAIN = {
+    mark: re.compile(rf"[+-]?(?:\d+{re.escape(mark)}?\d*|{re.escape(mark)}\d+)(?:[eE][+-]?\d+)?") for mark in ".,"
+}
+_ONE_GROUP = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
+"""One thousand or one and some thousandths: without others nobody can tell."""
+
+
+class Writing(NamedTuple):
+    """How the numbers of a table are written.
+
+    mark: of the decimals.  grouped: whether thousands may be separated by the other mark.  unclear: a number that may
+    be a thousand times another one, where nothing shows which; else empty.  note: what is said of it; else empty.
+    """
+
+    mark: str = "."
+    grouped: bool = False
+    unclear: str = ""
+    note: str = ""
+
+
+class Cells(NamedTuple):
+    """A column of cells.
+
+    values: NaN where there is no number, (n,).  units: what stands behind a number, by the index of the cell.  missing:
+    where a cell says that there is no value.  marked: where a status speaks against the value beside it.
+    """
+
+    values: Array
+    units: dict[int, str]
+    missing: Mask
+    marked: Mask
+
+
+def is_datum(cell: str) -> bool:
+    """Whether a cell holds a number, with or without a unit or a status."""
+    found = _NUMBER.fullmatch(cell.strip()) if len(cell) <= MOST_LETTERS else None
+    rest = (found["rest"] or "").strip() if found else ""
+    return found is not None and (not rest or rest.startswith("{") or is_unit(rest))
+
+
+def is_missing(cell: str) -> bool:
+    """Whether a cell says that there is no value."""
+    return len(cell) <= MOST_LETTERS and cell.strip().lower() in MISSING
+
+
+def writing_of(columns: Iterable[Sequence[str]], separator: str) -> Writing:
+    """How the numbers in these columns are written; ``separator``: of the columns in the file."""
+    points = commas = thousands = 0
+    unclear = ""
+    columns = list(columns)
+    with_commas = [any("," in cell for cell in cells) for cells in columns]
+    if not any(with_commas):
+        return Writing(grouped=True)
+    for cells, has_commas in zip(columns, with_commas, strict=True):
+        if not has_commas:
+            points += any(_POINT.search(cell) and not _ONE_GROUP["."].fullmatch(cell.strip()) for cell in cells)
+            continue
+        for cell in cells:
+            found = _NUMBER.match(cell.strip()) if len(cell) <= MOST_LETTERS else None
+            number = found["number"] if found else ""
+            if "," in number:
+                last = "," if number.rfind(",") > number.rfind(".") else "."
+                if _ONE_GROUP[","].fullmatch(number):
+                    unclear = unclear or number
+                elif last == "." or number.count(",") > 1:
+                    points += 1
+                    thousands += 1
+                else:
+                    commas += 1
+            elif "." in number and not _ONE_GROUP["."].fullmatch(number):
+                points += 1
+    if commas and points:
+        return Writing()
+    if commas or (unclear and not points and separator == ";"):
+        return Writing(",", grouped=True, note="numbers are read with a decimal comma")
+    if unclear and not points:
+        return Writing(".", grouped=True, unclear=unclear)
+    return Writing(".", grouped=True, note="commas in numbers separate thousands" if unclear or thousands else "")
+
+
+def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:
+    """The numbers of a column; with ``switch``, words for on and off are 1 and 0."""
+    values = _plain_numbers(cells, writing)
+    missing, marked = np.zeros(len(cells), dtype=bool), np.zeros(len(cells), dtype=bool)
+    units: dict[int, str] = {}
+    for k in np.flatnonzero(np.isnan(values)).tolist():
+        cell = cells[k]
+        if is_missing(cell) or _STATUS.fullmatch(cell[:MOST_LETTERS].strip()):
+            missing[k] = True
+        elif len(cell) <= MOST_LETTERS:
+            text = cell.strip()
+            if switch and text.lower() in _ON | _OFF:
+                values[k] = float(text.lower() in _ON)
+            elif (found := _NUMBER.fullmatch(text)) is not None:
+                unit, brace, status = (found["rest"] or "").partition("{")
+                marked[k] = bool(brace) and brace + status.lower() not in _GOOD
+                number = _written(found["number"].rstrip(), writing)
+                if not math.isnan(number) and (not unit.strip() or is_unit(unit.strip())):
+                    values[k] = number
+                    if unit.strip():
+                        units[k] = unit.strip()
+    return Cells(values, units, missing, marked)
+
+
+def _plain_numbers(cells: Sequence[str], writing: Writing) -> Array:
+    if writing.mark == ".":
+        with contextlib.suppress(ValueError):
+            return np.array([float(cell) for cell in cells], dtype=np.float64)
+    return np.array([_plain_number(cell, writing) for cell in cells], dtype=np.float64)
+
+
+def _plain_number(cell: str, writing: Writing) -> float:
+    """A number as Python writes it, unless the decimal mark of the table is a comma; else NaN."""
+    if writing.mark == "," and ("," in cell or "." in cell):
+        return _written(cell.strip(), writing) if len(cell) <= MOST_LETTERS else np.nan
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan
+
+
+def _written(number: str, writing: Writing) -> float:
+    """A number in a writing; NaN if it is none."""
+    mark = writing.mark
+    if writing.grouped and _GROUPED[mark].fullmatch(number):
+        digits = "".join(letter for letter in number if letter.isdigit() or letter in f"{mark}+-")
+        return float(digits.replace(mark, "."))
+    return float(number.replace(mark, ".")) if _PLAIN[mark].fullmatch(number) else np.nan

@@ -1,0 +1,189 @@
+"""Numbers in the writing of every country, with units, words and statuses: read as meant, or refused with the cure."""
+
+import numpy as np
+import pytest
+from helpers.exports import (
+    COMMAND,
+    HEADER,
+    ISO,
+    ROWS,
+    T_SUP,
+    assert_same_log,
+    read,
+    rows,
+    text_of,
+)
+from helpers.refusals import only_problem, problems
+
+from fastcoil.logs import read_log
+from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.cells import cells_of, writing_of
+
+
+def with_comma(values, decimals=2):
+    return [f"{value:.{decimals}f}".replace(".", ",") for value in values]
+
+
+# ----------------------------------------------------------------------------------------- decimals and thousands
+
+
+def test_quoted_decimal_commas(tmp_path):
+    cells = rows(ISO, *([f'"{cell}"' for cell in with_comma(values)] for values in (COMMAND, T_SUP)))
+    log = read(tmp_path, text_of(cells))
+    assert_same_log(log)
+    assert log.notes == ["numbers are read with a decimal comma"]
+
+
+def test_semicolons_with_decimal_commas(tmp_path):
+    log = read(tmp_path, text_of(rows(ISO, with_comma(COMMAND, 1), with_comma(T_SUP)), separator=";"))
+    assert_same_log(log)
+    assert log.notes == ["columns are separated by semicolons", "numbers are read with a decimal comma"]
+
+
+def test_semicolons_and_tabs_with_decimal_points(tmp_path):
+    for separator, said in ((";", "semicolons"), ("\t", "tabs")):
+        log = read(tmp_path, text_of(rows(), separator=separator))
+        assert_same_log(log)
+        assert log.notes == [f"columns are separated by {said}"]
+
+
+@pytest.mark.parametrize(
+    ("cells", "values"),
+    [
+        (["1,234.5", "12.5", "1,234,567", "7"], [1234.5, 12.5, 1234567, 7]),
+        (["1.234,5", "12,5", "1.234", "7"], [1234.5, 12.5, 1234, 7]),
+        (["1 234,5", "12,25", "1\u202f234\u202f567", "7"], [1234.5, 12.25, 1234567, 7]),
+        (["1'234.5", "12,345.5", "-1'234'567", "+7"], [1234.5, 12345.5, -1234567, 7]),
+        (["1,234", "0.5", "12,345", "7"], [1234, 0.5, 12345, 7]),
+    ],
+)
+def test_separators_of_thousands(cells, values):
+    np.testing.assert_allclose(cells_of(cells, writing_of([cells], ","), switch=False).values, values)
+
+
+def test_separators_of_thousands_are_said(write):
+    path = write(["elapsed_time [s]", "m_w [L/h]"], [[0, "999.5"], [60, "7,200"], [120, "3,600"]])
+    log = read_log(path, Wanted(("m_w",)))
+    np.testing.assert_allclose(log.values["m_w"], [0.2776389, 2, 1], rtol=1e-6)
+    assert log.notes == ["commas in numbers separate thousands"]
+
+
+def test_a_number_that_may_mean_two_things_is_refused(write):
+    path = write(["elapsed_time [s]", "T_sup [degC]"], [[0, "1,234"], [60, "1,235"]])
+    said = only_problem(read_log, path, Wanted(("T_sup",)))
+    assert "a number such as '1,234' may mean 1234 or 1.234: write decimal points" in said
+
+
+def test_commas_among_points_are_refused_as_before(tmp_path):
+    cells = rows()
+    cells[7][1] = '"12,5"'
+    assert "command = '12,5' in row 9: give a number with a decimal point" in only_problem(
+        read, tmp_path, text_of(cells)
+    )
+
+
+# ----------------------------------------------------------------------------------------------- units in the cells
+
+
+def test_numbers_with_their_unit(tmp_path):
+    cells = rows(ISO, [f"{c / 10:.2f} V" for c in COMMAND], [f"{1.8 * T + 32:.3f} °F" for T in T_SUP])
+    log = read(tmp_path, text_of(cells, ("timestamp", "command", "T_sup")))
+    np.testing.assert_allclose(log.values["command"], COMMAND / 100, atol=1e-9)
+    np.testing.assert_allclose(log.values["T_sup"], T_SUP, atol=1e-3)
+    assert log.notes == ["command is in 'V' by its cells", "T_sup is in '°F' by its cells"]
+
+
+@pytest.mark.parametrize("form", ["{} %", "{}%", "{} percent"])
+def test_percent_in_the_cells_beside_a_unit_in_the_header(tmp_path, form):
+    cells = rows(ISO, [form.format(c) for c in COMMAND])
+    assert_same_log(read(tmp_path, text_of(cells)))
+    assert_same_log(read(tmp_path, text_of(cells, ("timestamp", "command", "T_sup [degC]"))))
+    said = only_problem(read, tmp_path, text_of(cells, ("timestamp", "command [V]", "T_sup [degC]")))
+    assert "by its cells, in 'V' by its header" in said
+
+
+def test_two_units_in_a_column_and_numbers_without_one_are_refused(tmp_path):
+    header = ("timestamp", "command", "T_sup [degC]")
+    cells = rows(ISO, [f"{c} %" for c in COMMAND])
+    cells[7][1] = "5.1 V"
+    assert "command = '5.1 V' in row 9: others are in '%', write one unit" in only_problem(
+        read, tmp_path, text_of(cells, header)
+    )
+    cells[7][1] = "5.1"
+    assert "command = '5.1' in row 9: others are in '%', write one unit" in only_problem(
+        read, tmp_path, text_of(cells, header)
+    )
+
+
+def test_one_number_of_another_unit_is_a_bad_value(tmp_path):
+    cells = rows()
+    cells[7][1] = "5.1 V"
+    assert "command = '5.1 V' in row 9" in only_problem(read, tmp_path, text_of(cells))
+    cells[7][1] = f"{COMMAND[7]} %"
+    assert_same_log(read(tmp_path, text_of(cells)))
+
+
+# ------------------------------------------------------------------------------------------- words and statuses
+
+
+@pytest.mark.parametrize("word", ["", "NaN", "---", "null", "#N/A", "n/a", "No Data"])
+def test_words_for_a_missing_value(tmp_path, word):
+    cells = rows()
+    cells[7][2] = word
+    said = only_problem(read, tmp_path, text_of(cells))
+    assert "T_sup is" in said
+    assert "in row 9" in said
+    assert "fill or cut the gap" in said
+    log = read(tmp_path, text_of(cells), drop=True)
+    assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [7]
+
+
+@pytest.mark.parametrize(("on", "off"), [("ON", "OFF"), ("true", "false"), ("Active", "Inactive"), ("Yes", "No")])
+def test_switches_in_words(tmp_path, on, off):
+    words = [on if k < 20 else off for k in range(ROWS)]
+    log = read(tmp_path, text_of(rows(ISO, COMMAND, T_SUP, words), (*HEADER, "enabled")))
+    np.testing.assert_array_equal(log.values["enabled"], [1.0] * 20 + [0.0] * 40)
+    assert log.notes == [f"enabled: {on!r} is 1, {off!r} is 0"]
+
+
+def test_words_are_no_numbers_of_other_columns(tmp_path):
+    cells = rows()
+    cells[7][1] = "on"
+    assert "command = 'on' in row 9" in only_problem(read, tmp_path, text_of(cells))
+
+
+def test_a_status_beside_the_number_in_its_cell(tmp_path):
+    cells = rows(ISO, [f"{c} {{ok}}" for c in COMMAND])
+    assert_same_log(read(tmp_path, text_of(cells)))
+    cells[7][1] = '"0.0 {fault,stale}"'
+    assert "command in row 9 is no reading by its status" in only_problem(read, tmp_path, text_of(cells))
+    cells[7][1] = "{fault}"
+    assert "command = '{fault}' in row 9" in only_problem(read, tmp_path, text_of(cells))
+    log = read(tmp_path, text_of(cells), drop=True)
+    assert log.values["command"][7] == log.values["command"][6]
+
+
+def test_a_column_of_status_marks_the_values_of_its_row(tmp_path):
+    status = ["{ok}"] * ROWS
+    text = text_of(rows(ISO, COMMAND, T_SUP, status), (*HEADER, "Status"))
+    assert_same_log(read(tmp_path, text))
+    status[7] = "{fault}"
+    text = text_of(rows(ISO, COMMAND, T_SUP, status), (*HEADER, "Status"))
+    assert len(problems(read, tmp_path, text)) == 2
+    log = read(tmp_path, text, drop=True)
+    assert log.notes[0] == "1 row marked as bad by the column 'Status' (first in row 9)"
+    assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [7]
+
+
+def test_of_two_columns_of_status_each_is_for_the_value_on_its_left(tmp_path):
+    status = ["good"] * 7 + ["down"] + ["good"] * (ROWS - 8)
+    header = ("timestamp", "command [%]", "Status", "T_sup [degC]", "Status")
+    log = read(tmp_path, text_of(rows(ISO, COMMAND, ["ok"] * ROWS, T_SUP, status), header), drop=True)
+    np.testing.assert_allclose(log.values["command"], COMMAND / 100)
+    assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [7]
+
+
+@pytest.mark.parametrize("cells", [range(ROWS), ["alarm"] * 3 + [""] * (ROWS - 3), ["ok"] * 59 + ["closed"]])
+def test_another_column_that_is_called_status_is_an_unknown_one(tmp_path, cells):
+    text = text_of(rows(ISO, COMMAND, T_SUP, cells), (*HEADER, "Status"))
+    assert "column 'Status' is unknown" in only_problem(read, tmp_path, text)

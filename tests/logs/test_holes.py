@@ -1,0 +1,126 @@
+"""A missing value costs its cell, not its row: measured ones are left out, single inputs bridged, all counted."""
+
+import numpy as np
+import pytest
+from helpers.exports import COMMAND, ISO, ROWS, T_SUP, text_of
+from helpers.exports import read as read_text
+from helpers.refusals import only_problem, problems
+
+from fastcoil.logs import read_log
+from fastcoil.logs.arguments import Wanted
+
+WANTED = Wanted(needed=("command", "m_a", "T_a_in", "T_sup"), optional=("enabled",), measured=("T_sup",))
+HEADER = ["elapsed_time [s]", "command [%]", "m_a [kg/s]", "T_a_in [degC]", "T_sup [degC]", "enabled"]
+TIMES = [60 * k for k in range(12)]
+
+
+def cells():
+    return [[t, 10 * (k // 3), 1 + 0.1 * k, 25 + k, 14 + 0.5 * k, 1] for k, t in enumerate(TIMES)]
+
+
+def read(write, rows, **options):
+    return read_log(write(HEADER, rows), WANTED, drop=True, has_command=True, **options)
+
+
+def assert_as_whole(log, but=()):
+    """All rows are there with the values of the whole log, but for some columns."""
+    assert log.time.tolist() == TIMES
+    whole = np.array(cells(), dtype=float)
+    for k, name in enumerate(("command", "m_a", "T_a_in", "T_sup", "enabled"), 1):
+        if name not in but:
+            np.testing.assert_allclose(log.values[name], whole[:, k] / (100 if name == "command" else 1))
+
+
+@pytest.mark.parametrize("missing", ["", "nan", "-999", "null"])
+def test_a_missing_input_is_bridged_and_its_row_keeps_all_others(write, missing):
+    rows = cells()
+    rows[4][2] = rows[7][3] = missing  # both run straight, so that nothing is lost
+    log = read(write, rows)
+    assert_as_whole(log)
+    assert log.notes == [
+        "1 missing value of m_a bridged: on a straight line between its neighbours (first in row 6)",
+        "1 missing value of T_a_in bridged: on a straight line between its neighbours (first in row 9)",
+    ]
+    assert log.n_batches == 1
+
+
+def test_commands_and_switches_are_held_over_a_missing_value(write):
+    rows = cells()
+    rows[3][1] = rows[5][5] = ""
+    log = read(write, rows)
+    assert_as_whole(log, but=("command",))
+    assert log.values["command"][2:5].tolist() == [0.0, 0.0, 0.1]
+    assert "1 missing value of command bridged: held (first in row 5)" in log.notes
+
+
+def test_uneven_times_are_bridged_at_their_time(write):
+    rows = cells()
+    rows[4][0] = 220  # 40 s after the row before, 80 s before the next
+    rows[4][2] = ""
+    assert read(write, rows).values["m_a"][4] == pytest.approx(1.3 + 0.2 / 3)
+
+
+def test_a_missing_measured_value_is_left_out_of_its_column_alone(write):
+    rows = cells()
+    rows[4][4] = rows[5][4] = ""
+    log = read(write, rows)
+    assert_as_whole(log, but=("T_sup",))
+    assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [4, 5]
+
+
+@pytest.mark.parametrize(
+    ("places", "left"),
+    [
+        ([(4, 2), (5, 2)], 10),  # two in a row of one column
+        ([(0, 2)], 11),  # nothing before it
+        ([(11, 2)], 11),  # nothing after it
+        ([(4, 2), (5, 3)], 12),  # each alone in its column
+        ([(4, 2), (6, 2)], 12),
+        ([(4, 0)], 11),  # the time itself
+    ],
+)
+def test_only_a_value_between_two_others_is_bridged(write, places, left):
+    rows = cells()
+    for i, k in places:
+        rows[i][k] = ""
+    assert read(write, rows).time.size == left
+
+
+def test_nothing_is_bridged_over_gaps_jumps_and_batches(write):
+    rows = cells()
+    rows[4][2] = ""
+    late = [[r[0] + 3600 * (k > 4), *r[1:]] for k, r in enumerate(rows)]
+    assert read(write, late).time.size == 11
+    assert read(write, late, max_gap=4000).time.size == 12
+    assert read(write, rows, max_gap=30).time.size == 11
+    back = [[r[0] - 500 * (k > 4), *r[1:]] for k, r in enumerate(rows)]
+    assert read(write, back, jumps="split").time.size == 11
+    batches = [[*r, k // 5] for k, r in enumerate(rows)]
+    assert read_log(write([*HEADER, "batch"], batches), WANTED, drop=True).time.size == 11
+
+
+@pytest.mark.parametrize("wrong", ["off", "1.7e3", "-0.9"])
+def test_a_wrong_value_still_costs_its_row(write, wrong):
+    rows = cells()
+    rows[4][2] = wrong
+    log = read(write, rows)
+    assert log.time.size == 11
+    assert log.notes == ["1 row left out: m_a is no admissible number (first in row 6)"]
+
+
+def test_without_drop_missing_values_are_refused_with_the_cure(write):
+    rows = cells()
+    rows[4][2] = ""
+    said = only_problem(read_log, write(HEADER, rows), WANTED, drop=False, has_command=True)
+    assert "m_a is blank in row 6" in said
+    assert said.endswith("or leave such values out and count them: drop=True, --drop")
+
+
+def test_a_table_of_points_with_times_of_their_own_is_sent_to_join(tmp_path):
+    odd = [str(c) if k % 2 else "" for k, c in enumerate(COMMAND)]
+    even = [str(T) if k % 2 == 0 else "" for k, T in enumerate(T_SUP)]
+    rows = [list(row) for row in zip(ISO, odd, even, strict=True)]
+    assert len(rows) == ROWS
+    found = problems(read_text, tmp_path, text_of(rows))
+    assert "is missing in 50% of the rows" in found[-1]
+    assert "fastcoil join" in found[-1]

@@ -1,0 +1,207 @@
+"""Points with times of their own on one clock: values, gaps, names, units; and what is refused."""
+
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+from helpers.refusals import only_problem, problems
+
+from fastcoil.logs import read_log
+from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.join import join_points
+
+START = datetime(2024, 7, 25, 8)
+
+
+@pytest.fixture
+def point(tmp_path):
+    """Return a function that writes the file of a point: seconds from the start, values."""
+
+    def write_point(name, seconds, values, header="Timestamp,Value", form="%Y-%m-%d %H:%M:%S", separator=","):
+        path = tmp_path / name
+        stamps = [(START + timedelta(seconds=float(s))).strftime(form) for s in seconds]
+        rows = [f"{stamp}{separator}{value}" for stamp, value in zip(stamps, values, strict=True)]
+        path.write_text("\n".join([header, *rows]), encoding="utf-8")
+        return path
+
+    return write_point
+
+
+def joined(*paths, columns=None, units=None, time_format=None, step=None, max_gap=None):
+    return join_points(
+        paths, columns=columns or {}, units=units or {}, time_format=time_format, step=step, max_gap=max_gap
+    )
+
+
+def table_of(text):
+    """Header, times in seconds from the start, and values (rows, columns)."""
+    header, *lines = text.splitlines()
+    cells = [line.split(",") for line in lines]
+    seconds = [(datetime.fromisoformat(row[0]).replace(tzinfo=None) - START).total_seconds() for row in cells]
+    return header.split(","), np.array(seconds), np.array([row[1:] for row in cells], dtype=float)
+
+
+PERIODIC = 13 + 60 * np.arange(40)
+CHANGES = np.array([0, 40, 75, 400, 410, 900, 1000, 1030, 2000])
+
+
+def test_a_command_that_is_written_when_it_changes_and_a_temperature_every_minute(point):
+    command = point("command.csv", CHANGES, 10 * np.arange(9), "Timestamp,Value (%)")
+    T_sup = point("T_sup.csv", PERIODIC, 60 + 0.1 * np.arange(40), "Timestamp,Value (°F)")
+    text, notes = joined(command, T_sup)
+    header, seconds, values = table_of(text)
+    assert header == ["timestamp", "command [1]", "T_sup [degC]"]
+    np.testing.assert_array_equal(seconds, np.arange(60, 2341, 60))  # while both have values, on whole minutes
+    latest = np.searchsorted(CHANGES, seconds, side="right") - 1
+    np.testing.assert_allclose(values[:, 0], 0.1 * latest)
+    np.testing.assert_allclose(values[:, 1], (60 + 0.1 * (seconds - 13) / 60 - 32) / 1.8, atol=1e-8)
+    assert notes == [
+        "command: 9 samples of command.csv, written when it changes, held from sample to sample up to 970 s",
+        "T_sup: 40 samples of T_sup.csv, on straight lines over 180 s at most",
+        "39 rows, 60 s apart",
+    ]
+
+
+def test_what_is_joined_is_read_as_a_log(point, tmp_path):
+    text, _ = joined(
+        point("command.csv", CHANGES, 10 * np.arange(9), "Timestamp,Value (%)"),
+        point("T_sup.csv", PERIODIC, 14 + 0 * PERIODIC, "Timestamp,Value [degC]"),
+    )
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8")
+    log = read_log(path, Wanted(("command", "T_sup"), measured=("T_sup",)))
+    assert log.n_batches == 1
+    assert log.step == 60.0
+    assert not log.notes
+
+
+@pytest.mark.parametrize("step", [None, 30, 45, 600])
+def test_the_step_of_the_clock(point, step):
+    a = point("command.csv", 60 * np.arange(40), np.arange(40), "Timestamp,Value (%)")
+    b = point("T_sup.csv", 7 + 10 * np.arange(200), np.arange(200) / 10, "Timestamp,Value (°C)")
+    _, seconds, values = table_of(joined(a, b, step=step).text)
+    assert set(np.diff(seconds)) == {step or 10}
+    np.testing.assert_allclose(values[:, 0], 0.01 * (seconds // 60))
+    np.testing.assert_allclose(values[:, 1], (seconds - 7) / 100)
+
+
+def test_a_gap_of_a_point_leaves_rows_out_and_counts_them(point):
+    lost = (PERIODIC < 600) | (PERIODIC > 1200)
+    T_sup = point("T_sup.csv", PERIODIC[lost], np.ones(lost.sum()), "Timestamp,Value (°C)")
+    command = point("command.csv", CHANGES, np.arange(9), "Timestamp,Value (%)")
+    text, notes = joined(command, T_sup)
+    _, seconds, _ = table_of(text)
+    assert not ((seconds >= 600) & (seconds <= 1200)).any()
+    assert "11 rows of 39 left out: a point has no sample within its longest gap" in notes
+    assert table_of(joined(command, T_sup, max_gap=1000).text)[1].size == 39
+    assert table_of(joined(command, T_sup, max_gap=400).text)[1].size < 29  # the command changes less often
+
+
+def test_points_are_named_by_header_by_file_or_by_the_caller(point):
+    seconds = 60 * np.arange(5)
+    a = point("AHU1.csv", seconds, np.arange(5), "Timestamp,command (%)")
+    b = point("T_sup.csv", seconds, np.arange(5), "Timestamp,AHU1 SAT (°C)")
+    c = point("FLOW-7.csv", seconds, np.arange(5), "Timestamp,Present Value")
+    for target in ("FLOW-7.csv", "FLOW-7", "Present Value", "FLOW-7.csv:Present Value"):
+        header, _, _ = table_of(joined(a, b, c, columns={"m_w": target}, units={"m_w": "L/s"}).text)
+        assert header == ["timestamp", "command [1]", "m_w [kg s-1]", "T_sup [degC]"]
+
+
+def test_columns_of_remarks_and_status_are_no_points(point):
+    values = [f"{{ }},{{{'down' if k == 20 else 'ok'}}},{k}" for k in range(40)]
+    path = point("command.csv", PERIODIC, values, "Timestamp,Trend Flags,Status,Value (%)", "%d-%b-%y %I:%M:%S %p PDT")
+    text, notes = joined(path)
+    _, seconds, values = table_of(text)
+    np.testing.assert_allclose(values[:, 0], 0.01 * np.where(seconds // 60 == 21, 19, (seconds - 13) // 60))
+    assert "command.csv: 1 column left out: 'Trend Flags'" in notes
+    assert "command.csv: 1 row marked as bad by the column 'Status' (first in row 22)" in notes
+
+
+def test_a_table_with_blanks_is_several_points(point, tmp_path):
+    path = tmp_path / "history.csv"
+    rows = ["Time,command [%],T_sup [degC],Zone"]
+    for k in range(60):
+        cells = [str(k), ""] if k % 3 == 0 else ["", str(14 + k / 60)]
+        rows.append(",".join([f"2024-07-25T08:{k:02}:00", *cells, "21"]))
+    path.write_text("\n".join(rows), encoding="utf-8")
+    text, notes = joined(path, step=60)
+    _, seconds, values = table_of(text)
+    np.testing.assert_allclose(values[:, 0], 0.01 * (seconds // 180 * 3))
+    np.testing.assert_allclose(values[:, 1], 14 + seconds / 3600)
+    assert "history.csv: 1 column left out: 'Zone'" in notes
+
+
+@pytest.mark.parametrize(
+    "form", ["%d/%m/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p", "%d.%m.%Y %H:%M:%S", "%d-%b-%y %H:%M:%S PDT"]
+)
+def test_each_file_has_its_own_writing_of_times(point, form):
+    a = point("command.csv", PERIODIC, np.arange(40), "Timestamp;Value (%)", form, ";")
+    b = point("T_sup.csv", PERIODIC, np.arange(40), "Timestamp,Value (°C)")
+    text, notes = joined(a, b)
+    _, seconds, values = table_of(text)
+    np.testing.assert_allclose(values[:, 1], (seconds - 13) / 60)
+    assert all(note.startswith("command.csv: ") for note in notes[:2])
+
+
+def test_newest_first_and_doubles(point):
+    seconds = np.array([0, 60, 60, 120, 180])
+    expected = joined(point("command.csv", [0, 60, 120, 180], [0, 2, 3, 4], "Time,Value (%)")).text
+    assert joined(point("command.csv", seconds, [0, 1, 2, 3, 4], "Time,Value (%)")).text == expected
+    turned, notes = joined(point("command.csv", seconds[::-1], [4, 3, 2, 1, 0], "Time,Value (%)"))
+    assert turned == expected
+    assert "command.csv: the newest row is first: turned round" in notes
+    assert "command.csv: 1 row at the time of the next: left out" in notes
+    text, _ = joined(point("T_sup.csv", seconds, [0, 9, 2, 3, 4], "Time,Value (°C)"), step=30)
+    np.testing.assert_allclose(table_of(text)[2][:4, 0], [0, 1, 2, 2.5])
+
+
+def test_utc_offsets_are_kept_as_utc(point):
+    text, _ = joined(point("command.csv", PERIODIC, np.arange(40), "Time,Value (%)", "%Y-%m-%dT%H:%M:%S-04:00"))
+    assert text.splitlines()[1].startswith("2024-07-25T12:01:00+00:00,")
+
+
+# --------------------------------------------------------------------------------------------------------- refused
+
+
+def test_files_that_cannot_be_joined_are_refused_with_the_cure(point):
+    seconds = 60 * np.arange(5)
+    command = point("command.csv", seconds, np.arange(5), "Time,Value (%)")
+    other = point("VLV-1.csv", seconds, np.arange(5), "Time,Value (%)")
+    assert "VLV-1.csv has 'Value (%)': say which point that is, with --column NAME=VLV-1.csv" in only_problem(
+        joined, command, other
+    )
+    assert "command is in command.csv and command.csv: leave one out" in only_problem(joined, command, command)
+    assert (
+        "--column has unknown 'T_supp', did you mean 'T_sup'?"
+        in problems(joined, command, other, columns={"T_supp": "VLV-1.csv"})[0]
+    )
+    assert "--column T_sup=SAT.csv: no file and no header is called so" in only_problem(
+        joined, command, columns={"T_sup": "SAT.csv"}
+    )
+    assert "it is in VLV-1.csv and in a file before: give FILE:HEADER" in only_problem(
+        joined, command, other, columns={"command": "Value"}
+    )
+    late = point("T_sup.csv", seconds + 10_000, np.arange(5), "Time,Value (°C)")
+    said = only_problem(joined, command, late)
+    assert "no two times at which all points have values (command 2024-07-25T08:00:00 to" in said
+    offset = point("T_sup.csv", seconds, np.arange(5), "Time,Value (°C)", "%Y-%m-%dT%H:%M:%SZ")
+    assert "export both alike" in only_problem(joined, command, offset)
+
+
+def test_bad_cells_are_refused_with_file_row_and_cure(point):
+    seconds = 60 * np.arange(5)
+    assert "command.csv: command = 'off' in row 4" in only_problem(
+        joined, point("command.csv", seconds, [0, 1, "off", 3, 4], "Time,Value (%)")
+    )
+    assert "command.csv: command has no unit, and its values look like percent" in only_problem(
+        joined, point("command.csv", seconds, [0, 10, 20, 30, 40], "Time,Value")
+    )
+    to_and_fro = point("command.csv", [0, 60, 30, 90, 120], range(5), "Time,Value (%)")
+    assert "command.csv: time goes back between rows 3 and 4" in only_problem(joined, to_and_fro)
+    no_time = point("command.csv", seconds, range(5), "Zone,Value (%)", "x")
+    assert "command.csv has no column of times: call it timestamp" in only_problem(joined, no_time)
+
+
+def test_a_clock_that_would_fill_the_memory_is_refused(point):
+    years = point("command.csv", 3e7 * np.arange(5), range(5), "Time,Value (%)")
+    assert "raise --step" in only_problem(joined, years, step=1)

@@ -1,0 +1,198 @@
+"""Tables as programs export them: remarks around them, rows of units, units in headers, other encodings."""
+
+import numpy as np
+import pytest
+from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, read, rows, saved, text_of, times
+from helpers.refusals import only_problem, problems
+
+from fastcoil.logs import read_log
+from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.table import label_and_unit
+
+MAPPED = {"columns": {"timestamp": "Time", "command": "Cmd", "T_sup": "SAT"}}
+
+
+@pytest.mark.parametrize(
+    ("before", "n"),
+    [
+        ("Trend report\n\n", 1),
+        ("Trend report of AHU-1\nSite: Berkeley, CA\nFrom:,2024-07-11\nTo:,2024-07-12\n\n", 4),
+        ("Trend report,,\n,,\nBuilding 33,,\nPoints:,2,\n", 3),
+    ],
+)
+def test_lines_before_the_header_are_left_out_and_said(tmp_path, before, n):
+    log = read(tmp_path, text_of(rows(), before=before))
+    assert_same_log(log)
+    assert log.rows[0] == before.count("\n") + 2  # as a spreadsheet numbers them
+    said = "the first row is" if n == 1 else f"the first {n} rows are"
+    assert any(note.startswith(f"{said} no part of the table: 'Trend report") for note in log.notes)
+
+
+def test_pairs_of_a_word_and_its_value_are_no_header(tmp_path):
+    before = "Point:,AHU1 valve\nFrom:,2024-07-11\nTo:,2024-07-12\n"
+    cells = [row[:2] for row in rows()]
+    path = saved(tmp_path, text_of(cells, HEADER[:2], before=before))
+    log = read_log(path, Wanted(("command",)))
+    np.testing.assert_allclose(log.values["command"], COMMAND / 100)
+    assert log.notes == ["the first 3 rows are no part of the table: 'Point:'"]
+
+
+@pytest.mark.parametrize("after", ["End of report\n", "\nTotal: 60 rows\nPrinted by,the system,\n"])
+def test_lines_after_the_data_are_left_out_and_said(tmp_path, after):
+    log = read(tmp_path, text_of(rows(), after=after))
+    assert_same_log(log)
+    assert any(f"row {ROWS + 2 + after.startswith(chr(10))} and what follows is no part" in n for n in log.notes)
+
+
+@pytest.mark.parametrize("last", ["2024-07-12T00:3", "2024-07-12T00:30:00,50.0", "x,1"])
+def test_a_last_row_that_is_cut_off_is_refused(tmp_path, last):
+    text = text_of(rows(), after=last)
+    if last == "x,1":
+        assert any("no part of the table: 'x'" in note for note in read(tmp_path, text).notes)
+    else:
+        assert f"row {ROWS + 2} has {last.count(',') + 1} cell" in only_problem(read, tmp_path, text)
+
+
+def test_rows_of_data_before_the_header_are_refused(tmp_path):
+    header, *data = text_of(rows()).splitlines()
+    text = "\n".join([*data[:5], header, *data[5:]])
+    assert "columns '2024-07-11T23:30:00', " in "\n".join(problems(read, tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    "units", ["yyyy-mm-dd hh:mm,%,°C", ",%,degC", "-,[%],[°C]", "local time,(%),(Deg C)", "TIMESTAMP,percent,C"]
+)
+def test_a_row_of_units_below_the_header(tmp_path, units):
+    header = ("timestamp", "command", "T_sup")
+    cells = [units.split(","), *rows()]
+    log = read(tmp_path, text_of(cells, header))
+    assert_same_log(log)
+    assert log.rows[0] == 3
+    assert log.notes[0].startswith("row 2 has the units: ")
+
+
+def test_a_row_of_units_is_checked_as_a_header_is(tmp_path):
+    cells = [["", "%", "bar"], *rows()]
+    header = ("timestamp", "command", "T_sup")
+    assert "T_sup is in 'bar' (known units: degC, degF, K)" in only_problem(read, tmp_path, text_of(cells, header))
+    said = only_problem(read, tmp_path, text_of([["", "%", "K"], *rows()], header), units={"T_sup": "degC"})
+    assert "T_sup is in 'K' by its header, in 'degC' by units" in said
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        ("timestamp", "command (%)", "T_sup (°C)"),
+        ("timestamp", "command / %", "T_sup / °C"),
+        ("timestamp", '"command, %"', '"T_sup, degC"'),
+        ("timestamp", "command (% open)", "T_sup (C)"),
+    ],
+)
+def test_units_in_round_brackets_and_after_comma_or_slash(tmp_path, header):
+    assert_same_log(read(tmp_path, text_of(rows(), header)))
+
+
+@pytest.mark.parametrize("header", [("Time", "Cmd (%)", "SAT (°C)"), ("Time", "Cmd/%", '"SAT, °C"')])
+def test_such_columns_are_asked_for_with_or_without_their_unit(tmp_path, header):
+    text = text_of(rows(), header)
+    assert_same_log(read(tmp_path, text, **MAPPED))
+    full = {"timestamp": "Time", "command": header[1], "T_sup": header[2].strip('"')}
+    assert_same_log(read(tmp_path, text, columns=full))
+
+
+def test_a_remark_in_round_brackets_gives_way_to_a_declared_unit(tmp_path):
+    text = text_of(rows(), ("timestamp", "command (V)", "T_sup [degC]"))
+    log = read(tmp_path, text, units={"command": "%"})
+    assert_same_log(log)
+    assert log.notes == ["command is read in '%', not in 'V' as its header has it"]
+    assert not read(tmp_path, text_of(rows(), ("timestamp", "command (%)", HEADER[2])), units={"command": "%"}).notes
+
+
+@pytest.mark.parametrize(
+    ("header", "label", "unit"),
+    [
+        ("Cmd (%)", "Cmd", "%"),
+        ("SAT (AHU1)", "SAT (AHU1)", None),
+        ("Flow, L/s", "Flow", "L/s"),
+        ("Flow/L/s", "Flow", "L/s"),
+        ("m_w / kg/s", "m_w", "kg/s"),
+        ("Loop 1/2", "Loop 1/2", None),
+        ("Valve, AHU1", "Valve, AHU1", None),
+        ("(%)", "(%)", None),
+        ("SAT (AHU1) [degF]", "SAT (AHU1)", "degF"),
+        ("x" * 300 + " (%)", "x" * 300 + " (%)", None),
+    ],
+)
+def test_label_and_unit_without_square_brackets(header, label, unit):
+    assert label_and_unit(header) == (label, unit)
+
+
+@pytest.mark.parametrize("where", ["everywhere", "below the header"])
+def test_a_separator_at_the_end_of_each_line(tmp_path, where):
+    lines = text_of(rows()).splitlines()
+    text = "\n".join(f"{line}," if k or where == "everywhere" else line for k, line in enumerate(lines))
+    log = read(tmp_path, text)
+    assert_same_log(log)
+    assert not log.notes
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le-bom", "utf-16-be-bom"])
+def test_encodings_of_spreadsheets(tmp_path, encoding):
+    text = text_of(rows(), ("timestamp", "command [%]", "T_sup [°C]"), separator="\t").replace("\n", "\r\n")
+    marked = "\ufeff" + text if encoding.endswith("-bom") else text
+    assert_same_log(read(tmp_path, marked, encoding.removesuffix("-bom")))
+
+
+def test_all_at_once(tmp_path):
+    """As a German building system writes it."""
+    cells = [
+        ["", "%", "°C", ""],
+        *rows(
+            [f"{stamp} MEZ" for stamp in times("%d.%m.%Y %H:%M:%S")],
+            [f"{c}".replace(".", ",") for c in COMMAND],
+            [f"{T}".replace(".", ",") for T in T_SUP],
+            ["{ok}"] * ROWS,
+        ),
+    ]
+    text = text_of(cells, ("Zeit", "Stellung", "Zuluft", "Status"), ";", "Anlage;RLT 1\n\n", "\nEnde\n")
+    log = read(tmp_path, text, "utf-16", columns={"timestamp": "Zeit", "command": "Stellung", "T_sup": "Zuluft"})
+    assert_same_log(log)
+    assert len(log.notes) == 7
+
+
+def test_a_plain_log_has_no_notes(tmp_path):
+    log = read(tmp_path, text_of(rows()))
+    assert_same_log(log)
+    assert log.notes == log.told == []
+    assert not log.change_of_value
+
+
+# ---------------------------------------------------------------------------------- signals of 2-10 V, percent
+
+
+def test_signals_whose_lowest_value_is_the_closed_valve(tmp_path):
+    stroke = COMMAND / 100
+    for unit, values in {"V 2-10": 2 + 8 * stroke, "2-10 V": 2 + 8 * stroke, "mA 4-20": 4 + 16 * stroke}.items():
+        log = read(tmp_path, text_of(rows(ISO, values), ("timestamp", f"command [{unit}]", HEADER[2])))
+        np.testing.assert_allclose(log.values["command"], stroke, atol=1e-12)
+        assert not log.notes
+
+
+def test_a_command_from_2_to_10_V_is_suspected_aloud(tmp_path):
+    stroke = np.linspace(0, 1, ROWS)
+    header = ("timestamp", "command [V]", HEADER[2])
+    (note,) = read(tmp_path, text_of(rows(ISO, 2 + 8 * stroke), header)).notes
+    assert "command is from 2 to 10 V, read as a signal of 0–10 V: if it is one of 2–10 V" in note
+    assert "--unit command='V 2-10'" in note
+    for values in (10 * stroke, 4 + 6 * stroke, 2 + 5 * stroke):
+        assert not read(tmp_path, text_of(rows(ISO, values), header)).notes
+    for unit in ("V 0-10", "V 2-10"):
+        assert not read(tmp_path, text_of(rows(ISO, 2 + 8 * stroke), (header[0], f"command [{unit}]", header[2]))).notes
+
+
+def test_percent_without_a_unit_is_refused_with_the_unit_it_looks_like(tmp_path):
+    said = only_problem(read, tmp_path, text_of(rows(), ("timestamp", "command", HEADER[2])))
+    assert "its values look like percent: write 'command [%]' in the header" in said
+    assert "--unit command='%'" in said
+    said = only_problem(read, tmp_path, text_of(rows(ISO, COMMAND / 100), ("timestamp", "command", HEADER[2])))
+    assert "command has no unit: write 'command [1]'" in said

@@ -1,0 +1,242 @@
+"""Timestamps in the writing of every program: read with the time they mean, or refused with the cure."""
+
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+from helpers.exports import ISO, ROWS, START, assert_same_log, read, rows, text_of, times
+from helpers.refusals import only_problem
+
+import fastcoil as fc
+
+CURE = "time_format='%d/%m/%Y %H:%M', --time-format '%d/%m/%Y %H:%M'"
+
+
+def as_read(tmp_path, stamps, **options):
+    return read(tmp_path, text_of(rows([f'"{stamp}"' for stamp in stamps])), **options)
+
+
+def refusal(tmp_path, stamps, **options):
+    return only_problem(as_read, tmp_path, stamps, **options)
+
+
+# ------------------------------------------------------------------------------------------------- day and month
+
+
+@pytest.mark.parametrize(
+    ("form", "said"),
+    [
+        ("%m/%d/%Y %H:%M", "mm/dd/yyyy"),
+        ("%m/%d/%Y %I:%M:%S %p", "mm/dd/yyyy"),
+        ("%d/%m/%Y %H:%M:%S", "dd/mm/yyyy"),
+        ("%d/%m/%y %I:%M %p", "dd/mm/yyyy"),
+        ("%d-%m-%Y %H:%M", "dd/mm/yyyy"),
+        ("%d.%m.%Y %H:%M", "dd.mm.yyyy"),
+        ("%d.%m.%y, %H:%M:%S", "dd.mm.yyyy"),
+        ("%Y/%m/%d %H:%M", None),
+        ("%d-%b-%y %I:%M:%S %p", None),
+        ("%b %d, %Y %H:%M", None),
+        ("%A, %B %d, %Y %I:%M:%S %p", None),
+        ("%Y-%m-%dT%H:%M:%S.000-04:00 New_York", None),
+        ("%Y-%m-%dT%H:%M-04:00[America/New_York]", None),
+    ],
+)
+@pytest.mark.parametrize("day", [11, 25], ids=["over midnight", "beyond the 12th"])
+def test_dates_of_every_country_are_read_and_the_order_is_said(tmp_path, form, said, day):
+    log = as_read(tmp_path, times(form, START.replace(day=day)))
+    assert_same_log(log)
+    orders = [note for note in log.notes if "timestamp read as" in note]
+    assert len(orders) == (said is not None)
+    if said:
+        assert f"timestamp read as {said}" in orders[0]
+
+
+@pytest.mark.parametrize(
+    ("form", "why"),
+    [("%d/%m/%Y %H:%M", "the first number exceeds 12 in"), ("%m/%d/%Y %H:%M", "the second number exceeds 12 in")],
+)
+def test_the_note_says_what_shows_the_order(tmp_path, form, why):
+    stamps = times(form, datetime(2024, 7, 12, 23, 30))
+    assert any(f"{why} 30 rows" in note for note in as_read(tmp_path, stamps).notes)
+    early = times(form, datetime(2024, 7, 11, 23, 30))
+    assert any("in the other order time would jump" in note for note in as_read(tmp_path, early).notes)
+
+
+def test_within_a_day_the_order_makes_no_difference_and_that_is_said(tmp_path):
+    log = as_read(tmp_path, times("%d/%m/%Y %H:%M", datetime(2024, 7, 11, 8)))
+    assert_same_log(log)
+    assert any("makes no difference" in note for note in log.notes)
+
+
+def test_an_order_that_nothing_shows_is_refused_with_the_cure_and_read_with_it(tmp_path):
+    days = [f"{1 + k // 5:02}/{1 + k % 5:02}/2024 08:00" for k in range(ROWS)]  # as even in one order as in the other
+    assert CURE in refusal(tmp_path, days)
+    daily = [f"{1 + k:02}/07/2024" for k in range(12)]
+    text = text_of(rows(daily, range(12), range(12)))
+    assert CURE in only_problem(read, tmp_path, text)
+    assert read(tmp_path, text, time_format="%d/%m/%Y").time[-1] == 11 * 86400
+    assert read(tmp_path, text, time_format="%m/%d/%Y").time[-1] == 335 * 86400
+
+
+def test_both_orders_in_one_log_are_refused_with_their_rows(tmp_path):
+    stamps = times("%d/%m/%Y %H:%M", START.replace(day=25))
+    stamps[7] = "07/25/2024 23:37"
+    assert "the day before the month in row 2 and after it in row 9" in refusal(tmp_path, stamps)
+
+
+@pytest.mark.parametrize(
+    "cell", ["31/02/2024 08:00", "midnight", "25/07/2024 25:00", "25/07/2024 08:61", "25/07/2024 0:30 PM"]
+)
+def test_a_cell_that_is_no_time_among_others_is_named(tmp_path, cell):
+    stamps = times("%d/%m/%Y %H:%M", START.replace(day=25))
+    stamps[7] = cell
+    assert f"timestamp = '{cell}' in row 9 is not as the others" in refusal(tmp_path, stamps)
+    log = as_read(tmp_path, stamps, drop=True)
+    assert log.time.size == ROWS - 1
+    assert any("1 row left out: timestamp" in note for note in log.notes)
+
+
+def test_noon_and_midnight_of_twelve_hours(tmp_path):
+    stamps = times("%m/%d/%Y %I:%M %p", datetime(2024, 7, 25, 11, 30))
+    assert any("12:05 PM" in stamp for stamp in stamps)
+    assert_same_log(as_read(tmp_path, stamps))
+    assert_same_log(as_read(tmp_path, times("%m/%d/%Y %I:%M %p", datetime(2024, 7, 25, 23, 30))))
+
+
+# ----------------------------------------------------------------------------------------------- numbers as times
+
+
+def test_serial_days_of_a_spreadsheet_are_read_to_the_second(tmp_path):
+    since = [(START + timedelta(seconds=60 * k) - datetime(1899, 12, 30)).total_seconds() / 86400 for k in range(ROWS)]
+    log = as_read(tmp_path, [f"{days:.5f}" for days in since])  # their last digit is 0.9 s
+    assert_same_log(log)
+    assert any("serial days of a spreadsheet: '45484.97917' is 2024-07-11T23:30:00" in note for note in log.notes)
+    assert_same_log(as_read(tmp_path, [f"{days:.5f}" for days in since], time_format="excel"))
+
+
+@pytest.mark.parametrize(("scale", "said"), [(1, "seconds since 1970"), (1000, "milliseconds since 1970")])
+def test_seconds_and_milliseconds_since_1970(tmp_path, scale, said):
+    since = int((START - datetime(1970, 1, 1)).total_seconds())
+    stamps = [str(scale * (since + 60 * k)) for k in range(ROWS)]
+    log = as_read(tmp_path, stamps)
+    assert_same_log(log)
+    assert any(said in note and "2024-07-11T23:30:00" in note for note in log.notes)
+    assert_same_log(as_read(tmp_path, stamps, time_format="epoch"))
+
+
+def test_small_numbers_are_no_timestamps(tmp_path):
+    said = refusal(tmp_path, [str(60 * k) for k in range(ROWS)])
+    assert "timestamp = '0' in row 2 is not ISO 8601" in said
+    assert CURE in said
+
+
+# ------------------------------------------------------------------------------------------------------ time zones
+
+
+@pytest.mark.parametrize("zone", ["UTC", "CET", "PST", "MESZ", "(CEST)"])
+def test_one_time_zone_throughout_is_read_and_said(tmp_path, zone):
+    log = as_read(tmp_path, times(f"%d.%m.%Y %H:%M:%S {zone}"))
+    assert_same_log(log)
+    assert any(f"timestamp is in {zone.strip('()')} throughout" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("zones", [("PDT", "PST"), ("CEST", "CET"), ("BST", "GMT")])
+def test_the_summer_and_the_winter_time_of_one_place_are_one_time(tmp_path, zones):
+    stamps = [f"{stamp} {zones[0]}" for stamp in times("%Y-%m-%d %H:%M")]
+    back = [f"{stamp} {zones[1]}" for stamp in times("%Y-%m-%d %H:%M", START - timedelta(hours=1))]
+    assert_same_log(as_read(tmp_path, stamps[:20] + back[20:]))
+
+
+def test_other_mixtures_of_zones_are_refused(tmp_path):
+    stamps = [f"{stamp} {'EST' if k else 'PST'}" for k, stamp in enumerate(times("%Y-%m-%d %H:%M"))]
+    assert "the time zones 'PST, EST': write one" in refusal(tmp_path, stamps)
+    stamps = [f"{stamp}{' PST' if k else ''}" for k, stamp in enumerate(times("%d.%m.%Y %H:%M"))]
+    assert "names a time zone in some rows only, first unlike in row 3" in refusal(tmp_path, stamps)
+
+
+def test_utc_offsets_that_change_are_one_time(tmp_path):
+    hour_earlier = times("%Y-%m-%dT%H:%M:%S", START - timedelta(hours=1))
+    stamps = [f"{stamp}-04:00" for stamp in ISO[:20]] + [f"{stamp}-05:00" for stamp in hour_earlier[20:]]
+    log = as_read(tmp_path, stamps)
+    assert_same_log(log)
+    assert any("another UTC offset from row 22 on: read in UTC" in note for note in log.notes)
+    assert "row 3 has another UTC offset than the first" in refusal(tmp_path, [stamps[0], *ISO[1:]])
+
+
+# --------------------------------------------------------------------------------------- clocks changed, minutes only
+
+
+def test_a_clock_set_back_is_named_as_such(tmp_path):
+    stamps = ISO[:40] + times("%Y-%m-%dT%H:%M:%S", START - timedelta(hours=1))[40:]
+    said = refusal(tmp_path, stamps, jumps="refuse")
+    assert "row 42 is earlier than row 41: clocks were set back an hour here: log UTC or the UTC offset" in said
+    assert as_read(tmp_path, stamps, jumps="split").n_batches == 2
+
+
+def test_a_clock_set_forward_is_a_gap_that_says_so(tmp_path):
+    stamps = ISO[:40] + times("%Y-%m-%dT%H:%M:%S", START + timedelta(hours=1))[40:]
+    assert any("clocks set forward?" in note for note in as_read(tmp_path, stamps).notes)
+    assert "3660 s apart, others 60 s, as where clocks are set forward: fill" in refusal(
+        tmp_path, stamps, unbroken=True
+    )
+
+
+def test_several_rows_in_a_minute_ask_for_seconds(tmp_path):
+    stamps = [stamp[:16] for stamp in times("%Y-%m-%dT%H:%M:%S", step=20)]
+    said = refusal(tmp_path, stamps)
+    assert "timestamp is to the minute, with up to 3 rows in one (first: rows 2 and 3): export it with seconds" in said
+
+
+def test_dates_without_the_time_of_day_ask_for_it(tmp_path):
+    said = refusal(tmp_path, times("%d/%m/%Y", START.replace(day=25)))
+    assert "timestamp has dates only, up to 30 rows to a day: put date and time of day into one column" in said
+
+
+# ----------------------------------------------------------------------------------------------------- time_format
+
+
+@pytest.mark.parametrize("form", ["%Y%m%d-%H.%M.%S", "%d %b %Y at %Hh%M", "%H:%M:%S %d/%m/%Y", "%Y-%j %H:%M"])
+def test_any_pattern_can_be_given(tmp_path, form):
+    log = as_read(tmp_path, times(form), time_format=form)
+    assert_same_log(log)
+    assert not log.notes
+
+
+def test_a_time_that_is_not_as_the_pattern_says_is_named(tmp_path):
+    assert "timestamp = '2024-07-11T23:30:00' in row 2 is not as '%d/%m/%Y' says" in refusal(
+        tmp_path, ISO, time_format="%d/%m/%Y"
+    )
+    assert "is no serial day" in refusal(tmp_path, ISO, time_format="excel")
+
+
+@pytest.mark.parametrize("form", ["dd/mm/yyyy", "%Q", "", "%", "%d" * 99, "x%d%"])
+def test_a_bad_pattern_is_refused_by_every_reader(write, form):
+    path = write(["timestamp", "command [%]"], [[1, 2], [3, 4]])
+    loop = fc.Loop()
+    for function, *first in ((fc.fit_valve,), (fc.fit_coil,), (fc.replay, loop), (fc.Boundary.from_csv,)):
+        said = only_problem(function, *first, path, time_format=form)
+        assert said.startswith(f"time_format = '{form[:20]}")
+        assert "give a pattern such as '%d/%m/%Y %H:%M', or excel or epoch" in said
+
+
+def test_a_format_without_timestamps_is_refused(write):
+    path = write(["elapsed_time [s]", "T_sup [degC]", "T_set [degC]"], [[60 * k, 14, 14] for k in range(5)])
+    assert "it is for the column timestamp, which the log lacks" in only_problem(
+        fc.replay, fc.Loop(), path, time_format="epoch"
+    )
+
+
+@pytest.mark.kernel
+def test_where_a_result_has_no_notes_a_warning_says_how_times_were_read(write):
+    stamps = times("%d/%m/%Y %H:%M", START.replace(day=25))
+    path = write(["timestamp", "T_sup [degC]", "T_set [degC]"], [[stamp, 14, 14] for stamp in stamps])
+    with pytest.warns(
+        UserWarning, match="log.csv: timestamp read as dd/mm/yyyy: the first number exceeds 12 in 60 rows"
+    ):
+        ds = fc.replay(fc.Loop(), path, trace_interval=600)
+    assert ds.sizes["elapsed_time"] == 6
+    header = ["timestamp", "m_a [kg/s]", "T_a_in [degC]", "W_a_in [1]", "T_w_in [degC]", "T_set [degC]"]
+    with pytest.warns(UserWarning, match="dd/mm/yyyy"):
+        day = fc.Boundary.from_csv(write(header, [[stamp, 1, 25, 0.01, 7, 14] for stamp in stamps]))
+    assert day.n_steps == 60 * (ROWS - 1) + 1
+    np.testing.assert_array_equal(day.series["m_a"], 1.0)
