@@ -74,9 +74,19 @@ def conditions() -> dict[str, tuple[fc.Loop, fc.Boundary]]:
         LONG: (loop, fc.paper_day(hours=LONG_HOURS, seed=list(DAYS))),
         "stepped, all valves good": (loop.assign(backlash=0.0), stepped),
         "stepped, authority 0.02–0.1": (loop.assign(authority=("sample", low)), stepped),
+        "stepped, sampled every 2 min": (loop.assign(sample_time=120.0), stepped),
+        "stepped, air flow in steps": (loop, stepping_air(stepped)),
         **of_kinds,
         "heating, stepped": (heating, fc.Boundary(**steps, T_set=T_set, day=list(DAYS))),
     }
+
+
+def stepping_air(days: fc.Boundary) -> fc.Boundary:
+    """Days whose air flow steps every 25 minutes, to 60–130 % of what it was."""
+    n = days.series["m_a"].shape[-1]
+    draw = np.random.default_rng([SEED, 7]).uniform(0.6, 1.3, (len(DAYS), n // 1500 + 1))
+    series = {name: days.series[name] for name in ("T_a_in", "W_a_in", "T_w_in", "T_set")}
+    return fc.Boundary(**series, m_a=days.series["m_a"] * np.repeat(draw, 1500, axis=1)[:, :n], day=list(DAYS))
 
 
 def measured(loop: fc.Loop, days: fc.Boundary) -> xr.Dataset:

@@ -5,8 +5,8 @@ temperature is fitted to each (``identify_equations``), and the candidates that 
 Jelali (2008), done recursively.
 
 Only the hours after a step of the set-point count, and not the minutes after a step of the air flow.  Between steps the
-command follows the temperature and nothing else, a stem that stands still looks like one without a gap, and what the
-loop then says about its valve is wrong more often than right.  Nothing is forgotten meanwhile.
+command follows the temperature and nothing else, and a stem that stands still looks like one without a gap.  Nothing is
+forgotten meanwhile.
 """
 
 from __future__ import annotations
