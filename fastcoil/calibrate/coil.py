@@ -13,6 +13,7 @@ from fastcoil.calibrate.coil_problem import CoilProblem
 from fastcoil.calibrate.coil_record import in_operation, record_of
 from fastcoil.calibrate.coil_result import coil_fit
 from fastcoil.calibrate.result import Fit
+from fastcoil.calibrate.split import fitted_part, validated_with
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, log_of
@@ -70,7 +71,8 @@ def fit_coil(
         Share of the log that is fitted (of its pieces, if it has at least four), 0.7 if left out; or the last second
         that is fitted.  The rest is held back for validation.
     validation
-        Another log, of the same columns, to validate with; then all of the first is fitted.
+        Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
+        ``fit_until``.  It has no influence on the fit.
     drop, jumps, max_gap
         What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
     time_format
@@ -127,8 +129,14 @@ def fit_coil(
         )
         return in_operation(found)
 
-    data = read(log) if validation is None else read(log).followed_by(read(validation))
-    record = record_of(data, loop, held_inputs)
+    data = read(log)
+    if validation is not None:
+        data, fit_until = validated_with(data, read(validation), fit_until), None
+    if "T_w_out" in data.values and not both:
+        data.notes.append(
+            "T_w_out is compared, but only the error of T_sup is minimised: minimise_on='both', --both uses it too"
+        )
+    record = record_of(data, loop, held_inputs, fitted_part(data, split, fit_until))
     problem = CoilProblem(data, record, OUTPUTS[minimise_on], warm_up, split, fit_until, held_inputs)
     return coil_fit(problem, problem.solve(), started)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from threading import current_thread, main_thread
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +21,7 @@ from fastcoil.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.logs.notes import counted, first_row
 from fastcoil.logs.seconds import at_seconds, require_whole_seconds
+from fastcoil.simulation.in_thread import within
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
 
@@ -30,6 +33,8 @@ LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
 _ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
 _AIR_FLOWS = 9
 _LONGEST = 60 * 86400
+_SHORT = 4_000_000
+"""Steps of parameter sets that take about a second."""
 _STILL, _MOSTLY = 0.05, 0.95
 """Air stands still below the first share of the flow that it stays below for the second share of the time."""
 _ROUND_OFF = 1e-6
@@ -51,22 +56,28 @@ class CoilRun(NamedTuple):
     wet_volumes: Array
 
 
+class Limits(NamedTuple):
+    """What decides whether a coil is stable: largest water flow, least and largest air flow, kg/s, largest dh_s/dT."""
+
+    m_w_max: float
+    m_a_span: tuple[float, float]
+    wet_slope: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Record:
     """The series that enter the coil second by second, and the seconds of the samples.
 
-    pieces: the unbroken pieces of the log; each starts from ``T_initial``.  m_w, m_a: typical flows, kg/s.  m_w_max,
-    m_a_span, wet_slope: of the whole log, for the limits of stability: largest water flow, least and largest air flow,
-    kg/s, and largest dh_s/dT, kJ/(kg K).
+    pieces: the unbroken pieces of the log; each starts from ``T_initial``.  m_w, m_a: typical flows of the part to fit,
+    kg/s.  limits, limits_of_all: of stability, in the part to fit and in all of the log.
     """
 
     pieces: tuple[Piece, ...]
     loop: Loop
     m_w: float
     m_a: float
-    m_w_max: float
-    m_a_span: tuple[float, float]
-    wet_slope: float
+    limits: Limits
+    limits_of_all: Limits
 
     def until(self, n_samples: int) -> Record:
         """The record up to its first samples."""
@@ -92,24 +103,41 @@ class Record:
 
     def run(self, sets: Array) -> CoilRun:
         """The model over the record with each parameter set (8, sets); NaN for sets that are unstable."""
-        base = parameter_matrix(columns_of(self.loop, {}, np.array([0])))
-        matrix = np.repeat(base, sets.shape[1], axis=1)
-        matrix[_ROWS] = self.values(sets)
-        of_pieces = [run_coil(matrix, piece.series, piece.at) for piece in self.pieces]
+        matrix = self._matrix(sets)
+        of_pieces = [_run(matrix, piece) for piece in self.pieces]
         found = CoilRun(*(np.concatenate(parts) for parts in zip(*of_pieces, strict=True)))
-        unstable = self._unstable(matrix)
+        unstable = self._unstable(sets)
         for whole in found:
             whole[:, unstable] = np.nan
         return found
 
-    def _unstable(self, matrix: Array) -> Mask:
-        """Sets with γ or λ above 1 at the flows of the record, (sets,)."""
-        steep = {"m_max": self.m_w_max, "valve_a": 1.0, "valve_b": 100.0, "valve_c": -5.0, "rangeability": np.nan}
-        matrix = matrix.copy()
-        for name, value in steep.items():  # a valve that delivers just that at full opening
+    def is_stable(self, x: Array) -> bool:
+        """Whether a parameter set (8, 1) is stable over all of the log, the held-back part included."""
+        return not replace(self, limits=self.limits_of_all)._unstable(x)[0]
+
+    def _unstable(self, sets: Array) -> Mask:
+        """Sets (8, sets) with γ or λ above 1 at the flows of ``limits``, (sets,)."""
+        matrix = self._matrix(sets)
+        # a valve that delivers just that at full opening
+        most = {"m_max": self.limits.m_w_max, "valve_a": 1.0, "valve_b": 100.0, "valve_c": -5.0, "rangeability": np.nan}
+        for name, value in most.items():
             matrix[PARAMETER_ROWS.index(name)] = value
-        gamma, lam = worst_numbers(matrix, np.linspace(*self.m_a_span, _AIR_FLOWS), self.wet_slope)
+        air_flows = np.linspace(*self.limits.m_a_span, _AIR_FLOWS)
+        gamma, lam = worst_numbers(matrix, air_flows, self.limits.wet_slope)
         return np.asarray(~((gamma <= 1.0) & (lam <= 1.0)))
+
+    def _matrix(self, sets: Array) -> Array:
+        base = parameter_matrix(columns_of(self.loop, {}, np.array([0])))
+        matrix = np.repeat(base, sets.shape[1], axis=1)
+        matrix[_ROWS] = self.values(sets)
+        return matrix
+
+
+def _run(matrix: Array, piece: Piece) -> tuple[Array, ...]:
+    """The model over one piece; Ctrl-C is heard while a long one runs."""
+    if piece.series.shape[0] * matrix.shape[1] < _SHORT or current_thread() is not main_thread():
+        return run_coil(matrix, piece.series, piece.at)
+    return within(None, lambda: run_coil(matrix, piece.series, piece.at))
 
 
 def residual_rows(found: Array, measured: Array, used: Mask) -> Array:
@@ -137,13 +165,16 @@ def in_operation(log: Log) -> Log:
     return log.where(on)
 
 
-def record_of(log: Log, loop: Loop, holds: tuple[str, ...]) -> Record:
-    """The log on 1-s steps: straight lines between samples, or held where ``holds`` names the series."""
+def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Record:
+    """The log on 1-s steps: straight lines between samples, or held where ``holds`` names the series.
+
+    fitting: (n,), samples of the part to fit; the others have no influence on its scales and limits.
+    """
     require_whole_seconds(log.name, log.step)
     pressure = float(loop["pressure"])  # type: ignore[arg-type]
     values = log.values | {"W_a_in": log.humidity_ratio(pressure)}
-    if not values["m_w"].any():
-        raise InputError(f"{log.name}: m_w is 0 throughout: give a log with water flow")
+    if not values["m_w"][fitting].any():
+        raise InputError(f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow")
     if log.change_of_value:
         holds = COIL_COLUMNS
     unbroken = np.split(np.arange(log.time.size), np.flatnonzero(np.diff(log.batch)) + 1)
@@ -151,16 +182,23 @@ def record_of(log: Log, loop: Loop, holds: tuple[str, ...]) -> Record:
     if seconds_in_all > _LONGEST:
         days = f"{seconds_in_all / 86400:.0f} days: cut it to {_LONGEST // 86400} at most"
         raise InputError(f"{log.name}: the log lasts {days}, a fit of more takes many minutes")
-    dew_point = float(moist_air.dew_point(values["W_a_in"].max(), pressure))
-    coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), float(loop["T_initial"]))  # type: ignore[arg-type]
-    m_a, m_w = values["m_a"], values["m_w"]
+    coldest = float(loop["T_initial"])  # type: ignore[arg-type]
     return Record(
         pieces=tuple(_piece(log.time[i], {name: values[name][i] for name in COIL_COLUMNS}, holds) for i in unbroken),
         loop=loop,
-        m_w=_typical(m_w),
-        m_a=_typical(m_a),
-        m_w_max=float(m_w.max()),
-        m_a_span=(float(m_a.min()), float(m_a.max())),
+        m_w=_typical(values["m_w"][fitting]),
+        m_a=_typical(values["m_a"][fitting]),
+        limits=_limits({name: series[fitting] for name, series in values.items()}, coldest, pressure),
+        limits_of_all=_limits(values, coldest, pressure),
+    )
+
+
+def _limits(values: Mapping[str, Array], T_initial: float, pressure: float) -> Limits:
+    dew_point = float(moist_air.dew_point(values["W_a_in"].max(), pressure))
+    coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), T_initial)
+    return Limits(
+        m_w_max=float(values["m_w"].max()),
+        m_a_span=(float(values["m_a"].min()), float(values["m_a"].max())),
         wet_slope=0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure)),
     )
 

@@ -54,7 +54,8 @@ def coil_fit(problem: CoilProblem, solution: CoilSolution, started: float) -> Fi
     fitted = problem.compared["T_sup"] & problem.fitting
     notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns, and how the inputs run between samples")
     notes.append(f"{(wet > 0).mean():.0%} of the fitted samples have wet volumes, {wet.mean():.1f} on average")
-    notes.append(f"stable up to the recorded {record.m_w_max:.3g} kg/s of water; for more, raise C_w in proportion")
+    most = record.limits.m_w_max
+    notes.append(f"stable up to the {most:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion")
     return Fit(
         kind="coil",
         source=data.name,
@@ -87,6 +88,13 @@ def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, fl
     """Measured and modelled temperatures over all samples, and RMSE by part."""
     data, compared = problem.data, problem.compared
     found = {name: values[:, 0] for name, values in problem.record.run(x)._asdict().items()}
+    if not problem.record.is_stable(x):
+        for values in found.values():
+            values[~problem.fitting] = np.nan
+        problem.notes.append(
+            f"not validated: the coil is unstable at the flows of the part held back, up to "
+            f"{problem.record.limits_of_all.m_w_max:.3g} kg/s of water: fit a part that has such flows"
+        )
     part = np.where(problem.fitting, FITTING, VALIDATION)
     variables: dict[str, Any] = sample_variables(data, np.where(compared["T_sup"], part, UNUSED))
     rmse = {}
@@ -98,7 +106,7 @@ def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, fl
             f"{name}_residual": ("elapsed_time", measured - found[name], {"units": "K"}),
         }
         for p in (FITTING, VALIDATION):
-            here = compared.get(name, np.zeros(part.size, dtype=bool)) & (part == p)
+            here = compared.get(name, np.zeros(part.size, dtype=bool)) & (part == p) & np.isfinite(found[name])
             if here.any():
                 rmse[p if name == "T_sup" else f"{p}_{name}"] = rms((found[name] - measured)[here])
     variables["wet_volumes"] = ("elapsed_time", found["wet_volumes"], {"units": "1"})

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fastcoil.arrays import Array, Index, Mask
+from fastcoil.calibrate import work
 
 CONFIDENCE = 0.95
 _RANK_TOLERANCE = 1e-8
@@ -72,6 +73,7 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
         sets[which, 1 + 2 * k] = np.minimum(x[which] + step, model.upper[which])
         sets[which, 2 + 2 * k] = np.maximum(x[which] - step, model.lower[which])
     found = model.residuals(sets)
+    work.step()
     found = np.where(np.isfinite(found), found, FORBIDDEN)
     J = np.zeros((found.shape[0], p))
     forbidden = np.atleast_1d((np.abs(found) >= FORBIDDEN).any(axis=0))
@@ -93,6 +95,7 @@ def screen(model: Model, starts: Array) -> Array:
     """Residual sum of squares of every start (p, sets)."""
     sums = []
     for first in range(0, starts.shape[1], _SCREENED_AT_ONCE):
+        work.part("starts", first, starts.shape[1])
         r = model.residuals(starts[:, first : first + _SCREENED_AT_ONCE])
         r = np.where(np.isfinite(r), r, FORBIDDEN)
         sums.append(np.einsum("ij,ij->j", r, r))
@@ -104,10 +107,15 @@ def minimise(
 ) -> Estimate:
     """The best minimum found from the best of ``starts`` (p, sets); parameters in ``fixed`` stay where they start."""
     order = np.argsort(screen(model, starts))[:refined] if starts.shape[1] > 1 else np.array([0])
-    found = [_descend(model, starts[:, k], fixed, max_steps) for k in order]
+    found = []
+    for i, k in enumerate(order):
+        if starts.shape[1] > 1:
+            work.part("descents", i, order.size + 1)
+        found.append(_descend(model, starts[:, k], fixed, max_steps))
     best = min(found, key=lambda one: one.rss)
     if starts.shape[1] == 1:
         return best
+    work.part("descents", order.size, order.size + 1)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
     polished = _descend(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)
     x = min(best, polished, key=lambda one: one.rss).x
@@ -276,6 +284,7 @@ def profile(
     for way in (range(middle, grid.size), range(middle - 1, -1, -1)):
         x = best.x
         for i in way:
+            work.part("values of the backlash", len(found), grid.size)
             start = x.copy()
             start[k] = grid[i]
             found[i] = minimise(model, start[:, None], fixed=[*fixed, k], max_steps=max_steps)

@@ -7,6 +7,7 @@ import numpy as np
 from fastcoil.arrays import Mask
 from fastcoil.errors import InputError
 from fastcoil.logs import Log
+from fastcoil.logs.notes import counted
 
 FITTING, VALIDATION, UNUSED = "fit", "validation", "unused"
 SPLIT = 0.7
@@ -34,3 +35,13 @@ def fitted_part(data: Log, split: float | None, fit_until: float | None) -> Mask
         last = min(int(np.argmax(ends >= share - 1e-9)), data.n_batches - 2)
         return np.asarray(data.batch <= last)
     return np.arange(data.time.size) < max(round(share * data.time.size), 1)
+
+
+def validated_with(data: Log, other: Log, fit_until: float | None) -> Log:
+    """Both logs: the first, up to ``fit_until`` s, to be fitted, and ``other`` to validate the fit."""
+    if fit_until is not None:
+        kept = np.asarray(np.maximum.accumulate(data.time) <= fit_until)
+        data = data.where(kept)
+        if not kept.all():
+            data.notes.append(f"{counted(~kept, 'row')} after fit_until left out: the other log validates the fit")
+    return data.followed_by(other)

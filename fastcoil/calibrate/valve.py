@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.arguments import checking, choice_of, number_of
+from fastcoil.arguments import checking, choice_of, number_of, plain
 from fastcoil.calibrate.arguments import check_reading, split_of
+from fastcoil.calibrate.lag import with_lag, without_lag
 from fastcoil.calibrate.result import Fit
+from fastcoil.calibrate.split import validated_with
 from fastcoil.calibrate.valve_problem import FEWEST_SAMPLES, ValveProblem
 from fastcoil.calibrate.valve_result import valve_fit
 from fastcoil.errors import InputError
@@ -28,6 +30,7 @@ _LARGEST_FLOW = 1e6
 """Of any valve, kg/s."""
 _FEWEST_ROWS = 3
 """Rows of a piece of the log, on average: where in its gap a piece starts is one more unknown."""
+_LONGEST_LAG = 86400.0
 _MANY_PIECES = 50
 """A fit of more takes minutes."""
 _WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
@@ -45,6 +48,8 @@ def fit_valve(
     split: float | None = None,
     fit_until: float | None = None,
     validation: Any = None,
+    lag: float | str = "auto",
+    holds: str | None = None,
     drop: bool = False,
     jumps: str = "refuse",
     max_gap: float | None = None,
@@ -73,7 +78,14 @@ def fit_valve(
         Share of the log that is fitted (of its batches, if it has at least four), 0.7 if left out; or the last second
         that is fitted.  The rest is held back for validation.
     validation
-        Another log, of the same columns, to validate with; then all of the first is fitted.
+        Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
+        ``fit_until``.  It has no influence on the fit.
+    lag
+        Seconds by which the flow is logged after the command, negative if before; ``auto``: sought in each piece of the
+        log, told, and taken out.
+    holds
+        ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
+        between the rows, and the interval of the backlash allows for that.
     drop, jumps, max_gap
         What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
     time_format
@@ -103,6 +115,8 @@ def fit_valve(
         floor = check.unless_none(number_of, "floor", floor, "give a number, 0 or more", least=0.0)
         settle = check.unless_none(number_of, "settle", settle, "give a number, 0 or more", least=0.0)
         initial = check(choice_of, "initial", initial, ("unknown", "rising", "falling"))
+        lag = check(_lag_of, lag)
+        holds = check.unless_none(choice_of, "holds", holds, ("command",))
         check_reading(check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap)
         time_format = check.unless_none(time_format_of, "time_format", time_format)
         split, fit_until = split_of(check, split, fit_until)
@@ -126,9 +140,22 @@ def fit_valve(
     if validation is not None:
         to_validate = read(validation)
         _check_order(to_validate)
-        data = data.followed_by(to_validate)
+        data, fit_until = validated_with(data, to_validate, fit_until), None
+    if isinstance(lag, float):
+        data = with_lag(data, lag)
     problem = ValveProblem(data, floor, settle, split, fit_until)
-    return valve_fit(problem, problem.solve(m_max, initial), started)
+    if lag == "auto":
+        moved = without_lag(data, problem.good, problem.fitting)
+        problem = problem if moved is data else ValveProblem(moved, floor, settle, split, fit_until)
+    return valve_fit(problem, problem.solve(m_max, initial), holds is not None, started)
+
+
+def _lag_of(lag: Any) -> float | str:
+    """A shift in seconds, or ``auto``."""
+    if isinstance(lag := plain(lag), str) and lag == "auto":
+        return lag
+    cure = "give seconds by which the flow is logged after the command, or 'auto'"
+    return float(number_of("lag", lag, cure, least=-_LONGEST_LAG, most=_LONGEST_LAG))
 
 
 def _check_order(data: Log) -> None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array, Index
+from fastcoil.calibrate.bootstrap import widened
 from fastcoil.calibrate.least_squares import Estimate, Model, Uncertainty, minimise, profile, uncertainty
 from fastcoil.calibrate.split import fitted_part
 from fastcoil.calibrate.valve_record import lowest_reading, reversals, sensor_off, settled
@@ -61,19 +62,19 @@ class ValveProblem:
         self.data = data
         self.command, self.flow = data.values["command"], data.values["m_w"]
         self.notes = list(data.notes)
-        self.floor = lowest_reading(self.flow, self.notes) if floor is None else floor
-        off = sensor_off(self.command, self.flow, self.floor)
+        self.fitting = fitted_part(data, split, fit_until)
+        self.floor = lowest_reading(self.flow[self.fitting], self.notes) if floor is None else floor
+        off = sensor_off(self.command, self.flow, self.floor, self.fitting)
         if off.any():
             self.notes.append(
                 f"{counted(off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve open "
                 f"({first_row(data.rows.tolist(), off)})"
             )
-        at_rest = settled(data, settle, self.notes)
+        at_rest = settled(data, self.fitting, settle, self.notes)
         enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
         if not enabled.all():
             self.notes.append(f"{counted(~enabled, 'flow')} not compared: enabled is 0")
         self.good = np.isfinite(self.flow) & ~off & at_rest & enabled
-        self.fitting = fitted_part(data, split, fit_until)
         to_fit = self.good & self.fitting
         if to_fit.sum() < FEWEST_SAMPLES:
             raise InputError(
@@ -83,7 +84,7 @@ class ValveProblem:
         last = int(np.flatnonzero(self.fitting)[-1]) + 1
         self.n_fit = last
         self.batch = data.batch
-        self.top = float(np.nanmax(self.flow))
+        self.top = float(np.nanmax(self.flow[self.fitting]))
         self.n_reversals = reversals(self.command[self.fitting], self.batch[self.fitting])
 
     def flows(self, sets: Array, start: Array, n: int) -> tuple[Array, Array]:
@@ -133,7 +134,7 @@ class ValveProblem:
         model, fixed = self.model(m_max, initial)
         best = minimise(model, self.starts(m_max, initial), fixed=fixed)
         for n_restarts in range(3):
-            spread = uncertainty(model, best, fixed, profiled=[X_BL])
+            spread = widened(model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed)
             grid = _grid(best, spread)
             minima = profile(model, best, X_BL, grid, fixed)
             sums = np.array([one.rss for one in minima])

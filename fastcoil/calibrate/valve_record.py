@@ -23,9 +23,9 @@ _SMALL = 0.02
 """An interval from 0 to less than this means no backlash."""
 
 
-def settled(log: Log, settle: float | None, notes: list[str]) -> Mask:
-    """Where the flow has settled after the last change of the command, (n,)."""
-    command = log.values["command"]
+def settled(log: Log, fitting: Mask, settle: float | None, notes: list[str]) -> Mask:
+    """Where the flow has settled after the last change of the command, (n,); ``fitting``: rows that say how long."""
+    command, step = log.values["command"], step_of(log, fitting)
     since, lengths, first, held = np.zeros(command.size), [], 0, command[0]
     for t in range(1, command.size):
         if abs(command[t] - held) > _STILL or log.batch[t] != log.batch[t - 1]:
@@ -33,18 +33,26 @@ def settled(log: Log, settle: float | None, notes: list[str]) -> Mask:
             first, held = t, command[t]
         since[t] = log.time[t] - log.time[first]
     lengths.append(command.size - first)
+    last_fitted = int(np.flatnonzero(fitting)[-1])
+    lengths = np.diff(np.minimum(np.cumsum([0, *lengths]), last_fitted + 1))
+    lengths = lengths[lengths > 0]
     typical = float(np.median(lengths))
     if settle is None and typical < _HOLD_SAMPLES:
         return np.ones(command.size, dtype=bool)
-    wait = settle if settle is not None else 0.5 * typical * log.step
+    wait = settle if settle is not None else 0.5 * typical * step
     good = since >= wait
     good[:1] = wait == 0.0
     if not good.all():
         notes.append(
             f"{int((~good).sum()):,} of {good.size:,} flows not compared: less than {wait:g} s after the command "
-            f"changed ({len(lengths):,} holds, typically {typical * log.step:g} s)"
+            f"changed ({lengths.size:,} holds, typically {typical * step:g} s)"
         )
     return np.asarray(good)
+
+
+def step_of(log: Log, fitting: Mask) -> float:
+    """Median time between the rows of the part to fit, s."""
+    return float(np.median(np.diff(log.time[fitting]))) if fitting.sum() > 1 else log.step
 
 
 def reversals(command: Array, batch: Index) -> int:
@@ -75,16 +83,16 @@ def lowest_reading(flow: Array, notes: list[str]) -> float:
     return lowest
 
 
-def sensor_off(command: Array, flow: Array, floor: float) -> Mask:
+def sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
     """Where the valve does not explain that no flow is measured: the sensor or the pump is off.
 
     That is a reading of 0 below the meter's floor; and 0, or the floor, with the valve much further open than where
-    most samples show flow.
+    most samples of the part to fit show flow.
     """
     still = flow <= floor
     flows_from = 1.0
     for low in np.arange(0.0, 1.0, _BIN):
-        here = (command >= low) & (command < low + _BIN) & np.isfinite(flow)
+        here = (command >= low) & (command < low + _BIN) & np.isfinite(flow) & fitting
         if here.sum() >= _BIN_SAMPLES and still[here].mean() < 0.5:
             flows_from = low
             break

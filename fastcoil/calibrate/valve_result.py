@@ -8,6 +8,7 @@ import time
 import numpy as np
 import xarray as xr
 
+from fastcoil.arrays import Array
 from fastcoil.calibrate.result import (
     AT_BOUND,
     NOT_UNIQUE,
@@ -18,24 +19,29 @@ from fastcoil.calibrate.result import (
     rms,
     sample_variables,
 )
+from fastcoil.calibrate.sampling import judged
 from fastcoil.calibrate.split import FITTING, UNUSED, VALIDATION
+from fastcoil.calibrate.suspicion import suspicions
 from fastcoil.calibrate.valve_problem import LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
-from fastcoil.calibrate.valve_record import why_unidentified
 from fastcoil.engine.valve_loop import VALVE_ROWS
 
-_INVERTED = -0.5
-"""With a correlation of command and flow below this the command is probably inverted."""
 
+def valve_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:
+    """The fit with everything a user may ask of it.
 
-def valve_fit(problem: ValveProblem, solution: ValveSolution, started: float) -> Fit:
-    """The fit with everything a user may ask of it; ``started``: time of the call, by ``time.perf_counter``."""
+    holds: the command holds between the rows.  started: time of the call, by ``time.perf_counter``.
+    """
     best, spread, profiled = solution.estimate, solution.uncertainty, solution.profile
+    fitted = problem.good & problem.fitting
+    of_signal = suspicions(problem.command[fitted], problem.flow[fitted])
     natural = best.x[:5].copy()
     natural[list(LOGS)] = np.exp(natural[list(LOGS)])
     slope = np.where(np.isin(np.arange(5), LOGS), natural, 1.0)
     covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
-    n_pieces = int(problem.batch[problem.n_fit - 1]) + 1
-    why = why_unidentified(problem.n_reversals, float(natural[X_BL]), profiled.interval, profiled.grid[-1], n_pieces)
+    found = judged(problem, solution, holds or of_signal.inverted or problem.data.change_of_value)
+    why = f"not identified: {of_signal.notes[0]}" if of_signal.inverted else found.why
+    covariance = _as_wide(covariance, profiled.interval, found.interval)
+    profiled = profiled._replace(interval=found.interval)
     held = {"backlash": why} if why else {}
     if M_MAX in solution.fixed:
         held["m_max"] = "given"
@@ -58,11 +64,7 @@ def valve_fit(problem: ValveProblem, solution: ValveSolution, started: float) ->
     reach = float(problem.command[: problem.n_fit].max())
     if reach < 0.9:
         problem.notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
-    fitted = problem.good & problem.fitting
-    with np.errstate(invalid="ignore", divide="ignore"):  # a command that is constant here
-        correlation = np.corrcoef(problem.command[fitted], problem.flow[fitted])[0, 1]
-    if correlation < _INVERTED:
-        problem.notes.append("the flow falls as the command rises: if a full command closes the valve, log 1 - command")
+    problem.notes += [*of_signal.notes, *filter(None, [found.note])]
     n_compared = solution.model.used.sum()
     residuals, rmse = _residuals(problem, solution)
     problem.notes += poor(rmse, problem.flow[fitted], "m_w", "units, columns, and whether the pump ran")
@@ -89,6 +91,13 @@ def valve_fit(problem: ValveProblem, solution: ValveSolution, started: float) ->
         seconds=time.perf_counter() - started,
         extras={"floor": np.array(problem.floor)} | {"curve": natural},
     )
+
+
+def _as_wide(covariance: Array, before: tuple[float, float], after: tuple[float, float]) -> Array:
+    """The covariance with the deviation of the backlash as much larger as its interval has become."""
+    factor = np.ones(covariance.shape[0])
+    factor[X_BL] = max((after[1] - after[0]) / max(before[1] - before[0], 1e-12), 1.0)
+    return np.asarray(covariance * np.outer(factor, factor))
 
 
 def _residuals(problem: ValveProblem, solution: ValveSolution) -> tuple[xr.Dataset, dict[str, float]]:

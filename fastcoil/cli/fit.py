@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.fit_progress import fit_progress
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.progress import announce_compilation
 from fastcoil.cli.terminal import say
@@ -70,6 +71,16 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
 @click.option(
     "--initial", default="unknown", show_default=True, help="Side of the gap at the start: unknown, rising or falling."
 )
+@click.option(
+    "--lag",
+    default="auto",
+    show_default=True,
+    metavar="SECONDS",
+    help="The flow is logged so long after the command; auto: sought, told, and taken out.",
+)
+@click.option(
+    "--hold", metavar="command", help="The command holds from row to row; else a controller may move it between them."
+)
 def fit_valve_command(
     data: Path,
     out: Path,
@@ -79,6 +90,8 @@ def fit_valve_command(
     floor: float | None,
     settle: float | None,
     initial: str,
+    lag: str,
+    hold: str | None,
     split: float | None,
     fit_until: float | None,
     validation: Path | None,
@@ -96,22 +109,25 @@ def fit_valve_command(
 
     _require_writable(out)
     announce_compilation("valve_flows")
-    found = fit_valve(
-        data,
-        columns=pairs("--column", columns),
-        units=pairs("--unit", units),
-        m_max=m_max,
-        floor=floor,
-        settle=settle,
-        initial=initial,
-        split=split,
-        fit_until=fit_until,
-        validation=validation,
-        drop=drop,
-        jumps=jumps,
-        max_gap=max_gap,
-        time_format=time_format,
-    )
+    with fit_progress():
+        found = fit_valve(
+            data,
+            columns=pairs("--column", columns),
+            units=pairs("--unit", units),
+            m_max=m_max,
+            floor=floor,
+            settle=settle,
+            initial=initial,
+            lag=_lag(lag),
+            holds=hold,
+            split=split,
+            fit_until=fit_until,
+            validation=validation,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            time_format=time_format,
+        )
     _write_and_print(found, out)
 
 
@@ -156,26 +172,27 @@ def fit_coil_command(
 
     _require_writable(out)
     announce_compilation("march_coil")
-    found = fit_coil(
-        data,
-        columns=pairs("--column", columns),
-        units=pairs("--unit", units),
-        constants=_numbers("--constant", constants),
-        minimise_on="both" if both else "T_sup",
-        warm_up=warm_up,
-        T_initial=t_initial,
-        n_volumes=volumes,
-        air_march=air_march,
-        pressure=pressure,
-        holds=holds,
-        split=split,
-        fit_until=fit_until,
-        validation=validation,
-        drop=drop,
-        jumps=jumps,
-        max_gap=max_gap,
-        time_format=time_format,
-    )
+    with fit_progress():
+        found = fit_coil(
+            data,
+            columns=pairs("--column", columns),
+            units=pairs("--unit", units),
+            constants=_numbers("--constant", constants),
+            minimise_on="both" if both else "T_sup",
+            warm_up=warm_up,
+            T_initial=t_initial,
+            n_volumes=volumes,
+            air_march=air_march,
+            pressure=pressure,
+            holds=holds,
+            split=split,
+            fit_until=fit_until,
+            validation=validation,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            time_format=time_format,
+        )
     _write_and_print(found, out)
 
 
@@ -186,6 +203,14 @@ def pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
     if wrong:
         raise InputError(wrong)
     return {name.strip(): value.strip() for name, _, value in pairs} or None
+
+
+def _lag(text: str) -> float | str:
+    """Seconds, or the word."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _numbers(option: str, given: Sequence[str]) -> dict[str, float]:

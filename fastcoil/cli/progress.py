@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from fastcoil.study.file.source import Source
     from fastcoil.study.runner import Advance
 
-_SECONDS_BETWEEN_LINES = 10.0
+SECONDS_BETWEEN_LINES = 10.0
 
 
 def announce_compilation(kernel: str = "emulate") -> None:
@@ -93,7 +93,7 @@ def _lines(n: int, before: int) -> Advance:
         nonlocal done, last
         done += finished
         now = time.monotonic()
-        if now - last >= _SECONDS_BETWEEN_LINES:
+        if now - last >= SECONDS_BETWEEN_LINES:
             last = now
             rate = done / (now - start)
             eta = duration((n - before - done) / rate)

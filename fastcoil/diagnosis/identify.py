@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from fastcoil.arrays import Array, Mask
+from fastcoil.diagnosis.control_law import arrivals, is_provoked, late, share_to_and_fro
 from fastcoil.diagnosis.likelihood import HORIZON, Likelihood, likelihoods
 from fastcoil.diagnosis.motion import motor_positions, turns
 
@@ -16,20 +18,23 @@ SURE = 0.95
 """Probability of being right from which a size counts as identified."""
 CONFIDENCE = 0.95
 """Of the interval."""
-WEIGHT, WEIGHT_REACTION = 0.6, 0.3
+WEIGHT, WEIGHT_REACTION = 0.8, 0.3
 """Share of the log-likelihood that counts, without and with the reaction: residuals are neither independent nor
 normal.  Chosen on populations of their own, see ``studies/diagnosis.py``."""
 GOOD = 0.01
 """Up to this backlash a valve is called good; also the least tolerance of a size, beside ``TOLERANCE`` of it."""
 TOLERANCE = 0.2
+LEAST_ODDS = 300.0
+"""Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
 USUAL_STROKE_TIME = 90.0
 """Seconds, where nobody gives it."""
 LEAST_TURN = 0.005
-LEAST_SET_POINT_CHANGE, LEAST_SET_POINT_CHANGES = 0.3, 2
-JUMP, LEAST_JUMPS, APART = 3.0, 3, 600.0
-"""A change of the command is a jump if it exceeds the 95th percentile of the changes this many times.  A start-up makes
-some, so that three are asked for, these many seconds apart."""
-LEAST_CHANGES = 40
+MOST_ARRIVALS, SWING = (10, 0.2), 0.05
+"""Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
+LONGEST_INTERVAL = 60.0
+MOST_TO_AND_FRO, JUMPY_COUNTS = 0.01, 0.5
+"""Share of the samples at which the command may move back what it moved the sample before; the share of the likelihood
+that counts of a log with more."""
 
 
 class Identification(NamedTuple):
@@ -40,6 +45,8 @@ class Identification(NamedTuple):
     identified: whether the size is right, to 20 % of itself or 1 % of stroke, with 95 % probability.
     reason: why not; empty if identified.
     candidates, probability: the profile.
+    late: seconds by which the temperatures of the log stand late beside the commands; they were moved back by that.
+    Negative: the commands stand late, or their controller is slow to read; both were reckoned with.
     """
 
     backlash: float
@@ -49,6 +56,7 @@ class Identification(NamedTuple):
     reason: str
     candidates: Array
     probability: Array
+    late: float = 0.0
 
 
 def identify_backlash(
@@ -59,6 +67,7 @@ def identify_backlash(
     disturbances: tuple[Array, ...] = (),
     enabled: Mask | None = None,
     stroke_time: float | None = None,
+    sample_time: float | None = None,
 ) -> Identification:
     """Identify the backlash of a valve from a trend log.
 
@@ -76,50 +85,104 @@ def identify_backlash(
         Whether the plant was on; all of it if None.
     stroke_time
         Of the motor, s; 90 if None, 0 if it is as good as immediate.
+    sample_time
+        Of the controller, s, if known.
     """
     command, temperature = np.asarray(command, float), np.asarray(temperature, float)
     good = np.isfinite(command) & np.isfinite(temperature)
     for series in disturbances:
         good &= np.isfinite(series)
     good = good if enabled is None else good & np.asarray(enabled, bool)
-    if interval > HORIZON:
+    if interval > LONGEST_INTERVAL:
         return _cannot(f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster")
     if not good.any():
         return _cannot("no sample has both a command and a temperature with the plant on")
-    command = _held(command)
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
-    positions = motor_positions(command, interval / seconds if seconds > 0.0 else 1.0)
+    travel = interval / seconds if seconds > 0.0 else 1.0
+    log = _Log(_held(command), _held(temperature), tuple(np.asarray(d, float) for d in disturbances), good)
+    positions = motor_positions(log.command, travel)
     if turns(positions, LEAST_TURN) == 0:
         return _cannot("the command never turns back, and a gap shows at turns only: change the set-point up and down")
-    found = likelihoods(temperature, positions, disturbances, good, interval, CANDIDATES)
-    if found is None:
+    samples = late(log.command, log.temperature, good)
+    # a command that answers old temperatures may be that of a slow controller, and stand where it belongs
+    logs = [log.moved(samples)] if samples >= 0 else [log, log.moved(samples)]
+    found = [each for each in (_compared(one, interval, travel) for one in logs) if each is not None]
+    if not found:
         return _cannot("too little of the log can be used, or its temperature stands still: log for two hours or more")
-    return _judged(found, _is_provoked(command, good, T_set, interval))
+    provoked = is_provoked(log.command, log.temperature, good, T_set, interval)
+    unseen = sample_time is None or sample_time < interval
+    in_step = sample_time is not None and not unseen and (sample_time / interval) % 1.0 < 1e-6
+    doubt, counts = "", min(1.0, HORIZON / interval) if unseen else 1.0
+    jumpy = share_to_and_fro(log.command, good) > MOST_TO_AND_FRO
+    counts *= JUMPY_COUNTS if jumpy else 1.0
+    if jumpy and not (provoked and in_step):
+        doubt = (
+            "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log "
+            "as often as the controller acts, say its sample time, and change the set-point up and down"
+        )
+    elif arrivals(log.command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
+        doubt = "the command runs to its ends again and again: lower the gain of the controller, and log again"
+    return _judged(found, provoked, doubt, counts)._replace(late=samples * interval)
 
 
-def _judged(found: Likelihood, provoked: bool) -> Identification:
+class _Log(NamedTuple):
+    """What is compared, each (n,)."""
+
+    command: Array
+    temperature: Array
+    disturbances: tuple[Array, ...]
+    good: Mask
+
+    def moved(self, samples: int) -> _Log:
+        """The temperatures and all that is measured with them moved to where they belong, if they stand late."""
+        if samples == 0:
+            return self
+        n = self.command.size
+        at, seen = slice(max(-samples, 0), n - max(samples, 0)), slice(max(samples, 0), n - max(-samples, 0))
+        disturbances = tuple(series[seen] for series in self.disturbances)
+        return _Log(self.command[at], self.temperature[seen], disturbances, self.good[at] & self.good[seen])
+
+
+def _compared(log: _Log, interval: float, travel: float) -> Likelihood | None:
+    positions = motor_positions(log.command, travel)
+    return likelihoods(log.temperature, positions, log.disturbances, log.good, interval, CANDIDATES)
+
+
+def _judged(found: Sequence[Likelihood], provoked: bool, doubt: str, counts: float) -> Identification:
     """The most probable size and whether it may be claimed.
 
-    ``provoked``: whether something else than the temperature moved the command.  If nothing did, the command itself
-    gets coefficients of its own, and a good valve is never claimed: a stem that stands still looks the same.
+    found: of each way in which the columns may fit in time.  provoked: whether something else than the temperature
+    moved the command.  If nothing did, the command itself gets coefficients of its own, and a good valve is never
+    claimed: a stem that stands still looks the same.  doubt: why nothing may be claimed of this log, if so.  counts:
+    share of the likelihood that counts, less where the controller moves the valve between the samples.
     """
-    likelihood = WEIGHT * found.plain if provoked else WEIGHT_REACTION * found.reaction
-    probability = np.exp(likelihood - likelihood.max())
-    probability /= probability.sum()
-    best = float(CANDIDATES[probability.argmax()])
+    probability = np.zeros(CANDIDATES.size)
+    for one in found:
+        likelihood = counts * (WEIGHT * one.plain if provoked else WEIGHT_REACTION * one.reaction)
+        of_one = np.exp(likelihood - likelihood.max())
+        probability += of_one / of_one.sum() / len(found)
+    right = np.abs(CANDIDATES[:, np.newaxis] - CANDIDATES) <= np.maximum(TOLERANCE * CANDIDATES, GOOD) + 1e-9
+    surely = right @ probability
+    best = int(probability.argmax())
+    if surely[best] < SURE <= surely.max():
+        best = int(surely.argmax())
+    backlash, good = float(CANDIDATES[best]), CANDIDATES <= GOOD + 1e-9
+    worse = bool(probability.max() >= LEAST_ODDS * probability[good].max())
     low, high = _interval(probability)
-    right = np.abs(CANDIDATES - best) <= np.maximum(TOLERANCE * CANDIDATES, GOOD) + 1e-9
-    reason = ""
-    if best <= GOOD and not provoked:
+    low = low if worse else 0.0
+    reason = doubt
+    if doubt:
+        low, high = 0.0, float(CANDIDATES[-1])
+    elif backlash <= GOOD and not provoked:
         reason = (
             "the command only follows the temperature, and a stuck stem looks like a good one: change the set-point"
         )
         low, high = 0.0, float(CANDIDATES[-1])
-    elif float(probability[right].sum()) < SURE:
+    elif surely[best] < SURE or (backlash > GOOD and not worse):
         reason = f"gaps from {low:.1%} to {high:.1%} explain the log: change the set-point up and down, or log longer"
-    elif best == CANDIDATES[-1]:
-        reason = f"the gap is {best:.0%} of the stroke or more: the largest that is looked for"
-    return Identification(best, low, high, not reason, reason, CANDIDATES, probability)
+    elif high >= CANDIDATES[-1]:
+        reason = f"the gap may be {high:.0%} of the stroke or more, and larger ones are not looked for"
+    return Identification(backlash, low, high, not reason, reason, CANDIDATES, probability)
 
 
 def _interval(probability: Array) -> tuple[float, float]:
@@ -131,20 +194,6 @@ def _interval(probability: Array) -> tuple[float, float]:
     low = CANDIDATES[np.argmax(below > 0.5 * (1.0 - CONFIDENCE))] - step
     high = CANDIDATES[np.argmax(below >= 0.5 * (1.0 + CONFIDENCE) - 1e-12)] + step
     return max(float(low), 0.0), min(float(high), float(CANDIDATES[-1]))
-
-
-def _is_provoked(command: Array, good: Mask, T_set: Array | None, interval: float) -> bool:
-    """Whether the set-point changed; where the log has none, whether the command jumped as it does then."""
-    both = good[1:] & good[:-1]
-    if T_set is not None:
-        changes = np.abs(np.diff(np.asarray(T_set, float)))[both]
-        return bool(np.sum(changes >= LEAST_SET_POINT_CHANGE) >= LEAST_SET_POINT_CHANGES)
-    changes = np.abs(np.diff(command))[both]
-    moved = changes[changes > 0.0]
-    if moved.size < LEAST_CHANGES:
-        return False
-    jumps = np.flatnonzero((np.abs(np.diff(command)) > JUMP * np.quantile(moved, 0.95)) & both)
-    return 1 + int(np.sum(np.diff(jumps) * interval > APART)) >= LEAST_JUMPS
 
 
 def _held(series: Array) -> Array:

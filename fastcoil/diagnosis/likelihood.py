@@ -17,15 +17,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array, Mask
-from fastcoil.diagnosis.motion import openings
+from fastcoil.arrays import Array, Index, Mask
+from fastcoil.diagnosis.motion import mean_openings
 
 HORIZON = 30.0
-"""Seconds over which the model foretells: long against the noise of a sensor, short against a coil."""
+"""Seconds over which the model foretells: long against the noise of a sensor, short against a coil.  An interval, where
+the log has longer ones."""
 OWN_LAGS, OPENING_LAGS, DISTURBANCE_LAGS = 8, 4, 3
 """Changes of the temperature, the opening and each known disturbance that enter, one a horizon."""
 PRECISION = 0.01
 """Of the prior of the opening's coefficients, 1/K²: each is known to ± 10 K per stroke before the log is read."""
+MODEL_ERROR = 0.1
+"""Share of what the stem explains that counts as if it were noise: coil and valve curve are not linear, and where the
+temperature swings far, as in a loop that hunts, that is what the residuals are made of."""
 LEAST_ROWS = 60
 
 
@@ -72,20 +76,38 @@ def likelihoods(
     common = [change(temperature, lag) for lag in range(1, OWN_LAGS + 1)]
     common += [change(series, lag) for series in disturbances for lag in range(DISTURBANCE_LAGS)]
     Z, _ = np.linalg.qr(np.stack([*common, np.ones(rows.size)], axis=1))
-    opening = _between(openings(positions, candidates))
-    driven = [change(_mean(series, width), lag) for series in (opening, opening**2) for lag in range(OPENING_LAGS)]
-    motor = _mean(_between(positions), width)
-    reacting = [np.repeat(change(motor, lag)[:, np.newaxis], candidates.size, 1) for lag in range(OPENING_LAGS)]
-    X = np.ascontiguousarray(np.stack([*driven, *reacting]).transpose(2, 1, 0))
     y = y - Z @ (Z.T @ y)
-    X = X - Z @ (Z.T @ X)
-    gram, product = X.transpose(0, 2, 1) @ X, X.transpose(0, 2, 1) @ y
     total, freedom = float(y @ y), rows.size - Z.shape[1]
     if total <= 0.0:
         return None
-    k = len(driven)
+    # positions after the last sample have no temperature
+    gram, product = _normal_equations(positions[:n], candidates, width, rows, Z, y)
+    k = 2 * OPENING_LAGS
     plain = _evidence(gram[:, :k, :k], product[:, :k], total, freedom)
     return Likelihood(plain, _evidence(gram, product, total, freedom), rows.size)
+
+
+def _normal_equations(
+    positions: Array, candidates: Array, width: int, rows: Index, Z: Array, y: Array
+) -> tuple[Array, Array]:
+    """Left and right sides for each candidate, for what is orthogonal to Z: its opening, the square, then the motor."""
+    # the piece that ends at sample r is r / width - 1
+    ends, k = rows // width - 2, 2 * OPENING_LAGS
+    X = np.empty((candidates.size, k, rows.size))
+    for first, means in enumerate(mean_openings(positions, candidates, width)):
+        moved = np.ascontiguousarray(np.diff(means, axis=0).T)
+        for lag in range(OPENING_LAGS):
+            X[:, first * OPENING_LAGS + lag] = moved[:, ends - lag]
+    motor = np.diff(mean_openings(positions, np.zeros(1), width)[0][:, 0])
+    M = np.stack([motor[ends - lag] for lag in range(OPENING_LAGS)])
+    M -= (M @ Z) @ Z.T
+    in_common = (X.reshape(-1, rows.size) @ Z).reshape(candidates.size, k, -1)
+    gram = np.empty((candidates.size, k + len(M), k + len(M)))
+    gram[:, :k, :k] = X @ X.transpose(0, 2, 1) - in_common @ in_common.transpose(0, 2, 1)
+    gram[:, :k, k:] = X @ M.T
+    gram[:, k:, :k] = gram[:, :k, k:].transpose(0, 2, 1)
+    gram[:, k:, k:] = M @ M.T
+    return gram, np.concatenate([X @ y, np.broadcast_to(M @ y, (candidates.size, len(M)))], axis=1)
 
 
 def _evidence(gram: Array, product: Array, total: float, freedom: int) -> Array:
@@ -94,17 +116,5 @@ def _evidence(gram: Array, product: Array, total: float, freedom: int) -> Array:
     precision = PRECISION * total / freedom
     solved = np.linalg.solve(gram + precision * unit, product[..., np.newaxis])[..., 0]
     left = np.maximum(total - np.sum(product * solved, axis=1), 1e-12 * total)
+    left += MODEL_ERROR * (total - left.min())
     return np.asarray(-0.5 * freedom * np.log(left / total) - 0.5 * np.linalg.slogdet(unit + gram / precision)[1])
-
-
-def _between(series: Array) -> Array:
-    """Means of neighbours: from positions at samples to means between them."""
-    return np.asarray(0.5 * (series[1:] + series[:-1]))
-
-
-def _mean(series: Array, width: int) -> Array:
-    """Mean over the ``width`` intervals that end at each sample; 0 where there are fewer."""
-    total = np.concatenate([np.zeros_like(series[:1]), np.cumsum(series, axis=0)])
-    found = np.zeros_like(series)
-    found[width:] = (total[width:-1] - total[: -width - 1]) / width
-    return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.arrays import Array
+from fastcoil.engine import play_loop
 
 
 def motor_positions(command: Array, most_travel: float) -> Array:
@@ -14,18 +15,14 @@ def motor_positions(command: Array, most_travel: float) -> Array:
     motor stands at the first command when the log begins.
     """
     positions = np.empty(command.size + 1)
-    positions[0] = position = float(command[0])
-    for k, target in enumerate(command.tolist(), 1):
-        positions[k] = position = min(max(target, position - most_travel), position + most_travel)
+    play_loop.motor_positions(np.ascontiguousarray(command, float), most_travel, positions)
     return positions
 
 
 def openings(positions: Array, backlash: Array) -> Array:
-    """Opening behind each candidate backlash, Eq (1): (samples, candidates).
+    """Opening behind each candidate backlash, Eq (1), at each position: (positions, candidates).
 
-    Between two samples the motor runs one way, so that the play operator at the samples is exact.  Nobody knows where
-    the stem stood when the log began; it starts in the middle of its play, and the first turn of the motor that closes
-    the gap makes up for that.
+    Nobody knows where the stem stood when the log began; it starts in the middle of its play.
     """
     least = positions[:, np.newaxis] - backlash
     q = np.clip(positions[0] - backlash / 2.0, 0.0, 1.0 - backlash)
@@ -35,6 +32,17 @@ def openings(positions: Array, backlash: Array) -> Array:
         np.minimum(q, position, out=q)
         found[k] = q
     return found / (1.0 - backlash)
+
+
+def mean_openings(positions: Array, backlash: Array, width: int) -> tuple[Array, Array]:
+    """Mean opening behind each candidate backlash and the mean of its square: (pieces, candidates) each.
+
+    A piece is ``width`` intervals between positions; the last that is not complete is left out.
+    """
+    openings = np.empty(((positions.size - 1) // width, backlash.size))
+    squares = np.empty_like(openings)
+    play_loop.mean_openings(positions, np.ascontiguousarray(backlash, float), width, openings, squares)
+    return openings, squares
 
 
 def turns(positions: Array, least: float) -> int:

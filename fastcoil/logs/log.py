@@ -92,7 +92,7 @@ class Log:
             rows=np.concatenate([self.rows, other.rows]),
             notes=self.notes + [f"{name}: {note}" for note in other.notes],
             told=self.told + [f"{name}: {note}" for note in other.told],
-            change_of_value=self.change_of_value and other.change_of_value,
+            change_of_value=self.change_of_value,  # what validates a fit has no influence on it
         )
 
     def where(self, kept: Mask) -> Log:

@@ -58,7 +58,7 @@ def test_every_piece_starts_as_the_whole_record_does(two_days):
     """For the same day twice, with a gap between, the model gives the same twice, to the bit."""
     first, _ = two_days
     log = read_log(joined(first, shifted(first, 9000.0)), COIL_SERIES)
-    record = record_of(log, fc.Loop(), ())
+    record = record_of(log, fc.Loop(), (), np.ones(log.time.size, dtype=bool))
     assert len(record.pieces) == 2
     rng = np.random.default_rng(43)
     sets = np.log([[8.8], [10.0], [0.35], [1.0], [0.35], [1.0], [0.4], [1.0]]) + rng.uniform(0.0, 0.2, (8, 3))

@@ -22,7 +22,9 @@ pytestmark = pytest.mark.kernel
 
 def problem_of(log, **truth):
     data = read_log(log, COIL_SERIES)
-    return CoilProblem(data, record_of(data, fc.Loop(**truth), ()), ("T_sup",), 600.0, 1.0, None)
+    return CoilProblem(
+        data, record_of(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool)), ("T_sup",), 600.0, 1.0, None
+    )
 
 
 def searched(problem, values):

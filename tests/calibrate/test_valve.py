@@ -8,6 +8,7 @@ from helpers.shared_data import measured
 from helpers.simulated_logs import VALVE_TRUTH, assert_covered, flows, log_of, noisy, walk
 
 import fastcoil as fc
+from fastcoil.calibrate.suspicion import suspicions
 
 pytestmark = pytest.mark.kernel
 
@@ -167,8 +168,26 @@ def test_an_inverted_command_is_suspected():
     rng = np.random.default_rng(20)
     command = walk(rng, n=100)
     hint = "the flow falls as the command rises: if a full command closes the valve, log 1 - command"
-    assert hint in fc.fit_valve(log_of(1.0 - command, flows(command)), split=1.0).notes
+    inverted = fc.fit_valve(log_of(1.0 - command, flows(command)), split=1.0)
+    assert hint in inverted.notes
+    assert inverted.held["backlash"] == f"not identified: {hint}"
     assert hint not in fc.fit_valve(log_of(command, flows(command)), split=1.0).notes
+
+
+def test_a_signal_of_2_to_10_V_read_as_one_of_0_to_10_V_is_suspected():
+    """The valve is then closed at 20 %; a valve that merely passes no water below 20 % is below it at times."""
+    rng = np.random.default_rng(21)
+    command = walk(rng, n=150)
+    command[[3, 70, 120]] = 0.0
+    flow = noisy(rng, flows(command), 0.01)
+    read_wrong = fc.fit_valve(log_of(0.2 + 0.8 * command, flow), split=1.0, lag=0)
+    (note,) = [one for one in read_wrong.notes if "2-10 V" in one]
+    assert note.startswith("the valve is closed at a command of 0.2 and the command never falls below")
+    assert note.endswith("or log (command - 0.2) / 0.8")
+    assert read_wrong.parameters["backlash"] == pytest.approx(0.8 * 0.07, abs=0.004)
+    for right in (command, 0.3 + 0.7 * command):
+        assert not any("2-10 V" in one for one in suspicions(right, flow).notes)
+    assert not suspicions(0.2 + 0.8 * command, flow + 1.0).notes  # water flows at 20 %
 
 
 # ------------------------------------------------------------------------------------------------------ what comes out
@@ -229,14 +248,18 @@ def test_the_figure_has_parity_curves_and_profile(fit):
 
 
 def test_on_a_hospitals_ahu_the_backlash_model_beats_the_one_without():
-    """Maddalena et al. (2022): batches 0-12 are fitted, 13-25 tested."""
+    """Maddalena et al. (2022): batches 0-12 are fitted, 13-25 tested, whose flow is logged one sample late."""
     fit = fc.fit_valve(
         measured("riskbr_ahu1.csv"),
         columns={"elapsed_time": "time_s", "command": "valve_pos_deg", "m_w": "water_flow_l_min", "batch": "batch"},
         units={"elapsed_time": "s", "command": "deg", "m_w": "L/min"},
         split=0.5,
         jumps="split",
+        holds="command",
     )
+    (shift,) = [note for note in fit.notes if "logged" in note]
+    assert shift.startswith("from row 3706 (piece 14 of 27) on the flow is logged one sample (600 s) after the command")
+    assert fit.rmse["validation"] < 0.18  # kg/s; 0.246 with the shift left in
     assert fit.rmse["validation"] < 0.9 * fit.rmse["validation_without_backlash"]
     assert 0.12 < fit.parameters["backlash"] < 0.18
     assert any("0.1043 kg/s" in note and "floor" in note for note in fit.notes)

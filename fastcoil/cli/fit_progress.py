@@ -1,0 +1,107 @@
+"""Progress of a fit on stderr: a bar on a terminal, else a line every 10 s."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from fastcoil.cli.progress import SECONDS_BETWEEN_LINES, duration
+from fastcoil.cli.terminal import say
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+_AT_ONCE = 1.0
+"""A fit that takes no longer than this is done at once: no bar, s."""
+
+
+@contextmanager
+def fit_progress() -> Iterator[None]:
+    """Show the progress of the fits inside."""
+    from fastcoil.calibrate.work import told
+
+    shown = _Bar() if sys.stderr is not None and sys.stderr.isatty() else _Lines()
+    with told(shown):
+        try:
+            yield
+        finally:
+            shown.stop()
+
+
+class _Part:
+    """The part of a fit that goes on."""
+
+    def __init__(self) -> None:
+        self.start = self.began = time.monotonic()
+        self.what, self.done, self.of = "starts", 0, 1
+
+    def part(self, what: str, done: int, of: int) -> None:
+        if what != self.what or done == 0:
+            self.began = time.monotonic()
+        self.what, self.done, self.of = what, done, of
+        self.step()
+
+    def step(self) -> None:
+        """Show it, if it is time."""
+
+    def stop(self) -> None:
+        """Show nothing more."""
+
+
+class _Lines(_Part):
+    def __init__(self) -> None:
+        super().__init__()
+        self.last = self.start
+
+    def step(self) -> None:
+        now = time.monotonic()
+        if now - self.last < SECONDS_BETWEEN_LINES:
+            return
+        self.last = now
+        line = f"Fitting for {duration(now - self.start)}: {self.done:,} of {self.of:,} {self.what} done"
+        if self.done:
+            line += f", {duration((now - self.began) * (self.of - self.done) / self.done)} to go with them"
+        say(line, err=True)
+
+
+class _Bar(_Part):
+    def __init__(self) -> None:
+        super().__init__()
+        self.bar: Progress | None = None
+
+    def step(self) -> None:
+        if self.bar is None and time.monotonic() - self.start > _AT_ONCE:
+            self.bar = _new_bar()
+            self.bar.start()
+            self.task = self.bar.add_task("", total=self.of, what=self.what)
+            self.shown = ""
+        if self.bar is not None:
+            if self.what != self.shown:
+                self.bar.reset(self.task, total=self.of)
+                self.shown = self.what
+            self.bar.update(self.task, completed=self.done, total=self.of, what=self.what)
+
+    def stop(self) -> None:
+        if self.bar is not None:
+            self.bar.stop()
+
+
+def _new_bar() -> Progress:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("Fitting"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[what]}"),
+        TimeElapsedColumn(), TextColumn("ETA"), TimeRemainingColumn(),
+    )  # fmt: skip
+    return Progress(*columns, console=Console(stderr=True), transient=True)

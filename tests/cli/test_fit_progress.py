@@ -1,0 +1,100 @@
+"""A long fit says on stderr how far it is; it ends cleanly however it ends."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from click.testing import CliRunner
+from helpers.log_files import VALVE_HEADER, valve_rows, write_csv
+from helpers.processes import environment
+
+from fastcoil.calibrate import work
+from fastcoil.cli import fit_progress
+from fastcoil.cli.main import main
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that a test sets."""
+    now = [100.0]
+    monkeypatch.setattr(fit_progress.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_every_ten_seconds_a_line_says_how_much_is_done_and_how_long_the_rest_takes(clock, capsys):
+    with fit_progress.fit_progress():
+        work.part("starts", 0, 768)
+        clock[0] += 9.0
+        work.step()
+        assert capsys.readouterr().err == ""
+        work.part("descents", 0, 5)
+        clock[0] += 24.0
+        work.part("descents", 2, 5)
+        clock[0] += 1.0
+        work.step()
+    assert capsys.readouterr().err == "Fitting for 33 s: 2 of 5 descents done, 36 s to go with them\n"
+    work.step()
+    clock[0] += 60.0
+    work.step()
+    assert capsys.readouterr().err == ""
+
+
+def test_on_a_terminal_it_is_a_bar_that_goes_away(clock, monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+
+    def interrupted_fit():
+        with fit_progress.fit_progress():
+            work.part("starts", 0, 768)
+            assert shown.getvalue() == ""
+            clock[0] += 2.0
+            work.part("descents", 2, 5)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted_fit()
+    assert "2/5" in shown.getvalue()
+    assert "descents" in shown.getvalue()
+    assert shown.getvalue().endswith("\x1b[?25h") or "\x1b[2K" in shown.getvalue()  # the cursor is back, the line gone
+
+
+@pytest.mark.full
+@pytest.mark.kernel
+def test_a_fit_tells_of_its_parts_and_a_short_one_prints_nothing(tmp_path, monkeypatch):
+    parts = []
+    monkeypatch.setattr(fit_progress._Lines, "part", lambda self, *told: parts.append(told))
+    path = write_csv(tmp_path / "valve.csv", VALVE_HEADER, valve_rows(80))
+    options = ["--lag", "0", "--hold", "command", "-o", str(tmp_path / "valve.toml")]
+    done = CliRunner().invoke(main, ["fit", "valve", str(path), *options])
+    assert (done.exit_code, done.stderr) == (0, ""), done
+    assert {what for what, _, _ in parts} == {"starts", "descents", "values of the backlash"}
+    assert [done for what, done, _ in parts if what == "descents"] == [0, 1, 2, 3, 4]
+    assert all(done < of for _, done, of in parts)
+
+
+@pytest.mark.full
+def test_ctrl_c_ends_a_fit_cleanly(tmp_path):
+    path = write_csv(tmp_path / "valve.csv", VALVE_HEADER, valve_rows(20_000))
+    command = [sys.executable, "-m", "fastcoil", "fit", "valve", str(path), "-o", str(tmp_path / "valve.toml")]
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(command, stderr=theirs, stdout=subprocess.DEVNULL, env=environment()) as running:
+        os.close(theirs)
+        said, until = b"", time.monotonic() + 120
+        while b"descents" not in said and time.monotonic() < until:
+            said += os.read(ours, 4096)
+        running.send_signal(signal.SIGINT)
+        assert running.wait(30) == 130
+    os.close(ours)
+    assert b"Traceback" not in said
+    assert not (tmp_path / "valve.toml").exists()
