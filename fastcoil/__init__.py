@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fastcoil.boundary.days import paper_day as paper_day
     from fastcoil.boundary.weather import weather_day as weather_day
     from fastcoil.calibrate.coil import fit_coil as fit_coil
+    from fastcoil.calibrate.loop import fit_loop as fit_loop
     from fastcoil.calibrate.replay import replay as replay
     from fastcoil.calibrate.valve import fit_valve as fit_valve
     from fastcoil.errors import FastcoilError as FastcoilError
@@ -53,6 +54,7 @@ _HOME = {
     "design_day": "boundary.days",
     "estimator": "rules.rule",
     "fit_coil": "calibrate.coil",
+    "fit_loop": "calibrate.loop",
     "fit_valve": "calibrate.valve",
     "law": "rules.rule",
     "open_study": "study.folder.results",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fastcoil.cli.fit import fit
+from fastcoil.cli.fit_loop import fit_loop_command  # noqa: F401 — adds itself to the group fit
 from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
 from fastcoil.cli.join import join

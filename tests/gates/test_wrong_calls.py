@@ -94,6 +94,13 @@ def base_calls(tmp_path_factory):
     )
     for name in ("T_sup", "T_set"):
         recorded[name].attrs["units"] = "degC"
+    entering = {"m_a": 1.2, "T_a_in": 26.0, "W_a_in": 0.01, "T_w_in": 7.0}
+    seconds = np.arange(300.0)
+    commanded = xr.Dataset(
+        {"T_sup": ("elapsed_time", 14.0 + 0.01 * seconds), "command": ("elapsed_time", 0.5 + 0.0 * seconds)},
+        coords={"elapsed_time": ("elapsed_time", seconds, {"units": "s"})},
+    )
+    commanded["T_sup"].attrs["units"], commanded["command"].attrs["units"] = "degC", "1"
     plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
     days = {"hours": 0.05}
     rule = {"Parameters": Parameters, "Memory": Memory}
@@ -115,6 +122,7 @@ def base_calls(tmp_path_factory):
         "design_day": (fc.design_day, days),
         "estimator": (fc.estimator, rule),
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
+        "fit_loop": (fc.fit_loop, {"log": commanded, "loop": loop, "constants": entering, "warm_up": 0.0}),
         "fit_valve": (fc.fit_valve, {"log": valve}),
         "law": (fc.law, rule),
         "maps": (study.maps, {"ds": ds, "x": "backlash", "y": "kp", "metrics": ["rmse"]}),
