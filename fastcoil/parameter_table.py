@@ -216,6 +216,12 @@ _TABLE = (
               open_lower=True, label="step shrink"),
     Parameter("learning_final", "learner", "1", 1.0, "factor applied to the estimate when learning stops", 0.0, 1.0,
               open_lower=True, label="final factor"),
+    Parameter("learning_reference", "learner", "1", 0.0,
+              "intervals that the reference is the mean of, after a first one that is left out; 0 = the first interval "
+              "is the reference", 0.0, 100.0, whole=True, label="intervals of the reference"),
+    Parameter("learning_error_ratio", "learner", "1", 0.0,
+              "the learner steps down, too, if the settled rms error of an interval is more than this many times that "
+              "of the reference; 0 = it does not look at the error", 0.0, label="error ratio of the learner"),
     Parameter("learning_stop", "learner", "", "never", "whether the first step down ends the learning",
               choices=("never", "first_step_down"), label="learning stop"),
     Parameter("hagglund_filter_ratio", "hagglund", "1", 0.1,

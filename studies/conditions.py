@@ -1,7 +1,7 @@
 """Under which conditions the observations of the paper hold.
 
 Does backlash alone make a loop hunt?  Does the error rise where the estimate exceeds the backlash?  Does the learner
-find the backlash on a quiet day?  What does the recommended rule do to a good valve, and in heating?  Run with
+find the backlash on a quiet day?  What does the growing rule do to a good valve, and in heating?  Run with
 ``python studies/conditions.py`` to write the tables.  Plants are generic (the presets); the days are constant but for
 one set-point step, ``paper_day``, or those of ``kinds.py``.
 """
@@ -25,11 +25,11 @@ HUNTS = 0.1
 """Peak-to-peak supply temperature, K, in the last hour that counts as hunting where it crosses the set-point."""
 
 
-RECOMMENDED = {
+GROWING = {
     "learning_step": 0.028, "learning_interval": 900, "learning_ratio": 1.5, "buffer": 0.01, "learning_min_switches": 1,
     "learning_max_reference": 0.4, "learning_early_trip": 1, "learning_growth": 2, "learning_shrink": 0.5,
 }  # fmt: skip
-"""The rule for all loops that ``learning.py`` recommends."""
+"""The one rule for all loops that ``learning.py`` chooses."""
 HARM_DAYS = range(5101, 5106)
 HEATING_KP = 0.0045
 """A quarter of the gain of ``lbnl``: a loop with water of 40 °C responds about three times as much."""
@@ -120,15 +120,15 @@ def overestimate_rows(ds: xr.Dataset) -> list[list[str]]:
 
 
 def good_valves(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
-    """The recommended rule on valves without backlash, beside the plain PI, on days with set-point steps."""
+    """The growing rule on valves without backlash, beside the plain PI, on days with set-point steps."""
     found = []
     for preset in fc.presets():
         loop = fc.Loop.preset(preset).assign(backlash=0.0, noise_std=[0.0, 0.05])
-        for of in (loop, loop.assign(**RECOMMENDED)):
+        for of in (loop, loop.assign(**GROWING)):
             found.append(_kept(fc.simulate(of, of_kind(STEPPED, seeds))))
     ds = xr.concat(found, "both").assign_coords(
         plant=("both", np.repeat(list(fc.presets()), 2)),
-        remedy=("both", ["plain PI", "recommended"] * len(fc.presets())),
+        remedy=("both", ["plain PI", "growing"] * len(fc.presets())),
     )
     return ds.set_index(both=["plant", "remedy"]).unstack("both")
 
@@ -140,7 +140,7 @@ def heating(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
         "plain PI": {},
         "95 %": {"estimate_ratio": 0.95},
         "95 %, buffer 1 %": {"estimate_ratio": 0.95, "buffer": 0.01},
-        "recommended rule": RECOMMENDED,
+        "growing rule": GROWING,
     }
     found = [_kept(fc.simulate(loop.assign(**values), of_kind(HEATING, seeds))) for values in remedies.values()]
     return xr.concat(found, xr.DataArray(list(remedies), dims="remedy", name="remedy"))
@@ -155,9 +155,7 @@ def good_valve_rows(ds: xr.Dataset) -> list[list[str]]:
     rows = []
     for plant in fc.presets():
         for noise in ds.noise_std.values:
-            plain, rule = (
-                ds.sel(plant=plant, noise_std=noise, remedy=r).mean("day") for r in ("plain PI", "recommended")
-            )
+            plain, rule = (ds.sel(plant=plant, noise_std=noise, remedy=r).mean("day") for r in ("plain PI", "growing"))
             error, travel = (float(rule[m] / plain[m]) for m in ("rmse_settled", "motor_travel"))
             rows.append(
                 [f"`{plant}`", f"{noise:g}", f"{float(plain.rmse_settled):.3f}", f"× {error:.1f}",
@@ -203,7 +201,7 @@ def main() -> None:
     good = good_valves()
     write_table(
         "conditions_good_valve",
-        f"The recommended rule on a valve without backlash, means of {good.sizes['day']} days with set-point steps",
+        f"The growing rule on a valve without backlash, means of {good.sizes['day']} days with set-point steps",
         ["loop", "noise, K", "settled RMSE of the plain PI, K", "settled RMSE with the rule", "travel of the plain PI",
          "travel with the rule", "final estimate"],
         good_valve_rows(good),

@@ -14,6 +14,7 @@ import xarray as xr
 from diagnosis_logs import DAYS_OF_KINDS, GOOD_VALVES, OTHERS, SIMULATED, STEPPED_HEATING, Logs, Population, logs
 from kinds import STEPPED
 from report import write_table
+from shares import share_of
 
 from fastcoil.diagnosis.identify import GOOD, TOLERANCE, identify_backlash
 
@@ -28,7 +29,6 @@ COLUMNS = {
     "command, T_sup": (),
     "with air flow and T_in": ("T_set", "m_a", "T_a_in"),
 }
-Z = 1.96
 
 
 class Row(NamedTuple):
@@ -74,22 +74,9 @@ def identified(of: Logs, hours: int, columns: tuple[str, ...]) -> xr.Dataset:
     return ds.assign_coords(true=true)
 
 
-def share(true: xr.DataArray, of: xr.DataArray | None = None) -> str:
-    """A share with its 95 % interval (Wilson) over valves and days.
-
-    Days of a valve are alike, and so are valves of a day: the number of logs is taken as what would have the variance
-    that the means of the valves and those of the days show.
-    """
-    values = true.astype(float) if of is None else true.astype(float).where(of.astype(bool))
-    n, p = int(values.count()), float(values.mean())
-    if n == 0:
-        return "none"
-    means = [values.mean(dim).dropna(other) for dim, other in (("day", "sample"), ("sample", "day"))]
-    spread = sum(float(m.var(ddof=1)) / m.size for m in means if m.size > 1)
-    alike = min(float(n), p * (1 - p) / spread) if spread > 0.0 else float(n)
-    middle, half = p + Z**2 / (2 * alike), Z * np.sqrt(p * (1 - p) / alike + Z**2 / (4 * alike**2))
-    low, high = (100 * (middle + s * half) / (1 + Z**2 / alike) for s in (-1, 1))
-    return f"{100 * p:.1f} % ({low:.1f} to {high:.1f})"
+def share(holds: xr.DataArray, among: xr.DataArray | None = None) -> str:
+    """A share with its interval, "none" if nothing counts."""
+    return "none" if among is not None and not bool(among.any()) else share_of(holds, among).written(1)
 
 
 def cells(row: Row) -> list[str]:

@@ -18,7 +18,7 @@ from report import write_table
 import fastcoil as fc
 from fastcoil.diagnosis.identify import GOOD, TOLERANCE
 
-SEED, VALVES, DAY = 6203, 96, 62031
+SEED, VALVES, DAY = 7411, 96, 74111
 SWINGING = "swinging"
 KINDS = (STEPPED, CONSTANT, DESIGN, SWINGING, HEATING)
 CAUSES = ("none", "backlash", "tuning", "disturbance")

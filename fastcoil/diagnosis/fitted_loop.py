@@ -149,12 +149,13 @@ def what_if(
         return found  # the log itself, which is known
     more, less = with_gain(GAIN_ERROR), with_gain(1.0 / GAIN_ERROR)
     if not found.hunts == more.hunts == less.hunts:
-        return f"whether the loop would hunt turns on {GAIN_ERROR - 1.0:.0%} of its gain, which the log does not tell"
+        turns_on = f"{100 * (GAIN_ERROR - 1.0):.0f} % of its gain"
+        return f"whether the loop would hunt turns on {turns_on}, which the log does not tell"
     errors = [found.rmse, more.rmse, less.rmse]
     if not max(errors) < LARGEST_SPREAD * min(errors):
         return (
             f"the control error would be {min(errors):.2g} to {max(errors):.2g} K: it turns on "
-            f"{GAIN_ERROR - 1.0:.0%} of the loop's gain, which the log does not tell"
+            f"{100 * (GAIN_ERROR - 1.0):.0f} % of the loop's gain, which the log does not tell"
         )
     return found
 

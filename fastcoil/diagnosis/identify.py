@@ -179,9 +179,10 @@ def _judged(found: Sequence[Likelihood], provoked: bool, doubt: str, counts: flo
         )
         low, high = 0.0, float(CANDIDATES[-1])
     elif surely[best] < SURE or (backlash > GOOD and not worse):
-        reason = f"gaps from {low:.1%} to {high:.1%} explain the log: change the set-point up and down, or log longer"
+        sizes = f"gaps from {100 * low:.1f} % to {100 * high:.1f} %"
+        reason = f"{sizes} explain the log: change the set-point up and down, or log longer"
     elif high >= CANDIDATES[-1]:
-        reason = f"the gap may be {high:.0%} of the stroke or more, and larger ones are not looked for"
+        reason = f"the gap may be {100 * high:.0f} % of the stroke or more, and larger ones are not looked for"
     return Identification(backlash, low, high, not reason, reason, CANDIDATES, probability)
 
 

@@ -78,8 +78,8 @@ def recover_pi(
         return "too little of the log shows the controller at work: the command is saturated or hardly moves"
     if found.explained < LEAST_EXPLAINED:
         return (
-            f"a PI of the logged error explains {max(found.explained, 0.0):.0%} of the command's changes only: another "
-            "law runs, or an inverse, or the set-point in the log is not that of the controller"
+            f"a PI of the logged error explains {100 * max(found.explained, 0.0):.0f} % of the command's changes "
+            "only: another law runs, or an inverse, or the set-point in the log is not that of the controller"
         )
     if found.ti <= 0.0 or not np.isfinite(found.ti):
         return "the command goes on without an error and comes back with one: no PI does that"

@@ -48,8 +48,13 @@ def _hunting(d: Findings) -> str:
     if not d.hunts:
         return f"Hunting: cannot tell: {d.because}"
     swings = f"Hunting: ± {size:.2g} K every {_duration(period)}"
-    blamed = {BACKLASH: "the gap", TUNING: "the tuning", DISTURBANCE: "a disturbance"}
-    return f"{swings}, because of {blamed[d.cause]}: {d.because}" if d.cause in blamed else f"{swings}; {d.because}"
+    # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
+    blamed = {
+        BACKLASH: "probably because of the gap",
+        TUNING: "because of the tuning",
+        DISTURBANCE: "because of a disturbance",
+    }
+    return f"{swings}, {blamed[d.cause]}: {d.because}" if d.cause in blamed else f"{swings}; {d.because}"
 
 
 def _cures(d: Findings) -> list[str]:

@@ -49,7 +49,7 @@ class Control(NamedTuple):
     def of(cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]) -> Control:
         """For a block whose lanes have this estimator, this law, ``None`` for the PI, and these parameters."""
         return cls(
-            is_watched=estimator is not None and estimator.periods is None,
+            is_watched=estimator is not None and estimator.is_watching(row),
             has_law=law is not None,
             has_dead_band=bool(np.any(row["error_dead_band"] > 0.0)),
             is_additive=bool(np.any(row["compensation"] == ADDITIVE)),

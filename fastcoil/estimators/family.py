@@ -74,6 +74,7 @@ class Estimator:
     controller samples; the rule then decides itself when to act.
     confirms: (t, Parameters, Memory, true backlash, reached, confirmed) → (reached, confirmed), the times at which an
     estimate that moves in steps reached the true backlash and stepped back from it.
+    watches: rows of a block by name → whether such a rule looks at T or e; one without periods always may.
     results: Memory of arrays, one value per lane, at the end of a run → metrics by name.
     waives_buffer: whether the loop is plain PI, without the buffer of the inverse, while its estimate is 0.
     identity: all that decides what a user's own rule does, in words; empty for those of the package.
@@ -90,3 +91,8 @@ class Estimator:
     words: int = 0
     waives_buffer: bool = False
     identity: str = ""
+    watches: Callable[[Mapping[str, np.ndarray]], bool] | None = None
+
+    def is_watching(self, rows: Mapping[str, np.ndarray]) -> bool:
+        """Whether T and e are kept for it in a block."""
+        return self.periods is None if self.watches is None else self.watches(rows)

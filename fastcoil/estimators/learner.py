@@ -13,6 +13,10 @@ from fastcoil.numerics.jit import exact
 from fastcoil.outputs import LEARNING_STATUS
 
 ENOUGH, QUIET, UNMEASURABLE = 0.0, 1.0, 2.0
+SET_POINT_STEP = 0.1
+"""A change of the set-point between two samples that is a step, K."""
+SETTLING = 600.0
+"""Time after it, or after an end of the valve, in which the control error is not the estimate's, s."""
 
 
 @exact
@@ -39,6 +43,15 @@ def evidence(switches, f, f_ref, sample_time, min_switches, max_reference):
     unmeasurable = f_ref < 0.0 and f > max_reference * 600.0 / sample_time
     reason = UNMEASURABLE if unmeasurable else ENOUGH
     return QUIET if switches < min_switches else reason
+
+
+@exact
+def worse(squares, n, reference_squares, reference_n, ratio):
+    """Whether the rms of n errors exceeds ``ratio`` times that of the reference, given both sums of squares.
+
+    Not where there are no errors to compare, or where ``ratio`` is 0.
+    """
+    return ratio > 0.0 and squares * reference_n > ratio * ratio * reference_squares * n
 
 
 @exact
@@ -79,6 +92,8 @@ class Parameters(NamedTuple):
     learning_shrink: float
     learning_final: float
     learning_stop: float
+    learning_reference: float
+    learning_error_ratio: float
 
 
 class Memory(NamedTuple):
@@ -106,31 +121,64 @@ class Memory(NamedTuple):
     """1 if it was one down."""
     time_first_down: float
     estimate_first_down: float
+    averaged: float
+    """Intervals that the reference is the mean of, so far; -1 in the interval that is left out."""
+    frequencies: float
+    """Sum of their switch frequencies, per 10 min."""
+    squares: float
+    """Sum of the squares of the settled control errors in the interval, K²."""
+    errors: float
+    """How many they are."""
+    reference_squares: float
+    """The same of all intervals of the reference."""
+    reference_errors: float
+    T_set: float
+    """Set-point at the last sample, °C."""
+    settled: float
+    """Time from which the error is settled, s."""
 
 
 @exact
 def start(p):
     """Memory at the start: the first interval has no reference yet."""
     before = p.learning_step / p.learning_growth  # as if one step had gone up before
-    return Memory(p.learning_interval, 0.0, -1.0, 1.0, 1.0, before, ENOUGH, -1.0, np.nan, 0.0, np.nan, np.nan)
+    averaged = -1.0 if p.learning_reference > 0.0 else 0.0
+    return Memory(
+        p.learning_interval, 0.0, -1.0, 1.0, 1.0, before, ENOUGH, -1.0, np.nan, 0.0, np.nan, np.nan,
+        averaged, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, 0.0,
+    )  # fmt: skip
 
 
 @exact
 def step(now, p, memory):
     """Update the estimate where an interval ends or, with an early trip, as soon as it chatters."""
+    # for the sake of other lanes this may run more often than this one samples
+    samples = sample_number(now.t, p.sample_time) * p.sample_time == now.t
+    seen = samples and p.learning_error_ratio > 0.0
+    at_end = now.u <= 0.0 or now.u >= 1.0
+    counts = seen and now.t > memory.settled and not at_end
+    squares = memory.squares + now.e * now.e if counts else memory.squares
+    errors = memory.errors + 1.0 if counts else memory.errors
+    unsettles = seen and (at_end or abs(now.T_set - memory.T_set) > SET_POINT_STEP)
+
     learning, climbing = memory.learning > 0.0, memory.climbing > 0.0
     switches = now.switches - memory.switches
     f = switch_frequency(switches, p.learning_interval)
     ends = memory.next_update == now.t
     good = evidence(switches, f, memory.reference, p.sample_time, p.learning_min_switches, p.learning_max_reference)
     enough = good == ENOUGH
-    reference = f if learning and ends and memory.reference < 0.0 and enough else memory.reference
-    down = chatters(f, reference, p.learning_ratio, p.learning_floor)
-    # for the sake of other lanes this may run more often than this one samples
-    samples = sample_number(now.t, p.sample_time) * p.sample_time == now.t
-    trips = p.learning_early_trip > 0.0 and reference >= 0.0 and down and samples
+    starts = memory.averaged < 0.0
+    joins = learning and ends and enough and memory.reference < 0.0 and not starts
+    averaged = memory.averaged + 1.0 if joins or (starts and ends) else memory.averaged
+    frequencies = memory.frequencies + f if joins else memory.frequencies
+    completes = joins and averaged >= p.learning_reference
+    reference = frequencies / averaged if completes else memory.reference
+    chatter = chatters(reference if completes else f, reference, p.learning_ratio, p.learning_floor)
+    rises = worse(squares, errors, memory.reference_squares, memory.reference_errors, p.learning_error_ratio)
+    down = chatter or (ends and memory.reference >= 0.0 and rises)
+    trips = p.learning_early_trip > 0.0 and reference >= 0.0 and chatter and samples
     acts = learning and (ends or trips)
-    moves = acts and enough
+    moves = acts and enough and reference >= 0.0
 
     size = step_size(memory.step, down, climbing, p.learning_growth)
     moved_to = updated(now.estimate, size, down, p.backlash_estimate, p.learning_cap)
@@ -150,6 +198,14 @@ def step(now, p, memory):
         (1.0 if down else 0.0) if moves else memory.down,
         now.t if first_down else memory.time_first_down,
         moved_to if first_down else memory.estimate_first_down,
+        averaged,
+        frequencies,
+        0.0 if acts else squares,
+        0.0 if acts else errors,
+        memory.reference_squares + squares if joins else memory.reference_squares,
+        memory.reference_errors + errors if joins else memory.reference_errors,
+        now.T_set if seen else memory.T_set,
+        now.t + SETTLING if unsettles else memory.settled,
     )
     return x_hat if moves else now.estimate, after
 
@@ -165,9 +221,14 @@ def confirms(t, p, memory, x_bl, reached, confirmed):
 
 
 def periods(rows: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Seconds that the learners of a block act at multiples of: intervals, and samples where trips are early."""
-    early = rows["learning_early_trip"] > 0.0
-    return np.concatenate([rows["learning_interval"], rows["sample_time"][early]])
+    """Seconds that the learners of a block act at multiples of: intervals, and samples where these count."""
+    often = (rows["learning_early_trip"] > 0.0) | (rows["learning_error_ratio"] > 0.0)
+    return np.concatenate([rows["learning_interval"], rows["sample_time"][often]])
+
+
+def watches(rows: Mapping[str, np.ndarray]) -> bool:
+    """Whether the learners of a block look at the control error."""
+    return bool(np.any(rows["learning_error_ratio"] > 0.0))
 
 
 def results(memory: Memory) -> dict[str, np.ndarray]:
@@ -185,4 +246,4 @@ def results(memory: Memory) -> dict[str, np.ndarray]:
     }
 
 
-LEARNER = Estimator("learner", Parameters, Memory, step, start, periods, confirms, results)
+LEARNER = Estimator("learner", Parameters, Memory, step, start, periods, confirms, results, watches=watches)

@@ -78,6 +78,13 @@ def _estimate_clashes(loop: Loop) -> list[str]:
             )
     if bool((_has(value, "learner") & (xr.DataArray(value["learning_step"]) == 0.0)).any()):
         problems.append("estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate")
+    if bool(
+        ((xr.DataArray(loop["learning_error_ratio"]) > 0.0) & (xr.DataArray(loop["learning_reference"]) == 0.0)).any()
+    ):
+        problems.append(
+            "learning_error_ratio without learning_reference: the error of the first interval is that of the start-up, "
+            "give the number of intervals that the reference is the mean of"
+        )
     return problems
 
 

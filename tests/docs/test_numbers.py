@@ -97,7 +97,7 @@ def answers():
     yield f"The RMSE falls by {percent(growing[column])}"
     yield f"at {times(growing['motor travel, median']):.1f} times the travel"
     worst = max(times(of["settled RMSE with the rule"]) for of in rows("conditions_good_valve"))
-    warm = max(float(of["recommended rule"]) / float(of["plain PI"]) for of in rows("conditions_heating"))
+    warm = max(float(of["growing rule"]) / float(of["plain PI"]) for of in rows("conditions_heating"))
     yield f"settled error up to {worst:.1f} times that of the plain PI, in heating up to {warm:.1f} times"
     # paper
     yield f"An inverse of 60 % helps nearly everywhere ({share('inverse of 60 %')})"
@@ -144,7 +144,7 @@ def pages():
     middle, low, high = re.findall(r"\d+", learned)
     yield (
         "populations",
-        f"{middle} % of the recommended rule's estimates are within 80 to 120 % ({low} to {high} % over",
+        f"{middle} % of the growing rule's estimates are within 80 to 120 % ({low} to {high} % over",
     )
     at = named("robustness", "0.95")
     yield (

@@ -44,6 +44,7 @@ BOLD = {
     "learning_early_trip": 1, "learning_ratio": 1.5, "learning_growth": 2.0, "learning_shrink": 0.5,
     "learning_interval": 700.0,
 }  # fmt: skip
+WARY = {"learning_reference": 1, "learning_error_ratio": 0.8, "learning_floor": 50.0, "noise_std": 0.02}
 
 CASES = {
     "plain PI": Case({}),
@@ -110,6 +111,11 @@ CASES = {
     ),
     "learner without evidence": Case({**LEARNER, "learning_min_switches": 12.0, "noise_std": 0.01}),
     "learner without a reference": Case({**LEARNER, "learning_max_reference": 0.25, "noise_std": 0.1}),
+    "learner with an averaged reference": Case(
+        {**LEARNER, **BOLD, "learning_interval": 600.0, "learning_reference": 2, "noise_std": 0.03, "sample_time": 7.0}
+    ),
+    "learner that looks at its error": Case({**LEARNER, **WARY, "sample_time": 7.0}),
+    "learner that looks at its error, off and on": Case({**LEARNER, **WARY}, {"enabled": OFF_AND_ON, "T_set": 14.0}),
 }
 
 EXACT = (

@@ -33,6 +33,14 @@ class Learner(Fixed):
         self.stops_at_first_down = p["learning_stop"] == "first_step_down"
         self.reached_from = p["backlash"] - p["learning_step"] / 2.0 - 1e-12
         self.reference_frequency = None
+        self.intervals_wanted = int(p["learning_reference"])
+        self.starting_up = self.intervals_wanted > 0
+        self.frequencies = []  # of the intervals of the reference
+        self.error_ratio = p["learning_error_ratio"]
+        self.errors = []  # settled ones, of this interval
+        self.reference_errors = []
+        self.T_set = None
+        self.settled_after = 0
         self.missing = None
         self.time_reached = math.nan
         self.time_confirmed = math.nan
@@ -57,10 +65,25 @@ class Learner(Fixed):
 
     def look(self, t, seen):
         """Update the estimate where an interval ends."""
+        if t > 0 and t % self.sample_time == 0 and self.error_ratio > 0.0:
+            self.look_at_the_error(t, seen)
         switches = seen.switches - self.switches_before
         if self.is_due(t, switches):
             self.update(t, switches)
             self.switches_before = seen.switches
+            self.errors = []
+
+    def look_at_the_error(self, t, seen):
+        """Keep an error that no set-point step of the last 600 s, nor an end of the valve, explains."""
+        has_stepped = self.T_set is not None and abs(seen.T_set - self.T_set) > 0.1
+        self.T_set = seen.T_set
+        if not 0.0 < seen.u < 1.0:
+            self.settled_after = t + 600
+            return
+        if t > self.settled_after:
+            self.errors.append(seen.e)
+        if has_stepped:
+            self.settled_after = t + 600
 
     def metrics(self):
         """When the estimate moved, and what became of it."""
@@ -88,18 +111,37 @@ class Learner(Fixed):
 
     def update(self, t, switches):
         """End the interval at second t, given its mode switches; the next one begins there."""
-        self.interval_end = t + self.interval
+        is_whole, self.interval_end = t == self.interval_end, t + self.interval
+        was_start, self.starting_up = self.starting_up, False
         frequency = switches / (self.interval / 600.0)
+        self.missing = None
         if switches < self.least_switches:
             self.missing = "no_evidence"
-            return
-        if self.reference_frequency is None:
-            if frequency > self.highest_reference:
-                self.missing = "not_identifiable"
-                return
-            self.reference_frequency = frequency
-        self.missing = None
-        if self.is_chatter(switches):
+        elif self.reference_frequency is not None:
+            self.move(t, self.is_chatter(switches) or (is_whole and self.has_become_worse()))
+        elif frequency > self.highest_reference:
+            self.missing = "not_identifiable"
+        elif not was_start:
+            self.add_to_reference(t, frequency)
+
+    def add_to_reference(self, t, frequency):
+        """Take an interval into the reference; the one that completes it steps, too."""
+        self.frequencies.append(frequency)
+        self.reference_errors += self.errors
+        if len(self.frequencies) >= self.intervals_wanted:
+            self.reference_frequency = mean = sum(self.frequencies) / len(self.frequencies)
+            self.move(t, mean > self.ratio * max(mean, self.floor))
+
+    def has_become_worse(self):
+        """Whether the rms error of an interval exceeds that of the reference by too much."""
+        if self.error_ratio == 0.0 or not self.errors or not self.reference_errors:
+            return False
+        now, before = (math.sqrt(sum(e * e for e in some) / len(some)) for some in (self.errors, self.reference_errors))
+        return now > self.error_ratio * before
+
+    def move(self, t, down):
+        """One step, down or up."""
+        if down:
             self.step_down(t)
         else:
             self.step_up(t)

@@ -61,6 +61,8 @@ PAPER_LIKE = {
     "learning_growth": 1.0,
     "learning_shrink": 1.0,
     "learning_final": 1.0,
+    "learning_reference": 0,
+    "learning_error_ratio": 0.0,
     "learning_stop": "never",
     # Half periods of the error.
     "hagglund_filter_ratio": 0.1,

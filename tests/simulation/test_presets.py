@@ -15,7 +15,7 @@ COMMON = {
     "backlash_estimate": 0.0, "estimate_ratio": None, "buffer": 1e-9, "learning_step": 0.0, "learning_interval": 1800.0,
     "learning_ratio": 2.0, "learning_floor": 0.0, "learning_cap": 0.25, "learning_stop": "never",
     "learning_min_switches": 0.0, "learning_max_reference": 1.0, "learning_early_trip": 0.0, "learning_growth": 1.0,
-    "learning_shrink": 1.0, "learning_final": 1.0,
+    "learning_shrink": 1.0, "learning_final": 1.0, "learning_reference": 0.0, "learning_error_ratio": 0.0,
 }  # fmt: skip
 VARYING = ("C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time")
 DESIGN_TABLE = {
