@@ -38,7 +38,7 @@ _SURELY = 1.2
 _OUTLYING = 6.0
 """Changes of the flow at rest that exceed the typical one by this factor count as that much."""
 _CURE = (
-    "log every 10 s, or at least as often as the controller acts; if the command holds from row to row, "
+    "log at least as often as the controller acts; if the command holds from row to row, "
     "say so: holds='command', --hold command"
 )
 

@@ -59,7 +59,8 @@ def valve_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, start
     if why:
         del parameters["backlash"]
         problem.notes.append(
-            f"the curve belongs to a backlash of {natural[X_BL]:.3g}, which is not identified: sweep it in a study"
+            f"the curve belongs to a backlash of {round(natural[X_BL], 4):g}, which is not identified: "
+            "sweep it in a study"
         )
     reach = float(problem.command[: problem.n_fit].max())
     if reach < 0.9:

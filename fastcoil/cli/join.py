@@ -51,7 +51,7 @@ def join(
     if not files:
         raise InputError("give the files to join, such as command.csv T_sup.csv")
     with checking() as check:
-        step = check.unless_none(number_of, "--step", step, "give seconds, at least 1", least=1.0, most=86400.0)
+        step = check.unless_none(number_of, "--step", step, "give seconds, from 1 to 86400", least=1.0, most=86400.0)
         check(max_gap_of, max_gap)
         time_format = check.unless_none(time_format_of, "--time-format", time_format)
         check(_require_new, out)

@@ -60,5 +60,7 @@ def require_writable(out: Path) -> None:
     if exists(out) and not is_fit(out):
         raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
     figure = out.with_suffix(".png")
+    if is_folder(figure):
+        raise InputError(f"-o {out}: {figure}, the name of its figure, is a folder: choose another name")
     if is_file(figure) and not exists(out):
         raise InputError(f"-o {out}: {figure} exists and would be replaced, choose another name or delete it")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -25,14 +24,13 @@ from fastcoil.logs.timestamps import time_format_of
 _WANTED = Wanted(
     needed=("command", "T_sup"), optional=("T_set", "m_a", "T_a_in", "enabled"), measured=("T_sup", "m_a", "T_a_in")
 )
-_LONGEST = 3600.0
+_LONGEST, _SHORTEST_SAMPLE = 3600.0, 0.1
 """Of a stroke or of the time between two samples of a controller, s."""
 WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
 """Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
 size is claimed."""
 WIDEST = 0.1
 """Interval of a backlash that may be claimed, fraction of stroke."""
-_ABOVE_0 = math.nextafter(0.0, 1.0)
 
 
 def diagnose(
@@ -78,9 +76,8 @@ def diagnose(
     """
     with checking() as check:
         log = check(log_of, "log", log)
-        seconds = f"give seconds, at most {_LONGEST:g}"
-        stroke_time = check.unless_none(number_of, "stroke_time", stroke_time, seconds, least=0.0, most=_LONGEST)
-        sample_time = check.unless_none(number_of, "sample_time", sample_time, seconds, least=_ABOVE_0, most=_LONGEST)
+        stroke_time = check.unless_none(_seconds_of, "stroke_time", stroke_time, 0.0)
+        sample_time = check.unless_none(_seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
         check(flag_of, "drop", drop)
         check(choice_of, "jumps", jumps, ("refuse", "split"))
         check(max_gap_of, max_gap)
@@ -134,6 +131,10 @@ def diagnose(
         signals=_signals(grid, measures),
         notes=notes,
     )
+
+
+def _seconds_of(name: str, value: Any, least: float) -> float:
+    return number_of(name, value, f"give seconds, from {least:g} to {_LONGEST:g}", least=least, most=_LONGEST)
 
 
 def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identification:

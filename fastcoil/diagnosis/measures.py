@@ -21,14 +21,16 @@ from fastcoil.diagnosis.indices import (
     travel,
 )
 from fastcoil.diagnosis.motion import motor_positions
-from fastcoil.diagnosis.swing import Swing, median_swing, swing_of
+from fastcoil.diagnosis.swing import REGULAR, Swing, longest_run, median_swing, swing_of
 
 COARSE = 60.0
 """Interval beyond which a log misses the swings of most loops, s."""
 USUAL_PERIOD = 600.0
 """Seconds, where the temperature shows no swing."""
-LEAST_WATCHED = 3600.0
-"""Seconds of settled operation after which a loop that does not swing may be called calm."""
+LEAST_WATCHED, LEAST_PIECE = 3600.0, 600.0
+"""Seconds of settled operation, and of its longest piece, after which a loop that does not swing may be called calm."""
+WIDE = 0.5
+"""Peak to peak of a swing above which nobody calls a loop calm, K, although it does not come back regularly."""
 
 
 class Measures(NamedTuple):
@@ -91,7 +93,7 @@ def measures_of(grid: Grid, stroke_time: float | None) -> Measures:
         "motor_travel": Index(strokes, "d-1", "strokes of the motor in a day"),
         "reversals": Index(turns, "d-1", "turns of the motor in a day"),
     }
-    return Measures(error, T_set is not None, calm, swing, positions[:-1], moved, indices, _blind(grid, calm))
+    return Measures(error, T_set is not None, calm, swing, positions[:-1], moved, indices, _blind(grid, calm, swing))
 
 
 def loop_indices(measures: Measures, interval: float, loop: FittedLoop | str, *, trusted: bool) -> dict[str, Index]:
@@ -112,13 +114,22 @@ def loop_indices(measures: Measures, interval: float, loop: FittedLoop | str, *,
     }
 
 
-def _blind(grid: Grid, calm: Mask) -> str:
-    watched = float(calm.sum()) * grid.interval
+def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:
     if grid.interval > COARSE:
         return f"a log with a sample every {grid.interval:g} s misses swings of minutes: log every 30 s or faster"
+    watched, piece = float(calm.sum()) * grid.interval, longest_run(calm) * grid.interval
     if watched < LEAST_WATCHED:
         return (
             f"the loop is settled and in control for {watched / 60:.0f} min only: log an hour or more with the "
             "set-point held"
+        )
+    if piece < LEAST_PIECE:
+        return f"the log has no more than {piece / 60:.0f} min in one piece: log without gaps, or bridge them (max_gap)"
+    if "T_set" not in grid.values:
+        return "the log has no set-point (T_set), and its changes hide a swing: log it, too"
+    if swing.peak_to_peak > WIDE and swing.regularity > REGULAR:
+        return (
+            f"the temperature swings by ± {swing.peak_to_peak / 2:.2g} K about every {swing.period / 60:.0f} min, but "
+            "not evenly enough to be sure: log every 10 s, some hours with the set-point held"
         )
     return ""

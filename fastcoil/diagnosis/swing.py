@@ -65,7 +65,7 @@ def swing_of(series: Array, good: Mask, interval: float) -> Swing:
     before, by running means of several lengths; the most periodic of what is left counts.  The longest unbroken stretch
     must show three periods, or two clear ones.
     """
-    longest = _longest(good) * interval
+    longest = longest_run(good) * interval
     found = NO_SWING
     for seconds in _LEVELS:
         width = round(seconds / interval)
@@ -79,7 +79,7 @@ def swing_of(series: Array, good: Mask, interval: float) -> Swing:
     return found
 
 
-def _longest(good: Mask) -> int:
+def longest_run(good: Mask) -> int:
     """Samples of the longest unbroken stretch."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
     return int(np.max(ends[1::2] - ends[::2], initial=0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from fastcoil.logs.arguments import Declared, Wanted
 from fastcoil.logs.series import COLUMNS, TIMES, Series
 from fastcoil.logs.status import status_columns
 from fastcoil.logs.table import Table, label_and_unit
+from fastcoil.logs.timestamps import is_time
 
 _OUTPUTS = ("command", "T_sup", "T_w_out")
 """Always measured: no message suggests a constant for them."""
@@ -39,7 +41,7 @@ def find_columns(table: Table, declared: Declared, wanted: Wanted, *, strict: bo
     table.check_names("units", declared.units, [name for name in names if name != "timestamp"])
     table.check_names("constants", constants, wanted.names)
     table.problems += _bad_constants(constants)
-    found = _find_headers(table, declared, names, wanted.names[0])
+    found = _find_headers(table, declared, names, wanted)
     for one in [*wanted.needed, *wanted.optional, TIMES]:
         choices = (one,) if isinstance(one, str) else one
         standing_in = [f"constant {n}" for n in choices if n in constants and not (strict and n in found)]
@@ -52,8 +54,14 @@ def find_columns(table: Table, declared: Declared, wanted: Wanted, *, strict: bo
             which = "" if standing_in else f", or say which to read: {declared.column_cure(given[0])}"
             table.problems.append(f"{' and '.join(given)} are both given: leave one out{which}")
         elif not given and not preferred and one not in wanted.optional:
-            table.problems.append(_missing(choices, declared))
-    return {name: column for name, column in found.items() if name in (*wanted.names, *TIMES, "batch")}
+            table.problems.append(_missing(choices, declared, _times_in(table) if one is TIMES else ""))
+    found = {name: column for name, column in found.items() if name in (*wanted.names, *TIMES, "batch")}
+    table.problems += [
+        f"{one} and {other} are both read from the column {shown(table.header[found[one]])}: give each its own"
+        for one, other in combinations(found, 2)
+        if found[one] == found[other]
+    ]
+    return found
 
 
 def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
@@ -102,21 +110,26 @@ def _reads_as_percent(table: Table, column: int) -> bool:
     return bool(numbers) and _FAR_ABOVE_1 < max(numbers) <= 100.5
 
 
-def _find_headers(table: Table, declared: Declared, names: list[str], example: str) -> dict[str, int]:
+def _find_headers(table: Table, declared: Declared, names: list[str], wanted: Wanted) -> dict[str, int]:
     """Index of each of our ``names`` in the header, or where the caller says.
 
-    Other columns are problems, unless the caller says what to read; ``example``: a name for the message.
+    Other columns are problems, unless the caller says what to read, and so are two columns of a wanted name.
     """
     unknown = []
     found = asked_columns(table, declared.columns or {})
-    of_status = status_columns(table)
+    asked, of_status = set(declared.columns or {}), status_columns(table)
     for column, cell in enumerate(table.header):
         label = label_and_unit(cell)[0]
-        if label in names:
+        if label in names and label in found and label not in asked and label in (*wanted.names, *TIMES):
+            both = f"{shown(table.header[found[label]])} and {shown(cell)}"
+            cure = declared.cure(f"columns={{{label!r}: {cell!r}}}", f"--column {label}={cell!r}")
+            table.problems.append(f"{label} is in two columns, {both}: delete one, or say which to read: {cure}")
+        elif label in names:
             found.setdefault(label, column)
         elif column not in of_status:
             unknown.append(cell)
     if declared.columns is None:
+        example = wanted.names[0]
         say_which = declared.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
         table.problems += _unknown(unknown, names, f"or say what to read: {say_which}")
     return found
@@ -136,8 +149,20 @@ def _unknown(cells: list[str], names: list[str], say_which: str) -> list[str]:
     return sentences
 
 
-def _missing(choices: tuple[str, ...], declared: Declared) -> str:
-    """A sentence that none of these columns exists, with every way to give one."""
+def _times_in(table: Table) -> str:
+    """Header of the first column that begins with a date; empty if there is none."""
+    first = table.rows[0] if table.rows else []
+    return next((head for head, cell in zip(table.header, first, strict=False) if is_time(cell)), "")
+
+
+def _missing(choices: tuple[str, ...], declared: Declared, times_in: str) -> str:
+    """A sentence that none of these columns exists, with every way to give one.
+
+    times_in: header of a column that looks like the missing time, else empty.
+    """
+    if times_in and len(times_in) <= _LONGEST_HEADER:
+        argument, option = f"columns={{'timestamp': {times_in!r}}}", f"--column timestamp={times_in!r}"
+        return f"timestamp is missing, and {shown(times_in)} has times: say so: {declared.cure(argument, option)}"
     name, series = choices[0], COLUMNS[choices[0]]
     which = " or ".join((", ".join(choices[:-1]), choices[-1])) if len(choices) > 1 else name
     text = f"{which} is missing: add a column '{name} [{series.unit}]', or say which one it is: "

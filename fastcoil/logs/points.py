@@ -94,6 +94,11 @@ class Files:
             if name in POINTS and name not in self._used and not problems
         ]
         names = [point.name for point in self.points]
+        problems += [
+            f"--unit {name}={units[name]}: no file has the point {name}"
+            for name in units
+            if name in POINTS and name not in names and not problems
+        ]
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
                 files = " and ".join(point.file for point in self.points if point.name == name)
@@ -106,7 +111,9 @@ class Files:
         table = Table.read(path)
         time = _time_column(table)
         named = self._names(table, path, time)
-        stamps = read_stamps([row[time] for row in table.rows], table.row_numbers, self._time_format, _CURE)
+        with collecting(table.problems):
+            stamps = read_stamps([row[time] for row in table.rows], table.row_numbers, self._time_format, _CURE)
+        table.stop_if_wrong()
         table.notes += stamps.notes
         if not stamps.good.all():
             k = int(np.argmin(stamps.good))

@@ -15,6 +15,7 @@ import numpy as np
 
 from fastcoil.arrays import Mask
 from fastcoil.errors import InputError, nearest, shown
+from fastcoil.logs.clock_columns import find_clock_columns, join_cells
 from fastcoil.logs.layout import read_layout
 from fastcoil.logs.notes import counted
 from fastcoil.logs.units import is_unit
@@ -61,7 +62,8 @@ class Table:
 
     name: of the file, for messages.  rows: without the header.  row_numbers: of each row in the file.  units: the cells
     of a row of units below the header; None if there is none.  separator: of the columns in the file.  notes: how it
-    was read.  unit_cure: how to declare the ``unit`` of a column in the log itself, given its ``header``.
+    was read.  unit_cure: how to declare the ``unit`` of a column in the log itself, given its ``header``.  joined:
+    index of the column that has the cells of these headers now, which the file has and the table has not.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Table:
     units: list[str] | None = None
     separator: str = ","
     notes: list[str] = field(default_factory=list)
+    joined: dict[str, int] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: str | Path) -> Table:
@@ -108,6 +111,7 @@ class Table:
         table._check_header(first)
         table._check_widths()
         table.stop_if_wrong()
+        table._join_clock()
         return table
 
     def _check_header(self, row_number: int) -> None:
@@ -133,6 +137,22 @@ class Table:
                 f"row {number} has {counted(len(row), 'cell')} where the header has {len(self.header)}: {cure}{more}"
             )
 
+    def _join_clock(self) -> None:
+        """Make a column timestamp of a date and a time of day in columns of their own."""
+        labels = [label_and_unit(cell)[0] for cell in self.header]
+        found = find_clock_columns(self.header, self.rows)
+        if found is None or "timestamp" in labels or "elapsed_time" in labels:
+            return
+        date, clock = (self.header[column] for column in found)
+        for row in self.rows:
+            row[found.date] = join_cells(row, found)
+        self.header[found.date] = "timestamp"
+        for row in filter(None, (self.header, self.units, *self.rows)):
+            del row[found.clock]
+        at = self.header.index("timestamp")
+        self.joined = {date: at, clock: at}
+        self.notes.append(f"{date} and {clock} are read as one timestamp")
+
     def stop_if_wrong(self) -> None:
         """Raise all problems found so far, if any, as one `InputError`."""
         if self.problems:
@@ -143,7 +163,7 @@ class Table:
         if header in self.header:
             return self.header.index(header)
         labels = [label_and_unit(cell)[0] for cell in self.header]
-        return labels.index(header) if header in labels else None
+        return labels.index(header) if header in labels else self.joined.get(header)
 
     def declared_unit(self, column: int) -> str | None:
         """Unit of a column by its header, or by a row of units below."""

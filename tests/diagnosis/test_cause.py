@@ -79,3 +79,27 @@ def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):
     said = cause_of(measures, loop._replace(explained_temperature=0.04), identified=True)
     assert said.name == "unknown"
     assert "4 %" in said.because
+
+
+def seen(amplitude, noise, *, T_set=True, pieces=False):
+    """What is said of a loop whose temperature swings every 4 min under noise: of 6 h, the set-point held."""
+    n = 2160
+    swing = amplitude * np.sin(2 * np.pi * np.arange(n) / 24)
+    T = 14.0 + swing + noise * np.random.default_rng(3).standard_normal(n)
+    values = {"command": 0.5 + 0.02 * swing, "T_sup": T} | ({"T_set": np.full(n, 14.0)} if T_set else {})
+    on = np.arange(n) % 40 > 0 if pieces else np.ones(n, bool)
+    measures = measures_of(Grid(10.0, 10.0 * np.arange(n), values, on, 0.0), 90.0)
+    return cause_of(measures, "no model", identified=False), measures.swing
+
+
+def test_a_wide_swing_that_is_not_even_enough_is_not_called_calm():
+    said, swing = seen(0.7, 0.8)
+    assert not swing.is_regular
+    assert said.name == "unknown"
+    assert "every 4 min, but not evenly enough" in said.because
+    assert seen(0.07, 0.08)[0].name == "none"
+
+
+def test_a_log_without_set_point_or_in_short_pieces_is_not_called_calm():
+    assert "no set-point" in seen(0.0, 0.05, T_set=False)[0].because
+    assert "6 min in one piece" in seen(0.0, 0.05, pieces=True)[0].because

@@ -96,7 +96,7 @@ def test_values_of_a_log_of_changes_hold_in_a_boundary_and_in_a_coil_record(writ
     latest = np.searchsorted([row[0] for row in rows], np.arange(day.n_steps), side="right") - 1
     np.testing.assert_allclose(day.series["m_a"][0], np.array([row[1] for row in rows])[latest])
     log = read_log(path, Wanted(needed=("m_w", "m_a", "T_w_in", "T_a_in", "W_a_in", "T_sup"), measured=("T_sup",)))
-    (piece,) = record_of(log, fc.Loop(), ()).pieces
+    (piece,) = record_of(log, fc.Loop(), (), np.ones(log.time.size, dtype=bool)).pieces
     np.testing.assert_allclose(piece.series[:, 0], day.series["m_a"][0])
 
 

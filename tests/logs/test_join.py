@@ -205,3 +205,15 @@ def test_bad_cells_are_refused_with_file_row_and_cure(point):
 def test_a_clock_that_would_fill_the_memory_is_refused(point):
     years = point("command.csv", 3e7 * np.arange(5), range(5), "Time,Value (%)")
     assert "raise --step" in only_problem(joined, years, step=1)
+
+
+def test_times_that_cannot_be_read_are_told_with_their_file(point):
+    path = point("T_sup.csv", PERIODIC, range(40), "Timestamp,Value (°C)")
+    path.write_text(path.read_text().replace(":05:13", ":05:13Z"))
+    said = only_problem(joined, point("command.csv", PERIODIC, range(40), "Timestamp,Value (%)"), path)
+    assert said.startswith("T_sup.csv: timestamp in row 7 has another UTC offset")
+
+
+def test_a_unit_of_a_point_that_no_file_has_is_refused(point):
+    said = only_problem(joined, point("command.csv", PERIODIC, range(40), "Timestamp,Value (%)"), units={"m_w": "L/s"})
+    assert said == "--unit m_w=L/s: no file has the point m_w"
