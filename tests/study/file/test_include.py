@@ -162,11 +162,12 @@ def test_a_mistake_exits_with_2_and_writes_nothing(fastcoil, tmp_path, words, se
 
 
 @pytest.mark.kernel
-def test_a_figure_that_cannot_be_written_is_reported_without_a_traceback(fastcoil, logs):
+def test_a_figure_that_cannot_be_written_is_refused_before_any_work(fastcoil, logs):
     (logs / "valve.png").mkdir()
     found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml")
-    assert found.exit_code == 4, found.output
-    assert "valve.png cannot be written: Is a directory" in found.output
+    assert found.exit_code == 2, found.output
+    assert "valve.png, the name of its figure, is a folder: choose another name" in found.output
+    assert not (logs / "valve.toml").exists()
 
 
 @pytest.mark.kernel
