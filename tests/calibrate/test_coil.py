@@ -16,7 +16,10 @@ pytestmark = pytest.mark.kernel
 # --------------------------------------------------------------------------------------------------- what is recovered
 
 
-@pytest.mark.parametrize(("phi", "seed"), [(0.0, 1), pytest.param(0.0, 2, marks=pytest.mark.full), (0.99, 3)])
+@pytest.mark.parametrize(
+    ("phi", "seed"),
+    [pytest.param(0.0, 1, marks=pytest.mark.full), pytest.param(0.0, 2, marks=pytest.mark.full), (0.99, 3)],
+)
 def test_known_coils_with_white_and_autocorrelated_noise_are_found_within_the_intervals(phi, seed):
     fit = fc.fit_coil(coil_log(hours=3, seed=seed, phi=phi), split=1.0)
     assert fit.held.keys() <= {"C_w"}  # which may end where the scheme is just stable
@@ -87,6 +90,7 @@ def test_a_coil_that_is_never_wet_says_so():
     assert_covered(fit, COIL_TRUTH)
 
 
+@pytest.mark.full
 def test_a_slow_log_holds_the_heat_capacity_of_the_water():
     """Samples at the end of holds, 20 min apart: little is seen of the dynamics."""
     slow = coil_log(hours=7, seed=10, sd=0.02).isel(elapsed_time=slice(299, None, 1200))

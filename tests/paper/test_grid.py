@@ -53,6 +53,7 @@ def test_tunings_differ_in_nothing_but_their_gains_and_what_the_gains_are_for():
     assert varied == {*grid.GAINS, *grid.PLANT}
 
 
+@pytest.mark.full
 def test_the_best_gains_have_the_lowest_error_of_those_that_do_not_hunt_without_backlash(monkeypatch):
     """Against a search with one loop at a time."""
     kp, ti = (0.03, 0.15, 0.4), (8.0, 100.0)

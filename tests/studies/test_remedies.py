@@ -173,6 +173,7 @@ def test_tables_hold_what_plain_python_finds(table_of_two_kinds, written):
         assert {row[0]: row[1:] for row in rows}[base] == ["+0 %", "+0 %"]
 
 
+@pytest.mark.full
 @pytest.mark.kernel
 def test_gains_of_their_own_and_the_choice_are_those_of_plain_python(short, written, monkeypatch):
     monkeypatch.setattr(remedies_front, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])

@@ -284,6 +284,7 @@ def test_extend_is_no_harm_where_there_is_nothing_yet(study, tmp_path):
     assert finished.results.attrs["content_sha256"] == fresh(study(BASE), tmp_path)
 
 
+@pytest.mark.full
 def test_an_extension_on_processes_gives_the_same_bits(study, tmp_path):
     execute(study(BASE), tmp_path / "out")
     asked = study(EXTENSIONS["all at once"])

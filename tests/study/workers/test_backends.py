@@ -81,6 +81,7 @@ def test_the_order_and_cut_of_shards_does_not_show(small_study, golden, tmp_path
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
 
 
+@pytest.mark.full
 def test_a_study_without_traces_has_one_hash_too(small_study, tmp_path, monkeypatch, two_workers):
     text = small_study.read_text(encoding="utf-8")
     path = tmp_path / "plain.toml"

@@ -109,6 +109,7 @@ def test_a_worker_that_is_killed_once_costs_nothing_but_time(study, golden, tmp_
     assert finished.results.attrs["content_sha256"] == golden
 
 
+@pytest.mark.full
 def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_path, monkeypatch):
     cut(monkeypatch, 20)
     killed = []
@@ -210,6 +211,7 @@ def test_the_file_with_the_job_is_for_this_user_alone_and_is_removed(study, tmp_
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.full
 def test_a_process_that_is_short_of_memory_is_replaced(study, golden, tmp_path, monkeypatch):
     cut(monkeypatch, 40)
     harmed = failing_shards.harmful(study, failing_shards.starves, [35], once=tmp_path / "once")
