@@ -12,6 +12,7 @@ from fastcoil.calibrate.arguments import check_reading, split_of
 from fastcoil.calibrate.coil_record import in_operation
 from fastcoil.calibrate.loop_problem import LoopProblem
 from fastcoil.calibrate.loop_result import LoopFit, loop_fit
+from fastcoil.calibrate.split import validated_with
 from fastcoil.errors import shown
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.arguments import Wanted, log_of
@@ -109,7 +110,9 @@ def fit_loop(
         )
         return in_operation(found)
 
-    data = read(log) if validation is None else read(log).followed_by(read(validation))
+    data = read(log)
+    if validation is not None:
+        data, fit_until = validated_with(data, read(validation), fit_until), None
     problem = LoopProblem(data, loop, warm_up, split, fit_until)
     if problem.is_coarse:
         warnings.warn(

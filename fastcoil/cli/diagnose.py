@@ -9,6 +9,7 @@ import click
 
 from fastcoil.cli.log_options import pairs, require_writable, with_reading_options
 from fastcoil.cli.paths import PATH
+from fastcoil.cli.progress import announce_compilation
 from fastcoil.cli.terminal import say
 
 
@@ -38,6 +39,7 @@ def diagnose(
 
     if out is not None:
         require_writable(out)
+    announce_compilation("mean_openings")
     found = diagnosed(
         data,
         stroke_time,

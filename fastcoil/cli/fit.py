@@ -24,7 +24,7 @@ def fit() -> None:
     """Fit a valve or a coil to measured data (a CSV file); writes TOML to include in a study, and a figure."""
 
 
-def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
+def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options that both fits have."""
     for option in (
         click.option("--fit-until", type=float, help="Last second to fit; the rest is held back for validation."),
@@ -41,7 +41,7 @@ def _with_common_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 @fit.command("valve")
-@_with_common_options
+@with_common_options
 @click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
 @click.option("--m-max", type=float, help="Asymptotic flow, kg/s, if it is known; fitted by default.")
 @click.option("--floor", type=float, help="Lowest reading of the flow meter, kg/s; found by default.")
@@ -106,11 +106,11 @@ def fit_valve_command(
             max_gap=max_gap,
             time_format=time_format,
         )
-    _write_and_print(found, out)
+    write_and_print(found, out)
 
 
 @fit.command("coil")
-@_with_common_options
+@with_common_options
 @click.option("-o", "--out", type=PATH, default="coil.toml", show_default=True, help="TOML file to write.")
 @click.option("--constant", "constants", multiple=True, metavar="NAME=NUMBER", help="A series that the log lacks.")
 @click.option("--both", is_flag=True, help="Minimise the error of the leaving water too, not only of the supply air.")
@@ -155,7 +155,7 @@ def fit_coil_command(
             data,
             columns=pairs("--column", columns),
             units=pairs("--unit", units),
-            constants=_numbers("--constant", constants),
+            constants=numbers("--constant", constants),
             minimise_on="both" if both else "T_sup",
             warm_up=warm_up,
             T_initial=t_initial,
@@ -171,7 +171,7 @@ def fit_coil_command(
             max_gap=max_gap,
             time_format=time_format,
         )
-    _write_and_print(found, out)
+    write_and_print(found, out)
 
 
 def _lag(text: str) -> float | str:
@@ -182,20 +182,21 @@ def _lag(text: str) -> float | str:
         return text
 
 
-def _numbers(option: str, given: Sequence[str]) -> dict[str, float]:
+def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
     """``NAME=NUMBER`` … as a mapping."""
-    numbers, wrong = {}, []
+    found, wrong = {}, []
     for name, text in (pairs(option, given) or {}).items():
         try:
-            numbers[name] = float(text)
+            found[name] = float(text)
         except ValueError:
             wrong.append(f"{option} {name}={text}: give a number")
     if wrong:
         raise InputError(wrong)
-    return numbers
+    return found
 
 
-def _write_and_print(found: Fit, out: Path) -> None:
+def write_and_print(found: Fit, out: Path) -> None:
+    """Write the TOML of a fit and its figure, and print its summary."""
     from fastcoil.plots.files import write
 
     found.to_toml(out)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fastcoil.cli.fit import _numbers, _with_common_options, _write_and_print, fit
+from fastcoil.cli.fit import fit, numbers, with_common_options, write_and_print
 from fastcoil.cli.log_options import pairs, require_writable
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.progress import announce_compilation
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @fit.command("loop")
-@_with_common_options
+@with_common_options
 @click.option("-o", "--out", type=PATH, default="loop.toml", show_default=True, help="TOML file to write.")
 @click.option(
     "--loop",
@@ -55,11 +55,11 @@ def fit_loop_command(
         loop,
         columns=pairs("--column", columns),
         units=pairs("--unit", units),
-        constants=_numbers("--constant", constants),
+        constants=numbers("--constant", constants),
         warm_up=warm_up,
         **reading,
     )
-    _write_and_print(found, out)
+    write_and_print(found, out)
 
 
 def _loop_of(parts: Sequence[str]) -> Loop:
