@@ -63,13 +63,13 @@ METRICS: dict[str, Output] = {
                label="integrated absolute error"),
         Output("share_off", "1", "share of the time off the set-point", "share of the counted seconds with |e| > 0.5 K",
                label="share of time with |e| > 0.5 K"),
-        Output("hunting_amplitude", "K", "peak-to-peak supply temperature, settled",
-               "mean over settled windows of max - min of T_sup: the whole swing, not half of it",
-               difference=True, label="hunting, peak to peak"),
+        Output("hunting_swing", "K", "peak-to-peak supply temperature, settled",
+               "mean over settled windows of max - min of T_sup",
+               difference=True, label="hunting swing, peak to peak"),
         Output("hunting_period", "s", "period of the control error",
                "settled seconds per upward zero crossing of e; NaN below 2 crossings", label="hunting period"),
         Output("hunts", "1", "whether the loop hunts",
-               "1 where the hunting amplitude exceeds 0.1 K and e shows at least 10 whole periods, two thirds of them "
+               "1 where the hunting swing exceeds 0.1 K and e shows at least 10 whole periods, two thirds of them "
                "as long, to 20 %, as the one before; else 0.  A period lies between two upward zero crossings of e "
                "within a settled window, e taken every 10 s", label="share that hunts"),
         Output("switch_frequency", "1", "mode switches per 10 min",

@@ -115,7 +115,7 @@ def paper_like() -> None:
     days = results("paper_like")
     ds = days.median("day")
     without = ds.sel(backlash=0.0, estimate_ratio=0.0)
-    columns = ("rmse", "rmse_settled", "hunting_amplitude", "switch_frequency")
+    columns = ("rmse", "rmse_settled", "hunting_swing", "switch_frequency")
     rows = [["no backlash, plain PI", *(f"{float(without[c]):.3f}" for c in columns)]]
     for ratio in (0.0, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.3, 1.5):
         d = ds.sel(backlash=0.07, estimate_ratio=ratio)

@@ -165,9 +165,9 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.rmse_settled] = np.sqrt(S[R.sum_e2_settled + j] / settled)
         m[M.iae] = S[R.sum_abs_e + j] / 3600.0
         m[M.share_off] = S[R.off + j] / seconds
-        m[M.hunting_amplitude] = S[R.sum_swing + j] / schedule.n_windows
+        m[M.hunting_swing] = S[R.sum_swing + j] / schedule.n_windows
         m[M.hunting_period] = settled / S[R.crossings + j] if S[R.crossings + j] >= 2.0 else np.nan
-        swings = m[M.hunting_amplitude] > HUNTING_SWING
+        swings = m[M.hunting_swing] > HUNTING_SWING
         hunts = swings and S[R.periods + j] >= HUNTING_PERIODS and 3.0 * S[R.alike + j] >= 2.0 * S[R.periods + j]
         m[M.hunts] = np.nan if schedule.n_windows == 0 else (1.0 if hunts else 0.0)
         m[M.switch_frequency] = S[R.sum_switches + j] / blocks

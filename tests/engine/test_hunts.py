@@ -58,7 +58,7 @@ def test_loops_that_hunt_and_loops_that_noise_and_disturbance_shake():
     ds = fc.simulate(loop, fc.paper_day(hours=8, seed=31))
     assert ds.hunts.sel(backlash=0.07).values.tolist() == [1.0, 1.0, 1.0]
     assert ds.hunts.sel(backlash=0.0).values.tolist() == [0.0, 0.0, 0.0]
-    assert float(ds.hunting_amplitude.sel(backlash=0.0, noise_std=0.05)) > 0.1
+    assert float(ds.hunting_swing.sel(backlash=0.0, noise_std=0.05)) > 0.1
 
 
 @pytest.mark.kernel

@@ -85,7 +85,7 @@ def test_hunting(run):
     crossings = sum(np.count_nonzero((run.error[w][:-1] < 0.0) & (run.error[w][1:] >= 0.0)) for w in run.windows)
     assert_metrics(
         run,
-        hunting_amplitude=np.mean([np.ptp(run["T_sup"][w]) for w in run.windows]),
+        hunting_swing=np.mean([np.ptp(run["T_sup"][w]) for w in run.windows]),
         hunting_period=run.settled.sum() / crossings if crossings >= 2 else np.nan,
     )
     assert 0.0 < float(run.ds.share_off) < 1.0
@@ -176,7 +176,7 @@ def test_a_run_too_short_for_a_block_or_a_window_has_no_such_metric():
     estimators = learner | {"time_identified", "size_error", "half_periods", "half_period_spread"}
     assert missing == estimators | {
         "rmse_settled",
-        "hunting_amplitude",
+        "hunting_swing",
         "hunting_period",
         "hunts",
         "switch_frequency",

@@ -77,8 +77,8 @@ def test_a_loop_that_settles_with_backlash_alone_hunts_with_a_neutral_zone_or_st
     day = fc.constant_day(hours=6, T_set=16.0)
     loop = fc.Loop.preset("lbnl")
     play, real = (fc.simulate(loop.assign(**more), day, warm_up=7200) for more in ({}, valve))
-    assert float(play.hunting_amplitude) < 0.05
-    assert float(real.hunting_amplitude) > 0.3
+    assert float(play.hunting_swing) < 0.05
+    assert float(real.hunting_swing) > 0.3
 
 
 # Leakage

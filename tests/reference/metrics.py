@@ -8,7 +8,7 @@ METRICS = (
     "rmse_settled",
     "iae",
     "share_off",
-    "hunting_amplitude",
+    "hunting_swing",
     "hunting_period",
     "hunts",
     "stem_travel",
@@ -64,7 +64,7 @@ def tracking_metrics(T_sup, T_set, counted):
         "rmse_settled": math.sqrt(mean([e * e for e in select(error, settled)])),
         "iae": math.fsum(abs(e) for e in select(error, counted)) / 3600.0,
         "share_off": mean([float(abs(e) > OFF) for e in select(error, counted)]),
-        "hunting_amplitude": mean(ranges),
+        "hunting_swing": mean(ranges),
         "hunting_period": sum(settled) / crossings if crossings >= 2 else math.nan,
         "hunts": hunts(mean(ranges), periods),
     }
