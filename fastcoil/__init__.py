@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from fastcoil.simulation.simulate import simulate as simulate
     from fastcoil.study.folder.results import open_study as open_study
     from fastcoil.study.runner import run_study as run_study
+    from fastcoil.tuning.tune import tune as tune
 
 _HOME = {
     "Boundary": "boundary",
@@ -67,6 +68,7 @@ _HOME = {
     "run_study": "study.runner",
     "simulate": "simulation.simulate",
     "sobol_indices": "analysis.sobol",
+    "tune": "tuning.tune",
     "weather_day": "boundary.weather",
 }
 
