@@ -77,7 +77,8 @@ class Archive:
             raise IntegrityError(f"{path} is no file of tunings, or damaged: delete it, or give another one")
         if found["key"] != self._key:
             raise InputError(
-                f"{path} keeps tunings of other valves, days, measures or another model: give another file, or delete it"
+                f"{path} keeps tunings of other valves, days, measures or another model: choose another file or "
+                "folder, or delete it"
             )
         d = len(self.parameters)
         for row in found["tried"]:

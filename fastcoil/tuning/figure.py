@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SIZE = (6.5, 4.6)
+_TITLE = 5.6
+"""Inches: the axes are narrower than the figure."""
 _LOOKS = {NOW: ("s", "black", "now"), CHOSEN: ("o", RED, "chosen"), SIMC: ("^", YELLOW, "SIMC")}
 
 
@@ -33,6 +35,7 @@ def draw_front(
 ) -> Figure:
     """Draw the front where it was found, and the same tunings on the hold-out."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator
 
     fig = Figure(figsize=_SIZE, layout="constrained")
     axes = fig.add_subplot()
@@ -49,11 +52,14 @@ def draw_front(
             line = axes.axvline if limit.measure == travel else axes.axhline
             line(at, color="black", lw=1.0, ls=DOTTED, label="limit")
     axes.set(xlabel=travel.words, ylabel=error.words)
-    axes.set_ylim(bottom=0.0)
-    axes.set_xlim(left=0.0)
+    for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
+        scale("log")
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("")
     groups = f"Searched on {trained.attrs['group']}, held out {held_out.attrs['group']}."
     words = f"{groups}  Bars: 95 % for other valves and days."
-    axes.set_title(wrapped(words, _SIZE[0], 9), loc="left")
+    axes.set_title(wrapped(words, _TITLE, 9), loc="left")
     axes.legend(frameon=False)
     return fig
 

@@ -18,7 +18,7 @@ MEAN = "mean"
 TRAVEL, HUNTS = "motor_travel", "hunts"
 _ANSWERS = ("rmse", "share_off", "motor_travel", "reversals")
 """Examples of what less is better of."""
-_NO_GOALS = frozenset(
+NO_GOALS = frozenset(
     (
         "estimate_final", "estimate_settled", "estimate_first_down", "size_error", "half_periods",
         "half_period_spread", "hunting_period", "coil_energy", "coil_peak_power", "water_volume", "condensate",
@@ -43,7 +43,7 @@ class Measure(NamedTuple):
     @property
     def words(self) -> str:
         """What a table calls it."""
-        over = "mean" if self.quantile is None else f"{100 * self.quantile:.6g} % of cases within"
+        over = "mean" if self.quantile is None else f"{100 * self.quantile:.6g} % quantile"
         return f"{quantity(self.metric).axis}, {over}"
 
     @property
@@ -119,7 +119,7 @@ def _metric_of(name: str, metric: object, *, goal: bool = False) -> str:
         raise InputError(
             f"{name} {shown(metric)} is no metric{nearest(metric, known)}; choose one of {', '.join(known)}"
         )
-    if goal and metric in _NO_GOALS:
+    if goal and metric in NO_GOALS:
         raise InputError(
             f"{name} = {shown(metric)}: less of it is not better; choose another, such as {', '.join(_ANSWERS)}"
         )

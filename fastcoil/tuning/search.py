@@ -27,8 +27,10 @@ _SMALL = 0.02
 
 
 class Scores(NamedTuple):
-    """(n,) each: by how much the limits are broken, and those but that of the travel; the goal; error and travel of the
-    front."""
+    """What is compared, (n,) each.
+
+    By how much the limits are broken, and those but that of the travel; the goal; error and travel of the front.
+    """
 
     violation: Array
     other_violation: Array
@@ -98,16 +100,16 @@ def on_front(scores: Scores) -> np.ndarray:
     kept = np.flatnonzero(scores.other_violation == scores.other_violation.min())
     order = kept[np.lexsort((scores.error[kept], scores.travel[kept]))]
     lowest = np.minimum.accumulate(np.concatenate([[np.inf], scores.error[order][:-1]]))
-    return order[(scores.error[order] < lowest) & np.isfinite(scores.travel[order])]
+    return np.asarray(order[(scores.error[order] < lowest) & np.isfinite(scores.travel[order])])
 
 
 def _order(scores: Scores) -> np.ndarray:
-    return np.lexsort((scores.travel, scores.goal, scores.violation))
+    return np.asarray(np.lexsort((scores.travel, scores.goal, scores.violation)))
 
 
 def _better(new: Scores, old: Scores) -> np.ndarray:
     less = new.violation < old.violation
-    return less | ((new.violation == old.violation) & (new.goal <= old.goal))
+    return np.asarray(less | ((new.violation == old.violation) & (new.goal <= old.goal)))
 
 
 def _filling(rng: np.random.Generator, n: int, d: int) -> Array:

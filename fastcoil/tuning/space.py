@@ -13,7 +13,7 @@ from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.parameter_table import Parameter, check_name
 from fastcoil.simulation.loop import Loop
 
-GROUPS = ("controller", "inverse", "estimator", "learner", "hagglund", "gradient", "identify")
+_GROUPS = ("controller", "inverse", "estimator", "learner", "hagglund", "gradient", "identify")
 """Groups of parameters that a controller has; the others belong to the plant."""
 _OF_THE_PLANT = ("plant_gain",)
 _WIDE = 5.0
@@ -42,9 +42,9 @@ class Axis(NamedTuple):
         else:
             found = self.low + (self.high - self.low) * shares
         if self.parameter.whole:
-            return np.clip(np.rint(found), self.low, self.high)
+            return np.asarray(np.clip(np.rint(found), self.low, self.high))
         rounded = np.array([float(f"{value:.{_DIGITS}g}") for value in found])
-        return np.clip(rounded, self.low, self.high)
+        return np.asarray(np.clip(rounded, self.low, self.high))
 
     def share(self, value: float) -> float:
         """Where a value lies on the axis, from 0 to 1."""
@@ -80,6 +80,11 @@ class Space(NamedTuple):
         return np.array([axis.share(values[axis.parameter.name]) for axis in self.axes])
 
 
+def may_be_searched(parameter: Parameter) -> bool:
+    """Whether it is a number that a controller has."""
+    return parameter.group in _GROUPS and parameter.name not in _OF_THE_PLANT and not parameter.is_word
+
+
 def space_of(search: object, loop: Loop) -> Space:
     """The axes from ``{name: (low, high)}``."""
     cure = 'give bounds by parameter, such as {"kp": (0.005, 0.1), "ti": (5, 600)}'
@@ -103,7 +108,7 @@ def _axis(name: str, bounds: object, loop: Loop) -> Axis:
     except InputError as error:
         raise InputError([f"search: {problem}" for problem in error.problems]) from None
     own = {n for rule in loop.rules.values() for n in rule.own}
-    if (parameter.group not in GROUPS and name not in own) or name in _OF_THE_PLANT:
+    if name not in own and (parameter.group not in _GROUPS or name in _OF_THE_PLANT):
         raise InputError(
             f"search: {name} is not the controller's to choose: draw it in the population, as a dim of the loop, and "
             "search kp, ti, buffer or another setting of the controller"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ from fastcoil.arguments import checking, path_of
 from fastcoil.arrays import Array
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError, WrongType, shown
-from fastcoil.files import storage_errors
 from fastcoil.look import is_folder
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop
@@ -140,8 +139,8 @@ def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Re
     at = best(scores)
     if not np.isfinite(scores.goal[at]):
         raise InputError(
-            f"objective = {asked.goal.metric!r}: with every tuning that was tried, more valves and days fail or have none "
-            "than the quantile leaves out; search other bounds, or another objective"
+            f"objective = {asked.goal.metric!r}: with every tuning that was tried, it is missing on more valves and "
+            "days than the quantile leaves out; search other bounds, or another objective"
         )
     front = _thinned(on_front(scores))
     return _result(asked, run, values, found, at, front, float(scores.violation[at]) == 0.0)
@@ -169,7 +168,7 @@ def _thinned(front: np.ndarray) -> np.ndarray:
     """The front, or some points of it evenly along, both ends among them."""
     if front.size <= _MOST_ON_FRONT:
         return front
-    return front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))]
+    return np.asarray(front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))])
 
 
 def _result(
