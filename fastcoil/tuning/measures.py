@@ -14,7 +14,8 @@ from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import METRICS
 from fastcoil.plots.labels import quantity
 
-MEAN = "mean"
+MEAN, NOW = "mean", "now"
+_MOST = f'give a number, "{NOW}" for what the loop does now, or a pair such as (0.05, "{MEAN}")'
 TRAVEL, HUNTS = "motor_travel", "hunts"
 _ANSWERS = ("rmse", "share_off", "motor_travel", "reversals")
 """Examples of what less is better of."""
@@ -68,10 +69,11 @@ class Measure(NamedTuple):
 
 
 class Limit(NamedTuple):
-    """An upper limit of a measure."""
+    """An upper limit of a measure; ``as_now``: what the loop does now, infinite until that is known."""
 
     measure: Measure
     most: float
+    as_now: bool = False
 
 
 def goal_of(objective: object, quantile: object) -> Measure:
@@ -99,11 +101,15 @@ def limits_of(limits: object, quantile: object) -> list[Limit]:
         pair = value if isinstance(value, (list, tuple)) and len(value) == 2 else (value, quantile)
         # a mistake in the quantile of the objective is told there
         share = check(quantile_of, f"limits: quantile of {metric}", pair[1]) if pair is value else _or_mean(quantile)
-        most = check(number_of, f"limits: {metric}", pair[0], "give a number, or (number, quantile)")
-        found.append((metric, share, most))
+        most = math.inf if _is_now(pair[0]) else check(number_of, f"limits: {metric}", pair[0], _MOST)
+        found.append((metric, share, most, _is_now(pair[0])))
     if check.problems:
         raise InputError(check.problems)
-    return [Limit(Measure(metric, share), most) for metric, share, most in found]
+    return [Limit(Measure(metric, share), most, as_now) for metric, share, most, as_now in found]
+
+
+def _is_now(most: object) -> bool:
+    return isinstance(most := plain(most), str) and most == NOW
 
 
 def _or_mean(quantile: object) -> float | None:
@@ -136,6 +142,11 @@ def reported(goal: Measure, limits: Sequence[Limit]) -> list[Measure]:
     if HUNTS not in [m.metric for m in found]:
         found.append(Measure(HUNTS, None))
     return list(dict.fromkeys(found))
+
+
+def resolved(limits: Sequence[Limit], now: Mapping[str, Array]) -> tuple[Limit, ...]:
+    """The limits with what the loop does now, (1,) each, where that is the limit."""
+    return tuple(limit._replace(most=float(now[limit.measure.name][0])) if limit.as_now else limit for limit in limits)
 
 
 def violation(limits: Sequence[Limit], values: Mapping[str, Array]) -> Array:

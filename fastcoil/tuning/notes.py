@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 import xarray as xr
 
 from fastcoil.tuning.intervals import CHANGE
+from fastcoil.tuning.measures import Measure
 from fastcoil.tuning.plan import Asked
-from fastcoil.tuning.split import has_good_valve
-from fastcoil.tuning.words import CHOSEN
+from fastcoil.tuning.split import ONE_OF, has_good_valve
+from fastcoil.tuning.words import CHOSEN, NOW
 
 _FEW_VALVES, _FEW_DAYS = 20, 3
+_IN_THE_TAIL = 3
+"""Valves held out that should lie above a quantile, or it is little more than the worst of them."""
 
 
 def notes_on(
@@ -26,11 +30,14 @@ def _failures(asked: Asked, meets_limits: bool, held_out: xr.Dataset) -> Iterato
     if not meets_limits:
         yield "No tuning in these ranges keeps every limit: widen the ranges, raise a limit, or mend the valves."
     for limit in asked.limits:
-        value = float(held_out[limit.measure.name].sel(tuning=CHOSEN, edge="value"))
-        if not value <= limit.most:
+        there = held_out[limit.measure.name].sel(edge="value")
+        value, now = float(there.sel(tuning=CHOSEN)), float(there.sel(tuning=NOW))
+        most = now if limit.as_now else limit.most
+        if not value <= most:
+            words = ", what it is there now" if limit.as_now else ""
             yield (
                 f"The hold-out breaks a limit: {limit.measure.words}, is {limit.measure.shown(value)} there, above "
-                f"{limit.measure.shown(limit.most)}."
+                f"{limit.measure.shown(most)}{words}."
             )
     low, high = (float(held_out[CHANGE].sel(tuning=CHOSEN, edge=edge)) for edge in ("low", "high"))
     if low > 0.0:
@@ -47,6 +54,13 @@ def _ends(asked: Asked, parameters: Mapping[str, float]) -> Iterator[str]:
             yield f"{name} = {parameters[name]:g} lies at the {end} end of its range: the best may lie beyond."
 
 
+def _needed(measure: Measure) -> int:
+    """Valves held out that a measure needs."""
+    if measure.quantile is None or measure.quantile == 1.0:
+        return _FEW_VALVES
+    return max(_FEW_VALVES, math.ceil(_IN_THE_TAIL / (1.0 - measure.quantile) - 1e-9))
+
+
 def _lacks(asked: Asked) -> Iterator[str]:
     training, tried = asked.training, asked.holdout
     valves, shared = len(set(training.members) | set(tried.members)), training.members == tried.members
@@ -60,8 +74,10 @@ def _lacks(asked: Asked) -> Iterator[str]:
             f"The population has {valves} valve{'s' * (valves > 1)}, so none is held out, only days: nothing says how "
             "the tuning does on another valve."
         )
-    elif valves < _FEW_VALVES:
-        yield f"The population has {valves} valves: {len(tried.members)} held out say little; draw 100 or more."
+    elif len(tried.members) < (needed := max(map(_needed, asked.measures))):
+        yield (
+            f"{len(tried.members)} valves held out are few for these quantiles: draw {ONE_OF * needed} or more in all."
+        )
     if tried.boundary.n_days < _FEW_DAYS:
         days = tried.boundary.n_days
         yield (

@@ -20,7 +20,7 @@ from fastcoil.simulation.simulate import workers
 from fastcoil.tuning.archive import Archive
 from fastcoil.tuning.evaluate import Run, as_it_is, key_of, measured, tried
 from fastcoil.tuning.intervals import with_intervals
-from fastcoil.tuning.measures import Measure, violation
+from fastcoil.tuning.measures import Measure, resolved, violation
 from fastcoil.tuning.notes import notes_on
 from fastcoil.tuning.plan import EVALUATIONS, OBJECTIVE, QUANTILE, Asked, plan_tuning
 from fastcoil.tuning.result import Tuning
@@ -69,7 +69,8 @@ def tune(
         Metric to make small, and the share of valves and days whose value counts: 0.95 is the value that 95 % of
         them do not exceed; ``"mean"`` the mean.
     limits
-        Upper limits by metric: a number holds for ``quantile``, a pair such as ``(0.05, "mean")`` for its own.
+        Upper limits by metric: a number holds for ``quantile``, a pair such as ``(0.05, "mean")`` for its own;
+        ``"now"`` in place of a number is what the loop does as it came, on the valves and days of the search.
     holdout
         Days to try the choice on: a Boundary, or labels of some days of ``boundary``; its last third by default.
     evaluations
@@ -116,6 +117,7 @@ def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Re
     run = Run(asked.warm_up, asked.seed, asked.replicates, n_jobs)
     space, measures, training = asked.space, asked.measures, asked.training
     key = key_of(training, space, run, measures)
+    asked = asked._replace(limits=resolved(asked.limits, measured(as_it_is(training, run, measures), measures)))
     archive = Archive(space.names, [measure.name for measure in measures], key, path)
     seen: dict[tuple[float, ...], None] = {}
     done, planned = 0, effort(len(space.axes), asked.evaluations).points

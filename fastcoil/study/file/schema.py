@@ -37,7 +37,7 @@ from fastcoil.study.file.schema_parts import (
     table_of,
 )
 from fastcoil.study.file.tables import RunTable, StudyFile, TuneTable
-from fastcoil.tuning.measures import MEAN, NO_GOALS
+from fastcoil.tuning.measures import MEAN, NO_GOALS, NOW
 from fastcoil.tuning.plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.tuning.space import may_be_searched
 
@@ -224,7 +224,8 @@ def _tune() -> Schema:
         )
 
     share: Schema = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "maximum": 1}, {"const": MEAN}]}
-    limit: Schema = {"anyOf": [{"type": "number"}, list_of([{"type": "number"}, share])]}
+    most: Schema = {"anyOf": [{"type": "number"}, {"const": NOW}]}
+    limit: Schema = {"anyOf": [*most["anyOf"], list_of([most, share])]}
     counted = [m.name for m in METRICS.values() if not m.flags]
     known: dict[str, Schema] = {
         "search": {

@@ -46,7 +46,7 @@ trace_interval = 60                     # s between their samples
 # search = { buffer = [0.0, 0.01], error_dead_band = [0.0, 0.5] }  # and kp, ti, … where no table above varies them
 # objective = "rmse"                    # metric to make small: its value that 95 % of valves and days do not exceed
 # quantile = 0.95                       # or "mean"
-# limits = { motor_travel = 40.0, hunts = [0.05, "mean"] }         # upper ones, at this quantile or at their own
+# limits = { motor_travel = "now", hunts = [0.05, "mean"] }        # upper ones; "now": no more than as it is
 # holdout = { kind = "paper_day", hours = 8, seed = [2, 3] }       # days to try it on, or labels such as [4, 5]
 # evaluations = 240                     # settings that are tried
 """
