@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from fastcoil.engine.small_step import CONDITIONS, STEADY, F, find_rest, respond
 from fastcoil.parameter_table import PARAMETERS
 
 Complex = NDArray[np.complex128]
+Columns = Mapping[str, NDArray[Any]]
 
 PLANT = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
 """Parameters on which the plant depends, from the opening to the supply temperature."""
@@ -53,7 +54,7 @@ class Plants(NamedTuple):
     same: Index
 
 
-def plants_of(columns: Mapping[str, NDArray], conditions: Mapping[str, Array]) -> Plants:
+def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
     """Find where the plants rest, and how they answer there.  Equal plants are computed once.
 
     Parameters
@@ -83,7 +84,7 @@ def frequency_response(response: Array, w: Array) -> Complex:
     return _transform(response, np.asarray(w, float))
 
 
-def loop_response(columns: Mapping[str, NDArray], plants: Plants, w: Array) -> Complex:
+def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
     """The open loop L(jω) at angular frequencies w, (n_w,), rad/s: (n, n_w).  NaN above π/sample_time.
 
     PI, hold, gap, plant and sensor, with the sign turned so that the loop closes as 1 + L N = 0, where N is the
@@ -115,7 +116,7 @@ def loop_response(columns: Mapping[str, NDArray], plants: Plants, w: Array) -> C
     return np.where(np.outer(ts, w) <= math.pi * (1.0 + 1e-12), L, np.nan)
 
 
-def _of_plants(columns: Mapping[str, NDArray]) -> dict[str, NDArray]:
+def _of_plants(columns: Columns) -> dict[str, NDArray[Any]]:
     """The columns with all at its default that no plant depends on."""
     n = len(columns["C_w"])
     filled = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
@@ -163,7 +164,8 @@ def _transform(response: Array, w: Array) -> Complex:
     ratio = _last_ratio(changes)[:, None]
     after = np.exp(-1j * w)[None, :]
     rest = changes[:, -1:] * ratio * turns[-1] * after / (1.0 - ratio * after)
-    return changes @ turns.real + 1j * (changes @ turns.imag) + rest
+    found: Complex = changes @ turns.real + 1j * (changes @ turns.imag) + rest
+    return found
 
 
 def _last_ratio(changes: Array) -> Array:
