@@ -95,7 +95,7 @@ class OperatingPoints:
             labels["elapsed_time"] = xr.DataArray(self.seconds.astype(float).reshape(-1 if dims else ()), dims=dims)
         clash = sorted({*labels, *self.sizes} & variables.keys())
         if clash:
-            raise InputError(f"{clash[0]} is swept, and it is the name of a result too: give the dimension another name")
+            raise InputError(f"{clash[0]} is swept, and a result has that name: give the dimension another name")
         shape, found = tuple(self.sizes.values()), {}
         for name, (values, attrs) in variables.items():
             more = tuple(attrs.get("dims", ()))
@@ -109,12 +109,9 @@ def _seconds_of(at: Any, n_steps: int) -> Index | None:
     cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
     if at is None:
         return None
-    if isinstance(at, str) or not is_number(at):
-        values = array_of("at", at, cure)
-        if values.ndim != 1:
-            raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
-    else:
-        values = np.array([float(plain(at))])
+    values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
+    if values.ndim != 1:
+        raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
     if not values.size:
         raise InputError(f"at is empty: {cure}")
     wrong = values[~((values >= 0) & (values < n_steps) & (values == np.floor(values)))]

@@ -14,8 +14,8 @@ from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.engine.small_step import CONDITIONS, STEADY, F, find_rest, respond
 from fastcoil.parameter_table import PARAMETERS
+from fastcoil.theory.response import Complex, sensed_by, transform
 
-Complex = NDArray[np.complex128]
 Columns = Mapping[str, NDArray[Any]]
 
 PLANT = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
@@ -24,10 +24,6 @@ LONGEST = 3600
 """Seconds of the longest response; one that goes on does so as a geometric series."""
 _TOLERANCE = 1e-4
 """A response ends when it is this near to its end, as a fraction of the gain."""
-_SLOWEST = 0.9998
-"""Largest ratio of successive increments behind the end of a response: a time constant of 5000 s."""
-_FEW = 60
-"""Samples from which that ratio is taken."""
 
 
 class Plants(NamedTuple):
@@ -81,7 +77,7 @@ def frequency_response(response: Array, w: Array) -> Complex:
 
     The transfer function of the 1-s steps at z = e^(jω): opening and T_sup are those of each second.
     """
-    return _transform(response, np.asarray(w, float))
+    return transform(response, np.asarray(w, float))
 
 
 def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
@@ -97,23 +93,33 @@ def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
     """
     w = np.asarray(w, float)
     ts = np.asarray(columns["sample_time"], float)
-    tau = np.asarray(columns["sensor_time_constant"], float)
-    kinds, first, which = np.unique(
-        np.stack([plants.same.astype(float), ts, tau]), axis=1, return_index=True, return_inverse=True
-    )
-    P = np.empty((first.size, w.size), complex)
-    for period in np.unique(kinds[1]):
-        of_period = np.flatnonzero(kinds[1] == period)
-        sensed = _sensed(plants.response[first[of_period]], kinds[2, of_period], int(period))
-        P[of_period] = _transform(sensed[:, int(period) - 1 :: int(period)], w * period)
+    P, which = sampled_plant(columns, plants, w)
     delayed = np.exp(-1j * np.outer(ts, w))
     kp, ti = np.asarray(columns["kp"], float)[:, None], np.asarray(columns["ti"], float)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         C = kp * (1.0 + ts[:, None] / ti / (1.0 - delayed))
     sign = np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0)
     alpha = 1.0 / (1.0 - np.asarray(columns["backlash"], float))
-    L = (sign * alpha)[:, None] * C * P[which.ravel()]
+    L = (sign * alpha)[:, None] * C * P[which]
     return np.where(np.outer(ts, w) <= math.pi * (1.0 + 1e-12), L, np.nan)
+
+
+def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:
+    """From the opening to the measured temperature as the controller samples it, K per unit opening.
+
+    Computed once for loops of one plant, sensor and sample time.  Returns (n_kinds, n_w) and the kind of each loop, (n,).
+    """
+    ts = np.asarray(columns["sample_time"], float)
+    kinds, first, which = np.unique(
+        np.stack([plants.same.astype(float), ts, np.asarray(columns["sensor_time_constant"], float)]),
+        axis=1, return_index=True, return_inverse=True,
+    )  # fmt: skip
+    P = np.empty((first.size, w.size), complex)
+    for period in np.unique(kinds[1]):
+        of_period = np.flatnonzero(kinds[1] == period)
+        sensed = sensed_by(plants.response[first[of_period]], kinds[2, of_period], int(period))
+        P[of_period] = transform(sensed[:, int(period) - 1 :: int(period)], w * period)
+    return P, which.ravel()
 
 
 def _of_plants(columns: Columns) -> dict[str, NDArray[Any]]:
@@ -154,47 +160,3 @@ def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array]:
     for members, of_members in parts:
         whole[members, : of_members.shape[1]] = of_members
     return found, whole
-
-
-def _transform(response: Array, w: Array) -> Complex:
-    """Σ (r_k - r_(k-1)) e^(-jωk) over k ≥ 1: of a step response from sample 1 on, w in radians per sample."""
-    changes = np.diff(response, axis=1, prepend=0.0)
-    n = changes.shape[1]
-    turns = np.exp(-1j * np.outer(np.arange(1, n + 1), w))
-    ratio = _last_ratio(changes)[:, None]
-    after = np.exp(-1j * w)[None, :]
-    rest = changes[:, -1:] * ratio * turns[-1] * after / (1.0 - ratio * after)
-    found: Complex = changes @ turns.real + 1j * (changes @ turns.imag) + rest
-    return found
-
-
-def _last_ratio(changes: Array) -> Array:
-    """Ratio of successive changes at the end of a response, (n,), between 0 and ``_SLOWEST``."""
-    few = min(_FEW, changes.shape[1] - 1)
-    if few < 1:
-        return np.zeros(changes.shape[0])
-    last, before = changes[:, -1], changes[:, -1 - few]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where((last * before > 0.0), np.abs(last / before) ** (1.0 / few), 0.0)
-    return np.minimum(ratio, _SLOWEST)
-
-
-def _sensed(response: Array, tau: Array, sample_time: int) -> Array:
-    """The responses as a sensor with lag tau, (n,), s, shows them; longer, by samples and by what the lag takes."""
-    n = response.shape[1]
-    more = 2 * sample_time + 10 * math.ceil(tau.max())
-    changes = np.diff(response, axis=1, prepend=0.0)
-    ratio = _last_ratio(changes)[:, None]
-    # geometric: each change behind the end is the one before it times the ratio
-    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
-    longer = np.concatenate([response, tail], axis=1)
-    if not tau.any():
-        return longer
-    with np.errstate(divide="ignore"):
-        decay = np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)
-    y = np.zeros(tau.size)
-    sensed = np.empty_like(longer)
-    for t in range(n + more):
-        y = longer[:, t] + decay * (y - longer[:, t])
-        sensed[:, t] = y
-    return sensed
