@@ -107,7 +107,7 @@ def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
 def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:
     """From the opening to the measured temperature as the controller samples it, K per unit opening.
 
-    Computed once for loops of one plant, sensor and sample time.  Returns (n_kinds, n_w) and the kind of each loop, (n,).
+    Computed once for loops of one plant, sensor and sample time.  Returns (n_kinds, n_w), and the kind of each loop.
     """
     ts = np.asarray(columns["sample_time"], float)
     kinds, first, which = np.unique(
