@@ -60,16 +60,25 @@ def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
     conditions
         (n,) each: m_a, kg/s; T_a_in, T_w_in and T_set, °C; W_a_in, kg/kg.  They are held until all is steady.
     """
+    matrix, entering, T_set, same = distinct_plants(columns, conditions)
+    found, response = _march(matrix, entering, T_set)
+    of = {name: found[k][same] for k, name in enumerate(STEADY)}
+    return Plants(
+        of["opening"], of["T_sup"], of["gain"], of["nearest"] == 0.0, of["m_w"], of["wet_volumes"],
+        np.broadcast_to(response, (same.size, response.shape[1])) if T_set.size == 1 else response[same], same,
+    )  # fmt: skip
+
+
+def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array, Array, Index]:
+    """The different plants among those of ``plants_of``.
+
+    Returns their parameters, (len(PARAMETER_ROWS), n), what enters, (4, n), T_set, (n,), and the plant of each loop.
+    """
     matrix = parameter_matrix(_of_plants(columns))
     entering = np.stack([np.asarray(conditions[name], float) for name in CONDITIONS])
     T_set = np.asarray(conditions["T_set"], float)
     first, same = _distinct(matrix, entering, T_set)
-    found, response = _march(matrix[:, first], entering[:, first], T_set[first])
-    of = {name: found[k][same] for k, name in enumerate(STEADY)}
-    return Plants(
-        of["opening"], of["T_sup"], of["gain"], of["nearest"] == 0.0, of["m_w"], of["wet_volumes"],
-        np.broadcast_to(response, (same.size, response.shape[1])) if first.size == 1 else response[same], same,
-    )  # fmt: skip
+    return matrix[:, first], entering[:, first], T_set[first], same
 
 
 def frequency_response(response: Array, w: Array) -> Complex:
