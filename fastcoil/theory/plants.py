@@ -107,10 +107,19 @@ def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
     kp, ti = np.asarray(columns["kp"], float)[:, None], np.asarray(columns["ti"], float)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         C = kp * (1.0 + ts[:, None] / ti / (1.0 - delayed))
-    sign = np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0)
-    alpha = 1.0 / (1.0 - np.asarray(columns["backlash"], float))
-    L = (sign * alpha)[:, None] * C * P[which]
+    L = _turned(columns)[:, None] * C * P[which]
     return np.where(np.outer(ts, w) <= math.pi * (1.0 + 1e-12), L, np.nan)
+
+
+def driven_gain(columns: Columns, plants: Plants) -> Array:
+    """Gain of each plant per stroke of a motor that the stem follows, K, above 0 where the loop acts the right way."""
+    return np.asarray(_turned(columns) * plants.gain)
+
+
+def _turned(columns: Columns) -> Array:
+    """From stroke to opening, with the sign that makes a loop of the right action 1 + L."""
+    sign = np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0)
+    return np.asarray(sign / (1.0 - np.asarray(columns["backlash"], float)))
 
 
 def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:

@@ -29,6 +29,11 @@ class StateSpace(NamedTuple):
     states: tuple[str, ...]
 
 
+def state_names(n_volumes: int) -> tuple[str, ...]:
+    """T_w_1 … T_w_N, and so on."""
+    return tuple(f"{name}_{i}" for name in STATES for i in range(1, n_volumes + 1))
+
+
 def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> StateSpace:
     """Linearise the one-step map of every plant where it rests at its set-point.
 
@@ -47,7 +52,7 @@ def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> StateSp
         linearise_step(block.rows, block.common, of_lanes, found, V.copy(), S, V, of_A, of_B)
         A[members] = np.moveaxis(of_A, 2, 0)[: members.size]
         B[members] = of_B.T[: members.size]
-    names = tuple(f"{name}_{i}" for name in STATES for i in range(1, n_volumes + 1))
+    names = state_names(n_volumes)
     C = np.zeros(size)
     C[names.index("T_a_1")] = 1.0
     return StateSpace(A[same], B[same], C, 0.0, names)
