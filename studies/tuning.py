@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from best_pi import best_gains, simc_gains
+from best_pi import best_gains
 from kinds import HEATING, kinds, of_kind, settings
 from report import write_table
 from shares import share_of
@@ -22,6 +22,9 @@ import fastcoil as fc
 from fastcoil.tuning.intervals import with_intervals
 from fastcoil.tuning.measures import Measure
 from fastcoil.tuning.result import Tuning
+from fastcoil.tuning.simc import own_gains
+from fastcoil.tuning.space import space_of
+from fastcoil.tuning.split import Group
 
 VALVES, FRESH_VALVES = 180, 96
 GOOD = 12
@@ -91,11 +94,11 @@ def tuned(case: Case) -> tuple[Tuning, Tuning]:
 def rivals(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, xr.Dataset], dict[str, str]]:
     """Every tuning on valves and days that none of them has seen: results by kind of day, and the settings in words."""
     fresh = case.loop(FRESH_VALVES, 2)
-    simc = simc_gains(fresh, case.kinds[0])
+    simc = own_gains(Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), space_of(SEARCH, fresh))
     best = best_gains(fc.Loop.preset(case.preset).assign(noise_std=NOISE, backlash=0.07), case.kinds)
     loops = {
         OWN: fresh,
-        SIMC: fresh.assign(kp=simc.kp, ti=simc.ti),
+        SIMC: fresh.assign(**{name: ("sample", values) for name, values in simc.items()}),
         BEST: fresh.assign(kp=float(best.kp), ti=float(best.ti)),
         PI: fresh.assign(**pi.parameters),
         INVERSE: fresh.assign(estimate_ratio=RATIO, **inverse.parameters),

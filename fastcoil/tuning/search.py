@@ -18,8 +18,10 @@ from fastcoil.arrays import Array
 Measured = Callable[[Array], "Scores"]
 """From points (n, d) of the unit cube to their scores."""
 
-_SCALE = (0.4, 0.9)
+_SCALE = (0.3, 0.8)
 """Factor of a difference, drawn anew for each trial."""
+_LEAST = 8
+"""Points of the smallest generation."""
 _MIXED = 0.8
 """Share of the axes that a trial takes from the new point."""
 _SMALL = 0.02
@@ -59,7 +61,7 @@ class Effort(NamedTuple):
 
 def effort(d: int, evaluations: int) -> Effort:
     """What ``evaluations`` points of ``d`` axes are spent on: a quarter of them on the front."""
-    size = 5 * d + 5
+    size = max(_LEAST, 4 * d)
     for_front = evaluations // (4 * size)
     return Effort(size, max(1, round(evaluations / size) - for_front), for_front)
 

@@ -25,8 +25,9 @@ from fastcoil.tuning.notes import notes_on
 from fastcoil.tuning.plan import EVALUATIONS, OBJECTIVE, QUANTILE, Asked, plan_tuning
 from fastcoil.tuning.result import Tuning
 from fastcoil.tuning.search import Scores, best, effort, evolve, on_front
+from fastcoil.tuning.simc import own_gains
 from fastcoil.tuning.split import Group
-from fastcoil.tuning.words import CHOSEN, NOW
+from fastcoil.tuning.words import CHOSEN, NOW, SIMC
 
 Report = Callable[[int, int], object]
 """Called with how many tunings were tried, and of how many."""
@@ -159,11 +160,14 @@ def scores_of(asked: Asked, found: Mapping[str, Array]) -> Scores:
 
 
 def _beginning(asked: Asked) -> Array:
-    """The loop's own settings as a point (1, d), their medians where its valves differ; none, (0, d), without them."""
+    """The loop's own settings and those after SIMC as points (n, d): medians where its valves differ."""
     own = {name: asked.training.loop[name] for name in asked.space.names}
     if any(value is None for value in own.values()):
         return np.empty((0, len(own)))
-    return asked.space.point({name: float(np.median(np.asarray(value))) for name, value in own.items()})[None]
+    medians = {name: float(np.median(np.asarray(value))) for name, value in own.items()}
+    after_simc = {name: float(np.median(values)) for name, values in own_gains(asked.training, asked.space).items()}
+    points = [medians, medians | after_simc] if after_simc else [medians]
+    return np.array([asked.space.point(values) for values in points])
 
 
 def _thinned(front: np.ndarray) -> np.ndarray:
@@ -205,6 +209,9 @@ def _beside_now(asked: Asked, group: Group, run: Run, chosen: Array) -> xr.Datas
         NOW: as_it_is(group, run, asked.measures),
         CHOSEN: tried(group, asked.space, chosen[None], run, asked.measures),
     }
+    own = own_gains(group, asked.space)
+    if own:
+        of_tunings[SIMC] = as_it_is(group, run, asked.measures, own)
     cases = {metric: np.concatenate([of[metric] for of in of_tunings.values()]) for metric in of_tunings[NOW]}
     ds = with_intervals(cases, asked.measures, list(of_tunings), asked.seed)
     return ds.assign_attrs(group=group.words)
