@@ -19,6 +19,7 @@ from report import write_table
 from shares import share_of
 
 import fastcoil as fc
+from fastcoil.outputs import WARM_UP
 from fastcoil.tuning.intervals import with_intervals
 from fastcoil.tuning.measures import Measure
 from fastcoil.tuning.result import Tuning
@@ -94,7 +95,7 @@ def tuned(case: Case) -> tuple[Tuning, Tuning]:
 def rivals(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, xr.Dataset], dict[str, str]]:
     """Every tuning on valves and days that none of them has seen: results by kind of day, and the settings in words."""
     fresh = case.loop(FRESH_VALVES, 2)
-    simc = own_gains(Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), space_of(SEARCH, fresh))
+    simc = own_gains(Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), space_of(SEARCH, fresh), WARM_UP)
     best = best_gains(fc.Loop.preset(case.preset).assign(noise_std=NOISE, backlash=0.07), case.kinds)
     loops = {
         OWN: fresh,

@@ -24,8 +24,9 @@ _LEAST = 8
 """Points of the smallest generation."""
 _MIXED = 0.8
 """Share of the axes that a trial takes from the new point."""
-_SMALL = 0.02
-"""Spread of the trials around a point of the front, share of an axis."""
+_SMALL, _BEYOND = 0.02, 0.5
+"""Spread of the trials around the front, share of an axis; how far they go beyond two neighbours, of their distance."""
+_TINY = 1e-300
 
 
 class Scores(NamedTuple):
@@ -62,8 +63,9 @@ class Effort(NamedTuple):
 def effort(d: int, evaluations: int) -> Effort:
     """What ``evaluations`` points of ``d`` axes are spent on: a quarter of them on the front."""
     size = max(_LEAST, 4 * d)
-    for_front = evaluations // (4 * size)
-    return Effort(size, max(1, round(evaluations / size) - for_front), for_front)
+    generations = max(1, round(evaluations / size))
+    for_front = generations // 4
+    return Effort(size, generations - for_front, for_front)
 
 
 def evolve(measured: Measured, first: Array, d: int, evaluations: int, seed: int) -> None:
@@ -72,19 +74,20 @@ def evolve(measured: Measured, first: Array, d: int, evaluations: int, seed: int
     first: points (n, d) to begin with, besides those that fill the cube.  evaluations: see ``effort``.
     """
     rng = np.random.default_rng([seed, 2])
-    size, for_goal, for_front = effort(d, evaluations)
-    points = np.concatenate([first, _filling(rng, size - len(first), d)])[:size]
+    spent = effort(d, evaluations)
+    points = np.concatenate([first, _filling(rng, spent.size - len(first), d)])[: spent.size]
     scores = measured(points)
     everything, all_scores = points, scores
-    for _ in range(for_goal - 1):
-        trials = _trials(rng, points, int(_order(scores)[0]))
+    for _ in range(spent.for_goal - 1):
+        trials = _trials(rng, points, best(scores))
         found = measured(trials)
         better = _better(found, scores)
         points = np.where(better[:, None], trials, points)
         scores = Scores(*(np.where(better, new, old) for new, old in zip(found, scores, strict=True)))
         everything, all_scores = np.concatenate([everything, trials]), all_scores.joined(found)
-    for _ in range(for_front):
-        trials = _along(rng, everything[on_front(all_scores)], size)
+    for _ in range(spent.for_front):
+        front = on_front(all_scores)
+        trials = _along(rng, everything[front], all_scores.at(front), spent.size)
         found = measured(trials)
         everything, all_scores = np.concatenate([everything, trials]), all_scores.joined(found)
 
@@ -130,13 +133,18 @@ def _trials(rng: np.random.Generator, points: Array, best_at: int) -> Array:
     return _inside(np.where(mixed, new, points))
 
 
-def _along(rng: np.random.Generator, front: Array, n: int) -> Array:
-    """Points between neighbours on the front and a little beyond, some way off."""
-    at = rng.integers(0, len(front), n)
-    to = np.minimum(at + 1, len(front) - 1)
-    way = rng.uniform(-0.5, 1.5, (n, 1))
-    spread = _SMALL * rng.standard_normal((n, front.shape[1]))
-    return _inside(front[at] + way * (front[to] - front[at]) + spread)
+def _along(rng: np.random.Generator, front: Array, scores: Scores, n: int) -> Array:
+    """Points between neighbours on the front, most where these lie far apart, a little beyond them and some way off."""
+    if len(front) > 1:
+        gaps = sum(
+            np.abs(np.diff(values)) / max(float(np.ptp(values)), _TINY) for values in (scores.error, scores.travel)
+        )
+        at = np.minimum(np.searchsorted(np.cumsum(gaps) / np.sum(gaps), rng.random(n)), len(front) - 2)
+        step = front[at + 1] - front[at]
+    else:
+        at, step = np.zeros(n, dtype=int), np.zeros((n, front.shape[1]))
+    way = rng.uniform(-_BEYOND, 1.0 + _BEYOND, (n, 1))
+    return _inside(front[at] + way * step + _SMALL * rng.standard_normal((n, front.shape[1])))
 
 
 def _inside(points: Array) -> Array:

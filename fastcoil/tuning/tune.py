@@ -165,7 +165,9 @@ def _beginning(asked: Asked) -> Array:
     if any(value is None for value in own.values()):
         return np.empty((0, len(own)))
     medians = {name: float(np.median(np.asarray(value))) for name, value in own.items()}
-    after_simc = {name: float(np.median(values)) for name, values in own_gains(asked.training, asked.space).items()}
+    after_simc = {
+        name: float(np.median(values)) for name, values in own_gains(asked.training, asked.space, asked.warm_up).items()
+    }
     points = [medians, medians | after_simc] if after_simc else [medians]
     return np.array([asked.space.point(values) for values in points])
 
@@ -209,7 +211,7 @@ def _beside_now(asked: Asked, group: Group, run: Run, chosen: Array) -> xr.Datas
         NOW: as_it_is(group, run, asked.measures),
         CHOSEN: tried(group, asked.space, chosen[None], run, asked.measures),
     }
-    own = own_gains(group, asked.space)
+    own = own_gains(group, asked.space, asked.warm_up)
     if own:
         of_tunings[SIMC] = as_it_is(group, run, asked.measures, own)
     cases = {metric: np.concatenate([of[metric] for of in of_tunings.values()]) for metric in of_tunings[NOW]}
