@@ -8,10 +8,12 @@ from helpers.refusals import only_problem
 import fastcoil as fc
 from fastcoil.errors import IntegrityError
 from fastcoil.tuning import tune as module
+from fastcoil.tuning.evaluate import Run, key_of
+from fastcoil.tuning.plan import plan_tuning
 
 pytestmark = pytest.mark.kernel
 
-HOW = {"search": {"kp": (0.005, 0.2), "ti": (5, 200)}, "evaluations": 40, "warm_up": 60, "n_jobs": 1}
+HOW = {"search": {"kp": (0.005, 0.2), "buffer": (0.0, 0.01)}, "evaluations": 40, "warm_up": 60, "n_jobs": 1}
 
 
 @pytest.fixture(scope="module")
@@ -74,14 +76,28 @@ def test_more_evaluations_use_those_that_were_kept(population, counted, tmp_path
 
 
 @pytest.mark.parametrize(
-    "change", [{"seed": 1}, {"warm_up": 90}, {"objective": "iae"}, {"search": {"kp": (0.005, 0.2)}}]
+    "change", [{"seed": 1}, {"warm_up": 90}, {"objective": "iae"}, {"search": {"kp": (0.005, 0.2)}}, {"replicates": 2}]
 )
-def test_a_file_of_another_tuning_is_refused(population, tmp_path, change):
-    fc.tune(*population, **HOW, kept=tmp_path / "tune.json")
-    before = (tmp_path / "tune.json").read_bytes()
-    problem = only_problem(fc.tune, *population, **HOW | change, kept=tmp_path / "tune.json")
+def test_another_tuning_has_another_key(population, change):
+    def key(**how):
+        how = {name: value for name, value in (HOW | how).items() if name != "n_jobs"}
+        asked = plan_tuning(*population, **how)
+        run = Run(asked.warm_up, asked.seed, asked.replicates, 1)
+        return key_of(asked.training, asked.space, run, asked.measures)
+
+    assert key(**change) != key()
+    assert key(evaluations=99, search={"kp": (0.1, 0.2), "buffer": (0.0, 0.1)}) == key(), "what was tried still holds"
+
+
+def test_a_file_of_another_tuning_is_refused_and_kept(population, tmp_path):
+    path = tmp_path / "tune.json"
+    path.write_text(
+        '{"kind": "fastcoil tuning", "format": 1, "key": "x", "parameters": [], "measures": [], "tried": []}'
+    )
+    before = path.read_bytes()
+    problem = only_problem(fc.tune, *population, **HOW, kept=path)
     assert "keeps tunings of other valves, days, measures or another model" in problem
-    assert (tmp_path / "tune.json").read_bytes() == before
+    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
