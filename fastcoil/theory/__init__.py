@@ -1,0 +1,1 @@
+"""Why a loop hunts: describing functions and limit cycles."""
