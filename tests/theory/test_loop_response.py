@@ -109,8 +109,13 @@ ULTIMATE = {
     "paper_like": {},
     "lbnl": {"stroke_time": 0.0, "ti": 10.0, "sample_time": 5},
     "g36": {"stroke_time": 0.0},
-    "paper_like, quasistatic": {"sample_time": 10, "ti": 60.0, "air_march": "quasistatic", "sensor_time_constant": 20.0},
-}
+    "paper_like, quasistatic": {
+        "sample_time": 10,
+        "ti": 60.0,
+        "air_march": "quasistatic",
+        "sensor_time_constant": 20.0,
+    },
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ULTIMATE)
