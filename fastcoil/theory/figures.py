@@ -85,10 +85,16 @@ def bode(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     shown = [curve.w[(np.abs(curve.L) < _HIGH) & (np.abs(curve.L) > _LOW)] for curve in curves]
     ends = [w for w in shown if w.size]
     if ends:
-        size.set_xlim(min(w[0] for w in ends), max(w[-1] for w in ends))
+        first, last = min(w[0] for w in ends), max(w[-1] for w in ends)
+        ticks = np.outer(10.0 ** np.arange(-7, 2), [1.0, 2.0, 5.0]).ravel()
+        size.set_xlim(first, last)
+        size.set_xticks(ticks[(ticks > first) & (ticks < last)])
+        size.xaxis.set_major_formatter("{x:g}")
+        size.minorticks_off()
     size.set_ylim(_LOW, _HIGH)
     phase.set_ylim(deepest - 10.0, -45.0)
     phase.set_yticks(np.arange(-90.0, deepest - 10.0, -45.0))
+    size.set_yticks([0.01, 0.1, 1.0, 10.0])
     size.set_ylabel("|L|")
     phase.set(xlabel="angular frequency [rad/s]", ylabel="phase of L [°]")
     size.legend(loc="lower left", **_OPEN)

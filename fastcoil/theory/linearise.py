@@ -43,7 +43,7 @@ _NAMES: Mapping[str, Attributes] = {
     "gain": {"long_name": "gain from the opening to T_sup", "units": "K", "comment": "per unit opening"},
     "lag": {
         "long_name": "lag of the plant and its sensor", "units": "s",
-        "comment": "first order plus delay, from 35.3 and 85.3 % of the step response (Sundaresan, Krishnaswamy 1978)",
+        "comment": "first order plus delay, through 35.3 and 85.3 % of the step response (Sundaresan, Krishnaswamy 1978)",
     },
     "delay": {
         "long_name": "delay of the plant and its sensor", "units": "s",

@@ -142,7 +142,7 @@ def _seconds_of(at: Any, n_steps: int) -> Index | None:
     cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
     if at is None:
         return None
-    values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
+    values = np.array([plain(at)]) if is_number(at) else array_of("at", at, cure)
     if values.ndim != 1:
         raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
     if not values.size:
