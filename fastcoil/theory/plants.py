@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS
-from fastcoil.engine.small_step import CONDITIONS, STEADY, F, find_rest, respond
+from fastcoil.engine.small_step import CONDITIONS, STEADY, F, find_rest, respond, rest_curve
 from fastcoil.parameter_table import PARAMETERS
 
 Complex = NDArray[np.complex128]
@@ -21,6 +21,8 @@ PLANT = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve"
 """Parameters on which the plant depends, from the opening to the supply temperature."""
 LONGEST = 3600
 """Seconds of the longest response; one that goes on does so as a geometric series."""
+OPENINGS = np.linspace(0.0, 1.0, 17)
+"""Openings of the curve of T_sup."""
 _TOLERANCE = 1e-4
 """A response ends when it is this near to its end, as a fraction of the gain."""
 _SLOWEST = 0.9998
@@ -51,6 +53,8 @@ class Plants(NamedTuple):
     wet_volumes: Array
     response: Array
     same: Index
+    curve: Array
+    """(n, 17), °C: T_sup at rest at each of OPENINGS."""
 
 
 def plants_of(columns: Mapping[str, NDArray], conditions: Mapping[str, Array]) -> Plants:
@@ -67,11 +71,12 @@ def plants_of(columns: Mapping[str, NDArray], conditions: Mapping[str, Array]) -
     entering = np.stack([np.asarray(conditions[name], float) for name in CONDITIONS])
     T_set = np.asarray(conditions["T_set"], float)
     first, same = _distinct(matrix, entering, T_set)
-    found, response = _march(matrix[:, first], entering[:, first], T_set[first])
+    found, response, curve = _march(matrix[:, first], entering[:, first], T_set[first])
     of = {name: found[k][same] for k, name in enumerate(STEADY)}
     return Plants(
         of["opening"], of["T_sup"], of["gain"], of["nearest"] == 0.0, of["m_w"], of["wet_volumes"],
         np.broadcast_to(response, (same.size, response.shape[1])) if first.size == 1 else response[same], same,
+        curve[same],
     )  # fmt: skip
 
 
@@ -135,10 +140,11 @@ def _distinct(*parts: Array) -> tuple[Index, Index]:
     return first, same.ravel()
 
 
-def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array]:
-    """What STEADY names, (len(STEADY), n), and the responses, (n, n_steps)."""
+def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array, Array]:
+    """What STEADY names, (len(STEADY), n), the responses, (n, n_steps), and T_sup at the OPENINGS, (n, 17)."""
     n = T_set.size
     found, parts, n_steps = np.empty((len(STEADY), n)), [], 1
+    curve, of_curve = np.empty((n, OPENINGS.size)), np.empty((OPENINGS.size, LANES))
     for members, block in blocks(matrix):
         padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
         S, V, _ = work_space(block)
@@ -146,13 +152,15 @@ def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array]:
         find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, of_block)
         response = np.empty((LONGEST, LANES))
         end = respond(block.rows, block.common, of_lanes, of_block, V.copy(), S, V, _TOLERANCE, response)
+        rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, of_curve)
+        curve[members] = of_curve[:, : members.size].T
         found[:, members] = of_block[:, : members.size]
         parts.append((members, response[:end, : members.size].T.copy()))
         n_steps = max(n_steps, end)
     whole = np.repeat(found[F.gain][:, None], n_steps, axis=1)
     for members, of_members in parts:
         whole[members, : of_members.shape[1]] = of_members
-    return found, whole
+    return found, whole, curve
 
 
 def _transform(response: Array, w: Array) -> Complex:
