@@ -7,6 +7,8 @@ follows its input at a distance, and after each turn of the input waits until th
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,10 +49,44 @@ def describing_function(amplitude: Array, width: Array, wait: Array) -> Complex:
     return np.where(moves, (in_phase + 1j * ahead) * (2.0 / np.pi), 0.0)
 
 
-def limited(amplitude: Array, room: Array) -> Array:
-    """N(A), real, of a limiter that lets an input through up to ``room`` on either side (Slotine and Li 1991, eq 5.9).
+def limited(amplitude: Array, low: Array, high: Array) -> Array:
+    """N(A), real, of a limiter whose limits lie ``low`` and ``high`` beside the mean of its input.
 
-    amplitude, room: in one unit, of shapes that broadcast.
+    With low = -high it is the saturation of the textbooks (Slotine and Li 1991, eq 5.9).
+
+    amplitude, low, high: in one unit, of shapes that broadcast; low at most high.
     """
-    share = np.clip(room / amplitude, 0.0, 1.0)
-    return np.asarray((np.arcsin(share) + share * np.sqrt(1.0 - share * share)) * (2.0 / np.pi))
+
+    def up_to(limit: Array) -> Array:
+        share = np.clip(limit / amplitude, -1.0, 1.0)
+        return np.asarray((np.arcsin(share) + share * np.sqrt(1.0 - share * share)) / np.pi)
+
+    return up_to(high) - up_to(low)
+
+
+_STEPS, _PERIODS, _FASTEST = 1000, 3, 100.0
+
+
+@cache
+def _rate_limits() -> tuple[Array, Array, Array]:
+    """Logarithm of how much faster a sinus would move than it may, ln |N|, and lag of N in rad, (n,) each."""
+    faster = np.geomspace(1.0, _FASTEST, 120)
+    phase = 2.0 * np.pi * np.arange(_STEPS) / _STEPS
+    most = 2.0 * np.pi / _STEPS / faster
+    position, path = np.zeros(faster.size), np.empty((_STEPS, faster.size))
+    for _ in range(_PERIODS):
+        for k, target in enumerate(np.sin(phase)):
+            position = position + np.clip(target - position, -most, most)
+            path[k] = position
+    N = 2j * np.mean(path * np.exp(-1j * phase)[:, None], axis=0)
+    return np.log(faster), np.log(np.abs(N)), -np.angle(N)
+
+
+def rate_limited(faster: Array) -> Complex:
+    """N of a motor of limited speed, beside ``faster``: the largest speed of its target over its own, A ω stroke_time.
+
+    Up to 1 it follows at once.  Above, it follows a triangle in the end; N is found by moving it along a sinus.
+    """
+    log_faster, log_size, lag = _rate_limits()
+    at = np.log(np.clip(faster, 1.0, _FASTEST))
+    return np.asarray(np.exp(np.interp(at, log_faster, log_size) - 1j * np.interp(at, log_faster, lag)))

@@ -1,104 +1,106 @@
-"""Harmonic balance: at which frequency and amplitude a loop with a gap sustains a cycle.
+"""Harmonic balance: at which frequency a loop comes round in phase, and how large |L| |N| is there.
 
-A cycle needs 1 + L(jω) N(A) = 0, with the linear part L of the loop and the describing function N of the rest.  Split
-in two: N has to lag as much as L leaves of 180°, and then |L| |N| has to be 1.
+A cycle needs 1 + L(jω) N(A, ω) = 0, with the linear part L of the loop and the describing function N of the rest.
+Split in two: N has to lag as much as L leaves of 180°, and then |L| |N| has to be 1.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array
-from fastcoil.theory.describing_function import Complex, describing_function, limited
+from fastcoil.arrays import Array, Index, Mask
+from fastcoil.theory.describing_function import Complex
 
-_DEPTHS = np.concatenate([np.geomspace(1e-9, 1e-2, 200), np.linspace(0.0102, 0.999, 400), 1.0 - np.geomspace(9e-4, 1e-6, 30)])
-_PLAY = describing_function(0.5 / _DEPTHS, np.array(1.0), np.array(1.0))
-_LAG, _SIZE = -np.angle(_PLAY), np.abs(_PLAY)
-_NEAR_CROSSOVER = 40
-"""Points between the last frequency with phase left and none."""
-LARGEST = 2.0
-"""Amplitude of u, in strokes, up to which a cycle is sought: the limits of the stroke end all growth before."""
+_HALVINGS = 10
+_FLAT = 0.01
+"""A rise of the phase, rad, from which a loop has more than one frequency for a phase."""
 
 
 class Balance(NamedTuple):
-    """Of each loop, (n,).
+    """Of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes).
 
-    margin: largest |L| |N| where L and N lag 180° together; without a gap |L| where L alone does.
-    w_margin: its frequency, rad/s.
-    w, amplitude, size: frequency, amplitude of u and |N| of the cycle that sustains itself; where there is none, those
-    of the margin.
+    product: |L| |N| where L and N lag 180° together; 0 where they do nowhere.  place: where between the frequencies
+    that is, as an index with a fraction.  size: |N|.
     """
 
-    margin: Array
-    w_margin: Array
-    w: Array
-    amplitude: Array
+    product: Array
+    place: Array
     size: Array
 
 
-def balance(w: Array, L: Complex, gap: Array, below: Array, above: Array) -> Balance:
-    """Balance loops with a play, each.
+def between(curves: Array, place: Array) -> Array:
+    """Values of curves (n, n_w) at places (n, m), straight between their points."""
+    first = np.clip(place.astype(np.int64), 0, curves.shape[1] - 2)
+    rows = np.arange(curves.shape[0])[:, None]
+    share = place - first
+    return np.asarray(curves[rows, first] * (1.0 - share) + curves[rows, first + 1] * share)
 
-    Of several cycles the one of the highest frequency counts: where |L| |N| falls with the frequency, a larger
-    oscillation decays and a smaller one grows (Gelb and Vander Velde 1968, section 3.2); it is the largest.
+
+def frequency(w: Array, place: Array) -> Array:
+    """Frequencies at places between those of w, which ascend by equal ratios."""
+    return np.asarray(w[0] * np.exp(place * np.log(w[1] / w[0])))
+
+
+def balance(w: Array, L: Complex, N: Callable[[Array], Complex], n_amplitudes: int, lead: Array) -> Balance:
+    """Where L and N lag 180° together, for each loop and amplitude.
+
+    With fast integral action the phase of L falls, rises and falls again: the three pieces are told apart.  In a loop
+    where it only falls, all of it is the first piece.
 
     Parameters
     ----------
     w
-        Frequencies, rad/s, ascending, (n_w,).
+        Frequencies, rad/s, (n_w,), ascending by equal ratios.
     L
-        Linear part of the loop, (n, n_w); NaN above the frequencies that the controller can make.
-    gap
-        Of the play, fraction of stroke, (n,).
-    below, above
-        How far u can swing below and above its mean, fraction of stroke, (n,).
+        Linear part of the loops, (n, n_w).
+    N
+        Frequencies, (n, n_amplitudes) → the describing function there.
+    lead
+        Most that N may lead, rad, (n,).
     """
-    log_w = np.log(w)
-    n, rows = L.shape[0], np.arange(L.shape[0])
-    left = np.pi + np.unwrap(np.where(np.isfinite(L), np.angle(L), 0.0), axis=1)
-    left = np.where(np.isfinite(L), left, -1.0)
-    size = np.where(np.isfinite(L), np.log(np.abs(L)), -np.inf)
-    end = np.where((left <= 0.0).any(axis=1), (left <= 0.0).argmax(axis=1), w.size)
-    last = np.maximum(end - 1, 0)
-    beyond = np.minimum(end, w.size - 1)
-    inside = (np.arange(w.size) < end[:, None]) & (left < 0.5 * np.pi)
+    left, log_L = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L))
+    found = []
+    for low, high, turn in _pieces(left, lead):
+        shape = (L.shape[0], n_amplitudes)
+        a, b = (np.broadcast_to(end[:, None].astype(float), shape).copy() for end in (low, high))
 
-    # more points between the last frequency and the crossover, where the amplitude grows without bounds
-    step = np.where(np.isfinite(L[rows, beyond]), 0.0, np.nan)
-    first_left, then_left = left[rows, last], np.where(np.isnan(step), 0.0, left[rows, beyond])
-    then_size = np.where(np.isnan(step), size[rows, last], size[rows, beyond])
-    share = 1.0 - np.geomspace(1.0, 1e-9, _NEAR_CROSSOVER)  # of the way to no phase left
-    more_left = first_left[:, None] * (1.0 - share)
-    way = np.where(first_left > then_left, first_left / np.where(first_left > then_left, first_left - then_left, 1.0), 0.0)
-    way = np.minimum(way, 1.0)[:, None] * share
-    more_w = log_w[last][:, None] + way * (log_w[beyond] - log_w[last])[:, None]
-    more_size = size[rows, last][:, None] + way * (then_size - size[rows, last])[:, None]
+        def excess(place: Array, turn: float = turn) -> Array:
+            return turn * (between(left, place) + np.angle(N(frequency(w, place))))
 
-    left = np.concatenate([np.where(inside, left, np.nan), more_left], axis=1)
-    at = np.concatenate([np.broadcast_to(log_w, (n, w.size)), more_w], axis=1)
-    size = np.concatenate([size, more_size], axis=1)
-    depth = np.exp(np.interp(left, _LAG, np.log(_DEPTHS)))
-    N = np.interp(left, _LAG, _SIZE)
-    tiny = 1e-9
-    amplitude = np.minimum(0.5 * np.maximum(gap, tiny)[:, None] / depth, LARGEST)
-    through = 0.5 * (limited(amplitude, below[:, None]) + limited(amplitude, above[:, None]))
-    N = N * through
-    F = np.where(np.isfinite(left), np.exp(size) * N, 0.0)
-    is_gap = gap > 0.0
-    unlimited = np.where(np.isfinite(left), np.exp(size) * N / through, 0.0)
-    best = np.where(is_gap, unlimited.argmax(axis=1), F.shape[1] - 1)
-    margin = unlimited[rows, best]
-    falls = (F[:, :-1] >= 1.0) & (F[:, 1:] < 1.0) & np.isfinite(left[:, 1:])
-    k = falls.shape[1] - 1 - falls[:, ::-1].argmax(axis=1)
-    cycles = falls[rows, k]
-    ahead, after = np.log(np.where(cycles, F[rows, k], 2.0)), np.log(np.where(cycles, F[rows, k + 1], 0.5))
-    part = np.where(cycles, ahead / (ahead - after), 0.0)
-    k = np.where(cycles, k, best)
+        place, there = _root(excess, a, b)
+        size = np.abs(N(frequency(w, place)))
+        found.append((np.where(there, np.exp(between(log_L, place)) * size, 0.0), place, size))
+    product, place, size = (np.stack(part) for part in zip(*found, strict=True))
+    return Balance(product, place, size)
 
-    def there(values: Array) -> Array:
-        following = np.where(cycles, values[rows, np.minimum(k + 1, values.shape[1] - 1)], values[rows, k])
-        return np.asarray(values[rows, k] + part * (following - values[rows, k]))
 
-    return Balance(margin, np.exp(at[rows, best]), np.exp(there(at)), np.exp(there(np.log(amplitude))), there(N))
+def _root(excess: Callable[[Array], Array], a: Array, b: Array) -> tuple[Array, Mask]:
+    """Where a falling function crosses 0 between a and b, and whether it does."""
+    fa, fb = excess(a), excess(b)
+    there = (fa >= 0.0) & (fb <= 0.0) & (b > a)
+    for _ in range(_HALVINGS):
+        x = 0.5 * (a + b)
+        fx = excess(x)
+        right = fx > 0.0
+        a, fa, b, fb = np.where(right, x, a), np.where(right, fx, fa), np.where(right, b, x), np.where(right, fb, fx)
+    steep = np.where(fa > fb, fa - fb, 1.0)
+    return a + (b - a) * np.clip(fa / steep, 0.0, 1.0), there
+
+
+def _pieces(left: Array, lead: Array) -> list[tuple[Index, Index, float]]:
+    """First and last index of the last fall of each curve, of a first one and of the rise between; -1 for the rise."""
+    n, n_w = left.shape
+    rows = np.arange(n)
+    over = left < -lead[:, None]
+    last = np.where(over.any(axis=1), over.argmax(axis=1), n_w - 1)
+    seen = np.where(np.arange(n_w) <= last[:, None], left, -np.inf)
+    later = np.maximum.accumulate(seen[:, ::-1], axis=1)[:, ::-1]
+    rise = np.where(np.isfinite(seen), later, 0.0) - np.where(np.isfinite(seen), seen, 0.0)
+    dip = rise.argmax(axis=1)
+    dip = np.where(rise[rows, dip] > _FLAT, dip, 0)
+    peak = np.where(np.arange(n_w) >= dip[:, None], seen, -np.inf).argmax(axis=1)
+    peak = np.where(dip > 0, peak, 0)
+    return [(peak, last, 1.0), (np.zeros_like(dip), dip, 1.0), (dip, peak, -1.0)]
