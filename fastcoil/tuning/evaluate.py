@@ -15,7 +15,8 @@ from fastcoil.boundary import Boundary
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.simulation.loop import Loop, words_used
 from fastcoil.simulation.simulate import simulate
-from fastcoil.tuning.measures import Measure
+from fastcoil.tuning.foretold import margins, theory_sha256
+from fastcoil.tuning.measures import MARGIN, Measure
 from fastcoil.tuning.space import Space
 from fastcoil.tuning.split import TUNING, VALVE, Group
 
@@ -60,7 +61,10 @@ def _cases(loop: Loop, boundary: Boundary, run: Run, metrics: Sequence[str]) -> 
         loop, boundary, warm_up=run.warm_up, seed=run.seed, replicates=run.replicates, n_jobs=run.n_jobs
     )  # fmt: skip
     order = (TUNING, "day", VALVE, "replicate")
-    return {metric: _all_dims(ds[metric], order) for metric in metrics}
+    found = {metric: ds[metric] for metric in metrics if metric != MARGIN}
+    if MARGIN in metrics:
+        found[MARGIN] = margins(loop, boundary, run.warm_up)
+    return {metric: _all_dims(values, order) for metric, values in found.items()}
 
 
 def _all_dims(values: xr.DataArray, order: Sequence[str]) -> Array:
@@ -80,6 +84,7 @@ def key_of(group: Group, space: Space, run: Run, measures: Sequence[Measure]) ->
     known = {name: value for name, value in loop.constants.items() if name not in space.names}
     parts = [json.dumps(known), group.boundary.sha256, json.dumps([run.warm_up, run.seed, run.replicates])]
     parts += [json.dumps([measure.name for measure in measures]), json.dumps(space.names)]
+    parts += [theory_sha256() for measure in measures if measure.metric == MARGIN]
     parts += [rule.code_sha256 for rule in loop.rules.values()]
     digest.update("\0".join(parts).encode())
     for name, value in loop.swept.items():

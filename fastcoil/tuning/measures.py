@@ -19,6 +19,10 @@ _MOST = f'give a number, "{NOW}" for what the loop does now, or a pair such as (
 TRAVEL, HUNTS = "motor_travel", "hunts"
 _ANSWERS = ("rmse", "share_off", "motor_travel", "reversals")
 """Examples of what less is better of."""
+COUNTED = tuple(m.name for m in METRICS.values() if not m.flags)
+"""Metrics that are amounts."""
+MARGIN = "margin"
+"""The margin of the describing function, which may be limited like a metric."""
 NO_GOALS = frozenset(
     (
         "estimate_final", "estimate_settled", "estimate_first_down", "size_error", "half_periods",
@@ -49,7 +53,7 @@ class Measure(NamedTuple):
 
     @property
     def unit(self) -> str:
-        return METRICS[self.metric].unit
+        return METRICS[self.metric].unit if self.metric in METRICS else "1"
 
     def shown(self, value: float) -> str:
         """A value as tables and sentences give it."""
@@ -120,7 +124,7 @@ def _metric_of(name: str, metric: object, *, goal: bool = False) -> str:
     metric = plain(metric)
     if not isinstance(metric, str):
         raise InputError(WrongType(f"{name} = {shown(metric)}: give the name of a metric, such as 'rmse'"))
-    known = [m.name for m in METRICS.values() if not m.flags]
+    known = COUNTED if goal else (*COUNTED, MARGIN)
     if metric not in known:
         raise InputError(
             f"{name} {shown(metric)} is no metric{nearest(metric, known)}; choose one of {', '.join(known)}"

@@ -11,7 +11,8 @@ from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.clashes import check_clashes
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import RUN_LIMITS, plan_simulation
-from fastcoil.tuning.measures import TRAVEL, Limit, Measure, goal_of, limits_of, reported
+from fastcoil.tuning.foretold import require_margins
+from fastcoil.tuning.measures import MARGIN, TRAVEL, Limit, Measure, goal_of, limits_of, reported
 from fastcoil.tuning.space import Space, space_of
 from fastcoil.tuning.split import TUNING, Group, split
 
@@ -81,7 +82,10 @@ def plan_tuning(
         groups = check(split, loop, boundary, holdout, seed or 0)
     for group in groups:
         plan_simulation(group.loop, group.boundary, warm_up=warm_up, seed=seed, replicates=replicates)
-        check_clashes(_at_the_corners(group.loop, space), group.boundary.series["T_set"])
+        corners = _at_the_corners(group.loop, space)
+        check_clashes(corners, group.boundary.series["T_set"])
+        if any(limit.measure.metric == MARGIN for limit in limited):
+            require_margins(corners)
     return Asked(
         space, goal, tuple(limited), tuple(reported(goal, limited)), *groups, asked, warm_up, seed, replicates
     )  # fmt: skip

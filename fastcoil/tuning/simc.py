@@ -7,9 +7,8 @@ import warnings
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.boundary import Boundary
 from fastcoil.theory.linearise import linearise
-from fastcoil.theory.operating_points import ENTERING
+from fastcoil.tuning.foretold import mean_days
 from fastcoil.tuning.space import Space
 from fastcoil.tuning.split import VALVE, Group
 
@@ -24,7 +23,7 @@ def own_gains(group: Group, space: Space, warm_up: int) -> dict[str, Array]:
     """
     if not set(GAINS) <= set(space.names):
         return {}
-    ds = linearise(group.loop, _mean_days(group.boundary, warm_up), at=0)
+    ds = linearise(group.loop, mean_days(group.boundary, warm_up), at=0)
     n = len(group.members)
     found = {}
     for name in GAINS:
@@ -36,15 +35,3 @@ def own_gains(group: Group, space: Space, warm_up: int) -> dict[str, Array]:
             found[name] = np.where(np.isfinite(of_valves), of_valves, np.nanmedian(of_valves))
     usable = all(np.isfinite(values).all() and (values > 0.0).all() for values in found.values())
     return found if usable and VALVE in group.loop.sizes else {}
-
-
-def _mean_days(boundary: Boundary, warm_up: int) -> Boundary:
-    """Days of one second with the mean conditions of those that count."""
-    counted = boundary.series["enabled"] != 0.0
-    counted[:, :warm_up] = False
-    on = np.where(counted.any(axis=1)[:, None], counted, True)
-    means = {
-        name: (boundary.series[name] * on).sum(axis=1, keepdims=True) / on.sum(axis=1, keepdims=True)
-        for name in ENTERING
-    }
-    return Boundary(**means, day=boundary.day)

@@ -28,7 +28,7 @@ warm_up = 60
 TUNE = """
 [tune]
 search = { kp = [0.005, 0.2], buffer = [0, 0.01] }
-limits = { motor_travel = 50, hunts = [0.5, "mean"] }
+limits = { motor_travel = 50, rmse = [9.0, "mean"] }
 evaluations = 24
 """
 
@@ -55,7 +55,7 @@ def test_it_writes_what_fc_tune_finds_and_a_file_to_include(study, tmp_path):
     asked = read_study(study)
     found = fc.tune(
         asked.plan.layout.loop, asked.plan.layout.boundary, search={"kp": (0.005, 0.2), "buffer": (0, 0.01)},
-        limits={"motor_travel": 50, "hunts": (0.5, "mean")}, evaluations=24, warm_up=60, n_jobs=1,
+        limits={"motor_travel": 50, "rmse": (9.0, "mean")}, evaluations=24, warm_up=60, n_jobs=1,
     )  # fmt: skip
     assert tomllib.loads((folder / "tuning.toml").read_text())["loop"] == found.parameters
     assert "\n".join(found.summary()) in done.output

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fastcoil.outputs import METRICS, TRACES
+from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS, Parameter
 from fastcoil.rules.rule import KINDS
 from fastcoil.simulation.parameter_values import FORBIDDEN_DIMS
@@ -37,7 +37,7 @@ from fastcoil.study.file.schema_parts import (
     table_of,
 )
 from fastcoil.study.file.tables import RunTable, StudyFile, TuneTable
-from fastcoil.tuning.measures import MEAN, NO_GOALS, NOW
+from fastcoil.tuning.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
 from fastcoil.tuning.plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.tuning.space import may_be_searched
 
@@ -226,7 +226,6 @@ def _tune() -> Schema:
     share: Schema = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "maximum": 1}, {"const": MEAN}]}
     most: Schema = {"anyOf": [{"type": "number"}, {"const": NOW}]}
     limit: Schema = {"anyOf": [*most["anyOf"], list_of([most, share])]}
-    counted = [m.name for m in METRICS.values() if not m.flags]
     known: dict[str, Schema] = {
         "search": {
             "type": "object",
@@ -235,9 +234,9 @@ def _tune() -> Schema:
             "properties": {name: bounds(name) for name in _searchable()},
             "additionalProperties": bounds(_OWN),
         },
-        "objective": {"enum": [name for name in counted if name not in NO_GOALS], "default": OBJECTIVE},
+        "objective": {"enum": [name for name in COUNTED if name not in NO_GOALS], "default": OBJECTIVE},
         "quantile": share | {"default": QUANTILE, "description": "share of valves and days whose value counts"},
-        "limits": table_of(dict.fromkeys(counted, limit), description="upper limits by metric"),
+        "limits": table_of(dict.fromkeys((*COUNTED, MARGIN), limit), description="upper limits by metric"),
         "holdout": {"anyOf": [{"type": "array", "items": {"type": "integer"}, "minItems": 1}, boundary_schema()]},
         "evaluations": {"type": "integer", "minimum": 1, "maximum": MOST_EVALUATIONS, "default": EVALUATIONS},
     }
