@@ -48,7 +48,8 @@ class Measure(NamedTuple):
     @property
     def words(self) -> str:
         """What a table calls it."""
-        over = "mean" if self.quantile is None else f"{100 * self.quantile:.6g} % quantile"
+        over = "largest" if self.quantile == 1.0 else f"{100 * (self.quantile or 0.0):.6g} % quantile"
+        over = "mean" if self.quantile is None else over
         return f"{quantity(self.metric).axis}, {over}"
 
     @property

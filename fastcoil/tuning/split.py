@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from typing import NamedTuple
+from collections.abc import Iterable
+from itertools import islice
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import xarray as xr
@@ -84,7 +86,9 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
 
 def _labelled(boundary: Boundary, holdout: object) -> np.ndarray:
     cure = "give a Boundary of other days, or labels of some days of the boundary, such as [3, 4]"
-    labels = [plain(label) for label in holdout] if isinstance(holdout, (list, tuple, range, np.ndarray)) else []
+    listed = isinstance(holdout, (list, tuple, range)) or (isinstance(holdout, np.ndarray) and holdout.ndim == 1)
+    # one label more than there are days tells all: a range may have no end to speak of
+    labels = [plain(label) for label in islice(cast("Iterable[Any]", holdout), boundary.n_days + 1)] if listed else []
     if not labels or not all(map(is_number, labels)):
         raise InputError(WrongType(f"holdout = {shown(holdout)}: {cure}"))
     known = boundary.day.tolist()

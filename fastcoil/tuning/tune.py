@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -102,8 +103,7 @@ def tune(
     with checking() as check:
         n_threads = check(workers, n_jobs)
         path = check.unless_none(path_of, "kept", kept, "give the path of a file")
-        if progress is not None and not callable(progress):
-            check.problems.append(WrongType(f"progress = {shown(progress)}: give a function of two numbers"))
+        check.unless_none(_report_of, "progress", progress)
         asked = check(
             plan_tuning, loop, boundary, search=search, objective=objective, quantile=quantile, limits=limits,
             holdout=holdout, evaluations=evaluations, warm_up=warm_up, seed=seed, replicates=replicates,
@@ -111,6 +111,15 @@ def tune(
         if path is not None and (is_folder(path) or not is_folder(path.parent)):
             check.problems.append(f"kept = {shown(str(path))}: give a file in a folder that exists")
     return run_tuning(asked, n_threads, path, progress)
+
+
+def _report_of(name: str, report: object) -> object:
+    """A function that can be called with two numbers."""
+    try:
+        inspect.signature(report).bind(0, 1)  # type: ignore[arg-type]
+    except Exception:  # nothing to call, or a user's class that raises anything
+        raise InputError(WrongType(f"{name} = {shown(report)}: give a function of two numbers")) from None
+    return report
 
 
 def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Report | None = None) -> Tuning:

@@ -1,4 +1,4 @@
-"""``fastcoil tune`` and the table ``[tune]`` of a study: what is written, resumed, refused, and what it leaves alone."""
+"""``fastcoil tune`` and the table ``[tune]`` of a study: what is written, resumed and refused, and what stays."""
 
 import json
 import tomllib
