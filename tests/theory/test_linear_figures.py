@@ -22,7 +22,7 @@ def loops():
 
 @pytest.mark.parametrize("draw", [fc.bode, fc.nyquist])
 def test_a_figure_is_readable(draw, loops, day):
-    for loop in (loops, fc.Loop(), fc.Loop(backlash=0.0, sample_time=1)):
+    for loop in (loops, fc.Loop(backlash=0.0)):
         figure = draw(loop, day)
         assert_texts_fit(figure)
         assert_palette(figure)
