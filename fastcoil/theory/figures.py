@@ -14,6 +14,7 @@ from fastcoil.plots.style import COLOURS, DOTTED, FAINT, LINE_STYLES, apply_styl
 from fastcoil.simulation.loop import Loop
 from fastcoil.theory.curve_of_plant import swings_of
 from fastcoil.theory.cycles import MOST, Cycles, cycles_of
+from fastcoil.theory.describing_function import limited
 from fastcoil.theory.elements import Elements
 from fastcoil.theory.margins import Margins, margins_of
 from fastcoil.theory.operating_points import OperatingPoints, require_pi
@@ -191,9 +192,10 @@ def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
     """Over the amplitude of u, at a frequency [rad/s]; empty where theory says nothing."""
     if not math.isfinite(at):
         return np.empty(0, complex)
-    elements = Elements.of(columns)
+    elements, swings = Elements.of(columns), swings_of(plant.curve, plant.T_sup, plant.gain)
     amplitudes = elements.amplitudes(MOST, _AMPLITUDES)
-    N = elements.describe(amplitudes, np.array(at), swings_of(plant.curve, plant.T_sup, plant.gain))[0]
+    mean = elements.mean(amplitudes, swings)
+    N = elements.describe(amplitudes, np.array(at), swings, limited(amplitudes, -mean, 1.0 - mean))[0]
     return np.asarray(-1.0 / N[np.abs(N) > _SMALLEST])
 
 
