@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from buffer_lower import lower_scales
 from buffer_rule import LOWER_SCALE, PER_HOUR, UPPER_SCALE
-from buffer_run import ALLOWED, LOWER, PI, RULES, SHIPPED, SHIPPED_RATIO, SLOWER, UPPER, Runs, Valves
+from buffer_run import ALLOWED, BY_TREND, LOWER, PI, RULES, SHIPPED, SHIPPED_RATIO, SLOWER, UPPER, Runs, Valves
 from buffer_upper import upper_scales
 from kinds import HEATING
 from remedies_run import LEAST_TRAVEL
@@ -17,7 +17,7 @@ from report import write_table
 
 import fastcoil as fc
 
-CROSSING = (SHIPPED, LOWER, UPPER, SLOWER)
+CROSSING = (SHIPPED, BY_TREND, LOWER, UPPER, SLOWER)
 """Rules that are shown where the bounds cross."""
 DRAWS = 400
 """Draws of the bootstrap over valves."""
@@ -66,8 +66,8 @@ def write_rules(runs: Runs) -> None:
     write_table(
         "buffer_rules",
         "The buffer of an inverse of 95 %: mean change of RMSE against plain PI with the same gains (95 % over valves "
-        f"and days); {ds.sizes['sample']} fresh valves and loops, {ds.sizes['day'] // len(runs.rules)} days of each kind "
-        f"({int((ds.status > 0).sum())} of {ds.status.size:,} days failed)",
+        f"and days); {ds.sizes['sample']} fresh valves and loops, {ds.sizes['day'] // len(runs.rules)} days of each "
+        f"kind ({int((ds.status > 0).sum())} of {ds.status.size:,} days failed)",
         ["buffer", "RMSE", "RMSE against the shipped rule", "without backlash, median", "over 1 % worse in",
          "motor travel, median, 95 % of the valves", "travel against the shipped rule, mean", "hunting"],
         table,

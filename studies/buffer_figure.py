@@ -76,7 +76,7 @@ def _swings(panel: Axes, runs: Runs) -> None:
     phases = np.linspace(LEAST_PHASE, 0.5 * np.pi, 200)
     curve = UPPER_SCALE * (0.5 * np.pi / phases) ** POWER
     panel.fill_between(np.degrees(phases), curve / NEAR, curve * NEAR, color=FAINT, zorder=0)
-    panel.plot(np.degrees(phases), curve, color="black", label="formula, ÷× 1.3")
+    panel.plot(np.degrees(phases), curve, color="black", label="formula, × 1.3, ÷ 1.3")
     amplitude = 0.5 * np.geomspace(1.0, 30.0, 300)
     n = describing_function(amplitude)
     panel.plot(-np.degrees(np.angle(n)), 2.0 * amplitude * abs(n), "--", color="0.45", label="describing function")

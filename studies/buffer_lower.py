@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from buffer_rule import LOWER_SCALE, PER_HOUR, mean_range, noise_factor
-from buffer_run import SIZES, Runs, Valves
+from buffer_run import ALLOWED, SIZES, Runs, Valves
 from remedies_tables import pooled
 from report import write_table
 from shares import share_of
@@ -84,11 +84,13 @@ def write_lower(runs: Runs) -> None:
         return xr.concat(parts, "day").transpose("sample", "day")
 
     loop_gain, sample_time = each(lambda v: v.kp * v.plant.gain), each(lambda v: v.sample_time)
+    crossed = each(lambda v: v.lower > v.upper(ALLOWED))
     groups: dict[str, Any] = {
         "all": True,
         "no backlash": each(lambda v: v.backlash) == 0.0,
-        "kp K below 0.5": loop_gain < 0.5,
         "kp K above 1": loop_gain > 1.0,
+        "some buffer fits": ~crossed,
+        "none fits": crossed,
         **{f"sampled every {t:g} s": sample_time == t for t in np.unique(sample_time)},
     }
     table += [lower_row(name, everything, among) for name, among in groups.items() if np.any(among)]

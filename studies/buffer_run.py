@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from best_pi import LEAST_GAIN, first_order, gains_of
-from buffer_rule import Plant, largest, smallest
+from buffer_rule import PER_HOUR, Plant, largest, smallest
 from kinds import HEATING, of_kind, settings
 
 import fastcoil as fc
@@ -31,9 +31,9 @@ METRICS = ("rmse", "rmse_settled", "motor_travel", "switch_frequency", "hunting_
            "status")  # fmt: skip
 PI, WITHOUT, SHIPPED, LOWER, BOUNDED = "PI", "no buffer", "by noise, as shipped", "lower bound", "lower bound, capped"
 HALF, TWICE, UPPER, SMALL, WIDE = "half the lower bound", "twice the lower bound", "upper bound", "0.25 %", "1 %"
-SLOWER = "lower bound, kp halved"
+SLOWER, BY_TREND = "lower bound, kp halved", "by the trend"
 SHIPPED_RATIO = 6.0
-RULES = (PI, WITHOUT, SMALL, WIDE, SHIPPED, HALF, LOWER, TWICE, UPPER, BOUNDED, SLOWER)
+RULES = (PI, WITHOUT, SMALL, WIDE, SHIPPED, BY_TREND, HALF, LOWER, TWICE, UPPER, BOUNDED, SLOWER)
 """What stands behind the PI: nothing, or an inverse of 95 % with one of these buffers."""
 
 
@@ -146,6 +146,13 @@ def on_upper(valves: Valves, kind: str, seeds: Sequence[int]) -> xr.Dataset:
     return of_metrics(quiet, of_kind(kind, seeds))
 
 
+def seen_range(valves: Valves) -> Any:
+    """Peak to peak of the noise on one trend of as long as one false turn is to take, K."""
+    rng = np.random.default_rng(8)
+    samples = np.maximum(np.round(3600.0 / (PER_HOUR * valves.sample_time)), 2).astype(int)
+    return valves.sigma * np.array([np.ptp(rng.standard_normal(n)) for n in samples])
+
+
 def on_rules(valves: Valves, kind: str, seeds: Sequence[int]) -> xr.Dataset:
     """Every rule for the buffer behind the same gains on the same days with the same noise, along ``controller``."""
     lower, upper, n = valves.lower, valves.upper(ALLOWED), len(valves.kp)
@@ -161,6 +168,7 @@ def on_rules(valves: Valves, kind: str, seeds: Sequence[int]) -> xr.Dataset:
         UPPER: upper,
         BOUNDED: np.minimum(lower, upper),
         SLOWER: 0.5 * lower,
+        BY_TREND: np.minimum(valves.kp * seen_range(valves), ALLOWED / valves.plant.gain),
     }
     is_shipped = [rule == SHIPPED for rule in RULES]
     kp = xr.DataArray(
