@@ -7,12 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from buffer_lower import NEAR, across
-from buffer_rule import UPPER_SCALE, Plant, cycle, frequency, phase, swing_per_buffer
+from buffer_rule import UPPER_SCALE, cycle, frequency, phase, swing_per_buffer
 from buffer_run import SHARES, SWINGS, Runs, Valves
 from kinds import CONSTANT
 from report import write_table
 from shares import share_of
 
+HALF_MISSED = 0.5
+"""Share of the play that is left which takes off the buffer; the formula is better by it."""
 SEEN = 0.25
 """Swing over K b from which a cycle counts as seen."""
 
@@ -28,17 +30,18 @@ class Cycles(NamedTuple):
     period: xr.DataArray
 
 
-def cycles(valves: Valves, ds: xr.Dataset, share: int, among: Any = None) -> Cycles:
-    """Swing and period over their formulas; among: the valves that count, all if None."""
-    if among is not None:
-        ds = ds.isel(sample=among)
-        valves = valves._replace(
-            plant=Plant(*(v[among] for v in valves.plant)), kp=valves.kp[among], ti=valves.ti[among]
-        )
+def missed(valves: Valves, share: int) -> Any:
+    """Width of the play in u that an estimate short of the backlash leaves: (X - x̂) / (1 - x̂)."""
+    estimate = SHARES[share] * valves.backlash
+    return (valves.backlash - estimate) / (1.0 - estimate)
+
+
+def cycles(valves: Valves, ds: xr.Dataset, share: int, less: Any = 0.0) -> Cycles:
+    """Swing and period over their formulas; less: what the formula takes off the buffer, (n_valves,)."""
     ds = ds.isel(share=share).transpose("swing", "sample")
     width = np.array([valves.upper(swing) for swing in SWINGS[1:]])
-    per_width = ds.hunting_swing / width
-    seen = per_width > SEEN * valves.plant.gain
+    seen = ds.hunting_swing / width > SEEN * valves.plant.gain
+    per_width = ds.hunting_swing / (width - less)
     given = (valves.plant, valves.kp, valves.ti)
     return Cycles(
         xr.DataArray(phase(*given) < 0.5 * np.pi, dims="sample") & (ds.hunting_swing == ds.hunting_swing),
@@ -72,9 +75,13 @@ def write_cycles(runs: Runs) -> None:
         for share, size in reversed(list(enumerate(SHARES))):
             name = f"{'heating' if heats else 'cooling'}, inverse of {size:.0%}"
             table.append(cycle_row(name, cycles(runs.valves[heats], ds, share)))
-        name, good = f"{'heating' if heats else 'cooling'}, no backlash", runs.valves[heats].backlash == 0.0
+        valves, mode = runs.valves[heats], "heating" if heats else "cooling"
+        corrected = cycles(valves, ds, 0, HALF_MISSED * missed(valves, 0))
+        table.append(cycle_row(f"{mode}, {SHARES[0]:.0%}, b less half of what is missed", corrected))
+        good = valves.backlash == 0.0
         if good.any():
-            table.append(cycle_row(name, cycles(runs.valves[heats], ds, 0, good)))
+            exact = Cycles(*(part.isel(sample=good) for part in cycles(valves, ds, 0)))
+            table.append(cycle_row(f"{mode}, no backlash", exact))
     write_table(
         "buffer_cycle",
         f"The buffer's own cycle where nothing else moves the loop: {len(runs.valves[False].kp)} fresh valves and "

@@ -146,7 +146,7 @@ def test_a_median_has_an_interval_that_valves_give():
 def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
     monkeypatch.setattr(kinds, "HOURS", 2)
     monkeypatch.setattr(buffer_run, "STILL_HOURS", 4)
-    monkeypatch.setattr(buffer, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
+    monkeypatch.setattr(buffer, "kinds", lambda: (kinds.CONSTANT, kinds.HEATING))
     monkeypatch.setattr("buffer_figure.HERE", tmp_path)
     buffer.main(12)
     assert (tmp_path / "buffer.png").is_file()
@@ -154,7 +154,7 @@ def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
     assert [row[0] for row in rows] == list(buffer_run.RULES)
     assert rows[0][head.index("RMSE")] == "0"
     _, (_, *rows) = written("buffer_lower")
-    assert [row[0] for row in rows][:3] == ["stepped", "heating", "all"]
+    assert [row[0] for row in rows][:3] == ["constant", "heating", "all"]
     for name in ("noise", "constants", "cycle", "upper", "rules_by_days", "crossing"):
         assert written(f"buffer_{name}")[1]
 
@@ -176,6 +176,21 @@ def test_a_rule_of_the_study_is_the_loop_that_it_names():
         np.testing.assert_array_equal(ds.rmse.sel(controller=rule).values, alone.rmse.values)
 
 
+def test_what_the_inverse_leaves_is_a_play_of_the_width_it_misses():
+    """A play of X behind the inverse of 95 % of it, both in plain Python, stands still over exactly that width of u."""
+    backlash = 0.1
+    left = float(buffer_upper.missed(buffer_run.Valves(*[None] * 6, np.array([backlash])), 0)[0])
+    estimate = buffer_run.SHARES[0] * backlash
+    u = np.concatenate([np.linspace(0.2, 0.6, 4001), np.linspace(0.6, 0.5, 1001)[1:]])
+    rising = np.concatenate([np.ones(4001), np.zeros(1000)])
+    q, opening = 0.0, []
+    for position in ((1.0 - estimate) * u + estimate * rising).tolist():
+        q = min(max(q, position - backlash), position)
+        opening.append(q)
+    still = np.abs(np.array(opening[4001:]) - opening[4000]) < 1e-9
+    assert 0.1 * still.mean() == pytest.approx(left, abs=2e-4)
+
+
 def test_cycles_count_what_the_formula_foretells():
     """Two swings that are the formula's, one that is twice it, and one that is not there."""
     plant = Plant(*(np.full(4, v) for v in (12.0, 60.0, 30.0)))
@@ -190,3 +205,6 @@ def test_cycles_count_what_the_formula_foretells():
     row = buffer_upper.cycle_row("loop", found)
     assert row[2:4] == ["100%, 75%", "1.00 … 1.00 … 2.00"]
     assert row[4].startswith("67 %")
+    less = buffer_upper.cycles(valves, ds, 0, 0.5 * width[0])
+    assert float(less.swing[0, 0]) == pytest.approx(2.0)
+    assert less.seen.equals(found.seen)
