@@ -73,11 +73,11 @@ def write_cycles(runs: Runs) -> None:
     table = []
     for heats, ds in runs.still.items():
         for share, size in reversed(list(enumerate(SHARES))):
-            name = f"{'heating' if heats else 'cooling'}, inverse of {size:.0%}"
+            name = f"{'heating' if heats else 'cooling'}, inverse of {100 * size:g} %"
             table.append(cycle_row(name, cycles(runs.valves[heats], ds, share)))
         valves, mode = runs.valves[heats], "heating" if heats else "cooling"
         corrected = cycles(valves, ds, 0, HALF_MISSED * missed(valves, 0))
-        table.append(cycle_row(f"{mode}, {SHARES[0]:.0%}, b less half of what is missed", corrected))
+        table.append(cycle_row(f"{mode}, {100 * SHARES[0]:g} %, b less half of what is missed", corrected))
         good = valves.backlash == 0.0
         if good.any():
             exact = Cycles(*(part.isel(sample=good) for part in cycles(valves, ds, 0)))
@@ -113,14 +113,14 @@ def write_upper(runs: Runs) -> None:
     table = []
     for kind, ds in runs.upper.items():
         table += [
-            upper_row(f"{kind}, inverse of {size:.0%}", ds.isel(share=share)) for share, size in enumerate(SHARES)
+            upper_row(f"{kind}, inverse of {100 * size:g} %", ds.isel(share=share)) for share, size in enumerate(SHARES)
         ]
     kind, exact = CONSTANT, len(SHARES) - 1
     valves = runs.of(kind)
     foretold = phase(valves.plant, valves.kp, valves.ti) < 0.5 * np.pi
     for which, words in ((foretold, "a cycle foretold"), (~foretold, "none foretold")):
         if which.any():
-            table.append(upper_row(f"{kind}, 100%, {words}", runs.upper[kind].isel(share=exact), which))
+            table.append(upper_row(f"{kind}, inverse of 100 %, {words}", runs.upper[kind].isel(share=exact), which))
     write_table(
         "buffer_upper",
         "The upper bound: settled RMSE behind buffers for a swing of so many K, against no buffer (median of the "
