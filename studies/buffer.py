@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from buffer_costs import write_constants, write_crossing, write_rules
 from buffer_figure import draw
-from buffer_lower import write_lower, write_noise
+from buffer_lower import write_allowed, write_lower, write_noise
 from buffer_run import Runs, on_lower, on_rules, on_still, on_upper, population
 from buffer_upper import write_cycles, write_upper
 from kinds import CONSTANT, HEATING, STEPPED, kinds
@@ -45,6 +45,7 @@ def main(size: int = VALVES) -> None:
     write_noise()
     write_constants(choice, fresh)
     write_lower(fresh)
+    write_allowed(fresh)
     write_cycles(fresh)
     write_upper(fresh)
     write_rules(fresh)

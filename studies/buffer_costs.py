@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from buffer_lower import lower_scales
+from buffer_lower import lower_scales, no_buffer_fits
 from buffer_rule import LOWER_SCALE, PER_HOUR, UPPER_SCALE
 from buffer_run import ALLOWED, BY_TREND, LOWER, PI, RULES, SHIPPED, SHIPPED_RATIO, SLOWER, UPPER, Runs, Valves
 from buffer_upper import upper_scales
@@ -92,7 +92,7 @@ def write_crossing(runs: Runs) -> None:
     for heats, valves in runs.valves.items():
         ds = pooled({kind: ds for kind, ds in runs.rules.items() if (kind == HEATING) == heats})
         lower, upper, shipped = valves.lower, valves.upper(ALLOWED), shipped_width(valves)
-        for which, words in ((lower > upper, "none fits"), (lower <= upper, "some fit")):
+        for which, words in ((no_buffer_fits(valves), "none fits"), (~no_buffer_fits(valves), "some fit")):
             if which.sum() < 2:
                 continue
             d, loop_gain = ds.isel(sample=which), (valves.kp * valves.plant.gain)[which]

@@ -19,6 +19,8 @@ NEAR = 1.3
 """Factor within which a bound or a swing counts as foretold."""
 TIMES = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
 """Sample times of the table of factors, s."""
+TURNS = (3.0, 10.0, 30.0)
+"""False turns per hour that the formula is tried for."""
 
 
 def across(values: Any) -> str:
@@ -33,20 +35,20 @@ def per_hour(ds: xr.Dataset) -> xr.DataArray:
     return (turns.isel(noisy=1) - turns.isel(noisy=0)).transpose("size", "sample", "day")
 
 
-def measured_lower(ds: xr.Dataset) -> xr.DataArray:
-    """Measured lower bound over the formula: where the added turns fall below ``PER_HOUR``; (sample, day).
+def measured_lower(ds: xr.Dataset, allowed: float = PER_HOUR) -> xr.DataArray:
+    """Buffer where the added turns fall below those allowed per hour, over the bound for ``PER_HOUR``; (sample, day).
 
     Between sizes by the logarithm of the turns; 0 where they are below without any buffer, inf where they are above
     behind the largest.
     """
     added = per_hour(ds).values
-    above = added > PER_HOUR
+    above = added > allowed
     last = len(SIZES) - 1 - above[::-1].argmax(0)
     at = np.minimum(last, len(SIZES) - 2)
     y = np.log(np.maximum(added, 0.1))
     y0, y1 = (np.take_along_axis(y, k[None], 0)[0] for k in (at, at + 1))
     sizes = np.array(SIZES)
-    ratio = sizes[at] + (y0 - np.log(PER_HOUR)) / np.where(y0 > y1, y0 - y1, 1.0) * (sizes[at + 1] - sizes[at])
+    ratio = sizes[at] + (y0 - np.log(allowed)) / np.where(y0 > y1, y0 - y1, 1.0) * (sizes[at + 1] - sizes[at])
     ratio = np.where(above.any(0), np.where(above[-1], np.inf, ratio), 0.0)
     return xr.DataArray(ratio, dims=("sample", "day"), coords={"day": ds.day})
 
@@ -75,21 +77,27 @@ def lower_row(name: str, ds: xr.Dataset, among: Any = True) -> list[str]:
     ]
 
 
+def each(runs: Runs, value: Callable[[Valves], Any]) -> xr.DataArray:
+    """Something of the valves that ran on each day; (sample, day)."""
+    parts = [xr.DataArray(value(runs.of(kind)), dims="sample").expand_dims(day=ds.sizes["day"])
+             for kind, ds in runs.lower.items()]  # fmt: skip
+    return xr.concat(parts, "day").transpose("sample", "day")
+
+
+def no_buffer_fits(valves: Valves) -> Any:
+    """Where the lower bound lies above the upper one."""
+    return valves.lower > valves.upper(ALLOWED)
+
+
 def write_lower(runs: Runs) -> None:
     """The lower bound by kind of days and by loop."""
     table = [lower_row(kind, ds) for kind, ds in runs.lower.items()]
     everything = pooled(runs.lower)
-
-    def each(value: Callable[[Valves], Any]) -> xr.DataArray:
-        parts = [xr.DataArray(value(runs.of(kind)), dims="sample").expand_dims(day=ds.sizes["day"])
-                 for kind, ds in runs.lower.items()]  # fmt: skip
-        return xr.concat(parts, "day").transpose("sample", "day")
-
-    loop_gain, sample_time = each(lambda v: v.kp * v.plant.gain), each(lambda v: v.sample_time)
-    crossed = each(lambda v: v.lower > v.upper(ALLOWED))
+    loop_gain, sample_time = each(runs, lambda v: v.kp * v.plant.gain), each(runs, lambda v: v.sample_time)
+    crossed = each(runs, no_buffer_fits)
     groups: dict[str, Any] = {
         "all": True,
-        "no backlash": each(lambda v: v.backlash) == 0.0,
+        "no backlash": each(runs, lambda v: v.backlash) == 0.0,
         "kp K above 1": loop_gain > 1.0,
         "some buffer fits": ~crossed,
         "none fits": crossed,
@@ -108,6 +116,33 @@ def write_lower(runs: Runs) -> None:
     )  # fmt: skip
 
 
+def write_allowed(runs: Runs) -> None:
+    """The lower bound for other numbers of turns, from the same runs."""
+    everything, table = pooled(runs.lower), []
+    sample_time, fits = each(runs, lambda v: v.sample_time), ~each(runs, no_buffer_fits)
+    for allowed in TURNS:
+        factor = noise_factor(sample_time, allowed)
+        ratio = measured_lower(everything, allowed) * noise_factor(sample_time) / factor.where(factor > 0.0)
+        counts = (ratio > 0.0) & fits
+        near = abs(np.log(ratio.where(counts))) <= np.log(NEAR)
+        table.append(
+            [
+                f"{allowed:g}",
+                f"{float(counts.where(fits).mean()):.0%}",
+                across(ratio.where(counts)),
+                str(share_of(near, counts)),
+                str(share_of(ratio > NEAR, counts)),
+            ]
+        )
+    write_table(
+        "buffer_allowed",
+        "The lower bound for other numbers of false turns, where some buffer fits; the same valves, loops and days",
+        ["false turns per hour", "need a buffer", "measured / formula (5 %, median, 95 %)",
+         f"within a factor of {NEAR:g}", f"over {NEAR:g} × the formula"],
+        table,
+    )  # fmt: skip
+
+
 def lower_scales(runs: Runs) -> Any:
     """Measured bound over that of white noise, (n_valves, n_days), NaN where no buffer is needed."""
     ratio = measured_lower(pooled(runs.lower)).values
@@ -117,7 +152,7 @@ def lower_scales(runs: Runs) -> Any:
 def write_noise() -> None:
     """The lower bound over kp σ by sample time and false turns allowed, beside what a trend shows."""
     rows: list[list[str]] = []
-    for n in (1.0, 3.0, 10.0, 30.0):
+    for n in (1.0, *TURNS):
         rows.append([f"{n:g}", *(f"{LOWER_SCALE * float(noise_factor(t, n)):.1f}" for t in TIMES)])
     shown = [mean_range(3600.0 / (PER_HOUR * t)) for t in TIMES]
     rows.append([f"(range in {60.0 / PER_HOUR:g} min, over σ)", *(f"{x:.1f}" for x in shown)])

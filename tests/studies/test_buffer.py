@@ -129,6 +129,8 @@ def test_the_measured_bound_lies_where_the_added_turns_fall_below_those_allowed(
     turns = np.stack([np.full_like(added, 5.0), 5.0 + added]) / 6.0
     ds = xr.Dataset({"switch_frequency": (("noisy", "size", "sample", "day"), turns)}, coords={"day": ["a", "b"]})
     np.testing.assert_allclose(buffer_lower.measured_lower(ds).values, at, rtol=1e-9)
+    later = 0.6 + math.log(10.0 / 6.0) / 4.0
+    assert float(buffer_lower.measured_lower(ds, 6.0)[0, 0]) == pytest.approx(later, rel=1e-9)
 
 
 def test_a_median_has_an_interval_that_valves_give():
@@ -155,7 +157,7 @@ def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
     assert rows[0][head.index("RMSE")] == "0"
     _, (_, *rows) = written("buffer_lower")
     assert [row[0] for row in rows][:3] == ["constant", "heating", "all"]
-    for name in ("noise", "constants", "cycle", "upper", "rules_by_days", "crossing"):
+    for name in ("noise", "allowed", "constants", "cycle", "upper", "rules_by_days", "crossing"):
         assert written(f"buffer_{name}")[1]
 
 
