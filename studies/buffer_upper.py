@@ -37,11 +37,14 @@ def missed(valves: Valves, share: int) -> Any:
 
 
 def cycles(valves: Valves, ds: xr.Dataset, share: int, less: Any = 0.0) -> Cycles:
-    """Swing and period over their formulas; less: what the formula takes off the buffer, (n_valves,)."""
+    """Swing and period over their formulas; less: what the formula takes off the buffer, (n_valves,).
+
+    A cycle that is seen where nothing is left of the buffer has no formula: NaN.
+    """
     ds = ds.isel(share=share).transpose("swing", "sample")
     width = np.array([valves.upper(swing) for swing in SWINGS[1:]])
     seen = ds.hunting_swing / width > SEEN * valves.plant.gain
-    per_width = ds.hunting_swing / (width - less)
+    per_width = ds.hunting_swing / np.where(width > less, width - less, np.nan)
     given = (valves.plant, valves.kp, valves.ti)
     return Cycles(
         xr.DataArray(phase(*given) < 0.5 * np.pi, dims="sample") & (ds.hunting_swing == ds.hunting_swing),

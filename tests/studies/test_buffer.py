@@ -212,3 +212,6 @@ def test_cycles_count_what_the_formula_foretells():
     less = buffer_upper.cycles(valves, ds, 0, 0.5 * width[0])
     assert float(less.swing[0, 0]) == pytest.approx(2.0)
     assert less.seen.equals(found.seen)
+    nothing_left = buffer_upper.cycles(valves, ds, 0, 1.1 * width[0])
+    assert nothing_left.seen.equals(found.seen)
+    assert np.isnan(nothing_left.swing[0]).all()
