@@ -89,7 +89,7 @@ def write_cycles(runs: Runs) -> None:
         "buffer_cycle",
         f"The buffer's own cycle where nothing else moves the loop: {len(runs.valves[False].kp)} fresh valves and "
         f"loops, buffers for swings of {', '.join(f'{s:g}' for s in SWINGS[1:])} K",
-        ["loop", "seen, not foretold", "foretold, and seen of it", "swing / formula (5 %, median, 95 %)",
+        ["loop", "seen, not foretold", "foretold, foretold and seen", "swing / formula (5 %, median, 95 %)",
          f"within a factor of {NEAR:g}", "swing / (K b)", "swing / describing function", "period / formula"],
         table,
     )  # fmt: skip
