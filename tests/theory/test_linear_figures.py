@@ -1,0 +1,99 @@
+"""Bode and Nyquist plots: the curves are L, the marks are the margins."""
+
+import numpy as np
+import pytest
+from helpers.figure_looks import assert_palette, assert_texts_fit
+from helpers.refusals import problems
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.fixture(scope="module")
+def day():
+    return fc.constant_day(1.0)
+
+
+@pytest.fixture(scope="module")
+def loops():
+    return fc.Loop.preset("lbnl").assign(ti=[10.0, 30.0, 100.0])
+
+
+@pytest.mark.parametrize("draw", [fc.bode, fc.nyquist])
+def test_a_figure_is_readable(draw, loops, day):
+    for loop in (loops, fc.Loop(backlash=0.0)):
+        figure = draw(loop, day)
+        assert_texts_fit(figure)
+        assert_palette(figure)
+
+
+def curves(axes):
+    return [line.get_xydata() for line in axes.lines if len(line.get_xydata()) > 1000]
+
+
+def test_bode_shows_the_margins_of_linearise(loops, day):
+    figure = fc.bode(loops, day)
+    size, phase = figure.axes
+    w = np.array([0.005, 0.02, 0.08])
+    linear = fc.linearise(loops, day, frequency=w)
+    for k, (sizes, phases) in enumerate(zip(curves(size), curves(phase), strict=True)):
+        one = linear.isel(ti=k)
+        np.testing.assert_allclose(
+            np.exp(np.interp(w, sizes[:, 0], np.log(sizes[:, 1]))), one.loop_magnitude, rtol=1e-3
+        )
+        np.testing.assert_allclose(np.interp(w, phases[:, 0], phases[:, 1]), one.loop_phase, atol=0.1)
+    texts = [text.get_text() for text in size.get_legend().get_texts()]
+    assert texts[0] == (
+        f"integral time Ti = 10 s: gain margin {float(linear.gain_margin[0]):.2g}, "
+        f"phase margin {float(linear.phase_margin[0]):.0f}°"
+    )
+    marks = [line.get_xydata() for line in size.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose([1.0 / mark[0, 1] for mark in marks], linear.gain_margin, rtol=0.01)
+    marks = [line.get_xydata() for line in phase.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose([mark[0, 1] + 180.0 for mark in marks], linear.phase_margin, atol=0.3)
+
+
+def complex_of(line):
+    return line.get_xydata() @ np.array([1.0, 1.0j])
+
+
+def test_nyquist_says_what_limit_cycle_foretells(loops, day):
+    foretold = fc.limit_cycle(loops, day)
+    axes = fc.nyquist(loops, day).axes[0]
+    texts = [text.get_text() for text in axes.get_legend().get_texts()]
+    for k, text in enumerate(texts):
+        one = foretold.isel(ti=k)
+        ends = "hunts" if one.hunts > 0 else "does not hunt"
+        assert text == f"integral time Ti = {float(one.ti):g} s: margin {float(one.margin):.2g}, {ends}"
+    assert set(foretold.hunts.values) == {0.0, 1.0}, "both ends of a sentence are tested"
+
+
+def test_the_dots_of_nyquist_are_the_cycle_or_lie_on_both_curves_in_one_direction(loops, day):
+    axes = fc.nyquist(loops, day).axes[0]
+    foretold = fc.limit_cycle(loops, day)
+    dots = [complex_of(line) for line in axes.lines if line.get_marker() == "o"]
+    thin = [complex_of(line) for line in axes.lines if line.get_label() == "_-1/N"]
+    thick = [line @ np.array([1.0, 1.0j]) for line in curves(axes)]
+    for k, (marked, minus_1_over_N, L) in enumerate(zip(dots, thin, thick, strict=True)):
+        one = foretold.isel(ti=k)
+        assert np.abs(L - marked[0]).min() < 0.01
+        at = 2.0 * np.pi / one.period if one.hunts > 0 else one.frequency
+        there = fc.linearise(loops.assign(ti=float(one.ti)), day, frequency=[float(at)])
+        assert abs(marked[0]) == pytest.approx(float(there.loop_magnitude.squeeze()), rel=1e-3)
+        assert marked.size == (1 if one.hunts > 0 else 2)
+        if marked.size == 2:
+            assert np.angle(marked[0] / marked[1]) == pytest.approx(0.0, abs=1e-9)
+            assert np.abs(minus_1_over_N - marked[1]).min() < 0.02
+
+
+def test_without_a_gap_minus_1_over_N_begins_at_minus_1(day):
+    axes = fc.nyquist(fc.Loop(backlash=0.0, sample_time=5, ti=60.0), day).axes[0]
+    (minus_1_over_N,) = (complex_of(line) for line in axes.lines if line.get_label() == "_-1/N")
+    # the curve of the plant behind N is known at 17 openings only
+    assert minus_1_over_N[0] == pytest.approx(-1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("draw", [fc.bode, fc.nyquist])
+def test_more_loops_than_colours_are_refused(draw, day):
+    assert problems(draw, fc.Loop(kp=[0.01, 0.02, 0.03, 0.04]), day) == ["4 loops: a figure shows up to 3, select some"]
