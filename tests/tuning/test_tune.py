@@ -86,14 +86,14 @@ def test_intervals_hold_the_value_and_vary_with_the_valves(found):
 
 
 def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, found):
-    group = plan_tuning(loop, days, search=SEARCH, **HOW).holdout
+    group = plan_tuning(loop, days, search=SEARCH, **HOW).training
     days = group.boundary
     means = {name: values[:, 300:].mean(axis=1) for name, values in days.series.items()}
     steady = {name: np.repeat(values[:, None], 2000, axis=1) for name, values in means.items()}
     gains = fc.linearise(group.loop, fc.Boundary(**steady, day=days.day))
     own = group.loop.assign(kp=gains.kp_simc.median("day"), ti=gains.ti_simc.median("day"))
     of = fc.simulate(own, group.boundary, n_jobs=1, **HOW)
-    assert float(found.held_out.rmse_p95.sel(tuning="simc", edge="value")) == pytest.approx(
+    assert float(found.trained.rmse_p95.sel(tuning="simc", edge="value")) == pytest.approx(
         p95(of.rmse.values), rel=1e-6
     )
 
