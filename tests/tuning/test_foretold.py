@@ -5,6 +5,7 @@ import pytest
 from helpers.refusals import only_problem
 
 import fastcoil as fc
+from fastcoil.tuning.foretold import margins
 from fastcoil.tuning.plan import plan_tuning
 
 pytestmark = pytest.mark.kernel
@@ -31,6 +32,14 @@ def test_no_valve_has_a_larger_margin_than_allowed_and_it_is_that_of_limit_cycle
     assert tuned.meets_limits
     assert found <= 0.6
     assert tuned.trained.margin_p100.attrs["long_name"] == "margin, largest"
+
+
+def test_a_ratio_stands_in_for_the_estimate(population):
+    loop, days = population
+    estimates = loop.assign(backlash_estimate=("sample", [0.0, 0.04, 0.08]))
+    both = [margins(one, days, 60) for one in (estimates, loop.assign(estimate_ratio=0.8))]
+    np.testing.assert_allclose(*both, rtol=1e-9)
+    assert not np.allclose(both[0], margins(loop, days, 60), rtol=0.01)
 
 
 @pytest.mark.parametrize(
