@@ -74,9 +74,10 @@ def _point(axes: Axes, one: xr.Dataset, tuning: str, error: Measure, travel: Mea
     """A tuning on the hold-out with its intervals."""
     marker, colour, words = _LOOKS[tuning]
     x, y = (one[m.name].values * quantity(m.metric).factor for m in (travel, error))
-    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+    if not (np.isfinite(x[0]) and np.isfinite(y[0])):
         return
-    bars: dict[str, Any] = {"xerr": _bars(x), "yerr": _bars(y)}
+    known = np.isfinite(x).all() and np.isfinite(y).all()
+    bars: dict[str, Any] = {"xerr": _bars(x), "yerr": _bars(y)} if known else {}
     axes.errorbar(
         x[0], y[0], **bars, fmt=marker, color=colour, ms=6, lw=1.0, capsize=2, zorder=3, label=f"{words}, held out"
     )  # fmt: skip

@@ -25,12 +25,13 @@ def with_intervals(
     The interval is that of the bootstrap: valves and days are drawn anew, each on their own, since every valve meets
     every day (Owen 2007, doi:10.1214/07-AOAS122); all tunings get the same draws, so that ``change``, that of the first
     measure against the first tuning, is one of pairs.  A single day shows no scatter between days, and the interval
-    then holds none.
+    then holds none; a single valve on a single day has no interval: NaN.
     """
     some = next(iter(cases.values()))
     n, days, valves = some.shape[:3]
     rng = np.random.default_rng([seed, 3])
-    draws = [(rng.integers(0, days, days), rng.integers(0, valves, valves)) for _ in range(_DRAWS)]
+    n_draws = 1 if days == valves == 1 else _DRAWS
+    draws = [(rng.integers(0, days, days), rng.integers(0, valves, valves)) for _ in range(n_draws)]
     ds = xr.Dataset(coords={"tuning": list(tunings), "edge": list(EDGES)})
     drawn: dict[str, Array] = {}
     for measure in measures:
@@ -51,5 +52,7 @@ def with_intervals(
 def _edges(value: Array, drawn: Array) -> Array:
     """Value and interval, (n, 3), from values (n,) and draws (n, n_draws), by order: some may be infinite."""
     tails = (0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL)
+    if drawn.shape[1] < _DRAWS:
+        return np.stack([value, np.full_like(value, np.nan), np.full_like(value, np.nan)], axis=1)
     low, high = (np.quantile(drawn, tail, axis=1, method="nearest") for tail in tails)
     return np.stack([value, low, high], axis=1)

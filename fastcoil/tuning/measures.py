@@ -160,5 +160,6 @@ def violation(limits: Sequence[Limit], values: Mapping[str, Array]) -> Array:
     for limit in limits:
         found = values[limit.measure.name]
         scale = abs(limit.most) or 1.0
-        total = total + np.where(found <= limit.most, 0.0, (found - limit.most) / scale)
+        with np.errstate(invalid="ignore"):  # an infinite limit is kept by an infinite value
+            total = total + np.where(found <= limit.most, 0.0, (found - limit.most) / scale)
     return total

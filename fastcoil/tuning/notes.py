@@ -42,7 +42,7 @@ def _failures(asked: Asked, meets_limits: bool, held_out: xr.Dataset) -> Iterato
     low, high = (float(held_out[CHANGE].sel(tuning=CHOSEN, edge=edge)) for edge in ("low", "high"))
     if low > 0.0:
         yield "On the hold-out the objective is worse than now."
-    elif not high < 0.0:
+    elif high >= 0.0:
         yield "On the hold-out the objective does not differ from now beyond chance."
 
 
@@ -81,7 +81,7 @@ def _lacks(asked: Asked) -> Iterator[str]:
     if tried.boundary.n_days < _FEW_DAYS:
         days = tried.boundary.n_days
         yield (
-            f"The hold-out has {days} day{'s' * (days > 1)}: the intervals hold "
+            f"The hold-out has {days} day{'s' * (days > 1)}, so that the intervals hold "
             + ("no" if days == 1 else "little of the")
-            + " scatter between days; give more with holdout."
+            + " scatter between days: give more with holdout."
         )

@@ -10,7 +10,7 @@ from fastcoil.arrays import Array
 from fastcoil.theory.linearise import linearise
 from fastcoil.tuning.foretold import mean_days
 from fastcoil.tuning.space import Space
-from fastcoil.tuning.split import VALVE, Group
+from fastcoil.tuning.split import Group
 
 GAINS = ("kp", "ti")
 
@@ -34,4 +34,4 @@ def own_gains(group: Group, space: Space, warm_up: int) -> dict[str, Array]:
             of_valves = np.broadcast_to(np.nanmedian(values, axis=0), n)
             found[name] = np.where(np.isfinite(of_valves), of_valves, np.nanmedian(of_valves))
     usable = all(np.isfinite(values).all() and (values > 0.0).all() for values in found.values())
-    return found if usable and VALVE in group.loop.sizes else {}
+    return found if usable else {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -48,7 +49,8 @@ def in_words(found: Findings, tried: int) -> list[str]:
         lines += [f"{title}: {ds.attrs['group']}", *_table(ds, found.limits), ""]
     value, low, high = found.held_out[CHANGE].sel(tuning=CHOSEN).values
     goal = next(iter(found.held_out.data_vars.values())).attrs["long_name"]
-    lines.append(f"Held out, {goal}: {value:+.0%} against now ({low:+.0%} to {high:+.0%} for other valves and days)")
+    interval = "" if math.isnan(low) else f" ({low:+.0%} to {high:+.0%} for other valves and days)"
+    lines.append(f"Held out, {goal}: {value:+.0%} against now{interval}")
     return lines + list(found.notes)
 
 
@@ -70,4 +72,4 @@ def _table(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[str]:
 def _cell(metric: str, edges: object) -> str:
     factor = quantity(metric).factor
     value, low, high = (f"{factor * float(x):.3g}" for x in edges)  # type: ignore[attr-defined]
-    return f"{value} ({low} to {high})"
+    return value if low == "nan" else f"{value} ({low} to {high})"

@@ -85,6 +85,17 @@ def test_intervals_hold_the_value_and_vary_with_the_valves(found):
         assert (low < high).all()
 
 
+def test_one_valve_on_one_day_has_no_interval(days):
+    how = HOW | {"holdout": [3], "n_jobs": 1}
+    tuned = fc.tune(fc.Loop(backlash=0.05), days, search={"kp": (0.01, 0.1)}, evaluations=8, **how)
+    assert np.isnan(tuned.held_out.rmse_p95.sel(edge=["low", "high"])).all()
+    assert np.isfinite(tuned.trained.rmse_p95).all(), "two days"
+    assert "for other valves and days" not in "\n".join(tuned.summary())
+    assert any("so none is held out, only days" in note for note in tuned.notes)
+    assert not any("beyond chance" in note for note in tuned.notes)
+    assert tuned.plot().axes
+
+
 def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, found):
     group = plan_tuning(loop, days, search=SEARCH, **HOW).training
     days = group.boundary
