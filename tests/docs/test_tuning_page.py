@@ -54,6 +54,7 @@ def test_what_fails():
     stepped = cells("tuning_failures", "`lbnl`", "stepped", "tuned 95 % inverse", "all")[change_of]
     assert f"moves its motor {strokes} strokes a day" in PAGE
     assert f"has {stepped[1:3]} % more error on days with set-point steps" in PAGE
-    ours, preset = (cells("tuning", "`g36`", name)[travel].split(" ")[0] for name in ("tuned PI", "preset"))
-    assert f"On `g36` the tuned PI travels {ours} strokes, the preset {preset}." in PAGE
+    names = ("tuned 95 % inverse", "preset")
+    ours, preset = (cells("tuning", "`lbnl`, heating", name)[travel].split(" ")[0] for name in names)
+    assert f"In heating the tuned inverse travels {ours} strokes, the preset {preset}." in PAGE
     assert float(ours) > float(preset)
