@@ -21,11 +21,8 @@ def change(loop, tuning):
 
 def test_what_holds():
     names = ("`paper_like`", "`paper_like_fast`", "`g36`", "`lbnl`, heating")
-    first, second, third, fourth = (change(name, "tuned PI") for name in names)
-    assert first == second
-    assert (
-        f"by {first} % on `paper_like` and `paper_like_fast`, by {third} % on `g36`, by {fourth} % in heating" in PAGE
-    )
+    found = [change(name, "tuned PI") for name in names]
+    assert "by {} % on `paper_like`, {} % on `paper_like_fast`, {} % on `g36`, {} % in heating".format(*found) in PAGE
     assert all(cells("tuning", name, "tuned PI")["hunting"].startswith("0 %") for name in names)
     assert f"On `lbnl`, where travel is short, it is {change('`lbnl`', 'tuned PI')} %" in PAGE
     simc = [change(name, "SIMC") for name in names]
