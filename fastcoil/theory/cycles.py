@@ -66,7 +66,7 @@ def cycles_of(columns: Columns, plants: Plants) -> Cycles:
     Returns
     -------
     Cycles
-        All NaN where theory says nothing, see ``unknown``, and where a plant has no gain: T_sup jumps past the set-point.
+        All NaN where theory says nothing, see ``unknown``, and where a plant has no gain.
     """
     n = plants.opening.size
     periods = np.asarray(columns["sample_time"], float)
