@@ -1,0 +1,138 @@
+"""``explain``: whether one loop will hunt, why, what would cure it, and what that costs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.arguments import checking, instance_of, whole_of
+from fastcoil.boundary import Boundary
+from fastcoil.errors import InputError
+from fastcoil.explain.cures import SIMC, Cure, cures_of, distance, with_cures
+from fastcoil.explain.doubts import left_out, why_not_linear
+from fastcoil.explain.foretold import Foretold, foretell, margins
+from fastcoil.explain.found import Found
+from fastcoil.explain.hints import hints_of
+from fastcoil.explain.operating_points import operating_points
+from fastcoil.explain.phase import PARTS, Response, phase_shares, response_of
+from fastcoil.explain.result import Explanation
+from fastcoil.explain.trial import recommended, try_cures, verdict
+from fastcoil.outputs import WARM_UP
+from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.plan import plan_simulation
+
+LONGEST = 7 * 86400
+"""Seconds of a boundary that is explained: the operating points are told one by one."""
+
+
+def explain(
+    loop: Loop, boundary: Boundary, *, at: int | None = None, warm_up: int = WARM_UP, seed: int = 0
+) -> Explanation:
+    """Explain one loop on one day: whether it will hunt, why, what would cure it, and what that costs.
+
+    The loop is linearised at each hour and set-point of the day; the describing function of the backlash gives the
+    margin there, and the worst one is quoted.  Then the loop as it is and every cure are simulated on the day.
+
+    Parameters
+    ----------
+    loop
+        A single loop, no sweep.
+    boundary
+        A single day of at most a week.
+    at
+        A second of it: the margin is that of the conditions there alone.  By default the whole day counts.
+    warm_up
+        Seconds at the start that do not count.
+    seed
+        Seed of the measurement noise, 0 … 2**64 - 1.
+
+    Returns
+    -------
+    Explanation
+        The answer; print it to read it, ``.plot()`` draws it.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the arguments.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> print(fc.explain(fc.Loop.preset("lbnl").assign(ti=5), fc.paper_day()))  # doctest: +SKIP
+    """
+    with checking() as check:
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
+    with checking() as check:
+        check.problems += _too_many(loop, boundary)
+        second = check.unless_none(whole_of, "at", at, 0, boundary.n_steps - 1, _second_of(boundary))
+    plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
+    points = operating_points(boundary, warm_up, second)
+    doubts = why_not_linear(loop)
+    told = foretell(loop, points) if not doubts else None
+    if told is not None and told.worst < 0:
+        doubts, told = ("no set-point of the day can be held: the valve is at its end all the time",), None
+    tried = cures_of(loop, told, _simc(loop, told), _gain(told))
+    found = _tried(loop, boundary, tried, told, warm_up, seed)
+    response = response_of(loop, told, told.worst) if told is not None else None
+    return Explanation.of(
+        Found(
+            loop, boundary, told, response, distance(loop, told) if told is not None else None,
+            _shares(loop, response), doubts, left_out(loop, told) if told is not None else (), found,
+            recommended(found, [cure.name for cure in tried]), hints_of(loop, told, response),
+        )
+    )  # fmt: skip
+
+
+def _too_many(loop: Loop, boundary: Boundary) -> list[str]:
+    found = []
+    if loop.sizes:
+        dims = ", ".join(f"{dim} ({size})" for dim, size in loop.sizes.items())
+        found.append(f"loop is a sweep over {dims}: give one loop, with a number for each parameter")
+    if boundary.n_days > 1:
+        found.append(f"boundary has {boundary.n_days} days: give one, such as Boundary(…, day=3)")
+    if boundary.n_steps > LONGEST:
+        found.append(
+            f"boundary lasts {boundary.hours:g} h: give a part of at most {LONGEST // 3600} h, whose hours are told one by one"
+        )
+    return found
+
+
+def _second_of(boundary: Boundary) -> str:
+    return f"give a second of the boundary, a whole number from 0 to {boundary.n_steps - 1}"
+
+
+def _gain(told: Foretold | None) -> float:
+    """Of the plant at the worst operating point, K per unit of opening."""
+    return float(told.plants.gain[told.worst]) if told is not None else math.nan
+
+
+def _simc(loop: Loop, told: Foretold | None) -> tuple[float, float] | None:
+    """kp and ti after SIMC at the worst operating point."""
+    return None if told is None else (0.01, 40.0)
+
+
+def _shares(loop: Loop, response: Response | None) -> xr.DataArray | None:
+    if response is None:
+        return None
+    shares = phase_shares(loop, response)
+    attrs = {"units": "degree", "long_name": "phase that each part takes at the critical frequency"}
+    return xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
+
+
+def _tried(
+    loop: Loop, boundary: Boundary, tried: list[Cure], told: Foretold | None, warm_up: int, seed: int
+) -> xr.Dataset:
+    """The cures, simulated and foretold, with their names, words and verdicts."""
+    ds = try_cures(loop, boundary, tried, warm_up, seed)
+    worst = np.full(len(tried), math.nan)
+    if told is not None:
+        worst = margins(with_cures(loop, tried), told.plants, told.reached).max(axis=1)
+    return ds.assign_coords(cure=[cure.name for cure in tried]).assign(
+        words=("cure", [cure.words for cure in tried]),
+        margin=("cure", worst, {"long_name": "describing-function margin, foretold"}),
+        verdict=("cure", [verdict(ds, k) for k in range(len(tried))]),
+    )

@@ -1,0 +1,84 @@
+"""What a linear model of the loop foretells at the operating points of a day."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.arrays import Array, Index
+from fastcoil.explain.operating_points import OperatingPoints
+from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.scenarios import columns_of
+from fastcoil.theory.cycles import Cycles, cycles_of
+from fastcoil.theory.plants import Plants, plants_of
+
+HUNTS_ABOVE = 0.8
+"""Margin above which a loop hunts."""
+UNSURE = (0.7, 0.9)
+"""Margins between which the linear model does not decide."""
+SAFE = 0.7
+"""Margin that a cure has to reach."""
+
+
+class Foretold(NamedTuple):
+    """A loop at the operating points of a day.
+
+    plants: linear models of valve and coil.  cycles: margin, hunts, period and amplitude, (n_points,) each.
+    worst: the point with the largest margin among those at which the set-point can be reached; -1 if there is none.
+    """
+
+    points: OperatingPoints
+    plants: Plants
+    cycles: Cycles
+    worst: int
+
+    @property
+    def reached(self) -> Index:
+        """The operating points at which the valve can hold the set-point."""
+        return np.flatnonzero(self.plants.reachable)
+
+    @property
+    def margin(self) -> float:
+        """Largest margin of the day; NaN if no set-point can be reached."""
+        return float(self.cycles.margin[self.worst]) if self.worst >= 0 else math.nan
+
+    @property
+    def hunts(self) -> bool:
+        """Whether the loop is foretold to hunt at some operating point."""
+        return self.margin > HUNTS_ABOVE
+
+    @property
+    def n_hunting(self) -> int:
+        """Operating points at which it is foretold to hunt."""
+        return int(np.count_nonzero(self.cycles.margin[self.reached] > HUNTS_ABOVE))
+
+
+def foretell(loop: Loop, points: OperatingPoints) -> Foretold:
+    """Linearise one loop at the operating points of a day and look for its cycles.
+
+    Parameters
+    ----------
+    loop
+        A single scenario.
+    points
+        Of one day.
+    """
+    columns = columns_of(loop, {}, np.zeros(points.size, dtype=np.int64))
+    plants = plants_of(columns, points.conditions)
+    cycles = cycles_of(columns, plants)
+    reached = np.flatnonzero(plants.reachable)
+    worst = int(reached[np.argmax(cycles.margin[reached])]) if reached.size else -1
+    return Foretold(points, plants, cycles, worst)
+
+
+def margins(loop: Loop, plants: Plants, which: Index) -> Array:
+    """Margin of every scenario of a sweep at some operating points, (n_scenarios, n_points).
+
+    The sweep may change the controller and the backlash, which leave the plants as they are.
+    """
+    n = math.prod(loop.sizes.values())
+    columns = columns_of(loop, loop.sizes, np.repeat(np.arange(n), which.size))
+    some = Plants(*(np.asarray(values)[np.tile(which, n)] for values in plants))
+    return np.asarray(cycles_of(columns, some).margin).reshape(n, which.size)
