@@ -12,8 +12,8 @@ from fastcoil.explain.foretold import HUNTS_ABOVE, SAFE, Foretold, margins
 from fastcoil.parameter_table import PARAMETERS, Scalar
 from fastcoil.simulation.loop import Loop
 
-AS_IS, LOWER_KP, LONGER_TI, SIMC, DEAD_BAND, INVERSE, REPAIRED = (
-    "as_it_is", "lower_kp", "longer_ti", "simc", "dead_band", "inverse", "repaired_valve",
+AS_IS, LOWER_KP, LONGER_TI, SIMC, DEAD_BAND, INVERSE, BOTH, REPAIRED = (
+    "as_it_is", "lower_kp", "longer_ti", "simc", "dead_band", "inverse", "simc_and_inverse", "repaired_valve",
 )  # fmt: skip
 TUNINGS = (LOWER_KP, LONGER_TI, SIMC)
 INVERSE_SHARE, BUFFER_RATIO, BUFFER_SWING = 0.95, 6.0, 0.1
@@ -89,7 +89,7 @@ def _last_crossing(grid: np.ndarray, values: np.ndarray, limit: float) -> float:
     return float(grid[k] * (grid[k + 1] / grid[k]) ** share)
 
 
-def cures_of(loop: Loop, foretold: Foretold | None, simc: tuple[float, float] | None, gain: float) -> list[Cure]:
+def cures_of(loop: Loop, foretold: Foretold | None, simc: tuple[float, float] | None) -> list[Cure]:
     """What to try on one loop, as it is first.
 
     Parameters
@@ -100,8 +100,6 @@ def cures_of(loop: Loop, foretold: Foretold | None, simc: tuple[float, float] | 
         None where theory cannot tell: then no gains are proposed.
     simc
         kp and ti after SIMC, if there are any.
-    gain
-        Of the plant, K per stroke; NaN if it is not known.
     """
     kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
     found = [Cure(AS_IS, "as it is", {})]
@@ -112,6 +110,7 @@ def cures_of(loop: Loop, foretold: Foretold | None, simc: tuple[float, float] | 
         if math.isfinite(more):
             more = _rounded(more, down=False)
             found.append(Cure(LONGER_TI, f"kp {kp:g} 1/K, ti {more:g} s", {"ti": more}))
+    gains: dict[str, Scalar] = {}
     if simc is not None:
         gains = {"kp": _rounded(simc[0]), "ti": _rounded(simc[1])}
         found.append(Cure(SIMC, f"SIMC: kp {gains['kp']:g} 1/K, ti {gains['ti']:g} s", gains))
@@ -119,9 +118,12 @@ def cures_of(loop: Loop, foretold: Foretold | None, simc: tuple[float, float] | 
     if float(loop["error_dead_band"]) < band:  # type: ignore[arg-type]
         found.append(Cure(DEAD_BAND, f"error dead band of {band:g} K", {"error_dead_band": band}))
     if backlash > 0.0:
-        if math.isfinite(gain):
-            found.append(Cure(INVERSE, f"inverse of {INVERSE_SHARE:.0%}, buffer by noise", _inverse(backlash, gain)))
-        found.append(Cure(REPAIRED, "valve repaired: no backlash", _repaired(loop)))
+        if foretold is not None:
+            inverse = _inverse(backlash, float(foretold.plants.gain[foretold.worst]))
+            found.append(Cure(INVERSE, f"inverse of {100 * INVERSE_SHARE:g} %, buffer by noise", inverse))
+            if simc is not None:
+                found.append(Cure(BOTH, "SIMC and this inverse", gains | inverse))
+        found.append(Cure(REPAIRED, "valve repaired: no backlash", _repaired()))
     return found
 
 
@@ -136,7 +138,7 @@ def _inverse(backlash: float, gain: float) -> dict[str, Scalar]:
     }
 
 
-def _repaired(loop: Loop) -> dict[str, Scalar]:
+def _repaired() -> dict[str, Scalar]:
     """No gap, and whatever assumed one is off; a stem cannot stick without a gap in this model."""
     return {"backlash": 0.0, "backlash_estimate": 0.0, "slip_jump": 0.0}
 

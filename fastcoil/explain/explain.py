@@ -9,14 +9,13 @@ import xarray as xr
 
 from fastcoil.arguments import checking, instance_of, whole_of
 from fastcoil.boundary import Boundary
-from fastcoil.errors import InputError
-from fastcoil.explain.cures import SIMC, Cure, cures_of, distance, with_cures
+from fastcoil.explain.cures import Cure, cures_of, distance, with_cures
 from fastcoil.explain.doubts import left_out, why_not_linear
 from fastcoil.explain.foretold import Foretold, foretell, margins
-from fastcoil.explain.found import Found
+from fastcoil.explain.found import Found, Told
 from fastcoil.explain.hints import hints_of
 from fastcoil.explain.operating_points import operating_points
-from fastcoil.explain.phase import PARTS, Response, phase_shares, response_of
+from fastcoil.explain.phase import PARTS, phase_shares, response_of
 from fastcoil.explain.result import Explanation
 from fastcoil.explain.trial import recommended, try_cures, verdict
 from fastcoil.outputs import WARM_UP
@@ -72,19 +71,24 @@ def explain(
     plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
     points = operating_points(boundary, warm_up, second)
     doubts = why_not_linear(loop)
-    told = foretell(loop, points) if not doubts else None
-    if told is not None and told.worst < 0:
-        doubts, told = ("no set-point of the day can be held: the valve is at its end all the time",), None
-    tried = cures_of(loop, told, _simc(loop, told), _gain(told))
-    found = _tried(loop, boundary, tried, told, warm_up, seed)
-    response = response_of(loop, told, told.worst) if told is not None else None
+    foretold = foretell(loop, points) if not doubts else None
+    if foretold is not None and foretold.worst < 0:
+        doubts, foretold = ("no set-point of the day can be held: the valve is at its end all the time",), None
+    told = _told(loop, foretold) if foretold is not None else None
+    tried = cures_of(loop, foretold, _simc(loop, foretold))
+    cures = _tried(loop, boundary, tried, foretold, warm_up, seed)
     return Explanation.of(
         Found(
-            loop, boundary, told, response, distance(loop, told) if told is not None else None,
-            _shares(loop, response), doubts, left_out(loop, told) if told is not None else (), found,
-            recommended(found, [cure.name for cure in tried]), hints_of(loop, told, response),
+            loop=loop,
+            boundary=boundary,
+            told=told,
+            doubts=doubts,
+            left_out=left_out(loop, foretold) if foretold is not None else (),
+            hints=hints_of(loop, told) if told is not None else (),
+            cures=cures,
+            best=recommended(cures, [cure.name for cure in tried]),
         )
-    )  # fmt: skip
+    )
 
 
 def _too_many(loop: Loop, boundary: Boundary) -> list[str]:
@@ -95,9 +99,7 @@ def _too_many(loop: Loop, boundary: Boundary) -> list[str]:
     if boundary.n_days > 1:
         found.append(f"boundary has {boundary.n_days} days: give one, such as Boundary(…, day=3)")
     if boundary.n_steps > LONGEST:
-        found.append(
-            f"boundary lasts {boundary.hours:g} h: give a part of at most {LONGEST // 3600} h, whose hours are told one by one"
-        )
+        found.append(f"boundary lasts {boundary.hours:g} h: give at most {LONGEST // 3600} h, they are told one by one")
     return found
 
 
@@ -105,32 +107,29 @@ def _second_of(boundary: Boundary) -> str:
     return f"give a second of the boundary, a whole number from 0 to {boundary.n_steps - 1}"
 
 
-def _gain(told: Foretold | None) -> float:
-    """Of the plant at the worst operating point, K per unit of opening."""
-    return float(told.plants.gain[told.worst]) if told is not None else math.nan
-
-
-def _simc(loop: Loop, told: Foretold | None) -> tuple[float, float] | None:
+def _simc(loop: Loop, foretold: Foretold | None) -> tuple[float, float] | None:
     """kp and ti after SIMC at the worst operating point."""
-    return None if told is None else (0.01, 40.0)
+    return None if foretold is None else (0.01, 40.0)
 
 
-def _shares(loop: Loop, response: Response | None) -> xr.DataArray | None:
-    if response is None:
-        return None
-    shares = phase_shares(loop, response)
-    attrs = {"units": "degree", "long_name": "phase that each part takes at the critical frequency"}
-    return xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
+def _told(loop: Loop, foretold: Foretold) -> Told:
+    """What theory tells at the worst operating point: the phase at the frequency of the cycle, or nearest to one."""
+    response = response_of(loop, foretold, foretold.worst)
+    k = response.at_period(float(foretold.cycles.period[foretold.worst]))
+    shares, period = phase_shares(loop, response, k), 2.0 * math.pi / float(response.w[k])
+    attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": period}
+    phase = xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
+    return Told(foretold, response, distance(loop, foretold), phase)
 
 
 def _tried(
-    loop: Loop, boundary: Boundary, tried: list[Cure], told: Foretold | None, warm_up: int, seed: int
+    loop: Loop, boundary: Boundary, tried: list[Cure], foretold: Foretold | None, warm_up: int, seed: int
 ) -> xr.Dataset:
     """The cures, simulated and foretold, with their names, words and verdicts."""
     ds = try_cures(loop, boundary, tried, warm_up, seed)
     worst = np.full(len(tried), math.nan)
-    if told is not None:
-        worst = margins(with_cures(loop, tried), told.plants, told.reached).max(axis=1)
+    if foretold is not None:
+        worst = margins(with_cures(loop, tried), foretold.plants, foretold.reached).max(axis=1)
     return ds.assign_coords(cure=[cure.name for cure in tried]).assign(
         words=("cure", [cure.words for cure in tried]),
         margin=("cure", worst, {"long_name": "describing-function margin, foretold"}),

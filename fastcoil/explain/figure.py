@@ -1,4 +1,4 @@
-"""An explanation on one page: how near the loop is to a cycle, which gains hunt, and the day with and without a cure."""
+"""An explanation on one page: how near the loop is to a cycle, which gains hunt, the day with and without a cure."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fastcoil.explain.answer import answer_of, why_of
 from fastcoil.explain.cures import SIMC, TUNINGS
 from fastcoil.explain.foretold import HUNTS_ABOVE, margins
-from fastcoil.explain.found import Found
+from fastcoil.explain.found import Found, Told
 from fastcoil.explain.phase import depths
-from fastcoil.explain.words import answer, why_of
 from fastcoil.plots.style import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 
 if TYPE_CHECKING:
@@ -37,21 +37,21 @@ def page(found: Found) -> Figure:
     fig = Figure(figsize=_SIZE, layout="constrained")
     grid = fig.add_gridspec(2, 2, height_ratios=(1.5, 1.0))
     nyquist, gains = fig.add_subplot(grid[0, 0]), fig.add_subplot(grid[0, 1])
-    if found.foretold is None:
+    if found.told is None:
         for axes in (nyquist, gains):
-            _says(axes, wrapped(why_of(found), 3.0, 8.0))
+            _says(axes, "theory cannot tell")
     else:
-        _nyquist(nyquist, found)
-        _gains(gains, found)
+        _nyquist(nyquist, found.told)
+        _gains(gains, found, found.told)
     _day(fig.add_subplot(grid[1, :]), found)
-    fig.suptitle(wrapped(answer(found), _SIZE[0] - 0.4, 10.0), x=0.01, ha="left", fontsize=10)
+    heading = wrapped(f"{answer_of(found)}\n{why_of(found)}", _SIZE[0] - 0.3, 9.0)
+    fig.suptitle(heading, x=0.01, ha="left", fontsize=9)
     return fig
 
 
-def _nyquist(axes: Axes, found: Found) -> None:
+def _nyquist(axes: Axes, told: Told) -> None:
     """L at the worst operating point, -1/N, and the margin: how far along its ray L is from -1/N."""
-    response = found.response
-    assert response is not None
+    response = told.response
     L, k = response.L, response.critical
     half = max(_ROUND, 1.15 * abs(L[k]))
     near = np.abs(L) < 4.0 * half
@@ -74,23 +74,20 @@ def _nyquist(axes: Axes, found: Found) -> None:
     axes.legend(loc="lower right", frameon=False)
 
 
-def _gains(axes: Axes, found: Found) -> None:
+def _gains(axes: Axes, found: Found, told: Told) -> None:
     """Which kp and ti hunt at the worst operating point; the margin goes with kp."""
-    told, ds = found.foretold, found.cures
-    assert told is not None
+    foretold, ds = told.foretold, found.cures
     kp, ti = found.value("kp"), found.value("ti")
     tunings = [k for k, name in enumerate(ds["cure"].values) if name in TUNINGS]
 
-    def of(name: str, k: int) -> float:
-        return float(ds[name][k]) if ds[name].ndim else float(ds[name])
-
-    marked = {name: [found.value(name), *(_gain_of(found, name, k) for k in tunings)] for name in ("kp", "ti")}
+    marked = {name: [found.value(name), *(found.with_cure(name, k) for k in tunings)] for name in ("kp", "ti")}
     times = np.geomspace(min(marked["ti"]) / _SPAN, max(marked["ti"]) * _SPAN, _TI_STEPS)
-    at_kp = margins(found.loop.assign(ti=("tuning", times)), told.plants, np.array([told.worst]))[:, 0]
+    at_kp = margins(found.loop.assign(ti=("tuning", times)), foretold.plants, np.array([foretold.worst]))[:, 0]
     low, high = min(marked["kp"]) / _SPAN, max(marked["kp"]) * _SPAN
     with np.errstate(divide="ignore"):
         limits = {level: kp * level / at_kp for level in _CONTOURS}
-    axes.fill_between(times, np.clip(limits[HUNTS_ABOVE], low, high), high, color=FAINT, lw=0, label="hunts (margin > 0.8)")
+    edge = np.clip(limits[HUNTS_ABOVE], low, high)
+    axes.fill_between(times, edge, high, color=FAINT, lw=0, label=f"hunts (margin > {HUNTS_ABOVE:g})")
     for level, style in zip(_CONTOURS, (":", "-", ":"), strict=True):
         axes.plot(times, limits[level], color="black" if level == HUNTS_ABOVE else GREY, lw=1.2, ls=style)
         inside = np.flatnonzero((limits[level] > low * 1.2) & (limits[level] < high / 1.2))
@@ -102,24 +99,19 @@ def _gains(axes: Axes, found: Found) -> None:
     for k in tunings:
         name = str(ds["cure"].values[k])
         look: Any = {"color": BLUE if ds["hunts"][k] == 0 else YELLOW, "mec": "black", "mew": 0.6, "ls": "none"}
-        axes.plot(_gain_of(found, "ti", k), _gain_of(found, "kp", k), _MARKS[name], ms=7, **look,
+        axes.plot(found.with_cure("ti", k), found.with_cure("kp", k), _MARKS[name], ms=7, **look,
                   label="SIMC" if name == SIMC else name.replace("_", " "))  # fmt: skip
     axes.set(xscale="log", yscale="log", xlim=(times[0], times[-1]), ylim=(low, high))
     axes.set(xlabel="integral time Ti [s]", ylabel="proportional gain Kp [1/K]")
-    axes.set_title("Gains at the worst operating point, margin", loc="left")
+    axes.set_title("Which gains hunt, by their margin", loc="left")
     axes.legend(loc="lower right", fontsize=7)
-
-
-def _gain_of(found: Found, name: str, k: int) -> float:
-    values = found.cures[name] if name in found.cures.coords else None
-    return float(values[k]) if values is not None and values.ndim else found.value(name)
 
 
 def _day(axes: Axes, found: Found) -> None:
     """Part of the day as it is, and with the recommended cure."""
-    ds, told = found.cures, found.foretold
+    ds, foretold = found.cures, found.told.foretold if found.told is not None else None
     t = ds["elapsed_time"].values
-    middle = int(told.points.start[told.worst]) if told is not None else found.boundary.n_steps // 2
+    middle = int(foretold.points.start[foretold.worst]) if foretold is not None else found.boundary.n_steps // 2
     start = max(0, min(middle - _BEFORE, found.boundary.n_steps - _TELLING))
     seen = (t >= start) & (t < start + _TELLING)
     hours = t[seen] / 3600.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,12 +47,12 @@ class Foretold(NamedTuple):
     @property
     def hunts(self) -> bool:
         """Whether the loop is foretold to hunt at some operating point."""
-        return self.margin > HUNTS_ABOVE
+        return self.n_hunting > 0
 
     @property
     def n_hunting(self) -> int:
         """Operating points at which it is foretold to hunt."""
-        return int(np.count_nonzero(self.cycles.margin[self.reached] > HUNTS_ABOVE))
+        return int(np.count_nonzero(self.cycles.hunts[self.reached]))
 
 
 def foretell(loop: Loop, points: OperatingPoints) -> Foretold:
@@ -80,5 +80,10 @@ def margins(loop: Loop, plants: Plants, which: Index) -> Array:
     """
     n = math.prod(loop.sizes.values())
     columns = columns_of(loop, loop.sizes, np.repeat(np.arange(n), which.size))
-    some = Plants(*(np.asarray(values)[np.tile(which, n)] for values in plants))
-    return np.asarray(cycles_of(columns, some).margin).reshape(n, which.size)
+    return cycles_of(columns, picked(plants, np.tile(which, n))).margin.reshape(n, which.size)
+
+
+def picked(plants: Plants, which: Index) -> Plants:
+    """Some of the plants, in any order, some perhaps several times."""
+    fields: Any = (values[which] for values in plants)
+    return Plants(*fields)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 import xarray as xr
 
 from fastcoil.boundary import Boundary
@@ -15,26 +14,64 @@ from fastcoil.outputs import STATUS_OK
 from fastcoil.simulation.loop import Loop
 
 
+class Told(NamedTuple):
+    """What theory tells of a loop.
+
+    response, phase: at the worst operating point; phase has the degrees that each part of the loop takes over ``part``.
+    """
+
+    foretold: Foretold
+    response: Response
+    distance: Distance
+    phase: xr.DataArray
+
+    @property
+    def rings(self) -> bool:
+        """Whether the loop would swing behind a perfect valve, too."""
+        return self.response.gain_at_180 >= 1.0
+
+    @property
+    def unsure(self) -> bool:
+        """Whether the margin is so near its limit that it does not decide."""
+        return UNSURE[0] <= self.foretold.margin <= UNSURE[1]
+
+    @property
+    def points(self) -> xr.Dataset:
+        """The operating points with their margins."""
+        points, plants, cycles, _ = self.foretold
+        kelvin, second = {"units": "K"}, {"units": "s"}
+        return xr.Dataset(
+            {
+                "start": ("point", points.start, second | {"long_name": "first second"}),
+                "seconds": ("point", points.seconds, second | {"long_name": "seconds spent there"}),
+                **{name: ("point", values) for name, values in points.conditions.items()},
+                "opening": ("point", plants.opening),
+                "gain": ("point", plants.gain, kelvin | {"long_name": "change per unit of opening"}),
+                "reachable": ("point", plants.reachable),
+                "margin": ("point", cycles.margin),
+                "hunts": ("point", cycles.hunts),
+                "period": ("point", cycles.period, second),
+                "amplitude": ("point", cycles.amplitude, kelvin | {"long_name": "half of peak to peak"}),
+            }
+        )
+
+
 class Found(NamedTuple):
     """Everything behind an explanation.
 
-    loop, boundary: a single scenario.  foretold, response, distance: None where theory cannot tell, for the reasons in
-    ``doubts``; the response is that of the worst operating point.  left_out: what the margin does not see.
+    loop, boundary: a single scenario.  told: None where theory cannot tell, for the reasons in ``doubts``.
+    left_out: what the margin does not see.  hints: what else would help, not tried.
     cures: over ``cure``, as it is first, with the trace T_sup.  best: index of the recommended one.
-    hints: what else would help, not tried.
     """
 
     loop: Loop
     boundary: Boundary
-    foretold: Foretold | None
-    response: Response | None
-    distance: Distance | None
-    phase: xr.DataArray | None
+    told: Told | None
     doubts: tuple[str, ...]
     left_out: tuple[str, ...]
+    hints: tuple[str, ...]
     cures: xr.Dataset
     best: int
-    hints: tuple[str, ...]
 
     @property
     def now(self) -> xr.Dataset:
@@ -51,32 +88,16 @@ class Found(NamedTuple):
         """Whether the simulated day hunts."""
         return bool(self.now["hunts"] > 0)
 
-    @property
-    def unsure(self) -> bool:
-        """Whether the margin is so near its limit that it does not decide."""
-        return self.foretold is not None and UNSURE[0] <= self.foretold.margin <= UNSURE[1]
-
     def value(self, name: str) -> float:
         """A parameter of the loop."""
         return float(self.loop[name])  # type: ignore[arg-type]
 
-    @property
-    def points(self) -> xr.Dataset | None:
-        """The operating points with their margins."""
-        if self.foretold is None:
-            return None
-        points, plants, cycles, _ = self.foretold
-        return xr.Dataset(
-            {
-                "start": ("point", points.start, {"units": "s", "long_name": "first second"}),
-                "seconds": ("point", points.seconds, {"units": "s", "long_name": "seconds spent there"}),
-                **{name: ("point", values) for name, values in points.conditions.items()},
-                "opening": ("point", np.asarray(plants.opening)),
-                "gain": ("point", np.asarray(plants.gain), {"units": "K", "long_name": "K per unit of opening"}),
-                "reachable": ("point", np.asarray(plants.reachable)),
-                "margin": ("point", np.asarray(cycles.margin)),
-                "hunts": ("point", np.asarray(cycles.hunts)),
-                "period": ("point", np.asarray(cycles.period), {"units": "s"}),
-                "amplitude": ("point", np.asarray(cycles.amplitude), {"units": "K"}),
-            }
-        )
+    def cured(self, name: str) -> int | None:
+        """Index of a cure; None if it was not tried."""
+        names = self.cures["cure"].values.tolist()
+        return int(names.index(name)) if name in names else None
+
+    def with_cure(self, parameter: str, k: int) -> float:
+        """A parameter of the loop with a cure."""
+        values = self.cures[parameter] if parameter in self.cures.coords else None
+        return float(values[k]) if values is not None and values.ndim else self.value(parameter)

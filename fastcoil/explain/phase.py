@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.explain.foretold import Foretold
+from fastcoil.explain.foretold import Foretold, picked
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
 from fastcoil.theory.describing_function import describing_function
-from fastcoil.theory.plants import Plants, loop_response
+from fastcoil.theory.plants import Complex, loop_response
 
 PARTS = ("integral", "coil", "sensor", "sampling", "backlash")
 _SLOWEST = 1e-4
@@ -28,7 +28,7 @@ class Response(NamedTuple):
     """
 
     w: Array
-    L: np.ndarray
+    L: Complex
     left: Array
     margin: Array
 
@@ -36,6 +36,10 @@ class Response(NamedTuple):
     def critical(self) -> int:
         """Index of the frequency at which the loop is nearest to a cycle, or on it."""
         return int(np.argmax(self.margin))
+
+    def at_period(self, period: float) -> int:
+        """Index of the frequency of a period, s; the critical one without a period."""
+        return int(np.argmin(np.abs(self.w - 2.0 * math.pi / period))) if math.isfinite(period) else self.critical
 
     @property
     def gain_at_180(self) -> float:
@@ -49,32 +53,31 @@ class Response(NamedTuple):
         return math.exp(float(size[0] + share * (size[1] - size[0])))
 
 
-def depths() -> tuple[Array, np.ndarray]:
+def depths() -> tuple[Array, Complex]:
     """Half the gap over the amplitude of its input, from nearly 0 to nearly 1, and N of a backlash there."""
     k = np.linspace(1e-6, 1.0 - 1e-6, _DEPTHS)
-    return k, describing_function(k)
+    gap = np.ones_like(k)
+    return k, describing_function(0.5 / k, gap, gap)
 
 
 def response_of(loop: Loop, foretold: Foretold, point: int) -> Response:
     """Frequency response of a single loop at one of its operating points."""
     columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64))
-    plant = Plants(*(np.asarray(values)[[point]] for values in foretold.plants))
+    plant = picked(foretold.plants, np.array([point]))
     w = np.geomspace(_SLOWEST, math.pi / float(columns["sample_time"][0]), _FREQUENCIES)
-    L = np.asarray(loop_response(columns, plant, w))[0]
+    L = loop_response(columns, plant, w)[0]
     left = 180.0 + np.degrees(np.unwrap(np.angle(L)))
     N = depths()[1]
     size = np.interp(left, -np.degrees(np.angle(N)), np.abs(N))
     return Response(w, L, left, np.where((left > 0.0) & (left < 90.0), np.abs(L) * size, 0.0))
 
 
-def phase_shares(loop: Loop, response: Response) -> dict[str, float]:
-    """Degrees that each of ``PARTS`` takes at the critical frequency; together 180°.
+def phase_shares(loop: Loop, response: Response, k: int) -> dict[str, float]:
+    """Degrees that each of ``PARTS`` takes at frequency number k; together 180°.
 
-    The sum of the sampled integral after Eq. (PI of the model), C = Kp (1 + Ts/Ti / (1 - z^-1)), the sensor's lag and
-    the hold, half a sample, are known in closed form; the coil takes what is left of the response, the backlash what is
-    left until 180°.
+    The sampled integral, the phase of 1 + (Ts/Ti)/(1 - z^-1), the sensor's lag and the hold, half a sample, are known
+    in closed form.  The backlash takes what the loop leaves until 180°, the coil all the rest.
     """
-    k = response.critical
     w = float(response.w[k])
     ts, ti, tau = (float(loop[name]) for name in ("sample_time", "ti", "sensor_time_constant"))  # type: ignore[arg-type]
     integral = -np.angle(1.0 + ts / ti / (1.0 - np.exp(-1j * w * ts)))

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
+from fastcoil.explain.answer import why_of
 from fastcoil.explain.found import Found
-from fastcoil.explain.words import sentences, why_of
+from fastcoil.explain.words import sentences
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,20 +60,19 @@ class Explanation:
     @classmethod
     def of(cls, found: Found) -> Explanation:
         """Make one of what was found."""
-        told = found.foretold
-        at = told.worst if told is not None else -1
-        cycle = (float(told.cycles.period[at]), float(told.cycles.amplitude[at])) if told else (float("nan"),) * 2
+        told = found.told.foretold if found.told is not None else None
+        nothing = float("nan")
         return cls(
             hunts=found.hunts,
-            foretold=told.hunts if told else None,
-            margin=told.margin if told else float("nan"),
-            period=cycle[0],
-            amplitude=cycle[1],
+            foretold=told.hunts if told is not None else None,
+            margin=told.margin if told is not None else nothing,
+            period=float(told.cycles.period[told.worst]) if told is not None else nothing,
+            amplitude=float(told.cycles.amplitude[told.worst]) if told is not None else nothing,
             why=why_of(found),
             doubts=found.doubts + found.left_out,
-            phase=found.phase,
-            points=found.points,
-            cures=found.cures.drop_vars("T_sup").drop_vars("elapsed_time"),
+            phase=found.told.phase if found.told is not None else None,
+            points=found.told.points if found.told is not None else None,
+            cures=found.cures.drop_vars(["T_sup", "elapsed_time"]),
             recommended=str(found.cures["cure"].values[found.best]),
             _found=found,
         )

@@ -12,7 +12,7 @@ _HEAD = ("", "margin", "RMSE", "swing", "motor travel", "")
 def table_of(found: Found) -> list[str]:
     """A heading and a row for each cure: what is now in numbers, the others relative to it."""
     ds = found.cures
-    rows = [_HEAD]
+    rows: list[tuple[str, ...]] = [_HEAD]
     for k in range(ds.sizes["cure"]):
         one, now = ds.isel(cure=k), ds.isel(cure=0)
         error, travel = float(one["rmse"]), float(one["motor_travel"])

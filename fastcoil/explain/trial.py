@@ -7,11 +7,11 @@ import xarray as xr
 
 from fastcoil.boundary import Boundary
 from fastcoil.explain.cures import AS_IS, DEAD_BAND, REPAIRED, Cure, with_cures
+from fastcoil.explain.foretold import HUNTS_ABOVE
 from fastcoil.outputs import STATUS_OK
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.simulate import simulate
 
-SHOWN = ("rmse", "rmse_settled", "hunts", "hunting_swing", "hunting_period", "motor_travel", "reversals")
 _POINTS = 43200
 """Most samples of a trace: one every 2 s of a day."""
 WORSE, BETTER = 1.05, 0.95
@@ -46,17 +46,15 @@ def verdict(ds: xr.Dataset, k: int) -> str:
 
 
 def recommended(ds: xr.Dataset, names: list[str]) -> int:
-    """Which cure to take: of those that leave no hunting the least RMSE, a new valve and a dead band last.
+    """Which cure to take: of those that leave no hunting, neither simulated nor foretold, the one with the least RMSE.
 
-    0 where the loop is good as it is, or where nothing helps.
+    A cure whose margin stays too large comes after these, a dead band or a repaired valve last.  0 where the loop is
+    good as it is, or where nothing helps.
     """
-    error = ds["rmse"].values.astype(float)
+    error, margin = ds["rmse"].values, np.nan_to_num(ds["margin"].values)
     good = (ds["status"].values == STATUS_OK) & (ds["hunts"].values == 0)
-    now_hunts = not good[names.index(AS_IS)]
-    for tried in ([n for n in names if n not in (DEAD_BAND, REPAIRED)], names):
-        able = [k for k, n in enumerate(names) if n in tried and n != AS_IS and good[k]]
-        if not now_hunts:
-            able = [k for k in able if error[k] < BETTER * error[0] and names[k] != REPAIRED]
-        if able:
-            return int(able[int(np.argmin(error[able]))])
-    return 0
+    if good[0]:
+        good &= (error < BETTER * error[0]) & ~np.isin(names, REPAIRED)
+    rank = np.where(np.isin(names, (DEAD_BAND, REPAIRED)), 2, np.where(margin > HUNTS_ABOVE, 1, 0))
+    able = [k for k, name in enumerate(names) if good[k] and name != AS_IS]
+    return min(able, key=lambda k: (rank[k], error[k]), default=0)

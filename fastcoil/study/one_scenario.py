@@ -72,7 +72,7 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     foreign = [word for word, rule in rules.items() if not rule.is_loaded]
     if foreign:
         raise InputError(
-            f"{target}: the scenario uses {' and '.join(foreign)}, code of the study's own, which explain does not run: "
+            f"{target}: the scenario uses {' and '.join(foreign)}, code of the study's own, which is not run here: "
             "pick another scenario with --at, or use fc.explain in Python"
         )
     place = ", ".join(f"{dim}={labels[dim][k]}" for dim, k in position.items())
@@ -123,9 +123,7 @@ def _number(name: str, text: str) -> float:
 
 def _at(loop: Loop, position: Mapping[str, int]) -> dict[str, float | str]:
     """The swept parameters at one position."""
-    return {
-        name: values.isel({d: position[str(d)] for d in values.dims}).item() for name, values in loop.swept.items()
-    }
+    return {name: values.isel({d: position[str(d)] for d in values.dims}).item() for name, values in loop.swept.items()}
 
 
 def _day(boundary: Boundary, k: int) -> Boundary:

@@ -1,0 +1,106 @@
+"""The answer and the reason: the first sentences of an explanation."""
+
+from __future__ import annotations
+
+import math
+
+from fastcoil.explain.cures import LONGER_TI
+from fastcoil.explain.foretold import HUNTS_ABOVE
+from fastcoil.explain.found import Found, Told
+from fastcoil.outputs import HUNTING_SWING
+
+MINUTES = 120.0
+"""Seconds from which a period is told in minutes."""
+_LOST = 0.5
+"""Share of the time off the set-point from which a loop does not control."""
+
+
+def answer_of(found: Found) -> str:
+    """Whether the loop will hunt, in one sentence."""
+    if found.failed:
+        return "This loop cannot be simulated: temperatures leave the range of the model."
+    if found.hunts:
+        sure = found.told is not None and found.told.foretold.hunts and not found.told.rings
+        whatever = ", whatever the size of the backlash" if sure else ""
+        return f"This loop will hunt: about {simulated(found)}{whatever}."
+    if float(found.now["share_off"]) > _LOST:
+        error = kelvin(float(found.now["rmse"]))
+        return f"This loop will not hunt, but it does not hold its set-point either: its RMS error is {error}."
+    return _quiet(found)
+
+
+def _quiet(found: Found) -> str:
+    """Of a loop that the simulation shows quiet."""
+    if found.told is None or not found.told.foretold.hunts:
+        return "This loop will not hunt."
+    if not float(found.now["hunting_swing"]) > HUNTING_SWING:
+        return "This loop cycles, but hardly: its swing is too small to count as hunting."
+    return "This loop is on the edge: the margin foretells hunting, the simulated day does not count as hunting."
+
+
+def why_of(found: Found) -> str:
+    """The reason, in a sentence or two."""
+    if found.told is None:
+        return f"Why: theory cannot tell, since {'; '.join(found.doubts)}.  The answer is that of the simulation."
+    if not found.told.foretold.hunts and not _only_without_gap(found):
+        return _why_quiet(found, found.told)
+    return f"Why: {_too_fast(found, found.told)} {_backlash(found, found.told)}"
+
+
+def simulated(found: Found) -> str:
+    """The swing of the simulated day."""
+    swing, period = float(found.now["hunting_swing"]), float(found.now["hunting_period"])
+    return f"{kelvin(swing)} peak to peak every {seconds(period)}"
+
+
+def seconds(value: float) -> str:
+    """A period in words."""
+    if not math.isfinite(value):
+        return "now and then"
+    return f"{value:.0f} s" if value < MINUTES else f"{value / 60.0:.2g} min"
+
+
+def kelvin(value: float) -> str:
+    """A temperature difference in words."""
+    return f"{value:.2g} K"
+
+
+def per_cent(value: float) -> str:
+    """A fraction in words."""
+    return f"{100.0 * value:.3g} %"
+
+
+def _only_without_gap(found: Found) -> bool:
+    """Whether a valve without backlash is all that keeps the loop quiet."""
+    return not found.value("backlash") and found.told is not None and found.told.foretold.margin > HUNTS_ABOVE
+
+
+def _why_quiet(found: Found, told: Told) -> str:
+    far = f"it would with {told.distance.kp_factor:.2g} times this kp"
+    if told.distance.ti < found.value("ti"):
+        far += f", or with a ti below {told.distance.ti:.2g} s"
+    return f"Why: its margin is {told.foretold.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}, and {far}."
+
+
+def _too_fast(found: Found, told: Told) -> str:
+    """Whether the integral or the gain is at fault."""
+    kp, ti = found.value("kp"), found.value("ti")
+    limit = f"(margin {told.foretold.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g})"
+    longer = found.cured(LONGER_TI)
+    if longer is not None:
+        return (
+            f"the integral is too fast for the coil: ti = {ti:g} s, while with this kp the loop needs about "
+            f"{found.with_cure('ti', longer):g} s {limit}."
+        )
+    return (
+        f"the gain is too high: kp = {kp:g} 1/K, while the loop stands {kp * told.distance.kp_factor:.2g} 1/K with "
+        f"this ti, and no ti is long enough for this kp {limit}."
+    )
+
+
+def _backlash(found: Found, told: Told) -> str:
+    if told.rings:
+        return "It would swing behind a perfect valve, too."
+    if not found.value("backlash"):
+        return "Without backlash it does not; with any it would."
+    return f"Any backlash starts it; that of {per_cent(found.value('backlash'))} sets the size of the swing."
