@@ -34,7 +34,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
       fastcoil explain lbnl --set kp=0.03 --set ti=5
       fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
     """  # noqa: D301 — click reads the backspace
-    from fastcoil.explain.explain import explain as explained
+    from fastcoil.explanation.explain import explain as explained
     from fastcoil.study.one_scenario import one_scenario
 
     form = _form_of(out)

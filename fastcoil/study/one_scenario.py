@@ -59,7 +59,8 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     with collecting(problems, "--set "):
         loop = loop.assign(**_values(loop, changes))
     layout = Layout(loop, boundary)
-    labels = {dim: values.values for dim, values in layout.coordinates().items() if dim in layout.sizes}
+    coordinates = layout.coordinates()
+    labels = {dim: coordinates[dim].values for dim in layout.sizes}
     if "replicate" in at:
         problems.append("--at replicate: replicates differ by their noise alone, leave it out")
     position: dict[str, int] = {}

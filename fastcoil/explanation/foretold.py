@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array, Index
-from fastcoil.explain.operating_points import OperatingPoints
+from fastcoil.explanation.operating_points import OperatingPoints
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
 from fastcoil.theory.cycles import Cycles, cycles_of

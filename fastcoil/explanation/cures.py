@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.explain.foretold import HUNTS_ABOVE, SAFE, Foretold, margins
+from fastcoil.explanation.foretold import HUNTS_ABOVE, SAFE, Foretold, margins
 from fastcoil.parameter_table import PARAMETERS, Scalar
 from fastcoil.simulation.loop import Loop
 

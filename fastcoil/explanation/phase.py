@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.explain.foretold import Foretold, picked
+from fastcoil.explanation.foretold import Foretold, picked
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
 from fastcoil.theory.describing_function import describing_function

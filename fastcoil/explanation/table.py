@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fastcoil.explain.found import Found
+from fastcoil.explanation.found import Found
 
 _HEAD = ("", "margin", "RMSE", "swing", "motor travel", "")
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fastcoil.explain.answer import answer_of, why_of
-from fastcoil.explain.cures import SIMC, TUNINGS
-from fastcoil.explain.foretold import HUNTS_ABOVE, margins
-from fastcoil.explain.found import Found, Told
-from fastcoil.explain.phase import depths
+from fastcoil.explanation.answer import answer_of, why_of
+from fastcoil.explanation.cures import SIMC, TUNINGS
+from fastcoil.explanation.foretold import HUNTS_ABOVE, margins
+from fastcoil.explanation.found import Found, Told
+from fastcoil.explanation.phase import depths
 from fastcoil.plots.style import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 _SIZE = (7.5, 7.5)
 _TELLING, _BEFORE = 5400, 600
 """Seconds that are drawn, and how many of them before the worst operating point."""
-_ROUND = 2.2
-"""Half the width of the Nyquist diagram, unless the loop needs more."""
+_PHASES = (-200.0, -85.0)
+"""Degrees: where a backlash may bring the phase to -180°, and some more."""
 _SPAN, _TI_STEPS = 8.0, 60
 """The map goes from the gains of now and the cures, divided by this, to as many times them."""
 _CONTOURS = (0.4, 0.8, 1.6)
@@ -36,12 +36,12 @@ def page(found: Found) -> Figure:
 
     fig = Figure(figsize=_SIZE, layout="constrained")
     grid = fig.add_gridspec(2, 2, height_ratios=(1.5, 1.0))
-    nyquist, gains = fig.add_subplot(grid[0, 0]), fig.add_subplot(grid[0, 1])
+    nichols, gains = fig.add_subplot(grid[0, 0]), fig.add_subplot(grid[0, 1])
     if found.told is None:
-        for axes in (nyquist, gains):
+        for axes in (nichols, gains):
             _says(axes, "theory cannot tell")
     else:
-        _nyquist(nyquist, found.told)
+        _nichols(nichols, found.told)
         _gains(gains, found, found.told)
     _day(fig.add_subplot(grid[1, :]), found)
     heading = wrapped(f"{answer_of(found)}\n{why_of(found)}", _SIZE[0] - 0.3, 9.0)
@@ -49,28 +49,29 @@ def page(found: Found) -> Figure:
     return fig
 
 
-def _nyquist(axes: Axes, told: Told) -> None:
-    """L at the worst operating point, -1/N, and the margin: how far along its ray L is from -1/N."""
-    response = told.response
-    L, k = response.L, response.critical
-    half = max(_ROUND, 1.15 * abs(L[k]))
-    near = np.abs(L) < 4.0 * half
-    axes.plot(L.real[near], L.imag[near], color=BLUE, label="loop L(jω)")
-    inverse = -1.0 / depths()[1]
-    axes.plot(inverse.real, inverse.imag, color=RED, ls="--", label="backlash −1/N")
-    axes.plot(-1.0, 0.0, "+", color="black", ms=8)
-    edge = L[k] / response.margin[k]
-    axes.plot([0.0, edge.real], [0.0, edge.imag], color="black", lw=0.8, ls=DOTTED)
-    axes.plot(L[k].real, L[k].imag, "o", color=BLUE, ms=6)
-    axes.plot(edge.real, edge.imag, "o", mfc="white", color=RED, ms=6)
-    period = 2.0 * math.pi / float(response.w[k])
+def _nichols(axes: Axes, told: Told) -> None:
+    """Gain of L and of -1/N over their phase: the margin is how far L is above -1/N at the same phase."""
+    response, N = told.response, depths()[1]
+    k = response.critical
+    L, phase = np.abs(response.L), response.left - 180.0
+    edge, at = L[k] / response.margin[k], float(phase[k])
+    seen = (phase > _PHASES[0] - 5.0) & (phase < _PHASES[1] + 5.0)
+    low, high = 0.3 * min(edge, float(L[k])), 5.0 * max(edge, float(L[k]))
+    curve, on_curve = 1.0 / np.abs(N), -180.0 - np.degrees(np.angle(N))
+    axes.fill_between(on_curve, curve, high, color=FAINT, lw=0)
+    axes.plot(phase[seen], L[seen], color=BLUE, label="loop L(jω)")
+    axes.plot(on_curve, curve, color=RED, ls="--", label="backlash −1/N(A)")
+    axes.plot(-180.0, 1.0, "+", color="black", ms=8)
+    axes.plot([at, at], [edge, L[k]], color="black", lw=0.9, ls=DOTTED)
+    axes.plot(at, L[k], "o", color=BLUE, ms=6)
+    axes.plot(at, edge, "o", mfc="white", color=RED, ms=6)
     axes.annotate(
-        f"margin {response.margin[k]:.2g}\nperiod {period:.0f} s",
-        (L[k].real, L[k].imag), xytext=(8, -4), textcoords="offset points", va="top", fontsize=8,
+        f"margin {response.margin[k]:.2g}", (at, math.sqrt(edge * float(L[k]))), xytext=(6, 0),
+        textcoords="offset points", va="center", fontsize=8,
     )  # fmt: skip
-    axes.set(xlim=(-half, 0.35 * half), ylim=(-half, 0.35 * half), xlabel="real part", ylabel="imaginary part")
-    axes.set_aspect("equal")
-    axes.set_title("Hunts where L reaches −1/N along its ray", loc="left")
+    axes.set(yscale="log", xlim=_PHASES, ylim=(low, high), xlabel="phase [°]", ylabel="gain")
+    axes.set_xticks(range(-180, -80, 30))
+    axes.set_title("Hunts where L is above −1/N", loc="left")
     axes.legend(loc="lower right", frameon=False)
 
 

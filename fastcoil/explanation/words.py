@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.explain.answer import MINUTES, answer_of, kelvin, per_cent, seconds, simulated, why_of
-from fastcoil.explain.cures import DEAD_BAND, INVERSE, REPAIRED
-from fastcoil.explain.foretold import HUNTS_ABOVE, Foretold
-from fastcoil.explain.found import Found, Told
-from fastcoil.explain.table import table_of
+from fastcoil.explanation.answer import MINUTES, answer_of, kelvin, per_cent, seconds, simulated, why_of
+from fastcoil.explanation.cures import DEAD_BAND, INVERSE, REPAIRED
+from fastcoil.explanation.foretold import HUNTS_ABOVE, Foretold
+from fastcoil.explanation.found import Found, Told
+from fastcoil.explanation.table import table_of
 from fastcoil.outputs import HUNTING_SWING
 
 _LEAST_SHARE = 0.5

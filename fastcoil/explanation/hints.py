@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from fastcoil.explain.foretold import SAFE, Foretold, margins
-from fastcoil.explain.found import Told
+from fastcoil.explanation.foretold import SAFE, Foretold, margins
+from fastcoil.explanation.found import Told
 from fastcoil.parameter_table import Scalar
 from fastcoil.simulation.loop import Loop
 

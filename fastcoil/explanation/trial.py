@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.boundary import Boundary
-from fastcoil.explain.cures import AS_IS, DEAD_BAND, REPAIRED, Cure, with_cures
-from fastcoil.explain.foretold import HUNTS_ABOVE
+from fastcoil.explanation.cures import AS_IS, DEAD_BAND, REPAIRED, Cure, with_cures
+from fastcoil.explanation.foretold import HUNTS_ABOVE
 from fastcoil.outputs import STATUS_OK
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.simulate import simulate

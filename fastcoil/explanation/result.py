@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.explain.answer import why_of
-from fastcoil.explain.found import Found
-from fastcoil.explain.words import sentences
+from fastcoil.explanation.answer import answer_of, why_of
+from fastcoil.explanation.found import Found
+from fastcoil.explanation.words import sentences
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Explanation:
     """Why one loop hunts on one day, or does not.
 
@@ -55,7 +55,7 @@ class Explanation:
     points: xr.Dataset | None
     cures: xr.Dataset
     recommended: str
-    _found: Found = field(repr=False)
+    _found: Found
 
     @classmethod
     def of(cls, found: Found) -> Explanation:
@@ -82,11 +82,14 @@ class Explanation:
         """The explanation in plain sentences, the answer first."""
         return "\n".join(sentences(self._found))
 
+    def __repr__(self) -> str:
+        return f"<fastcoil explanation: {answer_of(self._found)}>"
+
     def __str__(self) -> str:
         return self.text
 
     def plot(self) -> Figure:
         """The explanation on one page, as a matplotlib ``Figure``."""
-        from fastcoil.explain.figure import page
+        from fastcoil.explanation.figure import page
 
         return page(self._found)

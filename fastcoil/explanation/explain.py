@@ -9,15 +9,15 @@ import xarray as xr
 
 from fastcoil.arguments import checking, instance_of, whole_of
 from fastcoil.boundary import Boundary
-from fastcoil.explain.cures import Cure, cures_of, distance, with_cures
-from fastcoil.explain.doubts import left_out, why_not_linear
-from fastcoil.explain.foretold import Foretold, foretell, margins
-from fastcoil.explain.found import Found, Told
-from fastcoil.explain.hints import hints_of
-from fastcoil.explain.operating_points import operating_points
-from fastcoil.explain.phase import PARTS, phase_shares, response_of
-from fastcoil.explain.result import Explanation
-from fastcoil.explain.trial import recommended, try_cures, verdict
+from fastcoil.explanation.cures import Cure, cures_of, distance, with_cures
+from fastcoil.explanation.doubts import left_out, why_not_linear
+from fastcoil.explanation.foretold import Foretold, foretell, margins
+from fastcoil.explanation.found import Found, Told
+from fastcoil.explanation.hints import hints_of
+from fastcoil.explanation.operating_points import operating_points
+from fastcoil.explanation.phase import PARTS, phase_shares, response_of
+from fastcoil.explanation.result import Explanation
+from fastcoil.explanation.trial import recommended, try_cures, verdict
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import plan_simulation

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastcoil.explain.foretold import Foretold
+from fastcoil.explanation.foretold import Foretold
 from fastcoil.simulation.loop import Loop, words_used
 
 _LEFT_OUT = {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from fastcoil.explain.cures import LONGER_TI
-from fastcoil.explain.foretold import HUNTS_ABOVE
-from fastcoil.explain.found import Found, Told
+from fastcoil.explanation.cures import LONGER_TI
+from fastcoil.explanation.foretold import HUNTS_ABOVE
+from fastcoil.explanation.found import Found, Told
 from fastcoil.outputs import HUNTING_SWING
 
 MINUTES = 120.0

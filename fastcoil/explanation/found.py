@@ -7,9 +7,9 @@ from typing import NamedTuple
 import xarray as xr
 
 from fastcoil.boundary import Boundary
-from fastcoil.explain.cures import Distance
-from fastcoil.explain.foretold import UNSURE, Foretold
-from fastcoil.explain.phase import Response
+from fastcoil.explanation.cures import Distance
+from fastcoil.explanation.foretold import UNSURE, Foretold
+from fastcoil.explanation.phase import Response
 from fastcoil.outputs import STATUS_OK
 from fastcoil.simulation.loop import Loop
 

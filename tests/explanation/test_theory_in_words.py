@@ -1,0 +1,69 @@
+"""Distance from hunting and shares of the phase, on plants whose answers are known."""
+
+import math
+
+import control
+import numpy as np
+import pytest
+from helpers.first_order_plants import first_order_plants
+
+import fastcoil as fc
+from fastcoil.explanation.cures import distance, shortest_ti
+from fastcoil.explanation.foretold import Foretold
+from fastcoil.explanation.operating_points import OperatingPoints
+from fastcoil.explanation.phase import PARTS, phase_shares, response_of
+from fastcoil.simulation.scenarios import columns_of
+from fastcoil.theory.cycles import cycles_of
+
+GAIN, LAG = -15.0, 100.0
+
+
+def told(loop, delay):
+    """A loop around a plant of first order at a single operating point."""
+    plants = first_order_plants(GAIN, LAG, delay)
+    cycles = cycles_of(columns_of(loop, {}, np.zeros(1, dtype=np.int64)), plants)
+    nothing = np.zeros(1, dtype=np.int64)
+    points = OperatingPoints(nothing, nothing + 1, {"T_set": np.array([14.0])})
+    return Foretold(points, plants, cycles, 0)
+
+
+def tuned(kappa, rho, **changes):
+    """kp and ti as multiples of 1/gain and of the lag; the backlash's 1/(1 - X) counted as plant."""
+    return fc.Loop(kp=0.93 * kappa / -GAIN, ti=rho * LAG, sample_time=1, backlash=0.07, **changes)
+
+
+@pytest.mark.parametrize(("rho", "theta", "kappa"), [(0.3, 10, 1.6), (0.5, 20, 3.3), (0.2, 20, 0.67), (0.5, 50, 1.5)])
+def test_the_shortest_ti_is_that_of_the_published_table(rho, theta, kappa):
+    """literature: critical gain of a first-order lag with delay behind any backlash, by ti/lag and delay/lag."""
+    loop = tuned(kappa, 0.05)
+    assert shortest_ti(loop, told(loop, theta), 1.0) == pytest.approx(rho * LAG, rel=0.06)
+
+
+def test_twice_the_kp_is_half_the_distance():
+    near, far = (distance(tuned(kappa, 0.5), told(tuned(kappa, 0.5), 20)) for kappa in (2.0, 1.0))
+    assert far.kp_factor == pytest.approx(2.0 * near.kp_factor, rel=1e-6)
+    assert near.ti > far.ti
+
+
+def test_the_parts_take_180_degrees_each_what_its_formula_says():
+    loop = tuned(4.0, 0.3, sensor_time_constant=20.0)
+    foretold = told(loop, 10)
+    response = response_of(loop, foretold, 0)
+    k = response.at_period(200.0)
+    w = float(response.w[k])
+    shares = phase_shares(loop, response, k)
+    assert tuple(shares) == PARTS
+    assert sum(shares.values()) == pytest.approx(180.0)
+    assert shares["integral"] == pytest.approx(90.0 - math.degrees(math.atan(30.0 * w)), abs=1.0)
+    assert shares["sensor"] == pytest.approx(math.degrees(math.atan(20.0 * w)), abs=1.0)
+    assert shares["sampling"] == pytest.approx(math.degrees(0.5 * w), abs=1e-9)
+    assert shares["coil"] == pytest.approx(math.degrees(math.atan(LAG * w) + 10.0 * w), abs=2.0)
+
+
+def test_a_loop_that_rings_without_backlash_is_told_from_one_that_does_not():
+    loop = tuned(4.0, 0.6)
+    response = response_of(loop, told(loop, 20), 0)
+    s = control.tf("s")
+    pade = control.tf(*control.pade(20.5, 6))
+    L = 4.0 * (1.0 + 1.0 / (60.0 * s)) * pade / (1.0 + LAG * s)
+    assert 1.0 / response.gain_at_180 == pytest.approx(control.margin(L)[0], rel=0.05)
