@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.explanation.foretold import HUNTS_ABOVE, SAFE, Foretold, margins
+from fastcoil.explanation.foretold import HUNTS_ABOVE, SAFE, Foretold, margins, simc_gains
 from fastcoil.parameter_table import PARAMETERS, Scalar
 from fastcoil.simulation.loop import Loop
 
@@ -89,7 +89,7 @@ def _last_crossing(grid: np.ndarray, values: np.ndarray, limit: float) -> float:
     return float(grid[k] * (grid[k + 1] / grid[k]) ** share)
 
 
-def cures_of(loop: Loop, foretold: Foretold | None, simc: tuple[float, float] | None) -> list[Cure]:
+def cures_of(loop: Loop, foretold: Foretold | None) -> list[Cure]:
     """What to try on one loop, as it is first.
 
     Parameters
@@ -98,8 +98,6 @@ def cures_of(loop: Loop, foretold: Foretold | None, simc: tuple[float, float] | 
         A single scenario.
     foretold
         None where theory cannot tell: then no gains are proposed.
-    simc
-        kp and ti after SIMC, if there are any.
     """
     kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
     found = [Cure(AS_IS, "as it is", {})]
@@ -111,6 +109,7 @@ def cures_of(loop: Loop, foretold: Foretold | None, simc: tuple[float, float] | 
             more = _rounded(more, down=False)
             found.append(Cure(LONGER_TI, f"kp {kp:g} 1/K, ti {more:g} s", {"ti": more}))
     gains: dict[str, Scalar] = {}
+    simc = simc_gains(loop, foretold) if foretold is not None else None
     if simc is not None:
         gains = {"kp": _rounded(simc[0]), "ti": _rounded(simc[1])}
         found.append(Cure(SIMC, f"SIMC: kp {gains['kp']:g} 1/K, ti {gains['ti']:g} s", gains))

@@ -11,7 +11,7 @@ from fastcoil.arguments import checking, instance_of, whole_of
 from fastcoil.boundary import Boundary
 from fastcoil.explanation.cures import Cure, cures_of, distance, with_cures
 from fastcoil.explanation.doubts import left_out, why_not_linear
-from fastcoil.explanation.foretold import Foretold, foretell, margins
+from fastcoil.explanation.foretold import Foretold, foretell, gain_margin_without_backlash, margins
 from fastcoil.explanation.found import Found, Told
 from fastcoil.explanation.hints import hints_of
 from fastcoil.explanation.operating_points import operating_points
@@ -75,7 +75,7 @@ def explain(
     if foretold is not None and foretold.worst < 0:
         doubts, foretold = ("no set-point of the day can be held: the valve is at its end all the time",), None
     told = _told(loop, foretold) if foretold is not None else None
-    tried = cures_of(loop, foretold, _simc(loop, foretold))
+    tried = cures_of(loop, foretold)
     cures = _tried(loop, boundary, tried, foretold, warm_up, seed)
     return Explanation.of(
         Found(
@@ -107,11 +107,6 @@ def _second_of(boundary: Boundary) -> str:
     return f"give a second of the boundary, a whole number from 0 to {boundary.n_steps - 1}"
 
 
-def _simc(loop: Loop, foretold: Foretold | None) -> tuple[float, float] | None:
-    """kp and ti after SIMC at the worst operating point."""
-    return None if foretold is None else (0.01, 40.0)
-
-
 def _told(loop: Loop, foretold: Foretold) -> Told:
     """What theory tells at the worst operating point: the phase at the frequency of the cycle, or nearest to one."""
     response = response_of(loop, foretold, foretold.worst)
@@ -119,7 +114,7 @@ def _told(loop: Loop, foretold: Foretold) -> Told:
     shares, period = phase_shares(loop, response, k), 2.0 * math.pi / float(response.w[k])
     attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": period}
     phase = xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
-    return Told(foretold, response, distance(loop, foretold), phase)
+    return Told(foretold, response, distance(loop, foretold), phase, gain_margin_without_backlash(loop, foretold))
 
 
 def _tried(

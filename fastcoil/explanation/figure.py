@@ -51,6 +51,8 @@ def page(found: Found) -> Figure:
 
 def _nichols(axes: Axes, told: Told) -> None:
     """Gain of L and of -1/N over their phase: the margin is how far L is above -1/N at the same phase."""
+    from matplotlib.ticker import LogLocator
+
     response, N = told.response, depths()[1]
     k = response.critical
     L, phase = np.abs(response.L), response.left - 180.0
@@ -66,11 +68,14 @@ def _nichols(axes: Axes, told: Told) -> None:
     axes.plot(at, L[k], "o", color=BLUE, ms=6)
     axes.plot(at, edge, "o", mfc="white", color=RED, ms=6)
     axes.annotate(
-        f"margin {response.margin[k]:.2g}", (at, math.sqrt(edge * float(L[k]))), xytext=(6, 0),
-        textcoords="offset points", va="center", fontsize=8,
+        f"margin {response.margin[k]:.2g}", (at, math.sqrt(edge * float(L[k]))), xytext=(-6, 0),
+        textcoords="offset points", ha="right", va="center", fontsize=8,
     )  # fmt: skip
     axes.set(yscale="log", xlim=_PHASES, ylim=(low, high), xlabel="phase [°]", ylabel="gain")
     axes.set_xticks(range(-180, -80, 30))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
     axes.set_title("Hunts where L is above −1/N", loc="left")
     axes.legend(loc="lower right", frameon=False)
 

@@ -8,11 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array, Index
-from fastcoil.explanation.operating_points import OperatingPoints
+from fastcoil.explanation.operating_points import PointsOfDay
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
 from fastcoil.theory.cycles import Cycles, cycles_of
+from fastcoil.theory.margins import margins_of
 from fastcoil.theory.plants import Plants, plants_of
+from fastcoil.theory.tunings import first_order, simc
 
 HUNTS_ABOVE = 0.8
 """Margin above which a loop hunts."""
@@ -29,7 +31,7 @@ class Foretold(NamedTuple):
     worst: the point with the largest margin among those at which the set-point can be reached; -1 if there is none.
     """
 
-    points: OperatingPoints
+    points: PointsOfDay
     plants: Plants
     cycles: Cycles
     worst: int
@@ -55,7 +57,7 @@ class Foretold(NamedTuple):
         return int(np.count_nonzero(self.cycles.hunts[self.reached]))
 
 
-def foretell(loop: Loop, points: OperatingPoints) -> Foretold:
+def foretell(loop: Loop, points: PointsOfDay) -> Foretold:
     """Linearise one loop at the operating points of a day and look for its cycles.
 
     Parameters
@@ -87,3 +89,18 @@ def picked(plants: Plants, which: Index) -> Plants:
     """Some of the plants, in any order, some perhaps several times."""
     fields: Any = (values[which] for values in plants)
     return Plants(*fields)
+
+
+def gain_margin_without_backlash(loop: Loop, foretold: Foretold) -> float:
+    """By how much the kp of one loop may be multiplied behind a perfect valve, where it is worst; below 1 it swings."""
+    columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64)) | {"backlash": np.zeros(1)}
+    return float(margins_of(columns, picked(foretold.plants, np.array([foretold.worst]))).gain_margin[0])
+
+
+def simc_gains(loop: Loop, foretold: Foretold) -> tuple[float, float] | None:
+    """kp and ti after SIMC for one loop where it is worst; None where the valve changes nothing."""
+    columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64))
+    plant = picked(foretold.plants, np.array([foretold.worst]))
+    gains = simc(columns, plant, first_order(columns, plant))
+    found = float(gains.kp[0]), float(gains.ti[0])
+    return found if all(map(math.isfinite, found)) else None

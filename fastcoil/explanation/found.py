@@ -17,18 +17,20 @@ from fastcoil.simulation.loop import Loop
 class Told(NamedTuple):
     """What theory tells of a loop.
 
-    response, phase: at the worst operating point; phase has the degrees that each part of the loop takes over ``part``.
+    response, phase, gain_margin: at the worst operating point; phase has the degrees that each part of the loop takes
+    over ``part``; the gain margin is that behind a perfect valve.
     """
 
     foretold: Foretold
     response: Response
     distance: Distance
     phase: xr.DataArray
+    gain_margin: float
 
     @property
     def rings(self) -> bool:
         """Whether the loop would swing behind a perfect valve, too."""
-        return self.response.gain_at_180 >= 1.0
+        return self.gain_margin <= 1.0
 
     @property
     def unsure(self) -> bool:

@@ -18,7 +18,7 @@ SHORTEST = 300
 """Seconds that an hour must spend at a set-point before it counts as an operating point of its own."""
 
 
-class OperatingPoints(NamedTuple):
+class PointsOfDay(NamedTuple):
     """Operating points of a day, in the order of time.
 
     start, seconds: (n,) first second, and how many the point stands for.  conditions: name → (n,) means.
@@ -33,7 +33,7 @@ class OperatingPoints(NamedTuple):
         return self.start.size
 
 
-def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) -> OperatingPoints:
+def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) -> PointsOfDay:
     """Operating points of a boundary of one day.
 
     Parameters
@@ -55,7 +55,7 @@ def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) ->
     if at is not None:
         if not on[at]:
             raise InputError(f"at = {at}: the plant is off at that second, give one at which it runs")
-        return OperatingPoints(np.array([at]), np.array([1]), {n: v[at : at + 1].copy() for n, v in series.items()})
+        return PointsOfDay(np.array([at]), np.array([1]), {n: v[at : at + 1].copy() for n, v in series.items()})
     counted = np.flatnonzero(on & (np.arange(on.size) >= warm_up))
     if not counted.size:
         raise InputError("the plant is off throughout: give a boundary in which it is enabled")
@@ -68,4 +68,4 @@ def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) ->
     means = {n: np.bincount(member, v[counted]) / seconds for n, v in series.items()}
     long = seconds >= min(SHORTEST, int(seconds.max()))
     order = np.flatnonzero(long)[np.argsort(start[long])]
-    return OperatingPoints(start[order], seconds[order], {n: v[order] for n, v in means.items()})
+    return PointsOfDay(start[order], seconds[order], {n: v[order] for n, v in means.items()})

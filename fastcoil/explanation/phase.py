@@ -12,7 +12,8 @@ from fastcoil.explanation.foretold import Foretold, picked
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
 from fastcoil.theory.describing_function import describing_function
-from fastcoil.theory.plants import Complex, loop_response
+from fastcoil.theory.plants import loop_response
+from fastcoil.theory.response import Complex
 
 PARTS = ("integral", "coil", "sensor", "sampling", "backlash")
 _SLOWEST = 1e-4
@@ -40,17 +41,6 @@ class Response(NamedTuple):
     def at_period(self, period: float) -> int:
         """Index of the frequency of a period, s; the critical one without a period."""
         return int(np.argmin(np.abs(self.w - 2.0 * math.pi / period))) if math.isfinite(period) else self.critical
-
-    @property
-    def gain_at_180(self) -> float:
-        """|L| where its phase first reaches 180°, 0 if it never does: 1 or more rings behind a perfect valve too."""
-        beyond = np.flatnonzero(self.left <= 0.0)
-        if not beyond.size or beyond[0] == 0:
-            return 0.0
-        k = int(beyond[0])
-        share = self.left[k - 1] / (self.left[k - 1] - self.left[k])
-        size = np.log(np.abs(self.L[k - 1 : k + 1]))
-        return math.exp(float(size[0] + share * (size[1] - size[0])))
 
 
 def depths() -> tuple[Array, Complex]:

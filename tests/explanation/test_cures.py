@@ -70,9 +70,9 @@ def test_a_loop_that_does_not_hunt_is_left_alone_for_less_than_5_per_cent_and_no
 
 
 def test_where_theory_cannot_tell_no_gains_are_proposed():
-    assert [cure.name for cure in cures_of(fc.Loop(), None, None)] == [AS_IS, "dead_band", "repaired_valve"]
+    assert [cure.name for cure in cures_of(fc.Loop(), None)] == [AS_IS, "dead_band", "repaired_valve"]
     good = fc.Loop(backlash=0.0, error_dead_band=0.3)
-    assert [cure.name for cure in cures_of(good, None, None)] == [AS_IS]
+    assert [cure.name for cure in cures_of(good, None)] == [AS_IS]
 
 
 def test_each_cure_changes_its_own_parameters_only():

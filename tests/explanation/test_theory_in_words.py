@@ -9,8 +9,8 @@ from helpers.first_order_plants import first_order_plants
 
 import fastcoil as fc
 from fastcoil.explanation.cures import distance, shortest_ti
-from fastcoil.explanation.foretold import Foretold
-from fastcoil.explanation.operating_points import OperatingPoints
+from fastcoil.explanation.foretold import Foretold, gain_margin_without_backlash, simc_gains
+from fastcoil.explanation.operating_points import PointsOfDay
 from fastcoil.explanation.phase import PARTS, phase_shares, response_of
 from fastcoil.simulation.scenarios import columns_of
 from fastcoil.theory.cycles import cycles_of
@@ -23,7 +23,7 @@ def told(loop, delay):
     plants = first_order_plants(GAIN, LAG, delay)
     cycles = cycles_of(columns_of(loop, {}, np.zeros(1, dtype=np.int64)), plants)
     nothing = np.zeros(1, dtype=np.int64)
-    points = OperatingPoints(nothing, nothing + 1, {"T_set": np.array([14.0])})
+    points = PointsOfDay(nothing, nothing + 1, {"T_set": np.array([14.0])})
     return Foretold(points, plants, cycles, 0)
 
 
@@ -62,8 +62,15 @@ def test_the_parts_take_180_degrees_each_what_its_formula_says():
 
 def test_a_loop_that_rings_without_backlash_is_told_from_one_that_does_not():
     loop = tuned(4.0, 0.6)
-    response = response_of(loop, told(loop, 20), 0)
     s = control.tf("s")
     pade = control.tf(*control.pade(20.5, 6))
-    L = 4.0 * (1.0 + 1.0 / (60.0 * s)) * pade / (1.0 + LAG * s)
-    assert 1.0 / response.gain_at_180 == pytest.approx(control.margin(L)[0], rel=0.05)
+    L = 0.93 * 4.0 * (1.0 + 1.0 / (60.0 * s)) * pade / (1.0 + LAG * s)
+    assert gain_margin_without_backlash(loop, told(loop, 20)) == pytest.approx(control.margin(L)[0], rel=0.05)
+
+
+def test_simc_is_that_of_the_plant():
+    """Skogestad (2003): kp = lag/(2 K delay), ti = min(lag, 8 delay), half a sample of delay added."""
+    loop = tuned(4.0, 0.6)
+    kp, ti = simc_gains(loop, told(loop, 20))
+    assert kp == pytest.approx(LAG / (2.0 * 20.5 * -GAIN), rel=0.03)
+    assert ti == pytest.approx(LAG, rel=0.03)
