@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from fastcoil.explanation.cures import LONGER_TI
-from fastcoil.explanation.foretold import HUNTS_ABOVE
 from fastcoil.explanation.found import Found, Told
 from fastcoil.outputs import HUNTING_SWING
+from fastcoil.theory.cycles import HUNTS_ABOVE
 
 MINUTES = 120.0
 """Seconds from which a period is told in minutes."""
@@ -35,14 +35,19 @@ def _quiet(found: Found) -> str:
         return "This loop will not hunt."
     if not float(found.now["hunting_swing"]) > HUNTING_SWING:
         return "This loop cycles, but hardly: its swing is too small to count as hunting."
-    return "This loop is on the edge: the margin foretells hunting, the simulated day does not count as hunting."
+    told = found.told.foretold
+    if told.n_hunting < told.reached.size:
+        return (
+            f"This loop will hunt for a part of the day: at {told.n_hunting} of {told.reached.size} operating points."
+        )
+    return "This loop is foretold to hunt, but the simulated day does not count as hunting."
 
 
 def why_of(found: Found) -> str:
     """The reason, in a sentence or two."""
     if found.told is None:
         return f"Why: theory cannot tell, since {'; '.join(found.doubts)}.  The answer is that of the simulation."
-    if not found.told.foretold.hunts and not _only_without_gap(found):
+    if not found.told.foretold.hunts:
         return _why_quiet(found, found.told)
     return f"Why: {_too_fast(found, found.told)} {_backlash(found, found.told)}"
 
@@ -70,11 +75,6 @@ def per_cent(value: float) -> str:
     return f"{100.0 * value:.3g} %"
 
 
-def _only_without_gap(found: Found) -> bool:
-    """Whether a valve without backlash is all that keeps the loop quiet."""
-    return not found.value("backlash") and found.told is not None and found.told.foretold.margin > HUNTS_ABOVE
-
-
 def _why_quiet(found: Found, told: Told) -> str:
     far = f"it would with {told.distance.kp_factor:.2g} times this kp"
     if told.distance.ti < found.value("ti"):
@@ -99,8 +99,6 @@ def _too_fast(found: Found, told: Told) -> str:
 
 
 def _backlash(found: Found, told: Told) -> str:
-    if told.rings:
+    if told.rings or not found.value("backlash"):
         return "It would swing behind a perfect valve, too."
-    if not found.value("backlash"):
-        return "Without backlash it does not; with any it would."
     return f"Any backlash starts it; that of {per_cent(found.value('backlash'))} sets the size of the swing."

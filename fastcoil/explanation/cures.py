@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.explanation.foretold import HUNTS_ABOVE, SAFE, Foretold, margins, simc_gains
+from fastcoil.explanation.foretold import SAFE, Foretold, margins, simc_gains
 from fastcoil.parameter_table import PARAMETERS, Scalar
 from fastcoil.simulation.loop import Loop
+from fastcoil.theory.cycles import HUNTS_ABOVE
 
 AS_IS, LOWER_KP, LONGER_TI, SIMC, DEAD_BAND, INVERSE, BOTH, REPAIRED = (
     "as_it_is", "lower_kp", "longer_ti", "simc", "dead_band", "inverse", "simc_and_inverse", "repaired_valve",

@@ -8,16 +8,17 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.arguments import checking, instance_of, whole_of
+from fastcoil.arrays import Array
 from fastcoil.boundary import Boundary
 from fastcoil.explanation.cures import Cure, cures_of, distance, with_cures
-from fastcoil.explanation.doubts import left_out, why_not_linear
-from fastcoil.explanation.foretold import Foretold, foretell, gain_margin_without_backlash, margins
+from fastcoil.explanation.doubts import left_out, why_no_margin, why_not_linear
+from fastcoil.explanation.foretold import Foretold, cycles_at, foretell, gain_margin_without_backlash
 from fastcoil.explanation.found import Found, Told
 from fastcoil.explanation.hints import hints_of
 from fastcoil.explanation.operating_points import operating_points
 from fastcoil.explanation.phase import PARTS, phase_shares, response_of
 from fastcoil.explanation.result import Explanation
-from fastcoil.explanation.trial import recommended, try_cures, verdict
+from fastcoil.explanation.trial import recommended, swings_at, try_cures, verdict
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import plan_simulation
@@ -73,10 +74,11 @@ def explain(
     doubts = why_not_linear(loop)
     foretold = foretell(loop, points) if not doubts else None
     if foretold is not None and foretold.worst < 0:
-        doubts, foretold = ("no set-point of the day can be held: the valve is at its end all the time",), None
-    told = _told(loop, foretold) if foretold is not None else None
+        doubts, foretold = why_no_margin(foretold), None
     tried = cures_of(loop, foretold)
     cures = _tried(loop, boundary, tried, foretold, warm_up, seed)
+    swings = swings_at(points, boundary, cures.isel(cure=0))
+    told = _told(loop, foretold, swings) if foretold is not None else None
     return Explanation.of(
         Found(
             loop=loop,
@@ -107,14 +109,14 @@ def _second_of(boundary: Boundary) -> str:
     return f"give a second of the boundary, a whole number from 0 to {boundary.n_steps - 1}"
 
 
-def _told(loop: Loop, foretold: Foretold) -> Told:
-    """What theory tells at the worst operating point: the phase at the frequency of the cycle, or nearest to one."""
-    response = response_of(loop, foretold, foretold.worst)
-    k = response.at_period(float(foretold.cycles.period[foretold.worst]))
-    shares, period = phase_shares(loop, response, k), 2.0 * math.pi / float(response.w[k])
-    attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": period}
+def _told(loop: Loop, foretold: Foretold, swings: Array) -> Told:
+    """What theory tells at the worst operating point."""
+    response = response_of(loop, foretold)
+    shares = phase_shares(loop, response)
+    attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": response.period}
     phase = xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
-    return Told(foretold, response, distance(loop, foretold), phase, gain_margin_without_backlash(loop, foretold))
+    perfect = gain_margin_without_backlash(loop, foretold)
+    return Told(foretold, response, distance(loop, foretold), phase, perfect, swings)
 
 
 def _tried(
@@ -122,11 +124,13 @@ def _tried(
 ) -> xr.Dataset:
     """The cures, simulated and foretold, with their names, words and verdicts."""
     ds = try_cures(loop, boundary, tried, warm_up, seed)
-    worst = np.full(len(tried), math.nan)
+    worst, n_hunting = np.full(len(tried), math.nan), np.zeros(len(tried))
     if foretold is not None:
-        worst = margins(with_cures(loop, tried), foretold.plants, foretold.reached).max(axis=1)
-    return ds.assign_coords(cure=[cure.name for cure in tried]).assign(
+        cycles = cycles_at(with_cures(loop, tried), foretold.plants, foretold.reached)
+        worst, n_hunting = cycles.margin.max(axis=1), np.count_nonzero(cycles.hunts > 0.0, axis=1)
+    ds = ds.assign_coords(cure=[cure.name for cure in tried]).assign(
         words=("cure", [cure.words for cure in tried]),
-        margin=("cure", worst, {"long_name": "describing-function margin, foretold"}),
-        verdict=("cure", [verdict(ds, k) for k in range(len(tried))]),
+        margin=("cure", worst, {"long_name": "largest describing-function margin, foretold"}),
+        n_hunting=("cure", n_hunting, {"long_name": "operating points foretold to hunt"}),
     )
+    return ds.assign(verdict=("cure", [verdict(ds, k) for k in range(len(tried))]))

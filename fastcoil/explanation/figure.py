@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fastcoil.explanation.answer import answer_of, why_of
+from fastcoil.explanation.answer import answer_of, seconds, why_of
 from fastcoil.explanation.cures import SIMC, TUNINGS
-from fastcoil.explanation.foretold import HUNTS_ABOVE, margins
+from fastcoil.explanation.foretold import margins
 from fastcoil.explanation.found import Found, Told
-from fastcoil.explanation.phase import depths
 from fastcoil.plots.style import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
+from fastcoil.theory.cycles import HUNTS_ABOVE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +25,7 @@ _PHASES = (-200.0, -85.0)
 """Degrees: where a backlash may bring the phase to -180°, and some more."""
 _SPAN, _TI_STEPS = 8.0, 60
 """The map goes from the gains of now and the cures, divided by this, to as many times them."""
-_CONTOURS = (0.4, 0.8, 1.6)
+_CONTOURS = (0.4, HUNTS_ABOVE, 1.7)
 _MARKS = {"lower_kp": "v", "longer_ti": ">", "simc": "s"}
 
 
@@ -53,22 +53,21 @@ def _nichols(axes: Axes, told: Told) -> None:
     """Gain of L and of -1/N over their phase: the margin is how far L is above -1/N at the same phase."""
     from matplotlib.ticker import LogLocator
 
-    response, N = told.response, depths()[1]
-    k = response.critical
+    response, k = told.response, told.response.k
     L, phase = np.abs(response.L), response.left - 180.0
-    edge, at = L[k] / response.margin[k], float(phase[k])
+    margin, at = told.foretold.margin, float(phase[k])
+    curve, on_curve = 1.0 / np.abs(response.N), -180.0 - np.degrees(np.angle(response.N))
+    edge = float(L[k]) / margin
     seen = (phase > _PHASES[0] - 5.0) & (phase < _PHASES[1] + 5.0)
     low, high = 0.3 * min(edge, float(L[k])), 5.0 * max(edge, float(L[k]))
-    curve, on_curve = 1.0 / np.abs(N), -180.0 - np.degrees(np.angle(N))
-    axes.fill_between(on_curve, curve, high, color=FAINT, lw=0)
     axes.plot(phase[seen], L[seen], color=BLUE, label="loop L(jω)")
-    axes.plot(on_curve, curve, color=RED, ls="--", label="backlash −1/N(A)")
+    axes.plot(on_curve, curve, color=RED, ls="--", label="backlash and motor −1/N")
     axes.plot(-180.0, 1.0, "+", color="black", ms=8)
     axes.plot([at, at], [edge, L[k]], color="black", lw=0.9, ls=DOTTED)
     axes.plot(at, L[k], "o", color=BLUE, ms=6)
     axes.plot(at, edge, "o", mfc="white", color=RED, ms=6)
     axes.annotate(
-        f"margin {response.margin[k]:.2g}", (at, math.sqrt(edge * float(L[k]))), xytext=(-6, 0),
+        f"margin {margin:.2g}", (at, math.sqrt(edge * float(L[k]))), xytext=(-6, 0),
         textcoords="offset points", ha="right", va="center", fontsize=8,
     )  # fmt: skip
     axes.set(yscale="log", xlim=_PHASES, ylim=(low, high), xlabel="phase [°]", ylabel="gain")
@@ -76,7 +75,7 @@ def _nichols(axes: Axes, told: Told) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("")
-    axes.set_title("Hunts where L is above −1/N", loc="left")
+    axes.set_title(f"Near a cycle where L meets −1/N, here every {seconds(response.period)}", loc="left")
     axes.legend(loc="lower right", frameon=False)
 
 

@@ -16,10 +16,8 @@ from fastcoil.theory.margins import margins_of
 from fastcoil.theory.plants import Plants, plants_of
 from fastcoil.theory.tunings import first_order, simc
 
-HUNTS_ABOVE = 0.8
-"""Margin above which a loop hunts."""
-UNSURE = (0.7, 0.9)
-"""Margins between which the linear model does not decide."""
+UNSURE = (0.7, 1.0)
+"""Margins between which theory does not decide."""
 SAFE = 0.7
 """Margin that a cure has to reach."""
 
@@ -28,7 +26,8 @@ class Foretold(NamedTuple):
     """A loop at the operating points of a day.
 
     plants: linear models of valve and coil.  cycles: margin, hunts, period and amplitude, (n_points,) each.
-    worst: the point with the largest margin among those at which the set-point can be reached; -1 if there is none.
+    worst: the point with the largest margin among those at which the set-point can be reached and theory has one; -1 if
+    there is none.
     """
 
     points: PointsOfDay
@@ -38,8 +37,8 @@ class Foretold(NamedTuple):
 
     @property
     def reached(self) -> Index:
-        """The operating points at which the valve can hold the set-point."""
-        return np.flatnonzero(self.plants.reachable)
+        """The operating points at which the valve can hold the set-point, and theory has a margin."""
+        return np.flatnonzero(self.plants.reachable & np.isfinite(self.cycles.margin))
 
     @property
     def margin(self) -> float:
@@ -52,9 +51,20 @@ class Foretold(NamedTuple):
         return self.n_hunting > 0
 
     @property
+    def hunting(self) -> Index:
+        """The operating points at which it is foretold to hunt."""
+        return self.reached[self.cycles.hunts[self.reached] > 0.0]
+
+    @property
     def n_hunting(self) -> int:
-        """Operating points at which it is foretold to hunt."""
-        return int(np.count_nonzero(self.cycles.hunts[self.reached]))
+        """How many these are."""
+        return int(self.hunting.size)
+
+    @property
+    def frequency(self) -> float:
+        """Where the worst point cycles, or is nearest to it, rad/s; NaN if its margin is 0."""
+        period = float(self.cycles.period[self.worst])
+        return 2.0 * math.pi / period if math.isfinite(period) else float(self.cycles.frequency[self.worst])
 
 
 def foretell(loop: Loop, points: PointsOfDay) -> Foretold:
@@ -67,22 +77,33 @@ def foretell(loop: Loop, points: PointsOfDay) -> Foretold:
     points
         Of one day.
     """
-    columns = columns_of(loop, {}, np.zeros(points.size, dtype=np.int64))
+    columns = columns_of(_without_dead_band(loop), {}, np.zeros(points.size, dtype=np.int64))
     plants = plants_of(columns, points.conditions)
     cycles = cycles_of(columns, plants)
-    reached = np.flatnonzero(plants.reachable)
-    worst = int(reached[np.argmax(cycles.margin[reached])]) if reached.size else -1
-    return Foretold(points, plants, cycles, worst)
+    found = Foretold(points, plants, cycles, -1)
+    reached = found.reached
+    return found._replace(worst=int(reached[np.argmax(cycles.margin[reached])])) if reached.size else found
 
 
-def margins(loop: Loop, plants: Plants, which: Index) -> Array:
-    """Margin of every scenario of a sweep at some operating points, (n_scenarios, n_points).
+def cycles_at(loop: Loop, plants: Plants, which: Index) -> Cycles:
+    """Cycles of every scenario of a sweep at some operating points, (n_scenarios, n_points) each.
 
     The sweep may change the controller and the backlash, which leave the plants as they are.
     """
     n = math.prod(loop.sizes.values())
-    columns = columns_of(loop, loop.sizes, np.repeat(np.arange(n), which.size))
-    return cycles_of(columns, picked(plants, np.tile(which, n))).margin.reshape(n, which.size)
+    columns = columns_of(_without_dead_band(loop), loop.sizes, np.repeat(np.arange(n), which.size))
+    found = cycles_of(columns, picked(plants, np.tile(which, n)))
+    return Cycles(*(values.reshape(n, which.size) for values in found))
+
+
+def margins(loop: Loop, plants: Plants, which: Index) -> Array:
+    """Their margins alone."""
+    return cycles_at(loop, plants, which).margin
+
+
+def _without_dead_band(loop: Loop) -> Loop:
+    """Theory knows no dead band: it foretells what the loop does without, and that is told."""
+    return loop.assign(error_dead_band=0.0) if np.any(np.asarray(loop["error_dead_band"])) else loop
 
 
 def picked(plants: Plants, which: Index) -> Plants:

@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import xarray as xr
 
+from fastcoil.arrays import Array
 from fastcoil.boundary import Boundary
 from fastcoil.explanation.cures import Distance
 from fastcoil.explanation.foretold import UNSURE, Foretold
 from fastcoil.explanation.phase import Response
+from fastcoil.explanation.trial import hunting
 from fastcoil.outputs import STATUS_OK
 from fastcoil.simulation.loop import Loop
 
@@ -18,7 +20,7 @@ class Told(NamedTuple):
     """What theory tells of a loop.
 
     response, phase, gain_margin: at the worst operating point; phase has the degrees that each part of the loop takes
-    over ``part``; the gain margin is that behind a perfect valve.
+    over ``part``; the gain margin is that behind a perfect valve.  swings: simulated at each operating point, K.
     """
 
     foretold: Foretold
@@ -26,6 +28,7 @@ class Told(NamedTuple):
     distance: Distance
     phase: xr.DataArray
     gain_margin: float
+    swings: Array
 
     @property
     def rings(self) -> bool:
@@ -54,6 +57,7 @@ class Told(NamedTuple):
                 "hunts": ("point", cycles.hunts),
                 "period": ("point", cycles.period, second),
                 "amplitude": ("point", cycles.amplitude, kelvin | {"long_name": "half of peak to peak"}),
+                "swing": ("point", self.swings, kelvin | {"long_name": "simulated, peak to peak"}),
             }
         )
 
@@ -89,6 +93,11 @@ class Found(NamedTuple):
     def hunts(self) -> bool:
         """Whether the simulated day hunts."""
         return bool(self.now["hunts"] > 0)
+
+    @property
+    def needs_cure(self) -> bool:
+        """Whether it hunts, or is foretold to for a part of the day."""
+        return bool(hunting(self.cures)[0])
 
     def value(self, name: str) -> float:
         """A parameter of the loop."""

@@ -22,11 +22,13 @@ class PointsOfDay(NamedTuple):
     """Operating points of a day, in the order of time.
 
     start, seconds: (n,) first second, and how many the point stands for.  conditions: name → (n,) means.
+    of_second: (n_steps,), number of the point that a second belongs to; -1 for none.
     """
 
     start: Index
     seconds: Index
     conditions: dict[str, Array]
+    of_second: Index
 
     @property
     def size(self) -> int:
@@ -55,7 +57,8 @@ def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) ->
     if at is not None:
         if not on[at]:
             raise InputError(f"at = {at}: the plant is off at that second, give one at which it runs")
-        return PointsOfDay(np.array([at]), np.array([1]), {n: v[at : at + 1].copy() for n, v in series.items()})
+        only = np.where(np.arange(on.size) == at, 0, -1)
+        return PointsOfDay(np.array([at]), np.array([1]), {n: v[at : at + 1].copy() for n, v in series.items()}, only)
     counted = np.flatnonzero(on & (np.arange(on.size) >= warm_up))
     if not counted.size:
         raise InputError("the plant is off throughout: give a boundary in which it is enabled")
@@ -68,4 +71,8 @@ def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) ->
     means = {n: np.bincount(member, v[counted]) / seconds for n, v in series.items()}
     long = seconds >= min(SHORTEST, int(seconds.max()))
     order = np.flatnonzero(long)[np.argsort(start[long])]
-    return PointsOfDay(start[order], seconds[order], {n: v[order] for n, v in means.items()})
+    number = np.full(seconds.size, -1)
+    number[order] = np.arange(order.size)
+    of_second = np.full(on.size, -1)
+    of_second[counted] = number[member]
+    return PointsOfDay(start[order], seconds[order], {n: v[order] for n, v in means.items()}, of_second)

@@ -22,7 +22,7 @@ def table_of(found: Found) -> list[str]:
             says = str(one["verdict"].item())
         else:
             error_word, travel_word = f"{error:.3g} K", f"{travel:.3g} strokes"
-            says = "hunts" if one["hunts"] > 0 else "does not hunt"
+            says = "hunts" if found.hunts else "hunts at times" if found.needs_cure else "does not hunt"
         swing = float(one["hunting_swing"])
         cells = [f"{float(one['margin']):.2f}", error_word, f"{swing:.2g} K", travel_word]
         known = (float(one["margin"]), error, swing, travel)
@@ -33,5 +33,9 @@ def table_of(found: Found) -> list[str]:
     for row in rows:
         numbers = [cell.rjust(width) for cell, width in zip(row[1:-1], widths[1:-1], strict=True)]
         lines.append("  ".join([row[0].ljust(widths[0]), *numbers, row[-1]]).rstrip())
-    title = "What would cure it, and what that costs:" if found.hunts else "What else could be done, and what it costs:"
+    title = (
+        "What would cure it, and what that costs:"
+        if found.needs_cure
+        else "What else could be done, and what it costs:"
+    )
     return [f"{title} the day simulated with each", *lines]

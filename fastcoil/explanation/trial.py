@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from fastcoil.arrays import Array, Mask
 from fastcoil.boundary import Boundary
 from fastcoil.explanation.cures import AS_IS, DEAD_BAND, REPAIRED, Cure, with_cures
-from fastcoil.explanation.foretold import HUNTS_ABOVE
-from fastcoil.outputs import STATUS_OK
+from fastcoil.explanation.operating_points import PointsOfDay
+from fastcoil.outputs import SETTLING_TIME, STATUS_OK
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.simulate import simulate
+from fastcoil.theory.cycles import HUNTS_ABOVE
 
 _POINTS = 43200
 """Most samples of a trace: one every 2 s of a day."""
@@ -29,19 +31,41 @@ def try_cures(loop: Loop, boundary: Boundary, cures: list[Cure], warm_up: int, s
     return ds if "cure" in ds.dims else ds.expand_dims("cure")
 
 
+def swings_at(points: PointsOfDay, boundary: Boundary, now: xr.Dataset) -> Array:
+    """Simulated swing at each operating point, K: max - min of T_sup in settled seconds; NaN if there are none."""
+    T_set = boundary.series["T_set"][0]
+    seconds = np.arange(T_set.size)
+    changed = np.flatnonzero(np.diff(T_set, prepend=T_set[0]))
+    last = np.searchsorted(changed, seconds, side="right")
+    since = seconds - np.where(last > 0, changed[last - 1] if changed.size else 0, -SETTLING_TIME)
+    of_second = np.where(since >= SETTLING_TIME, points.of_second, -1)[now["elapsed_time"].values.astype(int)]
+    T_sup = now["T_sup"].values
+    seen = [T_sup[of_second == k] for k in range(points.size)]
+    return np.array([np.ptp(T) if T.size else np.nan for T in seen])
+
+
+def hunting(ds: xr.Dataset) -> Mask:
+    """Which cures leave the loop hunting, as it is first: those whose simulated day hunts.
+
+    Where the loop hunts for too small a part of the day to count as hunting, those that are foretold to do so, too.
+    """
+    shown, told = ds["hunts"].values > 0, ds["n_hunting"].values > 0
+    return np.asarray(shown | told if told[0] and not shown[0] else shown)
+
+
 def verdict(ds: xr.Dataset, k: int) -> str:
     """What a cure did, in a few words; as it is first in ``ds``."""
     if int(ds["status"][k]) != STATUS_OK:
         return "failed"
-    now, then = ds.isel(cure=0), ds.isel(cure=k)
-    error = float(then["rmse"] / now["rmse"])
-    if not now["hunts"] > 0:
-        if then["hunts"] > 0:
+    before, after = hunting(ds)[[0, k]]
+    error = float(ds["rmse"][k] / ds["rmse"][0])
+    if not before:
+        if after:
             return "makes it hunt"
         return "worse" if error > WORSE else "better" if error < BETTER else "no gain"
-    if not then["hunts"] > 0:
+    if not after:
         return "cures it, at a larger error" if error > WORSE else "cures it"
-    swing = float(then["hunting_swing"] / now["hunting_swing"])
+    swing = float(ds["hunting_swing"][k] / ds["hunting_swing"][0])
     return "still hunts, and worse" if swing > 1.1 else "still hunts, but less" if swing < 0.7 else "still hunts"
 
 
@@ -52,7 +76,7 @@ def recommended(ds: xr.Dataset, names: list[str]) -> int:
     good as it is, or where nothing helps.
     """
     error, margin = ds["rmse"].values, np.nan_to_num(ds["margin"].values)
-    good = (ds["status"].values == STATUS_OK) & (ds["hunts"].values == 0)
+    good = (ds["status"].values == STATUS_OK) & ~hunting(ds)
     if good[0]:
         good &= (error < BETTER * error[0]) & ~np.isin(names, REPAIRED)
     rank = np.where(np.isin(names, (DEAD_BAND, REPAIRED)), 2, np.where(margin > HUNTS_ABOVE, 1, 0))

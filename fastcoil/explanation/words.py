@@ -9,10 +9,11 @@ import numpy as np
 from fastcoil.arrays import Array
 from fastcoil.explanation.answer import MINUTES, answer_of, kelvin, per_cent, seconds, simulated, why_of
 from fastcoil.explanation.cures import DEAD_BAND, INVERSE, REPAIRED
-from fastcoil.explanation.foretold import HUNTS_ABOVE, Foretold
+from fastcoil.explanation.foretold import Foretold
 from fastcoil.explanation.found import Found, Told
 from fastcoil.explanation.table import table_of
 from fastcoil.outputs import HUNTING_SWING
+from fastcoil.theory.cycles import HUNTS_ABOVE
 
 _LEAST_SHARE = 0.5
 """Degrees; less is not told."""
@@ -21,7 +22,7 @@ _PARTS = {
     "coil": "coil",
     "sensor": "sensor",
     "sampling": "sampling and hold",
-    "backlash": "backlash",
+    "backlash": "backlash (and motor)",
 }
 
 
@@ -45,11 +46,10 @@ def _agreement(found: Found, told: Told) -> list[str]:
     shown = simulated(found) if found.hunts else f"no hunting, RMS error {kelvin(float(found.now['rmse']))}"
     lines = [f"Foretold: {_foretold(told.foretold)}; simulated over the day: {shown}."]
     if told.unsure:
-        lines.append(
-            f"A margin of {told.foretold.margin:.2g} is too near {HUNTS_ABOVE:g} to decide: go by the simulation."
-        )
+        margin = f"{told.foretold.margin:.2g}"
+        lines.append(f"A margin of {margin} is too near {HUNTS_ABOVE:g} to decide: go by the simulation.")
     elif told.foretold.hunts != found.hunts:
-        lines.append(f"The two disagree{_reason(told.foretold)}: go by the simulation for this day.")
+        lines.append(f"The two disagree{_reason(told)}.")
     return lines
 
 
@@ -69,15 +69,22 @@ def _span(values: Array, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def _reason(told: Foretold) -> str:
-    """Why the simulated day may not show what is foretold."""
-    if not told.hunts:
-        return ""
-    if told.n_hunting < told.reached.size:
-        return f": only {told.n_hunting} of {told.reached.size} operating points are foretold to hunt"
-    if 2.0 * float(np.nanmax(told.cycles.amplitude)) < HUNTING_SWING:
+def _reason(told: Told) -> str:
+    """Why the simulated day may not show what is foretold, and whom to believe."""
+    foretold = told.foretold
+    if not foretold.hunts:
+        return ": go by the simulation for this day"
+    hunting = foretold.hunting
+    if 2.0 * float(np.nanmax(foretold.cycles.amplitude[hunting])) < HUNTING_SWING:
         return f": a swing below {HUNTING_SWING:g} K does not count"
-    return ": the valve may be at its end, or the set-point may move too often"
+    rest = np.setdiff1d(foretold.reached, hunting)
+    if rest.size and np.isfinite(told.swings[hunting]).any() and np.isfinite(told.swings[rest]).any():
+        swings = [kelvin(float(np.nanmedian(told.swings[some]))) for some in (hunting, rest)]
+        return (
+            f": it hunts for too small a part of the day to count.  Where it is foretold to hunt, T_sup swings by "
+            f"{swings[0]} in the simulation (median), elsewhere by {swings[1]}"
+        )
+    return ": the valve may be at its end, or the set-point may move too often; go by the simulation for this day"
 
 
 def _where(told: Foretold) -> list[str]:
@@ -97,14 +104,14 @@ def _phase(told: Told) -> list[str]:
     """What each part of the loop takes, the largest first."""
     order = np.argsort(-told.phase.values)
     shares = [(str(told.phase["part"].values[k]), float(told.phase[k])) for k in order]
-    taken = [f"  {_PARTS[part]:<20}{share:>4.0f}°" for part, share in shares if abs(share) >= _LEAST_SHARE]
+    taken = [f"  {_PARTS[part]:<22}{share:>4.0f}°" for part, share in shares if abs(share) >= _LEAST_SHARE]
     return [f"Where the 180° of phase go, at one swing in {seconds(float(told.phase.attrs['period']))}:", *taken]
 
 
 def _honest(found: Found) -> list[str]:
     """What a cure does not do; what backlash costs a loop that does not hunt."""
     repaired, band, inverse = (found.cured(name) for name in (REPAIRED, DEAD_BAND, INVERSE))
-    if not found.hunts:
+    if not found.needs_cure:
         if repaired is None or found.failed:
             return []
         error, without = (kelvin(float(found.cures["rmse"][k])) for k in (0, repaired))
@@ -123,9 +130,9 @@ def _advice(found: Found) -> list[str]:
     if found.failed:
         return []
     if not found.best:
-        return ["None of these cures it." if found.hunts else "Leave it: none of these takes 5 % off the error."]
+        return ["None of these cures it." if found.needs_cure else "Leave it: none of these takes 5 % off the error."]
     now, then = found.now, found.cures.isel(cure=found.best)
     error = float(then["rmse"] / now["rmse"]) - 1.0
     travel = float(then["motor_travel"] / now["motor_travel"]) if float(now["motor_travel"]) else math.nan
-    then_do = "Do this" if found.hunts else "If the error matters"
+    then_do = "Do this" if found.needs_cure else "If the error matters"
     return [f"{then_do}: {then['words'].item()}: RMSE {100 * error:+.0f} %, motor travel × {travel:.2g}."]

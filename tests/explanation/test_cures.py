@@ -12,7 +12,9 @@ from fastcoil.explanation.trial import recommended, verdict
 def outcome(*rows):
     """(rmse, hunts, swing, margin) of each cure, all of status ok."""
     rmse, hunts, swing, margin = map(list, zip(*rows, strict=True))
-    found = {"rmse": rmse, "hunts": hunts, "hunting_swing": swing, "margin": margin, "status": [0] * len(rows)}
+    nothing = [0] * len(rows)
+    found = {"rmse": rmse, "hunts": hunts, "hunting_swing": swing, "margin": margin, "status": nothing}
+    found["n_hunting"] = nothing
     return xr.Dataset({name: ("cure", values) for name, values in found.items()})
 
 
@@ -82,3 +84,11 @@ def test_each_cure_changes_its_own_parameters_only():
     assert swept["buffer_swing"].values.tolist() == [0.0, 0.0, 0.1]
     assert swept.sizes == {"cure": 3}
     assert with_cures(fc.Loop(), cures[:1]) == fc.Loop()
+
+
+def test_a_loop_that_hunts_for_a_part_of_the_day_is_cured_by_what_is_foretold_to_stop_it():
+    part = (0.4, 0.0, 1.0, 1.3)
+    ds = outcome(part, (0.3, 0.0, 0.1, 0.7), (0.2, 0.0, 0.5, 1.2))
+    ds["n_hunting"][:] = [6, 0, 3]
+    assert [verdict(ds, k) for k in (1, 2)] == ["cures it", "still hunts, but less"]
+    assert recommended(ds, NAMES[:3]) == 1

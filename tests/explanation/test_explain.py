@@ -8,6 +8,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.explanation.explain import explain
+from fastcoil.theory.cycles import HUNTS_ABOVE
 
 pytestmark = pytest.mark.kernel
 
@@ -80,7 +81,7 @@ def test_a_loop_that_does_not_hunt_is_told_how_far_it_is_and_what_backlash_costs
     assert quiet.text.startswith("This loop will not hunt.")
     factor = float(re.search(r"it would with ([\d.]+) times this kp", quiet.why)[1])
     beyond = explain(LBNL.assign(kp=0.018 * factor), DAY)
-    assert beyond.margin == pytest.approx(0.8, rel=0.05)
+    assert beyond.margin == pytest.approx(HUNTS_ABOVE, rel=0.03)
     assert math.isnan(quiet.period)
     now, repaired = (float(quiet.cures["rmse"].sel(cure=name)) for name in ("as_it_is", "repaired_valve"))
     assert f"What the backlash of 7 % costs anyway: RMSE {now:.2g} K instead of {repaired:.2g} K." in quiet.text
@@ -127,7 +128,7 @@ def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting)
     assert marks["longer ti"][0, 0] == float(hunting.cures.sel(cure="longer_ti")["ti"])
     edge = next(line for line in gains.lines if line.get_color() == "black" and line.get_linestyle() == "-")
     limit = np.interp(10.0, edge.get_xdata(), edge.get_ydata())
-    assert limit == pytest.approx(0.03 * 0.8 / hunting.margin, rel=0.02)
+    assert limit == pytest.approx(0.03 * HUNTS_ABOVE / hunting.margin, rel=0.02)
     texts = [text.get_text() for text in nichols.texts]
     assert texts == [f"margin {hunting.margin:.2g}"]
     names = [line.get_label() for line in day.lines]
