@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastcoil.arrays import Array, Mask
 from fastcoil.theory.curve_of_plant import Swings
 from fastcoil.theory.describing_function import Complex, describing_function, limited, rate_limited
+from fastcoil.theory.plants import Columns
 
 SMALLEST = 2e-4
 """Least amplitude of u, fraction of stroke, that is looked at where nothing waits after a turn."""
@@ -37,11 +36,10 @@ class Elements(NamedTuple):
     sample_time: Array
 
     @classmethod
-    def of(cls, columns: Mapping[str, NDArray]) -> Elements:
+    def of(cls, columns: Columns) -> Elements:
         """Of loops with these parameters, (n,) each."""
-        x_bl, estimate, zone, stroke = (
-            np.asarray(columns[name], float) for name in ("backlash", "backlash_estimate", "neutral_zone", "stroke_time")
-        )
+        names = ("backlash", "backlash_estimate", "neutral_zone", "stroke_time")
+        x_bl, estimate, zone, stroke = (np.asarray(columns[name], float) for name in names)
         x_hat = np.where(np.asarray(columns["estimate_share"]) > 0.0, estimate, 0.0)
         is_additive = np.asarray(columns["compensation"]) == "additive"
         is_smooth = np.asarray(columns["compensation"]) == "smooth"
@@ -86,7 +84,7 @@ class Elements(NamedTuple):
         return np.asarray(moved * on_its_way * stem * gain)
 
 
-def unknown(columns: Mapping[str, NDArray]) -> dict[str, Mask]:
+def unknown(columns: Columns) -> dict[str, Mask]:
     """Why a describing function says nothing about a loop, and of which loops that is so, (n,)."""
     learns = (np.asarray(columns["estimator"]) != "none") & (np.asarray(columns["estimate_share"], float) > 0.0)
     return {
@@ -104,13 +102,13 @@ def unknown(columns: Mapping[str, NDArray]) -> dict[str, Mask]:
     }
 
 
-def too_smooth(columns: Mapping[str, NDArray], amplitude: Array, w: Array) -> Mask:
+def too_smooth(columns: Columns, amplitude: Array, w: Array) -> Mask:
     """Whether the smooth compensation crosses the gap too slowly, at this cycle of u, to be taken for the inverse."""
     is_smooth = (np.asarray(columns["compensation"]) == "smooth") & (np.asarray(columns["backlash_estimate"]) > 0.0)
     return is_smooth & (amplitude * w < _SURE_OF_SMOOTH * np.asarray(columns["smooth_rate"], float))
 
 
-def _buffer(columns: Mapping[str, NDArray]) -> Array:
+def _buffer(columns: Columns) -> Array:
     """The buffer that counts, as ``control/buffer.py`` derives it; measured noise is taken to be the given one."""
     ratio, kp, sigma, swing, gain, least = (
         np.asarray(columns[name], float)

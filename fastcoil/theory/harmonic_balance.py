@@ -1,4 +1,4 @@
-"""Harmonic balance: at which frequency a loop with a describing function comes round in phase, and how large it is then.
+"""Harmonic balance: at which frequency a loop comes round in phase, and how large |L| |N| is there.
 
 A cycle needs 1 + L(jω) N(A, ω) = 0, with the linear part L of the loop and the describing function N of the rest.
 Split in two: N has to lag as much as L leaves of 180°, and then |L| |N| has to be 1.
@@ -55,24 +55,15 @@ def balance(w: Array, L: Complex, N: Callable[[Array], Complex], n_amplitudes: i
     w
         Frequencies, rad/s, (n_w,), ascending by equal ratios.
     L
-        Linear part of the loops, (n, n_w); NaN above the frequencies that the controller can make.
+        Linear part of the loops, (n, n_w).
     N
         Frequencies, (n, n_amplitudes) → the describing function there.
     lead
         Most that N may lead, rad, (n,).
     """
-    known = np.isfinite(L)
-    phase = np.unwrap(np.where(known, np.angle(L), 0.0), axis=1)
-    left = np.pi + phase
-    log_L = np.log(np.abs(np.where(known, L, 1.0)))
-    # L is real at half the sampling frequency, which is the limit: no phase is left there
-    rows, limit = np.arange(L.shape[0]), np.minimum(known.sum(axis=1), w.size - 1)
-    is_limited = ~known[rows, limit]
-    left[rows, limit] = np.where(is_limited, np.minimum(left[rows, limit - 1] - 1e-6, -1e-6), left[rows, limit])
-    log_L[rows, limit] = np.where(is_limited, log_L[rows, limit - 1], log_L[rows, limit])
-    known = np.arange(w.size) <= limit[:, None]
+    left, log_L = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L))
     found = []
-    for low, high, turn in _pieces(left, known, lead):
+    for low, high, turn in _pieces(left, lead):
         shape = (L.shape[0], n_amplitudes)
         a, b = (np.broadcast_to(end[:, None].astype(float), shape).copy() for end in (low, high))
 
@@ -99,14 +90,12 @@ def _root(excess: Callable[[Array], Array], a: Array, b: Array) -> tuple[Array, 
     return a + (b - a) * np.clip(fa / steep, 0.0, 1.0), there
 
 
-def _pieces(left: Array, known: Mask, lead: Array) -> list[tuple[Index, Index, float]]:
+def _pieces(left: Array, lead: Array) -> list[tuple[Index, Index, float]]:
     """First and last index of the last fall of each curve, of a first one and of the rise between; -1 for the rise."""
     n, n_w = left.shape
     rows = np.arange(n)
-    over = ~known | (left < -lead[:, None])
-    end = np.where(over.any(axis=1), over.argmax(axis=1), n_w - 1)
-    # with the first point beyond, if there is one: the end lies between
-    last = np.where(known[rows, end], end, np.maximum(end - 1, 0))
+    over = left < -lead[:, None]
+    last = np.where(over.any(axis=1), over.argmax(axis=1), n_w - 1)
     seen = np.where(np.arange(n_w) <= last[:, None], left, -np.inf)
     later = np.maximum.accumulate(seen[:, ::-1], axis=1)[:, ::-1]
     rise = np.where(np.isfinite(seen), later, 0.0) - np.where(np.isfinite(seen), seen, 0.0)

@@ -137,6 +137,7 @@ def base_calls(tmp_path_factory):
         "fit_loop": (fc.fit_loop, {"log": commanded, "loop": loop, "constants": entering, "warm_up": 0.0}),
         "fit_valve": (fc.fit_valve, {"log": valve}),
         "law": (fc.law, rule),
+        "limit_cycle": (fc.limit_cycle, {"loop": loop, "boundary": day, "at": [10, 20]}),
         "linearise": (fc.linearise, {"loop": loop, "boundary": day, "at": [10, 20], "frequency": [0.01, 0.1]}),
         "maps": (study.maps, {"ds": ds, "x": "backlash", "y": "kp", "metrics": ["rmse"]}),
         "nyquist": (fc.nyquist, {"loop": loop, "boundary": day, "at": 10}),

@@ -42,7 +42,11 @@ def test_a_limiter_is_that_of_python_control():
         warnings.simplefilter("ignore")
         theirs = control.saturation_nonlinearity(0.3)
     amplitude = np.array([0.1, 0.29, 0.31, 0.5, 4.0])
-    np.testing.assert_allclose(limited(amplitude, 0.3), [theirs.describing_function(A) for A in amplitude], atol=1e-12)
+    np.testing.assert_allclose(
+        limited(amplitude, np.array(-0.3), np.array(0.3)),
+        [theirs.describing_function(A) for A in amplitude],
+        atol=1e-12,
+    )
 
 
 def through_the_laws(A, x_bl, x_hat, buffer, law=inverse, n=4000):
