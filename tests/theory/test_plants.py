@@ -158,3 +158,22 @@ def test_water_as_warm_as_the_air_reaches_nothing_and_answers_nothing():
     found = plants_of(*of(fc.Loop(), fc.constant_day(0.6, T_w_in=25.0, relative_humidity=0.1)))
     assert not found.reachable[0]
     assert abs(found.gain[0]) < 1e-6
+
+
+def test_a_coil_that_exchanges_less_when_wet_may_jump_past_the_set_point():
+    """Then no opening holds it, and there is nothing to linearise; the others stay as they are."""
+    T_set = np.linspace(13.0, 16.0, 61)
+    days = fc.Boundary(m_a=1.15, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=np.tile(T_set[:, None], (1, 1900)))
+    found = plants_of(*of(fc.Loop(backlash=0.0, beta5=0.3), days))
+    jumps = ~found.reachable
+    assert 0 < jumps.sum() < 30
+    assert np.isnan(found.gain[jumps]).all()
+    assert np.isnan(found.response[jumps]).all()
+    assert (found.gain[~jumps] < 0.0).all()
+    np.testing.assert_allclose(found.T_sup[~jumps], T_set[~jumps], atol=1e-4)
+    levels = np.linspace(0.2, 0.3, 201)
+    held = fc.Boundary(m_a=1.15, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=np.full((levels.size, 4000), 14.0))
+    opening = np.repeat(levels[:, None], 4000, axis=1)
+    ds = fc.simulate(fc.Loop(backlash=0.0, beta5=0.3), held, command=opening, traces=["T_sup"], warm_up=0, n_jobs=1)
+    steps = np.abs(np.diff(ds.T_sup.isel(elapsed_time=-1).values))
+    assert steps.max() > 5.0 * np.median(steps), "the emulator jumps, too"
