@@ -32,7 +32,8 @@ def answer_of(found: Found) -> str:
 def _quiet(found: Found) -> str:
     """Of a loop that the simulation shows quiet."""
     if found.told is None or not found.told.foretold.hunts:
-        return "This loop will not hunt."
+        edge = found.told is not None and found.told.unsure
+        return "This loop will not hunt, but it is on the edge." if edge else "This loop will not hunt."
     if not float(found.now["hunting_swing"]) > HUNTING_SWING:
         return "This loop cycles, but hardly: its swing is too small to count as hunting."
     told = found.told.foretold
@@ -62,12 +63,17 @@ def seconds(value: float) -> str:
     """A period in words."""
     if not math.isfinite(value):
         return "now and then"
-    return f"{value:.0f} s" if value < MINUTES else f"{value / 60.0:.2g} min"
+    return f"{number(value)} s" if value < MINUTES else f"{number(value / 60.0)} min"
 
 
 def kelvin(value: float) -> str:
     """A temperature difference in words."""
-    return f"{value:.2g} K"
+    return f"{number(value)} K"
+
+
+def number(value: float) -> str:
+    """Two digits, without an exponent where it is large."""
+    return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
 
 
 def per_cent(value: float) -> str:
@@ -76,10 +82,13 @@ def per_cent(value: float) -> str:
 
 
 def _why_quiet(found: Found, told: Told) -> str:
-    far = f"it would with {told.distance.kp_factor:.2g} times this kp"
+    ways = []
+    if math.isfinite(told.distance.kp_factor):
+        ways.append(f"with {told.distance.kp_factor:.3g} times this kp")
     if told.distance.ti < found.value("ti"):
-        far += f", or with a ti below {told.distance.ti:.2g} s"
-    return f"Why: its margin is {told.foretold.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}, and {far}."
+        ways.append(f"with a ti below {number(told.distance.ti)} s")
+    far = f", and it would {', or '.join(ways)}" if ways else ""
+    return f"Why: its margin is {told.foretold.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}{far}."
 
 
 def _too_fast(found: Found, told: Told) -> str:
@@ -101,4 +110,7 @@ def _too_fast(found: Found, told: Told) -> str:
 def _backlash(found: Found, told: Told) -> str:
     if told.rings or not found.value("backlash"):
         return "It would swing behind a perfect valve, too."
-    return f"Any backlash starts it; that of {per_cent(found.value('backlash'))} sets the size of the swing."
+    size, stroke = per_cent(found.value("backlash")), found.value("stroke_time")
+    if stroke:
+        return f"Any backlash starts it; its {size} and the motor's {stroke:g} s set the size of the swing."
+    return f"Any backlash starts it; its {size} set the size of the swing."

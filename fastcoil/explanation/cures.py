@@ -41,7 +41,8 @@ class Cure(NamedTuple):
 class Distance(NamedTuple):
     """How far a loop is from hunting.
 
-    kp_factor: kp could be that many times as large, below 1: it has to shrink to that, before the margin is 0.8.
+    kp_factor: kp could be that many times as large, below 1: it has to shrink to that, before the
+    margin is that from which a loop hunts; infinite where it has none.
     ti: shortest integral time with a margin of 0.8 at this kp, s; NaN if none has it.
     """
 
@@ -51,7 +52,8 @@ class Distance(NamedTuple):
 
 def distance(loop: Loop, foretold: Foretold) -> Distance:
     """How far one loop is from hunting.  The margin goes with kp."""
-    return Distance(HUNTS_ABOVE / foretold.margin, shortest_ti(loop, foretold, HUNTS_ABOVE))
+    factor = HUNTS_ABOVE / foretold.margin if foretold.margin else math.inf
+    return Distance(factor, shortest_ti(loop, foretold, HUNTS_ABOVE))
 
 
 def shortest_ti(loop: Loop, foretold: Foretold, margin: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +24,8 @@ _PHASES = (-200.0, -85.0)
 """Degrees: where a backlash may bring the phase to -180°, and some more."""
 _SPAN, _TI_STEPS = 8.0, 60
 """The map goes from the gains of now and the cures, divided by this, to as many times them."""
+_LABEL = 0.85
+"""Where on a contour its label is, as a share of its length."""
 _CONTOURS = (0.4, HUNTS_ABOVE, 1.7)
 _MARKS = {"lower_kp": "v", "longer_ti": ">", "simc": "s"}
 
@@ -53,29 +54,33 @@ def _nichols(axes: Axes, told: Told) -> None:
     """Gain of L and of -1/N over their phase: the margin is how far L is above -1/N at the same phase."""
     from matplotlib.ticker import LogLocator
 
-    response, k = told.response, told.response.k
+    response, k = told.response, told.response.nearest
     L, phase = np.abs(response.L), response.left - 180.0
     margin, at = told.foretold.margin, float(phase[k])
-    curve, on_curve = 1.0 / np.abs(response.N), -180.0 - np.degrees(np.angle(response.N))
-    edge = float(L[k]) / margin
+    edge = float(L[k]) / margin if margin else float(L[k])
     seen = (phase > _PHASES[0] - 5.0) & (phase < _PHASES[1] + 5.0)
-    low, high = 0.3 * min(edge, float(L[k])), 5.0 * max(edge, float(L[k]))
     axes.plot(phase[seen], L[seen], color=BLUE, label="loop L(jω)")
-    axes.plot(on_curve, curve, color=RED, ls="--", label="backlash and motor −1/N")
+    on_curve = -180.0 - np.degrees(np.angle(response.N))
+    axes.plot(on_curve, 1.0 / np.abs(response.N), color=RED, ls="--", label="backlash and motor −1/N")
     axes.plot(-180.0, 1.0, "+", color="black", ms=8)
     axes.plot([at, at], [edge, L[k]], color="black", lw=0.9, ls=DOTTED)
     axes.plot(at, L[k], "o", color=BLUE, ms=6)
     axes.plot(at, edge, "o", mfc="white", color=RED, ms=6)
     axes.annotate(
-        f"margin {margin:.2g}", (at, math.sqrt(edge * float(L[k]))), xytext=(-6, 0),
-        textcoords="offset points", ha="right", va="center", fontsize=8,
+        f"margin {margin:.2g}", (at, edge), xytext=(7, 0), textcoords="offset points", va="center", fontsize=8,
+        bbox={"fc": "white", "ec": "none", "pad": 0.6},
     )  # fmt: skip
-    axes.set(yscale="log", xlim=_PHASES, ylim=(low, high), xlabel="phase [°]", ylabel="gain")
+    if told.foretold.hunts:
+        there = response.cycle
+        axes.plot(phase[there], L[there], "D", color=YELLOW, mec="black", mew=0.6, ms=6, ls="none",
+                  label=f"cycle, every {seconds(response.period)}")  # fmt: skip
+    ends = [edge, float(L[k]), float(L[response.cycle]), 1.0]
+    axes.set(yscale="log", xlim=_PHASES, ylim=(0.4 * min(ends), 4.0 * max(ends)), xlabel="phase [°]", ylabel="gain")
     axes.set_xticks(range(-180, -80, 30))
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("")
-    axes.set_title(f"Near a cycle where L meets −1/N, here every {seconds(response.period)}", loc="left")
+    axes.set_title("Hunts where L is above −1/N", loc="left")
     axes.legend(loc="lower right", frameon=False)
 
 
@@ -97,7 +102,7 @@ def _gains(axes: Axes, found: Found, told: Told) -> None:
         axes.plot(times, limits[level], color="black" if level == HUNTS_ABOVE else GREY, lw=1.2, ls=style)
         inside = np.flatnonzero((limits[level] > low * 1.2) & (limits[level] < high / 1.2))
         if inside.size:
-            i = inside[inside.size // 3]
+            i = inside[int(_LABEL * inside.size)]
             axes.text(times[i], limits[level][i], f"{level:g}", fontsize=7, ha="center", va="center",
                       bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
     axes.plot(ti, kp, "o", color=RED, ms=7, label="as it is")

@@ -60,12 +60,6 @@ class Foretold(NamedTuple):
         """How many these are."""
         return int(self.hunting.size)
 
-    @property
-    def frequency(self) -> float:
-        """Where the worst point cycles, or is nearest to it, rad/s; NaN if its margin is 0."""
-        period = float(self.cycles.period[self.worst])
-        return 2.0 * math.pi / period if math.isfinite(period) else float(self.cycles.frequency[self.worst])
-
 
 def foretell(loop: Loop, points: PointsOfDay) -> Foretold:
     """Linearise one loop at the operating points of a day and look for its cycles.

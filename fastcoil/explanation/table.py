@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from fastcoil.explanation.answer import kelvin, number
 from fastcoil.explanation.found import Found
 
 _HEAD = ("", "margin", "RMSE", "swing", "motor travel", "")
@@ -18,13 +19,13 @@ def table_of(found: Found) -> list[str]:
         error, travel = float(one["rmse"]), float(one["motor_travel"])
         if k:
             error_word = f"{100 * (error / float(now['rmse']) - 1):+.0f} %"
-            travel_word = f"× {travel / float(now['motor_travel']):.2g}" if float(now["motor_travel"]) > 0 else "–"
+            travel_word = f"× {number(travel / float(now['motor_travel']))}" if float(now["motor_travel"]) > 0 else "–"
             says = str(one["verdict"].item())
         else:
             error_word, travel_word = f"{error:.3g} K", f"{travel:.3g} strokes"
             says = "hunts" if found.hunts else "hunts at times" if found.needs_cure else "does not hunt"
         swing = float(one["hunting_swing"])
-        cells = [f"{float(one['margin']):.2f}", error_word, f"{swing:.2g} K", travel_word]
+        cells = [f"{float(one['margin']):.2f}", error_word, kelvin(swing), travel_word]
         known = (float(one["margin"]), error, swing, travel)
         cells = [cell if math.isfinite(value) else "–" for cell, value in zip(cells, known, strict=True)]
         rows.append((str(one["words"].item()), *cells, says))

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.explanation.answer import MINUTES, answer_of, kelvin, per_cent, seconds, simulated, why_of
+from fastcoil.explanation.answer import MINUTES, answer_of, kelvin, number, per_cent, seconds, simulated, why_of
 from fastcoil.explanation.cures import DEAD_BAND, INVERSE, REPAIRED
 from fastcoil.explanation.foretold import Foretold
 from fastcoil.explanation.found import Found, Told
@@ -65,7 +65,7 @@ def _foretold(told: Foretold) -> str:
 
 
 def _span(values: Array, unit: str) -> str:
-    low, high = (f"{float(end):.2g}" for end in (np.nanmin(values), np.nanmax(values)))
+    low, high = (number(float(end)) for end in (np.nanmin(values), np.nanmax(values)))
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
@@ -84,7 +84,7 @@ def _reason(told: Told) -> str:
             f": it hunts for too small a part of the day to count.  Where it is foretold to hunt, T_sup swings by "
             f"{swings[0]} in the simulation (median), elsewhere by {swings[1]}"
         )
-    return ": the valve may be at its end, or the set-point may move too often; go by the simulation for this day"
+    return ": its swing is not regular enough, or shows too few periods, to count; go by the simulation for this day"
 
 
 def _where(told: Foretold) -> list[str]:
@@ -135,4 +135,4 @@ def _advice(found: Found) -> list[str]:
     error = float(then["rmse"] / now["rmse"]) - 1.0
     travel = float(then["motor_travel"] / now["motor_travel"]) if float(now["motor_travel"]) else math.nan
     then_do = "Do this" if found.needs_cure else "If the error matters"
-    return [f"{then_do}: {then['words'].item()}: RMSE {100 * error:+.0f} %, motor travel × {travel:.2g}."]
+    return [f"{then_do}: {then['words'].item()}: RMSE {100 * error:+.0f} %, motor travel × {number(travel)}."]
