@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array, Mask
+from fastcoil.arrays import Array, Index, Mask
 from fastcoil.theory.curve_of_plant import Swings
-from fastcoil.theory.describing_function import Complex, describing_function, limited, rate_limited
+from fastcoil.theory.describing_function import Complex, describing_function, rate_limited
 from fastcoil.theory.plants import Columns
 
 SMALLEST = 2e-4
@@ -53,7 +53,7 @@ class Elements(NamedTuple):
         parts = (width, np.maximum(width, buffer), slope, offset, late, x_bl, stroke, period)
         return cls(*(np.asarray(part, float)[:, None] for part in parts))
 
-    def part(self, some: slice | Mask) -> Elements:
+    def part(self, some: Index) -> Elements:
         """Those of some loops."""
         return Elements(*(value[some] for value in self))
 
@@ -62,18 +62,21 @@ class Elements(NamedTuple):
         least = np.maximum(0.5005 * self.wait, SMALLEST)
         return np.asarray(least * (most / least) ** np.linspace(0.0, 1.0, n))
 
-    def describe(self, amplitude: Array, w: Array, swings: Swings) -> Complex:
+    def mean(self, amplitude: Array, swings: Swings) -> Array:
+        """Mean of u, (n, n_amplitudes), that holds the set-point."""
+        gap = np.abs(describing_function(amplitude, self.width, self.wait))
+        return np.asarray(swings.at(amplitude * gap)[0] * (1.0 - self.backlash) / self.slope + self.offset)
+
+    def describe(self, amplitude: Array, w: Array, swings: Swings, passed: Array | Complex) -> Complex:
         """N, per (1 - X) of opening and relative to the plant's gain at rest, so that L N is the loop.
 
-        u is limited to 0–1, then the motor's speed, then the gap, then the plant's curve change the sinus, each as if
+        Limits of u, of the motor's speed, gap and the plant's curve change the sinus one after the other, each as if
         what comes out of the one before were a sinus again.
 
-        amplitude, w: (n, n_amplitudes), fraction of stroke and rad/s.
+        amplitude, w: of u without limits, (n, n_amplitudes), fraction of stroke and rad/s.  passed: what the limits of
+        u let through.
         """
-        gap = np.abs(describing_function(amplitude, self.width, self.wait))
-        mean = swings.at(amplitude * gap)[0] * (1.0 - self.backlash) / self.slope + self.offset
-        passed = limited(amplitude, -mean, 1.0 - mean)
-        faster = amplitude * passed * w * self.stroke_time
+        faster = amplitude * np.abs(passed) * w * self.stroke_time
         # a motor that reaches each target before the next sample is on its way for a part of the time
         on_its_way = np.exp(-1j / np.pi * w * self.sample_time * np.minimum(faster, 1.0))
         moved = passed * rate_limited(faster)
