@@ -10,6 +10,7 @@ from fastcoil.explanation.answer import answer_of, seconds, why_of
 from fastcoil.explanation.cures import SIMC, TUNINGS
 from fastcoil.explanation.foretold import margins
 from fastcoil.explanation.found import Found, Told
+from fastcoil.explanation.phase import of_a_gap
 from fastcoil.plots.style import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.theory.cycles import HUNTS_ABOVE
 
@@ -60,8 +61,8 @@ def _nichols(axes: Axes, told: Told) -> None:
     edge = float(L[k]) / margin if margin else float(L[k])
     seen = (phase > _PHASES[0] - 5.0) & (phase < _PHASES[1] + 5.0)
     axes.plot(phase[seen], L[seen], color=BLUE, label="loop L(jω)")
-    on_curve = -180.0 - np.degrees(np.angle(response.N))
-    axes.plot(on_curve, 1.0 / np.abs(response.N), color=RED, ls="--", label="backlash and motor −1/N")
+    N = of_a_gap()
+    axes.plot(-180.0 - np.degrees(np.angle(N)), 1.0 / np.abs(N), color=RED, ls="--", label="backlash −1/N")
     axes.plot(-180.0, 1.0, "+", color="black", ms=8)
     axes.plot([at, at], [edge, L[k]], color="black", lw=0.9, ls=DOTTED)
     axes.plot(at, L[k], "o", color=BLUE, ms=6)

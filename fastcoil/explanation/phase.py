@@ -8,13 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.explanation.foretold import Foretold, picked
+from fastcoil.explanation.foretold import Foretold, as_theory_takes_it, picked
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
-from fastcoil.theory.curve_of_plant import swings_of
-from fastcoil.theory.cycles import DISTURBANCE, MOST
-from fastcoil.theory.elements import Elements
-from fastcoil.theory.plants import frequency_response, loop_response
+from fastcoil.theory.describing_function import describing_function
+from fastcoil.theory.plants import loop_response
 from fastcoil.theory.response import Complex
 
 PARTS = ("integral", "coil", "sensor", "sampling", "backlash")
@@ -24,12 +22,10 @@ _FREQUENCIES, _AMPLITUDES = 600, 300
 
 
 class Response(NamedTuple):
-    """Frequency response of an open loop at one operating point, and the describing function of what is not linear.
+    """Frequency response of an open loop at one operating point, backlash left out: 1 + L N = 0 is a cycle.
 
-    w: rad/s.  L: complex, backlash left out.  left: phase until 180°, degrees.
+    w: rad/s.  L: complex.  left: phase until 180°, degrees.
     nearest: index of the frequency of the margin.  cycle: of the cycle; the same without one.
-    N: of backlash, inverse and motor at the frequency of the margin, over the amplitudes among which the margin is
-    sought; 1 + L N = 0 is a cycle.
     """
 
     w: Array
@@ -37,7 +33,6 @@ class Response(NamedTuple):
     left: Array
     nearest: int
     cycle: int
-    N: Complex
 
     @property
     def period(self) -> float:
@@ -47,7 +42,7 @@ class Response(NamedTuple):
 
 def response_of(loop: Loop, foretold: Foretold) -> Response:
     """Frequency response of a single loop at its worst operating point."""
-    columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64))
+    columns = columns_of(as_theory_takes_it(loop), {}, np.zeros(1, dtype=np.int64))
     plant = picked(foretold.plants, np.array([foretold.worst]))
     w = np.geomspace(_SLOWEST, math.pi / float(columns["sample_time"][0]), _FREQUENCIES)
     L = loop_response(columns, plant, w)[0]
@@ -56,12 +51,14 @@ def response_of(loop: Loop, foretold: Foretold) -> Response:
     # without any margin, where a gap would have most to add
     nearest = _index(w, at) if math.isfinite(at) else int(np.argmin(np.abs(left - 45.0)))
     cycle = _index(w, 2.0 * math.pi / period) if math.isfinite(period) else nearest
-    elements = Elements.of(columns)
-    A = elements.amplitudes(MOST, _AMPLITUDES)
-    N = elements.describe(A, np.full_like(A, w[nearest]), swings_of(plant.curve, plant.T_sup, plant.gain))[0]
-    gain = float(np.abs(frequency_response(plant.response, w[nearest : nearest + 1]))[0, 0])
-    swing = A[0] * np.abs(N) * gain / (1.0 - float(columns["backlash"][0]))
-    return Response(w, L, left, nearest, cycle, N[(np.abs(N) > 0.0) & (swing <= DISTURBANCE)])
+    return Response(w, L, left, nearest, cycle)
+
+
+def of_a_gap() -> Complex:
+    """Describing function of a backlash of any size, over the amplitudes of its input."""
+    amplitude = np.geomspace(0.5 + 1e-6, 500.0, _AMPLITUDES)
+    gap = np.ones_like(amplitude)
+    return describing_function(amplitude, gap, gap)
 
 
 def _index(w: Array, at: float) -> int:

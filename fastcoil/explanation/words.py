@@ -30,7 +30,7 @@ def sentences(found: Found) -> list[str]:
     """The explanation, line by line."""
     lines = [answer_of(found), why_of(found)]
     if found.told is not None:
-        lines += [*_agreement(found, found.told), *_where(found.told.foretold)]
+        lines += [*_agreement(found, found.told), *_where(found.told)]
         lines += [f"Not in the margin: {clause}." for clause in found.left_out]
         lines += ["", *_phase(found.told)]
     lines += ["", *table_of(found), *_honest(found), *_advice(found), *found.hints]
@@ -87,17 +87,27 @@ def _reason(told: Told) -> str:
     return ": its swing is not regular enough, or shows too few periods, to count; go by the simulation for this day"
 
 
-def _where(told: Foretold) -> list[str]:
-    """Which operating point is quoted, and how the margin differs over the day."""
-    k, margin = told.worst, told.cycles.margin[told.reached]
-    T_set, hours = float(told.points.conditions["T_set"][k]), float(told.points.start[k]) / 3600.0
-    place = f"{T_set:.3g} °C, {hours:.3g} h after the start (opening {100 * float(told.plants.opening[k]):.0f} %)"
-    if told.points.size == 1:
+def _where(told: Told) -> list[str]:
+    """Which operating point is quoted, what happens there, and how the margin differs over the day."""
+    foretold = told.foretold
+    k, margin = foretold.worst, foretold.cycles.margin[foretold.reached]
+    T_set, hours = float(foretold.points.conditions["T_set"][k]), float(foretold.points.start[k]) / 3600.0
+    opening = 100 * float(foretold.plants.opening[k])
+    place = f"{T_set:.3g} °C, {hours:.3g} h after the start (opening {opening:.0f} %){_there(told, k)}"
+    if foretold.points.size == 1:
         return [f"Where: at {place}."]
     return [
-        f"Where: worst at {place}; over the day the margin goes from {margin.min():.2g} to {margin.max():.2g}, and "
-        f"{told.n_hunting} of {margin.size} operating points hunt."
+        f"Where: worst at {place}.  Over the day the margin goes from {margin.min():.2g} to {margin.max():.2g}, and "
+        f"{foretold.n_hunting} of {margin.size} operating points are foretold to hunt."
     ]
+
+
+def _there(told: Told, k: int) -> str:
+    """Foretold and simulated swing at one operating point."""
+    swing, shown = 2.0 * float(told.foretold.cycles.amplitude[k]), float(told.swings[k])
+    if not math.isfinite(swing) or not math.isfinite(shown):
+        return ""
+    return f": {kelvin(swing)} foretold, {kelvin(shown)} simulated"
 
 
 def _phase(told: Told) -> list[str]:
