@@ -26,7 +26,7 @@ DEAD_BAND_WIDTHS = (0.1, 0.5)
 _QUIET_DEAD_BAND = 0.25
 """K, where nothing hunts."""
 _LONGEST_TI = 3600.0
-_TI_STEPS = 120
+_TI_STEPS = 60
 _STEPS_BACK = 4
 
 

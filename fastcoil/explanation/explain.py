@@ -78,7 +78,7 @@ def explain(
     tried = cures_of(loop, foretold)
     cures = _tried(loop, boundary, tried, foretold, warm_up, seed)
     swings = swings_at(points, boundary, cures.isel(cure=0))
-    told = _told(loop, foretold, swings) if foretold is not None else None
+    told = told_of(loop, foretold, swings) if foretold is not None else None
     return Explanation.of(
         Found(
             loop=loop,
@@ -109,7 +109,7 @@ def _second_of(boundary: Boundary) -> str:
     return f"give a second of the boundary, a whole number from 0 to {boundary.n_steps - 1}"
 
 
-def _told(loop: Loop, foretold: Foretold, swings: Array) -> Told:
+def told_of(loop: Loop, foretold: Foretold, swings: Array) -> Told:
     """What theory tells at the worst operating point."""
     response = response_of(loop, foretold)
     shares = phase_shares(loop, response)

@@ -55,17 +55,17 @@ def hunting(ds: xr.Dataset) -> Mask:
 
 def verdict(ds: xr.Dataset, k: int) -> str:
     """What a cure did, in a few words; as it is first in ``ds``."""
-    if int(ds["status"][k]) != STATUS_OK:
+    if ds["status"].values[k] != STATUS_OK:
         return "failed"
     before, after = hunting(ds)[[0, k]]
-    error = float(ds["rmse"][k] / ds["rmse"][0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error, swing = (float(of[k] / of[0]) for of in (ds["rmse"].values, ds["hunting_swing"].values))
     if not before:
         if after:
             return "makes it hunt"
         return "worse" if error > WORSE else "better" if error < BETTER else "no gain"
     if not after:
         return "cures it, at a larger error" if error > WORSE else "cures it"
-    swing = float(ds["hunting_swing"][k] / ds["hunting_swing"][0])
     return "still hunts, and worse" if swing > 1.1 else "still hunts, but less" if swing < 0.7 else "still hunts"
 
 

@@ -6,7 +6,8 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.explanation.cures import AS_IS, Cure, cures_of, with_cures
-from fastcoil.explanation.trial import recommended, verdict
+from fastcoil.explanation.operating_points import operating_points
+from fastcoil.explanation.trial import recommended, swings_at, verdict
 
 
 def outcome(*rows):
@@ -92,3 +93,15 @@ def test_a_loop_that_hunts_for_a_part_of_the_day_is_cured_by_what_is_foretold_to
     ds["n_hunting"][:] = [6, 0, 3]
     assert [verdict(ds, k) for k in (1, 2)] == ["cures it", "still hunts, but less"]
     assert recommended(ds, NAMES[:3]) == 1
+
+
+def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
+    T_set = np.repeat([14.0, 15.0], 1800)
+    day = fc.Boundary(m_a=1.2, T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=T_set)
+    points = operating_points(day, warm_up=600)
+    t = np.arange(0, 3600, 2)
+    T_sup = T_set[t] + 0.3 * np.sin(t / 30.0) + np.where((t >= 1800) & (t < 2400), 5.0, 0.0) + np.where(t < 600, 9.0, 0.0)
+    now = xr.Dataset({"T_sup": ("elapsed_time", T_sup)}, coords={"elapsed_time": t})
+    assert swings_at(points, day, now) == pytest.approx([0.6, 0.6], abs=1e-3)
+    short = operating_points(day, warm_up=0, at=2000)
+    assert np.isnan(swings_at(short, day, now)).all()

@@ -26,6 +26,11 @@ def quiet():
     return explain(LBNL, DAY)
 
 
+@pytest.fixture(scope="module")
+def untold():
+    return explain(LBNL.assign(estimator="gradient"), DAY)
+
+
 def rows(found):
     """Name of a cure → its row of the table."""
     return {name: next(line for line in found.text.splitlines() if line.startswith(words)) for name, words in
@@ -93,8 +98,8 @@ def test_a_second_is_explained_by_its_own_conditions():
     assert float(found.points["T_set"][0]) == DAY.series["T_set"][0, 4000]
 
 
-def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers():
-    found = explain(LBNL.assign(estimator="gradient"), DAY)
+def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(untold):
+    found = untold
     assert found.foretold is None
     assert math.isnan(found.margin)
     assert "theory cannot tell, since the estimator gradient changes the inverse" in found.why
@@ -135,7 +140,7 @@ def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting)
     assert names == ["as it is", str(hunting.cures.sel(cure=hunting.recommended)["words"].item()), "set-point"]
 
 
-def test_the_figure_of_a_loop_that_theory_cannot_tell_of_has_its_day():
-    fig = explain(LBNL.assign(estimator="gradient"), DAY).plot()
+def test_the_figure_of_a_loop_that_theory_cannot_tell_of_has_its_day(untold):
+    fig = untold.plot()
     assert len(fig.axes[2].lines) >= 2
     assert fig.axes[0].texts[0].get_text() == "theory cannot tell"

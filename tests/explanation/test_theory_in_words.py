@@ -1,6 +1,7 @@
 """Distance from hunting and shares of the phase, on plants whose answers are known."""
 
 import math
+import re
 
 import control
 import numpy as np
@@ -9,7 +10,9 @@ from helpers.first_order_plants import first_order_plants
 
 import fastcoil as fc
 from fastcoil.explanation.cures import distance, shortest_ti
-from fastcoil.explanation.foretold import Foretold, gain_margin_without_backlash, simc_gains
+from fastcoil.explanation.explain import told_of
+from fastcoil.explanation.foretold import Foretold, gain_margin_without_backlash, margins, simc_gains
+from fastcoil.explanation.hints import hints_of
 from fastcoil.explanation.operating_points import PointsOfDay
 from fastcoil.explanation.phase import PARTS, phase_shares, response_of
 from fastcoil.simulation.scenarios import columns_of
@@ -27,12 +30,24 @@ def told(loop, delay):
     return Foretold(points, plants, cycles, 0)
 
 
+def all_told(loop, delay):
+    """The same with what else theory tells of it."""
+    foretold = told(loop, delay)
+    return told_of(loop, foretold, np.zeros(1))
+
+
 def tuned(kappa, rho, **changes):
     """kp and ti as multiples of 1/gain and of the lag; the backlash's 1/(1 - X) counted as plant."""
     return fc.Loop(kp=0.93 * kappa / -GAIN, ti=rho * LAG, sample_time=1, backlash=0.07, **changes)
 
 
-@pytest.mark.parametrize(("rho", "theta", "kappa"), [(0.3, 10, 1.6), (0.5, 20, 3.3), (0.2, 20, 0.67), (0.5, 50, 1.5)])
+@pytest.mark.parametrize(
+    ("rho", "theta", "kappa"),
+    [
+        (0.3, 10, 1.6),
+        *(pytest.param(*row, marks=pytest.mark.full) for row in ((0.5, 20, 3.3), (0.2, 20, 0.67), (0.5, 50, 1.5))),
+    ],
+)
 def test_the_shortest_ti_is_that_of_the_published_table(rho, theta, kappa):
     """literature: critical gain of a first-order lag with delay behind any backlash, by ti/lag and delay/lag."""
     loop = tuned(kappa, 0.05)
@@ -73,3 +88,29 @@ def test_simc_is_that_of_the_plant():
     kp, ti = simc_gains(loop, told(loop, 20))
     assert kp == pytest.approx(LAG / (2.0 * 20.5 * -GAIN), rel=0.15)  # two points of a step tell the delay so well
     assert ti == pytest.approx(LAG, rel=0.03)
+
+
+def test_a_slow_sensor_that_takes_much_of_the_phase_is_named_with_what_a_fast_one_would_do():
+    loop = tuned(5.0, 0.5, sensor_time_constant=40.0)
+    hints = hints_of(loop, all_told(loop, 10))
+    fast = margins(loop.assign(sensor_time_constant=5.0), told(loop, 10).plants, np.zeros(1, dtype=np.int64))
+    assert len(hints) == 1
+    assert hints[0].startswith("The sensor takes")
+    assert hints[0].endswith(f"with 5 s the margin would be {fast[0, 0]:.2g}.")
+
+
+def test_a_perfect_valve_is_told_when_its_loop_will_hunt_as_it_wears():
+    def hints(rho):
+        loop = tuned(3.0, rho).assign(backlash=0.0)
+        return hints_of(loop, all_told(loop, 20))
+
+    assert re.fullmatch(r"With a backlash of 2 % the margin would be [\d.]+: as the valve .*", *hints(0.3))
+    assert hints(1.5) == ()
+
+
+def test_an_estimate_that_is_given_as_a_ratio_counts_as_the_estimate():
+    as_ratio, as_size = tuned(3.0, 0.4, estimate_ratio=0.5), tuned(3.0, 0.4, backlash_estimate=0.035)
+    plants = told(as_size, 20).plants
+    here = np.zeros(1, dtype=np.int64)
+    assert margins(as_ratio, plants, here) == margins(as_size, plants, here)
+    assert margins(as_size, plants, here) != margins(tuned(3.0, 0.4), plants, here)
