@@ -26,7 +26,9 @@ DISTURBANCE = 2.0
 MOST = 30.0
 """Largest amplitude of u that is looked at, before u is limited to 0–1."""
 _AMPLITUDES, _FREQUENCIES = 44, 136
-_ROUNDS, _NEAR_ONE = 2, 0.7
+ROUNDS = 2
+"""How often a cycle that reaches an end of the integral is reckoned again."""
+_NEAR_ONE = 0.7
 _SLOWEST = 3e-4
 """Lowest frequency, rad/s: a period of 6 h."""
 _AT_ONCE = 512
@@ -139,7 +141,7 @@ def _balanced(
     room = np.minimum(mean, 1.0 - mean)
     reaches = pi.parts(A, frequency(w, found.place[0]))[1] > room
     ended = np.flatnonzero((reaches & (found.product[0] > _NEAR_ONE)).any(axis=1))
-    for _ in range(_ROUNDS if ended.size else 0):
+    for _ in range(ROUNDS if ended.size else 0):
         at = frequency(w, found.place[0][ended])
         of_pi = pi.part(ended)
         reaches = of_pi.parts(A[ended], at)[1] > room[ended]

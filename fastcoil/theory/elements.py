@@ -13,6 +13,8 @@ from fastcoil.theory.plants import Columns
 
 SMALLEST = 2e-4
 """Least amplitude of u, fraction of stroke, that is looked at where nothing waits after a turn."""
+_ROUND_OFF = 1e-6
+"""A buffer up to this size is against round-off only."""
 _SURE_OF_SMOOTH = 4.0
 """The smooth compensation counts as the inverse where u moves so many times faster than its rate."""
 
@@ -38,15 +40,13 @@ class Elements(NamedTuple):
     @classmethod
     def of(cls, columns: Columns) -> Elements:
         """Of loops with these parameters, (n,) each."""
-        names = ("backlash", "backlash_estimate", "neutral_zone", "stroke_time")
-        x_bl, estimate, zone, stroke = (np.asarray(columns[name], float) for name in names)
-        x_hat = np.where(np.asarray(columns["estimate_share"]) > 0.0, estimate, 0.0)
+        x_bl, stroke = (np.asarray(columns[name], float) for name in ("backlash", "stroke_time"))
+        x_hat = _assumed(columns)
         is_additive = np.asarray(columns["compensation"]) == "additive"
         is_smooth = np.asarray(columns["compensation"]) == "smooth"
         slope = np.where(is_additive, 1.0, 1.0 - x_hat)
-        # a motor with a neutral zone follows half the zone late either way, as behind a gap of that size
-        width = (x_bl + zone - x_hat) / slope
-        buffer = np.where((x_hat > 0.0) & ~is_smooth, _buffer(columns), 0.0)
+        width = (x_bl - x_hat) / slope
+        buffer = np.where(is_smooth, 0.0, _buffer(columns))
         period = np.asarray(columns["sample_time"], float)
         late = np.where(x_hat > 0.0, 0.5 * period + np.minimum(x_hat, x_bl) * stroke, 0.0)
         offset = 0.5 * np.where(is_additive, x_bl, (x_bl - x_hat) / slope)
@@ -88,20 +88,25 @@ class Elements(NamedTuple):
 
 
 def unknown(columns: Columns) -> dict[str, Mask]:
-    """Why a describing function says nothing about a loop, and of which loops that is so, (n,)."""
-    learns = (np.asarray(columns["estimator"]) != "none") & (np.asarray(columns["estimate_share"], float) > 0.0)
+    """Why the theory says nothing about a loop, and of which loops that is so, (n,)."""
+
+    def above(name: str, least: float = 0.0) -> Mask:
+        return np.asarray(np.asarray(columns[name], float) > least)
+
+    learns = (np.asarray(columns["estimator"]) != "none") & above("estimate_share")
+    jumps = (_assumed(columns) > np.asarray(columns["backlash"], float)) & (_buffer(columns) > _ROUND_OFF)
+    small_cycles = "makes small cycles of its own: give 0, or simulate it"
     return {
         "a control law of your own has no describing function: simulate it": np.asarray(columns["law"]) != "pi",
         "an estimator changes the estimate as it goes: give estimator = 'none' and the backlash_estimate that you want "
         "to know about": learns,
-        "a stem that sticks and slips (slip_jump > 0) has another describing function: simulate it": np.asarray(
-            columns["slip_jump"], float
-        )
-        > 0.0,
-        "an error_dead_band stops small cycles and starts others: give 0, or simulate it": np.asarray(
-            columns["error_dead_band"], float
-        )
-        > 0.0,
+        "an estimate above the backlash with a buffer cannot be told well enough: give buffer = 1e-9, or simulate it": (
+            jumps & ~learns & (np.asarray(columns["compensation"]) != "smooth")
+        ),
+        f"a stem that sticks and slips (slip_jump) {small_cycles}": above("slip_jump"),
+        f"a neutral_zone {small_cycles}": above("neutral_zone"),
+        f"a resolution (of sensor or command) {small_cycles}": above("sensor_resolution") | above("command_resolution"),
+        "an error_dead_band stops small cycles and starts others: give 0, or simulate it": above("error_dead_band"),
     }
 
 
@@ -109,6 +114,12 @@ def too_smooth(columns: Columns, amplitude: Array, w: Array) -> Mask:
     """Whether the smooth compensation crosses the gap too slowly, at this cycle of u, to be taken for the inverse."""
     is_smooth = (np.asarray(columns["compensation"]) == "smooth") & (np.asarray(columns["backlash_estimate"]) > 0.0)
     return is_smooth & (amplitude * w < _SURE_OF_SMOOTH * np.asarray(columns["smooth_rate"], float))
+
+
+def _assumed(columns: Columns) -> Array:
+    """The estimate that the compensation assumes, where nothing changes it."""
+    assumes = np.asarray(columns["estimate_share"], float) > 0.0
+    return np.where(assumes, np.asarray(columns["backlash_estimate"], float), 0.0)
 
 
 def _buffer(columns: Columns) -> Array:

@@ -33,9 +33,17 @@ def amplitude_of(u: Array, mean: Array, w: Array, pi: LimitedPI, elements: Eleme
         some = np.flatnonzero(ends)
         bias = pi.part(some).passed(u[some], w[some], plants.some(some))[1]
         driving[:, some] = driven(proportional[some], integral[some], bias)
-    opening = pi.opening(_followed(driving, w, elements))
+    opening = pi.opening(_followed(_held(driving, w * elements.sample_time), w, elements))
     at_rest = temperature(plants.curve, opening.transpose(1, 2, 0))[:, 0]
-    return np.asarray(0.5 * np.ptp(_filtered(at_rest, w, plants, elements.sample_time), axis=1))
+    return np.asarray(0.5 * np.ptp(_filtered(at_rest, w, plants), axis=1))
+
+
+def _held(driving: Array, angle: Array) -> Array:
+    """The wave as a sampled controller holds it, by ``angle`` of a period, (n, 1), from sample to sample."""
+    step = np.maximum(angle[:, 0] * STEPS / (2.0 * np.pi), 1.0)
+    k = np.arange(STEPS)[:, None]
+    sampled = np.round(np.floor(k / step + 1e-9) * step).astype(np.int64) % STEPS
+    return driving[sampled, np.arange(step.size)]
 
 
 def _followed(driving: Array, w: Array, elements: Elements) -> Array:
@@ -55,7 +63,7 @@ def _followed(driving: Array, w: Array, elements: Elements) -> Array:
     return path
 
 
-def _filtered(at_rest: Array, w: Array, plants: Plants, sample_time: Array) -> Array:
+def _filtered(at_rest: Array, w: Array, plants: Plants) -> Array:
     """The wave (n, n_points) that a plant makes of a wave of the temperatures at rest, (n, STEPS)."""
     _, first, which = np.unique(plants.same, return_index=True, return_inverse=True)
     known = np.geomspace(_LOWEST, np.pi, _FREQUENCIES)
@@ -63,8 +71,7 @@ def _filtered(at_rest: Array, w: Array, plants: Plants, sample_time: Array) -> A
     place = np.log(np.minimum(_HARMONICS * w, np.pi) / _LOWEST) / np.log(known[1] / known[0])
     size = between(np.log(np.maximum(np.abs(G), 1e-300))[which.ravel()], place)
     phase = between(np.unwrap(np.angle(G), axis=1)[which.ravel()], place)
-    hold = np.abs(np.sinc(_HARMONICS * w * sample_time / (2.0 * np.pi)))
-    parts = np.fft.rfft(at_rest, axis=1)[:, _HARMONICS] * np.exp(size + 1j * phase) * hold
+    parts = np.fft.rfft(at_rest, axis=1)[:, _HARMONICS] * np.exp(size + 1j * phase)
     spectrum = np.zeros((w.size, 2 * STEPS + 1), complex)
     spectrum[:, _HARMONICS] = parts
     return np.asarray(np.fft.irfft(spectrum, 4 * STEPS, axis=1) * 4.0)
