@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from fastcoil.explanation.cures import LONGER_TI
 from fastcoil.explanation.found import Found, Told
-from fastcoil.outputs import HUNTING_SWING
 from fastcoil.theory.cycles import HUNTS_ABOVE
 
 MINUTES = 120.0
@@ -34,14 +35,12 @@ def _quiet(found: Found) -> str:
     if found.told is None or not found.told.foretold.hunts:
         edge = found.told is not None and found.told.unsure
         return "This loop will not hunt, but it is on the edge." if edge else "This loop will not hunt."
-    if not float(found.now["hunting_swing"]) > HUNTING_SWING:
-        return "This loop cycles, but hardly: its swing is too small to count as hunting."
     told = found.told.foretold
-    if told.n_hunting < told.reached.size:
-        return (
-            f"This loop will hunt for a part of the day: at {told.n_hunting} of {told.reached.size} operating points."
-        )
-    return "This loop is foretold to hunt, but the simulated day does not count as hunting."
+    places = f"{told.n_hunting} of {told.reached.size} operating points"
+    if found.needs_cure:
+        return f"This loop will hunt for a part of the day: at {places}."
+    most = kelvin(2.0 * float(np.nanmax(told.cycles.amplitude[told.hunting])))
+    return f"This loop will hardly hunt: by up to {most} at {places} in theory, which the simulated day does not show."
 
 
 def why_of(found: Found) -> str:

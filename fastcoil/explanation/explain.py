@@ -18,7 +18,7 @@ from fastcoil.explanation.hints import hints_of
 from fastcoil.explanation.operating_points import operating_points
 from fastcoil.explanation.phase import PARTS, phase_shares, response_of
 from fastcoil.explanation.result import Explanation
-from fastcoil.explanation.trial import recommended, swings_at, try_cures, verdict
+from fastcoil.explanation.trial import hunts_at_times, recommended, swings_at, try_cures, verdict
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import plan_simulation
@@ -70,6 +70,7 @@ def explain(
         check.problems += _too_many(loop, boundary)
         second = check.unless_none(whole_of, "at", at, 0, boundary.n_steps - 1, _second_of(boundary))
     plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
+    loop = _with_estimate(loop)
     points = operating_points(boundary, warm_up, second)
     doubts = why_not_linear(loop)
     foretold = foretell(loop, points) if not doubts else None
@@ -79,6 +80,9 @@ def explain(
     cures = _tried(loop, boundary, tried, foretold, warm_up, seed)
     swings = swings_at(points, boundary, cures.isel(cure=0))
     told = told_of(loop, foretold, swings) if foretold is not None else None
+    at_times = foretold is not None and hunts_at_times(foretold, swings, cures.isel(cure=0))
+    cures = cures.assign(at_times=at_times)
+    cures = cures.assign(verdict=("cure", [verdict(cures, k) for k in range(len(tried))]))
     return Explanation.of(
         Found(
             loop=loop,
@@ -105,6 +109,13 @@ def _too_many(loop: Loop, boundary: Boundary) -> list[str]:
     return found
 
 
+def _with_estimate(loop: Loop) -> Loop:
+    """The loop with its estimate as such: a cure may change the backlash, or the estimate."""
+    if loop["estimate_ratio"] is None:
+        return loop
+    return loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
+
+
 def _second_of(boundary: Boundary) -> str:
     return f"give a second of the boundary, a whole number from 0 to {boundary.n_steps - 1}"
 
@@ -122,7 +133,7 @@ def told_of(loop: Loop, foretold: Foretold, swings: Array) -> Told:
 def _tried(
     loop: Loop, boundary: Boundary, tried: list[Cure], foretold: Foretold | None, warm_up: int, seed: int
 ) -> xr.Dataset:
-    """The cures, simulated and foretold, with their names, words and verdicts."""
+    """The cures, simulated and foretold, with their names and words."""
     ds = try_cures(loop, boundary, tried, warm_up, seed)
     worst, n_hunting = np.full(len(tried), math.nan), np.zeros(len(tried))
     if foretold is not None:
@@ -133,4 +144,4 @@ def _tried(
         margin=("cure", worst, {"long_name": "largest describing-function margin, foretold"}),
         n_hunting=("cure", n_hunting, {"long_name": "operating points foretold to hunt"}),
     )
-    return ds.assign(verdict=("cure", [verdict(ds, k) for k in range(len(tried))]))
+    return ds

@@ -71,7 +71,7 @@ def foretell(loop: Loop, points: PointsOfDay) -> Foretold:
     points
         Of one day.
     """
-    columns = columns_of(as_theory_takes_it(loop), {}, np.zeros(points.size, dtype=np.int64))
+    columns = columns_of(without_dead_band(loop), {}, np.zeros(points.size, dtype=np.int64))
     plants = plants_of(columns, points.conditions)
     cycles = cycles_of(columns, plants)
     found = Foretold(points, plants, cycles, -1)
@@ -85,7 +85,7 @@ def cycles_at(loop: Loop, plants: Plants, which: Index) -> Cycles:
     The sweep may change the controller and the backlash, which leave the plants as they are.
     """
     n = math.prod(loop.sizes.values())
-    columns = columns_of(as_theory_takes_it(loop), loop.sizes, np.repeat(np.arange(n), which.size))
+    columns = columns_of(without_dead_band(loop), loop.sizes, np.repeat(np.arange(n), which.size))
     found = cycles_of(columns, picked(plants, np.tile(which, n)))
     return Cycles(*(values.reshape(n, which.size) for values in found))
 
@@ -95,12 +95,9 @@ def margins(loop: Loop, plants: Plants, which: Index) -> Array:
     return cycles_at(loop, plants, which).margin
 
 
-def as_theory_takes_it(loop: Loop) -> Loop:
-    """The loop with its estimate as such, and without a dead band, which theory does not know: that is told."""
-    changes: dict[str, Any] = {"error_dead_band": 0.0}
-    if loop["estimate_ratio"] is not None:
-        changes["backlash_estimate"] = loop["estimate_ratio"] * loop["backlash"]  # type: ignore[operator]
-    return loop.assign(**changes)
+def without_dead_band(loop: Loop) -> Loop:
+    """Theory knows no dead band: it foretells what the loop does without one, and that is told."""
+    return loop.assign(error_dead_band=0.0)
 
 
 def picked(plants: Plants, which: Index) -> Plants:

@@ -96,7 +96,7 @@ class Found(NamedTuple):
 
     @property
     def needs_cure(self) -> bool:
-        """Whether it hunts, or is foretold to for a part of the day."""
+        """Whether it hunts, for a part of the day at least."""
         return bool(hunting(self.cures)[0])
 
     def value(self, name: str) -> float:

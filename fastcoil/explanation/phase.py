@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.explanation.foretold import Foretold, as_theory_takes_it, picked
+from fastcoil.explanation.foretold import Foretold, picked, without_dead_band
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
 from fastcoil.theory.describing_function import describing_function
@@ -42,7 +42,7 @@ class Response(NamedTuple):
 
 def response_of(loop: Loop, foretold: Foretold) -> Response:
     """Frequency response of a single loop at its worst operating point."""
-    columns = columns_of(as_theory_takes_it(loop), {}, np.zeros(1, dtype=np.int64))
+    columns = columns_of(without_dead_band(loop), {}, np.zeros(1, dtype=np.int64))
     plant = picked(foretold.plants, np.array([foretold.worst]))
     w = np.geomspace(_SLOWEST, math.pi / float(columns["sample_time"][0]), _FREQUENCIES)
     L = loop_response(columns, plant, w)[0]

@@ -8,6 +8,7 @@ import xarray as xr
 from fastcoil.arrays import Array, Mask
 from fastcoil.boundary import Boundary
 from fastcoil.explanation.cures import AS_IS, DEAD_BAND, REPAIRED, Cure, with_cures
+from fastcoil.explanation.foretold import Foretold
 from fastcoil.explanation.operating_points import PointsOfDay
 from fastcoil.outputs import SETTLING_TIME, STATUS_OK
 from fastcoil.simulation.loop import Loop
@@ -16,6 +17,8 @@ from fastcoil.theory.cycles import HUNTS_ABOVE
 
 _POINTS = 43200
 """Most samples of a trace: one every 2 s of a day."""
+PLAIN = 1.5
+"""Times as large a swing shows that a loop hunts here and not there."""
 WORSE, BETTER = 1.05, 0.95
 """RMSE relative to now from which a cure counts as worse, and up to which as better."""
 
@@ -44,13 +47,27 @@ def swings_at(points: PointsOfDay, boundary: Boundary, now: xr.Dataset) -> Array
     return np.array([np.ptp(T) if T.size else np.nan for T in seen])
 
 
+def hunts_at_times(foretold: Foretold, swings: Array, now: xr.Dataset) -> bool:
+    """Whether a loop hunts for too small a part of the day to count as hunting, foretold and simulated.
+
+    At the operating points at which it is foretold to hunt, the simulated swings have to be ``PLAIN`` times those
+    elsewhere, in the median.
+    """
+    there = foretold.hunting
+    rest = np.setdiff1d(foretold.reached, there)
+    sizes = [swings[some][np.isfinite(swings[some])] for some in (there, rest)]
+    if now["hunts"] > 0 or not sizes[0].size or not sizes[1].size:
+        return False
+    return bool(np.median(sizes[0]) > PLAIN * np.median(sizes[1]))
+
+
 def hunting(ds: xr.Dataset) -> Mask:
     """Which cures leave the loop hunting, as it is first: those whose simulated day hunts.
 
-    Where the loop hunts for too small a part of the day to count as hunting, those that are foretold to do so, too.
+    Where the loop hunts at times, those that are foretold to hunt somewhere, too.
     """
     shown, told = ds["hunts"].values > 0, ds["n_hunting"].values > 0
-    return np.asarray(shown | told if told[0] and not shown[0] else shown)
+    return np.asarray(shown | told if ds["at_times"] else shown)
 
 
 def verdict(ds: xr.Dataset, k: int) -> str:

@@ -12,7 +12,6 @@ from fastcoil.explanation.cures import DEAD_BAND, INVERSE, REPAIRED
 from fastcoil.explanation.foretold import Foretold
 from fastcoil.explanation.found import Found, Told
 from fastcoil.explanation.table import table_of
-from fastcoil.outputs import HUNTING_SWING
 from fastcoil.theory.cycles import HUNTS_ABOVE
 
 _LEAST_SHARE = 0.5
@@ -49,7 +48,7 @@ def _agreement(found: Found, told: Told) -> list[str]:
         margin = f"{told.foretold.margin:.2g}"
         lines.append(f"A margin of {margin} is too near {HUNTS_ABOVE:g} to decide: go by the simulation.")
     elif told.foretold.hunts != found.hunts:
-        lines.append(f"The two disagree{_reason(told)}.")
+        lines.append(f"The two disagree: {_reason(found, told)}.")
     return lines
 
 
@@ -69,22 +68,19 @@ def _span(values: Array, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def _reason(told: Told) -> str:
+def _reason(found: Found, told: Told) -> str:
     """Why the simulated day may not show what is foretold, and whom to believe."""
     foretold = told.foretold
-    if not foretold.hunts:
-        return ": go by the simulation for this day"
-    hunting = foretold.hunting
-    if 2.0 * float(np.nanmax(foretold.cycles.amplitude[hunting])) < HUNTING_SWING:
-        return f": a swing below {HUNTING_SWING:g} K does not count"
-    rest = np.setdiff1d(foretold.reached, hunting)
-    if rest.size and np.isfinite(told.swings[hunting]).any() and np.isfinite(told.swings[rest]).any():
-        swings = [kelvin(float(np.nanmedian(told.swings[some]))) for some in (hunting, rest)]
+    if found.needs_cure and not found.hunts:
+        there, rest = foretold.hunting, np.setdiff1d(foretold.reached, foretold.hunting)
+        swings = [kelvin(float(np.nanmedian(told.swings[some]))) for some in (there, rest)]
         return (
-            f": it hunts for too small a part of the day to count.  Where it is foretold to hunt, T_sup swings by "
+            "it hunts for too small a part of the day to count.  Where it is foretold to hunt, T_sup swings by "
             f"{swings[0]} in the simulation (median), elsewhere by {swings[1]}"
         )
-    return ": its swing is not regular enough, or shows too few periods, to count; go by the simulation for this day"
+    if foretold.hunts:
+        return "its swing is too small or not regular enough to count; go by the simulation for this day"
+    return "go by the simulation for this day"
 
 
 def _where(told: Told) -> list[str]:

@@ -1,5 +1,7 @@
 """Which cures are tried, what is said of them, and which is recommended."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,7 +9,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.explanation.cures import AS_IS, Cure, cures_of, with_cures
 from fastcoil.explanation.operating_points import operating_points
-from fastcoil.explanation.trial import recommended, swings_at, verdict
+from fastcoil.explanation.trial import hunts_at_times, recommended, swings_at, verdict
 
 
 def outcome(*rows):
@@ -16,7 +18,7 @@ def outcome(*rows):
     nothing = [0] * len(rows)
     found = {"rmse": rmse, "hunts": hunts, "hunting_swing": swing, "margin": margin, "status": nothing}
     found["n_hunting"] = nothing
-    return xr.Dataset({name: ("cure", values) for name, values in found.items()})
+    return xr.Dataset({name: ("cure", values) for name, values in found.items()}).assign(at_times=False)
 
 
 HUNTING = (0.4, 1.0, 1.0, 2.0)
@@ -91,6 +93,8 @@ def test_a_loop_that_hunts_for_a_part_of_the_day_is_cured_by_what_is_foretold_to
     part = (0.4, 0.0, 1.0, 1.3)
     ds = outcome(part, (0.3, 0.0, 0.1, 0.7), (0.2, 0.0, 0.5, 1.2))
     ds["n_hunting"][:] = [6, 0, 3]
+    assert verdict(ds, 1) == "better"
+    ds = ds.assign(at_times=True)
     assert [verdict(ds, k) for k in (1, 2)] == ["cures it", "still hunts, but less"]
     assert recommended(ds, NAMES[:3]) == 1
 
@@ -100,8 +104,20 @@ def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
     day = fc.Boundary(m_a=1.2, T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=T_set)
     points = operating_points(day, warm_up=600)
     t = np.arange(0, 3600, 2)
-    T_sup = T_set[t] + 0.3 * np.sin(t / 30.0) + np.where((t >= 1800) & (t < 2400), 5.0, 0.0) + np.where(t < 600, 9.0, 0.0)
+    T_sup = (
+        T_set[t] + 0.3 * np.sin(t / 30.0) + np.where((t >= 1800) & (t < 2400), 5.0, 0.0) + np.where(t < 600, 9.0, 0.0)
+    )
     now = xr.Dataset({"T_sup": ("elapsed_time", T_sup)}, coords={"elapsed_time": t})
     assert swings_at(points, day, now) == pytest.approx([0.6, 0.6], abs=1e-3)
     short = operating_points(day, warm_up=0, at=2000)
     assert np.isnan(swings_at(short, day, now)).all()
+
+
+def test_hunting_at_times_takes_swings_where_it_is_foretold_that_are_not_seen_elsewhere():
+    foretold = SimpleNamespace(hunting=np.array([0, 1]), reached=np.arange(5))
+    quiet, hunts = (xr.Dataset({"hunts": value}) for value in (0.0, 1.0))
+    swings = np.array([2.0, np.nan, 0.5, 0.6, 0.4])
+    assert hunts_at_times(foretold, swings, quiet)
+    assert not hunts_at_times(foretold, swings, hunts), "then it simply hunts"
+    assert not hunts_at_times(foretold, np.full(5, 0.5), quiet)
+    assert not hunts_at_times(foretold, np.array([np.nan, np.nan, 0.1, 0.1, 0.1]), quiet)

@@ -92,6 +92,13 @@ def test_a_loop_that_does_not_hunt_is_told_how_far_it_is_and_what_backlash_costs
     assert f"What the backlash of 7 % costs anyway: RMSE {now:.2g} K instead of {repaired:.2g} K." in quiet.text
 
 
+def test_an_estimate_that_is_given_as_a_ratio_stays_the_estimate_of_the_loop():
+    loop = LBNL.assign(estimate_ratio=0.9)
+    found = explain(loop, DAY)
+    assert float(found.cures["rmse"][0]) == float(fc.simulate(loop, DAY, n_jobs=1)["rmse"])
+    assert found.cures["backlash_estimate"].values[0] == pytest.approx(0.063)
+
+
 def test_a_second_is_explained_by_its_own_conditions():
     found = explain(LBNL, DAY, at=4000)
     assert found.points.sizes == {"point": 1}

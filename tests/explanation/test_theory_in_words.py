@@ -106,11 +106,3 @@ def test_a_perfect_valve_is_told_when_its_loop_will_hunt_as_it_wears():
 
     assert re.fullmatch(r"With a backlash of 2 % the margin would be [\d.]+: as the valve .*", *hints(0.3))
     assert hints(1.5) == ()
-
-
-def test_an_estimate_that_is_given_as_a_ratio_counts_as_the_estimate():
-    as_ratio, as_size = tuned(3.0, 0.4, estimate_ratio=0.5), tuned(3.0, 0.4, backlash_estimate=0.035)
-    plants = told(as_size, 20).plants
-    here = np.zeros(1, dtype=np.int64)
-    assert margins(as_ratio, plants, here) == margins(as_size, plants, here)
-    assert margins(as_size, plants, here) != margins(tuned(3.0, 0.4), plants, here)
