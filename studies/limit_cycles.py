@@ -1,9 +1,9 @@
 """How right ``fc.limit_cycle`` is: what it foretells beside what the emulator does.
 
-Loops, plants and operating points are drawn at random.  Each loop runs for 16 hours of constant air and water; a step of
-the set-point after two hours starts what can be started, and the last eight hours count.  Other kinds of days follow,
-foretold from their mean conditions.  Run with ``python studies/limit_cycles.py`` to write the tables; ``choose`` as an
-argument prints how the threshold was chosen, on loops of another seed.
+Loops, plants and operating points are drawn at random.  Each loop runs for 16 hours of constant air and water; a step
+of the set-point after two hours starts what can be started, and the last eight hours count.  Other kinds of days
+follow, foretold from their mean conditions.  Run with ``python studies/limit_cycles.py`` to write the tables; with
+``choose`` as an argument it prints how the threshold was chosen, on loops of another seed.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def compared(population: str, seed: int, loops: int, points: int = POINTS) -> Ca
 
 
 class Judged(NamedTuple):
-    """Where the set-point can be held and something is foretold (``among``): what was right there, over (sample, day)."""
+    """What was right where the set-point can be held and something is foretold (``among``), over (sample, day)."""
 
     among: xr.DataArray
     hunts: xr.DataArray
@@ -90,7 +90,7 @@ class Judged(NamedTuple):
         ]
 
 
-HEAD = ["missed", "foretold in vain", "loops", "hunt", "hunts or not: right", "period within 15 %",
+HEAD = ["missed", "foretold in vain", "cases", "hunt", "hunts or not: right", "period within 15 %",
         "peak to peak within × 1.5"]  # fmt: skip
 
 
@@ -100,8 +100,10 @@ def rows_where(judged: Mapping[str, Judged], cases: Mapping[str, Case]) -> Itera
     def joined(of: Callable[[str], xr.DataArray]) -> xr.DataArray:
         return xr.concat([of(name) for name in PLAIN], "sample")
 
-    fields = [joined(lambda name, i=i: judged[name][i].drop_vars(["sample", "day"], errors="ignore")) for i in range(5)]
-    both = Judged(*fields)
+    def judgement(i: int) -> xr.DataArray:
+        return joined(lambda name: judged[name][i].drop_vars(["sample", "day"], errors="ignore"))
+
+    both = Judged(*(judgement(i) for i in range(len(Judged._fields))))
 
     def parameter(name: str) -> xr.DataArray:
         return joined(lambda case: xr.DataArray(cases[case].loop[name]).drop_vars("sample", errors="ignore"))
@@ -127,7 +129,7 @@ def rows_where(judged: Mapping[str, Judged], cases: Mapping[str, Case]) -> Itera
         **_bands("gap", parameter("backlash"), (0.0, 0.02, 0.05, 0.15), "{:.0%}"),
         **_bands("margin", margin, (0.0, 0.7, 0.85, 1.0, 1.2, 2.0, 4.0, np.inf), "{:g}"),
         **_bands("sample time", parameter("sample_time"), (0.0, 5.0, 15.0, 60.0), "{:g} s"),
-        **_bands("samples to a period", samples, (0.0, 6.0, 10.0, 20.0, np.inf), "{:g}"),
+        **_bands("foretold samples to a period", samples, (0.0, 6.0, 10.0, 20.0, np.inf), "{:g}"),
         "motor at once": parameter("stroke_time") == 0.0,
         **_bands("stroke", parameter("stroke_time"), (0.0, 60.0, 150.0), "{:g} s"),
         "no sensor lag": parameter("sensor_time_constant") == 0.0,

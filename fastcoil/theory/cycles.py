@@ -8,7 +8,7 @@ import numpy as np
 
 from fastcoil.arrays import Array, Index
 from fastcoil.outputs import HUNTING_SWING
-from fastcoil.theory.curve_of_plant import Swings, swings_of
+from fastcoil.theory.curve_of_plant import Swings, refined, swings_of
 from fastcoil.theory.describing_function import Complex, limited
 from fastcoil.theory.elements import Elements, too_smooth, unknown
 from fastcoil.theory.harmonic_balance import Balance, balance, between, frequency
@@ -23,6 +23,8 @@ OF_A_GAP = 1.5
 """Amplitude of u over the gap up to which that is so: there the gap shapes the swing."""
 DISTURBANCE = 2.0
 """Amplitude of T_sup, K, of the disturbance that a cycle is started by."""
+NO_GAP = 1e-6
+"""A gap or a buffer up to this size is round-off."""
 MOST = 30.0
 """Largest amplitude of u that is looked at, before u is limited to 0–1."""
 _AMPLITUDES, _FREQUENCIES = 44, 136
@@ -87,6 +89,7 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
     """Of loops with one sample time."""
     w = np.geomspace(_SLOWEST, np.pi / period, _FREQUENCIES)
     L = loop_response(columns, plants, w)
+    plants = plants._replace(curve=refined(plants.curve))
     elements, swings = Elements.of(columns), swings_of(plants.curve, plants.T_sup, plants.gain)
     A = elements.amplitudes(MOST, _AMPLITUDES)
     pi = LimitedPI.of(columns, elements)
@@ -98,6 +101,10 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
 
     rows = np.arange(A.shape[0])
     best = np.where(points.T <= DISTURBANCE, points.product, 0.0).argmax(axis=1)
+    # without a gap, that of the smallest swing: the linear loop's
+    has_none = (np.abs(elements.width) <= NO_GAP)[:, 0] & (elements.wait <= NO_GAP)[:, 0]
+    smallest = np.arange(0, points.product.shape[1], _AMPLITUDES)
+    best = np.where(has_none, smallest[points.product[:, smallest].argmax(axis=1)], best)
     margin, w_margin = points.product[rows, best], points.w[rows, best]
     # a gap is crossed the more slowly the smaller the error: a swing that dies away takes hours
     shaped = (points.u < OF_A_GAP * elements.width) & (points.product > HUNTS_ABOVE)
@@ -133,7 +140,7 @@ def _balanced(
 
     def of(some: Index) -> Balance:
         part, of_part, A_part, passed_part = elements.part(some), swings.part(some), A[some], passed[some]
-        leads = (part.width < part.wait)[:, 0] | (np.angle(passed_part).max(axis=1) > 0.0)
+        leads = (part.width < part.wait - NO_GAP)[:, 0] | (np.angle(passed_part).max(axis=1) > 0.0)
         lead = np.where(leads, 0.5 * np.pi, 0.0)
         return balance(w, L[some], lambda at: part.describe(A_part, at, of_part, passed_part), _AMPLITUDES, lead)
 

@@ -113,7 +113,8 @@ def unknown(columns: Columns) -> dict[str, Mask]:
 def too_smooth(columns: Columns, amplitude: Array, w: Array) -> Mask:
     """Whether the smooth compensation crosses the gap too slowly, at this cycle of u, to be taken for the inverse."""
     is_smooth = (np.asarray(columns["compensation"]) == "smooth") & (np.asarray(columns["backlash_estimate"]) > 0.0)
-    return is_smooth & (amplitude * w < _SURE_OF_SMOOTH * np.asarray(columns["smooth_rate"], float))
+    rate = np.asarray(columns["smooth_rate"], float)
+    return np.asarray(is_smooth & (amplitude * w < _SURE_OF_SMOOTH * rate))
 
 
 def _assumed(columns: Columns) -> Array:
@@ -130,4 +131,4 @@ def _buffer(columns: Columns) -> Array:
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         highest = np.where(swing > 0.0, swing / gain, np.inf)
-    return np.maximum(np.minimum(ratio * np.abs(kp) * sigma, highest), least)
+    return np.asarray(np.maximum(np.minimum(ratio * np.abs(kp) * sigma, highest), least))
