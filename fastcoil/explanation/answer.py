@@ -37,8 +37,11 @@ def _quiet(found: Found) -> str:
         return "This loop will not hunt, but it is on the edge." if edge else "This loop will not hunt."
     told = found.told.foretold
     places = f"{told.n_hunting} of {told.reached.size} operating points"
-    if found.needs_cure:
+    if found.needs_cure and told.elsewhere.size:
         return f"This loop will hunt for a part of the day: at {places}."
+    if found.needs_cure:
+        swing = kelvin(float(np.nanmedian(found.told.swings)))
+        return f"This loop will swing by about {swing} peak to peak, not regularly enough to count as hunting."
     most = kelvin(2.0 * float(np.nanmax(told.cycles.amplitude[told.hunting])))
     return f"This loop will hardly hunt: by up to {most} at {places} in theory, which the simulated day does not show."
 

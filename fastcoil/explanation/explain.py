@@ -18,7 +18,7 @@ from fastcoil.explanation.hints import hints_of
 from fastcoil.explanation.operating_points import operating_points
 from fastcoil.explanation.phase import PARTS, phase_shares, response_of
 from fastcoil.explanation.result import Explanation
-from fastcoil.explanation.trial import hunts_at_times, recommended, swings_at, try_cures, verdict
+from fastcoil.explanation.trial import hunts_uncounted, recommended, swings_at, try_cures, verdict
 from fastcoil.outputs import WARM_UP
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import plan_simulation
@@ -80,8 +80,8 @@ def explain(
     cures = _tried(loop, boundary, tried, foretold, warm_up, seed)
     swings = swings_at(points, boundary, cures.isel(cure=0))
     told = told_of(loop, foretold, swings) if foretold is not None else None
-    at_times = foretold is not None and hunts_at_times(foretold, swings, cures.isel(cure=0))
-    cures = cures.assign(at_times=at_times)
+    uncounted = foretold is not None and hunts_uncounted(foretold, swings, cures.isel(cure=0))
+    cures = cures.assign(uncounted=uncounted)
     cures = cures.assign(verdict=("cure", [verdict(cures, k) for k in range(len(tried))]))
     return Explanation.of(
         Found(

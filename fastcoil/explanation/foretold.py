@@ -56,6 +56,11 @@ class Foretold(NamedTuple):
         return self.reached[self.cycles.hunts[self.reached] > 0.0]
 
     @property
+    def elsewhere(self) -> Index:
+        """The others at which theory has a margin."""
+        return self.reached[~(self.cycles.hunts[self.reached] > 0.0)]
+
+    @property
     def n_hunting(self) -> int:
         """How many these are."""
         return int(self.hunting.size)

@@ -72,7 +72,7 @@ class Explanation:
             doubts=found.doubts + found.left_out,
             phase=found.told.phase if found.told is not None else None,
             points=found.told.points if found.told is not None else None,
-            cures=found.cures.drop_vars(["T_sup", "elapsed_time", "at_times"]),
+            cures=found.cures.drop_vars(["T_sup", "elapsed_time", "uncounted"]),
             recommended=str(found.cures["cure"].values[found.best]),
             _found=found,
         )

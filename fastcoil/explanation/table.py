@@ -23,7 +23,7 @@ def table_of(found: Found) -> list[str]:
             says = str(one["verdict"].item())
         else:
             error_word, travel_word = f"{error:.3g} K", f"{travel:.3g} strokes"
-            says = "hunts" if found.hunts else "hunts at times" if found.needs_cure else "does not hunt"
+            says = "hunts" if found.hunts else "hunts in part" if found.needs_cure else "does not hunt"
         swing = float(one["hunting_swing"])
         cells = [f"{float(one['margin']):.2f}", error_word, kelvin(swing), travel_word]
         known = (float(one["margin"]), error, swing, travel)

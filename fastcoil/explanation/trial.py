@@ -10,7 +10,7 @@ from fastcoil.boundary import Boundary
 from fastcoil.explanation.cures import AS_IS, DEAD_BAND, REPAIRED, Cure, with_cures
 from fastcoil.explanation.foretold import Foretold
 from fastcoil.explanation.operating_points import PointsOfDay
-from fastcoil.outputs import SETTLING_TIME, STATUS_OK
+from fastcoil.outputs import OFF, SETTLING_TIME, STATUS_OK
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.simulate import simulate
 from fastcoil.theory.cycles import HUNTS_ABOVE
@@ -18,7 +18,9 @@ from fastcoil.theory.cycles import HUNTS_ABOVE
 _POINTS = 43200
 """Most samples of a trace: one every 2 s of a day."""
 PLAIN = 1.5
-"""Times as large a swing shows that a loop hunts here and not there."""
+"""So many times as large a swing shows that a loop hunts here and not there."""
+AS_FORETOLD = 0.7
+"""Simulated over foretold swing from which the one counts as the other."""
 WORSE, BETTER = 1.05, 0.95
 """RMSE relative to now from which a cure counts as worse, and up to which as better."""
 
@@ -47,27 +49,31 @@ def swings_at(points: PointsOfDay, boundary: Boundary, now: xr.Dataset) -> Array
     return np.array([np.ptp(T) if T.size else np.nan for T in seen])
 
 
-def hunts_at_times(foretold: Foretold, swings: Array, now: xr.Dataset) -> bool:
-    """Whether a loop hunts for too small a part of the day to count as hunting, foretold and simulated.
+def hunts_uncounted(foretold: Foretold, swings: Array, now: xr.Dataset) -> bool:
+    """Whether a loop hunts although the metric does not count it, since it does at times only, or not regularly enough.
 
-    At the operating points at which it is foretold to hunt, the simulated swings have to be ``PLAIN`` times those
-    elsewhere, in the median.
+    At the operating points at which it is foretold to hunt, the simulated swings are, in the median, ``PLAIN`` times
+    those elsewhere; or they are of the size foretold, ``AS_FORETOLD``, and above ``OFF``.
     """
-    there = foretold.hunting
-    rest = np.setdiff1d(foretold.reached, there)
-    sizes = [swings[some][np.isfinite(swings[some])] for some in (there, rest)]
-    if now["hunts"] > 0 or not sizes[0].size or not sizes[1].size:
+    if now["hunts"] > 0 or not foretold.n_hunting:
         return False
-    return bool(np.median(sizes[0]) > PLAIN * np.median(sizes[1]))
+    there, rest = (_median(swings[some]) for some in (foretold.hunting, foretold.elsewhere))
+    expected = 2.0 * _median(foretold.cycles.amplitude[foretold.hunting])
+    return there > PLAIN * rest or there > max(AS_FORETOLD * expected, OFF)
+
+
+def _median(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else np.nan
 
 
 def hunting(ds: xr.Dataset) -> Mask:
     """Which cures leave the loop hunting, as it is first: those whose simulated day hunts.
 
-    Where the loop hunts at times, those that are foretold to hunt somewhere, too.
+    Where that is not counted for the loop as it is, those that are foretold to hunt somewhere, too.
     """
     shown, told = ds["hunts"].values > 0, ds["n_hunting"].values > 0
-    return np.asarray(shown | told if ds["at_times"] else shown)
+    return np.asarray(shown | told if ds["uncounted"] else shown)
 
 
 def verdict(ds: xr.Dataset, k: int) -> str:

@@ -71,9 +71,9 @@ def _span(values: Array, unit: str) -> str:
 def _reason(found: Found, told: Told) -> str:
     """Why the simulated day may not show what is foretold, and whom to believe."""
     foretold = told.foretold
-    if found.needs_cure and not found.hunts:
-        there, rest = foretold.hunting, np.setdiff1d(foretold.reached, foretold.hunting)
-        swings = [kelvin(float(np.nanmedian(told.swings[some]))) for some in (there, rest)]
+    both = (foretold.hunting, foretold.elsewhere)
+    if found.needs_cure and not found.hunts and all(np.isfinite(told.swings[some]).any() for some in both):
+        swings = [kelvin(float(np.nanmedian(told.swings[some]))) for some in both]
         return (
             "it hunts for too small a part of the day to count.  Where it is foretold to hunt, T_sup swings by "
             f"{swings[0]} in the simulation (median), elsewhere by {swings[1]}"

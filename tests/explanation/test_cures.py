@@ -9,7 +9,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.explanation.cures import AS_IS, Cure, cures_of, with_cures
 from fastcoil.explanation.operating_points import operating_points
-from fastcoil.explanation.trial import hunts_at_times, recommended, swings_at, verdict
+from fastcoil.explanation.trial import hunts_uncounted, recommended, swings_at, verdict
 
 
 def outcome(*rows):
@@ -18,7 +18,7 @@ def outcome(*rows):
     nothing = [0] * len(rows)
     found = {"rmse": rmse, "hunts": hunts, "hunting_swing": swing, "margin": margin, "status": nothing}
     found["n_hunting"] = nothing
-    return xr.Dataset({name: ("cure", values) for name, values in found.items()}).assign(at_times=False)
+    return xr.Dataset({name: ("cure", values) for name, values in found.items()}).assign(uncounted=False)
 
 
 HUNTING = (0.4, 1.0, 1.0, 2.0)
@@ -94,7 +94,7 @@ def test_a_loop_that_hunts_for_a_part_of_the_day_is_cured_by_what_is_foretold_to
     ds = outcome(part, (0.3, 0.0, 0.1, 0.7), (0.2, 0.0, 0.5, 1.2))
     ds["n_hunting"][:] = [6, 0, 3]
     assert verdict(ds, 1) == "better"
-    ds = ds.assign(at_times=True)
+    ds = ds.assign(uncounted=True)
     assert [verdict(ds, k) for k in (1, 2)] == ["cures it", "still hunts, but less"]
     assert recommended(ds, NAMES[:3]) == 1
 
@@ -113,11 +113,15 @@ def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
     assert np.isnan(swings_at(short, day, now)).all()
 
 
-def test_hunting_at_times_takes_swings_where_it_is_foretold_that_are_not_seen_elsewhere():
-    foretold = SimpleNamespace(hunting=np.array([0, 1]), reached=np.arange(5))
-    quiet, hunts = (xr.Dataset({"hunts": value}) for value in (0.0, 1.0))
-    swings = np.array([2.0, np.nan, 0.5, 0.6, 0.4])
-    assert hunts_at_times(foretold, swings, quiet)
-    assert not hunts_at_times(foretold, swings, hunts), "then it simply hunts"
-    assert not hunts_at_times(foretold, np.full(5, 0.5), quiet)
-    assert not hunts_at_times(foretold, np.array([np.nan, np.nan, 0.1, 0.1, 0.1]), quiet)
+def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_foretold():
+    def uncounted(swings, hunts=0.0, amplitude=1.0):
+        cycles = SimpleNamespace(amplitude=np.full(5, amplitude))
+        foretold = SimpleNamespace(hunting=np.array([0, 1]), elsewhere=np.array([2, 3, 4]), n_hunting=2, cycles=cycles)
+        return hunts_uncounted(foretold, np.array(swings), xr.Dataset({"hunts": hunts}))
+
+    assert uncounted([1.0, np.nan, 0.5, 0.6, 0.4])
+    assert not uncounted([1.0, 1.0, 0.5, 0.6, 0.4], hunts=1.0), "then it is counted"
+    assert not uncounted([0.5, 0.5, 0.5, 0.5, 0.5])
+    assert not uncounted([np.nan, np.nan, 0.1, 0.1, 0.1])
+    assert uncounted([1.5, 1.5, 1.5, 1.5, 1.5]), "of the size foretold"
+    assert not uncounted([0.2, 0.2, 0.2, 0.2, 0.2], amplitude=0.1), "too small to matter"
