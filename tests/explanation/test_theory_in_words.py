@@ -6,7 +6,7 @@ import re
 import control
 import numpy as np
 import pytest
-from helpers.first_order_plants import first_order_plants
+from helpers.first_order_plants import first_order_plants, together
 
 import fastcoil as fc
 from fastcoil.explanation.cures import distance, shortest_ti
@@ -23,11 +23,15 @@ GAIN, LAG = -15.0, 100.0
 
 def told(loop, delay):
     """A loop around a plant of first order at a single operating point."""
-    plants = first_order_plants(GAIN, LAG, delay)
-    cycles = cycles_of(columns_of(loop, {}, np.zeros(1, dtype=np.int64)), plants)
-    nothing = np.zeros(1, dtype=np.int64)
-    points = PointsOfDay(nothing, nothing + 1, {"T_set": np.array([14.0])}, nothing)
-    return Foretold(points, plants, cycles, 0)
+    return at_points(loop, first_order_plants(GAIN, LAG, delay))
+
+
+def at_points(loop, *plants):
+    """A loop at an operating point for each plant."""
+    nothing = np.zeros(len(plants), dtype=np.int64)
+    cycles = cycles_of(columns_of(loop, {}, nothing), together(*plants))
+    points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0}, nothing)
+    return Foretold(points, together(*plants), cycles, int(np.argmax(cycles.margin)))
 
 
 def all_told(loop, delay):
@@ -52,6 +56,25 @@ def test_the_shortest_ti_is_that_of_the_published_table(rho, theta, kappa):
     """literature: critical gain of a first-order lag with delay behind any backlash, by ti/lag and delay/lag."""
     loop = tuned(kappa, 0.05)
     assert shortest_ti(loop, told(loop, theta), 1.0) == pytest.approx(rho * LAG, rel=0.06)
+
+
+def test_the_shortest_ti_holds_where_the_loop_is_worst_then_and_not_only_where_it_is_worst_now():
+    strong, late = first_order_plants(-6.0, 100.0, 3), first_order_plants(-4.0, 20.0, 40)
+    loop = fc.Loop(kp=0.1, ti=3.0, sample_time=1)
+    both = at_points(loop, strong, late)
+    assert both.worst == 0
+    alone = [shortest_ti(loop, at_points(loop, plant), 0.33) for plant in (strong, late)]
+    assert alone[1] > 1.2 * alone[0]
+    assert shortest_ti(loop, both, 0.33) == pytest.approx(alone[1], rel=1e-3)
+
+
+def test_the_margins_of_a_sweep_are_those_of_its_loops_point_by_point():
+    plants = [first_order_plants(GAIN, LAG, delay) for delay in (5, 20, 60)]
+    loops = [tuned(kappa, 0.3) for kappa in (0.5, 2.0)]
+    swept = loops[0].assign(kp=("tuning", [loop["kp"] for loop in loops]))
+    found = margins(swept, together(*plants), np.array([2, 0]))
+    expected = [[at_points(loop, plant).margin for plant in (plants[2], plants[0])] for loop in loops]
+    assert found == pytest.approx(np.array(expected), rel=1e-4)
 
 
 def test_twice_the_kp_is_half_the_distance():

@@ -23,3 +23,11 @@ def first_order_plants(gain: float, lag: float, delay: int, n: int = 1) -> Plant
         same=np.zeros(n, dtype=np.int64),
         curve=np.tile(14.0 + gain * (OPENINGS - 0.4), (n, 1)),
     )
+
+
+def together(*plants: Plants) -> Plants:
+    """Several plants as those of so many operating points."""
+    length = max(plant.response.shape[1] for plant in plants)
+    responses = [np.pad(p.response, ((0, 0), (0, length - p.response.shape[1])), mode="edge") for p in plants]
+    joined = {name: np.concatenate([getattr(p, name) for p in plants]) for name in Plants._fields if name != "response"}
+    return Plants(**joined | {"response": np.concatenate(responses), "same": np.arange(len(plants))})
