@@ -90,7 +90,7 @@ def test_the_dots_of_nyquist_are_the_cycle_or_lie_on_both_curves_in_one_directio
 def test_without_a_gap_minus_1_over_N_begins_at_minus_1(day):
     axes = fc.nyquist(fc.Loop(backlash=0.0, sample_time=5, ti=60.0), day).axes[0]
     (minus_1_over_N,) = (complex_of(line) for line in axes.lines if line.get_label() == "_-1/N")
-    # the curve of the plant behind N is straight between 17 openings
+    # the curve of the plant behind N is known at 17 openings only
     assert minus_1_over_N[0] == pytest.approx(-1.0, abs=0.05)
 
 
