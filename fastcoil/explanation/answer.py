@@ -12,6 +12,8 @@ from fastcoil.theory.cycles import HUNTS_ABOVE
 
 MINUTES = 120.0
 """Seconds from which a period is told in minutes."""
+_NOTHING = 5e-4
+"""Temperature difference that nobody sees, K."""
 _LOST = 0.5
 """Share of the time off the set-point from which a loop does not control."""
 
@@ -70,7 +72,7 @@ def seconds(value: float) -> str:
 
 def kelvin(value: float) -> str:
     """A temperature difference in words."""
-    return f"{number(value)} K"
+    return f"{number(value)} K" if abs(value) >= _NOTHING else "0 K"
 
 
 def number(value: float) -> str:

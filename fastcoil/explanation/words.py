@@ -139,6 +139,7 @@ def _advice(found: Found) -> list[str]:
         return ["None of these cures it." if found.needs_cure else "Leave it: none of these takes 5 % off the error."]
     now, then = found.now, found.cures.isel(cure=found.best)
     error = float(then["rmse"] / now["rmse"]) - 1.0
-    travel = float(then["motor_travel"] / now["motor_travel"]) if float(now["motor_travel"]) else math.nan
+    travel, before = float(then["motor_travel"]), float(now["motor_travel"])
+    moved = f", motor travel × {number(travel / before)}" if before else ""
     then_do = "Do this" if found.needs_cure else "If the error matters"
-    return [f"{then_do}: {then['words'].item()}: RMSE {100 * error:+.0f} %, motor travel × {number(travel)}."]
+    return [f"{then_do}: {then['words'].item()}: RMSE {100 * error:+.0f} %{moved}."]

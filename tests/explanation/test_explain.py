@@ -109,15 +109,22 @@ def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(untold)
     found = untold
     assert found.foretold is None
     assert math.isnan(found.margin)
-    assert "theory cannot tell, since the estimator gradient changes the inverse" in found.why
+    assert "theory cannot tell, since an estimator changes the estimate as it goes." in found.why
     assert found.points is None
+    assert "a neutral_zone makes small cycles" in explain(LBNL.assign(neutral_zone=0.02), DAY).why
     hot = fc.Boundary(**{n: v[0] for n, v in DAY.series.items() if n != "T_set"}, T_set=3.0)
     assert "the valve is at its end all the time" in explain(LBNL, hot).why
 
 
+def test_a_day_on_which_nothing_moves_is_told_without_a_number_that_there_is_not():
+    text = explain(LBNL.assign(noise_std=0.0, error_dead_band=0.2), fc.constant_day(2), warm_up=3000).text
+    assert "nan" not in text
+    assert "e-0" not in text
+
+
 def test_what_the_margin_does_not_see_is_said():
     found = explain(LBNL.assign(error_dead_band=0.3), DAY)
-    assert "Not in the margin: the error dead band may hold a loop still" in found.text
+    assert "Not in the margin: the error dead band of 0.3 K, which may hold a loop still" in found.text
     assert "dead_band" not in found.cures["cure"].values
 
 
