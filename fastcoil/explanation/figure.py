@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SIZE = (7.5, 7.5)
+_SIZE, _WITHOUT_THEORY = (7.5, 7.5), (7.5, 3.8)
 _TELLING, _BEFORE = 5400, 600
 """Seconds that are drawn, and how many of them before the worst operating point."""
 _PHASES = (-200.0, -85.0)
@@ -33,19 +33,18 @@ _MARKS = {"lower_kp": "v", "longer_ti": ">", "simc": "s"}
 
 @apply_style()
 def page(found: Found) -> Figure:
-    """The explanation as a page."""
+    """The explanation as a page; where theory cannot tell, the day alone."""
     from matplotlib.figure import Figure
 
-    fig = Figure(figsize=_SIZE, layout="constrained")
-    grid = fig.add_gridspec(2, 2, height_ratios=(1.5, 1.0))
-    nichols, gains = fig.add_subplot(grid[0, 0]), fig.add_subplot(grid[0, 1])
     if found.told is None:
-        for axes in (nichols, gains):
-            _says(axes, "theory cannot tell")
+        fig = Figure(figsize=_WITHOUT_THEORY, layout="constrained")
+        _day(fig.add_subplot(), found)
     else:
-        _nichols(nichols, found.told)
-        _gains(gains, found, found.told)
-    _day(fig.add_subplot(grid[1, :]), found)
+        fig = Figure(figsize=_SIZE, layout="constrained")
+        grid = fig.add_gridspec(2, 2, height_ratios=(1.5, 1.0))
+        _nichols(fig.add_subplot(grid[0, 0]), found.told)
+        _gains(fig.add_subplot(grid[0, 1]), found, found.told)
+        _day(fig.add_subplot(grid[1, :]), found)
     heading = wrapped(f"{answer_of(found)}\n{why_of(found)}", _SIZE[0] - 0.3, 9.0)
     fig.suptitle(heading, x=0.01, ha="left", fontsize=9)
     return fig
@@ -136,9 +135,3 @@ def _day(axes: Axes, found: Found) -> None:
     axes.margins(x=0.0)
     axes.set_title("Simulated", loc="left")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)
-
-
-def _says(axes: Axes, text: str) -> None:
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=8)
-    axes.set(xticks=[], yticks=[])
-    axes.grid(visible=False)
