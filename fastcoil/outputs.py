@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fastcoil.errors import nearest
+
 STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
 
@@ -115,6 +117,9 @@ METRICS: dict[str, Output] = {
     )
 }
 
+FORMER_METRICS = {"hunting_amplitude": ("hunting_swing", "peak to peak, as before: an amplitude is half of it")}
+"""Names that metrics had in earlier versions: the name of today, and why."""
+
 TRACES: dict[str, Output] = {
     t.name: t
     for t in (
@@ -141,3 +146,11 @@ TRACES: dict[str, Output] = {
     )
 }
 # fmt: on
+
+
+def metric_meant(name: str) -> str:
+    """A clause for a name that is no metric of a result: what it is called today, or the nearest; else empty."""
+    if name in FORMER_METRICS:
+        today, why = FORMER_METRICS[name]
+        return f", it is called {today!r} now ({why})"
+    return "" if name in METRICS else nearest(name, METRICS)

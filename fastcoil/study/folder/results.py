@@ -15,7 +15,7 @@ import xarray as xr
 from fastcoil.arguments import path_of
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import same_model
-from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
+from fastcoil.outputs import FORMER_METRICS, METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import environments_of, join_flat, unflatten
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.extend import Match, as_part, match_scenarios
@@ -30,7 +30,7 @@ def open_study(folder: str | Path) -> xr.Dataset:
     """Open the results of a study by its folder, checked against their hash.
 
     An unfinished study can be opened too: scenarios that are not finished yet have the status ``not_run``.  Traces of
-    a finished one stay on the disk until they are asked for.
+    a finished one stay on the disk until they are asked for.  Metrics of an earlier version have their names of today.
 
     Raises
     ------
@@ -40,7 +40,8 @@ def open_study(folder: str | Path) -> xr.Dataset:
         If it cannot be read; if a file in it is damaged.
     """
     store = StudyFolder(path_of("folder", folder, "give the folder of a study"))
-    return store.settled(lambda: _open(store))
+    ds = store.settled(lambda: _open(store))
+    return ds.rename({name: today for name, (today, _) in FORMER_METRICS.items() if name in ds and today not in ds})
 
 
 def _open(store: StudyFolder) -> xr.Dataset:
