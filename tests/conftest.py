@@ -268,9 +268,9 @@ def out(tmp_path):
 @pytest.fixture
 def broken_off(out):
     """The folder of a study that was interrupted with one shard to go."""
-    from helpers.studies import DAYS, PLAIN, run_until_interrupted, shards
+    from helpers.studies import DAYS, PLAIN, copied, shards
 
-    run_until_interrupted(PLAIN, out, DAYS - 1)
+    copied(PLAIN, out, DAYS - 1)
     assert len(shards(out)) == DAYS - 1
     return out
 
