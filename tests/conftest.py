@@ -1,6 +1,7 @@
 """What several test files share: days, studies and their folders, the references, and what the interpreter skips."""
 
 import csv
+import gc
 import importlib
 import os
 import signal
@@ -29,6 +30,17 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
     config.addinivalue_line("markers", "alone: measures time or signals processes; one such test at a time")
     config.addinivalue_line("markers", "full: takes minutes; run by `make test-full`")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Without the collector of garbage, which would look again and again at modules that stay."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 def pytest_collection_modifyitems(config, items):
