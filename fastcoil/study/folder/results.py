@@ -15,7 +15,7 @@ import xarray as xr
 from fastcoil.arguments import path_of
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import same_model
-from fastcoil.outputs import FORMER_METRICS, METRICS, STATUS_NOT_RUN, TRACES
+from fastcoil.outputs import FORMER_METRICS, METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import environments_of, join_flat, unflatten
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.extend import Match, as_part, match_scenarios
@@ -137,7 +137,8 @@ class Computed:
         """
         parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
         if self.earlier is not None and self.match.new.size:
-            names = [n for n in self.earlier.data_vars if n not in leave_out]
+            # foretold anew for the whole study
+            names = [n for n in self.earlier.data_vars if n not in leave_out and n not in PREDICTIONS]
             parts = chain([as_part(self.earlier[names], self.match, self.study.plan.n_volumes)], parts)
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:
