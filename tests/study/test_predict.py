@@ -68,6 +68,10 @@ def test_it_says_which_loops_hunt_when_they_are_simulated(ds):
     shown = f"{100 * agree:.1f}"
     assert line == f"Hunting: foretold for {told.count(1.0)} of 16 loops, seen in {seen.count(1.0)}; {shown} % agree."
     assert agree > 0.5
+    wrong = ds.assign(predicted_hunts=(1.0 - ds.hunts).where(ds.backlash > 0.0))  # and half of them nobody knows
+    (line,) = (line for line in summary(wrong) if line.startswith("Hunting: "))
+    assert " of 8 loops" in line
+    assert line.endswith("; 0.0 % agree.")
 
 
 def test_it_does_not_depend_on_shards_workers_interruptions_and_extensions(ds, tmp_path, monkeypatch):
