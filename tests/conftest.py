@@ -36,11 +36,10 @@ def pytest_configure(config):
 def pytest_collection():
     """Without the collector of garbage, which would look again and again at modules that stay."""
     gc.disable()
-    try:
-        return (yield)
-    finally:
-        gc.enable()
-        gc.freeze()
+    collected = yield
+    gc.enable()
+    gc.freeze()
+    return collected
 
 
 def pytest_collection_modifyitems(config, items):
@@ -223,20 +222,6 @@ def coil_log(tmp_path):
     from helpers.log_files import COIL_HEADER, write_csv
 
     return lambda rows, header=COIL_HEADER: write_csv(tmp_path / "coil.csv", header, rows)
-
-
-@pytest.fixture
-def leaves_nothing(tmp_path):
-    """Check that no process outlives the test, and have dask put its files into the test's folder."""
-    from helpers import processes
-
-    dask = pytest.importorskip("dask")
-    before = processes.children()
-    with dask.config.set({"temporary-directory": str(tmp_path / "dask")}):
-        yield
-    left = [p for pid, p in processes.children().items() if pid not in before]
-    alive = [p for p in left if not processes.gone([p], 3.0)]
-    assert not alive, [p.cmdline() for p in alive]
 
 
 @pytest.fixture(scope="session")

@@ -70,12 +70,8 @@ def _made(text: str, n_shards: int | None = None) -> Path:
 
 def copied(text: str, folder: Path, n_shards: int | None = None) -> None:
     """Leave what a run to the end, or interrupted after some shards, would; each study is run only once for all."""
+    made = _made(text, n_shards)
     write_study(text, folder)
-    copy_run(_made(text, n_shards), folder)
-
-
-def copy_run(made: Path, folder: Path) -> None:
-    """Copy the folder of a study that lies next to its file, as if the study had been run in the copy."""
     shutil.copytree(made, folder, dirs_exist_ok=True)
     manifest = Manifest.read(folder)
     assert manifest is not None

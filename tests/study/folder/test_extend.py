@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from helpers import failing_shards
 from helpers.processes import cut
-from helpers.studies import copy_run, run_until_stopped
+from helpers.studies import copied, run_until_stopped
 from helpers.study_tables import fresh, run_shards, toml
 
 import fastcoil as fc
@@ -42,19 +42,10 @@ def changed(**parts):
     return tables
 
 
-@pytest.fixture(scope="module")
-def finished_base(tmp_path_factory):
-    """A folder with the base study, finished, that nobody changes."""
-    place = tmp_path_factory.mktemp("base")
-    (place / "study.toml").write_text(toml(BASE), encoding="utf-8")
-    execute(read_study(place / "study.toml"), place / "out")
-    return place / "out"
-
-
 @pytest.fixture
-def base(finished_base, tmp_path):
+def base(tmp_path):
     """The folder ``out`` as a run of the base study leaves it."""
-    copy_run(finished_base, tmp_path / "out")
+    copied(toml(BASE), tmp_path / "out")
 
 
 @pytest.fixture
