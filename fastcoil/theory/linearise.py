@@ -179,7 +179,8 @@ def _response(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iter
 
 def _frequencies(name: str, value: Any) -> Array:
     cure = "give angular frequencies in rad/s, ascending and above 0"
-    w = array_of(name, value, cure).astype(float)
+    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+        w = array_of(name, value, cure).astype(float)
     if w.ndim != 1:
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
     if not w.size or not (np.isfinite(w).all() and w[0] > 0.0 and (np.diff(w) > 0.0).all()):

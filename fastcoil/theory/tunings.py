@@ -68,7 +68,7 @@ def simc(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
 def calm(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
     """Lambda tuning with a closed-loop time constant of three lags, its robust choice.
 
-    kp = lag/(K (λ + θ)), ti = lag, λ = 3 lag.  K. J. Åström, T. Hägglund: Advanced PID Control.  ISA (2006), chapter 6.
+    kp = lag/(K (λ + θ)), ti = lag, λ = 3 lag.  K. J. Åström, T. Hägglund: Advanced PID Control.  ISA (2006).
     """
     dead = _dead_time(columns, model)
     return _valid(plants, columns, model.lag / (_CALMER * model.lag + dead), model.lag)
