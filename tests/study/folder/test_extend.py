@@ -1,7 +1,5 @@
 """Extending a study: old scenarios are kept to the last bit, only new ones are run, nothing else is touched."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np
@@ -215,24 +213,22 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("other", "sentence"), REFUSED.values(), ids=REFUSED)
-def test_what_is_no_extension_is_refused_and_nothing_touched(study, base, tmp_path, monkeypatch, other, sentence):
-    check_refused(study, tmp_path, monkeypatch, other, sentence)
+def test_what_is_no_extension_is_refused_and_nothing_touched(study, base, tmp_path, other, sentence):
+    check_refused(study, tmp_path, other, sentence)
 
 
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.full] * (n not in ("a removed day", "another seed"))) for n in REFUSED]
 )
 def test_an_unfinished_study_is_not_touched_by_what_is_no_extension(study, tmp_path, monkeypatch, name):
-    check_refused(study, tmp_path, monkeypatch, *REFUSED[name], n_shards=2)
-
-
-def check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards=None):
     cut(monkeypatch, 6)
-    if n_shards:
-        run_shards(study(BASE), tmp_path / "out", n_shards)
+    run_shards(study(BASE), tmp_path / "out", 2)
+    other, sentence = REFUSED[name]
+    check_refused(study, tmp_path, other, "of the 24 scenarios" if "scenarios" in sentence else sentence)
+
+
+def check_refused(study, tmp_path, other, sentence):
     before = image(tmp_path / "out")
-    if n_shards and "scenarios" in sentence:
-        sentence = "of the 24 scenarios"
     with pytest.raises(InputError, match=f"--extend: {sentence}|--extend: .*{sentence}"):
         execute(study(other), tmp_path / "out", extend=True)
     assert image(tmp_path / "out") == before
