@@ -1,0 +1,200 @@
+"""The plant of every loop at rest at its set-point, and its answer to a small step: numbers without labels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcoil.arrays import Array, Index, Mask
+from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
+from fastcoil.engine.rows import LANES, PARAMETER_ROWS
+from fastcoil.engine.small_step import CONDITIONS, STEADY, F, find_rest, respond
+from fastcoil.parameter_table import PARAMETERS
+
+Complex = NDArray[np.complex128]
+Columns = Mapping[str, NDArray[Any]]
+
+PLANT = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
+"""Parameters on which the plant depends, from the opening to the supply temperature."""
+LONGEST = 3600
+"""Seconds of the longest response; one that goes on does so as a geometric series."""
+_TOLERANCE = 1e-4
+"""A response ends when it is this near to its end, as a fraction of the gain."""
+_SLOWEST = 0.9998
+"""Largest ratio of successive increments behind the end of a response: a time constant of 5000 s."""
+_FEW = 60
+"""Samples from which that ratio is taken."""
+
+
+class Plants(NamedTuple):
+    """Plants at rest, linearised; n loops.
+
+    opening: (n,), fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it.
+    T_sup: (n,), °C, at rest there.
+    gain: (n,), K per unit opening, below 0 for cooling.
+    reachable: (n,), whether an opening holds the set-point.
+    m_w: (n,), kg/s.
+    wet_volumes: (n,); a volume that is wet and dry by turns counts with the share of time in which it is wet.
+    response: (n, n_steps), K per unit opening: true T_sup at seconds 1 to n_steps after a small step of the opening at
+        second 0, long enough to settle.
+    same: (n,), loops with equal numbers have one and the same plant, 0 to the number of plants - 1.
+    """
+
+    opening: Array
+    T_sup: Array
+    gain: Array
+    reachable: Mask
+    m_w: Array
+    wet_volumes: Array
+    response: Array
+    same: Index
+
+
+def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
+    """Find where the plants rest, and how they answer there.  Equal plants are computed once.
+
+    Parameters
+    ----------
+    columns
+        Parameter name → (n,), as ``columns_of`` in ``simulation/scenarios.py`` gives them.
+    conditions
+        (n,) each: m_a, kg/s; T_a_in, T_w_in and T_set, °C; W_a_in, kg/kg.  They are held until all is steady.
+    """
+    matrix = parameter_matrix(_of_plants(columns))
+    entering = np.stack([np.asarray(conditions[name], float) for name in CONDITIONS])
+    T_set = np.asarray(conditions["T_set"], float)
+    first, same = _distinct(matrix, entering, T_set)
+    found, response = _march(matrix[:, first], entering[:, first], T_set[first])
+    of = {name: found[k][same] for k, name in enumerate(STEADY)}
+    return Plants(
+        of["opening"], of["T_sup"], of["gain"], of["nearest"] == 0.0, of["m_w"], of["wet_volumes"],
+        np.broadcast_to(response, (same.size, response.shape[1])) if first.size == 1 else response[same], same,
+    )  # fmt: skip
+
+
+def frequency_response(response: Array, w: Array) -> Complex:
+    """From the opening to true T_sup, K per unit opening, at angular frequencies w, (n_w,), rad/s: (n, n_w).
+
+    The transfer function of the 1-s steps at z = e^(jω): opening and T_sup are those of each second.
+    """
+    return _transform(response, np.asarray(w, float))
+
+
+def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
+    """The open loop L(jω) at angular frequencies w, (n_w,), rad/s: (n, n_w).  NaN above π/sample_time.
+
+    PI, hold, gap, plant and sensor, with the sign turned so that the loop closes as 1 + L N = 0, where N is the
+    describing function of the gap, 1 without one.  A stem that follows its motor opens the valve by α = 1/(1 - X) per
+    stroke: that is in L.  The motor's rate limit, the inverse and resolutions are not.
+
+    It is the exact transfer function of the loop as it is sampled, C(z) P(z) at z = e^(jω ts): a sampled temperature
+    has been marched since the sample before, the integral takes in the new error before it is used, and P(z) is the
+    step-invariant transform of the response, aliases included.
+    """
+    w = np.asarray(w, float)
+    ts = np.asarray(columns["sample_time"], float)
+    tau = np.asarray(columns["sensor_time_constant"], float)
+    kinds, first, which = np.unique(
+        np.stack([plants.same.astype(float), ts, tau]), axis=1, return_index=True, return_inverse=True
+    )
+    P = np.empty((first.size, w.size), complex)
+    for period in np.unique(kinds[1]):
+        of_period = np.flatnonzero(kinds[1] == period)
+        sensed = _sensed(plants.response[first[of_period]], kinds[2, of_period], int(period))
+        P[of_period] = _transform(sensed[:, int(period) - 1 :: int(period)], w * period)
+    delayed = np.exp(-1j * np.outer(ts, w))
+    kp, ti = np.asarray(columns["kp"], float)[:, None], np.asarray(columns["ti"], float)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        C = kp * (1.0 + ts[:, None] / ti / (1.0 - delayed))
+    sign = np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0)
+    alpha = 1.0 / (1.0 - np.asarray(columns["backlash"], float))
+    L = (sign * alpha)[:, None] * C * P[which.ravel()]
+    return np.where(np.outer(ts, w) <= math.pi * (1.0 + 1e-12), L, np.nan)
+
+
+def _of_plants(columns: Columns) -> dict[str, NDArray[Any]]:
+    """The columns with all at its default that no plant depends on."""
+    n = len(columns["C_w"])
+    filled = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
+    filled |= {name: np.zeros(n) for name in PARAMETER_ROWS if name not in filled}
+    filled["estimator"] = np.full(n, "none")
+    return filled | {name: columns[name] for name in PLANT}
+
+
+def _distinct(*parts: Array) -> tuple[Index, Index]:
+    """Index of the first of each kind of column, and which kind each column is; parts: (n_rows, n) or (n,)."""
+    rows = np.concatenate([np.atleast_2d(part) for part in parts])
+    rows = np.where(np.isnan(rows), -1e9, rows) + 0.0
+    varying = rows[np.ptp(rows, axis=1) > 0.0]
+    if not varying.size:
+        return np.zeros(1, np.int64), np.zeros(rows.shape[1], np.int64)
+    _, first, same = np.unique(varying, axis=1, return_index=True, return_inverse=True)
+    return first, same.ravel()
+
+
+def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array]:
+    """What STEADY names, (len(STEADY), n), and the responses, (n, n_steps)."""
+    n = T_set.size
+    found, parts, n_steps = np.empty((len(STEADY), n)), [], 1
+    for members, block in blocks(matrix):
+        padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
+        S, V, _ = work_space(block)
+        of_block, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
+        find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, of_block)
+        response = np.empty((LONGEST, LANES))
+        end = respond(block.rows, block.common, of_lanes, of_block, V.copy(), S, V, _TOLERANCE, response)
+        found[:, members] = of_block[:, : members.size]
+        parts.append((members, response[:end, : members.size].T.copy()))
+        n_steps = max(n_steps, end)
+    whole = np.repeat(found[F.gain][:, None], n_steps, axis=1)
+    for members, of_members in parts:
+        whole[members, : of_members.shape[1]] = of_members
+    return found, whole
+
+
+def _transform(response: Array, w: Array) -> Complex:
+    """Σ (r_k - r_(k-1)) e^(-jωk) over k ≥ 1: of a step response from sample 1 on, w in radians per sample."""
+    changes = np.diff(response, axis=1, prepend=0.0)
+    n = changes.shape[1]
+    turns = np.exp(-1j * np.outer(np.arange(1, n + 1), w))
+    ratio = _last_ratio(changes)[:, None]
+    after = np.exp(-1j * w)[None, :]
+    rest = changes[:, -1:] * ratio * turns[-1] * after / (1.0 - ratio * after)
+    found: Complex = changes @ turns.real + 1j * (changes @ turns.imag) + rest
+    return found
+
+
+def _last_ratio(changes: Array) -> Array:
+    """Ratio of successive changes at the end of a response, (n,), between 0 and ``_SLOWEST``."""
+    few = min(_FEW, changes.shape[1] - 1)
+    if few < 1:
+        return np.zeros(changes.shape[0])
+    last, before = changes[:, -1], changes[:, -1 - few]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where((last * before > 0.0), np.abs(last / before) ** (1.0 / few), 0.0)
+    return np.minimum(ratio, _SLOWEST)
+
+
+def _sensed(response: Array, tau: Array, sample_time: int) -> Array:
+    """The responses as a sensor with lag tau, (n,), s, shows them; longer, by samples and by what the lag takes."""
+    n = response.shape[1]
+    more = 2 * sample_time + 10 * math.ceil(tau.max())
+    changes = np.diff(response, axis=1, prepend=0.0)
+    ratio = _last_ratio(changes)[:, None]
+    # geometric: each change behind the end is the one before it times the ratio
+    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
+    longer = np.concatenate([response, tail], axis=1)
+    if not tau.any():
+        return longer
+    with np.errstate(divide="ignore"):
+        decay = np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)
+    y = np.zeros(tau.size)
+    sensed = np.empty_like(longer)
+    for t in range(n + more):
+        y = longer[:, t] + decay * (y - longer[:, t])
+        sensed[:, t] = y
+    return sensed
