@@ -1,45 +1,101 @@
-"""TEMPORARY foreseen from simulated steps."""
-import numpy as np, xarray as xr, fastcoil as fc
-REST,RESP,SEEN,LEV,DU=2400,2000,10,np.linspace(.03,.9,14),.03
+"""What is known of a loop before anything is simulated: the model of its plant from a small step, and its margins.
+
+K, T and theta are what an engineer reads from a step of the command: the temperature that the sensor shows, backlash
+out of the way.  Two points of the response, at 35.3 and 85.3 % of its end, give T and theta: Sundaresan and Krishnaswamy
+(1978).  Half a sample time counts as dead time, since a sampled controller acts that much later on average.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.simulation.scenarios import Layout
+from fastcoil.theory.plants import Plants, loop_response, plants_of
+
+AT_ONCE = 1024
+"""Loops."""
+POINTS = (0.353, 0.853)
+LEAST_GAIN = 0.2
+"""K per stroke: with less a valve changes nothing."""
+FREQUENCIES = np.geomspace(3e-4, math.pi, 240)
+"""rad/s."""
 SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
-def foreseen(loop, day):
-    c={k:day.series[k].mean(1) for k in SERIES}; n=day.n_days; L=len(LEV)
-    cc={k:np.repeat(np.repeat(x,L)[:,None],REST+RESP,1) for k,x in c.items()}
-    cmd=np.tile(LEV,n)[:,None]+DU*(np.arange(REST+RESP)>=REST)[None]
-    ds=fc.simulate(loop.assign(noise_std=0.),fc.Boundary(**cc,day=list(range(n*L))),command=cmd,traces=['T_measured'],trace_interval=SEEN,warm_up=0)
-    dims=list(loop.sizes)
-    T=ds.T_measured.transpose(*dims,"day","elapsed_time").values
-    shape=T.shape[:-2]; T=T.reshape(-1,n,L,T.shape[-1])[...,REST//SEEN:]
-    heat=loop['action']=='heating' if isinstance(loop['action'],str) else str(np.ravel(xr.DataArray(loop['action']).values)[0])=='heating'
-    T0=T[...,0]; i=np.abs(T0-c['T_set'][None,:,None]).argmin(-1)
-    reach=(T0.min(-1)<c['T_set'])&(T0.max(-1)>c['T_set'])
-    y=np.take_along_axis(T,i[...,None,None],2)[:,:,0]; y=(y-y[...,:1])*(1 if heat else -1)
-    end=y[...,-1]; t=lambda s:SEEN*(y>=s*end[...,None]).argmax(-1)
-    t1,t2=t(.353),t(.853); tau=np.maximum(.67*(t2-t1),1); th=np.maximum(1.3*t1-.29*t2,0)
-    K=end/DU
-    def col(name):
-        a=xr.DataArray(loop[name]); a=a.broadcast_like(xr.DataArray(np.zeros(shape),dims=dims)).transpose(*dims) if a.dims!=tuple(dims) else a
-        return np.repeat(np.asarray(a.values,float).reshape(-1)[:,None],n,1)
-    ts=col('sample_time'); m,g,p=margins(y.reshape(-1,y.shape[-1])/DU,SEEN,col('kp').ravel(),col('ti').ravel(),ts.ravel())
-    full=(*shape,n)
-    D=lambda a:((*dims,'day'),a.reshape(full))
-    return xr.Dataset(dict(K=D(K),T=D(tau),theta=D(np.maximum(th+.5*ts,1)),margin=D(m),gain_margin=D(g),phase_margin=D(p),reachable=D(reach&(K>.2))),coords=dict(day=day.day))
-def Nsize(left):
-    k=np.linspace(1e-6,1-1e-6,2000)
-    real=(.5*np.pi+np.arcsin(1-2*k)+2*(1-2*k)*np.sqrt(k*(1-k)))/np.pi
-    N=real-4j/np.pi*k*(1-k)
-    return np.interp(left,-np.degrees(np.angle(N)),np.abs(N))
-def margins(y,dt,kp,ti,ts,nw=120):
-    m,nt=y.shape; out=np.zeros(m); gm=np.zeros(m); pm=np.zeros(m)
-    t=(np.arange(nt-1)+.5)*dt; dy=np.diff(y,axis=1)
-    for T in np.unique(ts):
-        for part in np.array_split(np.flatnonzero(ts==T),max(1,(ts==T).sum()//500)):
-            w=np.geomspace(3e-4,np.pi/T,nw); P=dy[part]@np.exp(-1j*np.outer(t,w))
-            s=1j*w; law=kp[part,None]*(1+T/ti[part,None]/(1-np.exp(-s*T))); hold=(1-np.exp(-s*T))/(s*T)
-            Lall=law*hold*P
-            for j,L in zip(part,Lall):
-                left=180+np.degrees(np.unwrap(np.angle(L))); ins=(left>0)&(left<90)
-                out[j]=np.max(np.abs(L[ins])*Nsize(left[ins])) if ins.any() else 0
-                neg=np.flatnonzero((left[:-1]>0)&(left[1:]<=0)); gm[j]=1/max(np.max(np.abs(L[i])) for i in neg) if neg.size else 99
-                cr=np.flatnonzero((np.abs(L[:-1])>=1)&(np.abs(L[1:])<1)); pm[j]=min(left[cr]) if cr.size else 180
-    return out,gm,pm
+
+
+def foreseen(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
+    """K (K per unit of command), T and theta (s), and margins, over ``day`` and the dims of the loop.
+
+    margin: largest |L| |N|; gain_margin; phase_margin in degrees, 180 where |L| never is 1; reachable.
+    Conditions are the means of each day.
+    """
+    layout = Layout(loop, day)
+    means = {name: day.series[name].mean(axis=1) for name in SERIES}
+    parts = []
+    for some in np.array_split(np.arange(layout.size), math.ceil(layout.size / AT_ONCE)):
+        columns = layout.columns(some)
+        at = columns["day"].astype(int) if day.has_day_dim else np.zeros(some.size, int)
+        plants = plants_of(columns, {name: values[at] for name, values in means.items()})
+        of_step, of_bode = _first_order(columns, plants), _bode(loop_response(columns, plants, FREQUENCIES))
+        reachable = plants.reachable & (np.abs(plants.gain) > LEAST_GAIN)
+        parts.append(
+            {
+                **of_step,
+                **of_bode,
+                "margin": _margin(loop_response(columns, plants, FREQUENCIES)),
+                "reachable": reachable,
+            }
+        )
+    shape = tuple(layout.sizes.values())
+    whole = {name: np.concatenate([part[name] for part in parts]).reshape(shape) for name in parts[0]}
+    labels = {dim: layout.coordinates()[dim] for dim in layout.sizes if dim in layout.coordinates()}
+    return xr.Dataset({name: (tuple(layout.sizes), values) for name, values in whole.items()}, coords=labels)
+
+
+def _first_order(columns: dict[str, np.ndarray], plants: Plants) -> dict[str, np.ndarray]:
+    """Gain, time constant and dead time of the measured step response, as in the text above."""
+    ts, decay = columns["sample_time"], _decay(columns["sensor_time_constant"])
+    share, y = plants.response / plants.gain[:, None], np.zeros(ts.size)
+    reached = np.full((len(POINTS), ts.size), np.nan)
+    t = 0
+    while np.isnan(reached).any():
+        now = share[:, min(t, share.shape[1] - 1)]
+        y = now + decay * (y - now)
+        t += 1
+        for k, point in enumerate(POINTS):
+            reached[k] = np.where(np.isnan(reached[k]) & (y >= point), t, reached[k])
+    t1, t2 = reached
+    theta = np.maximum(1.3 * t1 - 0.29 * t2, 0.0) + 0.5 * ts
+    gain = np.abs(plants.gain) / (1.0 - columns["backlash"])
+    return {"K": gain, "T": np.maximum(0.67 * (t2 - t1), 1.0), "theta": np.maximum(theta, 1.0)}
+
+
+def _decay(tau: np.ndarray) -> np.ndarray:
+    """What a first-order lag keeps from second to second; 0 without one."""
+    return np.where(tau > 0.0, np.exp(-1.0 / np.maximum(tau, 1e-9)), 0.0)
+
+
+def _bode(L: np.ndarray) -> dict[str, np.ndarray]:
+    """Gain and phase margins; the worst where the curve crosses several times."""
+    made = np.isfinite(L)
+    size, left = np.abs(np.where(made, L, 0.0)), 180.0 + np.degrees(np.unwrap(np.angle(np.where(made, L, 1.0)), axis=1))
+    turns = made[:, 1:] & (left[:, :-1] > 0.0) & (left[:, 1:] <= 0.0)
+    turns |= made[:, :-1] & ~made[:, 1:]  # at half the sampling frequency L is real
+    crosses = (size[:, :-1] >= 1.0) & (size[:, 1:] < 1.0)
+    largest = np.where(turns, size[:, :-1], 0.0).max(axis=1)
+    gain_margin = np.where(largest > 0.0, 1.0 / np.maximum(largest, 1e-9), np.inf)
+    return {"gain_margin": gain_margin, "phase_margin": np.where(crosses, left[:, :-1], 180.0).min(axis=1)}
+
+
+def _margin(L: np.ndarray) -> np.ndarray:
+    """TEMPORARY"""
+    L = np.where(np.isnan(L), 0.0, L)
+    left = 180.0 + np.degrees(np.unwrap(np.angle(L), axis=1))
+    k = np.linspace(1e-6, 1 - 1e-6, 2000)
+    real = (0.5 * np.pi + np.arcsin(1 - 2 * k) + 2 * (1 - 2 * k) * np.sqrt(k * (1 - k))) / np.pi
+    N = real - 4j / np.pi * k * (1 - k)
+    inside = (left > 0) & (left < 90)
+    return np.where(inside, np.abs(L) * np.interp(left, -np.degrees(np.angle(N)), np.abs(N)), 0.0).max(axis=1)

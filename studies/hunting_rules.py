@@ -18,8 +18,9 @@ from shares import share_of
 
 POWERS, DELAYS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0), (0.0, 1.0, 2.0, 3.0, 4.0)
 """Powers of kp K and multiples of theta that are tried."""
-SURE = 0.99
+SURE = 0.998
 """Share of the loops that hunt which the safe form of a rule has to foretell on the valves it is chosen on."""
+LINEAR = "1 / gain margin above 1"
 MODEL = ("K", "T", "theta")
 
 
@@ -51,7 +52,12 @@ def candidates(power: float, delays: float) -> dict[str, Callable[[xr.Dataset], 
 
 
 def counted(ds: xr.Dataset) -> xr.DataArray:
-    """Loops that reach their set-point and whose simulation did not fail."""
+    """Loops with backlash that reach their set-point and whose simulation did not fail."""
+    return able(ds) & (ds.backlash > 0.0)
+
+
+def able(ds: xr.Dataset) -> xr.DataArray:
+    """The same with those that have no backlash."""
     return ds.reachable.astype(bool) & ds.hunts.notnull()
 
 
@@ -65,7 +71,7 @@ def limits(found: xr.DataArray, hunts: xr.DataArray, among: xr.DataArray) -> tup
     calm = np.concatenate([[0], (~h).cumsum()]) / (~h).sum()
     at = int(np.argmax(told + calm))
     middle = 0.5 * (x[at - 1] + x[at])
-    return float(middle), float(np.quantile(x[h], 1.0 - SURE))
+    return float(middle), float(min(middle, np.quantile(x[h], 1.0 - SURE)))
 
 
 def quality(found: xr.DataArray, hunts: xr.DataArray, among: xr.DataArray) -> float:
@@ -77,7 +83,7 @@ def quality(found: xr.DataArray, hunts: xr.DataArray, among: xr.DataArray) -> fl
 
 def chosen(ds: xr.Dataset) -> tuple[list[Rule], tuple[float, float]]:
     """All rules with the limits that these valves ask for; power and delays of the formula."""
-    among = counted(ds) & (ds.backlash > 0.0)
+    among = counted(ds)
     power, delays = max(product(POWERS, DELAYS), key=lambda at: quality(speed(ds, *at), ds.hunts, among))
     rules = [
         Rule(name, of, *(_rounded(limit) for limit in limits(of(ds), ds.hunts, among)))
@@ -92,11 +98,18 @@ def _rounded(limit: float) -> float:
     return float(f"{limit:.2g}")
 
 
-def errors(ds: xr.Dataset, rule: Rule) -> tuple[str, str, str]:
+def errors(ds: xr.Dataset, rule: Rule, among: xr.DataArray | None = None) -> tuple[str, str, str]:
     """Shares of the loops told right, of those that hunt and of those that do not, with intervals."""
-    among, true, said = counted(ds), ds.hunts > 0.0, rule.of(ds) > rule.limit
-    right = said == true
-    return tuple(str(share_of(right, among & part)) for part in (true | True, true, ~true))  # type: ignore[return-value]
+    among = counted(ds) if among is None else among
+    true = ds.hunts > 0.0
+    right = (rule.of(ds) > rule.limit) == true
+    every, hunting, calm = (written(right, part) for part in (among, among & true, among & ~true))
+    return every, hunting, calm
+
+
+def written(holds: xr.DataArray, among: xr.DataArray, decimals: int = 1) -> str:
+    """A share with its interval; a dash where there is nobody to ask."""
+    return share_of(holds, among).written(decimals) if bool(among.any()) else "—"
 
 
 def by_first_step(ds: xr.Dataset) -> xr.Dataset:
@@ -137,17 +150,15 @@ def write_errors(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
 
 
 def write_by_backlash(rules: list[Rule], ds: xr.Dataset) -> None:
-    """Write how often the margin and the formula are right at each size of backlash."""
-    table = []
+    """Write how often the margin and the formula are right at each size of backlash, and stability without any."""
+    table, linear = [], Rule(LINEAR, lambda at: 1.0 / at.gain_margin, 1.0, 1.0)
     for size in np.unique(ds.backlash):
         part = ds.isel(sample=np.flatnonzero(ds.backlash.isel(day=0) == size))
-        among = counted(part)
-        row = [f"{size:.0%}", share_of(part.hunts > 0, among).written(0)]
-        for rule in rules[:2]:
-            right, told, calm = errors(part, rule)
-            row += [right, told, calm]
+        row = [f"{size:.0%}", share_of(part.hunts > 0, able(part)).written(0)]
+        for rule in (*rules[:2], linear):
+            row += errors(part, rule, able(part))[:2]
         table.append(row)
-    of = [f"{rule.name}: {what}" for rule in rules[:2] for what in ("right", "of those that hunt", "of the calm")]
+    of = [f"{name}: {what}" for name in ("margin", "formula", LINEAR) for what in ("right", "of those that hunt")]
     write_table(
         "hunting_by_backlash",
         f"The same by backlash: {ds.sizes['sample']:,} fresh loops × {ds.sizes['day']} conditions",
@@ -173,10 +184,10 @@ def write_practice(rules: list[Rule], ds: xr.Dataset) -> None:
         table.append(
             [
                 name,
-                str(share_of(obeys, among)),
-                share_of(hunts, among & obeys).written(1),
-                str(share_of(hunts, among & ~obeys)),
-                str(share_of(~obeys, among & ~hunts)),
+                written(obeys, among, 0),
+                written(hunts, among & obeys),
+                written(hunts, among & ~obeys, 0),
+                written(~obeys, among & ~hunts, 0),
             ]
         )
     write_table(
@@ -197,7 +208,9 @@ def write_days(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
         for rule in rules[:2]:
             row += errors(ds, rule)
         table.append(row)
-    of = [f"{rule.name}: {what}" for rule in rules[:2] for what in ("right", "of those that hunt", "of the calm")]
+    of = [
+        f"{name}: {what}" for name in ("margin", "formula") for what in ("right", "of those that hunt", "of the calm")
+    ]
     write_table(
         "hunting_days",
         "The same limits on days with noise on which air, water and set-point move, foreseen from the means of the day",

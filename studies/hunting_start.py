@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 from hunting_backlash import SEEN, cycling
-from hunting_loops import HEATING, OPERATING, SERIES, acting, conditions, joined, valves
-from hunting_plants import foreseen
+from hunting_loops import OPERATING, acting, conditions, joined, valves
+from hunting_plants import SERIES, foreseen
+from kinds import HEATING
 from report import write_table
 from shares import share_of
 
