@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from fastcoil.simulation.simulate import simulate as simulate
     from fastcoil.study.folder.results import open_study as open_study
     from fastcoil.study.runner import run_study as run_study
+    from fastcoil.theory.figures import bode as bode
+    from fastcoil.theory.figures import nyquist as nyquist
+    from fastcoil.theory.linearise import linearise as linearise
 
 _HOME = {
     "Boundary": "boundary",
@@ -49,6 +52,7 @@ _HOME = {
     "LockedError": "errors",
     "Loop": "simulation.loop",
     "StorageError": "errors",
+    "bode": "theory.figures",
     "check_rule": "analysis.check_rule",
     "compare": "analysis.compare",
     "constant_day": "boundary.days",
@@ -59,6 +63,8 @@ _HOME = {
     "fit_loop": "calibrate.loop",
     "fit_valve": "calibrate.valve",
     "law": "rules.rule",
+    "linearise": "theory.linearise",
+    "nyquist": "theory.figures",
     "open_study": "study.folder.results",
     "paper_day": "boundary.days",
     "parameter": "rules.parameter",

@@ -248,3 +248,20 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response):
         for j in range(LANES):
             response[t, j] = found[F.gain, j]
     return end
+
+
+@kernel
+def rest_curve(rows, common, entering, openings, S, V, T_sup):
+    """T_sup at rest at each of some openings, (n,): out, (n, LANES), °C."""
+    n_volumes = common.n_volumes
+    derive(S, rows, n_volumes)
+    set_initial_state(S, True)
+    reset_sums(S, True)
+    fill_coil(S, V, n_volumes, 0.0)
+    air_side_each(S, entering)
+    everywhere = np.empty(LANES)
+    for k in range(openings.size):
+        everywhere[:] = openings[k]
+        settle(S, V, n_volumes, common.leaks, entering, everywhere)
+        for j in range(LANES):
+            T_sup[k, j] = V[VOLUME_STRIDE + T_A + j]

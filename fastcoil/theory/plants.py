@@ -12,22 +12,20 @@ from numpy.typing import NDArray
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS
-from fastcoil.engine.small_step import CONDITIONS, STEADY, F, find_rest, respond
+from fastcoil.engine.small_step import CONDITIONS, STEADY, F, find_rest, respond, rest_curve
 from fastcoil.parameter_table import PARAMETERS
+from fastcoil.theory.response import Complex, sensed_by, transform
 
-Complex = NDArray[np.complex128]
 Columns = Mapping[str, NDArray[Any]]
 
 PLANT = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
 """Parameters on which the plant depends, from the opening to the supply temperature."""
 LONGEST = 3600
 """Seconds of the longest response; one that goes on does so as a geometric series."""
+OPENINGS = np.linspace(0.0, 1.0, 17)
+"""Openings of the curve of T_sup."""
 _TOLERANCE = 1e-4
 """A response ends when it is this near to its end, as a fraction of the gain."""
-_SLOWEST = 0.9998
-"""Largest ratio of successive increments behind the end of a response: a time constant of 5000 s."""
-_FEW = 60
-"""Samples from which that ratio is taken."""
 
 
 class Plants(NamedTuple):
@@ -42,6 +40,7 @@ class Plants(NamedTuple):
     response: (n, n_steps), K per unit opening: true T_sup at seconds 1 to n_steps after a small step of the opening at
         second 0, long enough to settle.
     same: (n,), loops with equal numbers have one and the same plant, 0 to the number of plants - 1.
+    curve: (n, 17), °C: T_sup at rest at each of OPENINGS.
     """
 
     opening: Array
@@ -52,6 +51,7 @@ class Plants(NamedTuple):
     wet_volumes: Array
     response: Array
     same: Index
+    curve: Array
 
 
 def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
@@ -64,16 +64,26 @@ def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
     conditions
         (n,) each: m_a, kg/s; T_a_in, T_w_in and T_set, °C; W_a_in, kg/kg.  They are held until all is steady.
     """
+    matrix, entering, T_set, same = distinct_plants(columns, conditions)
+    found, response, curve = _march(matrix, entering, T_set)
+    of = {name: found[k][same] for k, name in enumerate(STEADY)}
+    return Plants(
+        of["opening"], of["T_sup"], of["gain"], of["nearest"] == 0.0, of["m_w"], of["wet_volumes"],
+        np.broadcast_to(response, (same.size, response.shape[1])) if T_set.size == 1 else response[same], same,
+        curve[same],
+    )  # fmt: skip
+
+
+def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array, Array, Index]:
+    """The different plants among those of ``plants_of``.
+
+    Returns their parameters, (len(PARAMETER_ROWS), n), what enters, (4, n), T_set, (n,), and the plant of each loop.
+    """
     matrix = parameter_matrix(_of_plants(columns))
     entering = np.stack([np.asarray(conditions[name], float) for name in CONDITIONS])
     T_set = np.asarray(conditions["T_set"], float)
     first, same = _distinct(matrix, entering, T_set)
-    found, response = _march(matrix[:, first], entering[:, first], T_set[first])
-    of = {name: found[k][same] for k, name in enumerate(STEADY)}
-    return Plants(
-        of["opening"], of["T_sup"], of["gain"], of["nearest"] == 0.0, of["m_w"], of["wet_volumes"],
-        np.broadcast_to(response, (same.size, response.shape[1])) if first.size == 1 else response[same], same,
-    )  # fmt: skip
+    return matrix[:, first], entering[:, first], T_set[first], same
 
 
 def frequency_response(response: Array, w: Array) -> Complex:
@@ -81,7 +91,7 @@ def frequency_response(response: Array, w: Array) -> Complex:
 
     The transfer function of the 1-s steps at z = e^(jω): opening and T_sup are those of each second.
     """
-    return _transform(response, np.asarray(w, float))
+    return transform(response, np.asarray(w, float))
 
 
 def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
@@ -97,23 +107,42 @@ def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
     """
     w = np.asarray(w, float)
     ts = np.asarray(columns["sample_time"], float)
-    tau = np.asarray(columns["sensor_time_constant"], float)
-    kinds, first, which = np.unique(
-        np.stack([plants.same.astype(float), ts, tau]), axis=1, return_index=True, return_inverse=True
-    )
-    P = np.empty((first.size, w.size), complex)
-    for period in np.unique(kinds[1]):
-        of_period = np.flatnonzero(kinds[1] == period)
-        sensed = _sensed(plants.response[first[of_period]], kinds[2, of_period], int(period))
-        P[of_period] = _transform(sensed[:, int(period) - 1 :: int(period)], w * period)
+    P, which = sampled_plant(columns, plants, w)
     delayed = np.exp(-1j * np.outer(ts, w))
     kp, ti = np.asarray(columns["kp"], float)[:, None], np.asarray(columns["ti"], float)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         C = kp * (1.0 + ts[:, None] / ti / (1.0 - delayed))
-    sign = np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0)
-    alpha = 1.0 / (1.0 - np.asarray(columns["backlash"], float))
-    L = (sign * alpha)[:, None] * C * P[which.ravel()]
+    L = _turned(columns)[:, None] * C * P[which]
     return np.where(np.outer(ts, w) <= math.pi * (1.0 + 1e-12), L, np.nan)
+
+
+def driven_gain(columns: Columns, plants: Plants) -> Array:
+    """Gain of each plant per stroke of a motor that the stem follows, K, above 0 where the loop acts the right way."""
+    return np.asarray(_turned(columns) * plants.gain)
+
+
+def _turned(columns: Columns) -> Array:
+    """From stroke to opening, with the sign that makes a loop of the right action 1 + L."""
+    sign = np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0)
+    return np.asarray(sign / (1.0 - np.asarray(columns["backlash"], float)))
+
+
+def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:
+    """From the opening to the measured temperature as the controller samples it, K per unit opening.
+
+    Computed once for loops of one plant, sensor and sample time.  Returns (n_kinds, n_w), and the kind of each loop.
+    """
+    ts = np.asarray(columns["sample_time"], float)
+    kinds, first, which = np.unique(
+        np.stack([plants.same.astype(float), ts, np.asarray(columns["sensor_time_constant"], float)]),
+        axis=1, return_index=True, return_inverse=True,
+    )  # fmt: skip
+    P = np.empty((first.size, w.size), complex)
+    for period in np.unique(kinds[1]):
+        of_period = np.flatnonzero(kinds[1] == period)
+        sensed = sensed_by(plants.response[first[of_period]], kinds[2, of_period], int(period))
+        P[of_period] = transform(sensed[:, int(period) - 1 :: int(period)], w * period)
+    return P, which.ravel()
 
 
 def _of_plants(columns: Columns) -> dict[str, NDArray[Any]]:
@@ -136,10 +165,11 @@ def _distinct(*parts: Array) -> tuple[Index, Index]:
     return first, same.ravel()
 
 
-def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array]:
-    """What STEADY names, (len(STEADY), n), and the responses, (n, n_steps)."""
+def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array, Array]:
+    """What STEADY names, (len(STEADY), n), the responses, (n, n_steps), and T_sup at the OPENINGS, (n, 17)."""
     n = T_set.size
     found, parts, n_steps = np.empty((len(STEADY), n)), [], 1
+    curve, of_curve = np.empty((n, OPENINGS.size)), np.empty((OPENINGS.size, LANES))
     for members, block in blocks(matrix):
         padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
         S, V, _ = work_space(block)
@@ -147,54 +177,12 @@ def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array]:
         find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, of_block)
         response = np.empty((LONGEST, LANES))
         end = respond(block.rows, block.common, of_lanes, of_block, V.copy(), S, V, _TOLERANCE, response)
+        rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, of_curve)
+        curve[members] = of_curve[:, : members.size].T
         found[:, members] = of_block[:, : members.size]
         parts.append((members, response[:end, : members.size].T.copy()))
         n_steps = max(n_steps, end)
     whole = np.repeat(found[F.gain][:, None], n_steps, axis=1)
     for members, of_members in parts:
         whole[members, : of_members.shape[1]] = of_members
-    return found, whole
-
-
-def _transform(response: Array, w: Array) -> Complex:
-    """Σ (r_k - r_(k-1)) e^(-jωk) over k ≥ 1: of a step response from sample 1 on, w in radians per sample."""
-    changes = np.diff(response, axis=1, prepend=0.0)
-    n = changes.shape[1]
-    turns = np.exp(-1j * np.outer(np.arange(1, n + 1), w))
-    ratio = _last_ratio(changes)[:, None]
-    after = np.exp(-1j * w)[None, :]
-    rest = changes[:, -1:] * ratio * turns[-1] * after / (1.0 - ratio * after)
-    found: Complex = changes @ turns.real + 1j * (changes @ turns.imag) + rest
-    return found
-
-
-def _last_ratio(changes: Array) -> Array:
-    """Ratio of successive changes at the end of a response, (n,), between 0 and ``_SLOWEST``."""
-    few = min(_FEW, changes.shape[1] - 1)
-    if few < 1:
-        return np.zeros(changes.shape[0])
-    last, before = changes[:, -1], changes[:, -1 - few]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where((last * before > 0.0), np.abs(last / before) ** (1.0 / few), 0.0)
-    return np.minimum(ratio, _SLOWEST)
-
-
-def _sensed(response: Array, tau: Array, sample_time: int) -> Array:
-    """The responses as a sensor with lag tau, (n,), s, shows them; longer, by samples and by what the lag takes."""
-    n = response.shape[1]
-    more = 2 * sample_time + 10 * math.ceil(tau.max())
-    changes = np.diff(response, axis=1, prepend=0.0)
-    ratio = _last_ratio(changes)[:, None]
-    # geometric: each change behind the end is the one before it times the ratio
-    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
-    longer = np.concatenate([response, tail], axis=1)
-    if not tau.any():
-        return longer
-    with np.errstate(divide="ignore"):
-        decay = np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)
-    y = np.zeros(tau.size)
-    sensed = np.empty_like(longer)
-    for t in range(n + more):
-        y = longer[:, t] + decay * (y - longer[:, t])
-        sensed[:, t] = y
-    return sensed
+    return found, whole, curve

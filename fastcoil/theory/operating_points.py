@@ -1,0 +1,139 @@
+"""Operating points: every loop on every day, at the day's mean conditions or at given seconds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.arguments import checking, instance_of, is_number, plain
+from fastcoil.arrays import Array, Index, array_of
+from fastcoil.boundary import Boundary
+from fastcoil.errors import InputError, WrongType, shown
+from fastcoil.outputs import WARM_UP
+from fastcoil.simulation.clashes import check_clashes
+from fastcoil.simulation.dataset import coordinate_attrs
+from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.scenarios import Layout, columns_of
+from fastcoil.simulation.stability import check_stability
+
+ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
+"""Series of the boundary that make an operating point."""
+_CHUNK = 2048
+"""Points at a time: their responses take up to 60 MB."""
+
+
+class OperatingPoints:
+    """Every loop of a sweep at every operating point, in one flat order.
+
+    Dims are those of the loop, then ``day`` if the boundary has it, then ``elapsed_time`` if several seconds are asked
+    for.
+
+    Parameters
+    ----------
+    loop, boundary
+        As for ``simulate``.
+    at
+        None: the mean conditions and the mean set-point of each day's enabled seconds after the warm-up of 1,800 s.  A
+        second, or several: the conditions of that second, as if they were held until all is steady.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake.
+    """
+
+    def __init__(self, loop: Loop, boundary: Boundary, at: Any = None) -> None:
+        with checking() as check:
+            check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+            check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
+        self.seconds = _seconds_of(at, boundary.n_steps)
+        self.has_times = self.seconds is not None and np.ndim(plain(at)) > 0
+        self._entering = _means(boundary) if self.seconds is None else _samples(boundary, self.seconds)
+        layout = Layout(loop, boundary)
+        check_clashes(layout.loop, boundary.series["T_set"])
+        check_stability(layout)
+        self.loop, self._layout = layout.loop, layout
+        self.sizes = dict(loop.sizes)
+        if boundary.has_day_dim:
+            self.sizes["day"] = boundary.n_days
+        if self.seconds is not None and self.has_times:
+            self.sizes["elapsed_time"] = self.seconds.size
+        self.size = math.prod(self.sizes.values())
+
+    def chunks(self) -> Iterator[Index]:
+        """Flat indices, in ranges that fit into memory."""
+        for start in range(0, self.size, _CHUNK):
+            yield np.arange(start, min(start + _CHUNK, self.size))
+
+    def columns(self, index: Index) -> dict[str, np.ndarray]:
+        """Every parameter at the points ``index``, see ``columns_of``."""
+        return columns_of(self.loop, self.sizes, index)
+
+    def conditions(self, index: Index) -> dict[str, Array]:
+        """What enters at the points ``index``, and T_set: (n,) each."""
+        places = np.unravel_index(index, tuple(self.sizes.values())) if self.sizes else ()
+        place = dict(zip(self.sizes, places, strict=True))
+        nothing = np.zeros(index.size, np.int64)
+        at = place.get("day", nothing), place.get("elapsed_time", nothing)
+        return {name: values[at] for name, values in self._entering.items()}
+
+    def dataset(self, variables: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> xr.Dataset:
+        """Name results, each (size, …) with its attributes; dims behind the first are in ``attrs["dims"]``.
+
+        Raises
+        ------
+        InputError
+            If a coordinate of the sweep has the name of a result.
+        """
+        labels = {n: c for n, c in self._layout.coordinates().items() if n != "day" or "day" in self.sizes}
+        if self.seconds is not None:
+            dims = ("elapsed_time",) if self.has_times else ()
+            labels["elapsed_time"] = xr.DataArray(self.seconds.astype(float).reshape(-1 if dims else ()), dims=dims)
+        clash = sorted({*labels, *self.sizes} & variables.keys())
+        if clash:
+            raise InputError(f"{clash[0]} is swept, and a result has that name: give the dimension another name")
+        shape, found = tuple(self.sizes.values()), {}
+        for name, (values, attrs) in variables.items():
+            more = tuple(attrs.get("dims", ()))
+            kept = {k: v for k, v in attrs.items() if k != "dims"}
+            found[name] = ((*self.sizes, *more), values.reshape((*shape, *values.shape[1:])), kept)
+        table = self.loop.parameters
+        return xr.Dataset(found, {n: c.assign_attrs(coordinate_attrs(n, table)) for n, c in labels.items()})
+
+
+def _seconds_of(at: Any, n_steps: int) -> Index | None:
+    cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
+    if at is None:
+        return None
+    values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
+    if values.ndim != 1:
+        raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
+    if not values.size:
+        raise InputError(f"at is empty: {cure}")
+    wrong = values[~((values >= 0) & (values < n_steps) & (values == np.floor(values)))]
+    if wrong.size:
+        raise InputError(f"at has {shown(wrong[0].item())}: {cure}")
+    seconds, counts = np.unique(values, return_counts=True)
+    if seconds.size < values.size:
+        raise InputError(f"at has {seconds[counts > 1][0]:g} twice: give each second once")
+    return values.astype(np.int64)
+
+
+def _means(boundary: Boundary) -> dict[str, Array]:
+    counted = boundary.series["enabled"] != 0.0
+    counted[:, :WARM_UP] = False
+    without = np.flatnonzero(~counted.any(axis=1))
+    if without.size:
+        on = f"on day {boundary.day[without[0]]} " if boundary.has_day_dim else ""
+        raise InputError(
+            f"no second {on}is enabled after the warm-up of {WARM_UP} s: give a longer boundary, or the second as at="
+        )
+    return {n: np.nanmean(np.where(counted, boundary.series[n], np.nan), axis=1)[:, None] for n in ENTERING}
+
+
+def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:
+    return {name: boundary.series[name][:, seconds] for name in ENTERING}

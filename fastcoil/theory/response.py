@@ -1,0 +1,61 @@
+"""Step responses: their transform, the sensor behind them, and a first-order model with delay."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcoil.arrays import Array
+
+Complex = NDArray[np.complex128]
+
+_SLOWEST = 0.9998
+"""Largest ratio of successive increments behind the end of a response: a time constant of 5000 s."""
+_FEW = 60
+"""Samples from which that ratio is taken."""
+
+
+def transform(response: Array, w: Array) -> Complex:
+    """Σ (r_k - r_(k-1)) e^(-jωk) over k ≥ 1: of a step response from sample 1 on, w in radians per sample."""
+    changes = np.diff(response, axis=1, prepend=0.0)
+    n = changes.shape[1]
+    turns = np.exp(-1j * np.outer(np.arange(1, n + 1), w))
+    ratio = _last_ratio(changes)[:, None]
+    after = np.exp(-1j * w)[None, :]
+    rest = changes[:, -1:] * ratio * turns[-1] * after / (1.0 - ratio * after)
+    found: Complex = changes @ turns.real + 1j * (changes @ turns.imag) + rest
+    return found
+
+
+def _last_ratio(changes: Array) -> Array:
+    """Ratio of successive changes at the end of a response, (n,), between 0 and ``_SLOWEST``."""
+    few = min(_FEW, changes.shape[1] - 1)
+    if few < 1:
+        return np.zeros(changes.shape[0])
+    last, before = changes[:, -1], changes[:, -1 - few]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where((last * before > 0.0), np.abs(last / before) ** (1.0 / few), 0.0)
+    return np.minimum(ratio, _SLOWEST)
+
+
+def sensed_by(response: Array, tau: Array, sample_time: int) -> Array:
+    """The responses as a sensor with lag tau, (n,), s, shows them; longer, by samples and by what the lag takes."""
+    n = response.shape[1]
+    more = 2 * sample_time + 10 * math.ceil(tau.max())
+    changes = np.diff(response, axis=1, prepend=0.0)
+    ratio = _last_ratio(changes)[:, None]
+    # geometric: each change behind the end is the one before it times the ratio
+    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
+    longer = np.concatenate([response, tail], axis=1)
+    if not tau.any():
+        return longer
+    with np.errstate(divide="ignore"):
+        decay = np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)
+    y = np.zeros(tau.size)
+    sensed = np.empty_like(longer)
+    for t in range(n + more):
+        y = longer[:, t] + decay * (y - longer[:, t])
+        sensed[:, t] = y
+    return sensed
