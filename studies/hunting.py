@@ -37,12 +37,13 @@ def main(size: int = 384, days: int = 6) -> None:
     def said(what: str) -> None:
         print(f"{what} after {time.monotonic() - began:.0f} s", flush=True)
 
-    rules, shape = hunting_rules.chosen(hunting_loops.population(CHOICE, size, days))
+    rules, shape = hunting_rules.chosen(hunting_loops.population(CHOICE, 2 * size, days))
     said(f"chose {', '.join(f'{rule.name}: {rule.limit:g}' for rule in rules)}")
     fresh = hunting_loops.population(FRESH, 2 * size, days + 2)
     wide = hunting_loops.population(WIDE, size, days, wide=True)
     hunting_rules.write_errors(rules, {"fresh valves": fresh, "other plants": wide})
     hunting_rules.write_by_backlash(rules, fresh)
+    hunting_rules.write_one_step(rules, fresh)
     hunting_rules.write_practice(rules, fresh)
     said("ran fresh valves and other plants")
     hunting_rules.write_days(rules, {kind: hunting_loops.on_days(DAYS, size, kind, OF_DAYS) for kind in kinds()})

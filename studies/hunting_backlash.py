@@ -70,41 +70,33 @@ def quantiles(of: xr.DataArray, form: str = "{:.2g}") -> str:
     return f"{middle} ({low} to {high})"
 
 
-def write(ds: xr.Dataset) -> dict[str, xr.DataArray]:
-    """Write whether, how much and how fast, by backlash and by margin."""
+def write(ds: xr.Dataset) -> None:
+    """Write whether, how much and how fast, by backlash."""
     ok = ds.reachable.astype(bool).all("backlash") & ds.hunts.notnull().all("backlash")
-    reference = ds.sel(backlash=0.01)
-    worn = ds.backlash > 0.0
-    throughout = (ds.cycles | ~worn).all("backlash") & ok
+    at_one, good = ds.sel(backlash=0.01), ds.sel(backlash=0.0)
+    of_gap = (ds.cycles | (ds.backlash == 0.0)).all("backlash") & ~good.cycles & ok
     table = []
     for size in SIZES:
         at = ds.sel(backlash=size)
-        differs = at.cycles != reference.cycles
-        scaled = (at.swing / (size * at.K / (1.0 - size))).where(throughout) if size else at.swing.where(at.cycles & ok)
-        table.append(
-            [
-                f"{size:.0%}",
-                str(share_of(at.cycles, ok)),
-                str(share_of(at.hunts > 0, ok)),
-                "0" if size == 0.01 else share_of(differs & at.cycles, ok).written(1),
-                "0" if size == 0.01 else share_of(differs & ~at.cycles, ok).written(1),
-                f"{quantiles(at.swing.where(throughout))} K" if size else "—",
-                quantiles(scaled) if size else "—",
-                quantiles((at.period / reference.period).where(throughout)) if size else "—",
-            ]
-        )
-    grows, changes = slopes(ds.swing, throughout), slopes(ds.period, throughout)
+        differs = (at.cycles != at_one.cycles) & ok
+        row = [f"{size:.0%}", str(share_of(at.cycles, ok)), str(share_of(at.hunts > 0, ok))]
+        row += ["0" if size == 0.01 else share_of(differs & way, ok).written(1) for way in (at.cycles, ~at.cycles)]
+        if size:
+            scaled = (at.swing / (size * at.K)).where(of_gap)
+            row += [f"{quantiles(at.swing.where(of_gap))} K", quantiles(scaled)]
+            row += [quantiles((at.period / at_one.period).where(of_gap))]
+        table.append(row if size else [*row, "—", "—", "—"])
+    grows, changes = slopes(ds.swing, of_gap), slopes(ds.period, of_gap)
     write_table(
         "hunting_backlash",
-        f"The same {ds.sizes['sample']} loops × {ds.sizes['day']} conditions with every backlash ({int(ok.sum()):,} can "
-        f"hold their set-point).  Where they cycle at all sizes ({int(throughout.sum()):,}) the swing grows with the "
-        f"backlash to the power {grows[0]:.2f} ({grows[1]:.2f} to {grows[2]:.2f}), the period with "
-        f"{changes[0]:.3f} ({changes[1]:.3f} to {changes[2]:.3f}); median, 10 and 90 % of them",
-        ["backlash X", "cycle", "hunt (over 0.1 K)", "cycle, but not at 1 %", "do not, but at 1 %", "swing, peak to peak",
-         "swing / (X K / (1 − X))", "period / that at 1 %"],
+        f"The same {ds.sizes['sample']} loops × {ds.sizes['day']} conditions with every backlash; {int(ok.sum()):,} can "
+        f"hold their set-point.  Of those that cycle with every gap, but not without ({int(of_gap.sum()):,}), the swing "
+        f"grows with the backlash to the power {grows[0]:.2f} ({grows[1]:.2f} to {grows[2]:.2f}), the period to the power "
+        f"{changes[0]:.2f} ({changes[1]:.2f} to {changes[2]:.2f}); medians, 10 and 90 %",
+        ["backlash X", "cycle", "hunt, over 0.1 K", "cycle, but not at 1 %", "do not, but at 1 %",
+         "swing, peak to peak", "swing / (X K)", "period / that at 1 %"],
         table,
     )  # fmt: skip
-    return {"ok": ok, "throughout": throughout}
 
 
 def write_bands(ds: xr.Dataset) -> None:
@@ -118,7 +110,7 @@ def write_bands(ds: xr.Dataset) -> None:
             continue
         worn = ds.sel(backlash=0.07)
         shares = [share_of(ds.cycles.sel(backlash=x), inside).written(0) for x in (0.0, 0.01, 0.03, 0.07, 0.15)]
-        scaled = worn.swing / (0.07 * worn.K / 0.93)
+        scaled = worn.swing / (0.07 * worn.K)
         calm = not bool((inside & worn.cycles).any())
         table.append(
             [f"{low:g} to {high:g}", f"{int(inside.sum()):,}", *shares,
@@ -129,6 +121,6 @@ def write_bands(ds: xr.Dataset) -> None:
         "hunting_bands",
         f"What becomes of a loop, by its margin at 7 %: {ds.sizes['sample']} loops × {ds.sizes['day']} conditions",
         ["margin", "loops", *(f"cycle at X = {x:.0%}" for x in (0.0, 0.01, 0.03, 0.07, 0.15)),
-         "swing / (X K / (1 − X)) at 7 %", "period / (T + θ) at 7 %"],
+         "swing / (X K) at 7 %", "period / (T + θ) at 7 %"],
         table,
     )  # fmt: skip

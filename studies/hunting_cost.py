@@ -102,7 +102,7 @@ def write(ds: xr.Dataset, names: list[str]) -> None:
         table.append([*row, f"× {float(travel.median()):.2f}", share_of(at.hunts > 0, at.hunts.notnull()).written(1)])
     write_table(
         "hunting_cost",
-        f"RMSE with the best gains that obey a rule, against the best of {len(KP) * len(TI)} gains without one: geometric "
+        f"RMSE with the best gains that obey a rule, against the best of {len(KP) * len(TI)} without one: geometric "
         f"mean (95 % over valves and days); {ds.sizes['sample']} valves, {len(FRESH_DAYS)} fresh days of each kind",
         ["gains", *names, "motor travel, median", "hunt"],
         table,

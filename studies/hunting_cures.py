@@ -38,7 +38,7 @@ def cured(
 
 
 def run(seed: int, size: int, formula: Rule, shape: tuple[float, float]) -> tuple[xr.Dataset, list[str]]:
-    """Metrics by cure: (cure, sample, day); ``ill``: the formula expects hunting; ``short``: it does not, but Ti < T."""
+    """Metrics by cure: (cure, sample, day); ``ill``: said to hunt by the formula; ``short``: not so, but Ti < T."""
     parts, names = [], [kind for kind in kinds() if kind != DESIGN]
     noise = np.random.default_rng([seed, 7]).uniform(0.0, 0.05, size)
     for kind in names:
@@ -81,8 +81,8 @@ def write(ds: xr.Dataset, names: list[str]) -> None:
     n, m = (int(of.any("day").sum()) for of in (ds.ill, ds.short))
     write_table(
         "hunting_cures",
-        f"What becomes of {ds.sizes['sample']} valves on {len(FRESH_DAYS)} days of each kind: of the {n} that the formula "
-        f"expects to hunt on some, and of {m} that it does not, but with Ti < T; shares with 95 % over valves and days",
+        f"What becomes of {ds.sizes['sample']} valves on {len(FRESH_DAYS)} days of each kind: of {n} that the formula "
+        f"expects to hunt, and of {m} that it does not, but with Ti < T; shares with 95 % over valves and days",
         ["gains", "hunt", *(f"RMSE {kind}, median" for kind in names), "motor travel, median",
          "RMSE of those that do not hunt, but have Ti < T: 5 %, median, 95 %"],
         table,

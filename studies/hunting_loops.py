@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from hunting_plants import SERIES, foreseen
+from hunting_plants import foreseen
 from kinds import HEATING, of_kind, settings
 
 import fastcoil as fc
@@ -21,6 +21,7 @@ HOURS, WARM_UP = 8, 3 * 3600
 BACKLASH = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 HEATING_GAIN = 0.3
 """The drawn kp is for cooling; a loop with warm water responds about three times as much."""
+SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
 STEP, STEP_AT, STEP_LASTS = 0.3, 2, 1
 """Of the set-point, K; hours before and after it."""
 
@@ -85,7 +86,7 @@ def simulated(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
 
 
 def hunting(ds: xr.Dataset) -> xr.Dataset:
-    """The metrics of days that stand still, with ``regular``, the metric ``hunts``, and ``hunts`` without its last clause.
+    """The metrics of days that stand still; ``regular`` is the metric ``hunts``, and ``hunts`` asks for less.
 
     Where nothing moves a swing need not be regular to be the loop's own: over 0.1 K in ``HUNTING_PERIODS`` periods.
     """

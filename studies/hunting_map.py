@@ -136,8 +136,8 @@ def _two(panel: Axes, x: np.ndarray, y: np.ndarray, hunts: np.ndarray) -> None:
 
 
 def _power(name: str) -> float:
-    return float(name.split("^")[1].split(" ")[0])
+    return float(name.split("^")[1].split(" ", maxsplit=1)[0])
 
 
 def _delays(name: str) -> float:
-    return float(name.split("+ ")[1].split(" ")[0])
+    return float(name.split("+ ")[1].split(" ", maxsplit=1)[0])

@@ -49,8 +49,8 @@ def run(seed: int, size: int, days: int) -> xr.Dataset:
             hunts = fc.simulate(one.assign(kp=scale * xr.DataArray(KP, dims="kp_tried")), day, warm_up=WARM_UP).hunts
             hunts = hunts.reset_coords(drop=True) > 0
             simulated = xr.where(hunts.any("kp_tried"), scale * KP[0] * _first(hunts), np.nan)
-            found.append(xr.Dataset({"simulated": simulated, "foreseen": scale / plant.margin,
-                                     "ok": plant.reachable.astype(bool) & ~hunts.isel(kp_tried=0, drop=True)}))  # fmt: skip
+            ok = plant.reachable.astype(bool) & ~hunts.isel(kp_tried=0, drop=True)
+            found.append(xr.Dataset({"simulated": simulated, "foreseen": scale / plant.margin, "ok": ok}))
         parts[kind] = xr.concat(found, xr.DataArray(names, dims="change", name="change"))
     return joined(parts)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 from hunting_backlash import SEEN, cycling
-from hunting_loops import OPERATING, acting, conditions, joined, valves
-from hunting_plants import SERIES, foreseen
+from hunting_loops import OPERATING, SERIES, acting, conditions, joined, valves
+from hunting_plants import foreseen
 from kinds import HEATING
 from report import write_table
 from shares import share_of
@@ -68,8 +68,8 @@ def write(ds: xr.Dataset) -> None:
     write_table(
         "hunting_start",
         f"Loops that come to their set-point in {RAMP} h without a turn of the valve, stand still, and are kicked by a "
-        f"set-point elsewhere for an hour: share that cycles 4 to 6 h later; of those that cycle after any kick {alone} "
-        "do without",
+        f"set-point elsewhere for an hour: share that cycles in the last of {AFTER} h "
+        f"more; of those that cycle after any kick {alone} do without one",
         ["margin", "loops", *(f"kick {kick:g} K" if kick else "no kick" for kick in KICKS)],
         table,
     )
