@@ -53,7 +53,7 @@ def main(size: int = 384, days: int = 6) -> None:
     hunting_backlash.write_bands(sizes)
     hunting_start.write(hunting_start.run(START, size // 2, max(days // 2, 2)))
     said("ran every backlash, and kicks")
-    hunting_parts.write(hunting_parts.run(PARTS, size // 6, 2))
+    hunting_parts.write(hunting_parts.run(PARTS, size // 8, 2))
     said("ran other motors, sensors and controllers")
     margin, formula, product, *_ = rules
     slow = Rule("Ti ≥ T", lambda ds: ds["T"] / ds.ti, 1.0, 1.0)

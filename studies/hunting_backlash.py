@@ -89,10 +89,10 @@ def write(ds: xr.Dataset) -> None:
     grows, changes = slopes(ds.swing, of_gap), slopes(ds.period, of_gap)
     write_table(
         "hunting_backlash",
-        f"The same {ds.sizes['sample']} loops × {ds.sizes['day']} conditions with every backlash; {int(ok.sum()):,} can "
-        f"hold their set-point.  Of those that cycle with every gap, but not without ({int(of_gap.sum()):,}), the swing "
-        f"grows with the backlash to the power {grows[0]:.2f} ({grows[1]:.2f} to {grows[2]:.2f}), the period to the power "
-        f"{changes[0]:.2f} ({changes[1]:.2f} to {changes[2]:.2f}); medians, 10 and 90 %",
+        f"The same {ds.sizes['sample']} loops × {ds.sizes['day']} conditions with every backlash; {int(ok.sum()):,} "
+        f"can hold their set-point.  Of those that cycle with every gap, but not without ({int(of_gap.sum()):,}), the "
+        f"swing grows with the backlash to the power {grows[0]:.2f} ({grows[1]:.2f} to {grows[2]:.2f}), the period "
+        f"to the power {changes[0]:.2f} ({changes[1]:.2f} to {changes[2]:.2f}); medians, 10 and 90 %",
         ["backlash X", "cycle", "hunt, over 0.1 K", "cycle, but not at 1 %", "do not, but at 1 %",
          "swing, peak to peak", "swing / (X K)", "period / that at 1 %"],
         table,

@@ -8,9 +8,13 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
+from fastcoil.theory.operating_points import OperatingPoints
+from fastcoil.theory.plants import loop_response, plants_of
 
 LEAST_GAIN = 0.2
 """K per stroke: with less a valve changes nothing."""
+FREQUENCIES = np.geomspace(3e-4, math.pi, 300)
+"""rad/s."""
 
 
 def foreseen(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
@@ -18,7 +22,7 @@ def foreseen(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
 
     K: K per unit of command.  T, theta: s, what an engineer reads from a step of the command, with the gap out of the
     way; half a sample time counts as dead time, since a sampled controller acts that much later on average.
-    opening: where the valve rests.  margin: largest |L| |N|.  gain_margin; phase_margin: degrees, 180 if |L| is never 1.
+    opening: where the valve rests.  margin: largest |L| |N|.  gain_margin.  phase_margin: degrees, 180 if |L| is below 1.
     reachable: whether the valve holds the set-point and changes anything.
     """
     linear = fc.linearise(loop, day)
@@ -29,7 +33,7 @@ def foreseen(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
             "T": linear.lag,
             "theta": linear.delay + 0.5 * ts,
             "opening": linear.opening,
-            "margin": _margin(loop, day),
+            "margin": margins(loop, day),
             "gain_margin": linear.gain_margin.fillna(np.inf),
             "phase_margin": linear.phase_margin.fillna(180.0),
             "reachable": linear.reachable.astype(bool) & (abs(linear.gain) > LEAST_GAIN),
@@ -38,21 +42,30 @@ def foreseen(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
     return found.reset_coords(drop=True)
 
 
-def _margin(loop, day):
-    """Stand in."""
-    from fastcoil.theory.operating_points import OperatingPoints
-    from fastcoil.theory.plants import loop_response, plants_of
+def margins(loop: fc.Loop, day: fc.Boundary) -> xr.DataArray:
+    """Largest |L| |N| over the frequencies at which L and a gap together lag 180 degrees; 0 if there are none.
 
-    points = OperatingPoints(loop, day, None)
-    out = np.zeros(points.size)
+    N: describing function of a gap, whose lag goes from 0 to 90 degrees as its input shrinks to the gap: Slotine
+    and Li (1991), eq 5.21.  A cycle asks for 1.  Motor, limits of the stroke and the curve of the valve are left out;
+    ``fc.limit_cycle`` has them.  Proportional to kp.
+    """
+    points, parts = OperatingPoints(loop, day, None), []
     for index in points.chunks():
-        c = points.columns(index)
-        L = loop_response(c, plants_of(c, points.conditions(index)), np.geomspace(3e-4, math.pi, 240))
-        L = np.where(np.isnan(L), 0.0, L)
-        left = 180.0 + np.degrees(np.unwrap(np.angle(L), axis=1))
-        k = np.linspace(1e-6, 1 - 1e-6, 2000)
-        real = (0.5 * np.pi + np.arcsin(1 - 2 * k) + 2 * (1 - 2 * k) * np.sqrt(k * (1 - k))) / np.pi
-        N = real - 4j / np.pi * k * (1 - k)
-        inside = (left > 0) & (left < 90)
-        out[index] = np.where(inside, np.abs(L) * np.interp(left, -np.degrees(np.angle(N)), np.abs(N)), 0.0).max(axis=1)
-    return points.dataset({"m": (out, {})}).m
+        columns = points.columns(index)
+        L = loop_response(columns, plants_of(columns, points.conditions(index)), FREQUENCIES)
+        made = np.isfinite(L)  # there is none above half the sampling frequency
+        left = np.pi + np.unwrap(np.where(made, np.angle(L), 0.0), axis=1)
+        inside = made & (left > 0.0) & (left < 0.5 * np.pi)
+        parts.append(np.where(inside, np.abs(L) * np.interp(left, *_GAP), 0.0).max(axis=1))
+    return points.dataset({"margin": (np.concatenate(parts), {})}).margin
+
+
+def gap(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lag, rad, and size of the describing function of a gap; depth: half the gap over the amplitude of its input."""
+    half = 2.0 * np.sqrt(depth * (1.0 - depth))
+    along = (0.5 * np.pi + np.arcsin(1.0 - 2.0 * depth) + (1.0 - 2.0 * depth) * half) / np.pi
+    across = 4.0 / np.pi * depth * (1.0 - depth)
+    return np.arctan2(across, along), np.hypot(across, along)
+
+
+_GAP = gap(np.linspace(1e-6, 1.0 - 1e-6, 2000))

@@ -6,7 +6,6 @@ the plant; the others want what a step of the command shows: gain K, time consta
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from itertools import product
 from typing import NamedTuple

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import control
 import hunting
 import hunting_backlash
 import hunting_cost
 import hunting_cures
 import hunting_loops
 import hunting_parts
+import hunting_plants
 import hunting_rules
 import hunting_start
 import kinds
@@ -177,6 +179,38 @@ def test_hunting_where_nothing_moves_needs_size_and_periods_not_regularity():
         "hunting_period": ("sample", [most - 1.0, 300.0, most + 1.0, 300.0]),
     })  # fmt: skip
     np.testing.assert_array_equal(hunting_loops.hunting(ds).hunts, [1.0, 0.0, 0.0, np.nan])
+
+
+def test_the_describing_function_of_a_gap_is_that_of_another_library():
+    theirs = control.friction_backlash_nonlinearity(0.07)
+    for depth in (0.02, 0.3, 0.6, 0.95):
+        lag, size = hunting_plants.gap(np.array(depth))
+        value = theirs.describing_function(0.5 * 0.07 / depth)
+        assert size == pytest.approx(abs(value))
+        assert lag == pytest.approx(-np.angle(value))
+
+
+@pytest.mark.kernel
+def test_the_margin_is_that_of_a_first_order_loop_by_hand_and_proportional_to_kp():
+    """With a slow first-order sensor the coil is fast; what is left is K, a lag, half a sample, and an integral."""
+    loop = fc.Loop.preset("lbnl").assign(
+        sensor_time_constant=2000.0, sample_time=1.0, kp=[0.5, 1.0], ti=100.0, backlash=0.07, C_w=8.8, C_c=8.0
+    )
+    day = fc.constant_day(hours=1)
+    plant = hunting_plants.foreseen(loop, day)
+    K, w = float(plant.K[0]), np.geomspace(1e-4, 1.0, 4000)
+    s, coil = 1j * w, fc.linearise(loop.assign(sensor_time_constant=0.0, kp=0.5), day)
+    L = 0.5 * (1.0 + 1.0 / (100.0 * s)) * K / ((1.0 + 2000.0 * s) * (1.0 + float(coil.lag) * s))
+    L = L * np.exp(-s * (float(coil.delay) + 0.5))
+    left = np.pi + np.unwrap(np.angle(L))
+    N = control.friction_backlash_nonlinearity(1.0)
+    values = np.array([N.describing_function(a) for a in np.geomspace(0.501, 50.0, 300)])
+    inside = (left > 0.0) & (left < 0.5 * np.pi)
+    lag = -np.angle(values)[::-1]
+    by_hand = np.max(np.abs(L[inside]) * np.interp(left[inside], lag, np.abs(values)[::-1]))
+    assert float(plant.margin[0]) == pytest.approx(by_hand, rel=0.1)
+    assert float(plant.margin[1]) == pytest.approx(2.0 * float(plant.margin[0]))
+    assert float(plant["T"][0]) == pytest.approx(2000.0, rel=0.05)
 
 
 def test_wide_plants_lie_beyond_the_others_and_heating_has_less_gain():
