@@ -3,7 +3,7 @@
 Run with ``python studies/hunting.py``.  What is chosen is chosen on one set of valves and conditions and judged on
 others:
 
-* ``hunting_rules.py``: which number tells whether a loop hunts, and how often is it wrong?
+* ``hunting_rules.py``, ``hunting_tables.py``: which number tells whether a loop hunts, and how often is it wrong?
 * ``hunting_backlash.py``, ``hunting_start.py``: what does the backlash do, and must hunting be started?
 * ``hunting_parts.py``: what do motor, sensor and controller do?
 * ``hunting_cost.py``, ``hunting_cures.py``: what does a rule cost, and which gain is to be changed?
@@ -22,6 +22,7 @@ import hunting_map
 import hunting_parts
 import hunting_rules
 import hunting_start
+import hunting_tables
 from hunting_rules import Rule
 from kinds import kinds
 
@@ -37,16 +38,17 @@ def main(size: int = 384, days: int = 6) -> None:
     def said(what: str) -> None:
         print(f"{what} after {time.monotonic() - began:.0f} s", flush=True)
 
-    rules, shape = hunting_rules.chosen(hunting_loops.population(CHOICE, 2 * size, days))
+    choice = hunting_loops.population(CHOICE, 2 * size, days)
+    rules, shape = hunting_rules.chosen(choice)
     said(f"chose {', '.join(f'{rule.name}: {rule.limit:g}' for rule in rules)}")
     fresh = hunting_loops.population(FRESH, 2 * size, days + 2)
     wide = hunting_loops.population(WIDE, size, days, wide=True)
-    hunting_rules.write_errors(rules, {"fresh valves": fresh, "other plants": wide})
-    hunting_rules.write_by_backlash(rules, fresh)
-    hunting_rules.write_one_step(rules, fresh)
-    hunting_rules.write_practice(rules, fresh)
+    hunting_tables.write_errors(rules, {"fresh valves": fresh, "other plants": wide})
+    hunting_tables.write_by_backlash(rules, fresh)
+    hunting_tables.write_one_step(rules[1], hunting_rules.cautious(rules[1], choice), fresh)
+    hunting_tables.write_practice(rules, fresh)
     said("ran fresh valves and other plants")
-    hunting_rules.write_days(rules, {kind: hunting_loops.on_days(DAYS, size, kind, OF_DAYS) for kind in kinds()})
+    hunting_tables.write_days(rules, {kind: hunting_loops.on_days(DAYS, size, kind, OF_DAYS) for kind in kinds()})
     said("ran other days")
     sizes = hunting_backlash.run(SIZES, size // 2, max(days // 2, 2))
     hunting_backlash.write(sizes)

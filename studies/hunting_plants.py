@@ -22,7 +22,7 @@ def foreseen(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
 
     K: K per unit of command.  T, theta: s, what an engineer reads from a step of the command, with the gap out of the
     way; half a sample time counts as dead time, since a sampled controller acts that much later on average.
-    opening: where the valve rests.  margin: largest |L| |N|.  gain_margin.  phase_margin: degrees, 180 if |L| is below 1.
+    opening: where the valve rests.  margin: largest |L| |N|.  gain_margin.  phase_margin: degrees, 180 if |L| < 1.
     reachable: whether the valve holds the set-point and changes anything.
     """
     linear = fc.linearise(loop, day)
