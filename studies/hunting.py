@@ -45,7 +45,8 @@ def main(size: int = 384, days: int = 6) -> None:
     wide = hunting_loops.population(WIDE, size, days, wide=True)
     hunting_tables.write_errors(rules, {"fresh valves": fresh, "other plants": wide})
     hunting_tables.write_by_backlash(rules, fresh)
-    hunting_tables.write_one_step(rules[1], hunting_rules.cautious(rules[1], choice), fresh)
+    cautious = hunting_rules.cautious(rules[1], choice)
+    hunting_tables.write_one_step(rules[1], cautious, fresh)
     hunting_tables.write_practice(rules, fresh)
     said("ran fresh valves and other plants")
     hunting_tables.write_days(rules, {kind: hunting_loops.on_days(DAYS, size, kind, OF_DAYS) for kind in kinds()})
@@ -61,7 +62,7 @@ def main(size: int = 384, days: int = 6) -> None:
     slow = Rule("Ti ≥ T", lambda ds: ds["T"] / ds.ti, 1.0, 1.0)
     obeyed = {f"{rule.name} ≤ {rule.limit:g}": rule for rule in (margin, formula, product)}
     hunting_cost.write(*hunting_cost.run(COST, size // 4, {**obeyed, slow.name: slow}))
-    hunting_cures.write(*hunting_cures.run(CURES, size, formula, shape))
+    hunting_cures.write(*hunting_cures.run(CURES, size, formula, shape, cautious))
     said("ran what rules cost")
     presets = hunting_map.of_presets()
     hunting_map.write_presets(presets, rules)

@@ -15,18 +15,16 @@ import fastcoil as fc
 
 AS_FOUND, SIMC = "as found", "gains of SIMC"
 HALF = "half of kp"
-SAFETY = 0.8
-"""The gains are set to this share of the limit."""
 
 
 def cured(
     loop: fc.Loop, plant: xr.Dataset, power: float, delays: float, limit: float
 ) -> dict[str, tuple[object, object]]:
-    """kp and ti after each cure; the formula's limit with some safety."""
+    """kp and ti after each cure; limit: what the formula is brought down to."""
     kp, ti = xr.DataArray(loop["kp"]), xr.DataArray(loop["ti"])
-    length, most = plant["T"] + delays * plant.theta, SAFETY * limit
-    slower = np.maximum(ti, (kp * plant.K) ** power * length / most)
-    weaker = np.minimum(kp, (most * ti / length) ** (1.0 / power) / plant.K)
+    length = plant["T"] + delays * plant.theta
+    slower = np.maximum(ti, (kp * plant.K) ** power * length / limit)
+    weaker = np.minimum(kp, (limit * ti / length) ** (1.0 / power) / plant.K)
     return {
         AS_FOUND: (kp, ti),
         "Ti by the formula, kp as found": (kp, slower),
@@ -37,14 +35,18 @@ def cured(
     }
 
 
-def run(seed: int, size: int, formula: Rule, shape: tuple[float, float]) -> tuple[xr.Dataset, list[str]]:
-    """Metrics by cure: (cure, sample, day); ``ill``: said to hunt by the formula; ``short``: not so, but Ti < T."""
+def run(seed: int, size: int, formula: Rule, shape: tuple[float, float], limit: float) -> tuple[xr.Dataset, list[str]]:
+    """Metrics by cure: (cure, sample, day); ``ill``: said to hunt by the formula; ``short``: not so, but Ti < T.
+
+    The model is that of one condition, a day on which the set-point stands still.
+    limit: what a cure by the formula brings it down to.
+    """
     parts, names = [], [kind for kind in kinds() if kind != DESIGN]
     noise = np.random.default_rng([seed, 7]).uniform(0.0, 0.05, size)
     for kind in names:
         loop = acting(valves(seed, size), kind).assign(noise_std=("sample", noise))
         plant = foreseen(loop, of_kind(HEATING if kind == HEATING else CONSTANT, FRESH_DAYS[:1])).isel(day=0, drop=True)
-        gains = cured(loop, plant, *shape, formula.limit)
+        gains = cured(loop, plant, *shape, limit)
         worn = plant.reachable.astype(bool) & (xr.DataArray(loop["backlash"]) > 0.0)
         hunts = formula.of(plant.assign(kp=gains[AS_FOUND][0], ti=gains[AS_FOUND][1])) > formula.limit
         ill, short = worn & hunts, worn & ~hunts & (gains[AS_FOUND][1] < plant["T"])

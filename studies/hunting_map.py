@@ -19,6 +19,8 @@ from fastcoil.study.file.spec import read_study
 STUDY = HERE / "hunting.toml"
 SWING = (0.1, 30.0)
 """K, peak to peak: the ends of the colours; below lies what does not hunt."""
+SHOWN = 2500
+"""Loops in the panels without dimensions."""
 PERIODS = (120, 200, 300, 500, 800)
 """s"""
 
@@ -59,7 +61,7 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
         swing = at.swing.where(at.hunts > 0)
         mesh = panel.pcolormesh(at.ti, at.kp, swing, norm=LogNorm(*SWING), cmap="cividis_r", shading="nearest")
         mesh.set_rasterized(True)
-        lines = panel.contour(at.ti, at.kp, at.period.where(at.hunts > 0), levels=PERIODS, colors="white",
+        lines = panel.contour(at.ti, at.kp, at.period.where(at.regular > 0), levels=PERIODS, colors="white",
                               linewidths=0.9)  # fmt: skip
         panel.clabel(lines, fmt=lambda s: f"{s:g} s", fontsize=7)
         for rule, colour, style in zip(rules[:2], (RED, "black"), ("-", "--"), strict=True):
@@ -95,13 +97,14 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
 def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> None:
     """Draw loops without dimensions: Ti/T × gain margin, the formula, and the swing over the margin."""
     figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.3), layout="constrained")
-    use = (counted(ds) & (ds.backlash > 0.0)).values.ravel()
-    flat = {name: np.asarray(ds[name].transpose(*ds.hunts.dims).values).ravel()[use]
+    at = np.flatnonzero(counted(ds).values.ravel())
+    at = np.random.default_rng(1).choice(at, min(SHOWN, at.size), replace=False)
+    flat = {name: np.asarray(ds[name].transpose(*ds.hunts.dims).values).ravel()[at]
             for name in ("kp", "ti", "K", "T", "theta", "gain_margin", "hunts")}  # fmt: skip
     hunts = flat["hunts"] > 0
     gain = flat["kp"] * flat["K"]
-    _two(panels[0], flat["ti"] / flat["T"], np.minimum(flat["gain_margin"], 90.0), hunts)
-    panels[0].set(xlabel="Ti / T", ylabel="gain margin", xlim=(0.02, 6), ylim=(0.3, 100))
+    _two(panels[0], flat["ti"] / flat["T"], flat["gain_margin"], hunts)
+    panels[0].set(xlabel="Ti / T", ylabel="gain margin", xlim=(0.02, 6), ylim=(0.3, 60))
     panels[0].axhline(1.0, color="0.4", ls=":")
     name = rules[1].name
     _two(panels[1], (flat["T"] + _delays(name) * flat["theta"]) / flat["ti"], gain, hunts)
@@ -113,7 +116,7 @@ def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> Non
         ok = at.cycles & at.reachable.astype(bool) & (at.gain_margin > 1.0)
         scaled = (at.swing / (size * at.K)).where(ok).values.ravel()
         panels[2].plot(
-            at.margin.values.ravel(), scaled, mark, color=colour, ms=3, alpha=0.6, mew=0, label=f"X = {size:.0%}"
+            at.margin.values.ravel(), scaled, mark, color=colour, ms=3, alpha=0.7, mew=0, label=f"X = {size:.0%}"
         )
     panels[2].axvline(rules[0].limit, color=RED)
     panels[2].set(xlabel="margin, largest |L| |N|", ylabel="swing / (X K)", xlim=(0.5, 6), ylim=(0.03, 20))
@@ -132,7 +135,7 @@ def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> Non
 
 def _two(panel: Axes, x: np.ndarray, y: np.ndarray, hunts: np.ndarray) -> None:
     for part, colour, mark, label in ((~hunts, BLUE, "o", "calm"), (hunts, RED, "x", "hunts")):
-        panel.plot(x[part], y[part], mark, color=colour, ms=2.2, alpha=0.35, mew=0.6, label=label, rasterized=True)
+        panel.plot(x[part], y[part], mark, color=colour, ms=2.6, alpha=0.5, mew=0.7, label=label, rasterized=True)
 
 
 def _power(name: str) -> float:

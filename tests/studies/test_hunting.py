@@ -162,7 +162,7 @@ def test_cures_obey_the_formula_and_change_only_what_they_say():
     slower, weaker = cures["Ti by the formula, kp as found"], cures["kp by the formula, Ti as found"]
     for kp, ti in (slower, weaker):
         speed = (float(kp[0]) * 25.0) ** 0.8 * 120.0 / float(ti[0])
-        assert speed == pytest.approx(hunting_cures.SAFETY * 5.0)
+        assert speed == pytest.approx(5.0)
     assert float(slower[0][0]) == 0.1
     assert float(weaker[1][0]) == 10.0
     assert [float(x[1]) for x in (*slower, *weaker)] == [0.01, 200.0, 0.01, 200.0]
