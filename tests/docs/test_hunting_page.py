@@ -41,7 +41,7 @@ def answers():
     yield f"and {broken} of those that do not; of the calm ones it forbids {refused}"
     limit = formula[0]
     yield f"With {limit} in place of {safe.split('/ ')[1]}"
-    yield f"tells {formula[1]} of fresh loops right, {formula[2]} of those that hunt and {formula[3]} of those that are calm"
+    yield f"tells {formula[1]} of fresh loops right, {formula[2]} of those that hunt, {formula[3]} of those that do not"
     yield f"above {margin[0]} tells {margin[1]} right"
     yield f"on other plants, far from those it was chosen on, {margin[4]}, and the formula {formula[4]}"
     for start, words in (("T / Ti", "T / Ti alone"), ("180°", "The phase margin"), ("1 / gain", "The gain margin"),
