@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from fastcoil.study.runner import run_study as run_study
     from fastcoil.theory.figures import bode as bode
     from fastcoil.theory.figures import nyquist as nyquist
+    from fastcoil.theory.limit_cycle import limit_cycle as limit_cycle
     from fastcoil.theory.linearise import linearise as linearise
 
 _HOME = {
@@ -63,6 +64,7 @@ _HOME = {
     "fit_loop": "calibrate.loop",
     "fit_valve": "calibrate.valve",
     "law": "rules.rule",
+    "limit_cycle": "theory.limit_cycle",
     "linearise": "theory.linearise",
     "nyquist": "theory.figures",
     "open_study": "study.folder.results",

@@ -16,7 +16,7 @@ from fastcoil.simulation.dataset import provenance
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.resources import check_memory
 from fastcoil.theory.margins import margins_of
-from fastcoil.theory.operating_points import OperatingPoints
+from fastcoil.theory.operating_points import OperatingPoints, require_pi
 from fastcoil.theory.plants import Columns, Plants, frequency_response, loop_response, plants_of
 from fastcoil.theory.response import Complex
 from fastcoil.theory.state_space import state_names, state_space_of
@@ -43,7 +43,7 @@ _NAMES: Mapping[str, Attributes] = {
     "gain": {"long_name": "gain from the opening to T_sup", "units": "K", "comment": "per unit opening"},
     "lag": {
         "long_name": "lag of the plant and its sensor", "units": "s",
-        "comment": "first order plus delay, from 35.3 and 85.3 % of the step response (Sundaresan, Krishnaswamy 1978)",
+        "comment": "first order plus delay, through 35.3 and 85.3 % of the step response (Sundaresan, Krishnaswamy 1978)",
     },
     "delay": {
         "long_name": "delay of the plant and its sensor", "units": "s",
@@ -110,7 +110,8 @@ def linearise(
     with checking() as check:
         w = check.unless_none(_frequencies, "frequency", frequency)
         wants_states = check(flag_of, "state_space", state_space)
-        check.problems += _law_problems(points.loop) if w is not None else []
+        if frequency is not None:
+            check(require_pi, points.loop)
         check.problems += _volume_problems(points.loop) if wants_states else []
     sizes = 22 + (0 if w is None else 4 * w.size)
     sizes += (4 * int(np.max(np.asarray(points.loop["n_volumes"], float)))) ** 2 if wants_states else 0
@@ -181,11 +182,6 @@ def _frequencies(name: str, value: Any) -> Array:
     if not w.size or not (np.isfinite(w).all() and w[0] > 0.0 and (np.diff(w) > 0.0).all()):
         raise InputError(f"{name} = {shown(value)}: {cure}")
     return w
-
-
-def _law_problems(loop: Loop) -> list[str]:
-    words = sorted(set(np.unique(np.asarray(loop["law"])).tolist()) - {"pi"})
-    return [f"law = {word!r}: the open loop is known for the PI only, leave out frequency" for word in words]
 
 
 def _volume_problems(loop: Loop) -> list[str]:

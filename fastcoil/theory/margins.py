@@ -41,7 +41,7 @@ def margins_of(columns: Columns, plants: Plants) -> Margins:
         if not members.size:
             continue
         some = {name: values[members] for name, values in columns.items()}
-        of_some = Plants._make(field[members] for field in plants)
+        of_some = plants.some(members)
         w = np.geomspace(_LOWEST, math.pi / period, _FREQUENCIES)
         P, which = sampled_plant(some, of_some, w)
         size, at = _at_180(np.sign(of_some.gain[_firsts(which)])[:, None] * P, w)

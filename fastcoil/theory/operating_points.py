@@ -14,6 +14,7 @@ from fastcoil.arrays import Array, Index, array_of
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.outputs import WARM_UP
+from fastcoil.plots.labels import quantity
 from fastcoil.simulation.clashes import check_clashes
 from fastcoil.simulation.dataset import coordinate_attrs
 from fastcoil.simulation.loop import Loop
@@ -81,6 +82,28 @@ class OperatingPoints:
         at = place.get("day", nothing), place.get("elapsed_time", nothing)
         return {name: values[at] for name, values in self._entering.items()}
 
+    def labels(self) -> list[str]:
+        """Every point in words, by flat index: its labels in the sweep, ``ti = 30 s, day 2``; nothing if it is one."""
+        coordinates = self._coordinates()
+        places = np.stack(np.unravel_index(np.arange(self.size), tuple(self.sizes.values()) or (1,)), axis=1)
+
+        def words(dim: str, i: int) -> str:
+            value = coordinates[dim].values[i] if dim in coordinates else i
+            if dim == "elapsed_time":
+                return f"at {value:g} s"
+            if isinstance(value, str):
+                return value
+            return quantity(dim).equals(value) if dim in self.loop.parameters else f"{dim} {value}"
+
+        return [", ".join(words(d, i) for d, i in zip(self.sizes, place, strict=False)) for place in places]
+
+    def _coordinates(self) -> dict[str, xr.DataArray]:
+        labels = {n: c for n, c in self._layout.coordinates().items() if n != "day" or "day" in self.sizes}
+        if self.seconds is not None:
+            dims = ("elapsed_time",) if self.has_times else ()
+            labels["elapsed_time"] = xr.DataArray(self.seconds.astype(float).reshape(-1 if dims else ()), dims=dims)
+        return labels
+
     def dataset(self, variables: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> xr.Dataset:
         """Name results, each (size, …) with its attributes; dims behind the first are in ``attrs["dims"]``.
 
@@ -89,10 +112,7 @@ class OperatingPoints:
         InputError
             If a coordinate of the sweep has the name of a result.
         """
-        labels = {n: c for n, c in self._layout.coordinates().items() if n != "day" or "day" in self.sizes}
-        if self.seconds is not None:
-            dims = ("elapsed_time",) if self.has_times else ()
-            labels["elapsed_time"] = xr.DataArray(self.seconds.astype(float).reshape(-1 if dims else ()), dims=dims)
+        labels = self._coordinates()
         clash = sorted({*labels, *self.sizes} & variables.keys())
         if clash:
             raise InputError(f"{clash[0]} is swept, and a result has that name: give the dimension another name")
@@ -105,11 +125,24 @@ class OperatingPoints:
         return xr.Dataset(found, {n: c.assign_attrs(coordinate_attrs(n, table)) for n, c in labels.items()})
 
 
+def require_pi(loop: Loop) -> None:
+    """Refuse control laws other than the PI, whose open loop nobody knows.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each such law.
+    """
+    words = sorted(set(np.unique(np.asarray(loop["law"])).tolist()) - {"pi"})
+    if words:
+        raise InputError([f"law = {word!r}: the open loop is known for the PI only" for word in words])
+
+
 def _seconds_of(at: Any, n_steps: int) -> Index | None:
     cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
     if at is None:
         return None
-    values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
+    values = np.array([plain(at)]) if is_number(at) else array_of("at", at, cure)
     if values.ndim != 1:
         raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
     if not values.size:

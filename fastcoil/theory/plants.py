@@ -53,6 +53,10 @@ class Plants(NamedTuple):
     same: Index
     curve: Array
 
+    def some(self, members: Index) -> Plants:
+        """Those of the loops ``members``."""
+        return Plants._make(field[members] for field in self)
+
 
 def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
     """Find where the plants rest, and how they answer there.  Equal plants are computed once.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,9 +35,9 @@ class Gains(NamedTuple):
 def first_order(columns: Columns, plants: Plants) -> FirstOrder:
     """Reduce the answer to a step of the opening, seen through the sensor's lag, to first order with delay.
 
-    The line through two points of the response, at 35.3 and 85.3 % of its end: lag = 0.67 (t2 - t1),
-    delay = 1.3 t1 - 0.29 t2, and at least 0.  K. R. Sundaresan, P. R. Krishnaswamy: Estimation of time delay time
-    constant parameters in time, frequency, and Laplace domains.  Can. J. Chem. Eng. 56 (1978), 257-262.
+    The model that meets the response at 35.3 and 85.3 % of its end; its delay is at least 0.  These are the two points
+    of K. R. Sundaresan, P. R. Krishnaswamy: Estimation of time delay time constant parameters in time, frequency, and
+    Laplace domains.  Can. J. Chem. Eng. 56 (1978), 257-262, who round lag = 0.67 (t2 - t1), delay = 1.3 t1 - 0.29 t2.
     """
     tau = np.asarray(columns["sensor_time_constant"], float)
     kinds, first, which = np.unique(
@@ -45,7 +46,8 @@ def first_order(columns: Columns, plants: Plants) -> FirstOrder:
     with np.errstate(divide="ignore", invalid="ignore"):
         share = sensed_by(plants.response[first], kinds[1], 1) / plants.gain[first][:, None]
     t1, t2 = _time_at(share, _EARLY), _time_at(share, _LATE)
-    lag, delay = 0.67 * (t2 - t1), np.maximum(1.3 * t1 - 0.29 * t2, 0.0)
+    lag = (t2 - t1) / math.log((1.0 - _EARLY) / (1.0 - _LATE))
+    delay = np.maximum(t1 + lag * math.log(1.0 - _EARLY), 0.0)
     return FirstOrder(lag[which.ravel()], delay[which.ravel()])
 
 

@@ -1,0 +1,125 @@
+"""Margin and limit cycle of many loops at once, from their plants and describing functions: numbers without labels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.arrays import Array
+from fastcoil.outputs import HUNTING_SWING
+from fastcoil.theory.curve_of_plant import swings_of
+from fastcoil.theory.elements import Elements, too_smooth, unknown
+from fastcoil.theory.harmonic_balance import balance, between, frequency
+from fastcoil.theory.plants import Columns, Plants, driven_gain, frequency_response, loop_response
+from fastcoil.theory.sustained import Points, started
+
+HUNTS_ABOVE = 0.85
+"""Margin from which a gap keeps a loop swinging for hours, though in the end it may come to rest."""
+OF_A_GAP = 1.5
+"""Amplitude of u over the gap up to which that is so: there the gap shapes the swing."""
+DISTURBANCE = 2.0
+"""Amplitude of T_sup, K, of the disturbance that a cycle is started by."""
+MOST = 30.0
+"""Largest amplitude of u that is looked at, before u is limited to 0–1."""
+_AMPLITUDES, _FREQUENCIES = 44, 136
+_SLOWEST = 3e-4
+"""Lowest frequency, rad/s: a period of 6 h."""
+_AT_ONCE = 512
+
+
+class Cycles(NamedTuple):
+    """Margin and limit cycle of each loop, (n,).
+
+    margin: largest |L| |N|, where L and N lag 180° together, over the swings of T_sup of up to ``DISTURBANCE``; without
+    a gap, 1 over the gain margin.  0 where the two never do, or no opening holds the set-point.
+    hunts: 1 where a disturbance starts a swing of more than 0.1 K from peak to peak that goes on, else 0.
+    period: s.  amplitude: half of peak to peak of true T_sup, K.  NaN where it does not hunt.
+    frequency: of the margin, rad/s.
+    """
+
+    margin: Array
+    hunts: Array
+    period: Array
+    amplitude: Array
+    frequency: Array
+
+
+def cycles_of(columns: Columns, plants: Plants) -> Cycles:
+    """Foretell margin and limit cycle.
+
+    Parameters
+    ----------
+    columns
+        Parameter name → (n,), as ``columns_of`` in ``simulation/scenarios.py`` gives them.
+    plants
+        Of these loops, as ``plants_of`` gives them.
+
+    Returns
+    -------
+    Cycles
+        All NaN where theory says nothing, see ``unknown``.
+    """
+    n = plants.opening.size
+    periods = np.asarray(columns["sample_time"], float)
+    told = ~np.any(list(unknown(columns).values()), axis=0)
+    found = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
+    # where no opening holds the set-point, or the valve acts the wrong way round, it stands at its end
+    acts = plants.reachable & (driven_gain(columns, plants) > 0.0)
+    found.margin[told & ~acts], found.hunts[told & ~acts] = 0.0, 0.0
+    for period in np.unique(periods):
+        members = np.flatnonzero(told & acts & (periods == period))
+        for first in range(0, members.size, _AT_ONCE):
+            some = members[first : first + _AT_ONCE]
+            part = _of_one_period({name: values[some] for name, values in columns.items()}, plants.some(some), period)
+            for values, of_part in zip(found, part, strict=True):
+                values[some] = of_part
+    return found
+
+
+def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
+    """Of loops with one sample time."""
+    w = np.geomspace(_SLOWEST, np.pi / period, _FREQUENCIES)
+    L = loop_response(columns, plants, w)
+    elements, swings = Elements.of(columns), swings_of(plants.curve, plants.T_sup, plants.gain)
+    A = elements.amplitudes(MOST, _AMPLITUDES)
+    lead = np.where(elements.width[:, 0] < elements.wait[:, 0], 0.5 * np.pi, 0.0)
+    of = balance(w, L, lambda at: elements.describe(A, at, swings), _AMPLITUDES, lead)
+    at = frequency(w, of.place)
+    T = A * of.size * _response(plants, w, of.place) / (1.0 - elements.backlash)
+    T *= np.abs(np.sinc(at * period / (2.0 * np.pi)))
+    points = Points(*(_in_a_row(np.broadcast_to(values, T.shape)) for values in (of.product, at, A, T)))
+
+    rows = np.arange(A.shape[0])
+    best = np.where(points.T <= DISTURBANCE, points.product, 0.0).argmax(axis=1)
+    margin, w_margin = points.product[rows, best], points.w[rows, best]
+    # a gap is crossed the more slowly the smaller the error: a swing that dies away takes hours
+    shaped = (points.u < OF_A_GAP * elements.width) & (points.product > HUNTS_ABOVE)
+    slow = np.where(shaped, points.product, 0.0).argmax(axis=1)
+    lingers = shaped[rows, slow]
+    goes_on, cycle = started(Points(of.product, at, np.broadcast_to(A, T.shape), T), DISTURBANCE)
+    lingering = Points(*(values[rows, slow] for values in points))
+    cycle = Points(*(np.where(goes_on, values, late) for values, late in zip(cycle, lingering, strict=True)))
+    hunts = (goes_on | lingers) & (2.0 * cycle.T > HUNTING_SWING)
+
+    seen_u, seen_w = np.where(hunts, cycle.u, points.u[rows, best]), np.where(hunts, cycle.w, w_margin)
+    told = ~too_smooth(columns, seen_u, seen_w)
+    hunts_told = hunts & told
+    return Cycles(
+        np.where(told, margin, np.nan), np.where(told, hunts.astype(float), np.nan),
+        np.where(hunts_told, 2.0 * np.pi / cycle.w, np.nan), np.where(hunts_told, cycle.T, np.nan),
+        np.where(told & (margin > 0.0), w_margin, np.nan),
+    )  # fmt: skip
+
+
+def _response(plants: Plants, w: Array, place: Array) -> Array:
+    """|T_sup| per opening at places between frequencies w; smooth, so that every fifth of them is enough."""
+    _, first, which = np.unique(plants.same, return_index=True, return_inverse=True)
+    some = np.linspace(0.0, w.size - 1.0, (w.size + 4) // 5)
+    G = np.abs(frequency_response(plants.response[first], frequency(w, some)))
+    log_G = np.log(np.maximum(G, 1e-300))[which.ravel()]
+    return np.exp(np.stack([between(log_G, piece * (some.size - 1.0) / (w.size - 1.0)) for piece in place]))
+
+
+def _in_a_row(values: Array) -> Array:
+    return values.transpose(1, 0, 2).reshape(values.shape[1], -1)

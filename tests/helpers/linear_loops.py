@@ -1,0 +1,34 @@
+"""Loops at rest for the tests of the theory: coils dry and wet, heating, valves of low authority, both air marches."""
+
+import numpy as np
+
+import fastcoil as fc
+from fastcoil.theory.operating_points import OperatingPoints
+from fastcoil.theory.plants import plants_of
+
+KINDS = {
+    "wet, lagged": (fc.Loop(), {}),
+    "dry, lagged": (fc.Loop(C_c=12.0), {"relative_humidity": 0.2}),
+    "mixed, quasistatic": (fc.Loop.preset("lbnl").assign(air_march="quasistatic", n_volumes=5), {"T_a_in": 28.0}),
+    "low authority, leaking": (fc.Loop(rangeability=30.0, authority=0.1, m_full=1.6, leakage=0.01), {"T_set": 16.0}),
+    "heating": (fc.Loop(action="heating"), {"T_a_in": 10.0, "T_w_in": 50.0, "T_set": 25.0, "relative_humidity": 0.3}),
+}
+
+
+def points(name, **changes):
+    """Parameters and conditions of one kind, as for ``plants_of``."""
+    loop, entering = KINDS[name]
+    return of(loop.assign(backlash=0.0).assign(**changes), fc.constant_day(0.6, **entering))
+
+
+def of(loop, day):
+    """Parameters and conditions of a loop, or a sweep, on a day that is always the same."""
+    found = OperatingPoints(loop, day, at=0)
+    index = np.arange(found.size)
+    return found.columns(index), found.conditions(index)
+
+
+def plants(name, **changes):
+    """Parameters of one kind, and its plant at rest."""
+    columns, conditions = points(name, **changes)
+    return columns, plants_of(columns, conditions)
