@@ -103,9 +103,13 @@ def of_loop(loop: fc.Loop, *names: str) -> xr.Dataset:
 
 
 def both(loop: fc.Loop, day: fc.Boundary, found: xr.Dataset) -> xr.Dataset:
-    """What is foreseen, what was simulated, and the tuning, over the dims of the loop and ``day``."""
-    tuning = of_loop(loop, "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time", "backlash")
-    return xr.merge([foreseen(loop, day), found, tuning], compat="override")
+    """What is foreseen, what was simulated, and the tuning, over the dims of the loop and ``day``.
+
+    foretold: ``hunts`` of ``fc.limit_cycle``, which counts the motor, the limits of the stroke and the curve, too.
+    """
+    tuning = of_loop(loop, "kp", "ti", "backlash")
+    foretold = fc.limit_cycle(loop, day).hunts.reset_coords(drop=True).rename("foretold")
+    return xr.merge([foreseen(loop, day), foretold, found, tuning], compat="override")
 
 
 def joined(parts: dict[str, xr.Dataset]) -> xr.Dataset:

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
+from fastcoil.theory.describing_function import describing_function
 from fastcoil.theory.operating_points import OperatingPoints
 from fastcoil.theory.plants import loop_response, plants_of
 
@@ -62,10 +63,8 @@ def margins(loop: fc.Loop, day: fc.Boundary) -> xr.DataArray:
 
 def gap(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lag, rad, and size of the describing function of a gap; depth: half the gap over the amplitude of its input."""
-    half = 2.0 * np.sqrt(depth * (1.0 - depth))
-    along = (0.5 * np.pi + np.arcsin(1.0 - 2.0 * depth) + (1.0 - 2.0 * depth) * half) / np.pi
-    across = 4.0 / np.pi * depth * (1.0 - depth)
-    return np.arctan2(across, along), np.hypot(across, along)
+    N = describing_function(0.5 / depth, np.array(1.0), np.array(1.0))
+    return -np.angle(N), np.abs(N)
 
 
 _GAP = gap(np.linspace(1e-6, 1.0 - 1e-6, 2000))

@@ -41,13 +41,14 @@ def speed(ds: xr.Dataset, power: float, delays: float) -> xr.DataArray:
 def candidates(power: float, delays: float) -> dict[str, Callable[[xr.Dataset], xr.DataArray]]:
     """What each rule looks at; large where the loop is near to hunting."""
     return {
-        "describing function: largest \\|L\\|\\|N\\|": lambda ds: ds.margin,
+        "margin of the describing function": lambda ds: ds.margin,
         f"(kp K)^{power:g} (T + {delays:g} θ) / Ti": lambda ds: speed(ds, power, delays),
         "kp K (T + 2 θ) / Ti": lambda ds: speed(ds, 1.0, 2.0),
         "T / Ti": lambda ds: ds["T"] / ds.ti,
         "180° less phase margin": lambda ds: 180.0 - ds.phase_margin,
         "1 / gain margin": lambda ds: 1.0 / ds.gain_margin,
         "overshoot of a set-point step without backlash": lambda ds: ds.overshoot,
+        "`fc.limit_cycle`: motor, stroke and curve, too": lambda ds: ds.foretold,
     }
 
 
@@ -88,7 +89,6 @@ def chosen(ds: xr.Dataset) -> tuple[list[Rule], tuple[float, float]]:
     rules = [
         Rule(name, of, *(_rounded(limit) for limit in limits(of(ds), ds.hunts, among)))
         for name, of in candidates(power, delays).items()
-        if "overshoot" not in name or "overshoot" in ds
     ]
     return rules, (power, delays)
 

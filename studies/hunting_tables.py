@@ -10,7 +10,7 @@ from hunting_rules import Rule, able, any_place, by_one_step, counted, errors, s
 from report import write_table
 from shares import share_of
 
-LINEAR = "1 / gain margin above 1"
+SHOWN = ("margin", "formula", "`fc.limit_cycle`")
 
 
 def write_one_step(formula: Rule, limit: float, ds: xr.Dataset) -> None:
@@ -41,7 +41,7 @@ def write_errors(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
     table = []
     for rule in rules:
         row = [rule.name, f"{rule.limit:g}", *errors(ds, rule)]
-        row += [errors(other, rule)[0] if "overshoot" not in rule.name else "—" for _, other in others]
+        row += [errors(other, rule)[0] for _, other in others]
         table.append(row)
     among = counted(ds)
     write_table(
@@ -56,15 +56,15 @@ def write_errors(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
 
 
 def write_by_backlash(rules: list[Rule], ds: xr.Dataset) -> None:
-    """Write how often the margin and the formula are right at each size of backlash, and stability without any."""
-    table, linear = [], Rule(LINEAR, lambda at: 1.0 / at.gain_margin, 1.0, 1.0)
+    """Write how often the margin, the formula and ``fc.limit_cycle`` are right at each size of backlash."""
+    table = []
     for size in np.unique(ds.backlash):
         part = ds.isel(sample=np.flatnonzero(ds.backlash.isel(day=0) == size))
         row = [f"{size:.0%}", share_of(part.hunts > 0, able(part)).written(0)]
-        for rule in (*rules[:2], linear):
+        for rule in (*rules[:2], rules[-1]):
             row += errors(part, rule, able(part))[:2]
         table.append(row)
-    of = [f"{name}: {what}" for name in ("margin", "formula", LINEAR) for what in ("right", "of those that hunt")]
+    of = [f"{name}: {what}" for name in SHOWN for what in ("right", "of those that hunt")]
     write_table(
         "hunting_by_backlash",
         f"The same by backlash: {ds.sizes['sample']:,} fresh loops × {ds.sizes['day']} conditions",
@@ -111,12 +111,10 @@ def write_days(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
     for kind, ds in found.items():
         among = counted(ds)
         row = [kind, f"{int(among.sum()):,}", str(share_of(ds.hunts > 0, among))]
-        for rule in rules[:2]:
+        for rule in (*rules[:2], rules[-1]):
             row += errors(ds, rule)
         table.append(row)
-    of = [
-        f"{name}: {what}" for name in ("margin", "formula") for what in ("right", "of those that hunt", "of the calm")
-    ]
+    of = [f"{name}: {what}" for name in SHOWN for what in ("right", "of those that hunt", "of the calm")]
     write_table(
         "hunting_days",
         "The same limits on days with noise on which air, water and set-point move, foreseen from the means of the day",

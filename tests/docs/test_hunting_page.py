@@ -30,7 +30,7 @@ def like(rows, start):
 def answers():
     """What the page must say."""
     rules, practice = table("hunting_rules"), table("hunting_practice")
-    margin, formula = like(rules, "describing"), like(rules, "(kp K)")
+    margin, formula = like(rules, "margin of"), like(rules, "(kp K)")
     (name,) = [first for first in rules if first.startswith("(kp K)^")]
     power, delays = re.findall(r"\^([\d.]+) \(T \+ ([\d.]+) θ", name)[0]
     asked = [row for row in practice if row.startswith(f"Ti ≥ (kp K)^{power} (T + {delays} θ) / ")]

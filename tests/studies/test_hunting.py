@@ -39,6 +39,7 @@ def loops():
     ds["backlash"] = ("sample",), draw.choice([0.0, 0.05], 300)
     ds["reachable"] = dims, draw.uniform(size=shape) < 0.9
     ds["margin"] = dims, draw.uniform(0.1, 2.0, shape)
+    ds = ds.assign(overshoot=ds.margin, foretold=(ds.margin > 1.0).astype(float))
     return ds.assign(gain_margin=1.0 / ds.margin, phase_margin=90.0 - 30.0 * ds.margin)
 
 
