@@ -97,7 +97,7 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
 def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> None:
     """Draw loops without dimensions: Ti/T × gain margin, the formula, and the swing over the margin."""
     figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.3), layout="constrained")
-    at = np.flatnonzero(counted(ds).values.ravel())
+    at = np.flatnonzero(counted(ds).transpose(*ds.hunts.dims).values.ravel())
     at = np.random.default_rng(1).choice(at, min(SHOWN, at.size), replace=False)
     flat = {name: np.asarray(ds[name].transpose(*ds.hunts.dims).values).ravel()[at]
             for name in ("kp", "ti", "K", "T", "theta", "gain_margin", "hunts")}  # fmt: skip

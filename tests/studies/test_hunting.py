@@ -205,7 +205,7 @@ def test_the_margin_is_that_of_a_first_order_loop_by_hand_and_proportional_to_kp
     L = L * np.exp(-s * (float(coil.delay) + 0.5))
     left = np.pi + np.unwrap(np.angle(L))
     N = control.friction_backlash_nonlinearity(1.0)
-    values = np.array([N.describing_function(a) for a in np.geomspace(0.501, 50.0, 300)])
+    values = np.array([N.describing_function(a) for a in np.geomspace(0.501, 50.0, 80)])
     inside = (left > 0.0) & (left < 0.5 * np.pi)
     lag = -np.angle(values)[::-1]
     by_hand = np.max(np.abs(L[inside]) * np.interp(left[inside], lag, np.abs(values)[::-1]))
