@@ -52,7 +52,7 @@ def main(size: int = 384, days: int = 6) -> None:
     hunting_tables.write_days(rules, {kind: hunting_loops.on_days(DAYS, size, kind, OF_DAYS) for kind in kinds()})
     said("ran other days")
     sizes = hunting_backlash.run(SIZES, size // 2, max(days // 2, 2))
-    hunting_backlash.write(sizes)
+    hunting_backlash.write(sizes, rules[0].limit)
     hunting_backlash.write_bands(sizes)
     hunting_start.write(hunting_start.run(START, size // 2, max(days // 2, 2)))
     said("ran every backlash, and kicks")

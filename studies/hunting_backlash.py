@@ -70,11 +70,12 @@ def quantiles(of: xr.DataArray, form: str = "{:.2g}") -> str:
     return f"{middle} ({low} to {high})"
 
 
-def write(ds: xr.Dataset) -> None:
-    """Write whether, how much and how fast, by backlash."""
+def write(ds: xr.Dataset, limit: float) -> None:
+    """Write whether, how much and how fast, by backlash; limit: of the margin."""
     ok = ds.reachable.astype(bool).all("backlash") & ds.hunts.notnull().all("backlash")
     at_one, good = ds.sel(backlash=0.01), ds.sel(backlash=0.0)
     of_gap = (ds.cycles | (ds.backlash == 0.0)).all("backlash") & ~good.cycles & ok
+    warned = ok & (good.margin > limit) & ~good.cycles
     table = []
     for size in SIZES:
         at = ds.sel(backlash=size)
@@ -92,7 +93,9 @@ def write(ds: xr.Dataset) -> None:
         f"The same {ds.sizes['sample']} loops × {ds.sizes['day']} conditions with every backlash; {int(ok.sum()):,} "
         f"can hold their set-point.  Of those that cycle with every gap, but not without ({int(of_gap.sum()):,}), the "
         f"swing grows with the backlash to the power {grows[0]:.2f} ({grows[1]:.2f} to {grows[2]:.2f}), the period "
-        f"to the power {changes[0]:.2f} ({changes[1]:.2f} to {changes[2]:.2f}); medians, 10 and 90 %",
+        f"to the power {changes[0]:.2f} ({changes[1]:.2f} to {changes[2]:.2f}); medians, 10 and 90 %.  "
+        f"Of those that are calm without a gap and have a margin above {limit:g} ({int(warned.sum()):,}) "
+        f"{share_of(at_one.cycles, warned)} cycle with one of 1 %",
         ["backlash X", "cycle", "hunt, over 0.1 K", "cycle, but not at 1 %", "do not, but at 1 %",
          "swing, peak to peak", "swing / (X K)", "period / that at 1 %"],
         table,

@@ -43,7 +43,9 @@ def answers():
     yield f"With {limit} in place of {safe.split('/ ')[1]}"
     yield f"tells {formula[1]} of fresh loops right, {formula[2]} of those that hunt, {formula[3]} of those that do not"
     yield f"above {margin[0]} tells {margin[1]} right"
-    yield f"on other plants, far from those it was chosen on, {margin[4]}, and the formula {formula[4]}"
+    cycle = like(rules, "`fc.limit_cycle`")
+    yield f"the margin is right on {margin[4]}, the formula on {formula[4]}, `fc.limit_cycle` on {cycle[4]}"
+    yield f"the curve of the valve, {cycle[1]}"
     for start, words in (("T / Ti", "T / Ti alone"), ("180°", "The phase margin"), ("1 / gain", "The gain margin"),
                          ("overshoot", "An overshoot"), ("kp K (T", "The plain product")):  # fmt: skip
         assert words in page_text()
@@ -54,7 +56,9 @@ def answers():
         yield f"forbids {row[3]} of the calm"
     cures = table("hunting_cures")
     half = cures["half of kp"]
-    yield f"{half[0]} of the loops that hunt still do with half of their kp"
+    yield f"expects to hunt {half[0]} still do with half of their kp"
+    yield f"With half of their kp {half[0]} still hunt"
+    assert like(cures, "Ti by the formula")[-1].endswith("+0 %, +0 %")
     slow, by_rule, weak = (like(cures, start) for start in ("Ti at least T", "Ti by the formula", "kp by the formula"))
     yield f"Raise Ti to T: {slow[0]} still hunt"
     yield f"with Ti from the formula {by_rule[0]} still hunt, with kp from the formula {weak[0]}"
@@ -65,10 +69,13 @@ def answers():
     yield f"{sizes['0%'][3]} of the loops are calm without a gap and cycle with one of 1 %"
     yield f"from 1 % to 15 % only {sizes['15%'][2]} more begin to"
     yield f"{sizes['7%'][5].split(' (')[0]} X K"
+    warned = re.findall(r"\) (\d+ % \(\d+ to \d+\)) cycle with one of 1 %", title)[0]
+    yield f"warns of for nothing {warned} cycle with a gap of 1 %"
     by_size = table("hunting_by_backlash")
     yield f"Of loops without backlash {by_size['0%'][0]} hunt"
     yield f"The margin tells {by_size['0%'][1]} of them right"
-    yield f"with 1 % of backlash {by_size['1%'][1]}"
+    yield f"With 1 % of backlash the margin is right on {by_size['1%'][1]}"
+    yield f"knows its size: {by_size['1%'][5]}"
     title, _ = text("hunting_start")
     yield re.findall(r"cycle after any kick (\d+ % \(\d+ to \d+\))", title)[0]
     one = table("hunting_one_step")
@@ -84,7 +91,8 @@ def answers():
     worst = min(days, key=lambda kind: float(days[kind][3].split(" %")[0]))
     yield f"On days on which air, water and set-point move, {worst} ones are the worst: {days[worst][3]}"
     presets = table("hunting_presets")
-    yield f"`paper_like` {presets['`paper_like`'][1]}"
+    yield f"the margin is right for {presets['`paper_like`'][1]} of the gains"
+    yield f"on the map of `lbnl` it misses {presets['`lbnl`'][4].split(', ')[1]} of 1,156 tunings"
 
 
 def page_text():
