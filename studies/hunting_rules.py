@@ -22,6 +22,8 @@ SURE = 0.995
 FEW = 0.98
 """The same where the formula is used with a single step of the valve."""
 MODEL = ("K", "T", "theta")
+MISREAD = 0.2
+"""By how much a log misleads about each of them, standard deviation."""
 
 
 class Rule(NamedTuple):
@@ -127,6 +129,13 @@ def by_one_step(ds: xr.Dataset, place: Callable[[xr.Dataset], xr.DataArray]) -> 
         told = part.assign({name: value.broadcast_like(part[name]) for name, value in model.items()})
         parts.append(told.assign(reachable=ok & (at != step.drop_vars("day", errors="ignore"))))
     return xr.concat(parts, "day", data_vars="all")
+
+
+def misread(ds: xr.Dataset) -> xr.Dataset:
+    """The same with a model that is wrong, by another factor for each valve, condition and number."""
+    draw = np.random.default_rng(1)
+    wrong = {name: ds[name] * np.exp(draw.normal(0.0, MISREAD, ds[name].shape)) for name in MODEL}
+    return ds.assign(wrong)
 
 
 def any_place(ds: xr.Dataset) -> xr.DataArray:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
-from hunting_rules import Rule, able, any_place, by_one_step, counted, errors, smallest, written
+from hunting_rules import MISREAD, Rule, able, any_place, by_one_step, counted, errors, misread, smallest, written
 from report import write_table
 from shares import share_of
 
@@ -17,6 +17,7 @@ def write_one_step(formula: Rule, limit: float, ds: xr.Dataset) -> None:
     """Write how good the formula is where the step was made elsewhere; limit: see ``cautious``."""
     given = {
         "where it works": ds,
+        f"where it works, K, T and θ off by {MISREAD:.0%}": misread(ds),
         "anywhere": by_one_step(ds, any_place),
         "at the smallest opening": by_one_step(ds, smallest),
         "at the largest opening": by_one_step(ds, lambda of: -of.opening),

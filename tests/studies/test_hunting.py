@@ -8,6 +8,7 @@ import hunting_backlash
 import hunting_cost
 import hunting_cures
 import hunting_loops
+import hunting_map
 import hunting_parts
 import hunting_plants
 import hunting_rules
@@ -107,6 +108,14 @@ def test_one_step_a_valve_is_the_first_that_it_can_hold_and_no_longer_counts(loo
                     assert float(one.kp[i, d]) == float(loops.kp[i, d])
 
 
+def test_a_misread_step_is_wrong_by_a_fifth_in_each_number_alone(loops):
+    wrong = hunting_rules.misread(loops)
+    errors = [np.log(wrong[name] / loops[name]).values.ravel() for name in hunting_rules.MODEL]
+    assert [float(e.std()) for e in errors] == pytest.approx([0.2] * 3, rel=0.1)
+    assert abs(np.corrcoef(errors)[np.triu_indices(3, 1)]).max() < 0.1
+    np.testing.assert_array_equal(wrong.kp, loops.kp)
+
+
 def test_only_a_swing_that_lasts_is_a_cycle():
     t = np.arange(0.0, 28800.0, hunting_backlash.SEEN)
     signals = {
@@ -191,6 +200,7 @@ def test_the_describing_function_of_a_gap_is_that_of_another_library():
         assert lag == pytest.approx(-np.angle(value))
 
 
+@pytest.mark.full
 @pytest.mark.kernel
 def test_the_margin_is_that_of_a_first_order_loop_by_hand_and_proportional_to_kp():
     """With a slow first-order sensor the coil is fast; what is left is K, a lag, half a sample, and an integral."""
@@ -248,11 +258,12 @@ def test_a_population_is_that_of_single_simulations():
 
 @pytest.mark.full
 @pytest.mark.kernel
-def test_the_command_writes_every_table_and_figure_and_its_gains_obey(written, tmp_path, monkeypatch, small):
-    import hunting_map
-
+def test_the_command_writes_every_table_and_figure(written, tmp_path, monkeypatch):
+    study = tmp_path / "hunting.toml"
+    study.write_text(hunting_map.STUDY.read_text().replace(", 34]", ", 6]"))
     monkeypatch.setattr(hunting_map, "HERE", tmp_path)
-    monkeypatch.setattr(hunting_map, "results", small)
+    monkeypatch.setattr(hunting_map, "STUDY", study)
+    monkeypatch.setattr(hunting_map, "results", lambda name: fc.run_study(study, tmp_path / name))
     monkeypatch.setattr(hunting_parts, "CHANGES", {"as it is: x": {}, "ti × 2": {"ti": 2.0}})
     hunting.main(8, 2)
     names = sorted(path.stem for path in report.TABLES.glob("*.md"))
