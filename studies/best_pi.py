@@ -91,7 +91,11 @@ def simc_gains(loop: fc.Loop, kind: str) -> xr.Dataset:
     plant_gain: K per stroke, of the same step.
     kp = tau / (K (tau_c + theta)), ti = min(tau, 4 (tau_c + theta)), tau_c = theta; J. Process Control 13, 291-309.
     """
-    model = first_order(loop, kind)
+    return gains_of(first_order(loop, kind))
+
+
+def gains_of(model: xr.Dataset) -> xr.Dataset:
+    """The gains that ``simc_gains`` takes from a model of ``first_order``."""
     kp = model.tau / (model.gain * 2.0 * model.theta)
     gain = model.gain.clip(LEAST_GAIN)  # a valve that changes nothing still needs a number
     ti = np.minimum(model.tau, 8.0 * model.theta)

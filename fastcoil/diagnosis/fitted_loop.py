@@ -13,6 +13,7 @@ from fastcoil.diagnosis.likelihood import HORIZON
 from fastcoil.diagnosis.outcome import Outcome, counted_steps, outcome_of
 from fastcoil.diagnosis.recovered_pi import RecoveredPI, recover_pi
 from fastcoil.diagnosis.replayed_loop import Day, Played, day_of, play
+from fastcoil.theory.describing_function import describing_function
 
 MOST_SECONDS = 172800.0
 """Of a longer log the end is replayed."""
@@ -180,8 +181,8 @@ def margin(pi: RecoveredPI, plant: FittedPlant) -> float:
     if not inside.any():
         return 0.0
     k = np.linspace(1e-6, 1.0 - 1e-6, _DEPTHS)  # half the gap over the amplitude of its input
-    real = (0.5 * math.pi + np.arcsin(1.0 - 2.0 * k) + 2.0 * (1.0 - 2.0 * k) * np.sqrt(k * (1.0 - k))) / math.pi
-    N = real - 4j / math.pi * k * (1.0 - k)
+    gap = np.ones(_DEPTHS)
+    N = describing_function(0.5 / k, gap, gap)
     size = np.interp(left[inside], -np.degrees(np.angle(N)), np.abs(N))
     return float(np.max(np.abs(L[inside]) * size))
 

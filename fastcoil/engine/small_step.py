@@ -21,8 +21,11 @@ CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
 """Rows of what enters the coils of a block, (4, LANES)."""
 C = positions(CONDITIONS)
 STEADY = ("opening", "T_sup", "m_w", "wet_volumes", "gain", "T_stepped", "nearest")
-"""Rows of what is found of a plant at rest; T_stepped: T_sup at rest after the first of ``small_steps``; nearest: 1 if
-no opening holds the set-point."""
+"""Rows of what is found of a plant at rest.
+
+T_stepped: T_sup at rest after the first of ``small_steps``.  nearest: 1 if no opening holds the set-point.  gain: NaN
+where T_sup jumps past it, as it may if a coil exchanges less when it is wet than when it is dry.
+"""
 F = positions(STEADY)
 STEP = 1e-4
 """Of the opening, to each side, for a derivative."""
@@ -35,6 +38,8 @@ _NEAR = 0.5
 _SETTLED, _MOST_SWEEPS = 1e-11, 4000
 """A coil is at rest when no metal temperature moves further than this, K, in a sweep; it gets as many sweeps."""
 _FOUND, _MOST_OPENINGS = 1e-9, 60
+_JUMPED = 1e-4
+"""Distance from the set-point, K, at an opening that ought to hold it."""
 _LEAST_FLOW = 1e-12
 """kW/K; without water flow its temperature does not matter."""
 
@@ -154,6 +159,8 @@ def find_rest(rows, common, entering, T_set, S, V, found):
     settle(S, V, n_volumes, common.leaks, entering, high)
     for j in range(LANES):
         e_high[j] = supply[j] - T_set[j]
+        e_low[j] = 0.0 if abs(e_low[j]) < _FOUND else e_low[j]
+        e_high[j] = 0.0 if abs(e_high[j]) < _FOUND else e_high[j]
         direction[j] = 1.0 if e_high[j] > e_low[j] else -1.0
         e_low[j] *= direction[j]
         e_high[j] *= direction[j]
@@ -193,6 +200,9 @@ def find_rest(rows, common, entering, T_set, S, V, found):
         found[F.gain, j] = (supply[j] - found[F.T_stepped, j]) / (high[j] - low[j])
     settle(S, V, n_volumes, common.leaks, entering, openings)
     for j in range(LANES):
+        if found[F.nearest, j] == 0.0 and abs(supply[j] - T_set[j]) > _JUMPED:
+            found[F.nearest, j] = 1.0
+            found[F.gain, j] = np.nan
         found[F.T_sup, j] = supply[j]
         found[F.m_w, j] = S[R.m_w + j]
         found[F.wet_volumes, j] = S[R.wet_volumes + j]
@@ -229,7 +239,8 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response):
         for j in range(LANES):
             response[t, j] = supply[j]
             change = found[F.T_stepped, j] - found[F.T_sup, j]
-            settled &= abs(found[F.T_stepped, j] - supply[j]) <= tolerance * abs(change) + _FOUND
+            left = abs(found[F.T_stepped, j] - supply[j])
+            settled &= left <= tolerance * abs(change) + _FOUND or found[F.gain, j] != found[F.gain, j]
         if settled:
             end = t + 1
             break
@@ -244,6 +255,7 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response):
         march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
         for j in range(LANES):
             response[t, j] = (response[t, j] - supply[j]) / (first[j] - second[j])
+            response[t, j] = response[t, j] if found[F.gain, j] == found[F.gain, j] else np.nan
     for t in range(end, n_steps):
         for j in range(LANES):
             response[t, j] = found[F.gain, j]

@@ -6,13 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array
+from fastcoil.arrays import Array, Index
 from fastcoil.outputs import HUNTING_SWING
-from fastcoil.theory.curve_of_plant import swings_of
+from fastcoil.theory.curve_of_plant import Swings, refined, swings_of
+from fastcoil.theory.describing_function import Complex, limited
 from fastcoil.theory.elements import Elements, too_smooth, unknown
-from fastcoil.theory.harmonic_balance import balance, between, frequency
+from fastcoil.theory.harmonic_balance import Balance, balance, between, frequency
+from fastcoil.theory.limited_pi import LimitedPI
 from fastcoil.theory.plants import Columns, Plants, driven_gain, frequency_response, loop_response
 from fastcoil.theory.sustained import Points, started
+from fastcoil.theory.wave import amplitude_of
 
 HUNTS_ABOVE = 0.85
 """Margin from which a gap keeps a loop swinging for hours, though in the end it may come to rest."""
@@ -20,9 +23,14 @@ OF_A_GAP = 1.5
 """Amplitude of u over the gap up to which that is so: there the gap shapes the swing."""
 DISTURBANCE = 2.0
 """Amplitude of T_sup, K, of the disturbance that a cycle is started by."""
+NO_GAP = 1e-6
+"""A gap or a buffer up to this size is round-off."""
 MOST = 30.0
 """Largest amplitude of u that is looked at, before u is limited to 0–1."""
 _AMPLITUDES, _FREQUENCIES = 44, 136
+ROUNDS = 2
+"""How often a cycle that reaches an end of the integral is reckoned again."""
+_NEAR_ONE = 0.7
 _SLOWEST = 3e-4
 """Lowest frequency, rad/s: a period of 6 h."""
 _AT_ONCE = 512
@@ -81,10 +89,11 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
     """Of loops with one sample time."""
     w = np.geomspace(_SLOWEST, np.pi / period, _FREQUENCIES)
     L = loop_response(columns, plants, w)
+    plants = plants._replace(curve=refined(plants.curve))
     elements, swings = Elements.of(columns), swings_of(plants.curve, plants.T_sup, plants.gain)
     A = elements.amplitudes(MOST, _AMPLITUDES)
-    lead = np.where(elements.width[:, 0] < elements.wait[:, 0], 0.5 * np.pi, 0.0)
-    of = balance(w, L, lambda at: elements.describe(A, at, swings), _AMPLITUDES, lead)
+    pi = LimitedPI.of(columns, elements)
+    of = _balanced(w, L, elements, swings, A, pi, plants)
     at = frequency(w, of.place)
     T = A * of.size * _response(plants, w, of.place) / (1.0 - elements.backlash)
     T *= np.abs(np.sinc(at * period / (2.0 * np.pi)))
@@ -92,6 +101,10 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
 
     rows = np.arange(A.shape[0])
     best = np.where(points.T <= DISTURBANCE, points.product, 0.0).argmax(axis=1)
+    # without a gap, that of the smallest swing: the linear loop's
+    has_none = (np.abs(elements.width) <= NO_GAP)[:, 0] & (elements.wait <= NO_GAP)[:, 0]
+    smallest = np.arange(0, points.product.shape[1], _AMPLITUDES)
+    best = np.where(has_none, smallest[points.product[:, smallest].argmax(axis=1)], best)
     margin, w_margin = points.product[rows, best], points.w[rows, best]
     # a gap is crossed the more slowly the smaller the error: a swing that dies away takes hours
     shaped = (points.u < OF_A_GAP * elements.width) & (points.product > HUNTS_ABOVE)
@@ -100,16 +113,49 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
     goes_on, cycle = started(Points(of.product, at, np.broadcast_to(A, T.shape), T), DISTURBANCE)
     lingering = Points(*(values[rows, slow] for values in points))
     cycle = Points(*(np.where(goes_on, values, late) for values, late in zip(cycle, lingering, strict=True)))
-    hunts = (goes_on | lingers) & (2.0 * cycle.T > HUNTING_SWING)
+    found = np.flatnonzero(goes_on | lingers)
+    swing = np.full(A.shape[0], np.nan)
+    if found.size:
+        u, of_found = cycle.u[found, None], elements.part(found)
+        mean = of_found.mean(u, swings.part(found))
+        swing[found] = amplitude_of(u, mean, cycle.w[found, None], pi.part(found), of_found, plants.some(found))
+    hunts = (goes_on | lingers) & (2.0 * swing > HUNTING_SWING)
 
     seen_u, seen_w = np.where(hunts, cycle.u, points.u[rows, best]), np.where(hunts, cycle.w, w_margin)
     told = ~too_smooth(columns, seen_u, seen_w)
     hunts_told = hunts & told
     return Cycles(
         np.where(told, margin, np.nan), np.where(told, hunts.astype(float), np.nan),
-        np.where(hunts_told, 2.0 * np.pi / cycle.w, np.nan), np.where(hunts_told, cycle.T, np.nan),
+        np.where(hunts_told, 2.0 * np.pi / cycle.w, np.nan), np.where(hunts_told, swing, np.nan),
         np.where(told & (margin > 0.0), w_margin, np.nan),
     )  # fmt: skip
+
+
+def _balanced(
+    w: Array, L: Complex, elements: Elements, swings: Swings, A: Array, pi: LimitedPI, plants: Plants
+) -> Balance:
+    """Balance of the loops; where the integral reaches an end, again with what that changes, at the frequency found."""
+    mean = elements.mean(A, swings)
+    passed = limited(A, -mean, 1.0 - mean).astype(complex)
+
+    def of(some: Index) -> Balance:
+        part, of_part, A_part, passed_part = elements.part(some), swings.part(some), A[some], passed[some]
+        leads = (part.width < part.wait - NO_GAP)[:, 0] | (np.angle(passed_part).max(axis=1) > 0.0)
+        lead = np.where(leads, 0.5 * np.pi, 0.0)
+        return balance(w, L[some], lambda at: part.describe(A_part, at, of_part, passed_part), _AMPLITUDES, lead)
+
+    found = of(np.arange(A.shape[0]))
+    room = np.minimum(mean, 1.0 - mean)
+    reaches = pi.parts(A, frequency(w, found.place[0]))[1] > room
+    ended = np.flatnonzero((reaches & (found.product[0] > _NEAR_ONE)).any(axis=1))
+    for _ in range(ROUNDS if ended.size else 0):
+        at = frequency(w, found.place[0][ended])
+        of_pi = pi.part(ended)
+        reaches = of_pi.parts(A[ended], at)[1] > room[ended]
+        passed[ended] = np.where(reaches, of_pi.passed(A[ended], at, plants.some(ended))[0], passed[ended])
+        for values, part in zip(found, of(ended), strict=True):
+            values[:, ended] = part
+    return found
 
 
 def _response(plants: Plants, w: Array, place: Array) -> Array:

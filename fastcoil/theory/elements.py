@@ -6,13 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array, Mask
+from fastcoil.arrays import Array, Index, Mask
 from fastcoil.theory.curve_of_plant import Swings
-from fastcoil.theory.describing_function import Complex, describing_function, limited, rate_limited
+from fastcoil.theory.describing_function import Complex, describing_function, rate_limited
 from fastcoil.theory.plants import Columns
 
 SMALLEST = 2e-4
 """Least amplitude of u, fraction of stroke, that is looked at where nothing waits after a turn."""
+_ROUND_OFF = 1e-6
+"""A buffer up to this size is against round-off only."""
 _SURE_OF_SMOOTH = 4.0
 """The smooth compensation counts as the inverse where u moves so many times faster than its rate."""
 
@@ -38,22 +40,20 @@ class Elements(NamedTuple):
     @classmethod
     def of(cls, columns: Columns) -> Elements:
         """Of loops with these parameters, (n,) each."""
-        names = ("backlash", "backlash_estimate", "neutral_zone", "stroke_time")
-        x_bl, estimate, zone, stroke = (np.asarray(columns[name], float) for name in names)
-        x_hat = np.where(np.asarray(columns["estimate_share"]) > 0.0, estimate, 0.0)
+        x_bl, stroke = (np.asarray(columns[name], float) for name in ("backlash", "stroke_time"))
+        x_hat = _assumed(columns)
         is_additive = np.asarray(columns["compensation"]) == "additive"
         is_smooth = np.asarray(columns["compensation"]) == "smooth"
         slope = np.where(is_additive, 1.0, 1.0 - x_hat)
-        # a motor with a neutral zone follows half the zone late either way, as behind a gap of that size
-        width = (x_bl + zone - x_hat) / slope
-        buffer = np.where((x_hat > 0.0) & ~is_smooth, _buffer(columns), 0.0)
+        width = (x_bl - x_hat) / slope
+        buffer = np.where(is_smooth, 0.0, _buffer(columns))
         period = np.asarray(columns["sample_time"], float)
         late = np.where(x_hat > 0.0, 0.5 * period + np.minimum(x_hat, x_bl) * stroke, 0.0)
         offset = 0.5 * np.where(is_additive, x_bl, (x_bl - x_hat) / slope)
         parts = (width, np.maximum(width, buffer), slope, offset, late, x_bl, stroke, period)
         return cls(*(np.asarray(part, float)[:, None] for part in parts))
 
-    def part(self, some: slice | Mask) -> Elements:
+    def part(self, some: Index) -> Elements:
         """Those of some loops."""
         return Elements(*(value[some] for value in self))
 
@@ -62,18 +62,21 @@ class Elements(NamedTuple):
         least = np.maximum(0.5005 * self.wait, SMALLEST)
         return np.asarray(least * (most / least) ** np.linspace(0.0, 1.0, n))
 
-    def describe(self, amplitude: Array, w: Array, swings: Swings) -> Complex:
+    def mean(self, amplitude: Array, swings: Swings) -> Array:
+        """Mean of u, (n, n_amplitudes), that holds the set-point."""
+        gap = np.abs(describing_function(amplitude, self.width, self.wait))
+        return np.asarray(swings.at(amplitude * gap)[0] * (1.0 - self.backlash) / self.slope + self.offset)
+
+    def describe(self, amplitude: Array, w: Array, swings: Swings, passed: Array | Complex) -> Complex:
         """N, per (1 - X) of opening and relative to the plant's gain at rest, so that L N is the loop.
 
-        u is limited to 0–1, then the motor's speed, then the gap, then the plant's curve change the sinus, each as if
+        Limits of u, of the motor's speed, gap and the plant's curve change the sinus one after the other, each as if
         what comes out of the one before were a sinus again.
 
-        amplitude, w: (n, n_amplitudes), fraction of stroke and rad/s.
+        amplitude, w: of u without limits, (n, n_amplitudes), fraction of stroke and rad/s.  passed: what the limits of
+        u let through.
         """
-        gap = np.abs(describing_function(amplitude, self.width, self.wait))
-        mean = swings.at(amplitude * gap)[0] * (1.0 - self.backlash) / self.slope + self.offset
-        passed = limited(amplitude, -mean, 1.0 - mean)
-        faster = amplitude * passed * w * self.stroke_time
+        faster = amplitude * np.abs(passed) * w * self.stroke_time
         # a motor that reaches each target before the next sample is on its way for a part of the time
         on_its_way = np.exp(-1j / np.pi * w * self.sample_time * np.minimum(faster, 1.0))
         moved = passed * rate_limited(faster)
@@ -85,27 +88,39 @@ class Elements(NamedTuple):
 
 
 def unknown(columns: Columns) -> dict[str, Mask]:
-    """Why a describing function says nothing about a loop, and of which loops that is so, (n,)."""
-    learns = (np.asarray(columns["estimator"]) != "none") & (np.asarray(columns["estimate_share"], float) > 0.0)
+    """Why the theory says nothing about a loop, and of which loops that is so, (n,)."""
+
+    def above(name: str, least: float = 0.0) -> Mask:
+        return np.asarray(np.asarray(columns[name], float) > least)
+
+    learns = (np.asarray(columns["estimator"]) != "none") & above("estimate_share")
+    jumps = (_assumed(columns) > np.asarray(columns["backlash"], float)) & (_buffer(columns) > _ROUND_OFF)
+    small_cycles = "makes small cycles of its own: give 0, or simulate it"
     return {
         "a control law of your own has no describing function: simulate it": np.asarray(columns["law"]) != "pi",
         "an estimator changes the estimate as it goes: give estimator = 'none' and the backlash_estimate that you want "
         "to know about": learns,
-        "a stem that sticks and slips (slip_jump > 0) has another describing function: simulate it": np.asarray(
-            columns["slip_jump"], float
-        )
-        > 0.0,
-        "an error_dead_band stops small cycles and starts others: give 0, or simulate it": np.asarray(
-            columns["error_dead_band"], float
-        )
-        > 0.0,
+        "an estimate above the backlash with a buffer cannot be told well enough: give buffer = 1e-9, or simulate it": (
+            jumps & ~learns & (np.asarray(columns["compensation"]) != "smooth")
+        ),
+        f"a stem that sticks and slips (slip_jump) {small_cycles}": above("slip_jump"),
+        f"a neutral_zone {small_cycles}": above("neutral_zone"),
+        f"a resolution (of sensor or command) {small_cycles}": above("sensor_resolution") | above("command_resolution"),
+        "an error_dead_band stops small cycles and starts others: give 0, or simulate it": above("error_dead_band"),
     }
 
 
 def too_smooth(columns: Columns, amplitude: Array, w: Array) -> Mask:
     """Whether the smooth compensation crosses the gap too slowly, at this cycle of u, to be taken for the inverse."""
     is_smooth = (np.asarray(columns["compensation"]) == "smooth") & (np.asarray(columns["backlash_estimate"]) > 0.0)
-    return is_smooth & (amplitude * w < _SURE_OF_SMOOTH * np.asarray(columns["smooth_rate"], float))
+    rate = np.asarray(columns["smooth_rate"], float)
+    return np.asarray(is_smooth & (amplitude * w < _SURE_OF_SMOOTH * rate))
+
+
+def _assumed(columns: Columns) -> Array:
+    """The estimate that the compensation assumes, where nothing changes it."""
+    assumes = np.asarray(columns["estimate_share"], float) > 0.0
+    return np.where(assumes, np.asarray(columns["backlash_estimate"], float), 0.0)
 
 
 def _buffer(columns: Columns) -> Array:
@@ -116,4 +131,4 @@ def _buffer(columns: Columns) -> Array:
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         highest = np.where(swing > 0.0, swing / gain, np.inf)
-    return np.maximum(np.minimum(ratio * np.abs(kp) * sigma, highest), least)
+    return np.asarray(np.maximum(np.minimum(ratio * np.abs(kp) * sigma, highest), least))

@@ -12,10 +12,13 @@ from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError
 from fastcoil.plots.style import COLOURS, DOTTED, FAINT, LINE_STYLES, apply_style, wrapped
 from fastcoil.simulation.loop import Loop
-from fastcoil.theory.describing_function import describing_function
+from fastcoil.theory.curve_of_plant import swings_of
+from fastcoil.theory.cycles import MOST, Cycles, cycles_of
+from fastcoil.theory.describing_function import limited
+from fastcoil.theory.elements import Elements
 from fastcoil.theory.margins import Margins, margins_of
 from fastcoil.theory.operating_points import OperatingPoints, require_pi
-from fastcoil.theory.plants import loop_response, plants_of
+from fastcoil.theory.plants import Columns, Plants, loop_response, plants_of
 from fastcoil.theory.response import Complex
 
 if TYPE_CHECKING:
@@ -29,22 +32,41 @@ _HIGH, _LOW = 30.0, 0.01
 _REACH = 3.0
 """A Nyquist plot shows this much of the plane to the left and below."""
 _READING = (
-    "A loop hunts where L reaches beyond -1/N, at a margin |L| |N| above 1.  Dots: the cycle, or for a loop that does "
-    "not hunt the frequency at which it is nearest to one."
+    "Thick: L. Thin: -1/N. A loop hunts where L reaches -1/N, or nearly. One dot: the cycle. Two dots: the frequency "
+    "at which a loop that does not hunt comes nearest to one."
 )
+_AMPLITUDES, _SMALLEST = 400, 1e-3
+"""Number of amplitudes, and least |N| that is drawn."""
 _WIDTH = 6.5
 """Inches."""
 _OPEN: Any = {"frameon": False, "handlelength": 2.5}
 
 
 class _Curve(NamedTuple):
-    """One loop: what the legend calls it, its frequencies [rad/s], L there, its gap, and its margins."""
+    """One loop: what the legend calls it, its frequencies [rad/s] and L there, and what theory foretells.
+
+    minus_1_over_N: over the amplitude, at the frequency of the cycle or, without one, of the margin; empty where theory
+    says nothing.  at: that frequency.
+    """
 
     words: str
     w: Array
     L: Complex
-    gap: float
+    minus_1_over_N: Complex
+    at: float
     margins: Margins
+    cycles: Cycles
+
+    @property
+    def hunts(self) -> bool:
+        """Whether it is foretold to hunt."""
+        return bool(self.cycles.hunts[0] > 0.0)
+
+    @property
+    def on_L(self) -> complex:
+        """L where the loop hunts, or comes nearest to it."""
+        real, imag = (np.interp(self.at, self.w, part) for part in (self.L.real, self.L.imag))
+        return complex(real, imag)
 
 
 @apply_style()
@@ -104,10 +126,10 @@ def bode(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
 
 @apply_style()
 def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
-    """Draw the open loop L in the complex plane, with -1/N(A) of the gap and the margin between the two.
+    """Draw the open loop L in the complex plane, with -1/N(A) and the margin between the two.
 
-    N(A) is the describing function of the gap for an input that swings by A.  Where L reaches -1/N the loop hunts; the
-    margin |L| |N| is marked where it is largest.  Up to three loops.
+    N(A) is the describing function, for an input that swings by A, of all that lies between the controller and the
+    supply temperature and is not linear: see ``limit_cycle``.  Up to three loops.
 
     Parameters
     ----------
@@ -129,25 +151,20 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     turn = np.linspace(0.0, 2.0 * math.pi, 200)
     axes.plot(np.cos(turn), np.sin(turn), color="black", lw=0.8, ls=DOTTED)
     axes.plot(-1.0, 0.0, "+", color="black", ms=9)
-    if any(curve.gap > 0.0 for curve in curves):
-        N = describing_function(0.5 / _DEPTHS, np.array(1.0), np.array(1.0))
-        axes.plot(-(1.0 / N).real, -(1.0 / N).imag, color="black", lw=1.2, ls="-.", label="-1/N of the gap")
     for curve, colour, line in zip(curves, COLOURS, LINE_STYLES, strict=False):
         near = np.abs(curve.L) < 3.0 * _REACH
-        margin, on_L, on_N = _nearest(curve)
-        label = ", ".join(filter(None, [curve.words, f"margin {margin:.2g}" if curve.gap > 0.0 else ""])) or "L"
-        axes.plot(curve.L.real[near], curve.L.imag[near], color=colour, ls=line, label=label)
-        if margin > 0.0 and curve.gap > 0.0:
-            axes.plot([on_L.real, on_N.real], [on_L.imag, on_N.imag], color=colour, lw=0.8, marker="o", ms=3.5)
+        told = "hunts" if curve.hunts else "does not hunt"
+        words = f"margin {curve.cycles.margin[0]:.2g}, {told}" if curve.minus_1_over_N.size else "not foretold"
+        words = f"{curve.words}: {words}" if curve.words else words
+        axes.plot(curve.L.real[near], curve.L.imag[near], color=colour, ls=line, label=words)
+        axes.plot(curve.minus_1_over_N.real, curve.minus_1_over_N.imag, color=colour, lw=0.7, label="_-1/N")
+        if curve.cycles.margin[0] > 0.0:
+            pair = np.array([curve.on_L] if curve.hunts else [curve.on_L, curve.on_L / curve.cycles.margin[0]])
+            axes.plot(pair.real, pair.imag, color=colour, lw=0.8, ls=DOTTED, marker="o", ms=3.5)
     axes.set(xlim=(-_REACH, 1.2), ylim=(-_REACH, 1.2), aspect="equal", xlabel="real part", ylabel="imaginary part")
-    axes.legend(loc="lower right", framealpha=0.8, edgecolor="none")
-    if any(curve.gap > 0.0 for curve in curves):
-        axes.set_title(wrapped(_READING, 0.75 * _WIDTH, 9), loc="left")
+    axes.legend(loc="upper left", framealpha=0.8, edgecolor="none")
+    axes.set_title(wrapped(_READING, 0.75 * _WIDTH, 9), loc="left")
     return figure
-
-
-_DEPTHS = np.linspace(0.002, 0.995, 500)
-"""Half the gap over the amplitude at its input."""
 
 
 def _curves(loop: Loop, boundary: Boundary, at: Any) -> list[_Curve]:
@@ -164,20 +181,22 @@ def _curves(loop: Loop, boundary: Boundary, at: Any) -> list[_Curve]:
         plant = plants.some(index[k : k + 1])
         w = np.geomspace(_LOWEST, math.pi / float(one["sample_time"][0]), _FREQUENCIES)
         L = loop_response(one, plant, w)[0]
-        found.append(_Curve(names[k], w, L, float(one["backlash"][0]), margins_of(one, plant)))
+        cycles = cycles_of(one, plant)
+        at = float(2.0 * math.pi / cycles.period[0] if cycles.hunts[0] > 0.0 else cycles.frequency[0])
+        curve = _minus_1_over_N(one, plant, at)
+        found.append(_Curve(names[k], w, L, curve, at, margins_of(one, plant), cycles))
     return found
 
 
-def _nearest(curve: _Curve) -> tuple[float, complex, complex]:
-    """Largest |L| |N| where both lag 180° together; L and -1/N of the cycle, or where they are nearest to one."""
-    N = describing_function(0.5 / _DEPTHS, np.array(1.0), np.array(1.0))
-    left = np.pi + np.unwrap(np.angle(curve.L))
-    size = np.nan_to_num(np.interp(left, -np.angle(N), np.abs(N), left=math.nan, right=math.nan))
-    product = np.abs(curve.L) * size
-    margin = float(product.max())
-    # of the two cycles at a margin above 1 the faster is the stable one: it is where the product falls through 1
-    k = int(np.flatnonzero(product >= 1.0)[-1] if margin >= 1.0 else np.argmax(product))
-    return margin, complex(curve.L[k]), complex(curve.L[k]) / max(product[k], 1e-9)
+def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
+    """Over the amplitude of u, at a frequency [rad/s]; empty where theory says nothing."""
+    if not math.isfinite(at):
+        return np.empty(0, complex)
+    elements, swings = Elements.of(columns), swings_of(plant.curve, plant.T_sup, plant.gain)
+    amplitudes = elements.amplitudes(MOST, _AMPLITUDES)
+    mean = elements.mean(amplitudes, swings)
+    N = elements.describe(amplitudes, np.array(at), swings, limited(amplitudes, -mean, 1.0 - mean))[0]
+    return np.asarray(-1.0 / N[np.abs(N) > _SMALLEST])
 
 
 def _mark(axes: Axes, w: Array, crossing: Array, values: Array, level: float, colour: str) -> None:

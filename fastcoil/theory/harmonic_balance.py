@@ -100,7 +100,8 @@ def _pieces(left: Array, lead: Array) -> list[tuple[Index, Index, float]]:
     later = np.maximum.accumulate(seen[:, ::-1], axis=1)[:, ::-1]
     rise = np.where(np.isfinite(seen), later, 0.0) - np.where(np.isfinite(seen), seen, 0.0)
     dip = rise.argmax(axis=1)
-    dip = np.where(rise[rows, dip] > _FLAT, dip, 0)
+    bumps = rise[rows, dip] > _FLAT
+    dip = np.where(bumps, dip, 0)
     peak = np.where(np.arange(n_w) >= dip[:, None], seen, -np.inf).argmax(axis=1)
-    peak = np.where(dip > 0, peak, 0)
+    peak = np.where(bumps, peak, 0)
     return [(peak, last, 1.0), (np.zeros_like(dip), dip, 1.0), (dip, peak, -1.0)]

@@ -38,12 +38,12 @@ _NAMES: Mapping[str, Attributes] = {
     },
     "reachable": {
         "long_name": "whether an opening holds the set-point", "units": "1",
-        "comment": "where False, the opening is 0 or 1, whichever comes nearer",
+        "comment": "where False, the opening is 0 or 1, whichever is nearer; or T_sup jumps past it, and gain is NaN",
     },
     "gain": {"long_name": "gain from the opening to T_sup", "units": "K", "comment": "per unit opening"},
     "lag": {
         "long_name": "lag of the plant and its sensor", "units": "s",
-        "comment": "first order plus delay, through 35.3 and 85.3 % of the step response (Sundaresan, Krishnaswamy 1978)",
+        "comment": "first order plus delay, through 35.3 and 85.3 % of the response (Sundaresan, Krishnaswamy 1978)",
     },
     "delay": {
         "long_name": "delay of the plant and its sensor", "units": "s",
@@ -63,7 +63,10 @@ _NAMES: Mapping[str, Attributes] = {
         "long_name": "gain margin", "units": "1",
         "comment": f"kp may grow by this factor until the loop swings, {_NO_GAP}; below 1 it is unstable",
     },
-    "phase_margin": {"long_name": "phase margin", "units": "degree", "comment": _NO_GAP},
+    "phase_margin": {
+        "long_name": "phase margin", "units": "degree",
+        "comment": f"{_NO_GAP}; NaN where |L| is above 1 at every frequency that the controller can make",
+    },
     "plant_magnitude": {"dims": ("frequency",), "long_name": "gain from the opening to T_sup", "units": "K"},
     "plant_phase": {"long_name": "phase from the opening to T_sup", **_RADIANS},
     "loop_magnitude": {"dims": ("frequency",), "long_name": "gain of the open loop L", "units": "1"},
@@ -176,7 +179,8 @@ def _response(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iter
 
 def _frequencies(name: str, value: Any) -> Array:
     cure = "give angular frequencies in rad/s, ascending and above 0"
-    w = array_of(name, value, cure).astype(float)
+    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+        w = array_of(name, value, cure).astype(float)
     if w.ndim != 1:
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
     if not w.size or not (np.isfinite(w).all() and w[0] > 0.0 and (np.diff(w) > 0.0).all()):

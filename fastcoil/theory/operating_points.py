@@ -142,14 +142,14 @@ def _seconds_of(at: Any, n_steps: int) -> Index | None:
     cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
     if at is None:
         return None
-    values = np.array([plain(at)]) if is_number(at) else array_of("at", at, cure)
+    values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
     if values.ndim != 1:
         raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
     if not values.size:
         raise InputError(f"at is empty: {cure}")
     wrong = values[~((values >= 0) & (values < n_steps) & (values == np.floor(values)))]
     if wrong.size:
-        raise InputError(f"at has {shown(wrong[0].item())}: {cure}")
+        raise InputError(f"at has {wrong[0]:g}: {cure}")
     seconds, counts = np.unique(values, return_counts=True)
     if seconds.size < values.size:
         raise InputError(f"at has {seconds[counts > 1][0]:g} twice: give each second once")

@@ -33,7 +33,8 @@ class Plants(NamedTuple):
 
     opening: (n,), fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it.
     T_sup: (n,), °C, at rest there.
-    gain: (n,), K per unit opening, below 0 for cooling.
+    gain: (n,), K per unit opening, below 0 for cooling.  NaN, as the response, where T_sup jumps past the set-point: a
+        coil that exchanges less when it is wet than when it is dry has two states of rest.
     reachable: (n,), whether an opening holds the set-point.
     m_w: (n,), kg/s.
     wet_volumes: (n,); a volume that is wet and dry by turns counts with the share of time in which it is wet.
@@ -144,7 +145,7 @@ def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, 
     P = np.empty((first.size, w.size), complex)
     for period in np.unique(kinds[1]):
         of_period = np.flatnonzero(kinds[1] == period)
-        sensed = sensed_by(plants.response[first[of_period]], kinds[2, of_period], int(period))
+        sensed = sensed_by(plants.response[first[of_period]], kinds[2, of_period], 2 * int(period))
         P[of_period] = transform(sensed[:, int(period) - 1 :: int(period)], w * period)
     return P, which.ravel()
 

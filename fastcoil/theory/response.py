@@ -11,8 +11,8 @@ from fastcoil.arrays import Array
 
 Complex = NDArray[np.complex128]
 
-_SLOWEST = 0.9998
-"""Largest ratio of successive increments behind the end of a response: a time constant of 5000 s."""
+_SLOWEST = 0.99999
+"""Largest ratio of successive changes behind the end of a response: a time constant of a day."""
 _FEW = 60
 """Samples from which that ratio is taken."""
 
@@ -40,22 +40,22 @@ def _last_ratio(changes: Array) -> Array:
     return np.minimum(ratio, _SLOWEST)
 
 
-def sensed_by(response: Array, tau: Array, sample_time: int) -> Array:
-    """The responses as a sensor with lag tau, (n,), s, shows them; longer, by samples and by what the lag takes."""
+def sensed_by(response: Array, tau: Array, longer: int) -> Array:
+    """The responses as a sensor with lag tau, (n,), s, shows them; ``longer``, s, and by what the lag takes."""
     n = response.shape[1]
-    more = 2 * sample_time + 10 * math.ceil(tau.max())
+    more = longer + 10 * math.ceil(tau.max())
     changes = np.diff(response, axis=1, prepend=0.0)
     ratio = _last_ratio(changes)[:, None]
     # geometric: each change behind the end is the one before it times the ratio
     tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
-    longer = np.concatenate([response, tail], axis=1)
+    whole = np.concatenate([response, tail], axis=1)
     if not tau.any():
-        return longer
+        return whole
     with np.errstate(divide="ignore"):
         decay = np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)
     y = np.zeros(tau.size)
-    sensed = np.empty_like(longer)
+    sensed = np.empty_like(whole)
     for t in range(n + more):
-        y = longer[:, t] + decay * (y - longer[:, t])
+        y = whole[:, t] + decay * (y - whole[:, t])
         sensed[:, t] = y
     return sensed

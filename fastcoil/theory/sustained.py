@@ -42,7 +42,7 @@ def started(points: Points, disturbance: float) -> tuple[Mask, Points]:
     share = np.where(crossing, -log_F[:, :, :-1] / np.where(crossing, np.diff(log_F, axis=2), 1.0), 0.0)
 
     def in_a_row(values: Array | Mask) -> Array:
-        return values.transpose(1, 0, 2).reshape(values.shape[1], -1)
+        return np.asarray(values, float).transpose(1, 0, 2).reshape(values.shape[1], -1)
 
     def there(values: Array) -> Array:
         log = np.log(np.maximum(values, 1e-12))

@@ -14,6 +14,8 @@ from fastcoil.theory.response import sensed_by
 RULES = ("simc", "lambda", "ziegler_nichols")
 _EARLY, _LATE = 0.353, 0.853
 """Shares of the response at which Sundaresan and Krishnaswamy read the two times."""
+_LONGER = 36000
+"""By how much a response that has not come that far is followed, s."""
 _CALMER = 3.0
 """Closed-loop time constant of lambda tuning, in lags."""
 
@@ -44,7 +46,9 @@ def first_order(columns: Columns, plants: Plants) -> FirstOrder:
         np.stack([plants.same.astype(float), tau]), axis=1, return_index=True, return_inverse=True
     )
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = sensed_by(plants.response[first], kinds[1], 1) / plants.gain[first][:, None]
+        response, gain = plants.response[first], plants.gain[first][:, None]
+        longer = _LONGER if np.any(response[:, -1:] / gain < _LATE) else 0
+        share = sensed_by(response, kinds[1], longer) / gain
     t1, t2 = _time_at(share, _EARLY), _time_at(share, _LATE)
     lag = (t2 - t1) / math.log((1.0 - _EARLY) / (1.0 - _LATE))
     delay = np.maximum(t1 + lag * math.log(1.0 - _EARLY), 0.0)
@@ -64,7 +68,7 @@ def simc(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
 def calm(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
     """Lambda tuning with a closed-loop time constant of three lags, its robust choice.
 
-    kp = lag/(K (λ + θ)), ti = lag, λ = 3 lag.  K. J. Åström, T. Hägglund: Advanced PID Control.  ISA (2006), chapter 6.
+    kp = lag/(K (λ + θ)), ti = lag, λ = 3 lag.  K. J. Åström, T. Hägglund: Advanced PID Control.  ISA (2006).
     """
     dead = _dead_time(columns, model)
     return _valid(plants, columns, model.lag / (_CALMER * model.lag + dead), model.lag)

@@ -117,8 +117,11 @@ import numpy as np
 import fastcoil as fc
 from fastcoil.engine.coil_loop import run_coil
 from fastcoil.engine.host import compile_kernel
-from fastcoil.engine.lanes import parameter_matrix
+from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
+from fastcoil.engine.linear_map import linearise_step
 from fastcoil.engine.replay_loop import run_replay
+from fastcoil.engine.rows import LANES
+from fastcoil.engine.small_step import STEADY, find_rest, respond, rest_curve
 from fastcoil.engine.valve_loop import valve_flows
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.scenarios import columns_of
@@ -147,6 +150,15 @@ assert run_replay(matrix, np.tile([15.0, 14.0, 1.0, 1.2], (7, 1)), 3)["u"].shape
 openings, flows = np.empty((3, 1)), np.empty((3, 1))
 sets = np.array([[0.07], [2.0], [0.7], [9.0], [0.38]])
 valve_flows(np.array([0.2, 0.2, 0.5]), np.array([0, 0, 1]), sets, np.zeros((2, 1)), openings, flows)
+still = fc.Loop(n_volumes=1)
+((_, block),) = blocks(parameter_matrix(columns_of(still, still.sizes, np.arange(1))))
+S, V, _ = work_space(block)
+found, entering = np.empty((len(STEADY), LANES)), np.tile([[1.0], [25.0], [0.01], [7.0]], LANES)
+find_rest(block.rows, block.common, entering, np.full(LANES, 50.0), S, V, found)
+at_rest, curve = V.copy(), np.empty((1, LANES))
+assert respond(block.rows, block.common, entering, found, at_rest, S, V, 0.0, np.empty((2, LANES))) == 2
+linearise_step(block.rows, block.common, entering, found, at_rest, S, V, np.empty((4, 4, LANES)), curve.repeat(4, 0))
+rest_curve(block.rows, block.common, entering, np.array([0.5]), S, V, curve)
 print("within bounds")
 """
 

@@ -22,7 +22,7 @@ def loops():
 
 @pytest.mark.parametrize("draw", [fc.bode, fc.nyquist])
 def test_a_figure_is_readable(draw, loops, day):
-    for loop in (loops, fc.Loop(), fc.Loop(backlash=0.0, sample_time=1)):
+    for loop in (loops, fc.Loop(backlash=0.0)):
         figure = draw(loop, day)
         assert_texts_fit(figure)
         assert_palette(figure)
@@ -54,24 +54,44 @@ def test_bode_shows_the_margins_of_linearise(loops, day):
     np.testing.assert_allclose([mark[0, 1] + 180.0 for mark in marks], linear.phase_margin, atol=0.3)
 
 
-def test_nyquist_shows_the_gap_only_where_there_is_one(day):
-    with_gap, without = (fc.nyquist(fc.Loop(backlash=size), day).axes[0] for size in (0.07, 0.0))
-    texts = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in (with_gap, without)]
-    assert texts[0][0] == "-1/N of the gap"
-    assert texts[0][1].startswith("margin ")
-    assert texts[1] == ["L"]
+def complex_of(line):
+    return line.get_xydata() @ np.array([1.0, 1.0j])
 
 
-def test_the_dots_of_nyquist_lie_on_both_curves_in_one_direction(loops, day):
+def test_nyquist_says_what_limit_cycle_foretells(loops, day):
+    foretold = fc.limit_cycle(loops, day)
     axes = fc.nyquist(loops, day).axes[0]
-    (minus_1_over_N,) = (line.get_xydata() for line in axes.lines if line.get_label() == "-1/N of the gap")
-    dots = [line.get_xydata() for line in axes.lines if line.get_marker() == "o"]
-    assert len(dots) == 3
-    for pair, L in zip(dots, (c for c in curves(axes)), strict=True):
-        on_L, on_N = pair @ np.array([1.0, 1.0j])
-        assert np.angle(on_L / on_N) == pytest.approx(0.0, abs=1e-9)
-        assert np.abs(L @ np.array([1.0, 1.0j]) - on_L).min() < 0.01
-        assert np.abs(minus_1_over_N @ np.array([1.0, 1.0j]) - on_N).min() < 0.02
+    texts = [text.get_text() for text in axes.get_legend().get_texts()]
+    for k, text in enumerate(texts):
+        one = foretold.isel(ti=k)
+        ends = "hunts" if one.hunts > 0 else "does not hunt"
+        assert text == f"integral time Ti = {float(one.ti):g} s: margin {float(one.margin):.2g}, {ends}"
+    assert set(foretold.hunts.values) == {0.0, 1.0}, "both ends of a sentence are tested"
+
+
+def test_the_dots_of_nyquist_are_the_cycle_or_lie_on_both_curves_in_one_direction(loops, day):
+    axes = fc.nyquist(loops, day).axes[0]
+    foretold = fc.limit_cycle(loops, day)
+    dots = [complex_of(line) for line in axes.lines if line.get_marker() == "o"]
+    thin = [complex_of(line) for line in axes.lines if line.get_label() == "_-1/N"]
+    thick = [line @ np.array([1.0, 1.0j]) for line in curves(axes)]
+    for k, (marked, minus_1_over_N, L) in enumerate(zip(dots, thin, thick, strict=True)):
+        one = foretold.isel(ti=k)
+        assert np.abs(L - marked[0]).min() < 0.01
+        at = 2.0 * np.pi / one.period if one.hunts > 0 else one.frequency
+        there = fc.linearise(loops.assign(ti=float(one.ti)), day, frequency=[float(at)])
+        assert abs(marked[0]) == pytest.approx(float(there.loop_magnitude.squeeze()), rel=1e-3)
+        assert marked.size == (1 if one.hunts > 0 else 2)
+        if marked.size == 2:
+            assert np.angle(marked[0] / marked[1]) == pytest.approx(0.0, abs=1e-9)
+            assert np.abs(minus_1_over_N - marked[1]).min() < 0.02
+
+
+def test_without_a_gap_minus_1_over_N_begins_at_minus_1(day):
+    axes = fc.nyquist(fc.Loop(backlash=0.0, sample_time=5, ti=60.0), day).axes[0]
+    (minus_1_over_N,) = (complex_of(line) for line in axes.lines if line.get_label() == "_-1/N")
+    # the curve of the plant behind N is known at 17 openings only
+    assert minus_1_over_N[0] == pytest.approx(-1.0, abs=0.05)
 
 
 @pytest.mark.parametrize("draw", [fc.bode, fc.nyquist])

@@ -102,7 +102,7 @@ def test_a_volume_at_its_dew_point_is_wet_to_the_share_that_the_emulator_shows()
     share = found.wet_volumes % 1.0
     at_edge = np.flatnonzero((share > 0.2) & (share < 0.8))
     assert at_edge.size > 1
-    size, seconds = 0.0005, 8000
+    size, seconds = 0.0005, 5000
     held = fc.Boundary(m_a=1.15, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=np.full((at_edge.size, seconds), 14.0))
     late = []
     for step in (0.0, size, -size):
@@ -110,7 +110,7 @@ def test_a_volume_at_its_dew_point_is_wet_to_the_share_that_the_emulator_shows()
         ds = fc.simulate(
             fc.Loop(backlash=0.0), held, command=opening, traces=["T_sup", "wet_volumes"], warm_up=0, n_jobs=1
         )
-        late.append(ds.isel(elapsed_time=slice(5000, None)))
+        late.append(ds.isel(elapsed_time=slice(3000, None)))
     rest, up, down = (ds.T_sup.mean("elapsed_time").values for ds in late)
     assert (late[0].wet_volumes.std("elapsed_time") > 0.1).all()
     np.testing.assert_allclose(late[0].wet_volumes.mean("elapsed_time"), found.wet_volumes[at_edge], atol=0.1)
@@ -158,3 +158,22 @@ def test_water_as_warm_as_the_air_reaches_nothing_and_answers_nothing():
     found = plants_of(*of(fc.Loop(), fc.constant_day(0.6, T_w_in=25.0, relative_humidity=0.1)))
     assert not found.reachable[0]
     assert abs(found.gain[0]) < 1e-6
+
+
+def test_a_coil_that_exchanges_less_when_wet_may_jump_past_the_set_point():
+    """Then no opening holds it, and there is nothing to linearise; the others stay as they are."""
+    T_set = np.linspace(13.0, 16.0, 31)
+    days = fc.Boundary(m_a=1.15, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=np.tile(T_set[:, None], (1, 1900)))
+    found = plants_of(*of(fc.Loop(backlash=0.0, beta5=0.3), days))
+    jumps = ~found.reachable
+    assert 0 < jumps.sum() < 15
+    assert np.isnan(found.gain[jumps]).all()
+    assert np.isnan(found.response[jumps]).all()
+    assert (found.gain[~jumps] < 0.0).all()
+    np.testing.assert_allclose(found.T_sup[~jumps], T_set[~jumps], atol=1e-4)
+    levels = np.linspace(0.2, 0.3, 101)
+    held = fc.Boundary(m_a=1.15, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=np.full((levels.size, 2500), 14.0))
+    opening = np.repeat(levels[:, None], 2500, axis=1)
+    ds = fc.simulate(fc.Loop(backlash=0.0, beta5=0.3), held, command=opening, traces=["T_sup"], warm_up=0, n_jobs=1)
+    steps = np.abs(np.diff(ds.T_sup.isel(elapsed_time=-1).values))
+    assert steps.max() > 2.5 * np.median(steps), "the emulator jumps, too"

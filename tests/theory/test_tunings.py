@@ -12,10 +12,10 @@ from fastcoil.theory.tunings import calm, first_order, simc, ziegler_nichols
 LAG, DELAY, GAIN = 80.0, 12.0, -20.0
 
 
-def closed_form(ts, tau=0.0, gap=0.0):
+def closed_form(ts, tau=0.0, gap=0.0, delay=DELAY):
     """A plant of first order with delay, as the theory has it, and the columns that go with it."""
     seconds = np.arange(1, 1201)
-    response = GAIN * np.where(seconds > DELAY, -np.expm1(-(seconds - DELAY) / LAG), 0.0)[None, :]
+    response = GAIN * np.where(seconds > delay, -np.expm1(-(seconds - delay) / LAG), 0.0)[None, :]
     one, nothing = np.ones(1), np.zeros(1)
     plants = Plants(one, one, GAIN * one, one > 0, one, nothing, response, np.zeros(1, int), np.ones((1, 17)))
     columns = {"sample_time": ts, "sensor_time_constant": tau, "kp": 0.02, "ti": 60.0, "backlash": gap}
@@ -49,17 +49,23 @@ def test_rules_count_half_a_sample_time_as_dead_time_and_the_stroke_behind_the_g
     assert found.ti[0] == pytest.approx(LAG, rel=1e-4)
 
 
-def test_ultimate_gain_and_period_are_those_of_the_textbook_plant():
+def test_simc_shortens_ti_where_the_lag_is_long():
+    columns, plants = closed_form(ts=4, delay=3.0)
+    assert simc(columns, plants, first_order(columns, plants)).ti[0] == pytest.approx(8.0 * (3.0 + 2.0), rel=2e-3)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.2])
+def test_ultimate_gain_and_period_are_those_of_the_textbook_plant(gap):
     """A P controller, sampled every second: phase -(ω (delay + 1/2) + atan(ω lag)) = -π, K Ku = √(1 + (ω lag)²).
 
     The step-invariant delay of 12 s is 12 whole samples.
     """
-    columns, plants = closed_form(ts=1)
+    columns, plants = closed_form(ts=1, gap=gap)
     w = np.linspace(0.05, 0.2, 200001)
     ultimate = w[np.argmin(np.abs(w * (DELAY + 0.5) + np.arctan(w * LAG) - np.pi))]
     found = margins_of(columns, plants)
     assert found.ultimate_period[0] == pytest.approx(2.0 * np.pi / ultimate, rel=2e-3)
-    assert found.ultimate_gain[0] == pytest.approx(np.hypot(1.0, ultimate * LAG) / -GAIN, rel=2e-3)
+    assert found.ultimate_gain[0] == pytest.approx(np.hypot(1.0, ultimate * LAG) * (1.0 - gap) / -GAIN, rel=2e-3)
     gains = ziegler_nichols(found.ultimate_gain, found.ultimate_period)
     assert gains.kp[0] == 0.45 * found.ultimate_gain[0]
     assert gains.ti[0] == found.ultimate_period[0] / 1.2

@@ -1,0 +1,217 @@
+"""``buffer.py``: turns by noise, the buffer's cycle, and what its tables count, against plain Python."""
+
+from __future__ import annotations
+
+import math
+
+import buffer
+import buffer_costs
+import buffer_lower
+import buffer_rule
+import buffer_run
+import buffer_upper
+import kinds
+import numpy as np
+import pytest
+import xarray as xr
+from buffer_rule import Plant
+
+import fastcoil as fc
+
+
+def held(signal, b):
+    """What the inverse makes of a series: its extreme since the last turn; and the number of turns."""
+    extreme, rising, turns, out = signal[0], True, 0, []
+    for u in signal:
+        if (u < extreme - b) if rising else (u > extreme + b):
+            extreme, rising, turns = u, not rising, turns + 1
+        elif (u > extreme) if rising else (u < extreme):
+            extreme = u
+        out.append(extreme)
+    return np.array(out), turns
+
+
+@pytest.mark.parametrize("c", [0.0, 1.5, 3.0])
+def test_white_noise_turns_an_inverse_as_often_as_the_integral_says(c):
+    n = 60_000
+    _, turns = held(np.random.default_rng(3).standard_normal(n).tolist(), c)
+    expected = buffer_rule.turns_per_sample(c)
+    assert turns / n == pytest.approx(expected, abs=4.0 * math.sqrt(expected / n))
+    assert buffer_rule.turns_per_sample(0.0) == pytest.approx(2.0 / 3.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("sample_time", "per_hour"), [(1.0, 10.0), (5.0, 1.0), (30.0, 10.0)])
+def test_the_lower_bound_lets_through_the_turns_it_names(sample_time, per_hour):
+    c = float(buffer_rule.noise_factor(sample_time, per_hour))
+    assert 3600.0 / sample_time * buffer_rule.turns_per_sample(c) == pytest.approx(per_hour, rel=0.05)
+    low, high = (buffer_rule.smallest(kp, 0.02, sample_time, per_hour) for kp in (0.05, 0.1))
+    assert high == pytest.approx(2.0 * low) == pytest.approx(buffer_rule.LOWER_SCALE * c * 0.1 * 0.02)
+
+
+@pytest.mark.parametrize("n", [6, 36])
+def test_the_range_of_a_trend_is_that_of_random_numbers(n):
+    drawn = np.ptp(np.random.default_rng(4).standard_normal((20_000, n)), axis=1)
+    assert buffer_rule.mean_range(n) == pytest.approx(drawn.mean(), abs=0.03)
+
+
+@pytest.mark.kernel
+def test_the_kernel_turns_on_noise_as_often_as_the_integral_says():
+    """A valve that lets no water through, and hardly any integral part: u is white noise around 0.5."""
+    c = np.array([1.0, 2.0, 3.0])
+    loop = fc.Loop(m_max=1e-9, kp=0.5, ti=1e7, sample_time=2.0, noise_std=0.05, buffer=c * 0.5 * 0.05, backlash=0.0)
+    n, still = 3600 * 3, {"m_a": 1.0, "T_a_in": 20.0, "W_a_in": 0.005, "T_w_in": 20.0}
+    ds = fc.simulate(loop, fc.Boundary(**still, T_set=np.full(n, 19.0)), replicates=8)
+    turns = ds.switch_frequency.mean("replicate") / 300.0
+    expected = [buffer_rule.turns_per_sample(x) for x in c]
+    np.testing.assert_allclose(turns.values, expected, rtol=0.06)
+
+
+@pytest.mark.parametrize("amplitude", [0.4, 0.55, 1.0, 4.0])
+def test_the_describing_function_is_the_first_harmonic_of_a_held_sine(amplitude):
+    angle = np.arange(6 * 4000) * 2.0 * np.pi / 4000
+    signal = amplitude * np.sin(angle)
+    out, _ = held(signal.tolist(), 1.0)
+    last = slice(-4000, None)
+    wave = out[last] - out[last].mean() if amplitude > 0.5 else np.zeros(4000)
+    n = 2.0 * np.mean(wave * np.exp(-1j * angle[last])) * 1j / amplitude
+    assert complex(buffer_rule.describing_function(amplitude)) == pytest.approx(n, abs=5e-3)
+
+
+def simulated(plant, kp, ti, b, dt=0.25, seconds=8000.0):
+    """Swing of T, peak to peak, and period of a loop of first order with dead time behind the buffer."""
+    delay, T, integral, extreme, rising = [0.0] * round(plant.theta / dt), 1.0, 0.0, 0.0, True
+    seen = []
+    for _ in range(round(seconds / dt)):
+        integral -= kp * dt / ti * T
+        u = integral - kp * T
+        if (u < extreme - b) if rising else (u > extreme + b):
+            extreme, rising = u, not rising
+        elif (u > extreme) if rising else (u < extreme):
+            extreme = u
+        delay.append(extreme)
+        T += dt / plant.tau * (plant.gain * delay.pop(0) - T)
+        seen.append(T)
+    late = np.array(seen[len(seen) // 2 :])
+    crossings = np.flatnonzero((late[1:] >= 0.0) & (late[:-1] < 0.0))
+    return np.ptp(late), dt * np.diff(crossings).mean() if crossings.size > 1 else np.nan
+
+
+@pytest.mark.parametrize(("kp", "ti"), [(0.08, 40.0), (0.1, 60.0)])
+def test_the_cycle_of_the_buffer_is_that_of_a_simulated_loop(kp, ti):
+    plant, b = Plant(12.0, 60.0, 30.0), 0.01
+    swing, period = simulated(plant, kp, ti, b)
+    assert swing == pytest.approx(simulated(plant, kp, ti, 2.0 * b)[0] / 2.0, rel=0.1)
+    given = (Plant(*(np.array([v]) for v in plant)), np.array([kp]), np.array([ti]))
+    theory = buffer_rule.cycle(*given)
+    assert float(theory.swing[0]) * b == pytest.approx(swing, rel=0.2)
+    assert float(theory.period[0]) == pytest.approx(period, rel=0.2)
+    assert buffer_rule.swing_per_buffer(plant, kp, ti) * b == pytest.approx(swing, rel=0.3)
+    assert buffer_rule.swing_per_buffer(plant, kp, ti) * buffer_rule.largest(plant, kp, ti, 0.1) == pytest.approx(0.1)
+    w = buffer_rule.frequency(plant, kp, ti)
+    assert abs(buffer_rule.loop_response(plant, kp, ti, w)) == pytest.approx(math.pi / 4)
+
+
+def test_a_slow_loop_has_no_cycle_whatever_the_buffer():
+    plant, kp, ti = Plant(12.0, 60.0, 30.0), 0.03, 300.0
+    assert math.degrees(buffer_rule.phase(plant, kp, ti)) > 90.0
+    given = (Plant(*(np.array([v]) for v in plant)), np.array([kp]), np.array([ti]))
+    assert np.isnan(buffer_rule.cycle(*given).period[0])
+    assert simulated(plant, kp, ti, 0.02)[0] < 0.01
+    assert math.degrees(buffer_rule.phase(plant, 0.06, 60.0)) < 90.0
+
+
+def test_the_measured_bound_lies_where_the_added_turns_fall_below_those_allowed():
+    """Turns that fall with the size as a power: the bound is where the power says, whatever the turns without noise."""
+    sizes = np.array(buffer_run.SIZES)
+    at = np.array([[0.6, 1.7], [0.0, np.inf]])
+    added = 10.0 * np.exp(-4.0 * (sizes[:, None, None] - at))
+    added[:, 1, 0], added[:, 1, 1] = 9.0, 11.0
+    turns = np.stack([np.full_like(added, 5.0), 5.0 + added]) / 6.0
+    ds = xr.Dataset({"switch_frequency": (("noisy", "size", "sample", "day"), turns)}, coords={"day": ["a", "b"]})
+    np.testing.assert_allclose(buffer_lower.measured_lower(ds).values, at, rtol=1e-9)
+    later = 0.6 + math.log(10.0 / 6.0) / 4.0
+    fewer = buffer_lower.measured_lower(ds, 6.0).values
+    assert fewer[0, 0] == pytest.approx(later, rel=1e-9)
+    assert fewer[1, 0] == np.inf
+
+
+def test_a_median_has_an_interval_that_valves_give():
+    values = np.random.default_rng(5).normal(1.0, 0.2, (300, 1)) + np.zeros((300, 4))
+    values[0] = np.nan
+    middle, low, high = (
+        float(x) for x in buffer_costs.median_of(values).replace("(", "").replace(")", "").split() if x != "to"
+    )
+    assert low <= middle <= high
+    assert 0.03 < high - low < 0.09
+
+
+@pytest.mark.kernel
+@pytest.mark.full
+def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
+    monkeypatch.setattr(kinds, "HOURS", 2)
+    monkeypatch.setattr(buffer_run, "STILL_HOURS", 4)
+    monkeypatch.setattr(buffer, "kinds", lambda: (kinds.CONSTANT, kinds.HEATING))
+    monkeypatch.setattr("buffer_figure.HERE", tmp_path)
+    buffer.main(12)
+    assert (tmp_path / "buffer.png").is_file()
+    _, (head, *rows) = written("buffer_rules")
+    assert [row[0] for row in rows] == list(buffer_run.RULES)
+    assert rows[0][head.index("RMSE")] == "0"
+    _, (_, *rows) = written("buffer_lower")
+    assert [row[0] for row in rows][:3] == ["constant", "heating", "all"]
+    for name in ("noise", "allowed", "constants", "cycle", "upper", "rules_by_days", "crossing"):
+        assert written(f"buffer_{name}")[1]
+
+
+@pytest.mark.kernel
+@pytest.mark.full
+def test_a_rule_of_the_study_is_the_loop_that_it_names():
+    """The shipped rule in the study is what its parameters give alone, and the lower bound a plain buffer."""
+    valves = buffer_run.population(3, 9, kinds.CONSTANT)
+    ds = buffer_run.on_rules(valves, kinds.CONSTANT, [7])
+    days = kinds.of_kind(kinds.CONSTANT, [7])
+    shipped = {"buffer_ratio": 6.0, "buffer_noise": "measured", "buffer_swing": 0.1}
+    for rule, given in (
+        (buffer_run.SHIPPED, shipped),
+        (buffer_run.LOWER, {"buffer": ("sample", valves.lower)}),
+        (buffer_run.PI, {"estimate_ratio": 0.0}),
+    ):
+        alone = fc.simulate(valves.loop.assign(**({"estimate_ratio": 0.95} | given)), days)
+        np.testing.assert_array_equal(ds.rmse.sel(controller=rule).values, alone.rmse.values)
+
+
+def test_what_the_inverse_leaves_is_a_play_of_the_width_it_misses():
+    """A play of X behind the inverse of 95 % of it, both in plain Python, stands still over exactly that width of u."""
+    backlash = 0.1
+    left = float(buffer_upper.missed(buffer_run.Valves(*[None] * 6, np.array([backlash])), 0)[0])
+    estimate = buffer_run.SHARES[0] * backlash
+    u = np.concatenate([np.linspace(0.2, 0.6, 4001), np.linspace(0.6, 0.5, 1001)[1:]])
+    rising = np.concatenate([np.ones(4001), np.zeros(1000)])
+    q, opening = 0.0, []
+    for position in ((1.0 - estimate) * u + estimate * rising).tolist():
+        q = min(max(q, position - backlash), position)
+        opening.append(q)
+    still = np.abs(np.array(opening[4001:]) - opening[4000]) < 1e-9
+    assert 0.1 * still.mean() == pytest.approx(left, abs=2e-4)
+
+
+def test_cycles_count_what_the_formula_foretells():
+    """Two swings that are the formula's, one that is twice it, and one that is not there."""
+    plant = Plant(*(np.full(4, v) for v in (12.0, 60.0, 30.0)))
+    valves = buffer_run.Valves(None, plant, np.full(4, 0.06), np.full(4, 60.0), None, None, None)
+    width = np.array([valves.upper(swing) for swing in buffer_run.SWINGS[1:]])
+    swing = width * buffer_rule.swing_per_buffer(plant, valves.kp, valves.ti) * [1.0, 1.0, 2.0, 0.0]
+    ds = xr.Dataset({name: (("share", "swing", "sample"), np.stack([swing, swing])) for name in
+                     ("hunting_swing", "hunting_period")})  # fmt: skip
+    found = buffer_upper.cycles(valves, ds, 0)
+    assert found.foretold.all()
+    np.testing.assert_array_equal(found.seen.values, np.broadcast_to([True, True, True, False], swing.shape))
+    row = buffer_upper.cycle_row("loop", found)
+    assert row[2:4] == ["100%, 75%", "1.00 … 1.00 … 2.00"]
+    assert row[4].startswith("67 %")
+    less = buffer_upper.cycles(valves, ds, 0, 0.5 * width[0])
+    assert float(less.swing[0, 0]) == pytest.approx(2.0)
+    assert less.seen.equals(found.seen)
+    nothing_left = buffer_upper.cycles(valves, ds, 0, 1.1 * width[0])
+    assert nothing_left.seen.equals(found.seen)
+    assert np.isnan(nothing_left.swing[0]).all()
