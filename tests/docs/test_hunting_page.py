@@ -81,6 +81,7 @@ def answers():
     one = table("hunting_one_step")
     yield f"at the smallest opening foretells {one['at the smallest opening'][1]} of what hunts at the other conditions"
     yield f"at the largest {one['at the largest opening'][1]}"
+    yield f"each off by 20 % it is {one['where it works, K, T and θ off by 20%'][1]}"
     parts = table("hunting_parts")
     for change in ("sensor lag 5 s", "sensor lag 60 s", "sample time 30 s", "stroke 300 s", "ti × 2", "noise 0.05 K"):
         yield parts[change][1]
