@@ -171,7 +171,8 @@ def _compare_with_stored(
     stored = results.isel(position)
     if int(stored["status"]) in (STATUS_NOT_RUN, STATUS_CRASHED):
         return [*words, f"In the study its status is {STATUS_MEANINGS[int(stored['status'])]}."]
-    differ = [n for n in (*METRICS, "status") if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]
+    known = [n for n in (*METRICS, "status") if n in stored]  # an older version wrote fewer
+    differ = [n for n in known if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]
     if not differ:
         return [*words, "Equal to the study's result to the last bit."]
     why = "" if is_current(store.open_results(), store.require_manifest()) else "; the model changed since"
