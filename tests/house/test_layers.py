@@ -32,7 +32,7 @@ LAYERS = [
     {"plots"},
     {"theory"},
     {"analysis", "calibrate", "diagnosis"},
-    {"tuning", "explain"},
+    {"tuning", "explanation"},
     {"study"},
     {"paper"},
     {"cli"},
