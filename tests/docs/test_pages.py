@@ -32,7 +32,7 @@ MADE = {
     *("study.toml", "sweep.toml", "mine.toml", "ahu.toml", "valve.toml", "coil.toml"),
     *("results.nc", "study.schema.json", "logs.py", "valve.csv", "coil.csv", "log.csv", "other.csv", "weather.csv"),
     *("valve.png", "coil.png", "loop.csv", "loop.toml", "make_log.py", "diagnosis.toml", "diagnosis.png"),
-    *("points.py", "command.csv", "SAT.csv", "bode.png", "nyquist.png"),
+    *("points.py", "command.csv", "SAT.csv", "bode.png", "nyquist.png", "explain.png"),
     *("learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"),
     *("scorecard.md", "scorecard.json"),
     *("run.json", "mine.py", "module.py"),

@@ -40,7 +40,7 @@ class Study:
 
     folder: where its relative paths start.  sample_method: how ``[sample]`` was drawn.  reduction: the function that
     ``[run] reduce`` names.  Both are ``None`` without.  included: the parameters from the files in ``[loop] include``.
-    rules: the code of its own estimators and control laws, by name.
+    rules: the code of its own estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.
     """
 
     text: str
@@ -53,6 +53,7 @@ class Study:
     reduction: Source | None
     included: Mapping[str, Any] = field(default_factory=dict)
     rules: Mapping[str, Source] = field(default_factory=dict)
+    predict: bool = False
 
     @property
     def kept_traces(self) -> tuple[str, ...]:
@@ -127,7 +128,9 @@ def read_study(
         boundary = build_boundary(file.boundary, folder)
     if loop is not None and boundary is not None:
         with collecting(problems):
-            plan = plan_simulation(loop, boundary, **file.run.model_dump(exclude={"reduce"}), traces_on_disk=True)
+            plan = plan_simulation(
+                loop, boundary, **file.run.model_dump(exclude={"reduce", "predict"}), traces_on_disk=True
+            )
     if file.run.reduce is not None:
         with collecting(problems, "[run] "):
             reduction = find_source("reduce", file.run.reduce, folder)
@@ -142,5 +145,6 @@ def read_study(
         raise InputError([f"{path}: {problem}" for problem in problems])
     method = file.sample["method"] if file.sample else None
     return Study(
-        text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files, sources
-    )
+        text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files, sources,
+        file.run.predict,
+    )  # fmt: skip
