@@ -4,8 +4,9 @@
     python benchmarks/against.py ../before --rounds 0 # numbers only
 
 Both checkouts run under this interpreter, each in a process of its own with its own sources and its own
-``benchmarks/suite.py``.  Only values are compared: names, units and texts may change.  Times are CPU time of one
-thread, so that other work on the machine disturbs them less; the figure to quote is the median of the ratios.
+``benchmarks/suite.py``.  Only values are compared: units and texts may change, and metrics be called otherwise.
+Times are CPU time of one thread, so that other work on the machine disturbs them less; the figure to quote is the
+median of the ratios.
 """
 
 from __future__ import annotations
@@ -184,7 +185,7 @@ def compare_numbers(ours: Checkout, theirs: Checkout) -> int:
     """Print what differs; returns in how many variables."""
     differing = n = 0
     for name in (name for name in ours.names if name in theirs.names):
-        mine, other = ours.ask("numbers", name), theirs.ask("numbers", name)
+        mine, other = (_named_as_today(checkout.ask("numbers", name)) for checkout in (ours, theirs))
         shared = mine.keys() & other.keys()
         wrong = sorted(v for v in shared if mine[v] != other[v])
         n, differing = n + len(shared), differing + len(wrong)
@@ -192,6 +193,13 @@ def compare_numbers(ours: Checkout, theirs: Checkout) -> int:
             print(f"{name}: {', '.join(wrong)} differ")
     print(f"{n - differing:,} of {n:,} variables are equal to the last bit")
     return differing
+
+
+def _named_as_today(found: dict[str, str]) -> dict[str, str]:
+    """Digests by the names that metrics have now: the other checkout may be older."""
+    from fastcoil.outputs import FORMER_METRICS
+
+    return {FORMER_METRICS.get(name, (name, ""))[0]: digest for name, digest in found.items()}
 
 
 if __name__ == "__main__":

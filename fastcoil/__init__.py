@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from fastcoil.errors import IntegrityError as IntegrityError
     from fastcoil.errors import LockedError as LockedError
     from fastcoil.errors import StorageError as StorageError
+    from fastcoil.explanation.explain import explain as explain
     from fastcoil.rules.parameter import parameter as parameter
     from fastcoil.rules.rule import estimator as estimator
     from fastcoil.rules.rule import law as law
@@ -61,6 +62,7 @@ _HOME = {
     "design_day": "boundary.days",
     "diagnose": "diagnosis.diagnose",
     "estimator": "rules.rule",
+    "explain": "explanation.explain",
     "fit_coil": "calibrate.coil",
     "fit_loop": "calibrate.loop",
     "fit_valve": "calibrate.valve",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fastcoil.errors import nearest
+
 STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
 
@@ -115,6 +117,26 @@ METRICS: dict[str, Output] = {
     )
 }
 
+PREDICTIONS: dict[str, Output] = {
+    p.name: p
+    for p in (
+        Output("predicted_margin", "1", "foretold margin of the loop",
+               "largest |L| |N| of the describing function, from about 0.85 on a gap keeps the loop swinging",
+               label="foretold margin"),
+        Output("predicted_hunts", "1", "whether the loop is foretold to hunt",
+               "to be compared with hunts; NaN where theory says nothing", label="share foretold to hunt"),
+        Output("predicted_period", "s", "foretold period of the hunting",
+               "NaN where the loop is not foretold to hunt", label="foretold period"),
+        Output("predicted_swing", "K", "foretold peak-to-peak supply temperature",
+               "to be compared with hunting_swing; NaN where the loop is not foretold to hunt",
+               difference=True, label="foretold swing, peak to peak"),
+    )
+}
+"""What ``[run] predict`` adds to a study: from theory, with the mean conditions of each day, without noise."""
+
+FORMER_METRICS = {"hunting_amplitude": ("hunting_swing", "peak to peak, as before: an amplitude is half of it")}
+"""Names that metrics had in earlier versions: the name of today, and why."""
+
 TRACES: dict[str, Output] = {
     t.name: t
     for t in (
@@ -141,3 +163,11 @@ TRACES: dict[str, Output] = {
     )
 }
 # fmt: on
+
+
+def metric_meant(name: str) -> str:
+    """A clause for a name that is no metric of a result: what it is called today, or the nearest; else empty."""
+    if name in FORMER_METRICS:
+        today, why = FORMER_METRICS[name]
+        return f", it is called {today!r} now ({why})"
+    return "" if name in METRICS else nearest(name, METRICS)

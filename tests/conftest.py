@@ -1,6 +1,7 @@
 """What several test files share: days, studies and their folders, the references, and what the interpreter skips."""
 
 import csv
+import gc
 import importlib
 import os
 import signal
@@ -29,6 +30,16 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
     config.addinivalue_line("markers", "alone: measures time or signals processes; one such test at a time")
     config.addinivalue_line("markers", "full: takes minutes; run by `make test-full`")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Without the collector of garbage, which would look again and again at modules that stay."""
+    gc.disable()
+    collected = yield
+    gc.enable()
+    gc.freeze()
+    return collected
 
 
 def pytest_collection_modifyitems(config, items):
@@ -213,20 +224,6 @@ def coil_log(tmp_path):
     return lambda rows, header=COIL_HEADER: write_csv(tmp_path / "coil.csv", header, rows)
 
 
-@pytest.fixture
-def leaves_nothing(tmp_path):
-    """Check that no process outlives the test, and have dask put its files into the test's folder."""
-    from helpers import processes
-
-    dask = pytest.importorskip("dask")
-    before = processes.children()
-    with dask.config.set({"temporary-directory": str(tmp_path / "dask")}):
-        yield
-    left = [p for pid, p in processes.children().items() if pid not in before]
-    alive = [p for p in left if not processes.gone([p], 3.0)]
-    assert not alive, [p.cmdline() for p in alive]
-
-
 @pytest.fixture(scope="session")
 def small_study(tmp_path_factory):
     """A study file of 160 scenarios on two days, with traces."""
@@ -268,9 +265,9 @@ def out(tmp_path):
 @pytest.fixture
 def broken_off(out):
     """The folder of a study that was interrupted with one shard to go."""
-    from helpers.studies import DAYS, PLAIN, run_until_interrupted, shards
+    from helpers.studies import DAYS, PLAIN, copied, shards
 
-    run_until_interrupted(PLAIN, out, DAYS - 1)
+    copied(PLAIN, out, DAYS - 1)
     assert len(shards(out)) == DAYS - 1
     return out
 
@@ -286,9 +283,9 @@ def forked(tmp_path_factory):
         yield run
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def two_workers(tmp_path_factory):
-    """A dask scheduler and two workers, as a user starts them."""
+    """A dask scheduler and two workers, as a user starts them; idle, they take 6 % of a core."""
     from helpers import processes
 
     pytest.importorskip("distributed")

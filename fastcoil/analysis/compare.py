@@ -14,7 +14,7 @@ import xarray as xr
 
 from fastcoil.arguments import checking, flag_of, level_of, mapping_of, names_of, plain
 from fastcoil.errors import InputError, WrongType, nearest, shown
-from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.outputs import METRICS, PREDICTIONS, STATUS_OK, metric_meant
 from fastcoil.simulation.result import check_result
 
 CENSORED = tuple(m.name for m in METRICS.values() if m.censored)
@@ -214,9 +214,9 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
             listed = ", ".join(map(str, labels[:10]))
             problems.append(f"baseline: {dim} has no label {shown(label)}; choose one of {listed}")
     for name in names:
-        if name not in ds.data_vars or name not in METRICS:
-            problems.append(f"metrics: {shown(name)} is not in the result{nearest(name, METRICS)}")
-        elif METRICS[name].flags:
+        if name not in ds.data_vars or name not in METRICS | PREDICTIONS:
+            problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
+        elif name in METRICS and METRICS[name].flags:
             problems.append(f"metrics: {name!r} is a flag, which has no differences: leave it out")
     if not baseline:
         problems.append("baseline is empty: give the dimension and label to compare with")

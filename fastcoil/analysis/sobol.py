@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.arguments import checking, flag_of, level_of, names_of
-from fastcoil.errors import InputError, nearest, shown
-from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.errors import InputError, shown
+from fastcoil.outputs import METRICS, STATUS_OK, metric_meant
 from fastcoil.simulation.result import check_result
 
 INDICES = ("first_order", "total")
@@ -60,7 +60,7 @@ def sobol_indices(
     problems = []
     for name in names:
         if name not in ds.data_vars:
-            problems.append(f"metrics: {shown(name)} is not in the result{nearest(name, METRICS)}")
+            problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
         elif not _is_metric(ds[name]):
             problems.append(f"metrics: {name!r} is no quantity over sample and design: give a metric such as rmse")
     if problems:

@@ -28,10 +28,32 @@ def summary(ds: xr.Dataset) -> list[str]:
         lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
     if failed == n:
         return lines
+    lines += _foretold(ds)
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds)), None)
     if ratio and bool((ds[ratio] == 0.0).any()):
         return lines + _against_plain_pi(ds, ratio)
     return lines + _extremes(ds)
+
+
+def _foretold(ds: xr.Dataset) -> list[str]:
+    """The hunting that theory foretold and the one that was seen."""
+    if "predicted_hunts" not in ds:
+        return []
+    told = ds["predicted_hunts"].notnull() & (ds["status"] == STATUS_OK)
+    n = int(told.sum())
+    if not n:
+        return ["Hunting: theory says nothing about these loops."]
+    foretold, seen = (ds[name].where(told) > 0.0 for name in ("predicted_hunts", "hunts"))
+    agree = float((foretold == seen).where(told).mean())
+    return [
+        f"Hunting: foretold for {int(foretold.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}; "
+        f"{_cut(agree)} % agree."
+    ]
+
+
+def _cut(share: float) -> str:
+    """Per cent with one decimal; 100 only if nothing is missing."""
+    return f"{min(share, 1.0) * 100:.1f}" if share in (0.0, 1.0) else f"{min(share * 100, 99.9):.1f}"
 
 
 def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 from pathlib import Path
@@ -11,18 +10,20 @@ from typing import TYPE_CHECKING
 import click
 
 from fastcoil.cli.diagnose import diagnose
+from fastcoil.cli.explain import explain
 from fastcoil.cli.fit import fit
 from fastcoil.cli.fit_loop import fit_loop_command  # noqa: F401 — adds itself to the group fit
 from fastcoil.cli.init import init
 from fastcoil.cli.interrupts import Commands, interruptible
 from fastcoil.cli.join import join
+from fastcoil.cli.labels import labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.progress import announce_compilation, duration, report_progress, run_own_code
 from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.cli.terminal import say
 from fastcoil.cli.tune import tune
-from fastcoil.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, shown
+from fastcoil.errors import EXIT_FAILED_SCENARIOS, IntegrityError
 
 if TYPE_CHECKING:
     from fastcoil.study.runner import Advance
@@ -140,7 +141,7 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
-for command in (diagnose, fit, init, join, parameters, plot, presets, schema, tune):
+for command in (diagnose, explain, fit, init, join, parameters, plot, presets, schema, tune):
     main.add_command(command)
 
 
@@ -175,22 +176,10 @@ def verify(folder: Path) -> None:
 def rerun(folder: Path, at: str) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
     from fastcoil.study import maintenance
-    from fastcoil.study.file.toml import LONGEST_KEY
 
-    pairs = [item.split("=", 1) for item in re.split(",(?=[^,=]+=)", at) if item]
-    if any(len(pair) != 2 for pair in pairs):
-        raise InputError(f"--at {shown(at)}: give dimension=label, several of them separated by commas")
-    long = [
-        f"--at {shown(word)}: no dimension or label is that long" for word in sum(pairs, []) if len(word) > LONGEST_KEY
-    ]
-    if long:
-        raise InputError(long)
-    dims = [dim.strip() for dim, _ in pairs]
-    twice = [f"--at: {shown(dim)} is given twice: give it once" for k, dim in enumerate(dims) if dim in dims[:k]]
-    if twice:
-        raise InputError(twice)
+    labels = labels_of(at)
     announce_compilation()
-    path, found = maintenance.rerun(folder, {dim.strip(): label.strip() for dim, label in pairs}, run_own_code)
+    path, found = maintenance.rerun(folder, labels, run_own_code)
     say(*found)
     say(f"Traces:  {path}")
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import xarray as xr
 
-from fastcoil.outputs import METRICS, TRACES
+from fastcoil.outputs import METRICS, PREDICTIONS, TRACES
 from fastcoil.parameter_table import PARAMETERS
 
 _UNITS = {
@@ -58,7 +58,7 @@ class Quantity(NamedTuple):
 
 def quantity(name: str) -> Quantity:
     """How a parameter, metric or trace is shown; another name is its own label."""
-    entry = METRICS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
+    entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
     if entry is None:
         return Quantity(name.replace("_", " "), "", 1.0)
     if name in _PERCENT:

@@ -15,7 +15,7 @@ import xarray as xr
 from fastcoil.arguments import checking, names_of, text_of
 from fastcoil.errors import InputError, nearest
 from fastcoil.errors import shown as quoted
-from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.outputs import METRICS, PREDICTIONS, STATUS_OK, metric_meant
 from fastcoil.plots.labels import is_parameter, quantity, quantity_of
 from fastcoil.plots.spread import describe, draw_curve, draw_dots
 from fastcoil.plots.style import BLUE, DOTTED, GREY, apply_style, wrapped
@@ -236,7 +236,9 @@ def _metrics_of(metrics: Sequence[str]) -> list[str]:
     names = names_of("metrics", metrics)
     known = ", ".join(METRICS)
     problems = [
-        f"metrics: {quoted(m)} is not a metric{nearest(m, METRICS)}; known: {known}" for m in names if m not in METRICS
+        f"metrics: {quoted(m)} is not a metric{metric_meant(m)}; known: {known}"
+        for m in names
+        if m not in METRICS and m not in PREDICTIONS
     ]
     if problems:
         raise InputError(problems)

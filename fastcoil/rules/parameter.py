@@ -10,14 +10,14 @@ from typing import Any
 
 from fastcoil.arguments import number_of, plain, text_of
 from fastcoil.errors import InputError, nearest, shown
-from fastcoil.outputs import METRICS, TRACES
+from fastcoil.outputs import METRICS, PREDICTIONS, TRACES
 from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
 
 _TRUTH = ("coil", "valve", "actuator")
 """Groups of what a controller in the field cannot know."""
 _TAKEN = {
-    *METRICS, *TRACES, *RESERVED_DIMS, "status", "design", "scenario", "preset", "include", "size", "seed", "method",
-    "tolerance", "drop", "indexers", "missing_dims",
+    *METRICS, *PREDICTIONS, *TRACES, *RESERVED_DIMS, "status", "design", "scenario", "preset", "include", "size",
+    "seed", "method", "tolerance", "drop", "indexers", "missing_dims",
 }  # fmt: skip
 
 

@@ -11,10 +11,10 @@ import xarray as xr
 from fastcoil.arguments import is_text, plain
 from fastcoil.arrays import MOST_VALUES, array_of
 from fastcoil.errors import InputError, WrongType, shown
-from fastcoil.outputs import METRICS, TRACES
+from fastcoil.outputs import METRICS, PREDICTIONS, TRACES
 from fastcoil.parameter_table import LARGEST, PARAMETERS, Parameter, Scalar
 
-FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *TRACES}
+FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES}
 """Names that a swept dimension cannot have: dimensions and variables of a result."""
 SHORTEST_SERIES = 3600
 """Values, an hour of seconds: a list of that many may be a time series by mistake."""

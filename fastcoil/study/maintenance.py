@@ -90,7 +90,7 @@ def rerun(
     layout = study.plan.layout
     coordinates = layout.coordinates()
     labels = {dim: coordinates[dim].values for dim in layout.sizes}
-    position = _find_position(labels, at)
+    position = find_position(labels, at)
     flat = int(np.ravel_multi_index(tuple(position.values()), tuple(layout.sizes.values()))) if position else 0
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
@@ -122,8 +122,14 @@ def _file_name(name: str) -> str:
     return f"{plain[:60]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
-def _find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:
-    """Position of the labels ``at`` along each dimension."""
+def find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:
+    """Position of the labels ``at``, as the command line gives them, along each dimension; one of length 1 needs none.
+
+    Raises
+    ------
+    InputError
+        For a dimension or label that there is not, and for a dimension without a label.
+    """
     problems = [f"--at {dim}: no dimension of the study{nearest(dim, labels)}" for dim in at if dim not in labels]
     position = {}
     for dim, values in labels.items():
@@ -165,7 +171,8 @@ def _compare_with_stored(
     stored = results.isel(position)
     if int(stored["status"]) in (STATUS_NOT_RUN, STATUS_CRASHED):
         return [*words, f"In the study its status is {STATUS_MEANINGS[int(stored['status'])]}."]
-    differ = [n for n in (*METRICS, "status") if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]
+    known = [n for n in (*METRICS, "status") if n in stored]  # an older version wrote fewer
+    differ = [n for n in known if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]
     if not differ:
         return [*words, "Equal to the study's result to the last bit."]
     why = "" if is_current(store.open_results(), store.require_manifest()) else "; the model changed since"

@@ -66,11 +66,11 @@ def cycles_of(columns: Columns, plants: Plants) -> Cycles:
     Returns
     -------
     Cycles
-        All NaN where theory says nothing, see ``unknown``.
+        All NaN where theory says nothing, see ``unknown``, and where a plant has no gain.
     """
     n = plants.opening.size
     periods = np.asarray(columns["sample_time"], float)
-    told = ~np.any(list(unknown(columns).values()), axis=0)
+    told = ~np.any(list(unknown(columns).values()), axis=0) & np.isfinite(plants.gain)
     found = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
     # where no opening holds the set-point, or the valve acts the wrong way round, it stands at its end
     acts = plants.reachable & (driven_gain(columns, plants) > 0.0)

@@ -73,7 +73,9 @@ def _rate_limits() -> tuple[Array, Array, Array]:
     faster = np.geomspace(1.0, _FASTEST, 120)
     phase = 2.0 * np.pi * np.arange(_STEPS) / _STEPS
     most = 2.0 * np.pi / _STEPS / faster
-    position, path = np.zeros(faster.size), np.empty((_STEPS, faster.size))
+    # where the triangle of a motor that never catches up is at phase 0
+    height = np.minimum(0.5 * np.pi / faster, 1.0)
+    position, path = -height * np.arccos(height) / (0.5 * np.pi), np.empty((_STEPS, faster.size))
     for _ in range(_PERIODS):
         for k, target in enumerate(np.sin(phase)):
             position = position + np.clip(target - position, -most, most)

@@ -74,11 +74,12 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     unknown_loops = 0
     for index in points.chunks():
         columns = points.columns(index)
-        why = unknown(columns)
+        plants, why = plants_of(columns, points.conditions(index)), unknown(columns)
+        why |= {"T_sup jumps past the set-point, from dry to wet: there is nothing to linearise": np.isnan(plants.gain)}
         unknown_loops += int(np.any(list(why.values()), axis=0).sum())
         for reason, where in why.items():
             reasons[reason] = reasons.get(reason, 0) + int(where.sum())
-        for values, part in zip(found, cycles_of(columns, plants_of(columns, points.conditions(index))), strict=True):
+        for values, part in zip(found, cycles_of(columns, plants), strict=True):
             values[index] = part
     note = _note(reasons, unknown_loops, found)
     ds = points.dataset({name: (getattr(found, name), _NAMES[name]) for name in Cycles._fields})

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.kernel
     [pytest.param(0.0, 1, marks=pytest.mark.full), pytest.param(0.0, 2, marks=pytest.mark.full), (0.99, 3)],
 )
 def test_known_coils_with_white_and_autocorrelated_noise_are_found_within_the_intervals(phi, seed):
-    fit = fc.fit_coil(coil_log(hours=3, seed=seed, phi=phi), split=1.0)
+    fit = fc.fit_coil(coil_log(hours=2, seed=seed, phi=phi), split=1.0)
     assert fit.held.keys() <= {"C_w"}  # which may end where the scheme is just stable
     assert_covered(fit, COIL_TRUTH)
     assert (fit.n_effective < 0.1 * fit.n_used) == (phi > 0.5)

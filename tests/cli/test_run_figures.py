@@ -119,7 +119,7 @@ def killed_before_each(study, forked, stride):
 
 @pytest.mark.alone
 def test_a_kill_between_the_last_shard_and_the_last_figure_loses_no_figure(study, forked):
-    killed_before_each(study, forked, 80)
+    killed_before_each(study, forked, 150)
 
 
 @pytest.mark.full

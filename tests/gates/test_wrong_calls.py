@@ -142,6 +142,7 @@ def base_calls(tmp_path_factory):
         "design_day": (fc.design_day, days),
         "diagnose": (fc.diagnose, {"log": hunting}),
         "estimator": (fc.estimator, rule),
+        "explain": (fc.explain, {"loop": loop, "boundary": day, "warm_up": 60}),
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
         "fit_loop": (fc.fit_loop, {"log": commanded, "loop": loop, "constants": entering, "warm_up": 0.0}),
         "fit_valve": (fc.fit_valve, {"log": valve}),

@@ -16,6 +16,7 @@ import os
 import resource
 import signal
 import sys
+import tempfile
 import time
 from concurrent.futures import Future
 from contextlib import ExitStack
@@ -28,7 +29,7 @@ from fastcoil.study import runner
 from fastcoil.study.workers.worker import Job, run_scenarios
 from helpers import calls
 from helpers.failing_files import Nth, operations
-from helpers.studies import TRACED, golden, write_study
+from helpers.studies import TRACED, run, write_study
 
 _LONGEST = 60
 
@@ -58,10 +59,10 @@ def child(order: dict, counted: int, seen: mmap.mmap) -> int:
         else:
             watching.enter_context(operations(folder, before))
         if "arguments" in order:
-            from fastcoil.__main__ import run
+            from fastcoil.__main__ import run as run_command
 
             sys.argv[1:] = order["arguments"]
-            run()
+            run_command()
         try:
             runner.execute(study, folder, n_jobs=1, extend=order.get("extend", False))
         except FastcoilError as error:
@@ -94,7 +95,8 @@ def warm_up() -> None:
     make_pool = runner.make_pool
     runner.make_pool = lambda _backend, job, *_: Serial(job)
     try:
-        golden(TRACED)
+        with tempfile.TemporaryDirectory() as folder:
+            run(TRACED, Path(folder) / "out")
     finally:
         runner.make_pool = make_pool
 

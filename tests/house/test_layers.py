@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -31,7 +32,7 @@ LAYERS = [
     {"plots"},
     {"theory"},
     {"analysis", "calibrate", "diagnosis"},
-    {"tuning", "explain"},
+    {"tuning", "explanation"},
     {"study"},
     {"paper"},
     {"cli"},
@@ -48,10 +49,16 @@ def layer(path):
     return path.relative_to(PACKAGE).with_suffix("").parts[0]
 
 
+@cache
+def nodes(path):
+    """All nodes of a module's syntax tree."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
 def imports(path):
     """Dotted names of all that a module imports, wherever in it."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -116,14 +123,13 @@ def test_only_the_compiler_and_its_cache_name_numba_and_no_compiled_file_names_x
 
 @pytest.mark.parametrize("path", MODULES, ids=is_named)
 def test_no_threads_no_fast_math_and_no_other_decorators(path):
-    tree = ast.parse(path.read_text())
-    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-    names |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    names = {node.id for node in nodes(path) if isinstance(node, ast.Name)}
+    names |= {node.attr for node in nodes(path) if isinstance(node, ast.Attribute)}
     assert not names & {"prange", "objmode", "vectorize", "guvectorize", "jitclass", "stencil"}
     assert not names & {"njit", "jit", "intrinsic"} or is_named(path) in NAME_NUMBA
-    keywords = {node.arg for node in ast.walk(tree) if isinstance(node, ast.keyword)}
+    keywords = {node.arg for node in nodes(path) if isinstance(node, ast.keyword)}
     assert not keywords & {"parallel", "forceobj", "boundscheck"}
-    fast = [ast.unparse(n.value) for n in ast.walk(tree) if isinstance(n, ast.keyword) and n.arg == "fastmath"]
+    fast = [ast.unparse(n.value) for n in nodes(path) if isinstance(n, ast.keyword) and n.arg == "fastmath"]
     assert not fast or (is_named(path) == "numerics/jit.py" and set(fast) == {"{'contract'}", "False"})
 
 

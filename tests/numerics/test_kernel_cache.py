@@ -1,6 +1,5 @@
 """The cache of compiled kernels: never stale, never damaged, never fatal, nobody else's."""
 
-import math
 import os
 import shutil
 import subprocess
@@ -16,16 +15,13 @@ from fastcoil.numerics import kernel_cache
 pytestmark = pytest.mark.kernel
 
 PACKAGE = Path(fastcoil.__file__).parent
-# the smallest kernel that calls a formula of the physics: γ at full opening, proportional to the water flow
+# the smallest kernel that calls a formula of the physics: a motor, limited in its travel, on its way up
 RUN = """
 import numpy as np
-from fastcoil.engine.rows import PARAMETER_ROWS
-from fastcoil.engine.step_numbers import step_numbers, worst_numbers
-from fastcoil.parameter_table import PARAMETERS
-rows = [PARAMETERS[n].default if n in PARAMETERS and not PARAMETERS[n].is_word else 0.0 for n in PARAMETER_ROWS]
-matrix = np.array([[np.nan if value is None else value] for value in rows])
-gamma, _ = worst_numbers(matrix, np.array([1.0]), 0.0)
-print(float(gamma[0]), sum(step_numbers.stats.cache_hits.values()))
+from fastcoil.engine.play_loop import motor_positions
+positions = np.empty(3)
+motor_positions(np.array([0.0, 1.0]), 0.1, positions)
+print(float(positions[2]), sum(motor_positions.stats.cache_hits.values()))
 """
 # and one that takes a tenth of a second
 SMALL = """
@@ -51,9 +47,9 @@ def run(env, code=RUN):
     return subprocess.run(command, env=env, cwd=env["PYTHONPATH"], capture_output=True, text=True, check=True)
 
 
-def gamma_and_hits(env):
-    gamma, hits = run(env).stdout.split()
-    return float(gamma), int(hits)
+def travel_and_hits(env):
+    travel, hits = run(env).stdout.split()
+    return float(travel), int(hits)
 
 
 def test_a_later_process_takes_the_kernel_that_two_compiled_at_once_until_a_formula_changes(copied):
@@ -62,17 +58,17 @@ def test_a_later_process_takes_the_kernel_that_two_compiled_at_once_until_a_form
     both = [subprocess.Popen(words, env=env, cwd=env["PYTHONPATH"], stdout=subprocess.PIPE, text=True) for _ in "ab"]
     said = {p.communicate(timeout=120)[0].split()[0] for p in both}
     assert [p.returncode for p in both] == [0, 0]
-    gamma, hits = gamma_and_hits(env)
-    assert said == {str(gamma)}
+    travel, hits = travel_and_hits(env)
+    assert said == {str(travel)} == {"0.1"}
     assert hits == 1
-    # step_numbers lies in another file than the formula it calls
-    valve = root / "fastcoil" / "physics" / "valve.py"
-    text = valve.read_text()
-    assert text.count("return log_m_max -") == 1
-    valve.write_text(text.replace("return log_m_max -", f"return {math.log(2.0)!r} + log_m_max -"))
-    assert gamma_and_hits(env) == (pytest.approx(2.0 * gamma, rel=1e-14), 0)
-    valve.write_text(text)
-    assert gamma_and_hits(env) == (gamma, 1)
+    # motor_positions lies in another file than the formula it calls
+    actuator = root / "fastcoil" / "physics" / "actuator.py"
+    text = actuator.read_text()
+    assert text.count("position + max_travel\n") == 1
+    actuator.write_text(text.replace("position + max_travel\n", "position + 2.0 * max_travel\n"))
+    assert travel_and_hits(env) == (0.2, 0)
+    actuator.write_text(text)
+    assert travel_and_hits(env) == (0.1, 1)
     assert len(list((root / "cache" / "fastcoil" / "kernels").iterdir())) == 2
 
 

@@ -66,7 +66,7 @@ def test_ctrl_c_ends_a_program_whose_rule_loops_for_ever(call):
     program = [sys.executable, "-c", ENDLESS.replace("{call}", call)]
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment()) as process:
         assert process.stdout.readline() == b"ready\n"
-        time.sleep(3.0)
+        time.sleep(2.0)
         assert process.poll() is None
         os.kill(process.pid, signal.SIGINT)
         try:

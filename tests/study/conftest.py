@@ -23,3 +23,17 @@ def with_code(tmp_path, trace):
         return path
 
     return write
+
+
+@pytest.fixture
+def leaves_nothing(tmp_path):
+    """Check that no process outlives the test, and have dask put its files into the test's folder."""
+    from helpers import processes
+
+    dask = pytest.importorskip("dask")
+    before = processes.children()
+    with dask.config.set({"temporary-directory": str(tmp_path / "dask")}):
+        yield
+    left = [p for pid, p in processes.children().items() if pid not in before]
+    alive = [p for p in left if not processes.gone([p], 3.0)]
+    assert not alive, [p.cmdline() for p in alive]

@@ -7,7 +7,7 @@ import os
 import shlex
 
 import pytest
-from helpers.studies import PLAIN, run_until_interrupted
+from helpers.studies import PLAIN, copied, run_until_interrupted
 
 from fastcoil.errors import StorageError
 from fastcoil.study import maintenance
@@ -23,7 +23,7 @@ def test_status_suggests_a_command_that_takes_the_folder_for_one_word(tmp_path):
 
 
 def test_a_rerun_that_cannot_be_written_is_refused_before_it_computes(tmp_path, monkeypatch):
-    run_until_interrupted(PLAIN, tmp_path, 1)
+    copied(PLAIN, tmp_path, 1)
 
     def refuse(*_):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))

@@ -8,7 +8,7 @@ import pytest
 from fastcoil.control.compensation import additive
 from fastcoil.control.inverse import FALLING, direction, extreme, inverse
 from fastcoil.physics.valve import backlash, opening
-from fastcoil.theory.describing_function import describing_function, limited
+from fastcoil.theory.describing_function import describing_function, limited, rate_limited
 
 DEPTHS = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
 
@@ -88,3 +88,15 @@ def test_an_exact_inverse_is_as_if_there_were_no_gap():
 
 def test_nothing_passes_that_does_not_cross_the_gap():
     np.testing.assert_array_equal(play([0.01, 0.034, 0.035], 0.07), 0.0)
+
+
+def test_a_motor_far_too_slow_follows_a_triangle():
+    """It climbs as fast as it may all the time: a triangle of height π/(2 r), late by the angle of cosine π/(2 r)."""
+    faster = np.array([2.0, 5.0, 20.0])
+    height = 0.5 * np.pi / faster
+    expected = 8.0 / np.pi**2 * height * np.exp(-1j * np.arccos(height))
+    np.testing.assert_allclose(rate_limited(faster), expected, atol=4e-3)
+
+
+def test_a_motor_fast_enough_follows_at_once():
+    np.testing.assert_allclose(rate_limited(np.array([0.0, 0.5, 1.0])), 1.0, atol=1e-2)

@@ -41,7 +41,8 @@ def test_what_is_foretold_happens_on_both_sides_of_the_boundary():
         {"ti": 8.0, "backlash": 0.02}, {"ti": 8.0, "backlash": 0.0}, {"ti": 12.0, "backlash_estimate": 0.035},
         {"ti": 8.0, "sensor_time_constant": 0.0, "stroke_time": 0.0}, {"ti": 12.0, "sample_time": 5.0},
         {"ti": 12.0, "sample_time": 30.0}, {"ti": 120.0, "sample_time": 60.0},
-        {"ti": 12.0, "kp": 0.03}, {"ti": 15.0, "kp": 0.04, "sample_time": 5.0, "backlash": 0.03},
+        {"ti": 12.0, "kp": 0.03}, {"ti": 8.0, "backlash_estimate": 0.05},
+        {"ti": 15.0, "kp": 0.04, "sample_time": 5.0, "backlash": 0.03},
     ]  # fmt: skip
     names = sorted({name for one in named for name in one})
     swept = {n: ("case", [one.get(n, LOOP[n]) for one in named]) for n in names}
@@ -106,3 +107,16 @@ def test_what_theory_does_not_tell_is_said(changed):
     assert np.isnan(told.margin[0])
     assert float(told.hunts[1]) == 1.0
     assert told.attrs["note"].startswith("NaN in 1 of 2")
+
+
+@pytest.mark.kernel
+def test_a_slow_motor_makes_a_large_cycle_slower_and_larger():
+    """As the emulator has it, too."""
+    loop = LOOP.assign(ti=12.0, kp=0.04, sensor_time_constant=60.0, stroke_time=[0.0, 150.0])
+    told = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
+    seen = fc.simulate(loop, day(), warm_up=3 * 3600)
+    slower = [float(period[1] / period[0]) for period in (told.period, seen.hunting_period)]
+    larger = [float(swing[1] / swing[0]) for swing in (told.amplitude, seen.hunting_swing)]
+    assert slower[0] == pytest.approx(slower[1], rel=0.15)
+    assert larger[0] == pytest.approx(larger[1], rel=0.25)
+    assert slower[1] > 1.2

@@ -203,6 +203,7 @@ def _run() -> Schema:
     others: dict[str, Schema] = {
         "traces": {"type": "array", "items": {"enum": list(TRACES)}, "uniqueItems": True},
         "reduce": FUNCTION,
+        "predict": {"type": "boolean", "default": False, "description": "add what theory foretells of the hunting"},
     }
     known = numbers | others
     return table_of(

@@ -42,7 +42,8 @@ class Study:
 
     folder: where its relative paths start.  sample_method: how ``[sample]`` was drawn.  reduction: the function that
     ``[run] reduce`` names.  Both are ``None`` without.  included: the parameters from the files in ``[loop] include``.
-    rules: the code of its own estimators and control laws, by name.  tuning: what ``[tune]`` asks, if anything.
+    rules: the code of its own estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.
+    tuning: what ``[tune]`` asks, if anything.
     """
 
     text: str
@@ -55,6 +56,7 @@ class Study:
     reduction: Source | None
     included: Mapping[str, Any] = field(default_factory=dict)
     rules: Mapping[str, Source] = field(default_factory=dict)
+    predict: bool = False
     tuning: Asked | None = None
 
     @property
@@ -130,7 +132,9 @@ def read_study(
         boundary = build_boundary(file.boundary, folder)
     if loop is not None and boundary is not None:
         with collecting(problems):
-            plan = plan_simulation(loop, boundary, **file.run.model_dump(exclude={"reduce"}), traces_on_disk=True)
+            plan = plan_simulation(
+                loop, boundary, **file.run.model_dump(exclude={"reduce", "predict"}), traces_on_disk=True
+            )
     tuning = None
     if file.tune is not None and loop is not None and boundary is not None:
         with collecting(problems, "[tune] "):
@@ -149,15 +153,6 @@ def read_study(
         raise InputError([f"{path}: {problem}" for problem in problems])
     method = file.sample["method"] if file.sample else None
     return Study(
-        text,
-        tables,
-        file.title or path.stem,
-        file.question,
-        plan,
-        folder,
-        method,
-        reduction,
-        from_files,
-        sources,
-        tuning,
-    )
+        text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files, sources,
+        file.run.predict, tuning,
+    )  # fmt: skip

@@ -32,6 +32,7 @@ class RunTable(_Strict):
     traces: list[str] = Field(default_factory=list, max_length=_MOST_TRACES)
     trace_interval: int = 60
     reduce: str | None = None
+    predict: bool = False
 
 
 class TuneTable(_Strict):

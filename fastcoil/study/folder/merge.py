@@ -23,6 +23,7 @@ from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.final import add_traces, finished_manifest, publish
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.predict import predictions
 
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
 """Reads the flat parts of the study without the named variables, afresh at every call: they need not fit in memory
@@ -80,7 +81,9 @@ def merge(
     ds = unflatten(whole, plan.layout)
     n_run = int((ds["status"].values != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
-    ds.attrs = study_attributes(study, manifest) | (attrs or {})
+    foretold = predictions(plan) if study.predict and complete else xr.Dataset()
+    ds = ds.assign(foretold.data_vars)
+    ds.attrs = study_attributes(study, manifest) | foretold.attrs | (attrs or {})
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
     if study.kept_traces:
         # a part of the traces is another file than all of them: results and traces are not replaced at once

@@ -15,7 +15,7 @@ import xarray as xr
 from fastcoil.arguments import path_of
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import same_model
-from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
+from fastcoil.outputs import FORMER_METRICS, METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.dataset import environments_of, join_flat, unflatten
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.extend import Match, as_part, match_scenarios
@@ -30,7 +30,7 @@ def open_study(folder: str | Path) -> xr.Dataset:
     """Open the results of a study by its folder, checked against their hash.
 
     An unfinished study can be opened too: scenarios that are not finished yet have the status ``not_run``.  Traces of
-    a finished one stay on the disk until they are asked for.
+    a finished one stay on the disk until they are asked for.  Metrics of an earlier version have their names of today.
 
     Raises
     ------
@@ -40,7 +40,8 @@ def open_study(folder: str | Path) -> xr.Dataset:
         If it cannot be read; if a file in it is damaged.
     """
     store = StudyFolder(path_of("folder", folder, "give the folder of a study"))
-    return store.settled(lambda: _open(store))
+    ds = store.settled(lambda: _open(store))
+    return ds.rename({name: today for name, (today, _) in FORMER_METRICS.items() if name in ds and today not in ds})
 
 
 def _open(store: StudyFolder) -> xr.Dataset:
@@ -136,7 +137,8 @@ class Computed:
         """
         parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
         if self.earlier is not None and self.match.new.size:
-            names = [n for n in self.earlier.data_vars if n not in leave_out]
+            # foretold anew for the whole study
+            names = [n for n in self.earlier.data_vars if n not in leave_out and n not in PREDICTIONS]
             parts = chain([as_part(self.earlier[names], self.match, self.study.plan.n_volumes)], parts)
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:

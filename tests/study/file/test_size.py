@@ -20,7 +20,7 @@ def refused(tmp_path):
         (tmp_path / "s.toml").write_text(text)
         start = time.process_time()
         found = problems(read_study, tmp_path / "s.toml")
-        assert time.process_time() - start < 15.0
+        assert time.process_time() - start < 5.0
         assert max(map(len, found)) < 1000
         return [sentence.removeprefix(f"{tmp_path}/s.toml: ") for sentence in found]
 
@@ -63,11 +63,11 @@ def test_more_scenarios_than_memory_holds_are_refused_before_they_are_made(refus
         ("[cases.tuning]\na = {}\n[cases.tuning.b]", "[cases.tuning] xname0 is not a parameter"),
     ],
 )
-def test_thirty_thousand_unknown_keys_get_a_sentence_each(refused, table, sentence):
-    names = "".join(f"xname{k} = 1\n" for k in range(30_000))
+def test_ten_thousand_unknown_keys_get_a_sentence_each(refused, table, sentence):
+    names = "".join(f"xname{k} = 1\n" for k in range(10_000))
     text = f"{table}\n{names}" + ("" if table == "[loop]" else "[loop]\n")
     found = refused(text)
-    assert len([one for one in found if "xname" in one and "unknown" in one or " is not a" in one]) == 30_000
+    assert len([one for one in found if "xname" in one and "unknown" in one or " is not a" in one]) == 10_000
     assert any(one.startswith(sentence) for one in found)
 
 

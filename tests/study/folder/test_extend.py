@@ -1,7 +1,5 @@
 """Extending a study: old scenarios are kept to the last bit, only new ones are run, nothing else is touched."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 from helpers import failing_shards
 from helpers.processes import cut
-from helpers.studies import run_until_stopped
+from helpers.studies import copied, run_until_stopped
 from helpers.study_tables import fresh, run_shards, toml
 
 import fastcoil as fc
@@ -40,6 +38,12 @@ def changed(**parts):
     for name, table in parts.items():
         tables[name] = {k: v for k, v in (tables[name] | table).items() if v is not None}
     return tables
+
+
+@pytest.fixture
+def base(tmp_path):
+    """The folder ``out`` as a run of the base study leaves it."""
+    copied(toml(BASE), tmp_path / "out")
 
 
 @pytest.fixture
@@ -90,8 +94,7 @@ ALL_AT_ONCE = ("front", "middle", "two axes", "a case", "replicates", "a day in 
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.full] * (name in ALL_AT_ONCE)) for name in EXTENSIONS]
 )
-def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, tmp_path, name):
-    execute(study(BASE), tmp_path / "out")
+def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, base, tmp_path, name):
     log = tmp_path / "log"
     asked = study(EXTENSIONS[name])
     finished = execute(failing_shards.harmful(asked, log=log), tmp_path / "out", extend=True)
@@ -210,22 +213,22 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("other", "sentence"), REFUSED.values(), ids=REFUSED)
-@pytest.mark.parametrize("n_shards", [None, pytest.param(2, marks=pytest.mark.full)], ids=["finished", "unfinished"])
-def test_what_is_no_extension_is_refused_and_nothing_touched(study, tmp_path, monkeypatch, other, sentence, n_shards):
-    check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards)
+def test_what_is_no_extension_is_refused_and_nothing_touched(study, base, tmp_path, other, sentence):
+    check_refused(study, tmp_path, other, sentence)
 
 
-@pytest.mark.parametrize("name", ["a removed day", "another seed"])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.full] * (n not in ("a removed day", "another seed"))) for n in REFUSED]
+)
 def test_an_unfinished_study_is_not_touched_by_what_is_no_extension(study, tmp_path, monkeypatch, name):
-    check_refused(study, tmp_path, monkeypatch, *REFUSED[name], n_shards=2)
-
-
-def check_refused(study, tmp_path, monkeypatch, other, sentence, n_shards):
     cut(monkeypatch, 6)
-    run_shards(study(BASE), tmp_path / "out", n_shards)
+    run_shards(study(BASE), tmp_path / "out", 2)
+    other, sentence = REFUSED[name]
+    check_refused(study, tmp_path, other, "of the 24 scenarios" if "scenarios" in sentence else sentence)
+
+
+def check_refused(study, tmp_path, other, sentence):
     before = image(tmp_path / "out")
-    if n_shards and "scenarios" in sentence:
-        sentence = "of the 24 scenarios"
     with pytest.raises(InputError, match=f"--extend: {sentence}|--extend: .*{sentence}"):
         execute(study(other), tmp_path / "out", extend=True)
     assert image(tmp_path / "out") == before
@@ -257,8 +260,7 @@ def test_traces_with_volumes_grow_with_the_largest_coil(study, tmp_path, volumes
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
 
 
-def test_the_command_line_extends(study, tmp_path):
-    execute(study(BASE), tmp_path / "out")
+def test_the_command_line_extends(study, base, tmp_path):
     asked = study(EXTENSIONS["end"])
     words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
     result = CliRunner().invoke(main, [*words, "--extend"])
@@ -268,8 +270,7 @@ def test_the_command_line_extends(study, tmp_path):
     assert "finished: nothing to do" in CliRunner().invoke(main, words).output
 
 
-def test_an_extension_without_new_scenarios_runs_none(study, tmp_path, monkeypatch):
-    execute(study(BASE), tmp_path / "out")
+def test_an_extension_without_new_scenarios_runs_none(study, base, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "make_pool", None)
     asked = study(changed(sweep={"backlash": [0.09, 0.05, 0.02]}))
     finished = execute(asked, tmp_path / "out", extend=True)
@@ -285,8 +286,7 @@ def test_extend_is_no_harm_where_there_is_nothing_yet(study, tmp_path):
 
 
 @pytest.mark.full
-def test_an_extension_on_processes_gives_the_same_bits(study, tmp_path):
-    execute(study(BASE), tmp_path / "out")
+def test_an_extension_on_processes_gives_the_same_bits(study, base, tmp_path):
     asked = study(EXTENSIONS["all at once"])
     finished = execute(asked, tmp_path / "out", extend=True, backend="loky", n_jobs=1)
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)

@@ -9,7 +9,7 @@ import time
 
 import pytest
 from click.testing import CliRunner
-from helpers.studies import PLAIN, TRACED, contents, golden, resume, run, run_until_interrupted, write_study
+from helpers.studies import PLAIN, TRACED, contents, copied, golden, resume, run, run_until_interrupted, write_study
 
 from fastcoil.cli.main import main
 from fastcoil.errors import FastcoilError, InputError, IntegrityError, LockedError, StorageError
@@ -142,7 +142,7 @@ AT = {"backlash": "0.07", "estimate_ratio": "0.9", "day": "1"}
 
 
 def test_half_written_reruns_are_removed_and_a_rerun_waits_for_no_run(out):
-    run(PLAIN, out)
+    copied(PLAIN, out)
     half = out / "reruns" / ".backlash.nc.123.tmp"
     half.parent.mkdir()
     half.write_bytes(b"half")
@@ -154,7 +154,7 @@ def test_half_written_reruns_are_removed_and_a_rerun_waits_for_no_run(out):
 
 @pytest.mark.parametrize("text", ["", "\xff", "[loop]\n"])
 def test_a_rerun_without_the_study_names_the_cure_which_cures(out, text):
-    run(PLAIN, out)
+    copied(PLAIN, out)
     (out / "study.toml").write_bytes(text.encode("latin-1"))
     cure = re.escape(f"`fastcoil run STUDY.toml -o {out}`, with the file the run was started from, restores study.toml")
     with pytest.raises(IntegrityError, match=cure):

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 import time
 
 import pytest
+from click.testing import CliRunner
 from helpers.processes import environment
 from helpers.studies import PLAIN, shards, unfinished
 
-from fastcoil.study import maintenance
+from fastcoil.cli.main import main
+from fastcoil.study import maintenance, runner
 
 pytestmark = pytest.mark.kernel
 
@@ -73,20 +76,27 @@ def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(comman
 
 
 @pytest.mark.alone
-def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(command, tmp_path):
+def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(command, tmp_path, monkeypatch):
     first = command()
     wait_for_shards(first, tmp_path / "out")
     first.send_signal(signal.SIGSTOP)  # it holds the folder, and takes no processor
-    second = command()
-    _, said = second.communicate(timeout=60)
-    assert second.returncode == 5
-    assert f"in use by another run (process {first.pid} on " in said
-    assert "Traceback" not in said
+    words = ["run", str(tmp_path / "my study.toml"), "-o", str(tmp_path / "out"), "-j", "1", "--no-figures"]
+    second = CliRunner().invoke(main, words)
+    assert second.exit_code == 5
+    assert f"in use by another run (process {first.pid} on " in second.stderr
+    assert "Traceback" not in second.output
     first.kill()
     first.wait(timeout=60)
-    third = command()
-    assert any("Resuming:" in line for line in third.stderr)
-    assert f"process {third.pid} " in (tmp_path / "out" / ".holder").read_text()
+    held = []
+
+    def look(*_):
+        held.append((tmp_path / "out" / ".holder").read_text())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, "make_pool", look)
+    third = CliRunner().invoke(main, words)
+    assert "Resuming:" in third.stderr
+    assert f"process {os.getpid()} " in held[0]
 
 
 @pytest.mark.alone

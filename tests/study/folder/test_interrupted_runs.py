@@ -42,10 +42,10 @@ def slow_run(tmp_path):
     (tmp_path / "slow.py").write_text(script)
     runs = []
 
-    def start(backend):
-        words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--backend", backend, "-j", "2", "--no-figures")
+    def start(backend, n_jobs=2):
+        words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--backend", backend, "-j", n_jobs, "--no-figures")
         runs.append(started(*words, cwd=tmp_path, DASK_TEMPORARY_DIRECTORY=str(tmp_path / "dask")))
-        wait_for(lambda: len(list((tmp_path / "out" / SHARDS).glob("*.nc"))) >= 3, within=60)
+        wait_for(lambda: len(list((tmp_path / "out" / SHARDS).glob("*.nc"))) >= 2, within=60)
         return runs[-1]
 
     yield start
@@ -62,8 +62,9 @@ def resumed(folder, golden):
 # for threads, see the commands that are interrupted
 @pytest.mark.parametrize("backend", ["loky", *(pytest.param(b, marks=pytest.mark.full) for b in ("threads", "dask"))])
 def test_ctrl_c_ends_a_run_at_once_and_it_can_go_on(slow_run, golden, tmp_path, backend):
-    run = slow_run(backend)
+    run = slow_run(backend, n_jobs=1)  # two in the tests of other signals
     workers = children(run.pid)
+    assert workers or backend == "threads"
     os.killpg(run.pid, signal.SIGINT)
     start = time.monotonic()
     code, _, err = ended(run, 20)

@@ -11,6 +11,7 @@ from helpers.studies import (
     PLAIN,
     TRACED,
     contents,
+    copied,
     golden,
     larger,
     quarantined,
@@ -76,7 +77,7 @@ def test_without_run_json_the_shards_are_found_by_their_key(broken_off, monkeypa
 
 @pytest.mark.parametrize("name", ["run.json", "study.toml"])
 def test_a_lost_file_of_a_finished_study_is_written_again(out, name):
-    run(PLAIN, out)
+    copied(PLAIN, out)
     good = (out / name).read_bytes()
     (out / name).unlink()
     resume(out)
@@ -136,13 +137,13 @@ def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(
 
 
 def test_an_extension_of_a_run_without_shards_starts_from_scratch(out):
-    run_until_interrupted(PLAIN, out, 1)
+    copied(PLAIN, out, 1)
     shards(out)[0].unlink()
     resume(out, larger(PLAIN), extend=True)
 
 
 def test_an_interrupted_extension_resumes_and_keeps_the_old_results(out):
-    run(TRACED, out)
+    copied(TRACED, out)
     run_until_interrupted(larger(TRACED), out, 1, extend=True)
     with open_study(out) as ds:
         assert int((ds["status"] == 0).sum()) == 4 * DAYS + 2
@@ -178,7 +179,7 @@ def test_a_value_of_the_wrong_type_in_run_json_is_reported(out, name, value):
 
 
 def test_an_edited_run_json_is_found_by_its_checksum(out):
-    run(PLAIN, out)
+    copied(PLAIN, out)
     path = out / "run.json"
     path.write_text(path.read_text().replace('"finished": true', '"finished": false'))
     for what in (open_study, maintenance.verify, lambda folder: run(PLAIN, folder)):
@@ -219,7 +220,7 @@ def elsewhere(monkeypatch):
 
 
 def test_a_run_says_where_it_was_computed(out):
-    run(PLAIN, out)
+    copied(PLAIN, out)
     assert manifest.Manifest.read(out).computed_on == [compiled_for()]
     assert json.loads(open_study(out).attrs["computed_on"]) == [compiled_for()]
 
@@ -250,7 +251,7 @@ def test_a_study_that_is_extended_on_another_processor_says_so(out, elsewhere, m
     ids=["empty", "no UTF-8", "cut", "lost"],
 )
 def test_results_stay_readable_without_their_study_toml_and_a_run_restores_it(out, damage):
-    run(PLAIN, out)
+    copied(PLAIN, out)
     path = out / "study.toml"
     good = path.read_bytes()
     bad = damage(good)

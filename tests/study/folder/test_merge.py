@@ -8,7 +8,7 @@ import shutil
 
 import pytest
 import xarray as xr
-from helpers.studies import DAYS, PLAIN, TRACED, golden, larger, resume, run, shards, unfinished
+from helpers.studies import DAYS, PLAIN, TRACED, copied, golden, larger, resume, run, shards, unfinished
 
 import fastcoil as fc
 from fastcoil.errors import IntegrityError, StorageError
@@ -39,7 +39,7 @@ def test_shards_lost_before_the_merge_make_no_finished_result(out, monkeypatch, 
 
 
 def test_a_reader_of_results_keeps_its_data_while_an_extension_replaces_them(out):
-    run(TRACED, out)
+    copied(TRACED, out)
     with fc.open_study(out) as old, xr.open_dataset(out / "results.nc") as raw:
         assert run(larger(TRACED), out, extend=True) == golden(larger(TRACED))
         assert old["T_sup"].sizes["backlash"] == raw["rmse"].sizes["backlash"] == 2

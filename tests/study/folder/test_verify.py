@@ -11,18 +11,7 @@ import stat
 import netCDF4
 import pytest
 from click.testing import CliRunner
-from helpers.studies import (
-    DAYS,
-    PLAIN,
-    TRACED,
-    as_version_0_1,
-    contents,
-    larger,
-    resume,
-    run,
-    run_until_interrupted,
-    verify,
-)
+from helpers.studies import DAYS, PLAIN, TRACED, as_version_0_1, contents, copied, larger, resume, run, verify
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -35,7 +24,7 @@ pytestmark = pytest.mark.kernel
 
 
 def test_verify_finds_nothing_in_a_finished_and_in_an_unfinished_study(out):
-    run_until_interrupted(TRACED, out, 1)
+    copied(TRACED, out, 1)
     assert verify(out) == []
     run(TRACED, out)
     assert verify(out) == []
@@ -49,7 +38,7 @@ def replaced(path, data):
 
 @pytest.mark.parametrize("name", ["results.nc", "traces"])
 def test_no_flipped_bit_of_a_result_changes_a_value_unnoticed(out, name):
-    run(TRACED, out)
+    copied(TRACED, out)
     path = next(out.glob(f"{name}*"))
     with fc.open_study(out) as ds:
         right = ds.load()
@@ -79,7 +68,7 @@ def test_no_flipped_bit_of_a_result_changes_a_value_unnoticed(out, name):
     ],
 )
 def test_a_truncated_result_is_found(out, name, share):
-    run(TRACED, out)
+    copied(TRACED, out)
     path = next(out.glob(f"{name}*"))
     whole = path.read_bytes().rstrip(b"\0")  # the library fills up a small file with zeros
     path.write_bytes(whole[: min(int(share * len(whole)), len(whole) - 1)])
@@ -95,7 +84,7 @@ def test_a_truncated_result_is_found(out, name, share):
 
 
 def test_damaged_traces_are_not_written_again_by_an_extension(out):
-    run(TRACED, out)
+    copied(TRACED, out)
     path = next(out.glob("traces-*.nc"))
     with netCDF4.Dataset(path, "a") as file:
         file["mode"][0] = 9 - file["mode"][0]
@@ -121,7 +110,7 @@ def test_a_study_that_is_read_only_can_be_verified_and_opened(broken_off):
 
 
 def test_a_look_at_a_study_while_its_run_finishes_finds_no_damage(out, monkeypatch):
-    run_until_interrupted(PLAIN, out, DAYS - 1)
+    copied(PLAIN, out, DAYS - 1)
     real = Shards._inspect
 
     def finishing(self, *words):  # before the first shard is read
@@ -135,7 +124,7 @@ def test_a_look_at_a_study_while_its_run_finishes_finds_no_damage(out, monkeypat
 
 @pytest.mark.parametrize("name", ["results.nc", "traces", "run.json", "study.toml"])
 def test_a_file_that_a_finished_study_must_have_is_missed(out, name):
-    run(TRACED, out)
+    copied(TRACED, out)
     path = next(out.glob(f"{name}*"))
     path.unlink()
     result = CliRunner().invoke(main, ["verify", str(out)])
@@ -149,7 +138,7 @@ def test_a_file_that_a_finished_study_must_have_is_missed(out, name):
 
 
 def test_a_finished_study_of_version_0_1_without_its_results_is_not_sound(out):
-    run(PLAIN, out)
+    copied(PLAIN, out)
     as_version_0_1(out)
     assert verify(out) == []
     (out / "results.nc").unlink()
@@ -158,7 +147,7 @@ def test_a_finished_study_of_version_0_1_without_its_results_is_not_sound(out):
 
 
 def test_files_of_other_runs_in_a_finished_study_are_named(out, tmp_path):
-    run(TRACED, out)
+    copied(TRACED, out)
     other = tmp_path / "other"
     run(larger(TRACED), other)
     shutil.copy(next(other.glob("traces-*.nc")), out)
@@ -172,7 +161,7 @@ def test_files_of_other_runs_in_a_finished_study_are_named(out, tmp_path):
 
 
 def test_a_folder_with_the_name_of_traces_is_found_while_the_study_is_unfinished_and_after(out):
-    run_until_interrupted(TRACED, out, 1)
+    copied(TRACED, out, 1)
     wrong = out / "traces-mine.nc"
     wrong.mkdir()
     (problem,) = verify(out)
@@ -184,7 +173,7 @@ def test_a_folder_with_the_name_of_traces_is_found_while_the_study_is_unfinished
 
 
 def test_results_that_cannot_be_read_are_no_damage(out, monkeypatch):
-    run(PLAIN, out)
+    copied(PLAIN, out)
 
     def closed(path, *rest, plain=os.open, **options):
         if str(path).endswith("results.nc"):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 from helpers.processes import N_SCENARIOS, cut, ended, started, wait_for
 
 import fastcoil as fc
+from fastcoil.cli.main import main
 from fastcoil.simulation import plan
 from fastcoil.study import runner
 from fastcoil.study.file.spec import read_study
@@ -99,6 +101,15 @@ def test_a_cluster_that_a_user_started_gives_the_same_bits(small_study, golden, 
 
 
 def test_the_command_line_runs_on_a_cluster(small_study, golden, tmp_path, two_workers):
+    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask"]
+    done = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address, "--no-figures"])
+    assert done.exit_code == 0, done.output
+    assert hash_of(fc.open_study(tmp_path / "out")) == golden
+    assert f"{tmp_path / 'out'}/results.nc" in done.stdout
+
+
+@pytest.mark.full
+def test_a_command_on_a_cluster_says_and_leaves_no_more_than_another(small_study, golden, tmp_path, two_workers):
     words = ("-m", "fastcoil", "run", small_study, "--backend", "dask", "--scheduler", two_workers.address)
     code, out, err = ended(started(*words, "--no-figures", cwd=tmp_path))
     assert code == 0, err

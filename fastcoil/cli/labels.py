@@ -1,0 +1,32 @@
+"""One scenario on the command line: ``--at backlash=0.07,tuning=fast``."""
+
+from __future__ import annotations
+
+import re
+
+from fastcoil.errors import InputError, shown
+
+
+def labels_of(at: str) -> dict[str, str]:
+    """Dimension → label.
+
+    Raises
+    ------
+    InputError
+        For an item without ``=``, one that is longer than any name, or a dimension that is given twice.
+    """
+    from fastcoil.study.file.toml import LONGEST_KEY
+
+    pairs = [item.split("=", 1) for item in re.split(",(?=[^,=]+=)", at) if item]
+    if any(len(pair) != 2 for pair in pairs):
+        raise InputError(f"--at {shown(at)}: give dimension=label, several of them separated by commas")
+    long = [
+        f"--at {shown(word)}: no dimension or label is that long" for word in sum(pairs, []) if len(word) > LONGEST_KEY
+    ]
+    if long:
+        raise InputError(long)
+    dims = [dim.strip() for dim, _ in pairs]
+    twice = [f"--at: {shown(dim)} is given twice: give it once" for k, dim in enumerate(dims) if dim in dims[:k]]
+    if twice:
+        raise InputError(twice)
+    return {dim.strip(): label.strip() for dim, label in pairs}

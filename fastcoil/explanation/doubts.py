@@ -1,0 +1,40 @@
+"""Where theory cannot tell whether a loop hunts, and what it leaves out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.explanation.foretold import Foretold, without_dead_band
+from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.scenarios import columns_of
+from fastcoil.theory.elements import unknown
+
+
+def why_not_linear(loop: Loop) -> tuple[str, ...]:
+    """Why theory does not hold for a single loop, a clause each; empty where it does."""
+    if loop["law"] == "pi" and float(loop["kp"]) <= 0.0:  # type: ignore[arg-type]
+        return (f"kp = {loop['kp']:g}: a gain above 0 closes the loop, this one does not",)
+    columns = columns_of(without_dead_band(loop), {}, np.zeros(1, dtype=np.int64))
+    # behind the colon stands what to do about it in Python
+    return tuple(reason.partition(":")[0] for reason, holds in unknown(columns).items() if holds.any())
+
+
+def why_no_margin(foretold: Foretold) -> tuple[str, ...]:
+    """Why theory has no margin at any operating point, a clause."""
+    if not foretold.plants.reachable.any():
+        return ("no set-point of the day can be held: the valve is at its end all the time",)
+    return ("its compensation crosses the gap too slowly to count as an inverse",)
+
+
+def left_out(loop: Loop, foretold: Foretold) -> tuple[str, ...]:
+    """What the margin does not see, a clause each."""
+    found = []
+    if float(loop["error_dead_band"]) > 0.0:  # type: ignore[arg-type]
+        band = f"the error dead band of {loop['error_dead_band']:g} K"
+        found.append(f"{band}, which may hold a loop still that is foretold to hunt, or make another hunt")
+    n, missed = foretold.points.size, int(np.count_nonzero(~foretold.plants.reachable))
+    if missed:
+        found.append(
+            f"{missed} of {n} operating points, at which the valve is at its end and cannot hold the set-point"
+        )
+    return tuple(found)

@@ -1,0 +1,98 @@
+"""``fastcoil explain``: a preset, a study file or a folder, one scenario of it, and mistakes in a sentence."""
+
+import pytest
+from click.testing import CliRunner
+from helpers.studies import PLAIN
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.study.one_scenario import one_scenario
+
+pytestmark = pytest.mark.kernel
+
+AT = ("--at", "backlash=0.07,estimate_ratio=0.9", "--at", "day=2")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A study file."""
+    path = tmp_path_factory.mktemp("explained") / "small.toml"
+    path.write_text(PLAIN)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(study):
+    """That study, run."""
+    fc.run_study(study, study.parent / "out", n_jobs=1).close()
+    return study.parent / "out"
+
+
+def explain(*words):
+    return CliRunner().invoke(main, ["explain", *map(str, words)])
+
+
+def refused(*words):
+    """The message of a call that is refused."""
+    result = explain(*words)
+    assert result.exit_code == 2, result.output
+    return result.output.replace("fastcoil: ", "").strip()
+
+
+def test_the_scenario_of_a_file_and_of_a_folder_is_that_of_the_study(study, folder):
+    stored = fc.open_study(folder).sel(backlash=0.07, estimate_ratio=0.9, day=2)
+    for target in (study, folder):
+        one = one_scenario(target, {"backlash": "0.07", "estimate_ratio": "0.9", "day": "2"}, {})
+        again = fc.simulate(one.loop, one.boundary, warm_up=one.warm_up, seed=one.seed, n_jobs=1)
+        assert float(again["rmse"]) == float(stored["rmse"])
+        assert one.title == "small; day=2, backlash=0.07, estimate_ratio=0.9"
+
+
+def test_the_folder_is_explained_on_the_command_line(folder):
+    result = explain(folder, *AT)
+    assert result.exit_code == 0, result.output
+    title, answer = result.output.splitlines()[:2]
+    assert title == "small; day=2, backlash=0.07, estimate_ratio=0.9"
+    assert answer.startswith("This loop ")
+
+
+def test_set_changes_a_parameter_and_its_dimension_needs_no_label(study):
+    changes = {"estimate_ratio": "0", "ti": "60", "action": "cooling"}
+    one = one_scenario(study, {"backlash": "0.02", "day": "1"}, changes)
+    assert (one.loop["ti"], one.loop["estimate_ratio"], one.loop["backlash"]) == (60.0, 0.0, 0.02)
+    assert not one.loop.sizes
+    assert one.boundary.n_days == 1
+
+
+def test_a_preset_runs_on_the_generic_day():
+    one = one_scenario("lbnl", {}, {"kp": "0.03"})
+    assert one.loop == fc.Loop.preset("lbnl").assign(kp=0.03)
+    assert one.boundary.series["T_set"].tolist() == fc.paper_day().series["T_set"].tolist()
+
+
+def test_a_label_that_there_is_not_is_answered_with_those_there_are(study):
+    assert refused(study, "--at", "backlash=0.05", "--at", "day=9,estimate_ratio=0") == (
+        "--at day=9: choose one of 1, 2, 3\n--at backlash=0.05: choose one of 0.02, 0.07"
+    )
+    assert refused(study, "--at", "day=1") == (
+        "--at: backlash is missing, choose one of 0.02, 0.07\n--at: estimate_ratio is missing, choose one of 0.0, 0.9"
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["lbnk"], "lbnk: no such file, folder or preset, did you mean 'lbnl'?; give a study file"),
+        (["lbnl", "--set", "kpp=3"], "--set kpp is not a parameter, did you mean 'kp'?"),
+        (["lbnl", "--set", "kp=fast"], "--set kp=fast: give a number"),
+        (["lbnl", "--set", "ti=0"], "--set ti = 0 s: must be above 0"),
+        (["lbnl", "--set", "kp"], "--set kp: give NAME=VALUE"),
+        (["lbnl", "--set", "kp=1", "--set", "kp=2"], "--set: 'kp' is given twice"),
+        (["lbnl", "--at", "replicate=1"], "--at replicate: replicates differ by their noise alone"),
+        (["lbnl", "--at", "day=1"], "--at day: no dimension of the study"),
+        (["lbnl", "-o", "figure.gif"], "-o figure.gif: give a file NAME.png, NAME.pdf or NAME.svg"),
+        (["lbnl", "-o", "nowhere/figure.png"], "-o nowhere/figure.png: give a file"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_sentence(words, said):
+    assert said in refused(*words)

@@ -1,0 +1,273 @@
+"""The study of hunting: its limits, error rates and cycles against plain Python, its conditions and its cures."""
+
+from __future__ import annotations
+
+import control
+import hunting
+import hunting_backlash
+import hunting_cost
+import hunting_cures
+import hunting_loops
+import hunting_map
+import hunting_parts
+import hunting_plants
+import hunting_rules
+import hunting_start
+import kinds
+import numpy as np
+import pytest
+import report
+import xarray as xr
+from hunting_rules import Rule
+
+import fastcoil as fc
+
+
+@pytest.fixture(scope="module")
+def loops():
+    """Loops that nobody simulated, which hunt by a formula of the test's own: (sample, day)."""
+    draw = np.random.default_rng(3)
+    shape, dims = (300, 4), ("sample", "day")
+
+    def drawn(low, high):
+        return dims, np.exp(draw.uniform(np.log(low), np.log(high), shape))
+
+    ds = xr.Dataset(
+        {"kp": drawn(0.005, 0.2), "ti": drawn(4, 300), "K": drawn(5, 60), "T": drawn(20, 300), "theta": drawn(3, 60)},
+        coords={"day": ["wet cooling 0", "wet cooling 1", "heating 0", "heating 1"]},
+    )
+    ds["hunts"] = ((ds.kp * ds.K) ** 0.8 * (ds["T"] + 2.0 * ds.theta) > 5.0 * ds.ti).astype(float)
+    ds["backlash"] = ("sample",), draw.choice([0.0, 0.05], 300)
+    ds["reachable"] = dims, draw.uniform(size=shape) < 0.9
+    ds["margin"] = dims, draw.uniform(0.1, 2.0, shape)
+    ds = ds.assign(overshoot=ds.margin, foretold=(ds.margin > 1.0).astype(float))
+    return ds.assign(gain_margin=1.0 / ds.margin, phase_margin=90.0 - 30.0 * ds.margin)
+
+
+def of_rule(ds, rule):
+    """(told, hunts) of the loops that count, as plain Python."""
+    return [
+        (bool(rule.of(ds)[i, d] > rule.limit), bool(ds.hunts[i, d] > 0))
+        for i in range(0, ds.sizes["sample"])
+        for d in range(ds.sizes["day"])
+        if bool(ds.reachable[i, d]) and float(ds.backlash[i]) > 0.0
+    ]
+
+
+def test_the_choice_finds_the_formula_by_which_loops_hunt(loops):
+    rules, (power, delays) = hunting_rules.chosen(loops)
+    assert (power, delays) == (0.8, 2.0)
+    formula = rules[1]
+    assert formula.limit == pytest.approx(5.0, rel=0.03)
+    assert formula.safe <= formula.limit
+    at = loops.isel(sample=[7], day=[1])
+    by_hand = (float(at.kp[0, 0]) * float(at.K[0, 0])) ** 0.8 * (float(at["T"][0, 0]) + 2 * float(at.theta[0, 0]))
+    assert float(formula.of(at)[0, 0]) == pytest.approx(by_hand / float(at.ti[0, 0]))
+
+
+def test_a_limit_is_the_best_of_all_by_plain_python():
+    draw = np.random.default_rng(8)
+    hunts = draw.uniform(size=120) < 0.4
+    x = np.where(hunts, draw.normal(1.0, 0.6, 120), draw.normal(0.0, 0.6, 120))
+
+    def both(limit):
+        told = [v > limit for v in x]
+        sensitivity = sum(a and b for a, b in zip(told, hunts, strict=True)) / hunts.sum()
+        return sensitivity + sum(not a and not b for a, b in zip(told, hunts, strict=True)) / (~hunts).sum()
+
+    among = xr.DataArray(np.ones(120, bool), dims="sample")
+    limit, safe = hunting_rules.limits(xr.DataArray(x, dims="sample"), xr.DataArray(hunts * 1.0, dims="sample"), among)
+    assert both(limit) == pytest.approx(max(both(v + 1e-9) for v in x))
+    assert sum(v >= safe for v in x[hunts]) >= hunting_rules.SURE * hunts.sum() - 1
+
+
+def test_error_rates_count_worn_valves_that_reach_their_set_point(loops):
+    rule = Rule("half of the truth", lambda ds: ds.kp, 0.04, 0.04)
+    counted = of_rule(loops.isel(sample=slice(0, 60)), rule)
+    shares = hunting_rules.errors(loops.isel(sample=slice(0, 60)), rule)
+    right = [told == hunts for told, hunts in counted]
+    parts = (
+        right,
+        [r for r, (_, hunts) in zip(right, counted, strict=True) if hunts],
+        [r for r, (_, hunts) in zip(right, counted, strict=True) if not hunts],
+    )
+    assert [cell.split(" ")[0] for cell in shares] == [f"{100 * sum(p) / len(p):.1f}" for p in parts]
+
+
+def test_one_step_a_valve_is_the_first_that_it_can_hold_and_no_longer_counts(loops):
+    one = hunting_rules.by_one_step(loops, hunting_rules.any_place)
+    for i in range(0, 300, 17):
+        if float(loops.backlash[i]) == 0.0:
+            continue
+        for days in ((0, 1), (2, 3)):
+            able = [d for d in days if bool(loops.reachable[i, d])]
+            for d in days:
+                assert bool(one.reachable[i, d]) == (d in able[1:])
+                if d in able[1:]:
+                    assert float(one.K[i, d]) == float(loops.K[i, able[0]])
+                    assert float(one.kp[i, d]) == float(loops.kp[i, d])
+
+
+def test_a_misread_step_is_wrong_by_a_fifth_in_each_number_alone(loops):
+    wrong = hunting_rules.misread(loops)
+    errors = [np.log(wrong[name] / loops[name]).values.ravel() for name in hunting_rules.MODEL]
+    assert [float(e.std()) for e in errors] == pytest.approx([0.2] * 3, rel=0.1)
+    assert abs(np.corrcoef(errors)[np.triu_indices(3, 1)]).max() < 0.1
+    np.testing.assert_array_equal(wrong.kp, loops.kp)
+
+
+def test_only_a_swing_that_lasts_is_a_cycle():
+    t = np.arange(0.0, 28800.0, hunting_backlash.SEEN)
+    signals = {
+        "lasts": 14.0 + 0.2 * np.sin(2 * np.pi * t / 400.0),
+        "decays": 14.0 + 2.0 * np.exp(-t / 7200.0) * np.sin(2 * np.pi * t / 400.0),
+        "drifts": 14.0 + 0.1 * t / 28800.0,
+        "too small": 14.0 + 2e-4 * np.sin(2 * np.pi * t / 400.0),
+    }
+    T = xr.DataArray(np.array(list(signals.values())), dims=("sample", "elapsed_time"))
+    found = hunting_backlash.cycling(T, xr.DataArray(np.zeros(4), dims="sample"))
+    assert found.cycles.values.tolist() == [True, False, False, False]
+    assert float(found.swing[0]) == pytest.approx(0.4, rel=0.01)
+    assert float(found.period[0]) == pytest.approx(400.0, rel=0.06)
+    below = hunting_backlash.cycling(T, xr.DataArray(np.full(4, 0.5), dims="sample"))
+    assert not below.cycles.any()
+
+
+def test_a_power_of_the_backlash_is_found_with_its_interval():
+    draw = np.random.default_rng(2)
+    X = np.array([0.0, 0.01, 0.03, 0.1])
+    powers = 1.3 + 0.1 * draw.standard_normal((40, 1, 5))
+    swing = xr.DataArray(
+        np.exp(draw.normal(size=(40, 1, 5))) * X[None, :, None] ** powers, dims=("sample", "backlash", "day"),
+        coords={"backlash": X},
+    )  # fmt: skip
+    middle, low, high = hunting_backlash.slopes(swing, xr.DataArray(np.ones((40, 5), bool), dims=("sample", "day")))
+    assert middle == pytest.approx(float(powers.mean()))
+    assert low < middle < high
+    assert high - low < 0.12
+
+
+@pytest.mark.parametrize("kind", hunting_loops.OPERATING)
+def test_a_kicked_loop_comes_quietly_and_is_asked_for_more_load(kind, monkeypatch):
+    monkeypatch.setattr(hunting_start, "KICKS", (0.0, 1.0))
+    days, still = hunting_start.kicked(kind, 5, 2)
+    T_set, air = days.series["T_set"], days.series["T_a_in"]
+    before, away = 3600 * (hunting_start.RAMP + hunting_start.HOLD), 3600 * hunting_start.KICK
+    more = 1.0 if kind == kinds.HEATING else -1.0
+    for row, (condition, kick) in enumerate([(0, 0.0), (0, 1.0), (1, 0.0), (1, 1.0)]):
+        end = still.series["T_set"][condition, 0]
+        assert T_set[row, 0] == air[row, 0] == still.series["T_a_in"][condition, 0]
+        assert (np.diff(T_set[row, :before]) * more >= 0.0).all()
+        np.testing.assert_allclose(T_set[row, before : before + away] - end, more * kick, atol=1e-9)
+        assert T_set[row, -1] == pytest.approx(end)
+    assert all(np.ptp(days.series[name], axis=1).max() == 0.0 for name in ("m_a", "T_a_in", "W_a_in", "T_w_in"))
+
+
+def test_cures_obey_the_formula_and_change_only_what_they_say():
+    loop = fc.Loop.preset("lbnl").assign(kp=("sample", [0.1, 0.01]), ti=("sample", [10.0, 200.0]))
+    plant = xr.Dataset(
+        {"K": ("sample", [25.0, 25.0]), "T": ("sample", [60.0, 60.0]), "theta": ("sample", [30.0, 30.0])}
+    )
+    cures = hunting_cures.cured(loop, plant, 0.8, 2.0, 5.0)
+    slower, weaker = cures["Ti by the formula, kp as found"], cures["kp by the formula, Ti as found"]
+    for kp, ti in (slower, weaker):
+        speed = (float(kp[0]) * 25.0) ** 0.8 * 120.0 / float(ti[0])
+        assert speed == pytest.approx(5.0)
+    assert float(slower[0][0]) == 0.1
+    assert float(weaker[1][0]) == 10.0
+    assert [float(x[1]) for x in (*slower, *weaker)] == [0.01, 200.0, 0.01, 200.0]
+    kp, ti = cures[hunting_cures.SIMC]
+    assert (float(kp[0]), float(ti[0])) == pytest.approx((60.0 / (2 * 25 * 30), 60.0))
+    assert float(cures["Ti at least T, kp as found"][1][0]) == 60.0
+
+
+def test_hunting_where_nothing_moves_needs_size_and_periods_not_regularity():
+    most = (3600 * hunting_loops.HOURS - hunting_loops.WARM_UP) / 10
+    ds = xr.Dataset({
+        "hunts": ("sample", [0.0, 0.0, 0.0, np.nan]),
+        "hunting_swing": ("sample", [0.2, 0.05, 0.2, 0.2]),
+        "hunting_period": ("sample", [most - 1.0, 300.0, most + 1.0, 300.0]),
+    })  # fmt: skip
+    np.testing.assert_array_equal(hunting_loops.hunting(ds).hunts, [1.0, 0.0, 0.0, np.nan])
+
+
+def test_the_describing_function_of_a_gap_is_that_of_another_library():
+    theirs = control.friction_backlash_nonlinearity(0.07)
+    for depth in (0.02, 0.3, 0.6, 0.95):
+        lag, size = hunting_plants.gap(np.array(depth))
+        value = theirs.describing_function(0.5 * 0.07 / depth)
+        assert size == pytest.approx(abs(value))
+        assert lag == pytest.approx(-np.angle(value))
+
+
+@pytest.mark.full
+@pytest.mark.kernel
+def test_the_margin_is_that_of_a_first_order_loop_by_hand_and_proportional_to_kp():
+    """With a slow first-order sensor the coil is fast; what is left is K, a lag, half a sample, and an integral."""
+    loop = fc.Loop.preset("lbnl").assign(
+        sensor_time_constant=2000.0, sample_time=1.0, kp=[0.5, 1.0], ti=100.0, backlash=0.07, C_w=8.8, C_c=8.0
+    )
+    day = fc.constant_day(hours=1)
+    plant = hunting_plants.foreseen(loop, day)
+    K, w = float(plant.K[0]), np.geomspace(1e-4, 1.0, 4000)
+    s, coil = 1j * w, fc.linearise(loop.assign(sensor_time_constant=0.0, kp=0.5), day)
+    L = 0.5 * (1.0 + 1.0 / (100.0 * s)) * K / ((1.0 + 2000.0 * s) * (1.0 + float(coil.lag) * s))
+    L = L * np.exp(-s * (float(coil.delay) + 0.5))
+    left = np.pi + np.unwrap(np.angle(L))
+    N = control.friction_backlash_nonlinearity(1.0)
+    values = np.array([N.describing_function(a) for a in np.geomspace(0.501, 50.0, 80)])
+    inside = (left > 0.0) & (left < 0.5 * np.pi)
+    lag = -np.angle(values)[::-1]
+    by_hand = np.max(np.abs(L[inside]) * np.interp(left[inside], lag, np.abs(values)[::-1]))
+    assert float(plant.margin[0]) == pytest.approx(by_hand, rel=0.1)
+    assert float(plant.margin[1]) == pytest.approx(2.0 * float(plant.margin[0]))
+    assert float(plant["T"][0]) == pytest.approx(2000.0, rel=0.05)
+
+
+def test_wide_plants_lie_beyond_the_others_and_heating_has_less_gain():
+    near, wide = hunting_loops.valves(1, 200), hunting_loops.valves(1, 200, wide=True)
+    assert set(np.unique(wide["sample_time"])).isdisjoint(np.unique(near["sample_time"]))
+    for name in ("C_w", "C_c", "m_full", "sensor_time_constant", "stroke_time"):
+        assert np.asarray(wide[name]).max() > np.asarray(near[name]).max()
+    heated = hunting_loops.acting(near, kinds.HEATING)
+    np.testing.assert_allclose(np.asarray(heated["kp"]) / np.asarray(near["kp"]), hunting_loops.HEATING_GAIN)
+    assert np.unique(heated["action"]) == ["heating"]
+    assert hunting_loops.acting(near, hunting_loops.WET) is near
+
+
+def test_a_change_of_the_calm_kp_is_a_geometric_mean():
+    ratio = xr.DataArray([[2.0, 0.5], [8.0, 2.0]], dims=("sample", "day"))
+    cell = hunting_parts.change_of(ratio, xr.DataArray(np.ones((2, 2), bool), dims=("sample", "day")))
+    assert cell.startswith("+100 % (")
+    assert hunting_cost.cost(ratio, ratio) == "0"
+    assert hunting_cost.cost(ratio, xr.ones_like(ratio)).startswith("+100 % (")
+
+
+@pytest.mark.full
+@pytest.mark.kernel
+def test_a_population_is_that_of_single_simulations():
+    ds = hunting_loops.population(77, 3, 1)
+    loop, day = hunting_loops.valves(77, 3), hunting_loops.conditions(kinds.HEATING, 78, 1)
+    one = {name: float(np.asarray(loop[name])[2]) for name in ("kp", "ti", "backlash", "C_w", "C_c", "authority")}
+    one |= {name: float(np.asarray(loop[name])[2]) for name in ("rangeability", "m_full", "sample_time")}
+    one |= {name: float(np.asarray(loop[name])[2]) for name in ("sensor_time_constant", "stroke_time")}
+    one["kp"] *= hunting_loops.HEATING_GAIN
+    single = fc.simulate(fc.Loop.preset("lbnl").assign(action="heating", **one), day, warm_up=10800)
+    assert float(ds.swing.sel(day="heating 0")[2]) == float(single.hunting_swing[0])
+
+
+@pytest.mark.full
+@pytest.mark.kernel
+def test_the_command_writes_every_table_and_figure(written, tmp_path, monkeypatch):
+    study = tmp_path / "hunting.toml"
+    study.write_text(hunting_map.STUDY.read_text().replace(", 34]", ", 6]"))
+    monkeypatch.setattr(hunting_map, "HERE", tmp_path)
+    monkeypatch.setattr(hunting_map, "STUDY", study)
+    monkeypatch.setattr(hunting_map, "results", lambda name: fc.run_study(study, tmp_path / name))
+    monkeypatch.setattr(hunting_parts, "CHANGES", {"as it is: x": {}, "ti × 2": {"ti": 2.0}})
+    hunting.main(8, 2)
+    names = sorted(path.stem for path in report.TABLES.glob("*.md"))
+    assert names == sorted(path.stem for path in (report.HERE / "tables").glob("hunting*.md"))
+    assert all(len(written(name)[1]) > 1 for name in names)
+    for name in ("hunting", "hunting_population"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000

@@ -1,0 +1,126 @@
+"""``[run] predict``: what theory foretells stands beside what was simulated, the same however a study was run."""
+
+from __future__ import annotations
+
+import netCDF4
+import numpy as np
+import pytest
+from helpers.commands import fastcoil
+from helpers.processes import cut
+from helpers.refusals import problems
+from helpers.studies import run, run_until_interrupted, write_study
+
+import fastcoil as fc
+from fastcoil.analysis.summary import summary
+from fastcoil.outputs import PREDICTIONS
+from fastcoil.plots.study import bands
+from fastcoil.study import maintenance
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.runner import execute
+
+pytestmark = pytest.mark.kernel
+
+SILENT = """
+[loop]
+preset = "lbnl"
+[sweep]
+kp = [0.02, 0.12]
+backlash = [0.0, 0.07]
+[boundary]
+hours = 1
+seed = [1, 2]
+[run]
+warm_up = 600
+replicates = 2
+"""
+STUDY = SILENT + "predict = true\n"
+LARGER = STUDY.replace("[0.02, 0.12]", "[0.02, 0.05, 0.12]")
+
+
+@pytest.fixture(scope="module")
+def ds(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("foretold") / "out"
+    run(STUDY, folder)
+    return fc.open_study(folder).load()
+
+
+def test_it_is_what_limit_cycle_says_of_the_mean_of_each_day(ds):
+    loop = fc.Loop.preset("lbnl").assign(kp=[0.02, 0.12], backlash=[0.0, 0.07])
+    day = fc.paper_day(hours=1, seed=[1, 2])
+    for k in range(2):  # days that last as they are on the mean of what counts
+        mean = {name: float(series[k, 600:].mean()) for name, series in day.series.items() if name != "enabled"}
+        held = fc.Boundary(
+            **{name: np.full(3600, mean[name]) for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
+        )
+        wanted = fc.limit_cycle(loop, held)
+        for replicate in range(2):
+            found = ds.isel(day=k, replicate=replicate)
+            for name, of in (("margin", 1.0), ("hunts", 1.0), ("period", 1.0), ("amplitude", 2.0)):
+                ours = found["predicted_swing" if name == "amplitude" else f"predicted_{name}"]
+                np.testing.assert_allclose(ours.transpose(*wanted[name].dims), of * wanted[name], rtol=2e-3)
+    assert set(np.unique(ds.predicted_hunts)) == {0.0, 1.0}
+
+
+def test_it_says_which_loops_hunt_when_they_are_simulated(ds):
+    told, seen = ds.predicted_hunts.values.ravel().tolist(), ds.hunts.values.ravel().tolist()
+    agree = sum(a == b for a, b in zip(told, seen, strict=True)) / len(told)
+    (line,) = (line for line in summary(ds) if line.startswith("Hunting: "))
+    shown = f"{100 * agree:.1f}"
+    assert line == f"Hunting: foretold for {told.count(1.0)} of 16 loops, seen in {seen.count(1.0)}; {shown} % agree."
+    assert agree > 0.5
+    wrong = ds.assign(predicted_hunts=(1.0 - ds.hunts).where(ds.backlash > 0.0))  # and half of them nobody knows
+    (line,) = (line for line in summary(wrong) if line.startswith("Hunting: "))
+    assert " of 8 loops" in line
+    assert line.endswith("; 0.0 % agree.")
+
+
+def test_it_does_not_depend_on_shards_workers_interruptions_and_extensions(ds, tmp_path, monkeypatch):
+    golden = ds.attrs["content_sha256"]
+    cut(monkeypatch, 3)
+    (tmp_path / "a").mkdir()
+    run_until_interrupted(STUDY, tmp_path / "a" / "out", 2)
+    assert run(STUDY, tmp_path / "a" / "out", n_jobs=2) == golden
+    (tmp_path / "b").mkdir()
+    whole = run(LARGER, tmp_path / "b" / "out")
+    assert run(LARGER, tmp_path / "a" / "out", extend=True) == whole
+    assert maintenance.verify(tmp_path / "a" / "out") == []
+
+
+def test_it_is_added_to_a_study_that_was_run_without_it(ds, tmp_path):
+    out = tmp_path / "out"
+    run(SILENT, out)
+    assert not PREDICTIONS.keys() & fc.open_study(out).data_vars.keys()
+    finished = execute(write_study(STUDY, out), out, n_jobs=1, extend=True)
+    assert finished.n_run == 0
+    assert finished.results.attrs["content_sha256"] == ds.attrs["content_sha256"]
+    with netCDF4.Dataset(out / "results.nc", "a") as file:
+        file["predicted_margin"][0] = file["predicted_margin"][0] + 1e-5
+    assert "results.nc is damaged" in maintenance.verify(out)[0]
+
+
+def test_where_theory_says_nothing_it_is_nan_and_says_why(tmp_path):
+    text = STUDY.replace("[sweep]", "[sweep]\nerror_dead_band = [0.0, 0.2]").replace("seed = [1, 2]", "seed = 1")
+    run(text, tmp_path / "out")
+    with fc.open_study(tmp_path / "out") as found:
+        told = found.predicted_margin.notnull().all([d for d in found.predicted_margin.dims if d != "error_dead_band"])
+        assert told.values.tolist() == [True, False]
+        assert found.predicted_hunts.isel(error_dead_band=1).isnull().all()
+        assert "an error_dead_band stops small cycles" in found.attrs["prediction_note"]
+        assert "4 of 8" in found.attrs["prediction_note"]
+        (line,) = (line for line in summary(found.load()) if line.startswith("Hunting: "))
+    assert " of 8 loops" in line
+
+
+def test_it_can_be_drawn_and_compared(ds):
+    (axes, *_) = bands(ds, "kp", metrics=["predicted_swing", "hunting_swing"]).axes
+    assert "foretold swing" in axes.get_ylabel()
+    found = fc.compare(ds, baseline={"backlash": 0.0}, over="day", metrics="predicted_margin")
+    assert "predicted_margin" in found
+
+
+def test_anything_but_true_or_false_is_refused(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(SILENT + 'predict = "yes"\n')
+    (sentence,) = problems(read_study, path)
+    assert "[run] predict" in sentence
+    assert fastcoil("plan", path).exit_code == 2
