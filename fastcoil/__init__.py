@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from fastcoil.theory.figures import nyquist as nyquist
     from fastcoil.theory.limit_cycle import limit_cycle as limit_cycle
     from fastcoil.theory.linearise import linearise as linearise
+    from fastcoil.tuning.tune import tune as tune
 
 _HOME = {
     "Boundary": "boundary",
@@ -77,6 +78,7 @@ _HOME = {
     "run_study": "study.runner",
     "simulate": "simulation.simulate",
     "sobol_indices": "analysis.sobol",
+    "tune": "tuning.tune",
     "weather_day": "boundary.weather",
 }
 

@@ -75,12 +75,13 @@ class Terminated(KeyboardInterrupt):
 
 
 @contextmanager
-def interruptible(study: Path, folder: Path) -> Iterator[None]:
+def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None]:
     """End on SIGTERM and SIGHUP as on Ctrl-C, say how to resume, and wait at most a few seconds for anything."""
-    command = shlex.join(["fastcoil", "run", str(study), "-o", str(folder)])
+    kept = "finished scenarios are" if verb == "run" else "what was tried is"
+    command = shlex.join(["fastcoil", verb, str(study), "-o", str(folder)])
 
     def advice() -> str:
-        return f"; finished scenarios are kept, to resume: {command}" if os.path.exists(folder) else ""
+        return f"; {kept} kept, to resume: {command}" if os.path.exists(folder) else ""
 
     def give_up(code: int) -> None:
         say(f"fastcoil: interrupted{advice()}", err=True)

@@ -22,6 +22,7 @@ from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.progress import announce_compilation, duration, report_progress, run_own_code
 from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.cli.terminal import say
+from fastcoil.cli.tune import tune
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, IntegrityError
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
-for command in (diagnose, explain, fit, init, join, parameters, plot, presets, schema):
+for command in (diagnose, explain, fit, init, join, parameters, plot, presets, schema, tune):
     main.add_command(command)
 
 

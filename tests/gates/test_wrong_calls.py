@@ -44,6 +44,7 @@ def public_calls():
         if isinstance(value, type):
             found |= _methods(name, value)
     found |= _methods("Fit", type_of_fit()) | _methods("Diagnosis", type_of_diagnosis())
+    found |= _methods("Tuning", type_of_tuning())
     found |= {f.__name__: f for f in (study.maps, study.bands, study.alternatives, study.standard_figures, files.write)}
     return {name: call for name, call in found.items() if parameters(call)}
 
@@ -58,6 +59,12 @@ def type_of_diagnosis():
     from fastcoil.diagnosis.result import Diagnosis
 
     return Diagnosis
+
+
+def type_of_tuning():
+    from fastcoil.tuning.result import Tuning
+
+    return Tuning
 
 
 def _methods(name, cls):
@@ -111,6 +118,8 @@ def base_calls(tmp_path_factory):
     commanded["T_sup"].attrs["units"], commanded["command"].attrs["units"] = "degC", "1"
     plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
     days = {"hours": 0.05}
+    tuning = {"loop": fc.Loop(backlash=[0.0, 0.07]), "boundary": fc.paper_day(hours=0.05, seed=[1, 2]), "n_jobs": 1}
+    tuning |= {"search": {"kp": (0.01, 0.1)}, "evaluations": 8, "warm_up": 60}
     rule = {"Parameters": Parameters, "Memory": Memory}
     return {
         "Boundary": (fc.Boundary, series),
@@ -118,6 +127,7 @@ def base_calls(tmp_path_factory):
         "Boundary.from_dataset": (fc.Boundary.from_dataset, {"ds": day.to_dataset()}),
         "Diagnosis.to_toml": (fc.diagnose(hunting).to_toml, {"path": folder / "diagnosis.toml"}),
         "Fit.to_toml": (fc.fit_valve(valve).to_toml, {"path": folder / "fit.toml"}),
+        "Tuning.to_toml": (fc.tune(**tuning).to_toml, {"path": folder / "tuning.toml"}),
         "Loop": (fc.Loop, {}),
         "Loop.__getitem__": (loop.__getitem__, {"name": "kp"}),
         "Loop.assign": (fc.Loop(kp=[0.01, 0.02]).assign, {}),
@@ -149,6 +159,7 @@ def base_calls(tmp_path_factory):
         "simulate": (fc.simulate, {"loop": loop, "boundary": day, "warm_up": 60, "n_jobs": 1}),
         "sobol_indices": (fc.sobol_indices, {"ds": sampled}),
         "standard_figures": (study.standard_figures, {"ds": ds.isel(kp=0, backlash=0)}),
+        "tune": (fc.tune, tuning),
         "weather_day": (fc.weather_day, {"path": weather, "start_hour": 2, **plant, **days}),
         "write": (files.write, {"figures": {}, "folder": folder}),
     }

@@ -7,23 +7,15 @@ where a study names one, any other name may be one of its parameters; where it n
 
 from __future__ import annotations
 
-import inspect
-import math
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, get_args, get_type_hints
+from collections.abc import Mapping
+from typing import Any
 
-from pydantic import TypeAdapter
-
-from fastcoil.boundary import Boundary
-from fastcoil.boundary.conditions import CONDITIONS
-from fastcoil.boundary.days import DESIGNS
 from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS, Parameter
 from fastcoil.rules.rule import KINDS
 from fastcoil.simulation.parameter_values import FORBIDDEN_DIMS
 from fastcoil.simulation.plan import RUN_LIMITS
 from fastcoil.simulation.presets import PRESETS
-from fastcoil.study.file.boundary import BOUNDARY_KINDS
 from fastcoil.study.file.loop import LONGEST_AXIS
 from fastcoil.study.file.sampling import (
     CHOICE,
@@ -34,16 +26,24 @@ from fastcoil.study.file.sampling import (
     POWERS_OF_TWO,
     SAMPLE_DIM,
 )
-from fastcoil.study.file.tables import RunTable, StudyFile
+from fastcoil.study.file.schema_parts import (
+    FUNCTION,
+    NAME,
+    Schema,
+    admissible,
+    boundary_schema,
+    list_of,
+    reference_to,
+    table_of,
+)
+from fastcoil.study.file.tables import RunTable, StudyFile, TuneTable
+from fastcoil.tuning.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
+from fastcoil.tuning.plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
+from fastcoil.tuning.space import may_be_searched
 
-Schema = dict[str, Any]
-
-_NAME = r"[^\W\d]\w*"
-_FUNCTION: Schema = {"type": "string", "pattern": rf"^{_NAME}(\.{_NAME})*:{_NAME}$"}
 _OWN = "own parameter"
 """Not the name of a parameter."""
 _ABOVE_0 = {("loguniform", "lowest"), ("truncnorm", "standard deviation")}
-_SERIES: Schema = {"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}
 
 
 def study_schema() -> Schema:
@@ -51,47 +51,43 @@ def study_schema() -> Schema:
     tables = {
         "title": {"type": "string", "description": "what the study is called in summaries and figures"},
         "question": {"type": "string", "description": "what the study asks"},
-        "loop": _with_own(_preset() | _parameters(), _reference(_OWN), description="what all loops have in common"),
+        "loop": _with_own(_preset() | _parameters(), reference_to(_OWN), description="what all loops have in common"),
         "sweep": _with_own(
             {n: _axis(p) for n, p in PARAMETERS.items()}, _swept(_OWN), description="each on its own axis"
         ),
         "cases": _cases(),
         "sample": _sample(),
-        "boundary": _boundary(),
+        "boundary": boundary_schema(),
         "run": _run(),
+        "tune": _tune(),
     }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "fastcoil study",
         "description": "Which loops are simulated on which days",
-        **_object(
+        **table_of(
             {name: tables[name] for name in StudyFile.model_fields},
             required=[name for name, field in StudyFile.model_fields.items() if field.is_required()],
         ),
         "if": _names_a_rule(),
         "else": {"properties": _without_own(tables)},
-        "$defs": {name: _admissible(p) for name, p in PARAMETERS.items()}
+        "$defs": {name: admissible(p) for name, p in PARAMETERS.items()}
         | {_OWN: {"type": "number", "description": "parameter of an estimator or a law of the study's own"}}
         | {kind: _spacing(kind) for kind in ("linspace", "geomspace")}
         | {kind: _distribution(kind) for kind in DISTRIBUTIONS},
     }
 
 
-def _object(properties: Mapping[str, Schema], required: Iterable[str] = (), **more: Any) -> Schema:
-    named = {"required": list(required)} if required else {}
-    return {"type": "object", "properties": dict(properties), "additionalProperties": False, **named, **more}
-
-
 def _with_own(properties: Mapping[str, Schema], own: Schema, **more: Any) -> Schema:
     """A table that may have parameters of the study's own rules, too, each like ``own``."""
-    return _object(properties, **{"propertyNames": {"pattern": f"^{_NAME}$"}, "additionalProperties": own, **more})
+    return table_of(properties, **{"propertyNames": {"pattern": f"^{NAME}$"}, "additionalProperties": own, **more})
 
 
 def _names_a_rule() -> Schema:
     """Whether an estimator or a law is ``module:function``, in whichever table."""
-    listed = {"type": "array", "contains": _FUNCTION}
+    listed = {"type": "array", "contains": FUNCTION}
     drawn = {"type": "object", "properties": {CHOICE: listed}, "required": [CHOICE]}
-    constant = _has_rule(_FUNCTION)
+    constant = _has_rule(FUNCTION)
     no_case = {"additionalProperties": {"additionalProperties": {"not": constant}}}
     named = {
         "loop": constant,
@@ -117,38 +113,13 @@ def _without_own(tables: Mapping[str, Schema]) -> dict[str, Schema]:
         name: {"properties": dict.fromkeys(tables[name]["properties"], True), "additionalProperties": False}
         for name in ("loop", "sweep", "sample")
     }
+    searched = {"properties": dict.fromkeys(_searchable(), True), "additionalProperties": False}
+    known["tune"] = {"properties": {"search": searched}}
     return known | {"cases": {"additionalProperties": {"additionalProperties": case}}}
 
 
-def _array(items: Iterable[Schema]) -> Schema:
-    """A list of exactly these items."""
-    items = list(items)
-    return {"type": "array", "prefixItems": items, "items": False, "minItems": len(items)}
-
-
-def _admissible(parameter: Parameter) -> Schema:
-    """Values of a parameter, its meaning, unit and default."""
-    unit = "" if parameter.unit in ("", "1") else f" [{parameter.unit}]"
-    schema: Schema = {"description": parameter.text + unit}
-    if parameter.name in KINDS:
-        schema["anyOf"] = [{"enum": list(parameter.choices)}, _FUNCTION]
-    elif parameter.is_word:
-        schema["enum"] = list(parameter.choices)
-    else:
-        schema["type"] = "integer" if parameter.whole else "number"
-    if not math.isinf(parameter.lower):
-        schema["exclusiveMinimum" if parameter.open_lower else "minimum"] = parameter.lower
-    if not math.isinf(parameter.upper):
-        schema["exclusiveMaximum" if parameter.open_upper else "maximum"] = parameter.upper
-    return schema if parameter.default is None else schema | {"default": parameter.default}
-
-
 def _parameters() -> dict[str, Schema]:
-    return {name: _reference(name) for name in PARAMETERS}
-
-
-def _reference(name: str) -> Schema:
-    return {"$ref": f"#/$defs/{name}"}
+    return {name: reference_to(name) for name in PARAMETERS}
 
 
 def _preset() -> dict[str, Schema]:
@@ -158,7 +129,7 @@ def _preset() -> dict[str, Schema]:
 
 
 def _values(name: str) -> Schema:
-    return {"type": "array", "items": _reference(name), "minItems": 1, "uniqueItems": True}
+    return {"type": "array", "items": reference_to(name), "minItems": 1, "uniqueItems": True}
 
 
 def _axis(parameter: Parameter) -> Schema:
@@ -166,23 +137,23 @@ def _axis(parameter: Parameter) -> Schema:
 
 
 def _swept(name: str) -> Schema:
-    return {"anyOf": [_values(name), _reference("linspace"), _reference("geomspace")]}
+    return {"anyOf": [_values(name), reference_to("linspace"), reference_to("geomspace")]}
 
 
 def _spacing(kind: str) -> Schema:
     end: Schema = {"type": "number"} | ({"exclusiveMinimum": 0} if kind == "geomspace" else {})
     count = {"type": "integer", "minimum": 1, "maximum": LONGEST_AXIS, "description": "number of values"}
     ends = (end | {"description": "first value"}, end | {"description": "last value"})
-    return _object({kind: _array([*ends, count])}, required=[kind])
+    return table_of({kind: list_of([*ends, count])}, required=[kind])
 
 
 def _cases() -> Schema:
-    case = _with_own(_parameters(), _reference(_OWN))
+    case = _with_own(_parameters(), reference_to(_OWN))
     taken = sorted({SAMPLE_DIM, DESIGN_DIM, *PARAMETERS, *FORBIDDEN_DIMS})
     return {
         "type": "object",
         "description": "named alternatives along dimensions of their own",
-        "propertyNames": {"pattern": f"^{_NAME}$", "not": {"enum": taken}},
+        "propertyNames": {"pattern": f"^{NAME}$", "not": {"enum": taken}},
         "additionalProperties": {"type": "object", "minProperties": 1, "additionalProperties": case},
     }
 
@@ -212,11 +183,11 @@ def _sampled(parameter: Parameter) -> Schema:
 
 
 def _chosen(name: str) -> Schema:
-    return _object({CHOICE: _values(name)}, required=[CHOICE])
+    return table_of({CHOICE: _values(name)}, required=[CHOICE])
 
 
 def _drawn(name: str) -> Schema:
-    return {"anyOf": [*map(_reference, DISTRIBUTIONS), _chosen(name)]}
+    return {"anyOf": [*map(reference_to, DISTRIBUTIONS), _chosen(name)]}
 
 
 def _distribution(kind: str) -> Schema:
@@ -224,63 +195,56 @@ def _distribution(kind: str) -> Schema:
         {"type": "number", "description": name} | ({"exclusiveMinimum": 0} if (kind, name) in _ABOVE_0 else {})
         for name in DISTRIBUTIONS[kind].arguments
     ]
-    return _object({kind: _array(arguments)}, required=[kind])
-
-
-def _boundary() -> Schema:
-    """Which arguments are known and needed depends on the kind."""
-    kind = {"enum": list(BOUNDARY_KINDS), "default": "paper_day", "description": "which kind of day"}
-    by_kind = []
-    for name, make in BOUNDARY_KINDS.items():
-        signature, hints = inspect.signature(make).parameters, get_type_hints(make)
-        arguments = {n: _annotated(n, hints[n], p.default) for n, p in signature.items()}
-        required = [n for n, p in signature.items() if p.default is p.empty]
-        chosen: Schema = {"properties": {"kind": {"const": name}}}
-        if name != kind["default"]:
-            chosen["required"] = ["kind"]
-        by_kind.append(
-            {"if": chosen, "then": _object({"kind": {"const": name}} | arguments, required, **_summary(make))}
-        )
-    return {
-        "type": "object",
-        "description": "what acts on the coil, second by second",
-        "properties": {"kind": kind},
-        "allOf": by_kind,
-    }
-
-
-def _summary(make: Callable[..., Boundary]) -> Schema:
-    return {"description": (inspect.getdoc(make) or "").partition("\n")[0]}
-
-
-def _annotated(name: str, hint: Any, default: Any) -> Schema:
-    """An argument of a boundary: its annotation, and its bounds if it is one of ``CONDITIONS``."""
-    kinds = set(get_args(hint) or [hint]) - {type(None)}
-    if kinds == {float} and name in CONDITIONS:
-        schema = _admissible(CONDITIONS[name])
-        schema.pop("default", None)
-    elif hint is Any:
-        schema = dict(_SERIES)
-    elif name == "mode":
-        schema = {"enum": list(DESIGNS)}
-    else:
-        found = TypeAdapter(hint).json_schema()
-        schema = {"anyOf": [kind for kind in found.get("anyOf", [found]) if kind != {"type": "null"}]}
-    return schema if default is None or default is inspect.Parameter.empty else schema | {"default": default}
+    return table_of({kind: list_of(arguments)}, required=[kind])
 
 
 def _run() -> Schema:
     numbers = {name: _limited(name) | {"default": RunTable.model_fields[name].default} for name in RUN_LIMITS}
     others: dict[str, Schema] = {
         "traces": {"type": "array", "items": {"enum": list(TRACES)}, "uniqueItems": True},
-        "reduce": _FUNCTION,
+        "reduce": FUNCTION,
         "predict": {"type": "boolean", "default": False, "description": "add what theory foretells of the hunting"},
     }
     known = numbers | others
-    return _object(
+    return table_of(
         {name: known[name] for name in RunTable.model_fields},
         description="how to run, not what",
         dependentRequired={"reduce": ["traces"]},
+    )
+
+
+def _searchable() -> list[str]:
+    """The parameters that a tuning may choose."""
+    return [name for name, parameter in PARAMETERS.items() if may_be_searched(parameter)]
+
+
+def _tune() -> Schema:
+    def bounds(name: str) -> Schema:
+        return list_of(
+            [reference_to(name) | {"description": "lowest"}, reference_to(name) | {"description": "highest"}]
+        )
+
+    share: Schema = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "maximum": 1}, {"const": MEAN}]}
+    most: Schema = {"anyOf": [{"type": "number"}, {"const": NOW}]}
+    limit: Schema = {"anyOf": [*most["anyOf"], list_of([most, share])]}
+    known: dict[str, Schema] = {
+        "search": {
+            "type": "object",
+            "description": "what may be chosen: [lowest, highest] by parameter",
+            "minProperties": 1,
+            "properties": {name: bounds(name) for name in _searchable()},
+            "additionalProperties": bounds(_OWN),
+        },
+        "objective": {"enum": [name for name in COUNTED if name not in NO_GOALS], "default": OBJECTIVE},
+        "quantile": share | {"default": QUANTILE, "description": "share of valves and days whose value counts"},
+        "limits": table_of(dict.fromkeys((*COUNTED, MARGIN), limit), description="upper limits by metric"),
+        "holdout": {"anyOf": [{"type": "array", "items": {"type": "integer"}, "minItems": 1}, boundary_schema()]},
+        "evaluations": {"type": "integer", "minimum": 1, "maximum": MOST_EVALUATIONS, "default": EVALUATIONS},
+    }
+    return table_of(
+        {name: known[name] for name in TuneTable.model_fields},
+        required=["search"],
+        description="what `fastcoil tune` chooses for all valves and days",
     )
 
 

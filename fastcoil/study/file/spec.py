@@ -2,7 +2,7 @@
 
 A study has the tables ``[loop]`` (constants, ``preset``, ``include``), ``[sweep]`` (a parameter on its own axis),
 ``[cases.NAME]`` (named alternatives along a dimension NAME), ``[sample]`` (parameters drawn from distributions),
-``[boundary]`` (``kind`` and its arguments) and ``[run]``; all but ``[loop]`` may be absent.
+``[boundary]`` (``kind`` and its arguments), ``[run]`` and ``[tune]``; all but ``[loop]`` may be absent.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from fastcoil.study.file.size import require_room
 from fastcoil.study.file.source import Source, find_source
 from fastcoil.study.file.tables import parse_tables
 from fastcoil.study.file.toml import parse_toml
+from fastcoil.study.file.tune import asked_of_tuning
+from fastcoil.tuning.plan import Asked
 
 LARGEST_FILE = 2**20
 """Bytes; no study written by hand is larger."""
@@ -41,6 +43,7 @@ class Study:
     folder: where its relative paths start.  sample_method: how ``[sample]`` was drawn.  reduction: the function that
     ``[run] reduce`` names.  Both are ``None`` without.  included: the parameters from the files in ``[loop] include``.
     rules: the code of its own estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.
+    tuning: what ``[tune]`` asks, if anything.
     """
 
     text: str
@@ -54,6 +57,7 @@ class Study:
     included: Mapping[str, Any] = field(default_factory=dict)
     rules: Mapping[str, Source] = field(default_factory=dict)
     predict: bool = False
+    tuning: Asked | None = None
 
     @property
     def kept_traces(self) -> tuple[str, ...]:
@@ -69,9 +73,9 @@ class Study:
     def sha256(self) -> str:
         """Hash of everything that decides the result: the tables, included files, the boundary, its own code.
 
-        Title, question, comments and formatting do not.
+        Title, question, ``[tune]``, comments and formatting do not.
         """
-        decisive = {name: table for name, table in self.tables.items() if name not in ("title", "question")}
+        decisive = {name: table for name, table in self.tables.items() if name not in ("title", "question", "tune")}
         # TOML has dates and times, JSON does not: their text will do
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
         parts += [self.reduction.sha256] if self.reduction else []
@@ -131,6 +135,10 @@ def read_study(
             plan = plan_simulation(
                 loop, boundary, **file.run.model_dump(exclude={"reduce", "predict"}), traces_on_disk=True
             )
+    tuning = None
+    if file.tune is not None and loop is not None and boundary is not None:
+        with collecting(problems, "[tune] "):
+            tuning = asked_of_tuning(file.tune, file.run, loop, boundary, folder)
     if file.run.reduce is not None:
         with collecting(problems, "[run] "):
             reduction = find_source("reduce", file.run.reduce, folder)
@@ -146,5 +154,5 @@ def read_study(
     method = file.sample["method"] if file.sample else None
     return Study(
         text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files, sources,
-        file.run.predict,
+        file.run.predict, tuning,
     )  # fmt: skip

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from fastcoil.errors import collecting, nearest, shown
 from fastcoil.outputs import TRACES, WARM_UP
 from fastcoil.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
+from fastcoil.tuning.plan import EVALUATIONS, OBJECTIVE, QUANTILE
 
 Value = TypeVar("Value")
 
@@ -34,6 +35,17 @@ class RunTable(_Strict):
     predict: bool = False
 
 
+class TuneTable(_Strict):
+    """``[tune]``: what `fastcoil tune` chooses for the valves and days of the study."""
+
+    search: dict[str, Any]
+    objective: str = OBJECTIVE
+    quantile: float | str = QUANTILE
+    limits: dict[str, Any] = Field(default_factory=dict)
+    holdout: list[int] | dict[str, Any] | None = None
+    evaluations: int = EVALUATIONS
+
+
 class StudyFile(_Strict):
     """The shape of a study file; ``Loop``, the boundary's function and ``prepare`` check the values."""
 
@@ -45,6 +57,11 @@ class StudyFile(_Strict):
     sample: dict[str, Any] | None = None
     boundary: dict[str, Any] = Field(default_factory=dict)
     run: RunTable = Field(default_factory=RunTable)
+    tune: TuneTable | None = None
+
+
+_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "tune": TuneTable}
+"""Those whose keys are known, by the name of the table; without a name: the file."""
 
 
 def parse_tables(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
@@ -91,17 +108,22 @@ def are_numbers(values: object, count: int) -> bool:
 def _sentences(error: ValidationError) -> Iterator[str]:
     """One sentence for each mistake in the shape of the file: place, value, cure."""
     details = error.errors()
-    for of_run, model in ((False, StudyFile), (True, RunTable)):
-        unknown = [d["loc"] for d in details if d["type"] == "extra_forbidden" and (len(d["loc"]) > 1) == of_run]
-        known = list(model.model_fields)
-        for name, hint in with_hints((str(place[-1]) for place in unknown), known):
-            yield f"{'[run] ' if of_run else ''}{name} is unknown{hint}; known: {', '.join(known)}"
+    for table, model in _MODELS.items():
+        unknown = [d["loc"] for d in details if d["type"] == "extra_forbidden"]
+        known, of_table = (
+            list(model.model_fields),
+            [place for place in unknown if "".join(map(str, place[:-1])) == table],
+        )
+        for name, hint in with_hints((str(place[-1]) for place in of_table), known):
+            yield f"{f'[{table}] ' if table else ''}{name} is unknown{hint}; known: {', '.join(known)}"
     for detail in details:
         table, *keys = map(str, detail["loc"])
         where = f"[{table}] {'.'.join(keys)}" if keys else table
         if detail["type"] == "extra_forbidden":
             continue
-        if detail["type"] == "missing":
+        if detail["type"] == "missing" and keys:
+            yield f"{where} is missing: give it, such as search = {{ kp = [0.005, 0.1], ti = [5, 600] }}"
+        elif detail["type"] == "missing":
             yield f"[{table}] is missing: a study needs this table, it may be empty"
         else:
             yield f"{where} = {shown(detail['input'])}: {_cure(detail['type'], str(detail['msg']))}"

@@ -42,4 +42,12 @@ traces = []                             # signals to keep, such as ["T_sup", "co
 trace_interval = 60                     # s between their samples
 # reduce = "mine:overshoot"             # your function overshoot in mine.py next to this file: numbers from the traces
 predict = false                         # true: margin, hunting, its period and swing as theory foretells them
+
+# [tune]                                # what `fastcoil tune FILE` chooses for all valves and days above
+# search = { buffer = [0.0, 0.01], error_dead_band = [0.0, 0.5] }  # and kp, ti, … where no table above varies them
+# objective = "rmse"                    # metric to make small: its value that 95 % of valves and days do not exceed
+# quantile = 0.95                       # or "mean"
+# limits = { motor_travel = "now", hunts = [0.05, "mean"] }        # upper ones; "now": no more than as it is
+# holdout = { kind = "paper_day", hours = 8, seed = [2, 3] }       # days to try it on, or labels such as [4, 5]
+# evaluations = 240                     # settings that are tried
 """

@@ -67,6 +67,13 @@ warm_up = 600
 traces = ["T_sup", "T_c"]
 trace_interval = 30
 reduce = "mine:overshoot"
+[tune]
+search = { kp = [0.005, 0.1], error_dead_band = [0, 0.5] }
+objective = "iae"
+quantile = "mean"
+limits = { motor_travel = 20, stem_travel = "now", hunts = [0.05, "mean"], reversals = [900, 0.9] }
+holdout = [2]
+evaluations = 60
 """
 
 

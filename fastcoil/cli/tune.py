@@ -1,0 +1,67 @@
+"""``fastcoil tune``: settings of a controller for the valves and days of a study, on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from fastcoil.cli.interrupts import interruptible
+from fastcoil.cli.paths import PATH
+from fastcoil.cli.progress import announce_compilation, report_progress, run_own_code
+from fastcoil.cli.terminal import say
+from fastcoil.errors import InputError
+
+KEPT, CHOSEN, FIGURE = "tune.json", "tuning.toml", "tuning"
+
+
+@click.command()
+@click.argument("study", type=PATH)
+@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+@click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
+def tune(study: Path, out: Path | None, jobs: int | None) -> None:
+    """Choose kp, ti and other settings for all valves and days of a STUDY file, and try them on others.
+
+    The table [tune] of the study says what may be chosen, for what and within which limits.  An interrupted search is
+    resumed.
+    """
+    from fastcoil.look import exists
+    from fastcoil.plots.files import write
+    from fastcoil.simulation.simulate import workers
+    from fastcoil.study.file.spec import read_study
+    from fastcoil.study.folder.lock import hold
+    from fastcoil.study.runner import default_folder
+    from fastcoil.tuning.tune import run_tuning
+
+    n_jobs, folder = workers(jobs), out or default_folder(study)
+    asked = read_study(study, prepare=run_own_code).tuning
+    if asked is None:
+        raise InputError(
+            f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1], ti = [5, 600] }}"
+        )
+    announce_compilation()
+    with interruptible(study, folder, "tune"), hold(folder):
+        if exists(folder / KEPT):
+            say(f"{folder / KEPT} keeps what was tried before: those tunings are not run again.", err=True)
+        cases = len(asked.training.members) * asked.training.boundary.n_days * asked.replicates
+        found = run_tuning(asked, n_jobs, folder / KEPT, _progress(cases))
+        say(*found.summary(), "")
+        path = folder / CHOSEN
+        found.to_toml(path)
+        say(f'Written: {path} (in a study: [loop] include = ["{path.name}"])')
+        for figure in write({FIGURE: found.plot()}, folder):
+            say(f"Figure:  {figure}")
+
+
+def _progress(cases: int) -> Callable[[int, int], None]:
+    """Report tunings as the scenario-days that they are: ``cases`` each."""
+    advance, before = None, 0
+
+    def report(done: int, planned: int) -> None:
+        nonlocal advance, before
+        advance = advance or report_progress(planned * cases)
+        advance((done - before) * cases)
+        before = done
+
+    return report

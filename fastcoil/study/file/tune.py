@@ -1,0 +1,35 @@
+"""What the table ``[tune]`` of a study asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastcoil.boundary import Boundary
+from fastcoil.errors import InputError
+from fastcoil.simulation.loop import Loop
+from fastcoil.study.file.boundary import build_boundary
+from fastcoil.study.file.tables import RunTable, TuneTable
+from fastcoil.tuning.plan import Asked, plan_tuning
+
+
+def asked_of_tuning(table: TuneTable, run: RunTable, loop: Loop, boundary: Boundary, folder: Path) -> Asked:
+    """The tuning of the valves and days of a study; ``holdout`` is labels of days, or a table like ``[boundary]``."""
+    holdout: object = table.holdout
+    if isinstance(holdout, dict):
+        try:
+            holdout = build_boundary(holdout, folder)
+        except InputError as error:
+            raise InputError([f"holdout: {p.removeprefix('[boundary] ')}" for p in error.problems]) from None
+    return plan_tuning(
+        loop,
+        boundary,
+        search=table.search,
+        objective=table.objective,
+        quantile=table.quantile,
+        limits=table.limits,
+        holdout=holdout,
+        evaluations=table.evaluations,
+        warm_up=run.warm_up,
+        seed=run.seed,
+        replicates=run.replicates,
+    )

@@ -1,0 +1,69 @@
+"""The margin of the describing function as a measure beside the metrics: it needs no simulation."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from fastcoil import theory
+from fastcoil.boundary import Boundary
+from fastcoil.errors import InputError
+from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.scenarios import columns_of
+from fastcoil.theory.elements import unknown
+from fastcoil.theory.limit_cycle import limit_cycle
+from fastcoil.theory.operating_points import ENTERING
+from fastcoil.tuning.measures import MARGIN
+
+
+def margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
+    """Margin of every loop on every day, at the mean conditions of the seconds that count."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of loops without a margin: an infinite one breaks every limit
+        return limit_cycle(_with_estimate(loop), mean_days(boundary, warm_up), at=0)[MARGIN].reset_coords(drop=True)
+
+
+def _with_estimate(loop: Loop) -> Loop:
+    """The loop with its estimate itself in place of ``estimate_ratio``, which theory does not read."""
+    ratio = loop["estimate_ratio"]
+    if ratio is None:
+        return loop
+    return loop.assign(backlash_estimate=xr.DataArray(ratio) * xr.DataArray(loop["backlash"]))
+
+
+def require_margins(loop: Loop) -> None:
+    """Refuse loops about which theory says nothing.
+
+    Raises
+    ------
+    InputError
+        With a sentence for each reason.
+    """
+    index = np.arange(int(np.prod(list(loop.sizes.values()), dtype=int)))
+    reasons = [reason for reason, where in unknown(columns_of(loop, loop.sizes, index)).items() if np.any(where)]
+    if reasons:
+        raise InputError([f"limits: {MARGIN}: theory has none for some of these loops: {reason}" for reason in reasons])
+
+
+def theory_sha256() -> str:
+    """Hash of the sources of the theory."""
+    digest = hashlib.sha256()
+    for source in sorted(Path(str(theory.__file__)).parent.glob("*.py")):
+        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()
+
+
+def mean_days(boundary: Boundary, warm_up: int) -> Boundary:
+    """Days of one second with the mean conditions of those that count."""
+    counted = boundary.series["enabled"] != 0.0
+    counted[:, :warm_up] = False
+    on = np.where(counted.any(axis=1)[:, None], counted, True)
+    means = {
+        name: (boundary.series[name] * on).sum(axis=1, keepdims=True) / on.sum(axis=1, keepdims=True)
+        for name in ENTERING
+    }
+    return Boundary(**means, day=boundary.day)

@@ -1,0 +1,130 @@
+"""``fastcoil tune`` and the table ``[tune]`` of a study: what is written, resumed and refused, and what stays."""
+
+import json
+import tomllib
+
+import pytest
+from helpers.commands import fastcoil
+from helpers.refusals import refusal
+
+import fastcoil as fc
+from fastcoil.study.file.spec import read_study
+from fastcoil.tuning import tune as module
+
+STUDY = """
+title = "Tune me"
+[loop]
+noise_std = 0.02
+[sample]
+method = "latin_hypercube"
+size = 6
+backlash = { uniform = [0.0, 0.12] }
+[boundary]
+hours = 0.1
+seed = [1, 2]
+[run]
+warm_up = 60
+"""
+TUNE = """
+[tune]
+search = { kp = [0.005, 0.2], buffer = [0, 0.01] }
+limits = { motor_travel = 50, rmse = [9.0, "mean"] }
+evaluations = 24
+"""
+
+
+@pytest.fixture
+def study(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "mine.toml"
+    path.write_text(STUDY + TUNE)
+    return path
+
+
+def read(path, table):
+    path.write_text(STUDY + table)
+    return read_study(path)
+
+
+@pytest.mark.kernel
+def test_it_writes_what_fc_tune_finds_and_a_file_to_include(study, tmp_path):
+    done = fastcoil("tune", study, "-j", 1)
+    assert done.exit_code == 0, done.output
+    folder = tmp_path / "results" / "mine"
+    assert {path.name for path in folder.iterdir()} >= {"tune.json", "tuning.toml", "tuning.png"}
+    asked = read_study(study)
+    found = fc.tune(
+        asked.plan.layout.loop, asked.plan.layout.boundary, search={"kp": (0.005, 0.2), "buffer": (0, 0.01)},
+        limits={"motor_travel": 50, "rmse": (9.0, "mean")}, evaluations=24, warm_up=60, n_jobs=1,
+    )  # fmt: skip
+    assert tomllib.loads((folder / "tuning.toml").read_text())["loop"] == found.parameters
+    assert "\n".join(found.summary()) in done.output
+    including = tmp_path / "next.toml"
+    including.write_text('[loop]\ninclude = ["results/mine/tuning.toml"]\n')
+    assert read_study(including).plan.layout.loop["kp"] == found.parameters["kp"]
+
+
+@pytest.mark.kernel
+def test_an_interrupted_search_says_how_to_go_on_and_goes_on(study, tmp_path, monkeypatch):
+    tried, calls = module.tried, []
+
+    def interrupted(*arguments):
+        calls.append(len(arguments[2]))
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return tried(*arguments)
+
+    monkeypatch.setattr(module, "tried", interrupted)
+    stopped = fastcoil("tune", study, "-o", "out", "-j", 1)
+    assert stopped.exit_code == 130
+    assert f"what was tried is kept, to resume: fastcoil tune {study} -o out" in stopped.output
+    kept = len(json.loads((tmp_path / "out" / "tune.json").read_text())["tried"])
+    assert kept == sum(calls[:2])
+    assert not (tmp_path / "out" / "tuning.toml").exists()
+    monkeypatch.setattr(module, "tried", tried)
+    resumed = fastcoil("tune", study, "-o", "out", "-j", 1)
+    whole = fastcoil("tune", study, "-o", "other", "-j", 1)
+    assert resumed.exit_code == whole.exit_code == 0
+    assert "those tunings are not run again" in resumed.output
+    for name in ("tuning.toml", "tune.json", "tuning.png"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "other" / name).read_bytes()
+
+
+def test_a_study_without_the_table_is_refused_with_an_example(study):
+    study.write_text(STUDY)
+    found = fastcoil("tune", study)
+    assert found.exit_code == 2
+    assert "has no table [tune]: add one, such as search = { kp" in found.output
+
+
+def test_the_table_changes_nothing_of_what_a_study_is(study):
+    with_table, without = read(study, TUNE), read(study, "")
+    assert with_table.sha256 == without.sha256
+    assert (with_table.tuning is None, without.tuning is None) == (False, True)
+
+
+def test_days_to_try_it_on_are_labels_or_a_boundary(study):
+    table = "[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = "
+    asked = read(study, table + "[1]").tuning
+    assert (asked.training.boundary.day.tolist(), asked.holdout.boundary.day.tolist()) == ([2], [1])
+    asked = read(study, table + '{ kind = "paper_day", hours = 0.1, seed = [7, 8] }').tuning
+    assert asked.holdout.boundary == fc.paper_day(hours=0.1, seed=[7, 8])
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("[tune]", "[tune] search is missing: give it, such as search = { kp"),
+        ("[tune]\nserch = { kp = [0.01, 0.1] }", "[tune] serch is unknown, did you mean 'search'?"),
+        ("[tune]\nsearch = { backlash = [0.0, 0.1] }", "[tune] search: backlash is not the controller's to choose"),
+        ("[tune]\nsearch = { kp = 0.1 }", "[tune] search: kp = 0.1: give two numbers"),
+        ("[tune]\nsearch = { kp = [0.01, 0.1] }\nobjective = 3", "[tune] objective = 3: give a text in quotes"),
+        ("[tune]\nsearch = { kp = [0.01, 0.1] }\nevaluations = 0", "[tune] evaluations = 0"),
+        ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = { seed = -1 }", "[tune] holdout: seed"),
+        ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = [3]", "[tune] holdout: the boundary has no day 3"),
+        ("[tune]\nsearch = { kp = [0.01, 0.1] }\nlimits = { travel = 3 }", "[tune] limits: 'travel' is no metric"),
+    ],
+)
+def test_mistakes_in_the_table_name_it(study, table, words):
+    study.write_text(STUDY + table)
+    assert words in refusal(read_study, study)

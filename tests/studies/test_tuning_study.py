@@ -1,0 +1,62 @@
+"""``tuning.py``: its tables hold what simulations of fresh valves and days give."""
+
+from __future__ import annotations
+
+import kinds
+import numpy as np
+import pytest
+import tuning
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.fixture
+def case(monkeypatch):
+    """Few valves, short days, one case."""
+    monkeypatch.setattr(kinds, "HOURS", 1)
+    monkeypatch.setattr(tuning, "VALVES", 6)
+    monkeypatch.setattr(tuning, "FRESH_VALVES", 5)
+    monkeypatch.setattr(tuning, "EVALUATIONS", 12)
+    monkeypatch.setattr("best_pi.KP", np.array([0.02, 0.05]))
+    monkeypatch.setattr("best_pi.TI", np.array([40.0, 100.0]))
+    return tuning.Case("lbnl", heating=True)
+
+
+def test_the_population_has_good_valves_and_its_days_are_of_every_kind(case):
+    assert sorted(np.asarray(case.loop(24, 1)["backlash"]))[:3] == pytest.approx([0.0, 0.0, 0.0], abs=0.01)
+    assert np.count_nonzero(np.asarray(case.loop(24, 1)["backlash"]) == 0.0) == 2
+    cooling = tuning.Case("lbnl", heating=False)
+    assert kinds.HEATING not in cooling.kinds
+    assert cooling.days([1, 2]).n_days == 2 * len(cooling.kinds)
+    fresh, search = (set(cooling.days(seeds).day) for seeds in (tuning.FRESH_DAYS, tuning.SEARCH_DAYS))
+    assert not fresh & search
+
+
+@pytest.mark.full
+def test_every_row_is_what_a_simulation_of_that_tuning_gives(case, written, monkeypatch):
+    monkeypatch.setattr(tuning, "CASES", (case,))
+    found = {}
+    monkeypatch.setattr(tuning, "tuned", lambda of, real=tuning.tuned: found.setdefault(of, real(of)))
+    tuning.main()
+    pi, inverse = found[case]
+    _, (head, *rows) = written("tuning")
+    fresh = case.loop(5, 2)
+    days = kinds.of_kind(kinds.HEATING, tuning.FRESH_DAYS)
+    loops = {
+        tuning.OWN: fresh,
+        tuning.PI: fresh.assign(**pi.parameters),
+        tuning.INVERSE: fresh.assign(estimate_ratio=0.95, **inverse.parameters),
+    }
+    assert [row[1] for row in rows] == [tuning.OWN, tuning.SIMC, tuning.BEST, tuning.PI, tuning.INVERSE]
+    for name, loop in loops.items():
+        (row,) = [dict(zip(head, cells, strict=True)) for cells in rows if cells[1] == name]
+        ds = fc.simulate(loop, days, n_jobs=1)
+        worst = np.sort(ds.rmse.values.ravel())[int(np.ceil(0.95 * ds.rmse.size - 1e-9)) - 1]
+        assert row["RMSE, 95 % quantile, K"].startswith(f"{worst:.3f} (")
+        assert row["hunting"].startswith(f"{100 * float(ds.hunts.mean()):.0f} %")
+    _, (_, kind_row) = written("tuning_kinds")
+    both = [fc.simulate(loop, days, n_jobs=1).rmse.values for loop in (fresh, loops[tuning.PI])]
+    assert kind_row[-2].startswith(f"{100 * (both[1] / both[0] - 1).mean():+.0f} %")
+    assert inverse.limits[0].most == pi.limits[0].most, "the inverse travels no more than the plain preset"
