@@ -112,15 +112,18 @@ def unknown(columns: Columns) -> dict[str, Mask]:
 
 def too_smooth(columns: Columns, amplitude: Array, w: Array) -> Mask:
     """Whether the smooth compensation crosses the gap too slowly, at this cycle of u, to be taken for the inverse."""
-    is_smooth = (np.asarray(columns["compensation"]) == "smooth") & (np.asarray(columns["backlash_estimate"]) > 0.0)
+    is_smooth = (np.asarray(columns["compensation"]) == "smooth") & (_assumed(columns) > 0.0)
     rate = np.asarray(columns["smooth_rate"], float)
     return np.asarray(is_smooth & (amplitude * w < _SURE_OF_SMOOTH * rate))
 
 
 def _assumed(columns: Columns) -> Array:
     """The estimate that the compensation assumes, where nothing changes it."""
-    assumes = np.asarray(columns["estimate_share"], float) > 0.0
-    return np.where(assumes, np.asarray(columns["backlash_estimate"], float), 0.0)
+    ratio, x_bl, estimate, share = (
+        np.asarray(columns[name], float)
+        for name in ("estimate_ratio", "backlash", "backlash_estimate", "estimate_share")
+    )
+    return np.asarray(share * np.where(ratio >= 0.0, ratio * x_bl, estimate))
 
 
 def _buffer(columns: Columns) -> Array:

@@ -24,15 +24,7 @@ def margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
     """Margin of every loop on every day, at the mean conditions of the seconds that count."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of loops without a margin: an infinite one breaks every limit
-        return limit_cycle(_with_estimate(loop), mean_days(boundary, warm_up), at=0)[MARGIN].reset_coords(drop=True)
-
-
-def _with_estimate(loop: Loop) -> Loop:
-    """The loop with its estimate itself in place of ``estimate_ratio``, which theory does not read."""
-    ratio = loop["estimate_ratio"]
-    if ratio is None:
-        return loop
-    return loop.assign(backlash_estimate=xr.DataArray(ratio) * xr.DataArray(loop["backlash"]))
+        return limit_cycle(loop, mean_days(boundary, warm_up), at=0)[MARGIN].reset_coords(drop=True)
 
 
 def require_margins(loop: Loop) -> None:
