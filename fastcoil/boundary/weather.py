@@ -57,7 +57,8 @@ def weather_day(
     Parameters
     ----------
     path
-        The file.  EPW and TMY3 files are read as they are distributed; a value that they mark as missing is refused.
+        The file.  EPW and TMY3 files are read as they are distributed; a value that is needed and marked as missing is
+        refused.
     m_a, T_w_in, T_set
         Air flow [kg/s], entering water [degC] and set-point [degC]: numbers or series of 1-s samples.
     outdoor_fraction

@@ -25,8 +25,9 @@ from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import in_total
 from fastcoil.logs.table import Table
 
-_LARGEST = 2**30
-"""Bytes."""
+_LARGEST, _LONGEST_YEAR = 2**30, 2**28
+"""Bytes of any weather file, and letters of one in these formats: a year by minutes has half as many."""
+_LINE_END = re.compile("\r\n|\n|\r")
 _LONGEST_HEADER = 100
 """Lines among which DATA PERIODS is sought; an EPW file has eight."""
 _DAYS = (31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31)
@@ -35,8 +36,8 @@ _DAYS = (31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31)
 class Field(NamedTuple):
     """A field of a format.
 
-    name: in the format's documents.  cell: its place in a row, from 0.  missing: this value and those beyond it, away from
-    zero, stand for a missing one.
+    name: in the format's documents.  cell: its place in a row, from 0.  missing: this value and those beyond it, away
+    from zero, stand for a missing one.
     """
 
     name: str
@@ -96,15 +97,19 @@ def read_weather_year(
         If it cannot be read, a value is missing or bad, or its rows do not follow each other in one calendar year.
     """
     text = read_text(path, "an EPW, TMY3 or CSV file", _LARGEST, utf_16=True, latin_1=True)
-    lines = re.split("\r\n|\n|\r", text)
-    layout = _layout_of(path.name, lines)
-    if layout is None:
+    if not _is_epw(first := _LINE_END.split(text, maxsplit=2)) and not _is_tmy3(first):
         return None
+    if len(text) > _LONGEST_YEAR:
+        raise InputError(f"{path.name} has {len(text):,} letters: give one year, of {_LONGEST_YEAR:,} letters at most")
+    lines = _LINE_END.split(text)
+    layout = _epw_layout(path.name, lines) if _is_epw(lines) else _tmy3_layout(path.name, lines)
     if columns or units:
         raise InputError(f"columns, units: {path.name} is {layout.format}, which has its own: leave them out")
     fields = {name: field for name, field in layout.fields.items() if name != "p" or pressure is None}
-    numbered = [(i, line.split(",")) for i, line in enumerate(lines, start=1) if line.strip() and i > layout.n_top]
     width = 1 + max(*layout.date, *(field.cell for field in fields.values()))
+    numbered = [
+        (i, line.split(",", width)[:width]) for i, line in enumerate(lines, 1) if i > layout.n_top and line.strip()
+    ]
     for i, row in numbered:
         if len(row) < width:
             raise InputError(
@@ -129,12 +134,12 @@ def read_weather_year(
     return Weather(times | series, 60 // layout.per_hour, table.notes, layout.site)
 
 
-def _layout_of(file: str, lines: Sequence[str]) -> Layout | None:
-    """The layout of a file, by its first two lines; None if it is in neither format."""
-    if lines[0].upper().startswith("LOCATION,"):
-        return _epw_layout(file, lines)
-    header = [cell.strip() for cell in lines[1].split(",")] if len(lines) > 1 else []
-    return _tmy3_layout(file, lines[0], header) if tuple(header[:2]) == _TMY3_DATE else None
+def _is_epw(lines: Sequence[str]) -> bool:
+    return lines[0].upper().startswith("LOCATION,")
+
+
+def _is_tmy3(lines: Sequence[str]) -> bool:
+    return len(lines) > 1 and tuple(cell.strip() for cell in lines[1].split(",")[:2]) == _TMY3_DATE
 
 
 def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
@@ -154,7 +159,8 @@ def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
     raise InputError(f"{file} begins as an EPW file, but has no line DATA PERIODS: give all eight lines of its header")
 
 
-def _tmy3_layout(file: str, station: str, header: Sequence[str]) -> Layout:
+def _tmy3_layout(file: str, lines: Sequence[str]) -> Layout:
+    header = [cell.strip() for cell in lines[1].split(",")]
     absent = [label for label, _ in _TMY3_HEADERS.values() if label not in header]
     if absent:
         raise InputError(f"{file} begins as a TMY3 file, but has no column {', '.join(absent)}: give the whole file")
@@ -162,9 +168,9 @@ def _tmy3_layout(file: str, station: str, header: Sequence[str]) -> Layout:
         name: Field(label, header.index(label), unit, _TMY3_MISSING) for name, (label, unit) in _TMY3_HEADERS.items()
     }
     try:
-        cells = next(csv.reader([station]), [])
+        cells = next(csv.reader(lines[:1]), [])
     except csv.Error:
-        cells = station.split(",")
+        cells = lines[0].split(",")
     return Layout("a TMY3 file", _site(cells[1:3]), 2, 1, (0, 1), _TMY3_CLOCK, fields)
 
 
@@ -185,7 +191,8 @@ def _times_of(table: Table, layout: Layout, written: Sequence[str]) -> dict[str,
         m, d, h = map(int, match.groups()) if match else (0, 0, 0)
         if not (1 <= m <= 12 and 1 <= d <= _DAYS[m - 1] and 1 <= h <= 24):
             table.problems.append(
-                f"row {table.row_numbers[k]} has the date and hour {shown(text)}: give month, day and a full hour from 1 to 24"
+                f"row {table.row_numbers[k]} has the date and hour {shown(text)}: give month, day and a full hour "
+                "from 1 to 24"
             )
             table.stop_if_wrong()
         dates[k] = m, d, h
