@@ -49,8 +49,8 @@ def test_a_row_holds_at_the_full_hour_that_ends_its_interval_with_the_humidity_o
     series = day_of(put(form(JUNE)), month=6, day=15, hour=23, hours=3).series
     for k, row in enumerate(JUNE[46:49]):  # hours 23 and 24, and hour 1 of the next day
         assert series["T_a_in"][0, 3600 * k : 3600 * k + 1] == pytest.approx([row["T"]], abs=1e-9)
-        expected = psychrolib.GetHumRatioFromTDewPoint(row["T_dew"], row["p"])
-        assert series["W_a_in"][0, 3600 * k] == pytest.approx(expected, rel=2e-5)
+        p_w = psychrolib.GetSatVapPres(row["T_dew"])
+        assert series["W_a_in"][0, 3600 * k] == pytest.approx(0.621945 * p_w / (row["p"] - p_w), rel=2e-5)
 
 
 def test_a_study_file_takes_them_too(put):
@@ -89,6 +89,8 @@ def test_letters_of_another_code_page_line_ends_of_windows_and_quotes_in_remarks
     lines[5] = 'COMMENTS 1,"Custom – a quote that nothing ends…'
     plain = day_of(put(epw(JUNE)), month=6, day=15, hour=10)
     assert day_of(put(lines, "cp1252", "\r\n"), month=6, day=15, hour=10) == plain
+    lines[13] = lines[13].replace(f",{JUNE[5]['T']},", ",99.9,")
+    assert "missing, '99.9', in row 14" in only_problem(day_of, put(lines, "cp1252", "\r\n"), start_hour=3970)
 
 
 @pytest.mark.parametrize(("form", "missing"), [(epw, "99.9"), (tmy3, "-9900.0")])
@@ -100,8 +102,8 @@ def test_where_only_the_dew_point_has_gaps_the_relative_humidity_serves(put, psy
     ):
         day = weather_day(put(form(rows)), month=6, day=15, hour=10, **OUTDOORS)
     row = JUNE[33]
-    expected = psychrolib.GetHumRatioFromRelHum(row["T"], row["RH"] / 100, row["p"])
-    assert day.series["W_a_in"][0, 0] == pytest.approx(expected, rel=2e-5)
+    p_w = psychrolib.GetSatVapPres(row["T"]) * row["RH"] / 100
+    assert day.series["W_a_in"][0, 0] == pytest.approx(0.621945 * p_w / (row["p"] - p_w), rel=2e-5)
 
 
 @pytest.mark.parametrize(
