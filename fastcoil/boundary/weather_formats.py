@@ -78,7 +78,7 @@ _TMY3_HEADERS = {
     "p": ("Pressure (mbar)", "hPa"),
 }
 _TMY3_MISSING = -99.0
-"""-9900 in the manual; no reading is as low as -99."""
+"""Files mark a missing reading with -9900; no reading is as low as -99."""
 
 
 def read_weather_year(
