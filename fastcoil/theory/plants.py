@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS
-from fastcoil.engine.small_step import CONDITIONS, FEW, STEADY, F, find_rest, respond, rest_curve
+from fastcoil.engine.small_step import CONDITIONS, FEW, STEADY, find_rest, respond, rest_curve
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.theory.response import Complex, sampled, transform
 

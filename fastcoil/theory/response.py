@@ -57,7 +57,8 @@ def sampled(response: Array, tau: Array, period: int, w: Array) -> Complex:
     weight = (1.0 - decay) * decay ** np.arange(period - 1, -1, -1)
     shown = np.einsum("nkp,np->nk", seconds, weight)
     found: Complex = transform(shown, w * period, ratio[:, 0] ** period)
-    return found / (1.0 - decay**period * np.exp(-1j * w * period))
+    found /= 1.0 - decay**period * np.exp(-1j * w * period)
+    return found
 
 
 def sensed_by(response: Array, tau: Array, longer: int) -> Array:
