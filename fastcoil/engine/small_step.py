@@ -4,6 +4,8 @@ The march is that of the emulator, with one addition.  Eq (3) gives a control vo
 it is dry, at the same state.  So a volume at its dew point may have no state of rest: it changes between wet and dry
 every few seconds.  Here such a volume is wet to the share that keeps it in between.  Every other volume is as in the
 emulator, to the bit.
+
+What a lane does never depends on the others in its block: each has its own end, and stands still behind it.
 """
 
 from __future__ import annotations
@@ -42,6 +44,10 @@ _JUMPED = 1e-4
 """Distance from the set-point, K, at an opening that ought to hold it."""
 _LEAST_FLOW = 1e-12
 """kW/K; without water flow its temperature does not matter."""
+FEW = 60
+"""Steps over which the ratio of successive changes is taken, behind the end of a response."""
+SLOWEST = 0.99999
+"""Largest such ratio: a time constant of a day."""
 
 
 @section
@@ -67,7 +73,8 @@ def march_air_each(S, V, n_volumes, lagged_air, entering, hurries):
     """Eq (3) for air and metal as in ``march_air``, but for volumes at their dew point, see the file's docstring.
 
     The band is two changes of T_c wide, by one second of being wet: the emulator's own grain.
-    hurries: on the way to rest, with the largest step that cannot overshoot in place of a second.
+    hurries: on the way to rest, with the largest step that cannot overshoot in place of a second; lanes without a time
+    step of the water stand still.
     """
     for j in range(LANES):
         S[R.wet_volumes + j] = 0.0
@@ -100,6 +107,7 @@ def march_air_each(S, V, n_volumes, lagged_air, entering, hurries):
                 G_a = m_a * (G_wet if G_wet > G_dry else G_dry)
                 is_near = abs(W_in - W_s) < _NEAR * _SATURATION_SLOPE * W_s
                 dt_C_c = 1.0 / (S[R.G_w + j] + G_a + (jump / band if is_near else 0.0))
+                dt_C_c = 0.0 if S[R.dt_C_w + j] == 0.0 else dt_C_c
             T_next = metal(T_c, Q_a, Q_w, dt_C_c)
             change = abs(T_next - T_c)
             farthest = S[R.farthest_T_c + j]
@@ -118,21 +126,27 @@ def small_steps(opening):
 
 
 @section
-def settle(S, V, n_volumes, leaks, entering, openings):
-    """Bring every coil to rest at an opening, (LANES,).  The heat capacities do not matter for where that is."""
+def settle(S, V, n_volumes, leaks, entering, openings, rests):
+    """Bring every coil to rest at an opening, (LANES,).  The heat capacities do not matter for where that is.
+
+    rests: (LANES,), coils that are left as they are.
+    """
     for j in range(LANES):
         S[R.opening + j] = openings[j]
     deliver(S, leaks)
     for j in range(LANES):
-        S[R.dt_C_w + j] = 1.0 / (S[R.C_flow + j] if S[R.C_flow + j] > _LEAST_FLOW else _LEAST_FLOW)
+        C_flow = S[R.C_flow + j] if S[R.C_flow + j] > _LEAST_FLOW else _LEAST_FLOW
+        S[R.dt_C_w + j] = 0.0 if rests[j] else 1.0 / C_flow
     for _ in range(_MOST_SWEEPS):
         enter_each(V, n_volumes, entering)
         march_water(S, V, n_volumes)
         march_air_each(S, V, n_volumes, False, entering, True)
-        farthest = 0.0
+        # one sweep more after the last, so that the air is that of the coil as it stands
+        all_rest = True
         for j in range(LANES):
-            farthest = max(farthest, S[R.farthest_T_c + j])
-        if not farthest > _SETTLED:
+            all_rest &= S[R.dt_C_w + j] == 0.0
+            S[R.dt_C_w + j] = S[R.dt_C_w + j] if S[R.farthest_T_c + j] > _SETTLED else 0.0
+        if all_rest:
             break
 
 
@@ -153,10 +167,11 @@ def find_rest(rows, common, entering, T_set, S, V, found):
 
     low, high, openings = np.zeros(LANES), np.ones(LANES), np.zeros(LANES)
     e_low, e_high, direction = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    settle(S, V, n_volumes, common.leaks, entering, low)
+    nowhere, is_found = np.zeros(LANES, np.bool_), np.zeros(LANES, np.bool_)
+    settle(S, V, n_volumes, common.leaks, entering, low, nowhere)
     for j in range(LANES):
         e_low[j] = supply[j] - T_set[j]
-    settle(S, V, n_volumes, common.leaks, entering, high)
+    settle(S, V, n_volumes, common.leaks, entering, high, nowhere)
     for j in range(LANES):
         e_high[j] = supply[j] - T_set[j]
         e_low[j] = 0.0 if abs(e_low[j]) < _FOUND else e_low[j]
@@ -166,19 +181,19 @@ def find_rest(rows, common, entering, T_set, S, V, found):
         e_high[j] *= direction[j]
         found[F.nearest, j] = 0.0 if e_low[j] <= 0.0 <= e_high[j] and e_low[j] < e_high[j] else 1.0
         openings[j] = 1.0 if e_high[j] < 0.0 else 0.0
+        is_found[j] = found[F.nearest, j] != 0.0
 
     for k in range(_MOST_OPENINGS):
         for j in range(LANES):
-            if found[F.nearest, j] == 0.0:
+            if not is_found[j]:
                 # the secant, and every third time the middle, so that the bracket shrinks whatever the curve
                 share = 0.5 if k % 3 == 2 else -e_low[j] / (e_high[j] - e_low[j])
                 openings[j] = low[j] + share * (high[j] - low[j])
-        settle(S, V, n_volumes, common.leaks, entering, openings)
-        farthest = 0.0
+        settle(S, V, n_volumes, common.leaks, entering, openings, is_found)
         for j in range(LANES):
-            if found[F.nearest, j] == 0.0:
+            if not is_found[j]:
                 e = direction[j] * (supply[j] - T_set[j])
-                farthest = max(farthest, abs(e) if high[j] - low[j] > _FOUND * _FOUND else 0.0)
+                is_found[j] = abs(e) < _FOUND or high[j] - low[j] <= _FOUND * _FOUND
                 if e <= 0.0:
                     low[j] = openings[j]
                     e_low[j] = e
@@ -187,18 +202,18 @@ def find_rest(rows, common, entering, T_set, S, V, found):
                     e_high[j] = e
                 if e == 0.0:
                     e_low[j] -= _FOUND * _FOUND
-        if farthest < _FOUND:
+        if is_found.all():
             break
     for j in range(LANES):
         found[F.opening, j] = openings[j]
         low[j], high[j] = small_steps(openings[j])
-    settle(S, V, n_volumes, common.leaks, entering, low)
+    settle(S, V, n_volumes, common.leaks, entering, low, nowhere)
     for j in range(LANES):
         found[F.T_stepped, j] = supply[j]
-    settle(S, V, n_volumes, common.leaks, entering, high)
+    settle(S, V, n_volumes, common.leaks, entering, high, nowhere)
     for j in range(LANES):
         found[F.gain, j] = (supply[j] - found[F.T_stepped, j]) / (high[j] - low[j])
-    settle(S, V, n_volumes, common.leaks, entering, openings)
+    settle(S, V, n_volumes, common.leaks, entering, openings, nowhere)
     for j in range(LANES):
         if found[F.nearest, j] == 0.0 and abs(supply[j] - T_set[j]) > _JUMPED:
             found[F.nearest, j] = 1.0
@@ -209,12 +224,12 @@ def find_rest(rows, common, entering, T_set, S, V, found):
 
 
 @kernel
-def respond(rows, common, entering, found, at_rest, S, V, tolerance, response):
+def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, ends):
     """Answer of T_sup to a small step of the opening, K per unit opening.
 
     found, at_rest: of ``find_rest``, its V.  response: out, (n_steps, LANES), seconds 1 to n_steps after the step.
-    Once all lanes are within ``tolerance`` (fraction of their gain) of where they end, the rest is that end.  Returns
-    the second from which that is so.
+    ends: out, (LANES,), the second from which a lane stays within ``tolerance`` (fraction of its gain) of where it
+    ends.  From there on its changes are a geometric series.  n_steps, if fewer than FEW + 1 seconds are left for that.
     """
     n_volumes, n_steps = common.n_volumes, response.shape[0]
     derive(S, rows, n_volumes)
@@ -230,36 +245,40 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response):
     for j in range(LANES):
         S[R.opening + j] = first[j]
     deliver(S, common.leaks)
-    end = n_steps
+    ends[:] = 2
     for t in range(n_steps):
         enter_each(V, n_volumes, entering)
         march_water(S, V, n_volumes)
         march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
-        settled = True
         for j in range(LANES):
             response[t, j] = supply[j]
             change = found[F.T_stepped, j] - found[F.T_sup, j]
             left = abs(found[F.T_stepped, j] - supply[j])
-            settled &= left <= tolerance * abs(change) + _FOUND or found[F.gain, j] != found[F.gain, j]
-        if settled:
-            end = t + 1
-            break
+            ends[j] = t + 2 if left > tolerance * abs(change) + _FOUND else ends[j]
 
     V[:] = at_rest
     for j in range(LANES):
         S[R.opening + j] = second[j]
     deliver(S, common.leaks)
-    for t in range(end):
+    for t in range(n_steps):
         enter_each(V, n_volumes, entering)
         march_water(S, V, n_volumes)
         march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
         for j in range(LANES):
             response[t, j] = (response[t, j] - supply[j]) / (first[j] - second[j])
             response[t, j] = response[t, j] if found[F.gain, j] == found[F.gain, j] else np.nan
-    for t in range(end, n_steps):
-        for j in range(LANES):
-            response[t, j] = found[F.gain, j]
-    return end
+    for j in range(LANES):
+        ends[j] = ends[j] if found[F.gain, j] == found[F.gain, j] else 2
+        ends[j] = ends[j] if ends[j] + FEW + 1 <= n_steps else n_steps
+        end = ends[j]
+        few = FEW if FEW < end - 1 else end - 1
+        before = response[end - few - 1, j] - (response[end - few - 2, j] if end - few > 1 else 0.0)
+        change, ratio = response[end - 1, j] - response[end - 2, j], 0.0
+        if end < n_steps and change * before > 0.0:
+            ratio = min((change / before) ** (1.0 / few), SLOWEST)
+        for t in range(end, n_steps):
+            change *= ratio
+            response[t, j] = response[t - 1, j] + change
 
 
 @kernel
@@ -271,9 +290,9 @@ def rest_curve(rows, common, entering, openings, S, V, T_sup):
     reset_sums(S, True)
     fill_coil(S, V, n_volumes, 0.0)
     air_side_each(S, entering)
-    everywhere = np.empty(LANES)
+    everywhere, nowhere = np.empty(LANES), np.zeros(LANES, np.bool_)
     for k in range(openings.size):
         everywhere[:] = openings[k]
-        settle(S, V, n_volumes, common.leaks, entering, everywhere)
+        settle(S, V, n_volumes, common.leaks, entering, everywhere, nowhere)
         for j in range(LANES):
             T_sup[k, j] = V[VOLUME_STRIDE + T_A + j]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from fastcoil.arrays import Array, Index, Mask
 from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS
-from fastcoil.engine.small_step import CONDITIONS, STEADY, F, find_rest, respond, rest_curve
+from fastcoil.engine.small_step import CONDITIONS, FEW, STEADY, find_rest, respond, rest_curve
 from fastcoil.parameter_table import PARAMETERS
-from fastcoil.theory.response import Complex, sensed_by, transform
+from fastcoil.theory.response import Complex, sampled, transform
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -25,7 +25,7 @@ LONGEST = 3600
 OPENINGS = np.linspace(0.0, 1.0, 17)
 """Openings of the curve of T_sup."""
 _TOLERANCE = 1e-4
-"""A response ends when it is this near to its end, as a fraction of the gain."""
+"""From where it stays this near to its end, as a fraction of the gain, a response is a geometric series."""
 
 
 class Plants(NamedTuple):
@@ -145,8 +145,7 @@ def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, 
     P = np.empty((first.size, w.size), complex)
     for period in np.unique(kinds[1]):
         of_period = np.flatnonzero(kinds[1] == period)
-        sensed = sensed_by(plants.response[first[of_period]], kinds[2, of_period], 2 * int(period))
-        P[of_period] = transform(sensed[:, int(period) - 1 :: int(period)], w * period)
+        P[of_period] = sampled(plants.response[first[of_period]], kinds[2, of_period], int(period), w)
     return P, which.ravel()
 
 
@@ -173,21 +172,19 @@ def _distinct(*parts: Array) -> tuple[Index, Index]:
 def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array, Array]:
     """What STEADY names, (len(STEADY), n), the responses, (n, n_steps), and T_sup at the OPENINGS, (n, 17)."""
     n = T_set.size
-    found, parts, n_steps = np.empty((len(STEADY), n)), [], 1
+    found, whole, n_steps = np.empty((len(STEADY), n)), np.empty((n, LONGEST)), 1
     curve, of_curve = np.empty((n, OPENINGS.size)), np.empty((OPENINGS.size, LANES))
     for members, block in blocks(matrix):
         padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
         S, V, _ = work_space(block)
         of_block, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
         find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, of_block)
-        response = np.empty((LONGEST, LANES))
-        end = respond(block.rows, block.common, of_lanes, of_block, V.copy(), S, V, _TOLERANCE, response)
+        response, ends = np.empty((LONGEST, LANES)), np.empty(LANES, np.int64)
+        respond(block.rows, block.common, of_lanes, of_block, V.copy(), S, V, _TOLERANCE, response, ends)
         rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, of_curve)
         curve[members] = of_curve[:, : members.size].T
         found[:, members] = of_block[:, : members.size]
-        parts.append((members, response[:end, : members.size].T.copy()))
-        n_steps = max(n_steps, end)
-    whole = np.repeat(found[F.gain][:, None], n_steps, axis=1)
-    for members, of_members in parts:
-        whole[members, : of_members.shape[1]] = of_members
-    return found, whole, curve
+        whole[members] = response[:, : members.size].T
+        n_steps = max(n_steps, int(ends.max()))
+    # the series shows its ratio, however many other responses are longer
+    return found, whole[:, : n_steps + FEW + 1], curve

@@ -121,7 +121,7 @@ from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.engine.linear_map import linearise_step
 from fastcoil.engine.replay_loop import run_replay
 from fastcoil.engine.rows import LANES
-from fastcoil.engine.small_step import STEADY, find_rest, respond, rest_curve
+from fastcoil.engine.small_step import FEW, STEADY, find_rest, respond, rest_curve
 from fastcoil.engine.valve_loop import valve_flows
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.scenarios import columns_of
@@ -156,7 +156,10 @@ S, V, _ = work_space(block)
 found, entering = np.empty((len(STEADY), LANES)), np.tile([[1.0], [25.0], [0.01], [7.0]], LANES)
 find_rest(block.rows, block.common, entering, np.full(LANES, 50.0), S, V, found)
 at_rest, curve = V.copy(), np.empty((1, LANES))
-assert respond(block.rows, block.common, entering, found, at_rest, S, V, 0.0, np.empty((2, LANES))) == 2
+for n_steps in (2, FEW + 3):
+    response, ends = np.empty((n_steps, LANES)), np.empty(LANES, np.int64)
+    respond(block.rows, block.common, entering, found, at_rest, S, V, 1.0, response, ends)
+    assert (ends == 2).all()
 linearise_step(block.rows, block.common, entering, found, at_rest, S, V, np.empty((4, 4, LANES)), curve.repeat(4, 0))
 rest_curve(block.rows, block.common, entering, np.array([0.5]), S, V, curve)
 print("within bounds")

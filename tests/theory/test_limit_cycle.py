@@ -12,7 +12,7 @@ HOURS, STEP_AT = 9, 3600
 
 
 def day(hours=HOURS):
-    T_set = np.full(hours * 3600, 14.0)
+    T_set = np.full(int(hours * 3600), 14.0)
     T_set[:STEP_AT] = 15.0
     return fc.constant_day(hours=hours, T_set=T_set)
 
@@ -79,6 +79,27 @@ def test_dims_are_those_of_loop_day_and_seconds():
     loop, days = LOOP.assign(ti=[8.0, 60.0]), fc.paper_day(hours=1, seed=[1, 2, 3])
     assert fc.limit_cycle(loop, days).sizes == {"ti": 2, "day": 3}
     assert fc.limit_cycle(loop, days, at=[10, 3000]).sizes == {"ti": 2, "day": 3, "elapsed_time": 2}
+
+
+@pytest.mark.kernel
+def test_a_loop_alone_is_what_it_is_among_strangers():
+    """The plant to the bit, the rest but for the order in which numbers are added up."""
+    rng, n = np.random.default_rng(4), 40
+    swept = {
+        "sample_time": rng.choice([1, 2, 7, 30], n), "sensor_time_constant": rng.choice([0.0, 3.0, 47.0, 200.0], n),
+        "C_w": rng.uniform(60.0, 600.0, n), "m_max": rng.uniform(1.0, 3.0, n), "kp": rng.uniform(0.01, 0.4, n),
+        "backlash": rng.choice([0.0, 0.02, 0.2], n),
+    }  # fmt: skip
+    loop, here = LOOP.assign(**{name: ("stranger", values) for name, values in swept.items()}), day(1.5)
+    strangers, plants = fc.limit_cycle(loop, here), fc.linearise(loop, here)
+    assert 8 < strangers.hunts.sum() < 32
+    for k in range(0, n, 8):
+        one = LOOP.assign(**{name: values[k].item() for name, values in swept.items()})
+        alone, plant = fc.limit_cycle(one, here), fc.linearise(one, here)
+        for name in alone:
+            np.testing.assert_allclose(strangers[name][k], alone[name], rtol=1e-9, err_msg=f"{name} of {k}")
+        for name in ("opening", "T_sup", "gain"):
+            assert plants[name][k] == plant[name]
 
 
 UNTOLD = {
