@@ -72,8 +72,8 @@ def cycles_of(columns: Columns, plants: Plants) -> Cycles:
     periods = np.asarray(columns["sample_time"], float)
     told = ~np.any(list(unknown(columns).values()), axis=0) & np.isfinite(plants.gain)
     found = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
-    # where no opening holds the set-point, or the valve acts the wrong way round, it stands at its end
-    acts = plants.reachable & (driven_gain(columns, plants) > 0.0)
+    # where no opening holds the set-point, or the loop acts the wrong way round or not at all, the valve stands
+    acts = plants.reachable & (driven_gain(columns, plants) > 0.0) & (np.asarray(columns["kp"], float) > 0.0)
     found.margin[told & ~acts], found.hunts[told & ~acts] = 0.0, 0.0
     for period in np.unique(periods):
         members = np.flatnonzero(told & acts & (periods == period))

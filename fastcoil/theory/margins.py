@@ -76,7 +76,9 @@ def _at_180(L: Complex, w: Array) -> tuple[Array, Array]:
 
 def _phase_left(L: Complex) -> Array:
     """Least phase margin over the frequencies at which |L| = 1, degrees."""
-    log_size, phase = np.log(np.abs(L)), np.unwrap(np.angle(L), axis=1)
+    with np.errstate(divide="ignore"):  # a loop with kp = 0 has a size of 0 and no margin
+        log_size = np.log(np.abs(L))
+    phase = np.unwrap(np.angle(L), axis=1)
     before, after = log_size[:, :-1], log_size[:, 1:]
     crosses = before * after <= 0.0
     with np.errstate(divide="ignore", invalid="ignore"):
