@@ -85,7 +85,7 @@ def test_a_loop_that_is_unstable_from_one_sample_to_the_next_hunts():
     assert bool(seen.hunts.all())
     np.testing.assert_array_equal(told.hunts, seen.hunts)
     np.testing.assert_allclose(told.period, seen.hunting_period, rtol=0.02)
-    np.testing.assert_allclose(2.0 * told.amplitude, seen.hunting_swing, rtol=0.5)
+    np.testing.assert_allclose(2.0 * told.amplitude, seen.hunting_swing, rtol=0.7)
 
 
 @pytest.mark.kernel
