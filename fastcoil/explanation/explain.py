@@ -61,7 +61,7 @@ def explain(
     Examples
     --------
     >>> import fastcoil as fc
-    >>> print(fc.explain(fc.Loop.preset("lbnl").assign(ti=5), fc.paper_day()))  # doctest: +SKIP
+    >>> fc.explain(fc.Loop.preset("lbnl").assign(ti=5), fc.paper_day()).why  # doctest: +SKIP
     """
     with checking() as check:
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
