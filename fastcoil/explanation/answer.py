@@ -86,6 +86,13 @@ def per_cent(value: float) -> str:
 
 
 def _why_quiet(found: Found, told: Told) -> str:
+    """Of a loop that theory expects no cycle of, or none that counts."""
+    if told.too_large:
+        safe = number(found.value("kp") * told.distance.kp_factor)
+        return (
+            f"Why: its margin is {told.foretold.margin:.2g}: a loop hunts above {HUNTS_ABOVE:g}, so kp "
+            f"has to be below {safe} 1/K with this ti.  Theory finds no swing that counts: go by the simulation."
+        )
     ways = []
     if math.isfinite(told.distance.kp_factor):
         ways.append(f"with {told.distance.kp_factor:.3g} times this kp")

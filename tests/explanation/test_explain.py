@@ -126,6 +126,14 @@ def test_a_swing_that_only_a_slow_motor_keeps_up_is_not_blamed_on_gains_that_are
     assert "whatever the size of the backlash" not in found.text
 
 
+def test_a_margin_that_is_too_large_is_never_told_as_room_for_a_larger_kp():
+    loop = LBNL.assign(kp=0.54, ti=2.58, sample_time=300, stroke_time=300.0, n_volumes=1, backlash=0.0)
+    found = explain(loop.assign(authority=0.01, rangeability=50.0, m_full=1.6), DAY)
+    assert found.margin > 100.0
+    assert "times this kp" not in found.why
+    assert "kp has to be below 0.00" in found.why or "the gain is too high" in found.why
+
+
 def test_a_valve_that_acts_the_wrong_way_round_is_told_so_and_not_how_far_it_is_from_hunting():
     found = explain(LBNL.assign(action="heating"), DAY)
     assert "opening it cools the air, so give action = cooling." in found.why
