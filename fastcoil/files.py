@@ -40,7 +40,7 @@ class IrregularError(ValueError):
     """A pipe, a device or a socket stands where a file is expected: it may never end, or never begin."""
 
 
-def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False) -> str:
+def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_1: bool = False) -> str:
     """Read a text file that a user names: UTF-8, with or without byte order mark; line ends are kept.
 
     Parameters
@@ -51,6 +51,8 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False) -> str
         What to give if this file cannot be used, such as ``"a CSV file"``.
     utf_16
         Whether it may be UTF-16 instead, with a byte order mark.
+    latin_1
+        Whether it is read as Latin-1 where it is not UTF-8, because no letter beyond ASCII in it matters.
 
     Raises
     ------
@@ -63,6 +65,8 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False) -> str
         wide = utf_16 and data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         return data.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError as error:
+        if latin_1:
+            return data.decode("latin-1")
         format = "'CSV UTF-8'" if path.suffix.lower() == ".csv" else "UTF-8"  # as spreadsheets call it
         raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as {format}") from None
     except (TooLargeError, IrregularError) as error:

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
@@ -15,40 +15,14 @@ from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import condition_of, whole_seconds
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import Values
+from fastcoil.boundary.weather_files import read_weather_csv
+from fastcoil.boundary.weather_formats import read_weather_year
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.logs.arguments import require_mappings
-from fastcoil.logs.columns import asked_columns
 from fastcoil.logs.notes import warn_of_reading
-from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.seconds import MOST_SECONDS
-from fastcoil.logs.series import Series
-from fastcoil.logs.table import Table
-from fastcoil.logs.units import FRACTION, NUMBER, PRESSURE, TEMPERATURE
 from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_dew_point, mix
 
-
-class WeatherColumn(NamedTuple):
-    """A series of a weather file, its usual header, and the unit under that header."""
-
-    series: Series
-    header: str
-    unit: str
-
-
-WEATHER_COLUMNS = {
-    series.name: WeatherColumn(series, header, unit)
-    for series, header, unit in (
-        (Series("hour_of_year", "hour of the year", NUMBER, 1, 8784, whole=True), "hour_of_year", "1"),
-        (Series("month", "month", NUMBER, 1, 12, whole=True), "month", "1"),
-        (Series("day", "day of the month", NUMBER, 1, 31, whole=True), "day", "1"),
-        (Series("hour", "hour of the day", NUMBER, 0, 24, whole=True), "hour", "1"),
-        (Series("T_drybulb", "outdoor temperature", TEMPERATURE, -40.0, 60.0), "T_drybulb_C", "degC"),
-        (Series("T_dewpoint", "outdoor dew point", TEMPERATURE, -60.0, 50.0), "T_dewpoint_C", "degC"),
-        (Series("RH", "outdoor relative humidity", FRACTION, 0.0, 1.0), "RH_pct", "percent"),
-        (Series("p", "barometric pressure", PRESSURE, 50e3, 110e3), "p_Pa", "Pa"),
-    )
-}
-"""What a column of a weather file may be."""
 _DAYS_OF_A_YEAR = 366
 
 
@@ -74,12 +48,17 @@ def weather_day(
 ) -> Boundary:
     """Hourly weather, mixed with return air, as the air that enters the coil.
 
-    A row gives the values at the full hour it names (hour 1 is 01:00); between rows they run straight, and a warning
-    says what this cannot show.  The humidity comes from the dew point if the file has one, else from the relative
-    humidity.  The mixture keeps dry air, water and enthalpy.
+    The file is an EnergyPlus weather file (EPW), a TMY3 file or a CSV file of your own, told apart by what is in it.
+    A row gives the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows
+    an hour, the last one); between rows they run straight, and a warning says what this cannot show.  The humidity
+    comes from the dew point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and
+    enthalpy.  The years in EPW and TMY3 files, which change from month to month, do not count.
 
     Parameters
     ----------
+    path
+        The file.  EPW and TMY3 files are read as they are distributed; a value that is needed and marked as missing is
+        refused.
     m_a, T_w_in, T_set
         Air flow [kg/s], entering water [degC] and set-point [degC]: numbers or series of 1-s samples.
     outdoor_fraction
@@ -94,10 +73,10 @@ def weather_day(
     pressure
         Barometric pressure [Pa]; that of the file if left out, 101325 if it has none.
     columns, units
-        Headers and units that differ from `WEATHER_COLUMNS`.
+        Headers and units of a CSV file that differ from `WEATHER_COLUMNS`.
     """
     with checking() as check:
-        path = check(path_of, "path", path, "give the path of a CSV file")
+        path = check(path_of, "path", path, "give the path of an EPW, TMY3 or CSV file")
         n_steps = check(whole_seconds, hours)
         outdoor_fraction = check(condition_of, "outdoor_fraction", outdoor_fraction)
         T_return = check(condition_of, "T_return", T_return)
@@ -112,9 +91,9 @@ def weather_day(
         days = check.unless_none(_days_of, "days", days)
     if (RH_return is None) == (W_return is None):
         raise InputError("RH_return and W_return: give one of them")
-    table = Table.read(path)
-    weather = _weather(table, columns, units)
-    warn_of_reading(table.name, table.notes)
+    file = read_weather_year(path, columns, units, pressure) or read_weather_csv(path, columns, units)
+    warn_of_reading(path.name, file.notes)
+    weather = file.series
     p = weather.get("p", 101325.0) if pressure is None else pressure
     if "T_dewpoint" in weather:
         W_hourly = humidity_ratio_from_dew_point(weather["T_dewpoint"], p)
@@ -132,45 +111,15 @@ def weather_day(
     )
     W_back: Values = W_return if RH_return is None else humidity_ratio(T_return, RH_return, p_out)
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, T_return, W_back)
+    often, step = ("hourly", "an hour") if file.minutes == 60 else (f"{file.minutes}-min", f"{file.minutes} min")
+    site = f" of {shown(file.site)}" if file.site else ""
     warnings.warn(
-        "hourly weather is interpolated to 1 s: it says nothing about disturbances faster than an hour",
+        f"{often} weather{site} is interpolated to 1 s: it says nothing about disturbances faster than {step}",
         UserWarning,
         stacklevel=2,
     )
     rows = slice(None) if days is not None else 0
     return Boundary(m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=days)
-
-
-def _weather(table: Table, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> dict[str, Array]:
-    """The columns of a weather file, checked, by name."""
-    columns, units = dict(columns or {}), dict(units or {})
-    table.check_names("columns", columns, WEATHER_COLUMNS)
-    table.check_names("units", units, WEATHER_COLUMNS)
-    found = asked_columns(table, columns)
-    for name, usual in WEATHER_COLUMNS.items():
-        column = table.column(usual.header)
-        if name not in columns and column is not None:
-            found[name] = column
-            units.setdefault(name, usual.unit)
-    for name in ("hour_of_year", "T_drybulb"):
-        if name not in found and name not in columns:
-            header = WEATHER_COLUMNS[name].header
-            table.problems.append(f"{name} is missing: add a column {header!r}, or name one in columns")
-    if not {"T_dewpoint", "RH"} & {*found, *columns}:
-        table.problems.append("T_dewpoint and RH are both missing: add or name a column for one of them")
-    table.stop_if_wrong()
-    if "T_dewpoint" in found:
-        found.pop("RH", None)
-    weather = {
-        name: read_numbers(table, WEATHER_COLUMNS[name].series, column, units.get(name))
-        for name, column in found.items()
-    }
-    jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
-    if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
-        row = table.row_numbers[jump]
-        table.problems.append(f"hour_of_year does not rise by 1 from row {row} to the next: give every hour")
-    table.stop_if_wrong()
-    return weather
 
 
 def _start_hours(
@@ -208,8 +157,8 @@ def _start_hours(
             raise InputError(f"{file} has no column {', '.join(absent)}: name it, or give start_hour")
         rows = np.flatnonzero(np.all([weather[name] == value for name, value in date.items()], axis=0))
         if rows.size != 1:
-            shown = ", ".join(f"{name} {value}" for name, value in date.items())
-            raise InputError(f"{file} has {rows.size} rows for {shown}: give one of the file's own dates")
+            wanted = ", ".join(f"{name} {value}" for name, value in date.items())
+            raise InputError(f"{file} has {rows.size} rows for {wanted}: give one of the file's own dates")
         starts = [int(weather["hour_of_year"][rows[0]])]
     low, high = weather["hour_of_year"][[0, -1]]
     for start in starts:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).parents[1]
-KINDS = 12
+KINDS = 14
 """Of files and readers in ``helpers.text_fuzz``."""
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from helpers.fuzz_seeds import CELLS, FOREIGN, LOG, STUDIES, TIMED, VALUES, VALVE, WEATHER
+from helpers.weather_years import epw, hours_from, tmy3
 
 MEMORY = 2**30
 """Bytes that reading one file may take."""
@@ -206,6 +207,8 @@ def main(seed: int, count: int, folder: Path) -> None:
     of_valve = Wanted(needed=("command", "m_w"), measured=("m_w",))
     of_day = {"m_a": 1.0, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.3, "T_return": 24.0, "RH_return": 0.5}
 
+    year = hours_from(1, 1, 59)
+
     def include() -> object:
         paths["study.toml"].write_text('[loop]\ninclude = ["damaged.toml"]\n[boundary]\nhours = 1\n')
         return read_study(paths["study.toml"])
@@ -233,7 +236,10 @@ def main(seed: int, count: int, folder: Path) -> None:
         ("log, strict", LOG, "damaged.csv", log_token, csv(read_log, of_valve, **unit)),
         ("log, foreign", FOREIGN, "damaged.csv", foreign_token, csv(read_log, of_valve, **foreign)),
         ("joined", FOREIGN, "damaged.csv", foreign_token, join),
-        ("weather", WEATHER, "damaged.csv", log_token, csv(weather_day, **of_day, hours=2, start_hour=3)),
+        *(
+            (f"weather{form}", text, "damaged.csv", log_token, csv(weather_day, **of_day, hours=2, start_hour=3))
+            for form, text in (("", WEATHER), (", EPW", "\n".join(epw(year))), (", TMY3", "\n".join(tmy3(year))))
+        ),
     ]
     for _, text, name, _, read in kinds:  # whole files are read, and the libraries are there
         (folder / name).write_text(text, encoding="utf-8")
