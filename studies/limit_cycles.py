@@ -77,7 +77,7 @@ class Judged(NamedTuple):
         return cls(among, hunts, told, period, swing)
 
     def cells(self, some: xr.DataArray | None = None) -> list[str]:
-        """Failures first: missed, foretold in vain, then shares with their intervals."""
+        """Failures first: missed, false alarms, then shares with their intervals."""
         among = self.among if some is None else self.among & some
         both = among & self.hunts & self.foretold
         right = self.hunts == self.foretold
@@ -93,7 +93,7 @@ class Judged(NamedTuple):
         ]
 
 
-HEAD = ["missed", "foretold in vain", "cases", "hunt", "hunts or not: right", "period within 15 %",
+HEAD = ["missed", "false alarms", "cases", "hunt", "hunts or not: right", "period within 15 %",
         "peak to peak within × 1.5"]  # fmt: skip
 
 
@@ -236,7 +236,7 @@ def main() -> None:
     write_table(
         "limit_cycles_parts",
         "What each part of the theory earns, plain loops of cooling; heating",
-        ["what is reckoned with", *HEAD],
+        ["what theory counts", *HEAD],
         (
             [f"{part}; {name}", *Judged.of(case.seen, foretold_with(case.loop, case.days, of)).cells()]
             for part, of in PARTS.items()

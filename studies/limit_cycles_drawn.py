@@ -37,7 +37,7 @@ POPULATIONS = {
     "buffer": Population("inverse, estimate 30 to 100 %, buffer 0.2 to 1 %", (0.3, 1.0), (0.002, 0.01)),
     "additive": Population("additive compensation, 30 to 98 %", (0.3, 0.98), loop={"compensation": "additive"}),
     "smooth": Population("smooth compensation, 30 to 98 %", (0.3, 0.98), loop={"compensation": "smooth"}),
-    "noise": Population("noise 0.05 K, not reckoned with", loop={"noise_std": 0.05}),
+    "noise": Population("noise 0.05 K, which theory leaves out", loop={"noise_std": 0.05}),
 }
 
 

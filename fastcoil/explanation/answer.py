@@ -14,8 +14,6 @@ MINUTES = 120.0
 """Seconds from which a period is told in minutes."""
 _NOTHING = 5e-4
 """Temperature difference that nobody sees, K."""
-_LOST = 0.5
-"""Share of the time off the set-point from which a loop does not control."""
 
 
 def answer_of(found: Found) -> str:
@@ -23,10 +21,10 @@ def answer_of(found: Found) -> str:
     if found.failed:
         return "This loop cannot be simulated: temperatures leave the range of the model."
     if found.hunts:
-        sure = found.told is not None and found.told.foretold.hunts and not found.told.rings
+        sure = found.told is not None and found.told.too_large and found.told.foretold.hunts and not found.told.rings
         whatever = ", whatever the size of the backlash" if sure else ""
         return f"This loop will hunt: about {simulated(found)}{whatever}."
-    if float(found.now["share_off"]) > _LOST:
+    if found.lost and not found.needs_cure:
         error = kelvin(float(found.now["rmse"]))
         return f"This loop will not hunt, but it does not hold its set-point either: its RMS error is {error}."
     return _quiet(found)
@@ -54,6 +52,8 @@ def why_of(found: Found) -> str:
         return f"Why: theory cannot tell, since {'; '.join(found.doubts)}.  The answer is that of the simulation."
     if not found.told.foretold.hunts:
         return _why_quiet(found, found.told)
+    if not found.told.too_large:
+        return _why_kept_up(found, found.told)
     return f"Why: {_too_fast(found, found.told)} {_backlash(found, found.told)}"
 
 
@@ -86,6 +86,13 @@ def per_cent(value: float) -> str:
 
 
 def _why_quiet(found: Found, told: Told) -> str:
+    """Of a loop that theory expects no cycle of, or none that counts."""
+    if told.too_large:
+        safe = number(found.value("kp") * told.distance.kp_factor)
+        return (
+            f"Why: its margin is {told.foretold.margin:.2g}: a loop hunts above {HUNTS_ABOVE:g}, so kp "
+            f"has to be below {safe} 1/K with this ti.  Theory finds no swing that counts: go by the simulation."
+        )
     ways = []
     if math.isfinite(told.distance.kp_factor):
         ways.append(f"with {told.distance.kp_factor:.3g} times this kp")
@@ -93,6 +100,14 @@ def _why_quiet(found: Found, told: Told) -> str:
         ways.append(f"with a ti below {number(told.distance.ti)} s")
     far = f", and it would {', or '.join(ways)}" if ways else ""
     return f"Why: its margin is {told.foretold.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}{far}."
+
+
+def _why_kept_up(found: Found, told: Told) -> str:
+    """Of a loop that is calm by its margin, but not once it swings: the margin is that of swings up to 2 K."""
+    stroke = found.value("stroke_time")
+    motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
+    margin = f"its margin of {told.foretold.margin:.2g} is that of a small swing, and below {HUNTS_ABOVE:g}"
+    return f"Why: {motor}a large swing keeps itself up once it has begun, though a small one dies away ({margin})."
 
 
 def _too_fast(found: Found, told: Told) -> str:
@@ -106,8 +121,8 @@ def _too_fast(found: Found, told: Told) -> str:
             f"{found.with_cure('ti', longer):g} s {limit}."
         )
     return (
-        f"the gain is too high: kp = {kp:g} 1/K, while the loop stands {kp * told.distance.kp_factor:.2g} 1/K with "
-        f"this ti, and no ti is long enough for this kp {limit}."
+        f"the gain is too high: kp = {kp:g} 1/K, while it has to be below {kp * told.distance.kp_factor:.2g} 1/K with "
+        f"this ti, and for this kp no ti is long enough {limit}."
     )
 
 

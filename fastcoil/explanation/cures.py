@@ -43,7 +43,7 @@ class Distance(NamedTuple):
 
     kp_factor: kp could be that many times as large, below 1: it has to shrink to that, before the
     margin is that from which a loop hunts; infinite where it has none.
-    ti: shortest integral time with a margin of 0.8 at this kp, s; NaN if none has it.
+    ti: shortest integral time with a margin of 0.85 at this kp, s; NaN if none has it.
     """
 
     kp_factor: float

@@ -13,10 +13,20 @@ from fastcoil.theory.elements import unknown
 def why_not_linear(loop: Loop) -> tuple[str, ...]:
     """Why theory does not hold for a single loop, a clause each; empty where it does."""
     if loop["law"] == "pi" and float(loop["kp"]) <= 0.0:  # type: ignore[arg-type]
-        return (f"kp = {loop['kp']:g}: a gain above 0 closes the loop, this one does not",)
+        return (f"kp = {loop['kp']:g} does not control: a kp has to be above 0",)
     columns = columns_of(without_dead_band(loop), {}, np.zeros(1, dtype=np.int64))
     # behind the colon stands what to do about it in Python
     return tuple(reason.partition(":")[0] for reason, holds in unknown(columns).items() if holds.any())
+
+
+def acts_the_wrong_way(loop: Loop, foretold: Foretold) -> tuple[str, ...]:
+    """Where no opening does what the loop opens its valve for, a clause; empty elsewhere."""
+    gain = foretold.plants.gain[foretold.reached]
+    heats = loop["action"] == "heating"
+    if not gain.size or ((gain > 0.0) if heats else (gain < 0.0)).any():
+        return ()
+    does, other = ("cools", "cooling") if heats else ("warms", "heating")
+    return (f"the valve acts the wrong way round: opening it {does} the air, so give action = {other}",)
 
 
 def why_no_margin(foretold: Foretold) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from fastcoil.arguments import checking, instance_of, whole_of
 from fastcoil.arrays import Array
 from fastcoil.boundary import Boundary
 from fastcoil.explanation.cures import Cure, cures_of, distance, with_cures
-from fastcoil.explanation.doubts import left_out, why_no_margin, why_not_linear
+from fastcoil.explanation.doubts import acts_the_wrong_way, left_out, why_no_margin, why_not_linear
 from fastcoil.explanation.foretold import Foretold, cycles_at, foretell, gain_margin_without_backlash
 from fastcoil.explanation.found import Found, Told
 from fastcoil.explanation.hints import hints_of
@@ -76,6 +76,8 @@ def explain(
     foretold = foretell(loop, points) if not doubts else None
     if foretold is not None and foretold.worst < 0:
         doubts, foretold = why_no_margin(foretold), None
+    elif foretold is not None and (wrong := acts_the_wrong_way(loop, foretold)):
+        doubts, foretold = wrong, None
     tried = cures_of(loop, foretold)
     cures = _tried(loop, boundary, tried, foretold, warm_up, seed)
     swings = swings_at(points, boundary, cures.isel(cure=0))

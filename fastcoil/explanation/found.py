@@ -14,6 +14,10 @@ from fastcoil.explanation.phase import Response
 from fastcoil.explanation.trial import hunting
 from fastcoil.outputs import STATUS_OK
 from fastcoil.simulation.loop import Loop
+from fastcoil.theory.cycles import HUNTS_ABOVE
+
+_LOST = 0.5
+"""Share of the time off the set-point from which a loop does not control."""
 
 
 class Told(NamedTuple):
@@ -34,6 +38,11 @@ class Told(NamedTuple):
     def rings(self) -> bool:
         """Whether the loop would swing behind a perfect valve, too."""
         return self.gain_margin <= 1.0
+
+    @property
+    def too_large(self) -> bool:
+        """Whether the margin alone makes it hunt: a slow motor may keep a large swing up where it does not."""
+        return self.foretold.margin > HUNTS_ABOVE
 
     @property
     def unsure(self) -> bool:
@@ -93,6 +102,11 @@ class Found(NamedTuple):
     def hunts(self) -> bool:
         """Whether the simulated day hunts."""
         return bool(self.now["hunts"] > 0)
+
+    @property
+    def lost(self) -> bool:
+        """Whether it is off its set-point for most of the time."""
+        return bool(self.now["share_off"] > _LOST)
 
     @property
     def needs_cure(self) -> bool:

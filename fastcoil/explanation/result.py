@@ -26,7 +26,7 @@ class Explanation:
     foretold
         Whether the linear model foretells hunting at some operating point; None where it cannot tell.
     margin
-        Largest describing-function margin of the day; above 0.8 a loop hunts.  NaN where theory cannot tell.
+        Largest describing-function margin of the day; above 0.85 a loop hunts.  NaN where theory cannot tell.
     period, amplitude
         Of the foretold cycle at the worst operating point, s and K (half of peak to peak); NaN without.
     why

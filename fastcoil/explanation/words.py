@@ -122,6 +122,8 @@ def _honest(found: Found) -> list[str]:
             return []
         error, without = (kelvin(float(found.cures["rmse"][k])) for k in (0, repaired))
         size = per_cent(found.value("backlash"))
+        if error == without:
+            return []
         return [f"What the backlash of {size} costs anyway: RMSE {error} instead of {without}."]
     lines = []
     if band is not None:
@@ -136,7 +138,11 @@ def _advice(found: Found) -> list[str]:
     if found.failed:
         return []
     if not found.best:
-        return ["None of these cures it." if found.needs_cure else "Leave it: none of these takes 5 % off the error."]
+        if found.needs_cure:
+            return ["None of these cures it."]
+        if found.lost:
+            return ["None of these makes it hold its set-point."]
+        return ["Leave it: none of these takes 5 % off the error."]
     now, then = found.now, found.cures.isel(cure=found.best)
     error = float(then["rmse"] / now["rmse"]) - 1.0
     travel, before = float(then["motor_travel"]), float(now["motor_travel"])

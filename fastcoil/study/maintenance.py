@@ -130,7 +130,10 @@ def find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> di
     InputError
         For a dimension or label that there is not, and for a dimension without a label.
     """
-    problems = [f"--at {dim}: no dimension of the study{nearest(dim, labels)}" for dim in at if dim not in labels]
+    known = f"it has {', '.join(labels)}" if labels else "it has none, leave --at out"
+    problems = [
+        f"--at {dim}: no dimension of the study{nearest(dim, labels)}; {known}" for dim in at if dim not in labels
+    ]
     position = {}
     for dim, values in labels.items():
         shown = ", ".join(map(str, values[:10])) + (", …" if values.size > 10 else "")

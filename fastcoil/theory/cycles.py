@@ -6,13 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array, Index
+from fastcoil.arrays import Array, Index, Mask
 from fastcoil.outputs import HUNTING_SWING
 from fastcoil.theory.curve_of_plant import Swings, refined, swings_of
 from fastcoil.theory.describing_function import Complex, limited
 from fastcoil.theory.elements import Elements, too_smooth, unknown
 from fastcoil.theory.harmonic_balance import Balance, balance, between, frequency
 from fastcoil.theory.limited_pi import LimitedPI
+from fastcoil.theory.margins import at_180
 from fastcoil.theory.plants import Columns, Plants, driven_gain, frequency_response, loop_response
 from fastcoil.theory.sustained import Points, started
 from fastcoil.theory.wave import amplitude_of
@@ -23,6 +24,8 @@ OF_A_GAP = 1.5
 """Amplitude of u over the gap up to which that is so: there the gap shapes the swing."""
 DISTURBANCE = 2.0
 """Amplitude of T_sup, K, of the disturbance that a cycle is started by."""
+UNSTABLE = 1.02
+"""|L| at 180° above which a loop is unstable without a gap, and a little, by which that may be wrong."""
 NO_GAP = 1e-6
 """A gap or a buffer up to this size is round-off."""
 MOST = 30.0
@@ -72,8 +75,8 @@ def cycles_of(columns: Columns, plants: Plants) -> Cycles:
     periods = np.asarray(columns["sample_time"], float)
     told = ~np.any(list(unknown(columns).values()), axis=0) & np.isfinite(plants.gain)
     found = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
-    # where no opening holds the set-point, or the valve acts the wrong way round, it stands at its end
-    acts = plants.reachable & (driven_gain(columns, plants) > 0.0)
+    # where no opening holds the set-point, or the loop acts the wrong way round or not at all, the valve stands
+    acts = plants.reachable & (driven_gain(columns, plants) > 0.0) & (np.asarray(columns["kp"], float) > 0.0)
     found.margin[told & ~acts], found.hunts[told & ~acts] = 0.0, 0.0
     for period in np.unique(periods):
         members = np.flatnonzero(told & acts & (periods == period))
@@ -113,13 +116,22 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
     goes_on, cycle = started(Points(of.product, at, np.broadcast_to(A, T.shape), T), DISTURBANCE)
     lingering = Points(*(values[rows, slow] for values in points))
     cycle = Points(*(np.where(goes_on, values, late) for values, late in zip(cycle, lingering, strict=True)))
-    found = np.flatnonzero(goes_on | lingers)
     swing = np.full(A.shape[0], np.nan)
-    if found.size:
-        u, of_found = cycle.u[found, None], elements.part(found)
-        mean = of_found.mean(u, swings.part(found))
-        swing[found] = amplitude_of(u, mean, cycle.w[found, None], pi.part(found), of_found, plants.some(found))
-    hunts = (goes_on | lingers) & (2.0 * swing > HUNTING_SWING)
+
+    def seen(found: Index) -> Mask:
+        if found.size:
+            u, part = cycle.u[found, None], elements.part(found)
+            mean = part.mean(u, swings.part(found))
+            swing[found] = amplitude_of(u, mean, cycle.w[found, None], pi.part(found), part, plants.some(found))
+        return 2.0 * swing > HUNTING_SWING
+
+    hunts = seen(np.flatnonzero(goes_on | lingers))
+    # an unstable loop swings from end to end, also where no balance is found, such as in a cycle of two samples
+    size, w_180 = at_180(L, w)
+    runs_away = ~hunts & (size * elements.slope[:, 0] > UNSTABLE)
+    ends = Points(size, w_180, np.full(size.size, MOST), size)
+    cycle = Points(*(np.where(runs_away, far, values) for values, far in zip(cycle, ends, strict=True)))
+    hunts = seen(np.flatnonzero(runs_away))
 
     seen_u, seen_w = np.where(hunts, cycle.u, points.u[rows, best]), np.where(hunts, cycle.w, w_margin)
     told = ~too_smooth(columns, seen_u, seen_w)

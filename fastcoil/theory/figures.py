@@ -102,7 +102,7 @@ def bode(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
         size.loglog(curve.w, np.abs(curve.L), color=colour, ls=line, label=words)
         phase.semilogx(curve.w, degrees, color=colour, ls=line)
         _mark(size, curve.w, degrees + 180.0, np.abs(curve.L), 1.0, colour)
-        _mark(phase, curve.w, -np.log(np.abs(curve.L)), degrees, -180.0, colour)
+        _mark(phase, curve.w, 1.0 - np.abs(curve.L), degrees, -180.0, colour)
         deepest = min(deepest, float(degrees[np.abs(curve.L) > _LOW].min(initial=-180.0)))
     shown = [curve.w[(np.abs(curve.L) < _HIGH) & (np.abs(curve.L) > _LOW)] for curve in curves]
     ends = [w for w in shown if w.size]
@@ -184,7 +184,8 @@ def _curves(loop: Loop, boundary: Boundary, at: Any) -> list[_Curve]:
         cycles = cycles_of(one, plant)
         at = float(2.0 * math.pi / cycles.period[0] if cycles.hunts[0] > 0.0 else cycles.frequency[0])
         curve = _minus_1_over_N(one, plant, at)
-        found.append(_Curve(names[k], w, L, curve, at, margins_of(one, plant), cycles))
+        words = names[k] if plant.reachable[0] else ", ".join(filter(None, [names[k], "set-point out of reach"]))
+        found.append(_Curve(words, w, L, curve, at, margins_of(one, plant), cycles))
     return found
 
 

@@ -44,12 +44,12 @@ def margins_of(columns: Columns, plants: Plants) -> Margins:
         of_some = plants.some(members)
         w = np.geomspace(_LOWEST, math.pi / period, _FREQUENCIES)
         P, which = sampled_plant(some, of_some, w)
-        size, at = _at_180(np.sign(of_some.gain[_firsts(which)])[:, None] * P, w)
+        size, at = at_180(np.sign(of_some.gain[_firsts(which)])[:, None] * P, w)
         unit = gain[members] / np.abs(of_some.gain)
         found.ultimate_gain[members] = 1.0 / (unit * size[which])
         found.ultimate_period[members] = 2.0 * math.pi / at[which]
         L = loop_response(some, of_some, w)
-        found.gain_margin[members] = 1.0 / _at_180(L, w)[0]
+        found.gain_margin[members] = 1.0 / at_180(L, w)[0]
         found.phase_margin[members] = _phase_left(L)
     return found
 
@@ -58,7 +58,7 @@ def _firsts(which: np.ndarray) -> np.ndarray:
     return np.unique(which, return_index=True)[1]
 
 
-def _at_180(L: Complex, w: Array) -> tuple[Array, Array]:
+def at_180(L: Complex, w: Array) -> tuple[Array, Array]:
     """|L| and ω, (n,) each, where L crosses the negative real axis with the largest |L|; its end at π/ts is on it."""
     before, after = L[:, :-1].imag, L[:, 1:].imag
     crosses = (before < 0.0) & (after >= 0.0) & (L[:, 1:].real < 0.0)
@@ -76,7 +76,9 @@ def _at_180(L: Complex, w: Array) -> tuple[Array, Array]:
 
 def _phase_left(L: Complex) -> Array:
     """Least phase margin over the frequencies at which |L| = 1, degrees."""
-    log_size, phase = np.log(np.abs(L)), np.unwrap(np.angle(L), axis=1)
+    with np.errstate(divide="ignore"):  # a loop with kp = 0 has a size of 0 and no margin
+        log_size = np.log(np.abs(L))
+    phase = np.unwrap(np.angle(L), axis=1)
     before, after = log_size[:, :-1], log_size[:, 1:]
     crosses = before * after <= 0.0
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -55,7 +55,10 @@ def in_words(found: Findings, tried: int) -> list[str]:
 
 
 def _table(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[str]:
-    limit = {each.measure.name: each.measure.shown(each.most) for each in limits}
+    limit = {}
+    for each in limits:
+        now = float(ds[each.measure.name].sel(tuning=NOW, edge="value"))
+        limit[each.measure.name] = each.measure.shown(now if each.as_now else each.most)
     tunings = [str(t) for t in ds["tuning"].values]
     rows = [["", *(_HEADS[t] for t in tunings), *(["limit"] if limit else [])]]
     for name, variable in ds.data_vars.items():

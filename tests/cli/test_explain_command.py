@@ -89,7 +89,7 @@ def test_a_label_that_there_is_not_is_answered_with_those_there_are(study):
         (["lbnl", "--set", "kp"], "--set kp: give NAME=VALUE"),
         (["lbnl", "--set", "kp=1", "--set", "kp=2"], "--set: 'kp' is given twice"),
         (["lbnl", "--at", "replicate=1"], "--at replicate: replicates differ by their noise alone"),
-        (["lbnl", "--at", "day=1"], "--at day: no dimension of the study"),
+        (["lbnl", "--at", "day=1"], "--at day: no dimension of the study; it has none, leave --at out"),
         (["lbnl", "-o", "figure.gif"], "-o figure.gif: give a file NAME.png, NAME.pdf or NAME.svg"),
         (["lbnl", "-o", "nowhere/figure.png"], "-o nowhere/figure.png: give a file"),
     ],

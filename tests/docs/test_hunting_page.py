@@ -70,7 +70,7 @@ def answers():
     yield f"from 1 % to 15 % only {sizes['15%'][2]} more begin to"
     yield f"{sizes['7%'][5].split(' (')[0]} X K"
     warned = re.findall(r"\) (\d+ % \(\d+ to \d+\)) cycle with one of 1 %", title)[0]
-    yield f"warns of for nothing {warned} cycle with a gap of 1 %"
+    yield f"of its false alarms {warned} cycle with a gap of 1 %"
     by_size = table("hunting_by_backlash")
     yield f"Of loops without backlash {by_size['0%'][0]} hunt"
     yield f"The margin tells {by_size['0%'][1]} of them right"

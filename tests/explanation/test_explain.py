@@ -116,6 +116,32 @@ def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(untold)
     assert "the valve is at its end all the time" in explain(LBNL, hot).why
 
 
+def test_a_swing_that_only_a_slow_motor_keeps_up_is_not_blamed_on_gains_that_are_low_enough():
+    slow = LBNL.assign(stroke_time=600.0, backlash=0.15, kp=0.009, ti=6.2)
+    found = explain(slow, fc.constant_day(8), warm_up=7200)
+    assert found.hunts
+    assert found.foretold
+    assert found.margin < HUNTS_ABOVE
+    assert found.why.startswith("Why: the motor is too slow, with 600 s for a full stroke: ")
+    assert "whatever the size of the backlash" not in found.text
+
+
+def test_a_margin_that_is_too_large_is_never_told_as_room_for_a_larger_kp():
+    loop = LBNL.assign(kp=0.54, ti=2.58, sample_time=300, stroke_time=300.0, n_volumes=1, backlash=0.0)
+    found = explain(loop.assign(authority=0.01, rangeability=50.0, m_full=1.6), DAY)
+    assert found.margin > 100.0
+    assert "times this kp" not in found.why
+    assert "kp has to be below 0.00" in found.why or "the gain is too high" in found.why
+
+
+def test_a_valve_that_acts_the_wrong_way_round_is_told_so_and_not_how_far_it_is_from_hunting():
+    found = explain(LBNL.assign(action="heating"), DAY)
+    assert "opening it cools the air, so give action = cooling." in found.why
+    assert found.foretold is None
+    assert "None of these makes it hold its set-point." in found.text
+    assert "costs anyway" not in found.text
+
+
 def test_a_day_on_which_nothing_moves_is_told_without_a_number_that_there_is_not():
     text = explain(LBNL.assign(noise_std=0.0, error_dead_band=0.2), fc.constant_day(2), warm_up=3000).text
     assert "nan" not in text

@@ -75,6 +75,31 @@ def test_a_set_point_out_of_reach_is_no_hunting():
 
 
 @pytest.mark.kernel
+def test_a_loop_that_is_unstable_from_one_sample_to_the_next_hunts():
+    """Sampled slowly against its plant: a cycle of two samples, from end to end of the valve."""
+    loop = LOOP.assign(stroke_time=0.0, sensor_time_constant=0.0, sample_time=[60.0, 120.0], backlash=[0.0, 0.05])
+    loop = loop.assign(kp=0.1, ti=("ti", [60.0, 300.0]))
+    told = fc.limit_cycle(loop, fc.constant_day(hours=4))
+    seen = fc.simulate(loop, fc.constant_day(hours=4), warm_up=7200)
+    assert (told.margin > 2.0).all()
+    assert bool(seen.hunts.all())
+    np.testing.assert_array_equal(told.hunts, seen.hunts)
+    np.testing.assert_allclose(told.period, seen.hunting_period, rtol=0.02)
+    np.testing.assert_allclose(2.0 * told.amplitude, seen.hunting_swing, rtol=0.7)
+
+
+@pytest.mark.kernel
+@pytest.mark.filterwarnings("error")
+def test_a_gain_of_0_or_below_controls_nothing_and_is_no_hunting():
+    """Without a warning of numpy."""
+    loop = LOOP.assign(kp=[-0.05, 0.0], ti=8.0)
+    told = fc.limit_cycle(loop, fc.constant_day(hours=1))
+    assert told.margin.values.tolist() == told.hunts.values.tolist() == [0.0, 0.0]
+    assert not fc.simulate(loop, fc.constant_day(hours=1)).hunts.any()
+    assert np.isnan(fc.linearise(loop.assign(kp=0.0), fc.constant_day(hours=1)).gain_margin)
+
+
+@pytest.mark.kernel
 def test_dims_are_those_of_loop_day_and_seconds():
     loop, days = LOOP.assign(ti=[8.0, 60.0]), fc.paper_day(hours=1, seed=[1, 2, 3])
     assert fc.limit_cycle(loop, days).sizes == {"ti": 2, "day": 3}

@@ -169,3 +169,10 @@ def test_measures_are_told_by_name(found):
     assert found.objective == Measure("rmse", 0.95)
     assert isinstance(found.held_out, xr.Dataset)
     assert found.held_out.rmse_p95.attrs["units"] == "K"
+
+
+def test_the_table_of_either_side_has_what_the_loop_does_there_now_as_its_limit(found):
+    limits = [line.split()[-1] for line in found.summary() if line.strip().startswith("stem reversals")]
+    of = [ds.reversals_mean.sel(tuning="now", edge="value") for ds in (found.held_out, found.trained)]
+    assert limits == [f"{float(now):.3g}" for now in of]
+    assert limits[0] != limits[1]

@@ -42,7 +42,7 @@ class TuneTable(_Strict):
     objective: str = OBJECTIVE
     quantile: float | str = QUANTILE
     limits: dict[str, Any] = Field(default_factory=dict)
-    holdout: list[int] | dict[str, Any] | None = None
+    holdout: Any = None
     evaluations: int = EVALUATIONS
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fastcoil.boundary import Boundary
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, shown
 from fastcoil.simulation.loop import Loop
 from fastcoil.study.file.boundary import build_boundary
 from fastcoil.study.file.tables import RunTable, TuneTable
@@ -20,6 +20,11 @@ def asked_of_tuning(table: TuneTable, run: RunTable, loop: Loop, boundary: Bound
             holdout = build_boundary(holdout, folder)
         except InputError as error:
             raise InputError([f"holdout: {p.removeprefix('[boundary] ')}" for p in error.problems]) from None
+    elif holdout is not None and not isinstance(holdout, list):
+        raise InputError(
+            f"holdout = {shown(holdout)}: give days as in [boundary], such as {{ seed = [2, 3] }}, or labels of some "
+            "days of it, such as [4, 5]"
+        )
     return plan_tuning(
         loop,
         boundary,
