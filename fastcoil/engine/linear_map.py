@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from fastcoil.engine.at_rest import F, small_steps
+from fastcoil.engine.each_lane import air_side_each, enter_each, march_air_each
 from fastcoil.engine.initial_state import derive, reset_sums, set_initial_state
 from fastcoil.engine.plant import deliver, march_water
 from fastcoil.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
-from fastcoil.engine.small_step import F, air_side_each, enter_each, march_air_each, small_steps
 from fastcoil.numerics.jit import kernel, section
 
 STATES = ("T_w", "T_c", "T_a", "W_a")

@@ -1,226 +1,25 @@
-"""The plant at rest, and after a small step of the opening: lanes with conditions of their own, held for ever.
+"""The answer of the plant at rest to a small step of the opening.
 
-The march is that of the emulator, with one addition.  Eq (3) gives a control volume more heat when it is wet than when
-it is dry, at the same state.  So a volume at its dew point may have no state of rest: it changes between wet and dry
-every few seconds.  Here such a volume is wet to the share that keeps it in between.  Every other volume is as in the
-emulator, to the bit.
-
-What a lane does never depends on the others in its block: each has its own end, and stands still behind it.
+Each lane has its own end, and goes on behind it as a geometric series, whatever the others in its block do.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
+from fastcoil.engine.at_rest import F, small_steps
+from fastcoil.engine.each_lane import air_side_each, enter_each, march_air_each
+from fastcoil.engine.initial_state import derive, reset_sums, set_initial_state
 from fastcoil.engine.plant import deliver, march_water
-from fastcoil.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, positions
-from fastcoil.numerics.jit import kernel, section
-from fastcoil.physics.coil import air_heat, condensed, effectiveness, metal
-from fastcoil.physics.psychrometrics import enthalpy_difference, heat_capacity, vapour_enthalpy
+from fastcoil.engine.rows import LANES, T_A, VOLUME_STRIDE, R
+from fastcoil.numerics.jit import kernel
 
-CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
-"""Rows of what enters the coils of a block, (4, LANES)."""
-C = positions(CONDITIONS)
-STEADY = ("opening", "T_sup", "m_w", "wet_volumes", "gain", "T_stepped", "nearest")
-"""Rows of what is found of a plant at rest.
-
-T_stepped: T_sup at rest after the first of ``small_steps``.  nearest: 1 if no opening holds the set-point.  gain: NaN
-where T_sup jumps past it, as it may if a coil exchanges less when it is wet than when it is dry.
-"""
-F = positions(STEADY)
-STEP = 1e-4
-"""Of the opening, to each side, for a derivative."""
-_SATURATION_SLOPE = 0.065
-"""d ln W_s / dT near the dew points of air conditioning, 1/K: it only scales the band."""
-_LEAST_BAND = 0.02
-"""Width of the band around the dew point in which a volume is partly wet, at least, K."""
-_NEAR = 0.5
-"""No volume on its way to rest passes this distance from the dew point, K, in one sweep without slowing down."""
-_SETTLED, _MOST_SWEEPS = 1e-11, 4000
-"""A coil is at rest when no metal temperature moves further than this, K, in a sweep; it gets as many sweeps."""
-_FOUND, _MOST_OPENINGS = 1e-9, 60
-_JUMPED = 1e-4
-"""Distance from the set-point, K, at an opening that ought to hold it."""
-_LEAST_FLOW = 1e-12
-"""kW/K; without water flow its temperature does not matter."""
+_AT_REST = 1e-9
+"""Distance, K, from where a response ends, that is none."""
 FEW = 60
 """Steps over which the ratio of successive changes is taken, behind the end of a response."""
 SLOWEST = 0.99999
 """Largest such ratio: a time constant of a day."""
-
-
-@section
-def enter_each(V, n_volumes, entering):
-    """Set the air and the water that enter the coil of each lane."""
-    air = V[(n_volumes + 1) * VOLUME_STRIDE :]
-    for j in range(LANES):
-        air[T_A + j] = entering[C.T_a_in, j]
-        air[W_A + j] = entering[C.W_a_in, j]
-        V[T_W + j] = entering[C.T_w_in, j]
-
-
-@section
-def air_side_each(S, entering):
-    """Air-side effectiveness of every lane at its own air flow, Eq (4)."""
-    for j in range(LANES):
-        S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], entering[C.m_a, j])
-        S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], entering[C.m_a, j])
-
-
-@section
-def march_air_each(S, V, n_volumes, lagged_air, entering, hurries):
-    """Eq (3) for air and metal as in ``march_air``, but for volumes at their dew point, see the file's docstring.
-
-    The band is two changes of T_c wide, by one second of being wet: the emulator's own grain.
-    hurries: on the way to rest, with the largest step that cannot overshoot in place of a second; lanes without a time
-    step of the water stand still.
-    """
-    for j in range(LANES):
-        S[R.wet_volumes + j] = 0.0
-        S[R.farthest_T_c + j] = 0.0
-    for k in range(n_volumes):
-        i = k + 1 if lagged_air else n_volumes - k
-        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
-        for j in range(LANES):
-            T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
-            T_c, W_s, Q_w, m_a = pair[T_C + j], pair[W_S + j], pair[Q_W + j], entering[C.m_a, j]
-
-            cooled = S[R.eps_a + j] * (T_in - T_c)
-            dried = S[R.eps_star + j] * enthalpy_difference(T_in, W_in, T_c, W_s)
-            T_out = T_in - cooled
-            Q_dry = air_heat(False, m_a, cooled, dried, S[R.cp_a + j])
-            Q_wet = air_heat(True, m_a, cooled, dried, S[R.cp_a + j])
-            jump = abs(Q_wet - Q_dry)
-            band = 2.0 * S[R.dt_C_c + j] * jump
-            band = _LEAST_BAND if band < _LEAST_BAND else band
-            wet = 0.5 + (W_in - W_s) / (band * _SATURATION_SLOPE * W_s)
-            wet = 0.0 if wet < 0.0 else wet
-            wet = 1.0 if wet > 1.0 else wet
-            Q_a = Q_dry if wet == 0.0 else wet * Q_wet + (1.0 - wet) * Q_dry
-            dW = wet * condensed(True, W_in, cooled, dried, T_out)
-
-            dt_C_c = S[R.dt_C_c + j]
-            if hurries:
-                slope = heat_capacity(W_s) + vapour_enthalpy(T_c) * (_SATURATION_SLOPE * W_s)
-                G_dry, G_wet = S[R.eps_a + j] * S[R.cp_a + j], S[R.eps_star + j] * slope
-                G_a = m_a * (G_wet if G_wet > G_dry else G_dry)
-                is_near = abs(W_in - W_s) < _NEAR * _SATURATION_SLOPE * W_s
-                dt_C_c = 1.0 / (S[R.G_w + j] + G_a + (jump / band if is_near else 0.0))
-                dt_C_c = 0.0 if S[R.dt_C_w + j] == 0.0 else dt_C_c
-            T_next = metal(T_c, Q_a, Q_w, dt_C_c)
-            change = abs(T_next - T_c)
-            farthest = S[R.farthest_T_c + j]
-            S[R.farthest_T_c + j] = change if change > farthest else farthest
-            S[R.wet_volumes + j] += wet
-            pair[T_C + j] = T_next
-            pair[T_A + j] = T_out
-            pair[W_A + j] = W_in - dW
-
-
-@section
-def small_steps(opening):
-    """Two openings, one to each side of an opening but within 0–1, that differ by 2 STEP or, at an end, by STEP."""
-    first = opening + STEP if opening + STEP <= 1.0 else opening - STEP
-    return first, min(max(opening + opening - first, 0.0), 1.0)
-
-
-@section
-def settle(S, V, n_volumes, leaks, entering, openings, rests):
-    """Bring every coil to rest at an opening, (LANES,).  The heat capacities do not matter for where that is.
-
-    rests: (LANES,), coils that are left as they are.
-    """
-    for j in range(LANES):
-        S[R.opening + j] = openings[j]
-    deliver(S, leaks)
-    for j in range(LANES):
-        C_flow = S[R.C_flow + j] if S[R.C_flow + j] > _LEAST_FLOW else _LEAST_FLOW
-        S[R.dt_C_w + j] = 0.0 if rests[j] else 1.0 / C_flow
-    for _ in range(_MOST_SWEEPS):
-        enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes)
-        march_air_each(S, V, n_volumes, False, entering, True)
-        # one sweep more after the last, so that the air is that of the coil as it stands
-        all_rest = True
-        for j in range(LANES):
-            all_rest &= S[R.dt_C_w + j] == 0.0
-            S[R.dt_C_w + j] = S[R.dt_C_w + j] if S[R.farthest_T_c + j] > _SETTLED else 0.0
-        if all_rest:
-            break
-
-
-@kernel
-def find_rest(rows, common, entering, T_set, S, V, found):
-    """Find the opening at which each plant of a block rests at its set-point.
-
-    rows, common: of a Block.  entering: (4, LANES), see CONDITIONS.  T_set: (LANES,), °C.  S, V: work space; V holds
-    the coils at rest afterwards.  found: out, (6, LANES), see STEADY; gain in K per unit opening.
-    """
-    n_volumes = common.n_volumes
-    derive(S, rows, n_volumes)
-    set_initial_state(S, True)
-    reset_sums(S, True)
-    fill_coil(S, V, n_volumes, 0.0)
-    air_side_each(S, entering)
-    supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
-
-    low, high, openings = np.zeros(LANES), np.ones(LANES), np.zeros(LANES)
-    e_low, e_high, direction = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    nowhere, is_found = np.zeros(LANES, np.bool_), np.zeros(LANES, np.bool_)
-    settle(S, V, n_volumes, common.leaks, entering, low, nowhere)
-    for j in range(LANES):
-        e_low[j] = supply[j] - T_set[j]
-    settle(S, V, n_volumes, common.leaks, entering, high, nowhere)
-    for j in range(LANES):
-        e_high[j] = supply[j] - T_set[j]
-        e_low[j] = 0.0 if abs(e_low[j]) < _FOUND else e_low[j]
-        e_high[j] = 0.0 if abs(e_high[j]) < _FOUND else e_high[j]
-        direction[j] = 1.0 if e_high[j] > e_low[j] else -1.0
-        e_low[j] *= direction[j]
-        e_high[j] *= direction[j]
-        found[F.nearest, j] = 0.0 if e_low[j] <= 0.0 <= e_high[j] and e_low[j] < e_high[j] else 1.0
-        openings[j] = 1.0 if e_high[j] < 0.0 else 0.0
-        is_found[j] = found[F.nearest, j] != 0.0
-
-    for k in range(_MOST_OPENINGS):
-        for j in range(LANES):
-            if not is_found[j]:
-                # the secant, and every third time the middle, so that the bracket shrinks whatever the curve
-                share = 0.5 if k % 3 == 2 else -e_low[j] / (e_high[j] - e_low[j])
-                openings[j] = low[j] + share * (high[j] - low[j])
-        settle(S, V, n_volumes, common.leaks, entering, openings, is_found)
-        for j in range(LANES):
-            if not is_found[j]:
-                e = direction[j] * (supply[j] - T_set[j])
-                is_found[j] = abs(e) < _FOUND or high[j] - low[j] <= _FOUND * _FOUND
-                if e <= 0.0:
-                    low[j] = openings[j]
-                    e_low[j] = e
-                if e >= 0.0:
-                    high[j] = openings[j]
-                    e_high[j] = e
-                if e == 0.0:
-                    e_low[j] -= _FOUND * _FOUND
-        if is_found.all():
-            break
-    for j in range(LANES):
-        found[F.opening, j] = openings[j]
-        low[j], high[j] = small_steps(openings[j])
-    settle(S, V, n_volumes, common.leaks, entering, low, nowhere)
-    for j in range(LANES):
-        found[F.T_stepped, j] = supply[j]
-    settle(S, V, n_volumes, common.leaks, entering, high, nowhere)
-    for j in range(LANES):
-        found[F.gain, j] = (supply[j] - found[F.T_stepped, j]) / (high[j] - low[j])
-    settle(S, V, n_volumes, common.leaks, entering, openings, nowhere)
-    for j in range(LANES):
-        if found[F.nearest, j] == 0.0 and abs(supply[j] - T_set[j]) > _JUMPED:
-            found[F.nearest, j] = 1.0
-            found[F.gain, j] = np.nan
-        found[F.T_sup, j] = supply[j]
-        found[F.m_w, j] = S[R.m_w + j]
-        found[F.wet_volumes, j] = S[R.wet_volumes + j]
 
 
 @kernel
@@ -254,7 +53,7 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
             response[t, j] = supply[j]
             change = found[F.T_stepped, j] - found[F.T_sup, j]
             left = abs(found[F.T_stepped, j] - supply[j])
-            ends[j] = t + 2 if left > tolerance * abs(change) + _FOUND else ends[j]
+            ends[j] = t + 2 if left > tolerance * abs(change) + _AT_REST else ends[j]
 
     V[:] = at_rest
     for j in range(LANES):
@@ -279,20 +78,3 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
         for t in range(end, n_steps):
             change *= ratio
             response[t, j] = response[t - 1, j] + change
-
-
-@kernel
-def rest_curve(rows, common, entering, openings, S, V, T_sup):
-    """T_sup at rest at each of some openings, (n,): out, (n, LANES), °C."""
-    n_volumes = common.n_volumes
-    derive(S, rows, n_volumes)
-    set_initial_state(S, True)
-    reset_sums(S, True)
-    fill_coil(S, V, n_volumes, 0.0)
-    air_side_each(S, entering)
-    everywhere, nowhere = np.empty(LANES), np.zeros(LANES, np.bool_)
-    for k in range(openings.size):
-        everywhere[:] = openings[k]
-        settle(S, V, n_volumes, common.leaks, entering, everywhere, nowhere)
-        for j in range(LANES):
-            T_sup[k, j] = V[VOLUME_STRIDE + T_A + j]

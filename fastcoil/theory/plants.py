@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastcoil.arrays import Array, Index, Mask
+from fastcoil.engine.at_rest import STEADY, find_rest, rest_curve
+from fastcoil.engine.each_lane import CONDITIONS
 from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS
-from fastcoil.engine.small_step import CONDITIONS, FEW, STEADY, find_rest, respond, rest_curve
+from fastcoil.engine.small_step import FEW, respond
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.theory.response import Complex, sampled, transform
 

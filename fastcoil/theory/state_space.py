@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array
+from fastcoil.engine.at_rest import STEADY, find_rest
 from fastcoil.engine.lanes import blocks, work_space
 from fastcoil.engine.linear_map import STATES, linearise_step
 from fastcoil.engine.rows import LANES
-from fastcoil.engine.small_step import STEADY, find_rest
 from fastcoil.theory.plants import Columns, distinct_plants
 
 

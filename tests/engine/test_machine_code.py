@@ -121,7 +121,8 @@ from fastcoil.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.engine.linear_map import linearise_step
 from fastcoil.engine.replay_loop import run_replay
 from fastcoil.engine.rows import LANES
-from fastcoil.engine.small_step import FEW, STEADY, find_rest, respond, rest_curve
+from fastcoil.engine.at_rest import STEADY, find_rest, rest_curve
+from fastcoil.engine.small_step import FEW, respond
 from fastcoil.engine.valve_loop import valve_flows
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.scenarios import columns_of
