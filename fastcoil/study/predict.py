@@ -33,12 +33,13 @@ def predictions(plan: Plan) -> xr.Dataset:
     """
     from fastcoil.theory.cycles import cycles_of
     from fastcoil.theory.elements import unknown
+    from fastcoil.theory.operating_points import mean_conditions
     from fastcoil.theory.plants import plants_of
 
     loop, sizes = plan.layout.loop, plan.layout.sizes
     alike = {dim: n for dim, n in sizes.items() if dim != "replicate"}
     n = math.prod(alike.values())
-    entering = _mean_conditions(plan)
+    entering = mean_conditions(plan.layout.boundary, plan.warm_up)
     found = {name: np.full(n, np.nan) for name in PREDICTIONS}
     reasons: dict[str, int] = {}
     for start in range(0, n, _AT_ONCE):
@@ -67,13 +68,3 @@ def predictions(plan: Plan) -> xr.Dataset:
 def _count(reasons: dict[str, int], reason: str, n: int) -> None:
     if n:
         reasons[reason] = reasons.get(reason, 0) + n
-
-
-def _mean_conditions(plan: Plan) -> dict[str, np.ndarray]:
-    """Of what enters and of T_set, (n_days,) each; NaN for a day of which nothing counts."""
-    series = plan.layout.boundary.series
-    counted = series["enabled"] != 0.0
-    counted[:, : plan.warm_up] = False
-    n = counted.sum(axis=1)
-    names = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
-    return {m: np.where(counted, series[m], 0.0).sum(axis=1) / np.where(n > 0, n, np.nan) for m in names}

@@ -15,7 +15,7 @@ from fastcoil.arrays import Array, Index
 AMPLITUDES = np.geomspace(2e-3, 3.0, 28)
 """Of the opening, before it ends at 0 and 1."""
 _NODES = np.sin(np.pi * ((np.arange(8) + 0.5) / 8.0 - 0.5))
-"""A sinus at equal steps of its phase, from trough to peak."""
+"""A sine at equal steps of its phase, from trough to peak."""
 _HALVINGS, _FINER = 12, 8
 
 
@@ -62,7 +62,7 @@ def temperature(curve: Array, opening: Array) -> Array:
 
 
 def swings_of(curve: Array, T_sup: Array, gain: Array) -> Swings:
-    """Mean opening and gain of plants whose opening swings as a sinus.
+    """Mean opening and gain of plants whose opening swings as a sine.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ MOST = 30.0
 """Largest amplitude of u that is looked at, before u is limited to 0–1."""
 _AMPLITUDES, _FREQUENCIES = 44, 136
 ROUNDS = 2
-"""How often a cycle that reaches an end of the integral is reckoned again."""
+"""How often a cycle that reaches an end of the integral is computed again."""
 _NEAR_ONE = 0.7
 _SLOWEST = 3e-4
 """Lowest frequency, rad/s: a period of 6 h."""

@@ -1,6 +1,6 @@
 """Describing function of what lies between the controller's u and the opening: gap, inverse, buffer.
 
-A sinus of amplitude A goes in; the describing function N(A) is the part of the same frequency that comes out, over A.
+A sine of amplitude A goes in; the describing function N(A) is the part of the same frequency that comes out, over A.
 A gap, an inverse with a right or wrong estimate in front of it, and its buffer all make the same kind of element: it
 follows its input at a distance, and after each turn of the input waits until that has come back some way.
 """
@@ -69,7 +69,7 @@ _STEPS, _PERIODS, _FASTEST = 1000, 3, 100.0
 
 @cache
 def _rate_limits() -> tuple[Array, Array, Array]:
-    """Logarithm of how much faster a sinus would move than it may, ln |N|, and lag of N in rad, (n,) each."""
+    """Logarithm of how much faster a sine would move than it may, ln |N|, and lag of N in rad, (n,) each."""
     faster = np.geomspace(1.0, _FASTEST, 120)
     phase = 2.0 * np.pi * np.arange(_STEPS) / _STEPS
     most = 2.0 * np.pi / _STEPS / faster
@@ -87,7 +87,7 @@ def _rate_limits() -> tuple[Array, Array, Array]:
 def rate_limited(faster: Array) -> Complex:
     """N of a motor of limited speed, beside ``faster``: the largest speed of its target over its own, A ω stroke_time.
 
-    Up to 1 it follows at once.  Above, it follows a triangle in the end; N is found by moving it along a sinus.
+    Up to 1 it follows at once.  Above, it follows a triangle in the end; N is found by moving it along a sine.
     """
     log_faster, log_size, lag = _rate_limits()
     at = np.log(np.clip(faster, 1.0, _FASTEST))

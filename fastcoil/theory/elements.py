@@ -70,8 +70,8 @@ class Elements(NamedTuple):
     def describe(self, amplitude: Array, w: Array, swings: Swings, passed: Array | Complex) -> Complex:
         """N, per (1 - X) of opening and relative to the plant's gain at rest, so that L N is the loop.
 
-        Limits of u, of the motor's speed, gap and the plant's curve change the sinus one after the other, each as if
-        what comes out of the one before were a sinus again.
+        Limits of u, of the motor's speed, gap and the plant's curve change the sine one after the other, each as if
+        what comes out of the one before were a sine again.
 
         amplitude, w: of u without limits, (n, n_amplitudes), fraction of stroke and rad/s.  passed: what the limits of
         u let through.

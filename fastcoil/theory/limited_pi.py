@@ -1,4 +1,4 @@
-"""A PI whose integral and output end at 0 and 1, driven by an error that swings as a sinus.
+"""A PI whose integral and output end at 0 and 1, driven by an error that swings as a sine.
 
 An integral that stands at its end while the error is on the other side starts back at once: it lags less than one
 without ends, and the cycle is shorter.  The mean error is then not 0 but what brings the mean temperature there.
@@ -19,7 +19,7 @@ from fastcoil.theory.plants import Columns, Plants
 STEPS = 32
 """Of a period."""
 _PHASE = 2.0 * np.pi * (np.arange(STEPS) + 0.5) / STEPS
-_SINUS = np.sin(_PHASE)
+_SINE = np.sin(_PHASE)
 _HALVINGS = 9
 
 
@@ -80,7 +80,7 @@ def driven(proportional: Array, integral: Array, bias: Array) -> Array:
     sums, u = np.where(bias < 0.0, 0.0, 1.0), np.empty((STEPS, *bias.shape))
     step = integral * (2.0 * np.pi / STEPS)
     for _ in range(2):
-        for k, x in enumerate(_SINUS):
+        for k, x in enumerate(_SINE):
             sums = np.clip(sums + step * (x + bias), 0.0, 1.0)
             u[k] = np.clip(proportional * (x + bias) + sums, 0.0, 1.0)
     return u

@@ -156,16 +156,23 @@ def _seconds_of(at: Any, n_steps: int) -> Index | None:
     return values.astype(np.int64)
 
 
-def _means(boundary: Boundary) -> dict[str, Array]:
+def mean_conditions(boundary: Boundary, warm_up: int) -> dict[str, Array]:
+    """Means of ENTERING over the enabled seconds after the warm-up, (n_days,); NaN for a day without any."""
     counted = boundary.series["enabled"] != 0.0
-    counted[:, :WARM_UP] = False
-    without = np.flatnonzero(~counted.any(axis=1))
+    counted[:, :warm_up] = False
+    n = counted.sum(axis=1)
+    return {m: np.where(counted, boundary.series[m], 0.0).sum(axis=1) / np.where(n > 0, n, np.nan) for m in ENTERING}
+
+
+def _means(boundary: Boundary) -> dict[str, Array]:
+    found = mean_conditions(boundary, WARM_UP)
+    without = np.flatnonzero(np.isnan(found["T_set"]))
     if without.size:
         on = f"on day {boundary.day[without[0]]} " if boundary.has_day_dim else ""
         raise InputError(
             f"no second {on}is enabled after the warm-up of {WARM_UP} s: give a longer boundary, or the second as at="
         )
-    return {n: np.nanmean(np.where(counted, boundary.series[n], np.nan), axis=1)[:, None] for n in ENTERING}
+    return {name: means[:, None] for name, means in found.items()}
 
 
 def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:

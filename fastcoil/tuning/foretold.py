@@ -16,7 +16,7 @@ from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.scenarios import columns_of
 from fastcoil.theory.elements import unknown
 from fastcoil.theory.limit_cycle import limit_cycle
-from fastcoil.theory.operating_points import ENTERING
+from fastcoil.theory.operating_points import mean_conditions
 from fastcoil.tuning.measures import MARGIN
 
 
@@ -50,12 +50,7 @@ def theory_sha256() -> str:
 
 
 def mean_days(boundary: Boundary, warm_up: int) -> Boundary:
-    """Days of one second with the mean conditions of those that count."""
-    counted = boundary.series["enabled"] != 0.0
-    counted[:, :warm_up] = False
-    on = np.where(counted.any(axis=1)[:, None], counted, True)
-    means = {
-        name: (boundary.series[name] * on).sum(axis=1, keepdims=True) / on.sum(axis=1, keepdims=True)
-        for name in ENTERING
-    }
+    """Days of one second with the mean conditions of those that count; of all, where the plant is off throughout."""
+    found = mean_conditions(boundary, warm_up)
+    means = {n: np.where(np.isnan(v), boundary.series[n].mean(axis=1), v)[:, None] for n, v in found.items()}
     return Boundary(**means, day=boundary.day)
