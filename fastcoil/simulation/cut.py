@@ -30,7 +30,7 @@ class Reached:
         return cls(plan.n_scenarios // len(plan.days))
 
     def take(self, part: xr.Dataset) -> None:
-        """Note the results of a stretch; those of earlier days come first.  Whatever is no stretch is none to go on from."""
+        """Note the results of a stretch; those of earlier days come first."""
         index = part["scenario"].values
         first, end = int(index[0]) // self._of, int(index[-1]) // self._of + 1
         lanes = index[index // self._of == first] % self._of

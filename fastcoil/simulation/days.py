@@ -68,7 +68,7 @@ class Days:
     def _make(self, k: int) -> Day:
         follows = self.carry_over and k > 0
         before = self._before(k) if follows else NOTHING_BEFORE
-        series = self._boundary.of_day(k)
+        series = self._of_day(k)
         self._after[k] = after(series["T_set"], series["enabled"], before)
         return Day(
             series=np.stack([series[name] for name in DAY_COLUMNS], axis=1),
@@ -87,9 +87,12 @@ class Days:
         first = max(0, k - -(-SETTLING_TIME // self._boundary.n_steps))
         before = NOTHING_BEFORE if first == 0 else Before(disturbed_at=-SETTLING_TIME)
         for day in range(first, k):
-            series = self._boundary.of_day(day)
+            series = self._of_day(day)
             before = after(series["T_set"], series["enabled"], before)
         return before
+
+    def _of_day(self, k: int) -> dict[str, np.ndarray]:
+        return {name: values[k] for name, values in self._boundary.series.items()}
 
     def _commands(self, k: int) -> np.ndarray:
         return np.empty(0) if self._command is None else self._command[k]

@@ -26,14 +26,13 @@ def run_shard(plan: Plan, shard: Shard | Stretch) -> xr.Dataset:
     Returns a flat Dataset, see ``flat_dataset``; of a stretch that others come after it has ``END_STATE``, too.
     """
     found = _Results(plan, shard.index)
-    end = None
     if isinstance(shard, Stretch):
         end = _run_days_in_sequence(plan, shard, found)
+        more = {END_STATE: (("lane", "number"), end)} if shard.days.stop < shard.chain.end else {}
     else:
         _run_days_apart(plan, shard, found)
-    part = found.dataset()
-    if end is not None and shard.days.stop < shard.chain.end:
-        part[END_STATE] = (("lane", "number"), end)
+        more = {}
+    part = found.dataset().assign(more)
     return part.assign_attrs(computed_on=json.dumps([compiled_for()]))
 
 

@@ -78,7 +78,7 @@ class Chain:
 
     def index(self, days: range) -> np.ndarray:
         """Flat indices of its lanes on some days."""
-        return (np.arange(days.start, days.stop)[:, np.newaxis] * self.of + self.lanes).ravel()
+        return np.asarray(np.arange(days.start, days.stop)[:, np.newaxis] * self.of + self.lanes).ravel()
 
     def stretch(self, first: int, begins: np.ndarray | None) -> Stretch:
         """The stretch that starts on day ``first``."""
@@ -111,11 +111,11 @@ class Stretch:
 
     def halves(self) -> list[Stretch]:
         """Two groups of lanes; of a single lane, the first half of the days, which the rest comes after."""
-        lanes = self.chain.lanes
+        lanes, begins = self.chain.lanes, self.begins
         if lanes.size == 1:
             return [replace(self, days=self.days[: len(self.days) // 2])]
         return [
-            Stretch(replace(self.chain, lanes=lanes[half]), self.days, None if self.begins is None else self.begins[half])
+            Stretch(replace(self.chain, lanes=lanes[half]), self.days, None if begins is None else begins[half])
             for half in np.array_split(np.arange(lanes.size), 2)
         ]
 

@@ -23,6 +23,7 @@ from fastcoil.simulation.plan import Plan, plan_simulation, simulation_attribute
 from fastcoil.simulation.running import run_shard
 from fastcoil.simulation.shards import END_STATE, Shard, Stretch
 
+
 def simulate(
     loop: Loop,
     boundary: Boundary,
