@@ -33,7 +33,7 @@ class Survey(NamedTuple):
 def day_digest(label: int, rows: Mapping[str, Array]) -> str:
     """Hash of a day: of its label, and of its samples, second by second."""
     digest = hashlib.sha256(f"{label} ".encode())
-    digest.update(np.stack([rows[name] for name in _hashed(rows)], axis=1).tobytes())
+    digest.update(np.stack([rows[name] for name in _hashed(rows)], axis=1).data)
     return digest.hexdigest()
 
 
@@ -70,7 +70,7 @@ def series_digest(series: Mapping[str, Array], labels: NDArray[np.int64], has_da
     digest = _begun(1, labels, n_steps, has_day_dim)
     for name in _hashed(series):
         digest.update(name.encode())
-        digest.update(series[name].astype("<f8", copy=False).tobytes())
+        digest.update(np.ascontiguousarray(series[name], dtype="<f8").data)
     return digest.hexdigest()
 
 
