@@ -47,6 +47,9 @@ class Boundary(Samples):
     enabled
         1 where the loop is in operation, 0 where not.  If left out, it is 1 where air flows, and a warning tells how
         long none does.
+    backlash_scale
+        What the backlash of every loop is multiplied by, such as 2 from the second at which a linkage comes loose; 1
+        throughout if left out.
     day
         Labels of the days: distinct whole numbers from 0 to 2**32 - 1; 0, 1, 2, ... if left out.  They, not
         the order, seed the noise of a day.  One number labels a boundary without a dim ``day``.
@@ -72,6 +75,7 @@ class Boundary(Samples):
         T_set: Values,
         noise: Values = None,
         enabled: Values = None,
+        backlash_scale: Values = None,
         day: Values = None,
         start: Values = None,
         time_zone: Values = None,
@@ -84,6 +88,7 @@ class Boundary(Samples):
             "T_set": T_set,
             "noise": noise,
             "enabled": enabled,
+            "backlash_scale": backlash_scale,
         }
         problems: list[str] = []
         given: dict[str, Given] = {}

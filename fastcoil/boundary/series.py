@@ -16,7 +16,8 @@ Values: TypeAlias = Any
 
 ADDED_SERIES = ("backlash_scale",)
 """Series that boundaries once did not have."""
-BOUNDARY_SERIES = {name: COLUMNS[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled")}
+_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
+BOUNDARY_SERIES = {name: COLUMNS[name] for name in _NAMES}
 """Every series of a `Boundary` by name."""
 LARGEST_DAY_LABEL = 2**32 - 1
 
