@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from functools import cached_property
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -60,16 +61,17 @@ class Days:
 
         In a sequence this includes the days before.
         """
-        hashes: list[str] = []
-        for k in range(len(self)):
-            hashes.append(self._hash(k, hashes[-1] if hashes and self.carry_over else ""))
-        return hashes
+        hashes = self._boundary.day_sha256 if self._command is None else [self._hash(k) for k in range(len(self))]
+        if not self.carry_over:
+            return hashes
+        return list(accumulate(hashes, lambda before, one: hashlib.sha256(f"{before} {one}".encode()).hexdigest()))
 
     def _make(self, k: int) -> Day:
         follows = self.carry_over and k > 0
         before = self._before(k) if follows else NOTHING_BEFORE
-        series = self._of_day(k)
-        self._after[k] = after(series["T_set"], series["enabled"], before)
+        series = self._boundary.of_day(k)
+        if self.carry_over:
+            self._after[k] = after(series["T_set"], series["enabled"], before)
         return Day(
             series=np.stack([series[name] for name in DAY_COLUMNS], axis=1),
             command=self._commands(k),
@@ -87,18 +89,15 @@ class Days:
         first = max(0, k - -(-SETTLING_TIME // self._boundary.n_steps))
         before = NOTHING_BEFORE if first == 0 else Before(disturbed_at=-SETTLING_TIME)
         for day in range(first, k):
-            series = self._of_day(day)
+            series = self._boundary.of_day(day)
             before = after(series["T_set"], series["enabled"], before)
         return before
-
-    def _of_day(self, k: int) -> dict[str, np.ndarray]:
-        return {name: values[k] for name, values in self._boundary.series.items()}
 
     def _commands(self, k: int) -> np.ndarray:
         return np.empty(0) if self._command is None else self._command[k]
 
-    def _hash(self, k: int, before: str) -> str:
-        digest = hashlib.sha256(f"{before}{int(self._boundary.day[k])} ".encode())
+    def _hash(self, k: int) -> str:
+        digest = hashlib.sha256(f"{int(self._boundary.day[k])} ".encode())
         table = self[k].series
         scaled = np.any(table[:, C.backlash_scale] != 1.0)
         digest.update(table[:, : None if scaled else C.backlash_scale].tobytes())

@@ -132,7 +132,9 @@ class Plan:
         of_shard = of_scenario * self._largest_shard(n_jobs)
         each = 2 * of_shard + of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
         if backend in _OF_PROCESS:
-            each += _OF_PROCESS[backend] + of_shard + 2 * self.boundary_bytes
+            each += (
+                _OF_PROCESS[backend] + of_shard + (0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes)
+            )
         largest = max((self._trace_bytes(name) for name in self.traces.names), default=0)
         alone = _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest - n_jobs * each)
         return MemoryOfRun(alone, each)
