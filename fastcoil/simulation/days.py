@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from fastcoil.arrays import array_of
 from fastcoil.boundary import Boundary
 from fastcoil.engine.emulator import DAY_COLUMNS, C, Day
 from fastcoil.engine.schedule import NOTHING_BEFORE, Before, after, schedule
+from fastcoil.errors import InputError
 from fastcoil.outputs import SETTLING_TIME
 
 _KEPT = 2
@@ -103,3 +105,20 @@ class Days:
         digest.update(table[:, : None if scaled else C.backlash_scale].tobytes())
         digest.update(self._commands(k).tobytes())
         return digest.hexdigest()
+
+
+def commands_of(command: Any, boundary: Boundary) -> np.ndarray | None:
+    """The open-loop command as (n_days, n_steps), or None in closed loop."""
+    if command is None:
+        return None
+    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+        values = array_of("command", command, "give 1-s samples, an array of numbers").astype(float)
+    shape = (boundary.n_days, boundary.n_steps)
+    if values.shape not in (shape, shape[1:]):
+        raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")
+    bad = np.argwhere(~((values >= 0.0) & (values <= 1.0)))
+    if bad.size:
+        raise InputError(
+            f"command = {values[tuple(bad[0])]} at second {bad[0][-1]}: must be a fraction of stroke, 0 to 1"
+        )
+    return np.array(np.broadcast_to(values, shape), order="C")

@@ -11,16 +11,15 @@ import joblib
 import numpy as np
 
 from fastcoil.arguments import checking, flag_of, instance_of, whole_of
-from fastcoil.arrays import array_of
 from fastcoil.boundary import Boundary
 from fastcoil.engine.emulator import DAY_COLUMNS
 from fastcoil.engine.host import TraceRequest
 from fastcoil.engine.rows import LANES
-from fastcoil.errors import InputError, WrongType, nearest, shown
+from fastcoil.errors import WrongType, nearest, shown
 from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.clashes import check_clashes
-from fastcoil.simulation.days import Days
+from fastcoil.simulation.days import Days, commands_of
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.simulation.resources import check_memory
@@ -234,7 +233,7 @@ def plan_simulation(
         for rule in layout.loop.rules.values():
             if rule.is_loaded:
                 check(rule.check)
-    commands = _commands(command, boundary)
+    commands = commands_of(command, boundary)
     days = Days(boundary, commands, warm_up, seed, carry_over=carry_over)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
@@ -286,20 +285,3 @@ def _trace_problems(traces: object, boundary: Boundary) -> list[str]:
         elif name not in TRACES:
             problems.append(f"traces: {shown(name)} is not a trace{nearest(name, TRACES)}; known: {', '.join(TRACES)}")
     return problems + [f"traces: {n} is listed twice" for n in sorted(set(known)) if known.count(n) > 1]
-
-
-def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:
-    """The open-loop command as (n_days, n_steps), or None in closed loop."""
-    if command is None:
-        return None
-    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
-        values = array_of("command", command, "give 1-s samples, an array of numbers").astype(float)
-    shape = (boundary.n_days, boundary.n_steps)
-    if values.shape not in (shape, shape[1:]):
-        raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")
-    bad = np.argwhere(~((values >= 0.0) & (values <= 1.0)))
-    if bad.size:
-        raise InputError(
-            f"command = {values[tuple(bad[0])]} at second {bad[0][-1]}: must be a fraction of stroke, 0 to 1"
-        )
-    return np.array(np.broadcast_to(values, shape), order="C")
