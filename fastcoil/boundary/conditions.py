@@ -23,6 +23,28 @@ _TABLE = (
     Parameter("start_hour", "boundary", "h", 9.0, "hour of the day at the start", 0.0, 24.0),
     Parameter("start", "boundary", "h", 0.0, "hours from the first row of a log to the start", 0.0, 8784.0),
     MAX_GAP,
+    Parameter("m_a_design", "boundary", "kg s-1", 1.3, "air flow at full load", 0.0, open_lower=True),
+    Parameter("m_a_min", "boundary", "kg s-1", 0.5, "least air flow while the fan runs", 0.0, open_lower=True),
+    Parameter("outdoor_air_min", "boundary", "kg s-1", 0.25, "least flow of outdoor air while the fan runs", 0.0),
+    Parameter(
+        "economiser_limit", "boundary", "degC", None, "outdoor temperature that locks the economiser out", -40, 60
+    ),
+    Parameter("T_balance", "boundary", "degC", None, "outdoor temperature without load of the shell", -40.0, 60.0),
+    Parameter("internal_load", "boundary", "1", None, "load by people and devices over the design load", 0.0, 1.0),
+    Parameter("zone_spread", "boundary", "1", 0.3, "how far loads of zones lie apart, over their mean", 0.0, 1.0),
+    Parameter("T_set", "boundary", "degC", None, "set-point", 0.0, 60.0),
+    Parameter("T_set_min", "boundary", "degC", None, "lowest set-point", 0.0, 60.0),
+    Parameter("T_set_max", "boundary", "degC", None, "highest set-point", 0.0, 60.0),
+    Parameter("T_out_min", "boundary", "degC", None, "outdoor temperature up to which T_set_max holds", -40.0, 60.0),
+    Parameter("T_out_max", "boundary", "degC", None, "outdoor temperature from which T_set_min holds", -40.0, 60.0),
+    Parameter("trim", "boundary", "K", 0.1, "step of the set-point each time", 0.0, 10.0),
+    Parameter("respond", "boundary", "K", 0.2, "step of the set-point for each request that counts", 0.0, 10.0),
+    Parameter("respond_max", "boundary", "K", 0.6, "largest step of the set-point by requests", 0.0, 10.0),
+    Parameter("T_w_in", "boundary", "degC", None, "entering water temperature", 0.5, 95.0),
+    Parameter("T_w_min", "boundary", "degC", None, "lowest entering water temperature", 0.5, 95.0),
+    Parameter("T_w_max", "boundary", "degC", None, "highest entering water temperature", 0.5, 95.0),
+    Parameter("T_out_w_min", "boundary", "degC", None, "outdoor temperature up to which T_w_max holds", -40.0, 60.0),
+    Parameter("T_out_w_max", "boundary", "degC", None, "outdoor temperature from which T_w_min holds", -40.0, 60.0),
     PARAMETERS["pressure"],
 )
 CONDITIONS = {p.name: p for p in _TABLE}
