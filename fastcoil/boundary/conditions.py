@@ -44,6 +44,7 @@ _TABLE = (
     Parameter("T_w_min", "boundary", "degC", None, "lowest entering water temperature", 0.5, 95.0),
     Parameter("T_w_max", "boundary", "degC", None, "highest entering water temperature", 0.5, 95.0),
     Parameter("T_out_w_min", "boundary", "degC", None, "outdoor temperature up to which T_w_max holds", -40.0, 60.0),
+    Parameter("disturbances", "boundary", "1", 1.0, "noise faster than hours, over that of paper_day", 0.0, 10.0),
     Parameter("T_out_w_max", "boundary", "degC", None, "outdoor temperature from which T_w_min holds", -40.0, 60.0),
     PARAMETERS["pressure"],
 )

@@ -1,10 +1,11 @@
-"""A year of weather with the real operation of an air handler: schedule, economiser, resets, flows that follow the load.
+"""A year of weather with the real operation of an air handler: schedule, economiser, resets, flows by load.
 
-Sources of the defaults.  ASHRAE Guideline 36-2021: section 5.16.2.2 (set-point between 13 degC, 55 degF, and 18 degC, 65
-degF; outdoor temperatures of 16 and 21 degC, 60 and 70 degF; trim and respond every 2 min, 10 min after the start, by 0.1,
-0.2 and at most 0.6 K, 2 requests ignored).  ANSI/ASHRAE/IES 90.1: table 6.5.1.1.3 (limits of an economiser by climate:
-24 degC where it is dry), appendix G, G3.1.3.9 and G3.1.3.4 (outdoor temperatures between which water is reset: chilled 60
-and 80 degF, hot 20 and 50 degF).  Return air and water temperatures are those of `design_day`; flows suit the presets.
+Sources of the defaults.  ASHRAE Guideline 36-2021, section 5.16.2.2: set-point from 13 to 18 degC (55 to 65 degF) over
+outdoor temperatures of 16 and 21 degC (60 and 70 degF); trim and respond from 10 min after the start, every 2 min, by
+0.1, 0.2 and at most 0.6 K, 2 requests ignored.  ANSI/ASHRAE/IES 90.1: table 6.5.1.1.3, the fixed limit of an economiser
+(24 degC where it is dry); appendix G, sections G3.1.3.4 and G3.1.3.9, outdoor temperatures between which water is reset
+(hot 20 and 50 degF, chilled 60 and 80 degF).  Return air and water are those of `design_day`; flows suit the presets.
+The rest are guesses.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from fastcoil.arguments import checking, path_of
 from fastcoil.boundary.conditions import condition_of
@@ -49,7 +51,7 @@ def weather_year(
     m_a_design: float = 1.3,
     m_a_min: float = 0.5,
     outdoor_air_min: float = 0.25,
-    economiser: str | None = None,
+    economiser: Literal["differential", "fixed", "none"] | None = None,
     economiser_limit: float | None = None,
     T_return: float | None = None,
     RH_return: float | None = None,
@@ -58,7 +60,7 @@ def weather_year(
     internal_load: float | None = None,
     zones: int = 20,
     zone_spread: float = 0.3,
-    set_point: str | None = None,
+    set_point: Literal["fixed", "outdoor_reset", "trim_and_respond"] | None = None,
     T_set: float | None = None,
     T_set_min: float | None = None,
     T_set_max: float | None = None,
@@ -70,13 +72,14 @@ def weather_year(
     ignored_requests: int = 2,
     trim_delay: int = 600,
     trim_interval: int = 120,
-    water: str = "fixed",
+    water: Literal["fixed", "load", "outdoor"] = "fixed",
     T_w_in: float | None = None,
     T_w_min: float | None = None,
     T_w_max: float | None = None,
     T_out_w_min: float | None = None,
     T_out_w_max: float | None = None,
-    seed: int | None = 1,
+    disturbances: float = 1.0,
+    seed: int = 1,
     pressure: float | None = None,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
@@ -87,7 +90,8 @@ def weather_year(
     in the standard time of the site, its label is the day of the year.  Outside its hours the fan stands (``m_a`` = 0)
     and the loop is off (``enabled`` = 0); so it is where the mixture needs nothing of the coil: from less than 0.2 K
     beyond the set-point on until it is more than 0.5 K.  The load, the zones and their requests are a stand-in for a
-    building, described with all formulas in docs/operation.md.  What is left out as None is that of the mode in `DEFAULTS`.
+    building, described with all formulas in docs/operation.md.  What is left out as None is
+    that of the mode in `DEFAULTS`.
 
     Parameters
     ----------
@@ -103,8 +107,8 @@ def weather_year(
     first_date, last_date
         Or month and day of the first and the last one, ``"06-01"``; also across the end of the year.
     fan_hours, weekend_fan_hours, holidays
-        Hours of start and stop of the fan, Monday to Friday, and Saturday and Sunday (stands if left out); dates such as
-        ``"12-25"`` that are run like a Sunday.
+        Hours of start and stop of the fan, Monday to Friday, and Saturday and Sunday (it stands if left out); dates
+        such as ``"12-25"`` that are run like a Sunday.
     m_a_design, m_a_min
         Air flow at full load and least air flow [kg/s].
     outdoor_air_min
@@ -133,8 +137,8 @@ def weather_year(
         Entering water: ``fixed`` (``T_w_in``), ``load`` (from ``T_w_max`` without load to ``T_w_min`` at full load; in
         heating the other way round) or ``outdoor`` (``T_w_max`` up to the outdoor temperature ``T_out_w_min``,
         ``T_w_min`` from ``T_out_w_max`` on) [degC].
-    seed
-        Of the noise that is faster than hours, as strong as that of `paper_day`; None for none.
+    disturbances, seed
+        Noise that is faster than hours, over that of `paper_day` (0: none); a whole number from 0 to 2**32 - 1 for it.
     """
     given = dict(locals())
     with checking() as check:
@@ -160,7 +164,7 @@ def weather_year(
     dates = calendar.dates(labels)
     require_days(labels, outdoors.days, path.name)
     settings = settings_of(chosen, outdoors, fan_days(labels, dates, weekday, weekend, free or []), path.name)
-    if seed is None:
+    if settings.disturbances == 0.0:
         warn_of_hours(weather)
     return Boundary.from_days(
         partial(series_of_day, settings, outdoors),

@@ -13,7 +13,6 @@ from fastcoil.arguments import is_number, plain, text_of, whole_of
 from fastcoil.boundary.weather_files import Weather
 from fastcoil.boundary.weather_formats import WEEKDAYS
 from fastcoil.errors import InputError, WrongType, shown
-from fastcoil.logs.series import in_total
 
 _MOST = 366
 _FIRST_YEAR, _LAST_YEAR = 1970, 2199
@@ -78,6 +77,7 @@ def calendar_of(year: int | None, weather: Weather, file: str) -> Calendar:
 
 
 def year_of(name: str, value: object) -> int:
+    """Number of a year."""
     cure = f"give a year from {_FIRST_YEAR} to {_LAST_YEAR}"
     return whole_of(name, value, _FIRST_YEAR, _LAST_YEAR, cure)
 
@@ -95,6 +95,7 @@ def month_day_of(name: str, value: object) -> tuple[int, int]:
 
 
 def month_days_of(name: str, value: object) -> list[tuple[int, int]]:
+    """Several of them."""
     return [month_day_of(name, one) for one in _several(name, value, "give a list such as 01-01, 12-25")]
 
 
@@ -148,7 +149,8 @@ def require_days(labels: Sequence[int], available: range, file: str) -> None:
     """Refuse days that a file does not hold."""
     absent = [label for label in labels if label not in available]
     if absent:
+        more = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
         raise InputError(
             f"days: {file} holds the whole days {available[0]} to {available[-1]} of the year, not {absent[0]}"
-            f"{in_total(len(absent))}: choose among them"
+            f"{more}: choose among them"
         )

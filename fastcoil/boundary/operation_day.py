@@ -21,10 +21,10 @@ def series_of_day(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Arra
     """All series of a day by its label, the day of the year from 1: (86400,) each."""
     T_out, W_out = outdoors.of_day(label)
     begin, end = (round(3600 * hour) for hour in s.fan.get(label, (0.0, 0.0)))
-    drifts = plant_drifts(s.seed, label)
+    drifts = {name: s.disturbances * drift for name, drift in plant_drifts(s.seed, label).items()}
     minutes = slice(None, None, ZONE_STEP)
     mean_load = load(s, T_out[minutes], begin, end)
-    loads = zone_loads(mean_load, s.zone_spread, zone_drifts(s.seed, label, s.zones))
+    loads = zone_loads(mean_load, s.zone_spread, s.disturbances * zone_drifts(s.seed, label, s.zones))
     T_set = set_point(s, T_out, loads, begin, end)
     flow = air_flow(s, loads, T_set[minutes])
     m_a = by_second(flow, ZONE_STEP) * (1.0 + drifts["m_a"])

@@ -25,10 +25,8 @@ _ZONE = Drift(0.05, 1200)
 _DAY = 86_400
 
 
-def plant_drifts(seed: int | None, day: int) -> dict[str, Array]:
-    """Noise of the plant by series at the seconds of a day, (86400,) each; zeros without a seed."""
-    if seed is None:
-        return {name: np.zeros(_DAY) for name in _PLANT}
+def plant_drifts(seed: int, day: int) -> dict[str, Array]:
+    """Noise of the plant by series at the seconds of a day, (86400,) each."""
     white = _white(PLANT_STEP, seed, day, 0, len(_PLANT))
     return {
         name: by_second(_noise(drift, PLANT_STEP, one), PLANT_STEP)
@@ -36,10 +34,8 @@ def plant_drifts(seed: int | None, day: int) -> dict[str, Array]:
     }
 
 
-def zone_drifts(seed: int | None, day: int, n_zones: int) -> Array:
-    """Noise of the loads of the zones each `ZONE_STEP` seconds of a day, (1440, n_zones); zeros without a seed."""
-    if seed is None:
-        return np.zeros((_DAY // ZONE_STEP, n_zones))
+def zone_drifts(seed: int, day: int, n_zones: int) -> Array:
+    """Noise of the loads of the zones each `ZONE_STEP` seconds of a day, (1440, n_zones)."""
     white = _white(ZONE_STEP, seed, day, 1, n_zones)
     return np.stack([_noise(_ZONE, ZONE_STEP, one) for one in white], axis=1)
 

@@ -63,13 +63,14 @@ CHOICES = {
 _NUMBERS = (
     *("m_a_design", "m_a_min", "outdoor_air_min", "economiser_limit", "T_return", "RH_return", "T_balance", "T_design"),
     *("internal_load", "zone_spread", "T_set", "T_set_min", "T_set_max", "T_out_min", "T_out_max"),
-    *("trim", "respond", "respond_max", "T_w_in", "T_w_min", "T_w_max", "T_out_w_min", "T_out_w_max"),
+    *("trim", "respond", "respond_max", "T_w_in", "T_w_min", "T_w_max", "T_out_w_min", "T_out_w_max", "disturbances"),
 )
 _WHOLE = {
     "zones": (1, 1000),
     "ignored_requests": (0, 3000),
     "trim_delay": (0, 86_400),
     "trim_interval": (1, 86_400),
+    "seed": (0, 2**32 - 1),
 }
 _USED_WITH = {
     "economiser_limit": ("economiser", ("fixed",)),
@@ -127,7 +128,8 @@ class Settings(NamedTuple):
     T_w_max: float
     T_out_w_min: float
     T_out_w_max: float
-    seed: int | None
+    disturbances: float
+    seed: int
 
     @property
     def cools(self) -> bool:
@@ -149,13 +151,14 @@ def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
     """
     with checking() as check:
         mode = check(choice_of, "mode", given["mode"], DEFAULTS)
-        seed = check.unless_none(whole_of, "seed", given["seed"], 0, 2**32 - 1)
-        chosen = {name: check.unless_none(choice_of, name, given[name], choices) for name, choices in CHOICES.items()}
+        chosen: dict[str, Any] = {
+            name: check.unless_none(choice_of, name, given[name], choices) for name, choices in CHOICES.items()
+        }
         chosen |= {name: check.unless_none(condition_of, name, given[name]) for name in _NUMBERS}
         chosen |= {name: check(whole_of, name, given[name], *bounds) for name, bounds in _WHOLE.items()}
     told = {name for name, value in chosen.items() if value is not None}
     chosen |= {name: value for name, value in DEFAULTS[mode].items() if name not in told}
-    chosen |= {"mode": mode, "seed": seed}
+    chosen["mode"] = mode
     if problems := _clashes(chosen, told):
         raise InputError(problems)
     return chosen
