@@ -34,10 +34,11 @@ def series_of_day(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Arra
     if end > begin:
         least = np.minimum(s.outdoor_air_min / m_a[on], 1.0)
         air = T_out[on], W_out[on], s.T_return, s.W_return
-        share = through_dampers(outdoor_share(*air, T_set[on], least, s.high_limit))
-        T_mixed, W_mixed = mix(share, *air)
-        missing = T_mixed - T_set[on] if s.cools else T_set[on] - T_mixed
-        enabled[on] = coil_is_needed(missing)
+        wanted = outdoor_share(*air, T_set[on], least, s.high_limit)
+        T_mixed, W_mixed = mix(through_dampers(wanted), *air)
+        # As the dampers will have it: the coil does not help out while they move.
+        beyond = s.T_return + wanted * (T_out[on] - s.T_return) - T_set[on]
+        enabled[on] = coil_is_needed(beyond if s.cools else -beyond)
         T_a_in[on] = T_mixed + drifts["T_a_in"][on]
         W_a_in[on] = W_mixed * (1.0 + drifts["W_a_in"][on])
     m_a[:begin] = m_a[end:] = 0.0

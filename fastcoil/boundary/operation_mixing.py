@@ -27,8 +27,8 @@ def outdoor_share(
 
 
 def through_dampers(share: Array) -> Array:
-    """A share as the dampers follow it from closed, (n,): its mean over the last ``DAMPER_TIME`` seconds."""
-    total = np.cumsum(np.concatenate((np.zeros(DAMPER_TIME + 1), share)))
+    """A share as the dampers follow it, (n,): its mean over the last ``DAMPER_TIME`` seconds, at first as it is."""
+    total = np.cumsum(np.concatenate((np.zeros(1), np.full(DAMPER_TIME, share[0]), share)))
     return np.asarray((total[DAMPER_TIME + 1 :] - total[1:-DAMPER_TIME]) / DAMPER_TIME)
 
 

@@ -22,7 +22,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "RH_return": 0.5,
         "T_balance": 12.0,
         "internal_load": 0.5,
-        "set_point": "trim_and_respond",
+        "set_point": "outdoor_reset",
         "T_set": 13.0,
         "T_set_min": 13.0,
         "T_set_max": 18.0,
