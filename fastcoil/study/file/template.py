@@ -52,7 +52,7 @@ predict = false                         # true: margin, hunting, its period and 
 # evaluations = 240                     # settings that are tried
 
 # [tariff]                              # prices: the summary then says what backlash costs a year
-# electricity = 0.13                    # price of a kWh; of a kW of the highest 15-min demand, a month; of a kWh of heat
+# electricity = 0.13                    # price of a kWh; below: of a kW of demand a month, of a kWh of heat
 # demand = 15.0
 # heat = 0.05
 # cop = 4.0                             # of the chiller
