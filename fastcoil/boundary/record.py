@@ -228,7 +228,8 @@ class Boundary(Samples):
         The header names each column and its unit: ``m_a [kg/s]``, ``T_a_in [degF]``; a volume flow of air is taken at
         1.2 kg/m3.  Time is ``elapsed_time [s]`` (min, h) or ``timestamp``; humidity is ``W_a_in``, ``RH_a_in`` or
         ``T_dp_in``.  Samples are 1 s apart or more; between them ``T_set`` and ``enabled``
-        hold, the others run straight.
+        hold, the others run straight.  The boundary starts at the time of the ``timestamp``; its zone is known where
+        they have a UTC offset, or count from 1970.
 
         Parameters
         ----------
