@@ -9,10 +9,10 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.engine.schedule import COUNTED, HUNTING_SEEN, SETTLED
-from fastcoil.outputs import TRACES
+from fastcoil.outputs import METRICS, TRACES
 from fastcoil.simulation.plan import plan_simulation
 from fastcoil.simulation.running import run_shard
-from fastcoil.simulation.shards import END_STATE, Chain
+from fastcoil.simulation.shards import Chain
 
 pytestmark = pytest.mark.kernel
 
@@ -170,29 +170,24 @@ def test_seconds_count_and_are_settled_as_in_one_piece(n_steps):
 
 
 def test_a_stretch_may_go_on_in_other_blocks():
-    """Lanes of several kinds, cut anew in the middle, end in the state and with the metrics of those left together."""
+    """Lanes of several kinds, cut anew after the first day, end with the metrics of those that were left together."""
     loop = LBNL.assign(
         backlash=("sample", np.linspace(0.01, 0.12, 67)), estimator=["learner", "none", "identify"],
         learning_step=0.01, learning_interval=700, plant_gain=15.0, n_volumes=("sample", [8, 4] * 33 + [8]),
     )  # fmt: skip
     plan = plan_simulation(loop, in_days(), warm_up=WARM_UP, carry_over=True)
     of = plan.n_scenarios // N_DAYS
-    chain = Chain(np.arange(of), of, N_DAYS, 1)
-    first = chain.stretch(0, None)
-    part = run_shard(plan, first)
-    second = first.after(part)
-    together = run_shard(plan, second)
-    one, other = second.halves()
-    rest, few = one.halves()
-    assert [s.chain.lanes.size for s in (other, rest, few)] == [100, 51, 50]
-    found = {}
-    for piece in (other, rest, few):
+    whole = run_shard(plan, Chain(np.arange(of), of, N_DAYS, N_DAYS).stretch(0, None))
+    first = Chain(np.arange(of), of, N_DAYS, 1).stretch(0, None)
+    one, other = first.after(run_shard(plan, first)).halves()
+    pieces = [other, *one.halves()]
+    assert [piece.chain.lanes.size for piece in pieces] == [100, 51, 50]
+    while pieces:
+        piece = pieces.pop()
         done = run_shard(plan, piece)
-        for k, lane in enumerate(piece.chain.lanes.tolist()):
-            found[lane] = done["rmse"].values[k], done[END_STATE].values[k]
-    for lane, (rmse, state) in found.items():
-        assert rmse == together["rmse"].values[lane]
-        np.testing.assert_array_equal(state, together[END_STATE].values[lane][: state.size])
+        for name in METRICS:
+            np.testing.assert_array_equal(done[name], whole[name].values[piece.index], err_msg=name)
+        pieces += filter(None, [piece.after(done)])
 
 
 @fc.law(Settings, Known)

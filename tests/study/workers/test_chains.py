@@ -69,3 +69,14 @@ def test_the_next_stretch_flies_while_the_one_before_it_is_written(job):
 
     found(pool, job, chains(1, 1), Written())
     assert flying == [1] * (OF * (N_DAYS - 1)) + [0] * OF
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_those_who_fly_with_a_culprit_are_run_again_once(job, seed):
+    pool = Pool(2, falls_together=True, culprits=[7 * OF], seed=seed)
+    submitted, submit = [], pool.submit
+    pool.submit = lambda shard: submitted.append((shard.chain.lanes[0], shard.days)) or submit(shard)
+    found(pool, job, chains(6, 4))
+    innocent = [one for one in submitted if one[0] > 1]
+    assert max(innocent.count(one) for one in innocent) <= 2
+    assert sum(innocent.count(one) > 1 for one in set(innocent)) <= 2
