@@ -90,8 +90,11 @@ def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
 
 
 def _one_or_several(start: Any) -> Any:
-    if hasattr(start, "values") and not isinstance(start, dict):  # of xarray or pandas
-        start = start.values
+    try:
+        if type(start).__module__.partition(".")[0] in ("xarray", "pandas") and not isinstance(start, datetime):
+            start = start.values
+    except Exception:  # a user's class may raise anything
+        raise InputError(WrongType(f"start = {shown(start)}: {_CURE}")) from None
     if isinstance(start, np.ndarray):
         start = start.item() if start.ndim == 0 and start.dtype.kind != "M" else start
         if isinstance(start, np.ndarray):

@@ -30,10 +30,10 @@ def stream_of(
             )
         if (n_steps is None) == (hours is None):
             check.problems.append("n_steps and hours: give one of them, the length of each day")
-        elif hours is not None:
-            n_steps = check(whole_seconds, hours)
-        else:
+        if n_steps is not None:
             n_steps = check(whole_of, "n_steps", n_steps, 1, _LONGEST)
+        if hours is not None:
+            n_steps = check(whole_seconds, hours)
         labels = label_array(day, check.problems)
         if not check.problems and labels is not None:
             clock = check(clock_of, start, time_zone, labels.size, n_steps)
