@@ -28,7 +28,7 @@ def positions(day: Any, n_days: int) -> Index | int:
             raise InputError(WrongType(f"day = {shown(day)}: {cure}")) from None
         return _some(found, day, cure)
     if is_number(day):
-        k = float(day)
+        k = float(plain(day))
         if not (-n_days <= k < n_days and k == int(k)):
             raise InputError(f"day = {shown(day)}: {cure}")
         return int(k) % n_days

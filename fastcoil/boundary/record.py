@@ -13,7 +13,7 @@ from fastcoil.boundary.figure import draw
 from fastcoil.boundary.reading import checked
 from fastcoil.boundary.rearranged import DIMS, joined, joining_problems, picked, rows_of
 from fastcoil.boundary.samples import Samples
-from fastcoil.boundary.series import Values
+from fastcoil.boundary.series import Values, require_aligned
 from fastcoil.boundary.source import Stream
 from fastcoil.boundary.streams import replaced, stream_of
 from fastcoil.errors import InputError, WrongType, shown
@@ -105,6 +105,8 @@ class Boundary(Samples):
         Where ``enabled`` follows from the air flow, it follows from a new one, too.
         """
         changes = {name: value for name, value in locals().items() if name != "self" and value is not KEPT}
+        if "day" not in changes:
+            require_aligned(changes, self.day)
         by_air = self._by_air if "enabled" not in changes else changes["enabled"] is None
         if isinstance(self._source, Stream):
             return Boundary.of(*replaced(self._source, self._clock, changes), by_air=by_air)
