@@ -37,12 +37,13 @@ def clock_coordinates(boundary: Boundary, elapsed_time: xr.Variable | None = Non
     if start is None or boundary.clock.start is None:
         return {}
     found = {"start": start}
-    if elapsed_time is not None and not boundary.has_day_dim:
-        if not is_changed(boundary.time_zone, boundary.clock.start[0], boundary.n_steps):
-            time = start.values + np.rint(elapsed_time.values).astype(np.int64) * _SECOND
-            attrs = {"long_name": "date and time", "standard_name": "time"}
-            zone = {"time_zone": boundary.time_zone} if boundary.time_zone else {}
-            found["time"] = xr.DataArray(time.astype("datetime64[ns]"), dims="elapsed_time", attrs=attrs | zone)
+    if elapsed_time is None or boundary.has_day_dim:
+        return found
+    if not is_changed(boundary.time_zone, boundary.clock.start[0], boundary.n_steps):
+        time = start.values + np.rint(elapsed_time.values).astype(np.int64) * _SECOND
+        attrs = {"long_name": "date and time", "standard_name": "time"}
+        zone = {"time_zone": boundary.time_zone} if boundary.time_zone else {}
+        found["time"] = xr.DataArray(time.astype("datetime64[ns]"), dims="elapsed_time", attrs=attrs | zone)
     return found
 
 
