@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import paper_day
-from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.errors import InputError, collecting, nearest
 from fastcoil.look import is_file, is_folder
 from fastcoil.outputs import WARM_UP
@@ -80,7 +79,7 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     apart = "this day by itself, from rest" if carry_over and position.get("day") else ""
     changed = ", ".join(f"{name}={text}" for name, text in changes.items())
     named = "; ".join(filter(None, [title, place, changed, apart]))
-    return Scenario(named, one, _day(boundary, position.get("day", 0)), warm_up, seed)
+    return Scenario(named, one, boundary.isel(day=position.get("day", 0)), warm_up, seed)
 
 
 def _whole(target: Path) -> tuple[str, Loop, Boundary, int, int, bool]:
@@ -125,9 +124,3 @@ def _number(name: str, text: str) -> float:
 def _at(loop: Loop, position: Mapping[str, int]) -> dict[str, float | str]:
     """The swept parameters at one position."""
     return {name: values.isel({d: position[str(d)] for d in values.dims}).item() for name, values in loop.swept.items()}
-
-
-def _day(boundary: Boundary, k: int) -> Boundary:
-    """One day of a boundary; its label, which seeds the noise, stays."""
-    series = {name: boundary.series[name][k] for name in BOUNDARY_SERIES}
-    return Boundary(**series, day=int(boundary.day[k]))
