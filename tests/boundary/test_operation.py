@@ -17,7 +17,7 @@ GUIDELINE = Trim(0.1, 0.2, 0.6, 2, 600, 120)
 def test_trim_and_respond_is_that_of_the_guideline_zone_by_zone(trim, spread):
     rng = np.random.default_rng(5)
     n, low, high, T_zone = 400, 13.0, 18.0, 24.0
-    mean = 0.55 + 0.45 * np.sin(np.arange(n) / 40) + rng.normal(0, 0.02, n)
+    mean = 0.6 + 0.6 * np.sin(np.arange(n) / 40) + rng.normal(0, 0.02, n)
     loads = zone_loads(np.maximum(mean, 0.0), spread, rng.normal(0, 0.05, (n, 20)))
     T_out = 18.5 + 4 * np.sin(np.arange(n) / 30)
     share = between(T_out, 16.0, 21.0, 0.0, 1.0)
