@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import zoneinfo
 from collections.abc import Iterable
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime, timedelta
 from itertools import islice
 from typing import Any, NamedTuple, TypeAlias, cast
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fastcoil.arguments import text_of
 from fastcoil.errors import InputError, WrongType, nearest, shown
+from fastcoil.logs.timestamps import offset_text
 
 Times: TypeAlias = NDArray[np.datetime64]
 
@@ -68,12 +69,6 @@ def time_zone_of(name: str, value: Any) -> str:
     if text in known or (not known and _NAME.fullmatch(text)):  # some machines have no list of zones
         return text
     raise InputError(f"{name} = {shown(text)}{nearest(text, known)}: {_ZONE_CURE}")
-
-
-def offset_text(offset: timedelta) -> str:
-    """An offset from UTC as the name of a time zone: ``UTC-08:00``."""
-    minutes = round(offset.total_seconds() / 60)
-    return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
 
 
 def offset_of(time_zone: str, at: datetime) -> timedelta | None:
@@ -151,4 +146,4 @@ def _zone_of(times: list[datetime], zone: str) -> str:
         return time_zone_of("the time zone of start", name)
     if len(set(offsets)) > 1:
         raise InputError("start has times of different UTC offsets: give local times, and time_zone")
-    return "UTC" if times[0].tzinfo is UTC else offset_text(cast(timedelta, offsets[0]))
+    return offset_text(round(cast(timedelta, offsets[0]).total_seconds() / 60))

@@ -13,6 +13,7 @@ from fastcoil.boundary.air_flow import enabled_by, warn_of_stops
 from fastcoil.boundary.as_dataset import arguments_of, dataset_of
 from fastcoil.boundary.choice import positions, positions_of
 from fastcoil.boundary.clock import clock_of
+from fastcoil.boundary.figure import draw
 from fastcoil.boundary.rearranged import DIMS, check_names, joined, joining_problems, picked, rows_of
 from fastcoil.boundary.samples import Samples
 from fastcoil.boundary.series import (
@@ -31,6 +32,7 @@ from fastcoil.errors import InputError, WrongType, collecting, shown
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
 
 class Boundary(Samples):
@@ -168,6 +170,10 @@ class Boundary(Samples):
             raise InputError(problems)
         return Boundary.of(*joined(parts, dim))
 
+    def plot(self) -> Figure:
+        """The series over time, as a matplotlib ``Figure``; days that do not follow each other on top of each other."""
+        return draw(self._source, self._clock)
+
     def to_dataset(self) -> xr.Dataset:
         """The series as a Dataset with dims (``day``,) ``elapsed_time``, units, long names, and ``start`` if known."""
         return dataset_of(self._source, self._clock)
@@ -228,7 +234,8 @@ class Boundary(Samples):
         The header names each column and its unit: ``m_a [kg/s]``, ``T_a_in [degF]``; a volume flow of air is taken at
         1.2 kg/m3.  Time is ``elapsed_time [s]`` (min, h) or ``timestamp``; humidity is ``W_a_in``, ``RH_a_in`` or
         ``T_dp_in``.  Samples are 1 s apart or more; between them ``T_set`` and ``enabled``
-        hold, the others run straight.
+        hold, the others run straight.  The boundary starts at the time of the ``timestamp``; its zone is known where
+        they have a UTC offset, or count from 1970.
 
         Parameters
         ----------

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array
+from fastcoil.boundary.weather_dates import years_of
 from fastcoil.boundary.weather_files import WEATHER_COLUMNS, Weather
 from fastcoil.errors import InputError, shown
 from fastcoil.files import read_text
@@ -130,6 +131,7 @@ def read_weather_year(
         [i for i, _ in numbered],
     )
     times = _times_of(table, layout, [" ".join(row[i] for i in layout.date) for _, row in numbered])
+    times |= years_of([row[0] for _, row in numbered])  # in both formats they are in the first cell
     used = _used_fields(table, fields)
     table.stop_if_wrong()
     series = {
