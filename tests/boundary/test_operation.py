@@ -115,6 +115,7 @@ def test_the_noise_goes_on_over_midnight_and_is_as_strong_as_that_of_the_papers_
     other = operation_drifts.plant_drifts(4, 1)["m_a"]
     assert abs(np.corrcoef(other, days[0]["m_a"])[0, 1]) < 0.2
     assert abs(np.corrcoef(days[1]["m_a"], days[0]["m_a"])[0, 1]) < 0.2
+    assert operation_drifts._white(60, 3, 1, 0, 1)[0, 0] != operation_drifts._white(60, 3, 1, 1, 1)[0, 0]
     zones = operation_drifts.zone_drifts(3, 1, 6)
     assert zones.shape == (1440, 6)
     assert np.abs(np.corrcoef(zones.T) - np.eye(6)).max() < 0.5

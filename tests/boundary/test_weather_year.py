@@ -87,6 +87,34 @@ def test_a_leap_year_needs_a_leap_year(tmp_path):
     assert "has no 29 February" in only_problem(fc.weather_year, path, year=2024)
 
 
+def test_the_year_of_a_leap_file_is_a_leap_year_even_where_it_is_found(tmp_path):
+    path = tmp_path / "site.epw"
+    lines = epw(hours_from(2, 28, 72, leap=True))
+    path.write_text("\n".join(lines).replace("Sunday,1/1", "Wednesday, 2/28"))
+    assert str(fc.weather_year(path).start[0])[:10] == "2024-02-28"  # in 2001 it was one, too
+    whole = fc.weather_year(made_weather(tmp_path, 20.0, days=366), **CALM | {"year": 2024})
+    assert (whole.n_days, str(whole.start[-1])[:10]) == (366, "2024-12-31")
+
+
+def test_each_day_has_its_own_weather_straight_between_the_hours(tmp_path):
+    path = made_weather(tmp_path, lambda h: h / 10, T_dew=-5.0)
+    days = fc.weather_year(path, **CALM, economiser="none", outdoor_air_min=1.2, m_a_min=1.2, T_design=35.0)
+    for k in (1, 2):
+        series = days.of_day(k)
+        for clock in (7.0, 12.5, 19.75):
+            at = {name: values[int(3600 * clock)] for name, values in series.items()}
+            share = 1.2 / at["m_a"]
+            T_out = (24 * k + clock) / 10
+            assert at["T_a_in"] == pytest.approx(share * T_out + (1 - share) * 24.0, abs=0.05)
+
+
+def test_without_a_design_temperature_the_file_gives_it(tmp_path):
+    path = made_weather(tmp_path, lambda h: 30.0 * (h - 1) / 999, days=42)  # 1008 hours, the warmest of 30.24 degC
+    for mode, T_design in (("cooling", 30.0 * 0.996 * 1007 / 999), ("heating", 30.0 * 0.004 * 1007 / 999)):
+        found, told = (fc.weather_year(path, **CALM | extra, mode=mode) for extra in ({}, {"T_design": T_design}))
+        np.testing.assert_allclose(found.of_day(18)["m_a"], told.of_day(18)["m_a"], rtol=1e-12)
+
+
 def test_the_mixture_keeps_the_least_outdoor_air_and_its_water(tmp_path):
     path = made_weather(tmp_path, 32.0, T_dew=18.0)
     noon = at_noon(on_a_day(path, set_point="fixed", outdoor_air_min=0.26, T_balance=20.0, T_design=32.0))
@@ -147,7 +175,7 @@ def test_air_flow_follows_the_load_between_least_and_design(tmp_path):
         ("cooling", "load", 22.0, 12.0 - 5.0 * 0.75),
         ("heating", "fixed", 0.0, 60.0),
         ("heating", "outdoor", 1.5, 50.0),
-        ("heating", "load", 5.0, 50.0),
+        ("heating", "load", 10.0, 45.0),
     ],
 )
 def test_water_is_fixed_or_follows_the_load_or_the_weather(tmp_path, mode, water, T_out, expected):
@@ -163,6 +191,8 @@ def test_a_heating_coil_warms_cold_mixed_air(tmp_path):
     assert noon["T_a_in"] == pytest.approx((21.0 + 2.5) / 2, abs=0.03)
     assert noon["enabled"] == 1.0
     assert at_noon(on_a_day(made_weather(tmp_path, 20.0), mode="heating", T_design=-10.0))["enabled"] == 0.0
+    helped = on_a_day(made_weather(tmp_path, 2.5), mode="heating", T_design=-10.0, internal_load=0.3)
+    assert at_noon(helped)["m_a"] == pytest.approx(0.5 + 0.8 * 0.2)
 
 
 def test_a_day_is_the_same_alone_in_any_order_and_pickled(tmp_path):
