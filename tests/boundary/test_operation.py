@@ -13,7 +13,9 @@ from fastcoil.moist_air import enthalpy, mix
 GUIDELINE = Trim(0.1, 0.2, 0.6, 2, 600, 120)
 
 
-@pytest.mark.parametrize(("trim", "spread"), [(GUIDELINE, 0.3), (Trim(0.3, 0.1, 0.25, 0, 0, 60), 0.0)])
+@pytest.mark.parametrize(
+    ("trim", "spread"), [(GUIDELINE, 0.3), (Trim(0.3, 0.1, 0.25, 0, 0, 60), 0.0), (Trim(0.2, 0.02, 9.0, 0, 0, 60), 0.3)]
+)
 def test_trim_and_respond_is_that_of_the_guideline_zone_by_zone(trim, spread):
     rng = np.random.default_rng(5)
     n, low, high, T_zone = 400, 13.0, 18.0, 24.0
