@@ -12,7 +12,7 @@ import fastcoil as fc
 TARIFF = {"electricity": 0.13, "demand": 15.0, "heat": 0.05, "cop": 4.0, "currency": "USD"}
 """Round numbers near those of commercial customers in the United States; see ``docs/cost.md``."""
 HEAT, PEAK, AIR, WITHOUT, EVENED, BILL, MONEY = "heat", "peak", "air", "without", "evened", "bill", "money"
-RESAMPLES = 200
+RESAMPLES, AT_ONCE = 200, 20
 HOURS = 7.5
 """Counted hours of a day."""
 
@@ -73,9 +73,11 @@ def spread(ds: xr.Dataset, measured, among: xr.DataArray | None = None, *more: o
     whole, draw = measured(ds, *more), np.random.default_rng(16499)
     n_days, n = ds.sizes["day"], ds.sizes["sample"]
     medians = []
-    for _ in range(RESAMPLES):
-        other = measured(ds.isel(day=draw.integers(n_days, size=n_days)), *more)
-        medians.append(other.isel(sample=draw.integers(n, size=n)).median("sample"))
+    for _ in range(RESAMPLES // AT_ONCE):
+        days = xr.DataArray(draw.integers(n_days, size=(AT_ONCE, n_days)), dims=("resample", "day"))
+        other = measured(ds.drop_vars("day", errors="ignore").isel(day=days), *more)
+        for k in range(AT_ONCE):
+            medians.append(other.isel(resample=k, sample=draw.integers(n, size=n)).median("sample"))
     low, high = (xr.concat(medians, "resample").quantile(q, "resample", skipna=True) for q in (0.025, 0.975))
     parts = [whole.median("sample"), low, high, *(whole.quantile(q, "sample", skipna=True) for q in (0.05, 0.95))]
     names = xr.DataArray(["median", "low", "high", "q05", "q95"], dims="statistic", name="statistic")

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.analysis.tariff import MONTH, Months, Tariff, billing_months, tariff_of
-from fastcoil.arguments import instance_of
+from fastcoil.arguments import checking, instance_of
 from fastcoil.errors import InputError
 from fastcoil.outputs import COSTS, METRICS, STATUS_OK, YEARLY, Output
 from fastcoil.simulation.dataset import attributes
@@ -20,6 +20,13 @@ from fastcoil.result import check_result
 SUMS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")
 """Metrics that are summed over the days of a month."""
 NEEDED = (*SUMS, "coil_peak_power")
+TAKEN = {
+    *("month", "n_days", "month_share"),
+    *SUMS,
+    *COSTS,
+    *(f"{YEARLY}{name}" for name in (*SUMS, *COSTS)),
+}
+"""Names in the answer that no dim of a result may have."""
 _NO_DATES = (
     f"the results have no dates: {MONTH} days are taken for a month; give the boundary a start to have the months of "
     "the calendar"
@@ -85,8 +92,10 @@ def cost(
         "currency": currency,
     }
     check_result(ds)
-    require_metrics(ds)
-    _require_dates(ds)
+    with checking() as check:
+        check(_require_metrics, ds)
+        check(_require_names, ds)
+        check(_require_dates, ds)
     asked = _asked_in_study(ds) | {name: value for name, value in given.items() if value is not None}
     tariff = tariff_of(asked, "give it, or a table [tariff] in the study file")
     if "start" not in ds.coords:
@@ -94,11 +103,21 @@ def cost(
     return costs_of(ds, tariff)
 
 
-def require_metrics(ds: xr.Dataset) -> None:
+def _require_metrics(ds: xr.Dataset) -> None:
     """Refuse a result without the metrics that cost something."""
     missing = [name for name in NEEDED if name not in ds]
     if missing:
         raise InputError(f"ds has no {', '.join(missing)}: keep all metrics, or simulate an older result again")
+    odd = [name for name in NEEDED if set(ds[name].dims) != set(ds["status"].dims)]
+    if odd:
+        raise InputError(f"ds has {', '.join(odd)} over other dims than status: give a whole result, with every day")
+
+
+def _require_names(ds: xr.Dataset) -> None:
+    """Refuse dims and coordinates that are called like something in the answer."""
+    taken = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in TAKEN)
+    if taken:
+        raise InputError(f"ds has a dimension or coordinate {taken[0]}, which the costs have, too: rename it")
 
 
 def _require_dates(ds: xr.Dataset) -> None:
@@ -142,14 +161,21 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
     result["status"] = status.max("day", keep_attrs=True).reset_coords(drop=True)
     kept = {name: c for name, c in ds.coords.items() if set(c.dims) <= set(result["status"].dims) and name != "start"}
     result = result.assign_coords(kept | _month_coordinates(months, start))
-    return result.assign_attrs(_said(months, start, tariff))
+    return result.drop_attrs(deep=False).assign_attrs(_said(months, start, tariff))
 
 
 def _heats(ds: xr.Dataset) -> xr.DataArray:
     """1 for each loop with a heating coil, else 0."""
-    constants = json.loads(ds.attrs.get("parameters", "{}"))
-    action = ds.coords.get("action", xr.DataArray(constants.get("action") or "cooling"))
+    action = ds.coords.get("action", xr.DataArray(_constant_action(ds)))
     return xr.DataArray(action == "heating").astype(float).reset_coords(drop=True)
+
+
+def _constant_action(ds: xr.Dataset) -> str:
+    """The action that all loops have in common."""
+    try:
+        return str(json.loads(ds.attrs.get("parameters", "{}")).get("action") or "cooling")
+    except (ValueError, TypeError, AttributeError):  # nothing that fastcoil wrote
+        return "cooling"
 
 
 def _month(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray) -> xr.Dataset:

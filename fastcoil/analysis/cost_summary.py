@@ -119,7 +119,8 @@ def _mechanics(ds: xr.Dataset, baseline: dict[str, Any], other: dict[str, Any]) 
     now, before = (100.0 * float(off.sel(at).median()) for at in ({**baseline, **other}, baseline))
     ratio = float((travel.sel({**baseline, **other}) / travel.sel(baseline, drop=True)).median())
     moved = f", and its motor travels {ratio:.1f} times as far" if np.isfinite(ratio) else ""
-    return f"Its air is more than 0.5 K off the set-point {now:.1f} % of the time instead of {before:.1f} %{moved}."
+    off_it = f"{now:.1f} % of the time instead of {before:.1f} %, mean of the days"
+    return f"Its air is more than 0.5 K off the set-point {off_it}{moved}."
 
 
 def _wear(ds: xr.Dataset, baseline: dict[str, Any]) -> list[str]:

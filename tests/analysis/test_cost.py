@@ -164,3 +164,7 @@ def test_a_result_without_energy_or_with_odd_dates_is_refused():
     (sentence,) = problems(fc.cost, result(3).assign_coords(start=("day", [1, 2, 3])), **PRICES)
     assert "start has something else than a date" in sentence
     assert len(problems(fc.cost, result(3))) == 3
+    (sentence,) = problems(fc.cost, result(3).assign(status=result(3).status.max("day")), **PRICES)
+    assert "over other dims than status" in sentence
+    (sentence,) = problems(fc.cost, result(3, ("month", ["a", "b"])), **PRICES)
+    assert "ds has a dimension or coordinate month" in sentence

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import xarray as xr
 
-PRICES = {"electricity": 0.2, "demand": 12.0, "heat": 0.05, "cop": 4.0}
+PRICES = {"electricity": 0.24, "demand": 12.0, "heat": 0.05, "cop": 4.0}
 METRICS = ("coil_energy", "coil_peak_power", "reheat_energy", "recool_energy", "motor_travel", "share_off", "rmse")
 
 

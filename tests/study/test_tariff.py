@@ -110,6 +110,13 @@ def test_a_wrong_tariff_is_refused_in_one_sentence(tmp_path, tariff, words):
     assert words in sentence
 
 
+def test_an_axis_called_like_a_cost_is_refused(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text((WITHOUT + TARIFF).replace("[cases.tuning]", "[cases.month]"))
+    (sentence,) = problems(read_study, path)
+    assert "[tariff] the costs have a dimension or number month, too: rename it" in sentence
+
+
 def test_prices_do_not_change_which_study_it_is(tmp_path):
     (tmp_path / "a.toml").write_text(WITHOUT)
     (tmp_path / "b.toml").write_text(WITHOUT + TARIFF)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fastcoil.analysis.cost import TAKEN
 from fastcoil.analysis.cost_summary import Billing
 from fastcoil.analysis.tariff import tariff_of
 from fastcoil.errors import InputError, nearest, shown
@@ -25,7 +26,10 @@ def billing_of(table: TariffTable, layout: Layout | None) -> Billing:
     baseline = dict(table.baseline)
     if len(baseline) > 1:
         raise InputError(f"baseline = {shown(baseline)}: give one dimension and one of its labels")
-    problems = [] if layout is None else [p for dim, label in baseline.items() for p in _problems(layout, dim, label)]
+    problems: list[str] = []
+    if layout is not None:
+        named = [f"the costs have a dimension or number {dim}, too: rename it" for dim in layout.sizes if dim in TAKEN]
+        problems = named + [p for dim, label in baseline.items() for p in _problems(layout, dim, label)]
     if problems:
         raise InputError(problems)
     return Billing(tariff, baseline)
