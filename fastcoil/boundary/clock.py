@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import zoneinfo
 from collections.abc import Iterable
-from datetime import date, datetime, timedelta
+from datetime import UTC, date, datetime, timedelta
 from itertools import islice
 from typing import Any, NamedTuple, TypeAlias, cast
 
@@ -84,14 +84,25 @@ def offset_of(time_zone: str, at: datetime) -> timedelta | None:
 
 
 def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
-    """Whether clocks of the zone are changed within ``n_steps`` s of ``start``."""
+    """Whether clocks of the zone are changed within ``n_steps`` s of ``start``, or may show it twice."""
     first = cast(datetime, start.astype(SECONDS).item())
-    return offset_of(time_zone, first) != offset_of(time_zone, first + timedelta(seconds=n_steps - 1))
+    try:
+        zone = zoneinfo.ZoneInfo(time_zone) if time_zone and not _OFFSET.fullmatch(time_zone) else None
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError):
+        return False
+    if zone is None:
+        return False
+    there = first.replace(tzinfo=zone)
+    last = (there.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
+    return len({there.utcoffset(), there.replace(fold=1).utcoffset(), last.utcoffset()}) > 1
 
 
 def _one_or_several(start: Any) -> Any:
-    if hasattr(start, "values") and not isinstance(start, dict):  # of xarray or pandas
-        start = start.values
+    try:
+        if type(start).__module__.partition(".")[0] in ("xarray", "pandas") and not isinstance(start, datetime):
+            start = start.values
+    except Exception:  # a user's class may raise anything
+        raise InputError(WrongType(f"start = {shown(start)}: {_CURE}")) from None
     if isinstance(start, np.ndarray):
         start = start.item() if start.ndim == 0 and start.dtype.kind != "M" else start
         if isinstance(start, np.ndarray):
