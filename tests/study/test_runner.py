@@ -200,7 +200,11 @@ def test_a_cell_of_the_result_gives_back_its_loop(finished):
     assert float(alone.rmse) == float(cell.rmse)
 
 
-@pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "studies").glob("*.toml") if p.name != "weather.toml"))
+WEATHER = ("weather.toml", "year.toml")
+"""Studies that need a weather file."""
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "studies").glob("*.toml") if p.name not in WEATHER))
 def test_every_study_of_the_repository_runs(name, tmp_path):
     text = (ROOT / "studies" / name).read_text()
     for long, short in (

@@ -1,0 +1,59 @@
+"""The study of a year: what backlash costs, from the study file to the tables."""
+
+import re
+
+import numpy as np
+import pytest
+import year
+from helpers.made_weather import made_weather
+
+import fastcoil as fc
+
+DAYS = [2, 3, 4]
+"""Of 2023: Monday to Wednesday."""
+
+
+@pytest.fixture(scope="module")
+def ds(tmp_path_factory):
+    """Three hot days of the study with four loops."""
+    folder = tmp_path_factory.mktemp("year")
+    weather = made_weather(folder, lambda h: 27.0 + 4.0 * np.sin(2.0 * np.pi * (h - 9.0) / 24.0), T_dew=12.0)
+    text = (year.HERE / "year.toml").read_text()
+    for long, short in ((r"size = \d+", "size = 4"), ('path = ".*"', f'path = "{weather.name}"\ndays = {DAYS}')):
+        text = re.sub(long, short, text)
+    (folder / "year.toml").write_text(text)
+    return fc.run_study(folder / "year.toml", folder / "out")
+
+
+@pytest.mark.kernel
+def test_the_year_wears_and_is_one_sequence(ds):
+    assert int(ds["status"].max()) == 0
+    assert ds.attrs["carry_over"] == 1
+    gap = ds["backlash_final"]
+    assert bool((gap.sel(valve="sound") == 0.0).all())
+    assert bool((gap.sel(valve=["new", "used", "loose"]).diff("day") > 0.0).all())
+    # wear by itself: what the stem has travelled, counted or not, is at least what the days counted
+    worn = gap.isel(day=-1) - ds["backlash"]
+    assert bool((worn >= 1e-4 * ds["stem_travel"].sum("day") * (ds["backlash"] > 0.0) - 1e-12).all())
+
+
+@pytest.mark.kernel
+def test_rows_compare_each_loop_with_its_own_sound_valve(ds):
+    rows = {(row[0], row[1]): row for row in year.cost_rows(ds)}
+    assert len(rows) == 4 * 3 - 1
+    costs = fc.cost(ds)["yearly_cost"]
+    more = costs.sel(valve="loose", controller="pi") - costs.sel(valve="sound", controller="pi")
+    assert float(rows["loose", "plain PI"][2].split()[0]) == pytest.approx(float(more.median()), abs=0.051)
+    parts = [float(cell) for cell in rows["loose", "plain PI"][5:]]
+    assert sum(parts) == pytest.approx(float(more.mean()), abs=0.21)
+
+
+@pytest.mark.kernel
+def test_the_tables_and_the_figure_are_written(ds, written, monkeypatch, tmp_path):
+    monkeypatch.setattr(year, "results", lambda name: ds)
+    monkeypatch.setattr(year, "HERE", tmp_path)
+    year.main()
+    head, *rows = written("year_valve")[1]
+    assert len(rows) == 12 and all(len(row) == len(head) for row in rows)
+    assert [row[0] for row in rows[:3]] == ["sound"] * 3
+    assert (tmp_path / "year.png").stat().st_size > 10_000
