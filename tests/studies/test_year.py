@@ -54,6 +54,7 @@ def test_the_tables_and_the_figure_are_written(ds, written, monkeypatch, tmp_pat
     monkeypatch.setattr(year, "HERE", tmp_path)
     year.main()
     head, *rows = written("year_valve")[1]
-    assert len(rows) == 12 and all(len(row) == len(head) for row in rows)
+    assert len(rows) == 12
+    assert all(len(row) == len(head) for row in rows)
     assert [row[0] for row in rows[:3]] == ["sound"] * 3
     assert (tmp_path / "year.png").stat().st_size > 10_000
