@@ -61,8 +61,8 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     seed = plain(seed)
     with checking() as check:
         n_steps = check(whole_seconds, hours)
-        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
-    _require_memory(len(seeds), n_steps)
+        seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+    require_memory(len(seeds), n_steps)
     h = np.arange(n_steps) / 3600
     D = np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)
     noise = {
@@ -101,7 +101,7 @@ def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
     return np.asarray(x[lead:] * (drift.std / stationary_std))
 
 
-def _require_memory(n_days: int, n_steps: int) -> None:
+def require_memory(n_days: int, n_steps: int) -> None:
     """Refuse days that do not fit into memory while they are made, three times what they take in the end."""
     needed, available = 3 * n_days * n_steps * 8 * len(BOUNDARY_SERIES), available_memory()
     if needed > available:
@@ -111,7 +111,7 @@ def _require_memory(n_days: int, n_steps: int) -> None:
         )
 
 
-def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
+def distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
     most = MOST_VALUES // n_steps
     try:
