@@ -1,8 +1,8 @@
 """Heating coils: how the presets are sized and tuned, whether they ring, and what backlash does to them.
 
-Conditions are drawn over the working range of an air handler: -20 to 15 °C outdoors, of which 30 % are mixed with return
-air of 21 °C, air flow 0.4 to 1.3 kg/s, water of 45 to 70 °C, a set-point that the coil can hold.  Gains are chosen on
-some conditions, without backlash, and every figure is of others.  Run with ``python studies/heating.py``.
+Conditions are drawn over the working range of an air handler: -20 to 15 °C outdoors, of which 30 % are mixed with
+return air of 21 °C, air flow 0.4 to 1.3 kg/s, water of 45 to 70 °C, a set-point that the coil can hold.  Gains are
+chosen on some conditions, without backlash, and every figure is of others.  Run with ``python studies/heating.py``.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Response(NamedTuple):
 
 
 def conditions(loop: fc.Loop, seed: int, size: int) -> Conditions:
-    """Conditions at which the valve of ``loop`` works: it can hold both set-points, between 2 and 97 % of its stroke."""
+    """Conditions at which the valve of ``loop`` works: both set-points need between 2 and 97 % of its stroke."""
     draw = np.random.default_rng(seed)
     at: dict[str, np.ndarray] = {}
     n = 2 * size
@@ -99,7 +99,8 @@ def sizing_rows() -> list[list[str]]:
     for name in HEATING:
         preset, loop = fc.presets()[name], good(name)
         day = fc.design_day(0.5, "heating", T_w_in=preset.T_w_in)
-        rest, full = (fc.linearise(loop, d, at=0) for d in (day, fc.design_day(0.5, "heating", T_w_in=preset.T_w_in, T_set=80.0)))
+        rest = fc.linearise(loop, day, at=0)
+        full = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=preset.T_w_in, T_set=80.0), at=0)
         air = {n: float(v[0, 0]) for n, v in day.series.items()}
         heat = air["m_a"] * float(loop["cp_a"]) * (25.0 - air["T_a_in"])  # type: ignore[arg-type]
         m_w = float(rest.m_w)
@@ -112,7 +113,7 @@ def sizing_rows() -> list[list[str]]:
 
 
 def choice(size: int = SEARCH_SIZE) -> tuple[list[list[str]], tuple[float, float]]:
-    """Overshoot and settling of every pair of gains on both coils, and the pair that settles soonest of the calm ones."""
+    """Overshoot and settling of the gains on both coils, and the pair that settles soonest of the calm ones."""
     found = []
     for name in HEATING:
         loop = good(name)
@@ -152,8 +153,7 @@ def fresh_rows(size: int = FRESH_SIZE) -> list[list[str]]:
                 [f"`{name}`", "own" if gains == name else f"those of `{gains}`",
                  f"{float(loop['kp']):g}, {float(loop['ti']):g}, {float(loop['sample_time']):g}",  # type: ignore[arg-type]
                  f"{float(o.median()):.0%}, {float(o.quantile(0.95)):.0%}, {float(o.max()):.0%}",
-                 f"{float(s.fillna(np.inf).median()):.0f}, {float(s.quantile(0.95)):.0f}"
-                 + (f" ({never:.0%} never)" if never else ""),
+                 f"{never:.0%} never" if never > 0.05 else f"{float(s.median()):.0f}, {float(s.quantile(0.95)):.0f}",
                  f"{float(margin.max()):.2f}", str(share_of(r.ds.hunts)), str(share_of(worn.hunts))]
             )  # fmt: skip
     return rows
@@ -172,21 +172,22 @@ def main() -> None:
     write_table(
         "heating_choice",
         f"Gains for both coils on {SEARCH_SIZE} conditions without backlash: overshoot of a step of {STEP:g} K and "
-        "settling time to 5 % of it in s, both the 95 % quantile; the pairs that settle about as soon as the chosen one",
+        "settling time to 5 % of it in s, both the 95 % quantile; the pairs that settle about as soon as the chosen",
         ["kp, 1/K", "ti, s", "`heating`", "`heating_45`", f"overshoot up to {MOST_OVERSHOOT:.0%} on both"],
         rows,
     )
     print("chosen:", *best)
     write_table(
         "heating_fresh",
-        f"The heating presets on {FRESH_SIZE} fresh conditions, and the gains of the cooling presets on the same coils; "
-        f"overshoot, settling and margin without backlash, worn valves of {100 * GAPS[0]:g} to {100 * GAPS[1]:g} %",
+        f"The heating presets on {FRESH_SIZE} fresh conditions, and the gains of the cooling presets on the same "
+        f"coils; overshoot, settling and margin without backlash, worn valves of {100 * GAPS[0]:g} to "
+        f"{100 * GAPS[1]:g} %",
         ["coil", "gains", "kp in 1/K, ti in s, sample time in s", "overshoot: median, 95 %, most",
          "settling, s: median, 95 %", "largest margin", "hunting, X = 0", "hunting, worn"],
         fresh_rows(),
     )  # fmt: skip
     write_backlash()
-    draw()
+    draw(lambda loop: conditions(loop, FRESH_SEED, 100), STEP_AT, STEP)
 
 
 if __name__ == "__main__":

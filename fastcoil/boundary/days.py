@@ -112,6 +112,7 @@ def require_memory(n_days: int, n_steps: int) -> None:
 
 
 def distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
+    """The seeds of days of ``n_steps``: whole numbers, each once, an `InputError` for anything else."""
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
     most = MOST_VALUES // n_steps
     try:
@@ -223,7 +224,8 @@ def design_day(
     The outdoor temperature follows `RANGE_FRACTIONS`, straight between the hours.  In cooling ``T_design`` is
     its maximum (hours 14 and 15), in heating its minimum (hour 5).  The humidity ratio is constant, that of
     ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but at most saturated.  The
-    defaults are in `DESIGNS`; heating has no daily range there: give one for a day that varies.
+    defaults are in `DESIGNS`; heating has no daily range there: give one for a day that varies, or take
+    `heating_day`, on which set-point, air and water move.
     Nothing here is faster than the hourly profile.
 
     Parameters

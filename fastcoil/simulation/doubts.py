@@ -11,7 +11,7 @@ import warnings
 import numpy as np
 
 from fastcoil.boundary import Boundary
-from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.loop import Loop, words_used
 from fastcoil.simulation.presets import COOLING
 
 FAR = 30.0
@@ -27,7 +27,8 @@ def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
 def _doubts(loop: Loop, boundary: Boundary) -> list[str]:
     """What cannot be meant, a sentence each."""
     actions = np.unique(np.asarray(loop["action"]))
-    if not bool(np.all(np.asarray(loop["kp"]) > 0.0)):  # a kp below 0 turns the action round
+    turns = bool(np.any(np.asarray(loop["kp"]) < 0.0))
+    if turns or words_used(loop, "law") != {"pi"}:  # what the action then means is the user's own business
         return []
     found = []
     (w_low, w_high), (a_low, a_high), (low, high) = (_extremes(boundary, n) for n in ("T_w_in", "T_a_in", "T_set"))
