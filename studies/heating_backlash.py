@@ -98,25 +98,22 @@ def _of_winter(series: dict[str, np.ndarray], seeds: Sequence[int]) -> fc.Bounda
 
 def tuned(preset: str, evaluations: int = EVALUATIONS) -> dict[str, float]:
     """Gains that ``fc.tune`` chooses for other valves, on other days of every kind."""
-    search, holdout = (
-        fc.Boundary(
-            **{n: np.concatenate([day.series[n] for day in of.values()]) for n in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")},
-            day=np.arange(sum(day.n_days for day in of.values())) + first,
-        )
-        for first, of in (
-            (0, days(fc.presets()[preset].T_w_in, SEARCH_DAYS)),
-            (100, days(fc.presets()[preset].T_w_in, HOLDOUT_DAYS)),
-        )
-    )  # fmt: skip
     found = fc.tune(
-        valves(preset, SEARCH_SEED), search, search=SEARCH, limits=LIMITS, holdout=holdout, evaluations=evaluations
-    )
+        valves(preset, SEARCH_SEED), _together(preset, SEARCH_DAYS), search=SEARCH, limits=LIMITS,
+        holdout=_together(preset, HOLDOUT_DAYS), evaluations=evaluations,
+    )  # fmt: skip
     return dict(found.parameters)
 
 
-def runs(
-    preset: str, gains: Mapping[str, float], seeds: Sequence[int] = DAYS
-) -> dict[str, xr.Dataset]:
+def _together(preset: str, seeds: Sequence[int]) -> fc.Boundary:
+    """Days of all kinds in one boundary."""
+    of_kinds = days(fc.presets()[preset].T_w_in, seeds)
+    names = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
+    series = {n: np.concatenate([day.series[n] for day in of_kinds.values()]) for n in names}
+    return fc.Boundary(**series, day=[seed + 100_000 * k for k in range(len(of_kinds)) for seed in seeds])
+
+
+def runs(preset: str, gains: Mapping[str, float], seeds: Sequence[int] = DAYS) -> dict[str, xr.Dataset]:
     """Every remedy on every kind of day; gains: of the tuned PI."""
     loop, found, remedies = valves(preset), {}, REMEDIES | {TUNED: dict(gains)}
     for kind, boundary in days(fc.presets()[preset].T_w_in, seeds).items():

@@ -22,16 +22,16 @@ WARMER = 11.0
 """Set-points above those of `paper_day`, K."""
 W_IN = 0.0035
 """Humidity ratio of the mixed air of a winter day, kg/kg; a heating coil stays dry whatever it is."""
-DRIFTS = {"m_a": Drift(0.015, 60), "T_a_in": Drift(0.20, 120), "T_w_in": Drift(0.2, 120)}
+DRIFTS = {"m_a": Drift(0.015, 60), "T_a_in": Drift(0.20, 120), "T_w_in": Drift(0.3, 300)}
 """Noise of `heating_day`.  The order numbers the random streams: add at the end only."""
 
 
 def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: float = 60.0) -> Boundary:
-    """A heating day: set-point steps every half hour, a boiler that goes on and off, smooth noise.
+    """A heating day: set-point steps every half hour, slow swings, smooth noise.
 
     Air 0.9 + 0.2 D kg/s, 12 + 2 D degC, with D(h) = sin(pi (h - 1)/9) up to h = 8 hours from the start, mirrored
     there and at every further multiple of 8 h: with 30 % of outdoor air and return air of 21 degC that is -11 to
-    -2 degC outdoors.  Water T_w_in + sin(2 pi h/0.5) degC.  Each carries noise as in `DRIFTS`.  Set-points from 23 to
+    -2 degC outdoors.  Water T_w_in + sin(2 pi h/1.5) degC.  Each carries noise as in `DRIFTS`.  Set-points from 23 to
     27 degC.  Nobody measured this day: it is a generic one, as `paper_day` is for cooling.
 
     Parameters
@@ -61,7 +61,7 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
         m_a=(0.9 + 0.2 * D + noise["m_a"])[rows],
         T_a_in=(12.0 + 2.0 * D + noise["T_a_in"])[rows],
         W_a_in=W_IN,
-        T_w_in=(T_w_in + np.sin(2 * np.pi * h / 0.5) + noise["T_w_in"])[rows],
+        T_w_in=(T_w_in + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"])[rows],
         T_set=np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)] + WARMER,
         day=seeds if several else seeds[0],
     )

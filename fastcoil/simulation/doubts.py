@@ -31,7 +31,7 @@ def _doubts(loop: Loop, boundary: Boundary) -> list[str]:
     if turns or words_used(loop, "law") != {"pi"}:  # what the action then means is the user's own business
         return []
     found = []
-    (w_low, w_high), (a_low, a_high), (low, high) = (_extremes(boundary, n) for n in ("T_w_in", "T_a_in", "T_set"))
+    (w_low, w_high), (a_low, a_high), (low, high) = (boundary.extremes[n] for n in ("T_w_in", "T_a_in", "T_set"))
     if "heating" in actions and w_high <= a_low:
         found.append(
             f"action = 'heating', but the water (up to {w_high:.3g} degC) is never warmer than the air (from "
@@ -65,11 +65,6 @@ def _cooling_gains(loop: Loop) -> list[str]:
         if (kp, ti) == (preset["kp"], preset["ti"]):
             return [
                 f"action = 'heating' with kp = {kp:g} 1/K and ti = {ti:g} s, those of the cooling coil {name}: with "
-                "hot water they may ring; begin with the preset heating or heating_45, or give gains for this coil"
+                "hot water they may ring, or be slow; begin with the preset heating or heating_45, or give other gains"
             ]
     return []
-
-
-def _extremes(boundary: Boundary, name: str) -> tuple[float, float]:
-    values = boundary.series[name]
-    return float(values.min()), float(values.max())
