@@ -14,8 +14,8 @@ from fastcoil.boundary import Boundary
 from fastcoil.simulation.loop import Loop, words_used
 from fastcoil.simulation.presets import COOLING
 
-FAR = 30.0
-"""Water that much warmer than the air, K, changes it several times as much per stroke as chilled water does."""
+FAR = 35.0
+"""Water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does."""
 
 
 def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
