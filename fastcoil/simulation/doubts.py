@@ -32,7 +32,7 @@ def _doubts(loop: Loop, boundary: Boundary) -> list[str]:
         return []
     found = []
     (w_low, w_high), (a_low, a_high), (low, high) = (boundary.extremes[n] for n in ("T_w_in", "T_a_in", "T_set"))
-    if "heating" in actions and w_high <= a_low:
+    if "heating" in actions and w_high < a_low:
         found.append(
             f"action = 'heating', but the water (up to {w_high:.3g} degC) is never warmer than the air (from "
             f"{a_low:.3g} degC): opening the valve cools; give action = 'cooling', or days of heating"
@@ -44,7 +44,7 @@ def _doubts(loop: Loop, boundary: Boundary) -> list[str]:
         )
     elif "heating" in actions and w_high - a_low > FAR:
         found += _cooling_gains(loop)
-    if "cooling" in actions and w_low >= a_high:
+    if "cooling" in actions and w_low > a_high:
         found.append(
             f"action = 'cooling', but the water (from {w_low:.3g} degC) is never colder than the air (up to "
             f"{a_high:.3g} degC): opening the valve warms; give action = 'heating', or days of cooling"

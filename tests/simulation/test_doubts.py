@@ -43,6 +43,7 @@ RIGHT = {
     "heating": (fc.Loop.preset("heating"), HEATING_DAY),
     "heating_45": (fc.Loop.preset("heating_45"), fc.heating_day(HOUR, T_w_in=45.0)),
     "water at times warmer than the air": (fc.Loop(), FREE_COOLING),
+    "water and air of one temperature": (fc.Loop(), fc.constant_day(HOUR, T_a_in=20.0, T_w_in=20.0, T_set=20.0)),
     "nothing to do: the air is colder than the set-point": (fc.Loop(), fc.constant_day(HOUR, T_a_in=13.0, T_set=14.0)),
     "gains that were chosen": (fc.Loop.preset("lbnl").assign(action="heating", kp=0.0045), HEATING_DAY),
     "gains that are swept": (fc.Loop.preset("lbnl").assign(action="heating", kp=[0.018, 0.01]), HEATING_DAY),
