@@ -167,6 +167,7 @@ def base_calls(tmp_path_factory):
         "standard_figures": (study.standard_figures, {"ds": ds.isel(kp=0, backlash=0)}),
         "tune": (fc.tune, tuning),
         "weather_day": (fc.weather_day, {"path": weather, "start_hour": 2, **plant, **days}),
+        "weather_year": (fc.weather_year, {"path": weather, "year": 2023, "T_design": 30.0}),
         "write": (files.write, {"figures": {}, "folder": folder}),
     }
 
