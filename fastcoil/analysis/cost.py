@@ -14,8 +14,8 @@ from fastcoil.analysis.tariff import MONTH, Months, Tariff, billing_months, tari
 from fastcoil.arguments import checking, instance_of
 from fastcoil.errors import InputError
 from fastcoil.outputs import COSTS, METRICS, STATUS_OK, YEARLY, Output
+from fastcoil.result import check_result
 from fastcoil.simulation.dataset import attributes
-from fastcoil.simulation.result import check_result
 
 SUMS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")
 """Metrics that are summed over the days of a month."""
