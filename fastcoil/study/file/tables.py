@@ -32,6 +32,7 @@ class RunTable(_Strict):
     warm_up: int = WARM_UP
     seed: int = 0
     replicates: int = 1
+    carry_over: bool = False
     traces: list[str] = Field(default_factory=list, max_length=_MOST_TRACES)
     trace_interval: int = 60
     reduce: str | None = None
@@ -152,6 +153,7 @@ def _cure(kind: str, message: str) -> str:
         ("bool", "give true or false"),
         ("finite", "give a finite number"),
         ("string", "give a text in quotes"),
+        ("bool", "give true or false"),
         ("too_long", f"give at most {_MOST_TRACES}, each once"),
         ("dict", "give a table"),
         ("model", "give a table"),
