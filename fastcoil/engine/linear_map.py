@@ -59,7 +59,7 @@ def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
             factors[j] = side / (first[j] - second[j])
         deliver(S, common.leaks)
         enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes)
+        march_water(S, V, n_volumes, False)
         march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
         add_states(V, n_volumes, factors, B)
 
@@ -74,6 +74,6 @@ def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
                 V[row + j] += side * change
                 factors[j] = side / (2.0 * change)
             enter_each(V, n_volumes, entering)
-            march_water(S, V, n_volumes)
+            march_water(S, V, n_volumes, False)
             march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
             add_states(V, n_volumes, factors, A[:, k])

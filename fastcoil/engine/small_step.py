@@ -47,7 +47,7 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
     ends[:] = 2
     for t in range(n_steps):
         enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes)
+        march_water(S, V, n_volumes, False)
         march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
         for j in range(LANES):
             response[t, j] = supply[j]
@@ -61,7 +61,7 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
     deliver(S, common.leaks)
     for t in range(n_steps):
         enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes)
+        march_water(S, V, n_volumes, False)
         march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
         for j in range(LANES):
             response[t, j] = (response[t, j] - supply[j]) / (first[j] - second[j])

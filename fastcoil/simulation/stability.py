@@ -89,7 +89,7 @@ def _coil_and_valve(layout: Layout) -> Layout:
 
 def _wet_slope(boundary: Boundary, columns: dict[str, np.ndarray]) -> float:
     pressure = float(columns["pressure"].min())
-    dew_point = float(moist_air.dew_point(boundary.series["W_a_in"].max(), pressure))
+    dew_point = float(moist_air.wetting_point(boundary.series["W_a_in"].max(), pressure))
     coldest = min(boundary.series[n].min() for n in ("T_w_in", "T_a_in"))
     if min(coldest, columns["T_initial"].min()) >= dew_point:
         return 0.0
