@@ -28,6 +28,8 @@ from fastcoil.outputs import (
     STATUS_OK,
     STATUS_OUT_OF_RANGE,
 )
+from fastcoil.physics.coil import NO_FLOW
+from fastcoil.physics.psychrometrics import frost_pressure, humidity_ratio
 
 N_METRICS = len(METRICS)
 M = positions(METRICS)
@@ -38,7 +40,7 @@ OF_ESTIMATORS = (
 """Metrics that one kind of estimator brings, see ``Estimator.results``."""
 
 WATCH_INTERVAL = 60
-"""Seconds between checks of the temperature range: a temperature that leaves it does not come back."""
+"""Seconds between looks at the coil: a temperature that leaves its range does not come back, and frost stays long."""
 MOVED = 1e-9
 """Change of opening, fraction, that counts as a movement of the stem."""
 T_CENTRE, T_HALF_RANGE = 50.0, 100.0
@@ -65,7 +67,7 @@ def alike(period, before):
 
 
 @section
-def account_second(S, V, t, flags, T_set, T_w_in, n_volumes):
+def account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
     """Add one counted second to control error, hunting and energy."""
     first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
     for j in range(LANES):
@@ -73,11 +75,14 @@ def account_second(S, V, t, flags, T_set, T_w_in, n_volumes):
         S[R.sum_e2 + j] += e * e
         S[R.sum_abs_e + j] += abs(e)
         S[R.off + j] += 1.0 if abs(e) > OFF else 0.0
+        S[R.reheat + j] += m_a * (e if e < 0.0 else 0.0)
+        S[R.recool + j] += m_a * (e if e > 0.0 else 0.0)
         S[R.sum_m_w + j] += S[R.m_w + j]
         S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (last[T_W + j] - T_w_in))
         S[R.sum_power + j] += S[R.power + j]
     if flags & WINDOW_STARTS:
         for j in range(LANES):
+            S[R.T_set_from + j] = T_set
             S[R.highest + j] = first[T_A + j]
             S[R.lowest + j] = first[T_A + j]
             S[R.e_previous + j] = 0.0
@@ -85,8 +90,8 @@ def account_second(S, V, t, flags, T_set, T_w_in, n_volumes):
             S[R.up_at + j] = np.nan
     if flags & SETTLED:
         for j in range(LANES):
-            T = first[T_A + j]
-            e = T - T_set
+            e = first[T_A + j] - T_set
+            T = first[T_A + j] - (T_set - S[R.T_set_from + j])
             S[R.sum_e2_settled + j] += e * e
             # & in place of `and`, which would branch
             S[R.crossings + j] += 1.0 if (S[R.e_previous + j] < 0.0) & (e >= 0.0) else 0.0
@@ -137,6 +142,29 @@ def watch(S, V, n_volumes):
             S[R.farthest_T_c + j] = far if far > S[R.farthest_T_c + j] else S[R.farthest_T_c + j]
 
 
+@section
+def watch_frost(S, V, n_volumes, seconds):
+    """Add the seconds since the look before to the lanes in which water freezes on the metal or in the tubes.
+
+    Water that stands still counts with the temperature of its metal: Eq (3) leaves it as it was.
+    """
+    for j in range(LANES):
+        S[R.coldest_wet + j] = np.inf
+        S[R.coldest_water + j] = np.inf
+    for i in range(1, n_volumes + 1):
+        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+        for j in range(LANES):
+            T_c = pair[T_C + j]
+            W_ice = humidity_ratio(frost_pressure(T_c), S[R.pressure + j])
+            T_wet = T_c if pair[VOLUME_STRIDE + W_A + j] > W_ice else np.inf
+            T_water = pair[T_W + j] if S[R.m_w + j] > NO_FLOW else T_c
+            S[R.coldest_wet + j] = T_wet if T_wet < S[R.coldest_wet + j] else S[R.coldest_wet + j]
+            S[R.coldest_water + j] = T_water if T_water < S[R.coldest_water + j] else S[R.coldest_water + j]
+    for j in range(LANES):
+        S[R.frost_time + j] += seconds if S[R.coldest_wet + j] < 0.0 else 0.0
+        S[R.freeze_time + j] += seconds if S[R.coldest_water + j] <= 0.0 else 0.0
+
+
 @scalar
 def status_of(S, V, j, n_volumes):
     """0 ok, 1 non-finite, 2 out of range.  A lane that was once inf or NaN never becomes finite again."""
@@ -177,13 +205,18 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.estimate_final] = S[R.estimate + j]
         m[M.estimate_settled] = S[R.sum_estimate + j] / schedule.n_estimate
         assumes = S[R.estimator + j] > 0.0 or S[R.backlash_estimate + j] > 0.0
-        m[M.size_error] = m[M.estimate_settled] - S[R.backlash + j] if assumes else np.nan
+        m[M.size_error] = m[M.estimate_settled] - S[R.gap + j] if assumes else np.nan
+        m[M.backlash_final] = S[R.gap + j]
         m[M.learn_time_reached] = S[R.time_reached + j]
         m[M.learn_time_confirmed] = S[R.time_confirmed + j]
         m[M.time_identified] = S[R.time_identified + j]
         m[M.coil_energy] = S[R.sum_power + j] / 3600.0
         m[M.coil_peak_power] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
+        m[M.reheat_energy] = -S[R.reheat + j] * S[R.cp_a + j] / 3600.0
+        m[M.recool_energy] = S[R.recool + j] * S[R.cp_a + j] / 3600.0
         m[M.water_volume] = S[R.sum_m_w + j] / _WATER_DENSITY
         m[M.condensate] = S[R.condensate + j]
+        m[M.frost_time] = S[R.frost_time + j]
+        m[M.freeze_time] = S[R.freeze_time + j]
         if status[j] != STATUS_OK:
             m[:] = np.nan
