@@ -123,11 +123,11 @@ METRICS: dict[str, Output] = {
         Output("water_volume", "m3", "water through the coil", "at 1000 kg/m3", label="water volume"),
         Output("condensate", "kg", "condensate", "sum over the volumes of m_a (W_in - W_out) dt", label="condensate"),
         Output("frost_time", "s", "time in which frost forms on the coil",
-               "metal of a wet control volume below 0 degC, seen every 60 s of the whole run, counted or not; the frost "
-               "itself is not simulated", label="time with frost"),
+               "metal of a wet control volume below 0 degC, seen every 60 s of the whole run, counted or not; frost is "
+               "not simulated", label="time with frost"),
         Output("freeze_time", "s", "time in which water freezes in the coil",
                "water of a control volume, or its metal where the water stands still, at or below 0 degC, seen every "
-               "60 s of the whole run, counted or not; the ice itself is not simulated", label="time with ice"),
+               "60 s of the whole run, counted or not; ice is not simulated", label="time with ice"),
     )
 }
 

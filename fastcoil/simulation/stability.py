@@ -117,9 +117,10 @@ def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: _Worst, m_a: np.nd
             given = float(columns[name][0])
             cures.append(f"raise {name} from {given:g} to at least {_ceil3(given * number):g} kJ/K")
     place = ", ".join(filter(None, [coil.describe(worst.flat), f"n_volumes={n_volumes}"]))
+    dt = "1 s" if substeps == 1 else f"1/{substeps} s"
     share = n_bad * (layout.size // coil.size)
     return (
-        f"unstable at dt = {'1 s' if substeps == 1 else f'1/{substeps} s'}: {share:,} of {layout.size:,} scenarios have γ or λ above 1; "
+        f"unstable at dt = {dt}: {share:,} of {layout.size:,} scenarios have γ or λ above 1; "
         f"worst: {' and '.join(what)} at {place}; cure: {', or '.join(cures)}"
     )
 

@@ -33,7 +33,9 @@ def test_humidity_in_frost_is_by_convention_over_supercooled_water():
     """Relative humidity and dew point of weather files; a coil's metal is saturated over ice, up to 22 % less."""
     T = np.linspace(-20.0, 0.0, 21)
     np.testing.assert_allclose(moist_air.humidity_ratio(T, 1.0), moist_air.humidity_ratio_from_dew_point(T), rtol=1e-14)
-    np.testing.assert_allclose(moist_air.humidity_ratio_from_wet_bulb(T, T), moist_air.humidity_ratio(T, 1.0), rtol=1e-9)
+    np.testing.assert_allclose(
+        moist_air.humidity_ratio_from_wet_bulb(T, T), moist_air.humidity_ratio(T, 1.0), rtol=1e-9
+    )
     share = moist_air.saturation_humidity_ratio(T) / moist_air.humidity_ratio(T, 1.0)
     assert np.all(np.diff(share) > 0.0)
     assert share[0] == pytest.approx(0.822, abs=2e-3)

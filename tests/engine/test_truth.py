@@ -36,7 +36,9 @@ FROST = {
     "T_a_in": -14.0 + SECONDS / 240, "W_a_in": 0.0035 + 0.001 * np.sin(SECONDS / 150.0), "T_w_in": 4.0 - SECONDS / 1200,
     "T_set": 4.0,
 }  # fmt: skip
-STEAM = {"T_a_in": 40.0 + SECONDS / 200, "W_a_in": 0.085 + 0.015 * np.sin(SECONDS / 200.0), "T_w_in": 61.0, "T_set": 56.0}
+STEAM = {
+    "T_a_in": 40.0 + SECONDS / 200, "W_a_in": 0.085 + 0.015 * np.sin(SECONDS / 200.0), "T_w_in": 61.0, "T_set": 56.0,
+}  # fmt: skip
 HEATING = {"T_w_in": 55.0, "T_a_in": 12.0 + SECONDS / 1800, "T_set": np.where(SECONDS < 1800, 24.0, 20.0)}
 STEPS = np.repeat([0.0, 0.3, 1.0, 0.55, 0.5, 0.62, 0.0, 0.12, 0.9], 400)
 RING = np.clip(0.5 + 0.5 * np.sin(SECONDS / 90.0), 0.0, 1.0)

@@ -50,8 +50,8 @@ def study(tmp_path, text):
 
 def test_a_study_file_may_say_it(tmp_path):
     spec = study(tmp_path, '[loop]\npreset = "lbnl"\nconverged = true\n[sweep]\nbacklash = [0.0, 0.07]\n')
-    assert spec.loop == fc.Loop.preset("lbnl", converged=True).assign(backlash=[0.0, 0.07])
-    assert study(tmp_path, "[loop]\nconverged = false\n").loop == fc.Loop()
+    assert spec.plan.layout.loop == fc.Loop.preset("lbnl", converged=True).assign(backlash=[0.0, 0.07])
+    assert study(tmp_path, "[loop]\nconverged = false\n").plan.layout.loop == fc.Loop()
 
 
 @pytest.mark.parametrize(

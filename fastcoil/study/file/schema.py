@@ -13,9 +13,9 @@ from typing import Any
 from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS, Parameter
 from fastcoil.rules.rule import KINDS
+from fastcoil.simulation.converged import MEANING, WORD
 from fastcoil.simulation.parameter_values import FORBIDDEN_DIMS
 from fastcoil.simulation.plan import RUN_LIMITS
-from fastcoil.simulation.converged import MEANING, WORD
 from fastcoil.simulation.presets import PRESETS
 from fastcoil.study.file.loop import LONGEST_AXIS
 from fastcoil.study.file.sampling import (
