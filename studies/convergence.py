@@ -15,6 +15,7 @@ from typing import Any
 import convergence_valves
 import numpy as np
 import xarray as xr
+from identify_online import IDENTIFY
 from kinds import HEATING, kinds, of_kind
 from report import write_table
 from scipy.stats import t
@@ -32,6 +33,15 @@ WAYS = (("lagged", 1), ("quasistatic", 8), FINEST)
 SHOWN = (*(("lagged", n) for n in (1, 2, 8, 32)), *(("quasistatic", n) for n in (1, 2, 4, 8, 16)))
 VOLUMES = (8, 16, 32, 64)
 METRICS = ("rmse", "hunting_swing", "motor_travel", "coil_energy", "condensate")
+CONTROLLERS: dict[str, dict[str, Any]] = {
+    "plain PI": {},
+    "60 %": {"backlash_estimate": 0.042},
+    "95 %": {"backlash_estimate": 0.0665},
+    "120 %": {"backlash_estimate": 0.084},
+    "learning rule": {"estimator": "learner", "learning_step": 0.007, "backlash_estimate": 0.007},
+    "identify": IDENTIFY,
+}
+CONTROLLED = tuple(dict.fromkeys(name for given in CONTROLLERS.values() for name in given))
 VARIED = ("C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time")
 
 
@@ -62,6 +72,21 @@ def of_kinds(days: range = DAYS, weather: Path = WEATHER) -> dict[str, xr.Datase
     ways = {"air_march": [march for march, _ in WAYS], "substeps": [n for _, n in WAYS]}
     loop = presets().assign(backlash=list(BACKLASH), **{name: ("way", values) for name, values in ways.items()})
     return {kind: fc.simulate(loop, of_kind(kind, list(days), weather)) for kind in kinds(weather) if kind != HEATING}
+
+
+def claims(days: range = DAYS) -> xr.Dataset:
+    """The presets with 7 % backlash and every controller, as printed and converged: (way, controller, preset, day)."""
+    loop = presets().assign(**{name: ("controller", _filled(name)) for name in CONTROLLED})
+    day = fc.paper_day(hours=8, seed=list(days))
+    parts = [fc.simulate(loop.assign(air_march=march, substeps=n), day) for march, n in WAYS[:2]]
+    kept = ["rmse", "switch_frequency", "estimate_settled"]
+    ds = xr.concat([part[kept].reset_coords(drop=True) for part in parts], "way")
+    return ds.assign_coords(controller=list(CONTROLLERS))
+
+
+def _filled(name: str) -> list[Any]:
+    default = "none" if name == "estimator" else fc.Loop()[name]
+    return [{"plant_gain": 20.0, **given}.get(name, default) for given in CONTROLLERS.values()]
 
 
 def change(now: xr.DataArray, before: xr.DataArray) -> str:
@@ -135,6 +160,37 @@ def write_kinds(found: Mapping[str, xr.Dataset]) -> None:
     )
 
 
+def write_claims(ds: xr.Dataset) -> None:
+    """Write what the paper says of its loop, as printed and converged."""
+    plain, mean = ds.rmse.sel(controller="plain PI"), ds.mean("day")
+
+    def arrow(values: xr.DataArray, form: str) -> str:
+        return " → ".join(form.format(float(value)) for value in values)
+
+    rows = []
+    for name in map(str, ds.preset.values):
+        gains = [
+            arrow(100 * (ds.rmse.sel(controller=c) / plain - 1.0).sel(preset=name).mean("day"), "{:+.0f}") + " %"
+            for c in ("60 %", "95 %", "120 %")
+        ]
+        switches = [
+            arrow(mean.switch_frequency.sel(controller=c, preset=name), "{:.1f}") for c in ("plain PI", "95 %", "120 %")
+        ]
+        estimates = [
+            arrow(100 * mean.estimate_settled.sel(controller=c, preset=name), "{:.1f}") + " %"
+            for c in ("learning rule", "identify")
+        ]
+        rows.append([name, *gains, *switches, *estimates])
+    write_table(
+        "convergence_claims",
+        "With 7 % backlash, as printed → converged: change of RMSE by an inverse, mode switches per 10 min, and "
+        f"settled estimate; means of {ds.sizes['day']} days with set-point steps",
+        ["preset", *(f"RMSE, inverse of {c}" for c in ("60 %", "95 %", "120 %")),
+         *(f"switches, {c}" for c in ("plain PI", "95 %", "120 %")), "learning rule of the paper", "identify"],
+        rows,
+    )  # fmt: skip
+
+
 def write_volumes(ds: xr.Dataset) -> None:
     """Write how far each number of volumes is from eight."""
     write_table(
@@ -161,6 +217,7 @@ def main(days: range = DAYS, weather: Path = WEATHER, **size: Any) -> None:
     write_steps(marched)
     write_backlash(marched)
     write_kinds(of_kinds(days, weather))
+    write_claims(claims(days))
     write_volumes(volumes(days))
     convergence_valves.main(weather=weather, **size)
 

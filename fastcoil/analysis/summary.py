@@ -28,7 +28,7 @@ def summary(ds: xr.Dataset) -> list[str]:
         lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
     if failed == n:
         return lines
-    lines += _foretold(ds)
+    lines += _foretold(ds) + _frozen(ds)
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds)), None)
     if ratio and bool((ds[ratio] == 0.0).any()):
         return lines + _against_plain_pi(ds, ratio)
@@ -49,6 +49,20 @@ def _foretold(ds: xr.Dataset) -> list[str]:
         f"Hunting: foretold for {int(foretold.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}; "
         f"{_cut(agree)} % agree."
     ]
+
+
+def _frozen(ds: xr.Dataset) -> list[str]:
+    """Days with frost, and with ice, if there are any; results of earlier versions do not tell."""
+    lines = []
+    for name, what in (("frost_time", "Frost forms on the coil"), ("freeze_time", "Water freezes in the coil")):
+        hours = ds[name].values / 3600.0 if name in ds else np.zeros(1)
+        n = int((hours > 0.0).sum())
+        if n:
+            lines.append(
+                f"{what} in {n:,} of {hours.size:,} scenario-days, for up to {np.nanmax(hours):.1f} h; "
+                "it is reported, not simulated."
+            )
+    return lines
 
 
 def _cut(share: float) -> str:
