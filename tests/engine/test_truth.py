@@ -33,8 +33,8 @@ class Case(NamedTuple):
 DRY = {"W_a_in": 0.004}
 WET = {"W_a_in": 0.017, "T_w_in": 5.0}
 FROST = {
-    "T_a_in": -14.0 + SECONDS / 240, "W_a_in": 0.0035 + 0.001 * np.sin(SECONDS / 150.0), "T_w_in": 4.0 - SECONDS / 1200,
-    "T_set": 4.0,
+    "T_a_in": -3.0 + 9.0 * np.cos(SECONDS / 573.0), "W_a_in": 0.0035 + 0.001 * np.sin(SECONDS / 150.0),
+    "T_w_in": 4.0 - SECONDS / 1200, "T_set": 4.0,
 }  # fmt: skip
 STEAM = {
     "T_a_in": 40.0 + SECONDS / 200, "W_a_in": 0.085 + 0.015 * np.sin(SECONDS / 200.0), "T_w_in": 61.0, "T_set": 56.0,
