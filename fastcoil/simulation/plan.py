@@ -13,6 +13,7 @@ import numpy as np
 from fastcoil.arguments import checking, instance_of, whole_of
 from fastcoil.arrays import array_of
 from fastcoil.boundary import Boundary
+from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.engine.emulator import DAY_COLUMNS
 from fastcoil.engine.host import TraceRequest
 from fastcoil.engine.rows import LANES
@@ -189,7 +190,7 @@ def plan_simulation(
         warm_up = check(whole_of, "warm_up", warm_up, *RUN_LIMITS["warm_up"])
         seed = check(whole_of, "seed", seed, *RUN_LIMITS["seed"])
         replicates = check(whole_of, "replicates", replicates, *RUN_LIMITS["replicates"])
-        check.problems += _trace_problems(traces, boundary) + _series_problems(loop, boundary)
+        check.problems += _trace_problems(traces) + _series_problems(loop, boundary)
         if not check.problems and boundary.n_steps <= warm_up:
             check.problems.append(
                 f"the boundary lasts {boundary.n_steps} s, the warm-up {shown(warm_up)} s: nothing is left to count, "
@@ -204,7 +205,7 @@ def plan_simulation(
     days = Days(boundary, commands, warm_up, seed)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
-    check_clashes(layout.loop, boundary.series["T_set"])
+    check_clashes(layout.loop, np.array(boundary.extremes["T_set"]))
     check_stability(layout)
     return plan
 
@@ -237,7 +238,7 @@ def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
     ]
 
 
-def _trace_problems(traces: object, boundary: Boundary) -> list[str]:
+def _trace_problems(traces: object) -> list[str]:
     if not isinstance(traces, (list, tuple)):
         return [WrongType(f"traces = {shown(traces)}: give a list of names")]
     known = [n for n in traces if isinstance(n, str) and n in TRACES]
@@ -245,7 +246,7 @@ def _trace_problems(traces: object, boundary: Boundary) -> list[str]:
     for name in traces:
         if not isinstance(name, str):
             problems.append(WrongType(f"traces: {shown(name)} is not a trace; known: {', '.join(TRACES)}"))
-        elif name in boundary.series:
+        elif name in BOUNDARY_SERIES:
             problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
         elif name not in TRACES:
             problems.append(f"traces: {shown(name)} is not a trace{nearest(name, TRACES)}; known: {', '.join(TRACES)}")

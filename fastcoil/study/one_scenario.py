@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import paper_day
-from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.errors import InputError, collecting, nearest
 from fastcoil.look import is_file, is_folder
 from fastcoil.outputs import WARM_UP
@@ -79,7 +78,7 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     place = ", ".join(f"{dim}={labels[dim][k]}" for dim, k in position.items())
     changed = ", ".join(f"{name}={text}" for name, text in changes.items())
     return Scenario(
-        "; ".join(filter(None, [title, place, changed])), one, _day(boundary, position.get("day", 0)), warm_up, seed,
+        "; ".join(filter(None, [title, place, changed])), one, boundary.isel(day=position.get("day", 0)), warm_up, seed,
     )  # fmt: skip
 
 
@@ -125,9 +124,3 @@ def _number(name: str, text: str) -> float:
 def _at(loop: Loop, position: Mapping[str, int]) -> dict[str, float | str]:
     """The swept parameters at one position."""
     return {name: values.isel({d: position[str(d)] for d in values.dims}).item() for name, values in loop.swept.items()}
-
-
-def _day(boundary: Boundary, k: int) -> Boundary:
-    """One day of a boundary; its label, which seeds the noise, stays."""
-    series = {name: boundary.series[name][k] for name in BOUNDARY_SERIES}
-    return Boundary(**series, day=int(boundary.day[k]))

@@ -123,6 +123,11 @@ def base_calls(tmp_path_factory):
     rule = {"Parameters": Parameters, "Memory": Memory}
     return {
         "Boundary": (fc.Boundary, series),
+        "Boundary.assign": (day.assign, {}),
+        "Boundary.concat": (fc.Boundary.concat, {"boundaries": [day, fc.paper_day(hours=0.05, seed=2)]}),
+        "Boundary.from_days": (fc.Boundary.from_days, {"make": lambda label: series, "day": [1, 2], "hours": 0.05}),
+        "Boundary.isel": (fc.paper_day(hours=0.05, seed=[1, 2]).isel, {"day": 0}),
+        "Boundary.sel": (fc.paper_day(hours=0.05, seed=[1, 2]).sel, {"day": 1}),
         "Boundary.from_csv": (fc.Boundary.from_csv, {"path": trend, "hours": 0.01}),
         "Boundary.from_dataset": (fc.Boundary.from_dataset, {"ds": day.to_dataset()}),
         "Diagnosis.to_toml": (fc.diagnose(hunting).to_toml, {"path": folder / "diagnosis.toml"}),
@@ -161,6 +166,7 @@ def base_calls(tmp_path_factory):
         "standard_figures": (study.standard_figures, {"ds": ds.isel(kp=0, backlash=0)}),
         "tune": (fc.tune, tuning),
         "weather_day": (fc.weather_day, {"path": weather, "start_hour": 2, **plant, **days}),
+        "weather_year": (fc.weather_year, {"path": weather, "year": 2023, "T_design": 30.0}),
         "write": (files.write, {"figures": {}, "folder": folder}),
     }
 

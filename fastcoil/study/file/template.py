@@ -30,7 +30,7 @@ faster = { kp = 0.03, ti = 15 }
 # sample_time = { choice = [5, 10, 30] }                 # numbers or words, equally likely
 
 [boundary]                              # what acts on the coil, second by second
-kind = "paper_day"                      # or constant_day, design_day, csv, weather
+kind = "paper_day"                      # or constant_day, design_day, csv, weather, weather_year
 hours = 8
 seed = 1                                # [1, 2, 3] for three days: one more axis, called day
 
