@@ -8,7 +8,7 @@ it runs too, has populations of valves and loops, and the coil at rest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,23 +42,35 @@ CONTROLLERS: dict[str, dict[str, Any]] = {
     "identify": IDENTIFY,
 }
 CONTROLLED = tuple(dict.fromkeys(name for given in CONTROLLERS.values() for name in given))
-VARIED = ("C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time")
+KEPT = (*METRICS, "hunting_period", "hunts", "switch_frequency")
+COOLING = ("paper_like", "paper_like_fast", "lbnl", "g36")
 
 
-def presets() -> fc.Loop:
-    """All presets along ``preset``, as a plain PI."""
-    loops = {name: fc.Loop.preset(name) for name in fc.presets()}
+def presets(names: Sequence[str] = COOLING) -> fc.Loop:
+    """Presets along ``preset``, as a plain PI; all of them cool, or all heat."""
+    loops = {name: fc.Loop.preset(name) for name in names}
+    plain, varied = dict(fc.Loop().items()), dict[str, None]()
+    for loop in loops.values():
+        varied |= {n: None for n, value in loop.items() if value != plain.get(n)}
 
     def along(name: str) -> xr.DataArray:
         return xr.DataArray([loop[name] for loop in loops.values()], {"preset": list(loops)}, "preset")
 
-    return fc.Loop(**{name: along(name) for name in VARIED})
+    return fc.Loop(**{name: along(name) for name in varied})
 
 
 def steps(days: range = DAYS) -> xr.Dataset:
-    """The presets with every march, number of substeps and backlash."""
-    loop = presets().assign(air_march=list(MARCHES), substeps=list(SUBSTEPS), backlash=list(BACKLASH))
-    return fc.simulate(loop, fc.paper_day(hours=8, seed=list(days)))
+    """The presets, each on days of its own kind, with every march, number of substeps and backlash."""
+    parts = []
+    for names, day in ((COOLING, fc.paper_day), (("heating",), fc.heating_day), (("heating_45",), _cooler)):
+        loop = presets(names).assign(air_march=list(MARCHES), substeps=list(SUBSTEPS), backlash=list(BACKLASH))
+        ds = fc.simulate(loop, day(hours=8, seed=list(days)))
+        parts.append(ds[list(KEPT)].reset_coords(drop=True))
+    return xr.concat(parts, "preset")
+
+
+def _cooler(hours: int, seed: list[int]) -> fc.Boundary:
+    return fc.heating_day(hours=hours, seed=seed, T_w_in=45.0)
 
 
 def volumes(days: range = DAYS) -> xr.Dataset:

@@ -53,9 +53,9 @@ class Loop:
 
     @classmethod
     def preset(cls, name: str, *, converged: bool = False) -> Loop:
-        """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl`` or ``g36`` (see ``fc.presets()``).
+        """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl``, ``g36``, ``heating`` or ``heating_45``.
 
-        converged: as in ``Loop``.
+        ``fc.presets()`` says what each stands for.  converged: as in ``Loop``.
         """
         known = f"choose one of {', '.join(PRESETS)}"
         if not isinstance(name, str):

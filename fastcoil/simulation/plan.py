@@ -22,6 +22,7 @@ from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.clashes import check_clashes
 from fastcoil.simulation.days import Days
+from fastcoil.simulation.doubts import tell_doubts
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.simulation.resources import check_memory
@@ -207,6 +208,7 @@ def plan_simulation(
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
     check_clashes(layout.loop, np.array(boundary.extremes["T_set"]))
     check_stability(layout)
+    tell_doubts(layout.loop, boundary, closed=commands is None)
     return plan
 
 
