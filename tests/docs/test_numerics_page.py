@@ -44,6 +44,9 @@ def test_what_fails():
 def test_what_survives():
     slow = [numbers(cells("steps", name, "lagged", "1")["rmse"])[0] for name in ("lbnl", "g36")]
     assert "at 7 % backlash {} % and {} % of the RMSE".format(*slow) in PAGE
+    heating = [numbers(cells("steps", name, "lagged", "1")["rmse"])[0] for name in ("heating", "heating_45")]
+    assert heating == [1.0, 1.0]
+    assert "coils 1.0 % each" in PAGE
     of_kinds = [cells("hunting", kind) for kind in DAYS]
     printed, converged = ([numbers(row[f"hunt {way}"])[0] for row in of_kinds] for way in ("as printed", "converged"))
     shares = (min(converged), max(converged), min(printed), max(printed))

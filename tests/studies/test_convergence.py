@@ -21,8 +21,9 @@ DAYS = range(7, 10)
 def test_steps_are_compared_day_by_day_with_the_finest(written, monkeypatch):
     monkeypatch.setattr(convergence, "SUBSTEPS", (1, 8, 32))
     monkeypatch.setattr(convergence, "SHOWN", (("lagged", 1), ("quasistatic", 8)))
-    paper_day = fc.paper_day
+    paper_day, heating_day = fc.paper_day, fc.heating_day
     monkeypatch.setattr(fc, "paper_day", lambda hours, seed: paper_day(hours=1, seed=seed))
+    monkeypatch.setattr(fc, "heating_day", lambda hours, **given: heating_day(hours=1, **given))
     ds = convergence.steps(DAYS)
     convergence.write_steps(ds)
     convergence.write_backlash(ds)
