@@ -21,6 +21,7 @@ from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.clashes import check_clashes
 from fastcoil.simulation.days import Days, commands_of
+from fastcoil.simulation.doubts import tell_doubts
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.simulation.resources import check_memory
@@ -226,8 +227,8 @@ def plan_simulation(
         check.problems += _trace_problems(traces) + _series_problems(loop, boundary)
         if not check.problems and boundary.n_steps <= warm_up:
             check.problems.append(
-                f"the boundary lasts {boundary.n_steps} s, the warm-up {shown(warm_up)} s: nothing is left to count, "
-                "give a longer boundary"
+                f"the {'first day' if carry_over else 'boundary'} lasts {boundary.n_steps} s, the warm-up "
+                f"{shown(warm_up)} s: nothing is left to count, give a longer {'day' if carry_over else 'boundary'}"
             )
     layout = Layout(loop, boundary, replicates)
     with checking() as check:
@@ -240,6 +241,7 @@ def plan_simulation(
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
     check_clashes(layout.loop, np.array(boundary.extremes["T_set"]))
     check_stability(layout)
+    tell_doubts(layout.loop, boundary, closed=commands is None)
     return plan
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import paper_day
+from fastcoil.boundary.heating_day import heating_day
 from fastcoil.errors import InputError, collecting, nearest
 from fastcoil.look import is_file, is_folder
 from fastcoil.outputs import WARM_UP
@@ -39,7 +40,8 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     Parameters
     ----------
     target
-        The name of a preset, on ``paper_day()``; the folder of a study; or a study file, run or not.
+        The name of a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; the folder of a study; or a
+        study file, run or not.
     at
         Dimension → label, exactly as the study has it, for every dimension with more than one.
     changes
@@ -86,7 +88,10 @@ def _whole(target: Path) -> tuple[str, Loop, Boundary, int, int, bool]:
     """Title, loop, boundary, warm-up and seed of all that a target holds; whether its days are a sequence."""
     name = str(target)
     if name in PRESETS:
-        return f"{name} on paper_day()", Loop.preset(name), paper_day(), WARM_UP, 0, False
+        preset = PRESETS[name]
+        day = heating_day(T_w_in=preset.T_w_in) if preset.heats else paper_day()
+        words = f"heating_day(T_w_in={preset.T_w_in:g})" if preset.heats else "paper_day()"
+        return f"{name} on {words}", Loop.preset(name), day, WARM_UP, 0, False
     if is_folder(target):
         store = StudyFolder(target)
         study = store.read_study(store.require_manifest())

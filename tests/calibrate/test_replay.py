@@ -25,6 +25,7 @@ def recorded(ds, boundary):
         {"backlash_estimate": 0.05},
         {"noise_std": 0.1, "sample_time": 5.0, "backlash_estimate": 0.03, "buffer": 0.01},
         {"learning_step": 0.007, "learning_interval": 600, "sensor_resolution": 0.1, "noise_std": 0.05},
+        {"backlash_estimate": 0.05, "converged": True},
         {"neutral_zone": 0.01, "slip_jump": 0.03, "leakage": 0.0, "backlash_estimate": 0.05},
     ],
 )
@@ -49,6 +50,7 @@ def test_an_estimator_is_replayed_too_and_sees_steps_of_an_air_flow_in_the_log()
     assert not np.array_equal(fc.replay(loop, log)["estimate"], ds["estimate"])
 
 
+@pytest.mark.filterwarnings("ignore:action = 'heating' with kp")
 def test_heating_is_replayed_too():
     day = fc.constant_day(hours=0.5, m_a=1.0, T_a_in=10.0, W_a_in=0.003, T_w_in=50.0, T_set=25.0)
     loop = fc.Loop(action="heating", backlash_estimate=0.05)

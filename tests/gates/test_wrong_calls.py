@@ -153,6 +153,7 @@ def base_calls(tmp_path_factory):
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
         "fit_loop": (fc.fit_loop, {"log": commanded, "loop": loop, "constants": entering, "warm_up": 0.0}),
         "fit_valve": (fc.fit_valve, {"log": valve}),
+        "heating_day": (fc.heating_day, days),
         "law": (fc.law, rule),
         "limit_cycle": (fc.limit_cycle, {"loop": loop, "boundary": day, "at": [10, 20]}),
         "linearise": (fc.linearise, {"loop": loop, "boundary": day, "at": [10, 20], "frequency": [0.01, 0.1]}),

@@ -210,7 +210,7 @@ def test_the_bits_do_not_depend_on_the_threads(n_jobs):
 
 
 def test_the_warm_up_ends_on_the_first_day():
-    with pytest.raises(fc.InputError, match="nothing is left to count"):
+    with pytest.raises(fc.InputError, match="the first day lasts 2407 s, the warm-up 2407 s: nothing is left to count"):
         fc.simulate(fc.Loop(), in_days(), carry_over=True, warm_up=N_STEPS)
 
 

@@ -100,6 +100,7 @@ def test_the_studies_of_this_repository_are_valid(path):
     assert mistakes(path.read_text()) == []
 
 
+@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_a_study_with_everything_is_valid_and_is_read(tmp_path):
     assert mistakes(EVERYTHING) == []
     tables = tomllib.loads(EVERYTHING)

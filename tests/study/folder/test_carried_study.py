@@ -6,13 +6,15 @@ import warnings
 
 import numpy as np
 import pytest
+from helpers import failing_shards
 from helpers.studies import golden, quarantined, run, run_until_interrupted, shards, unfinished, verify, write_study
 
 import fastcoil as fc
 from fastcoil.errors import InputError
+from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
 from fastcoil.simulation import netcdf, plan
 from fastcoil.simulation.shards import END_STATE
-from fastcoil.study import maintenance
+from fastcoil.study import maintenance, runner
 
 pytestmark = pytest.mark.kernel
 
@@ -112,6 +114,20 @@ def test_a_run_may_be_resumed_with_another_number_of_workers_and_other_stretches
 @pytest.mark.parametrize("backend", ["loky", "dask"])
 def test_processes_hand_on_the_state(tmp_path, backend):
     assert run(GROUPS, tmp_path / "out", n_jobs=2, backend=backend) == golden(GROUPS)
+
+
+@pytest.mark.full
+def test_a_lane_that_kills_its_worker_is_crashed_on_all_days_and_no_other(tmp_path):
+    study = write_study(GROUPS, tmp_path / "out")
+    harmed = failing_shards.harmful(study, failing_shards.killed, [3])
+    crashed = runner.execute(harmed, tmp_path / "out", n_jobs=2, backend="loky").results
+    run(GROUPS, tmp_path / "sound")
+    lanes = crashed["status"].values.reshape(N_DAYS, -1)
+    assert (lanes[:, 3] == STATUS_CRASHED).all()
+    assert (np.delete(lanes, 3, axis=1) == STATUS_OK).all()
+    sound = fc.open_study(tmp_path / "sound")
+    ran = (crashed["status"] == STATUS_OK).values
+    np.testing.assert_array_equal(crashed["rmse"].values[ran], sound["rmse"].values[ran])
 
 
 @pytest.mark.parametrize("n_shards", [None, 2])
