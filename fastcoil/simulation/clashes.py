@@ -19,15 +19,18 @@ _CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
 """The parameter that limits the estimate of an estimator."""
 
 
-def check_clashes(loop: Loop, T_set: Array) -> None:
-    """Refuse values that only clash together.  T_set: all the set-points that the loop will see, °C.
+def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
+    """Refuse values that only clash together.
+
+    T_set: all the set-points that the loop will see, °C.  least_scale: the least that the boundary multiplies the
+    backlash by.
 
     Raises
     ------
     InputError
         With one sentence for each clash.
     """
-    problems = _estimate_clashes(loop) + _stem_clashes(loop)
+    problems = _estimate_clashes(loop) + _stem_clashes(loop, least_scale)
     problems += _unread_parameters(loop) + missing_parameters(loop) + controller_clashes(loop, T_set)
     if problems:
         raise InputError(problems)
@@ -95,11 +98,14 @@ def _has(value: Mapping[str, Scalar | xr.DataArray | None], estimator: str) -> x
     return xr.DataArray(value["estimator"]) == estimator
 
 
-def _stem_clashes(loop: Loop) -> list[str]:
-    excess = float((xr.DataArray(loop["slip_jump"]) - xr.DataArray(loop["backlash"])).max())
+def _stem_clashes(loop: Loop, least_scale: float) -> list[str]:
+    least = min(least_scale, 1.0)
+    jump, backlash = xr.DataArray(loop["slip_jump"]), xr.DataArray(loop["backlash"])
+    excess = float((jump - least * backlash).where(jump > 0.0, 0.0).max())
     if excess > 0.0:
+        scaled = "" if least == 1.0 else f", which backlash_scale makes {least:g} times as large"
         return [
-            f"slip_jump is up to {excess:g} above the backlash: a stem jumps at most by the band in which it "
+            f"slip_jump is up to {excess:g} above the backlash{scaled}: a stem jumps at most by the band in which it "
             "sticks, lower slip_jump or raise backlash"
         ]
     return []

@@ -239,7 +239,7 @@ def plan_simulation(
     days = Days(boundary, commands, warm_up, seed, carry_over=carry_over)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
-    check_clashes(layout.loop, np.array(boundary.extremes["T_set"]))
+    check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
     check_stability(layout)
     tell_doubts(layout.loop, boundary, closed=commands is None)
     return plan

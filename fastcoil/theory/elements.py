@@ -106,6 +106,7 @@ def unknown(columns: Columns) -> dict[str, Mask]:
         f"a stem that sticks and slips (slip_jump) {small_cycles}": above("slip_jump"),
         f"a neutral_zone {small_cycles}": above("neutral_zone"),
         f"a resolution (of sensor or command) {small_cycles}": above("sensor_resolution") | above("command_resolution"),
+        "a gap that wears has no one size: give wear_rate = 0 and the backlash that you mean": above("wear_rate"),
         "an error_dead_band stops small cycles and starts others: give 0, or simulate it": above("error_dead_band"),
     }
 

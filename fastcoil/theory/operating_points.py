@@ -55,7 +55,8 @@ class OperatingPoints:
         self.has_times = self.seconds is not None and np.ndim(plain(at)) > 0
         self._entering = _means(boundary) if self.seconds is None else _samples(boundary, self.seconds)
         layout = Layout(loop, boundary)
-        check_clashes(layout.loop, np.array(boundary.extremes["T_set"]))
+        check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
+        require_one_gap(boundary)
         check_stability(layout)
         self.loop, self._layout = layout.loop, layout
         self.sizes = dict(loop.sizes)
@@ -154,6 +155,16 @@ def _seconds_of(at: Any, n_steps: int) -> Index | None:
     if seconds.size < values.size:
         raise InputError(f"at has {seconds[counts > 1][0]:g} twice: give each second once")
     return values.astype(np.int64)
+
+
+def require_one_gap(boundary: Boundary) -> None:
+    """Refuse a boundary that changes the backlash: theory knows a gap of one size."""
+    low, high = boundary.extremes["backlash_scale"]
+    if not low == high == 1.0:
+        raise InputError(
+            f"backlash_scale goes from {low:g} to {high:g}: theory knows a gap of one size; give the boundary without "
+            "it, boundary.assign(backlash_scale=1), and the backlash that you mean"
+        )
 
 
 def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:

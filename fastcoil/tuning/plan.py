@@ -85,7 +85,8 @@ def plan_tuning(
     for group in groups:
         plan_simulation(group.loop, group.boundary, warm_up=warm_up, seed=seed, replicates=replicates)
         corners = _at_the_corners(group.loop, space)
-        check_clashes(corners, np.array(group.boundary.extremes["T_set"]))
+        extremes = group.boundary.extremes
+        check_clashes(corners, np.array(extremes["T_set"]), extremes["backlash_scale"][0])
         if any(limit.measure.metric == MARGIN for limit in limited):
             require_margins(corners)
     return Asked(

@@ -132,6 +132,7 @@ UNTOLD = {
     "zone": {"neutral_zone": 0.01},
     "learner": {"learning_step": 0.01},
     "dead band": {"error_dead_band": 0.2},
+    "wear": {"wear_rate": 1e-4},
     "sensor": {"sensor_resolution": 0.1},
     "command": {"command_resolution": 0.01},
     "too large": {"backlash_estimate": 0.1, "buffer": 0.01},
@@ -153,6 +154,13 @@ def test_what_theory_does_not_tell_is_said(changed):
     assert np.isnan(told.margin[0])
     assert float(told.hunts[1]) == 1.0
     assert told.attrs["note"].startswith("NaN in 1 of 2")
+
+
+@pytest.mark.parametrize("foretell", [fc.limit_cycle, fc.linearise])
+def test_a_boundary_that_changes_the_gap_is_refused(foretell):
+    loose = fc.constant_day(hours=1).assign(backlash_scale=np.linspace(1.0, 2.0, 3600))
+    with pytest.raises(fc.InputError, match=r"backlash_scale goes from 1 to 2: theory knows a gap of one size"):
+        foretell(LOOP, loose)
 
 
 @pytest.mark.kernel

@@ -30,6 +30,7 @@ from fastcoil.study.file.source import Source, find_source
 from fastcoil.study.file.tables import parse_tables
 from fastcoil.study.file.toml import parse_toml
 from fastcoil.study.file.tune import asked_of_tuning
+from fastcoil.theory.operating_points import require_one_gap
 from fastcoil.tuning.plan import Asked
 
 LARGEST_FILE = 2**20
@@ -140,6 +141,9 @@ def read_study(
             plan = plan_simulation(
                 loop, boundary, **file.run.model_dump(exclude={"reduce", "predict"}), traces_on_disk=True
             )
+    if file.run.predict and boundary is not None:
+        with collecting(problems, "[run] predict: "):
+            require_one_gap(boundary)
     tuning = None
     if file.tune is not None and loop is not None and boundary is not None:
         with collecting(problems, "[tune] "):
