@@ -12,6 +12,7 @@ import pickle
 import queue
 import tempfile
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,10 +20,12 @@ import numpy as np
 
 from fastcoil.errors import InputError, shown
 from fastcoil.files import storage_errors
+from fastcoil.simulation.shards import Shard, Stretch
 from fastcoil.study.workers.dask_cluster import Dask
-from fastcoil.study.workers.worker import Job, pack, receive_in_child, run_packed, run_scenarios
+from fastcoil.study.workers.worker import Job, receive_in_child, run_from_file, run_received, run_scenarios
 
 BACKENDS = ("threads", "loky", "dask")
+_TEMPORARY = Path("the folder for temporary files")
 
 
 class Pool(Protocol):
@@ -40,8 +43,8 @@ class Pool(Protocol):
     can_kill: bool
     shared: bool
 
-    def submit(self, index: np.ndarray) -> cf.Future[Any]:
-        """Start the scenarios ``index``; the future gives their flat Dataset."""
+    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+        """Start a shard; the future gives its flat Dataset."""
 
     def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
         """Of unfinished shards, in the order in which they were submitted, those that no worker runs yet."""
@@ -67,8 +70,8 @@ class Threads:
         self._job = job
         self._executor = cf.ThreadPoolExecutor(n_workers)
 
-    def submit(self, index: np.ndarray) -> cf.Future[Any]:
-        return self._executor.submit(run_scenarios, self._job, index)
+    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+        return self._executor.submit(run_scenarios, self._job, shard)
 
     def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
         return futures[self.n_workers :]
@@ -99,15 +102,21 @@ class Loky:
 
         # the library writes what a process starts with into a pipe, and waits for ever if that process is dead before
         # it has read all of it
-        with storage_errors(Path("the folder for temporary files"), "written"):
-            self._file = tempfile.NamedTemporaryFile(prefix="fastcoil-")  # noqa: SIM115 — others open it meanwhile
-            pickle.dump(self._job, self._file)
-            self._file.flush()
-        started_with = (Path(self._file.name), os.getpid())
+        with storage_errors(_TEMPORARY, "written"):
+            self._folder = tempfile.TemporaryDirectory(prefix="fastcoil-")
+            started_with = (Path(self._folder.name) / "job", os.getpid())
+            with started_with[0].open("wb") as file:
+                pickle.dump(self._job, file)
         return ProcessPoolExecutor(self.n_workers, initializer=receive_in_child, initargs=started_with)
 
-    def submit(self, index: np.ndarray) -> cf.Future[Any]:
-        return self._executor.submit(run_packed, self._job.key, pack(index))  # type: ignore[no-any-return]
+    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+        if not isinstance(shard, Stretch) or shard.begins is None:
+            return self._executor.submit(run_received, self._job.key, shard)  # type: ignore[no-any-return]
+        path = Path(self._folder.name) / f"{shard.index[0]}.npy"
+        with storage_errors(_TEMPORARY, "written"):
+            np.save(path, shard.begins)
+        task = run_from_file, self._job.key, replace(shard, begins=None), path
+        return self._executor.submit(*task)  # type: ignore[no-any-return]
 
     def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
         return futures[self.n_workers :]  # first come, first served
@@ -122,8 +131,8 @@ class Loky:
             while True:
                 self._executor._work_ids.get_nowait()
         self._executor.shutdown(wait=True, kill_workers=True)
-        with contextlib.suppress(OSError):  # of a folder that is cleaned up by others
-            self._file.close()
+        with contextlib.suppress(OSError):  # others clean up there, too
+            self._folder.cleanup()
 
 
 def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> Pool:
