@@ -40,8 +40,7 @@ STATE_ROWS = (
     # coil: flow, conductance and effectiveness of this step
     "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
     # since the start of the first day: how far the metal was out of range, and when the estimate was right
-    "farthest_T_c",
-    "coldest_wet", "coldest_water", "frost_time", "freeze_time", "time_reached", "time_confirmed", "time_identified",
+    "farthest_T_c", "time_reached", "time_confirmed", "time_identified",
 )  # fmt: skip
 """What the next step, or a later day, starts from.
 
@@ -53,6 +52,7 @@ SUM_ROWS = (
     "e_sampled", "up_at", "periods", "last_period", "alike",
     "sum_switches", "stem_travel", "motor_travel", "reversals", "sum_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate",
+    "coldest_wet", "coldest_water", "frost_time", "freeze_time",
 )  # fmt: skip
 """What the metrics are made of."""
 VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")

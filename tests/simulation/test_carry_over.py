@@ -142,6 +142,15 @@ def test_an_open_loop_goes_on_too():
     assert_same(whole, days, options["traces"])
 
 
+@pytest.mark.filterwarnings("ignore:action")
+def test_frost_is_that_of_each_day():
+    rows = {name: values.reshape(N_DAYS, N_STEPS) for name, values in series().items()}
+    rows |= {"T_a_in": np.full((N_DAYS, N_STEPS), -10.0), "W_a_in": np.full((N_DAYS, N_STEPS), 0.001)}
+    ds = fc.simulate(fc.Loop(), fc.Boundary(**rows), carry_over=True, warm_up=WARM_UP, n_jobs=1)
+    assert 0.0 < ds["freeze_time"].values[0] < N_STEPS
+    assert ds["freeze_time"].values[1:].tolist() == [N_STEPS, N_STEPS]
+
+
 def test_each_day_by_itself_is_another_thing():
     apart = fc.simulate(LOOPS["learner"], in_days(), warm_up=WARM_UP, n_jobs=1)
     days = fc.simulate(LOOPS["learner"], in_days(), carry_over=True, warm_up=WARM_UP, n_jobs=1)

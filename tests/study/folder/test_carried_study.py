@@ -74,7 +74,7 @@ def test_the_results_are_those_of_simulate(tmp_path):
     assert END_STATE not in stored
 
 
-@pytest.mark.parametrize("text", [CARRIED, TRACED], ids=["plain", "traced"])
+@pytest.mark.parametrize("text", [CARRIED, pytest.param(TRACED, marks=pytest.mark.full)], ids=["plain", "traced"])
 def test_a_chain_goes_on_from_its_last_shard(tmp_path, text):
     run_until_interrupted(text, tmp_path / "out", 2)
     golden(text)
@@ -99,7 +99,7 @@ def test_a_damaged_shard_is_computed_again_with_what_comes_after_it(tmp_path, wh
     assert len(quarantined(tmp_path / "out")) == 1
 
 
-@pytest.mark.parametrize("n_jobs", [2, 3])
+@pytest.mark.parametrize("n_jobs", [2, pytest.param(3, marks=pytest.mark.full)])
 def test_nothing_depends_on_the_number_of_workers(tmp_path, n_jobs):
     assert run(GROUPS, tmp_path / "out", n_jobs=n_jobs) == golden(GROUPS)
 
@@ -130,7 +130,7 @@ def test_a_lane_that_kills_its_worker_is_crashed_on_all_days_and_no_other(tmp_pa
     np.testing.assert_array_equal(crashed["rmse"].values[ran], sound["rmse"].values[ran])
 
 
-@pytest.mark.parametrize("n_shards", [None, 2])
+@pytest.mark.parametrize("n_shards", [pytest.param(None, marks=pytest.mark.full), 2])
 @pytest.mark.parametrize(
     ("old", "new"),
     [("[0.0, 0.02, 0.04, 0.06]", "[0.0, 0.02, 0.04, 0.06, 0.1]"), ("5, 6]", "5, 6, 7]")],
@@ -146,7 +146,9 @@ def test_lanes_and_later_days_can_be_added(tmp_path, n_shards, old, new):
     assert run(larger, tmp_path / "out", extend=True) == golden(larger)
 
 
-@pytest.mark.parametrize(("old", "new"), [("[1, 2,", "[12, 1, 2,"), ("4, 5", "5, 4")])
+@pytest.mark.parametrize(
+    ("old", "new"), [("[1, 2,", "[12, 1, 2,"), pytest.param("4, 5", "5, 4", marks=pytest.mark.full)]
+)
 def test_days_before_others_are_the_cause_of_them(tmp_path, old, new):
     run(CARRIED, tmp_path / "out")
     with pytest.raises(InputError, match="add days at the end alone"):
