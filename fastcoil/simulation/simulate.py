@@ -7,18 +7,19 @@ progress, and its parameters exist only while it runs.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import joblib
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import checking, whole_of
+from fastcoil.arguments import checking, flag_of, whole_of
 from fastcoil.boundary import Boundary
 from fastcoil.engine.lanes import blocks, parameter_matrix
 from fastcoil.numerics.jit import compiled_for
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
+from fastcoil.progress.shown import Advance, progress_of_call
 from fastcoil.rules.rule import rules_for_kernels
 from fastcoil.simulation.dataset import content_sha256, flat_dataset, join_flat, provenance, unflatten
 from fastcoil.simulation.in_thread import run_interruptibly
@@ -37,6 +38,7 @@ def simulate(
     seed: int = 0,
     replicates: int = 1,
     n_jobs: int | None = None,
+    progress: bool | None = None,
 ) -> xr.Dataset:
     """Simulate every loop of ``loop`` on every day of ``boundary``.
 
@@ -62,6 +64,9 @@ def simulate(
         Noise realisations; more than one become the dim ``replicate``.
     n_jobs
         Threads; all cores by default.  The result does not depend on it.
+    progress
+        Whether to show how many scenario-days are done, on stderr or in the notebook: True always, False never; None
+        where someone looks, a terminal or a notebook, and only of work that takes more than 2 s.
 
     Returns
     -------
@@ -76,21 +81,29 @@ def simulate(
     """
     with checking() as check:
         n_threads = check(workers, n_jobs)
+        progress = check.unless_none(flag_of, "progress", progress)
         plan = check(
             plan_simulation, loop, boundary, command=command, traces=traces, trace_interval=trace_interval,
             warm_up=warm_up, seed=seed, replicates=replicates,
         )  # fmt: skip
-    return run_plan(plan, n_threads)
+    with progress_of_call(progress) as shown:
+        return run_plan(plan, n_threads, shown.start(plan.n_scenarios))
 
 
-def run_plan(plan: Plan, n_jobs: int) -> xr.Dataset:
-    """Run all shards of a plan on threads and join their results."""
+def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
+    """Run all shards of a plan on threads and join their results; ``advance`` is told of the finished ones."""
     tasks = (joblib.delayed(run_shard)(plan, shard) for shard in plan.shards(n_jobs))
     found = joblib.Parallel(n_jobs=n_jobs, backend="threading", batch_size=1, return_as="generator_unordered")(tasks)
-    ds = unflatten(join_flat(plan.n_scenarios, found), plan.layout)
+    ds = unflatten(join_flat(plan.n_scenarios, _told(found, advance)), plan.layout)
     ds.attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
+
+
+def _told(parts: Iterable[xr.Dataset], advance: Advance) -> Iterator[xr.Dataset]:
+    for part in parts:
+        advance(part.sizes["scenario"])
+        yield part
 
 
 def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
