@@ -15,7 +15,9 @@ LEARNING_STATUS = ("off", "learning", "stepped_down", "stopped", "no_evidence", 
 WARM_UP = 1800
 """Default of the seconds left out of every metric, as in section 2.2 of the paper."""
 SETTLING_TIME = 600
-"""Seconds after a set-point change that the settled metrics leave out."""
+"""Seconds after a step of the set-point, or a start of the loop, that the settled metrics leave out."""
+SET_POINT_STEP = 0.05
+"""Change of the set-point from one second to the next that is a step, K; less is a reset."""
 SWITCH_BLOCK = 600
 """Block of the switch frequency (section 3.3 of the paper: 10-minute blocks), s."""
 PEAK_BLOCK = 900
@@ -59,14 +61,14 @@ METRICS: dict[str, Output] = {
         Output("rmse", "K", "RMS control error", "sqrt of mean e^2, e = T_sup - T_set, true temperature",
                difference=True, label="RMS error"),
         Output("rmse_settled", "K", "RMS control error, settled",
-               "as rmse, where 600 s have passed since the last set-point change",
+               "as rmse, where 600 s have passed since the last step of the set-point or start of the loop",
                difference=True, label="settled RMS error"),
         Output("iae", "K h", "integral of absolute control error", "sum of |e| dt / 3600",
                label="integrated absolute error"),
         Output("share_off", "1", "share of the time off the set-point", "share of the counted seconds with |e| > 0.5 K",
                label="share of time with |e| > 0.5 K"),
         Output("hunting_swing", "K", "peak-to-peak supply temperature, settled",
-               "mean over settled windows of max - min of T_sup",
+               "mean over settled windows of max - min of T_sup less the moves of the set-point",
                difference=True, label="hunting swing, peak to peak"),
         Output("hunting_period", "s", "period of the control error",
                "settled seconds per upward zero crossing of e; NaN below 2 crossings", label="hunting period"),
@@ -85,8 +87,10 @@ METRICS: dict[str, Output] = {
         Output("estimate_final", "1", "backlash estimate at the end", label="final estimate"),
         Output("estimate_settled", "1", "mean backlash estimate of the last 7200 s", label="settled estimate"),
         Output("size_error", "1", "error of the estimated backlash",
-               "estimate_settled - backlash; NaN for a plain PI, which assumes no backlash",
+               "estimate_settled - backlash_final; NaN for a plain PI, which assumes no backlash",
                label="estimate - backlash"),
+        Output("backlash_final", "1", "true backlash at the end", "worn, and scaled by the boundary",
+               label="true backlash"),
         Output("learn_time_reached", "s", "time at which the estimate reached the backlash",
                "first update with estimate >= backlash - step/2; NaN = never (censored)",
                censored=True, label="time to reach the backlash"),
@@ -112,6 +116,10 @@ METRICS: dict[str, Output] = {
                "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating", label="coil energy"),
         Output("coil_peak_power", "kW", "peak heat rate of the water", "largest mean over whole 900-s blocks",
                label="peak coil power"),
+        Output("reheat_energy", "kW h", "heat that the supply air lacks of its set-point",
+               "sum of m_a cp_a (T_set - T_sup) dt where that is positive", label="reheat energy"),
+        Output("recool_energy", "kW h", "heat that the supply air has above its set-point",
+               "sum of m_a cp_a (T_sup - T_set) dt where that is positive", label="recool energy"),
         Output("water_volume", "m3", "water through the coil", "at 1000 kg/m3", label="water volume"),
         Output("condensate", "kg", "condensate", "sum over the volumes of m_a (W_in - W_out) dt", label="condensate"),
     )

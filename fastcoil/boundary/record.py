@@ -44,6 +44,9 @@ class Boundary:
         Recorded noise, added to the measured temperature every second [K]; none if left out.
     enabled
         1 where the loop is in operation, 0 where not; 1 throughout if left out.
+    backlash_scale
+        What the backlash of every loop is multiplied by, such as 2 from the second at which a linkage comes loose; 1
+        throughout if left out.
     day
         Labels of the days: distinct whole numbers from 0 to 2**32 - 1; 0, 1, 2, ... if left out.  They, not
         the order, seed the noise of a day.  One number labels a boundary without a dim ``day``.
@@ -64,6 +67,7 @@ class Boundary:
         T_set: Values,
         noise: Values = None,
         enabled: Values = None,
+        backlash_scale: Values = None,
         day: Values = None,
     ) -> None:
         arguments = {
@@ -74,6 +78,7 @@ class Boundary:
             "T_set": T_set,
             "noise": noise,
             "enabled": enabled,
+            "backlash_scale": backlash_scale,
         }
         problems: list[str] = []
         given: dict[str, Given] = {}
@@ -101,7 +106,7 @@ class Boundary:
 
     @property
     def series(self) -> dict[str, Array]:
-        """All seven series by name, each float64 (n_days, n_steps), read-only."""
+        """All eight series by name, each float64 (n_days, n_steps), read-only."""
         return dict(self._series)
 
     @property
@@ -133,6 +138,8 @@ class Boundary:
         digest = hashlib.sha256(f"boundary 1 {self._has_day_dim} {self.n_days} {self.n_steps}".encode())
         digest.update(self._day.astype("<i8").tobytes())
         for name, values in self._series.items():
+            if name == "backlash_scale" and (values == 1.0).all():
+                continue  # as before there was this series
             digest.update(name.encode())
             digest.update(values.astype("<f8", copy=False).tobytes())
         return digest.hexdigest()

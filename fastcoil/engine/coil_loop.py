@@ -56,13 +56,14 @@ def march_coil(rows, common, series, at, S, V, T_sup, T_w_out, wet):
             water_side(S)
             m_w_known = m_w
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
-        march_water(S, V, n_volumes)
-        if recorded and common.lagged_air:
-            count_wet(S, V, n_volumes)
-        march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, False)
-        if recorded:
-            if not common.lagged_air:
+        for part in range(common.substeps):
+            march_water(S, V, n_volumes)
+            if recorded and part == 0 and common.lagged_air:
                 count_wet(S, V, n_volumes)
+            march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, 0.0)
+            if recorded and part == 0 and not common.lagged_air:
+                count_wet(S, V, n_volumes)
+        if recorded:
             for j in range(LANES):
                 wet[k, j] = S[R.wet_volumes + j]
             k += 1

@@ -21,12 +21,12 @@ from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, w
 from fastcoil.engine.plant import air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
 from fastcoil.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, positions
 from fastcoil.engine.schedule import COUNTED, IN_SWITCH_BLOCK, Schedule
-from fastcoil.engine.stem import MOVED, RUNNING, actuate, call_stem
+from fastcoil.engine.stem import MOVED, RUNNING, actuate, call_stem, scale_gap
 from fastcoil.numerics.jit import kernel, section
 from fastcoil.numerics.stages import BUILT_IN
 from fastcoil.physics.sensor import lagged, measured
 
-DAY_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled")
+DAY_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", "backlash_scale")
 """Columns of ``Day.series``."""
 C = positions(DAY_COLUMNS)
 
@@ -34,8 +34,9 @@ C = positions(DAY_COLUMNS)
 class Day(NamedTuple):
     """The day that all lanes of a block share.
 
-    series: (n_steps, 7), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label: of the
-    day; it and the seed, two 32-bit words, key the noise.
+    series: (n_steps, 8), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label: of the
+    day; it and the seed, two 32-bit words, key the noise.  start: seconds from the first of several days that follow
+    one another; from there on controllers, estimators and noise go on.  was_enabled: whether the loop was on before.
     """
 
     series: np.ndarray
@@ -43,6 +44,8 @@ class Day(NamedTuple):
     schedule: Schedule
     label: int
     seed: tuple[int, int]
+    start: int = 0
+    was_enabled: bool = True
 
 
 @section
@@ -57,7 +60,8 @@ def record(S, V, rows, traces):
 def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows, rows_after, trace_interval, traces):
     """Run the lanes of a block through a day.
 
-    rows, common: of a Block; day: Day; S, V, own, own_law: work space, see ``work_space``.
+    rows, common: of a Block; day: Day; S, V, own, own_law: work space, see ``work_space``.  A day that does not start
+    at 0 goes on with what they hold.
     metrics: out, (N_METRICS, LANES); status: out, (LANES,).
     traced_rows, rows_after: offsets of the traced rows known before, and only after, the march of step t.
     traces: out, (n_points, n_rows + n_rows_after, LANES), the sample at every ``trace_interval`` seconds.
@@ -65,53 +69,61 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
     n_volumes, n_steps = common.n_volumes, day.series.shape[0]
     open_loop = day.command.size > 0
     derive(S, rows, common.n_volumes)
-    set_initial_state(S, open_loop)
     reset_sums(S, open_loop)
-    fill_coil(S, V, n_volumes, day.series[0, C.W_a_in])
     estimates = common.estimate != BUILT_IN and not open_loop
-    if estimates:
-        call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
     has_law = common.law != BUILT_IN and not open_loop
-    if has_law:
-        call_law(common.law, (S, own_law, 0.0, 0.0, 0.0, 0.0, True, True))
+    if day.start == 0:
+        set_initial_state(S, open_loop)
+        fill_coil(S, V, n_volumes, day.series[0, C.W_a_in])
+        if estimates:
+            call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
+        if has_law:
+            call_law(common.law, (S, own_law, 0.0, 0.0, 0.0, 0.0, True, True))
 
     shared = common.shares_air_side
     eps = np.empty((2, n_steps if shared else 0))
     shared_air_side(S, day.series[:, C.m_a], eps)
-    m_a_known = np.nan
-    was_enabled = True
+    m_a_known, scale_known = np.nan, np.nan
+    was_enabled = day.was_enabled
     running = False
+    dt = 1.0 / common.substeps
     for t in range(n_steps):
+        clock = day.start + t
         m_a, T_a_in, W_a_in = day.series[t, C.m_a], day.series[t, C.T_a_in], day.series[t, C.W_a_in]
         T_w_in, T_set, noise = day.series[t, C.T_w_in], day.series[t, C.T_set], day.series[t, C.noise]
         enabled = day.series[t, C.enabled] != 0.0
         flags = day.schedule.flags[t]
         counted = flags & COUNTED != 0
 
+        scale = day.series[t, C.backlash_scale]
+        if scale != scale_known:
+            scale_gap(S, scale)
+            scale_known = scale
+            running = True
         for j in range(LANES):
             S[R.y_s + j] = lagged(S[R.y_s + j], V[VOLUME_STRIDE + T_A + j], S[R.sensor_decay + j])
-        samples = t % common.control_period == 0
+        samples = clock % common.control_period == 0
         if samples and common.has_noise:
-            draw_noise(S, t, t // common.control_period, common, day)
+            draw_noise(S, clock, clock // common.control_period, common, day)
         if open_loop:
             for j in range(LANES):
                 S[R.command + j] = day.command[t]
         else:
-            if estimates and t > 0 and t % common.estimating_period == 0:
-                call_estimator(common.estimate, (S, own, float(t), T_set, m_a, enabled, False))
+            if estimates and clock > 0 and clock % common.estimating_period == 0:
+                call_estimator(common.estimate, (S, own, float(clock), T_set, m_a, enabled, False))
             if samples or was_enabled != enabled:
                 if has_law:
-                    call_law(common.law, (S, own_law, float(t), T_set, noise, m_a, enabled, False))
+                    call_law(common.law, (S, own_law, float(clock), T_set, noise, m_a, enabled, False))
                 counts = 1.0 if flags & IN_SWITCH_BLOCK else 0.0
                 if common.control == BUILT_IN:
-                    control(S, t, T_set, noise, enabled, counts, PLAIN)
+                    control(S, clock, T_set, noise, enabled, counts, PLAIN)
                 else:
-                    call_control(common.control, (S, t, T_set, noise, enabled, counts))
+                    call_control(common.control, (S, clock, T_set, noise, enabled, counts))
                 running = True
             was_enabled = enabled
         if open_loop or running:
             plain = common.stem == BUILT_IN
-            found = actuate(S, counted, False, False) if plain else call_stem(common.stem, (S, counted))
+            found = actuate(S, counted, False, False, False) if plain else call_stem(common.stem, (S, counted))
             running = found & RUNNING != 0
             if found & MOVED != 0 or t == 0:
                 deliver(S, common.leaks)
@@ -119,7 +131,7 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
             air_side(S, m_a)
             m_a_known = m_a
         if counted:
-            account_second(S, V, t, flags, T_set, T_w_in, n_volumes)
+            account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes)
 
         traced = traces.shape[0] > 0 and t % trace_interval == 0
         if traced:
@@ -129,16 +141,18 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
             record(S, V, traced_rows, traces[t // trace_interval])
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
-        march_water(S, V, n_volumes)
-        if traced and common.lagged_air:
-            count_wet(S, V, n_volumes)
-        if shared:
-            march_air(S, V, n_volumes, common.lagged_air, True, eps[0, t], eps[1, t], m_a, counted)
-        else:
-            march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, counted)
-        if traced:
-            if not common.lagged_air:
+        dt_counted = dt if counted else 0.0
+        for part in range(common.substeps):
+            march_water(S, V, n_volumes)
+            if traced and part == 0 and common.lagged_air:
                 count_wet(S, V, n_volumes)
+            if shared:
+                march_air(S, V, n_volumes, common.lagged_air, True, eps[0, t], eps[1, t], m_a, dt_counted)
+            else:
+                march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, dt_counted)
+            if traced and part == 0 and not common.lagged_air:
+                count_wet(S, V, n_volumes)
+        if traced:
             record(S, V, rows_after, traces[t // trace_interval, traced_rows.size :])
 
         if t % WATCH_INTERVAL == 0 or t == n_steps - 1:

@@ -34,7 +34,7 @@ def adopt(S, j, t, x_hat):
     """Take over lane j's new estimate, and note since when the estimate has been right."""
     # once no number, always none, so that the status says so at the end
     x_hat = S[R.estimate + j] if np.isnan(S[R.estimate + j]) else clipped(x_hat)
-    right = within(x_hat, S[R.backlash + j])
+    right = within(x_hat, S[R.gap + j])
     since = S[R.time_identified + j]
     since = since if since <= t else t
     S[R.time_identified + j] = since if right else np.nan
@@ -82,9 +82,7 @@ def estimator_stage(estimator: Estimator) -> Any:
             keep(due, after, memory, own, memory_at + j, LANES)
             adopt(S, j, t, x_hat if due else S[R.estimate + j])
             if has_confirms:
-                reached, confirmed = confirms(
-                    t, p, after, S[R.backlash + j], S[R.time_reached + j], S[R.time_confirmed + j]
-                )
+                reached, confirmed = confirms(t, p, after, S[R.gap + j], S[R.time_reached + j], S[R.time_confirmed + j])
                 S[R.time_reached + j] = reached
                 S[R.time_confirmed + j] = confirmed
 

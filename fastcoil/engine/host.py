@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.engine.emulator import DAY_COLUMNS, C, Day, emulate
-from fastcoil.engine.lanes import Block, blocks, memory_of, parameter_matrix, room_for, trace_rows, work_space
+from fastcoil.engine.lanes import Block, WorkSpace, blocks, memory_of, parameter_matrix, trace_rows, work_space
 from fastcoil.engine.metrics import N_METRICS, OF_ESTIMATORS
 from fastcoil.engine.rows import LANES, VOLUME_ROWS
 from fastcoil.engine.schedule import schedule
@@ -29,10 +29,14 @@ class TraceRequest(NamedTuple):
         return -(-n_steps // self.interval) if self.names else 0
 
 
-def run_block(block: Block, day: Day, wanted: TraceRequest) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Run one block.  Returns metrics (N_METRICS, LANES), status (LANES,) and traces by name.
+def run_block(
+    block: Block, day: Day, wanted: TraceRequest, work: WorkSpace | None = None
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Run one block.
 
-    A trace is (n_points, LANES), or (n_points, N, LANES) if it has volumes; those of failed lanes are NaN.
+    work: its state, taken from there by a day that does not start at 0, and left there.  Returns metrics
+    (N_METRICS, LANES), status (LANES,) and traces by name.  A trace is (n_points, LANES), or (n_points, N, LANES) if it
+    has volumes; those of failed lanes are NaN.
     """
     before = [n for n in wanted.names if n not in KNOWN_AFTER_MARCH]
     after = [n for n in wanted.names if n in KNOWN_AFTER_MARCH]
@@ -40,11 +44,9 @@ def run_block(block: Block, day: Day, wanted: TraceRequest) -> tuple[np.ndarray,
     n_points = wanted.n_points(day.series.shape[0])
     traces = np.empty((n_points, rows.size + rows_after.size, LANES))
     metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
-    own_law = room_for(block.law, block.for_law)
-    S, V, own = work_space(block)
-    work = (S, V, own, own_law)
+    work = work_space(block) if work is None else work
     emulate(block.rows, block.common, day, *work, metrics, status, rows, rows_after, wanted.interval, traces)
-    for name, values in _of_estimator(block, own, day.command.size > 0).items():
+    for name, values in _of_estimator(block, work.own, day.command.size > 0).items():
         metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 
     traces[:, :, status != STATUS_OK] = np.nan
@@ -71,6 +73,7 @@ def _of_estimator(block: Block, own: np.ndarray, open_loop: bool) -> dict[str, A
 def compile_kernel() -> None:
     """Compile the kernel, or load it from the cache, by running the default loop for one second."""
     second = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": 14.0, "noise": 0.0, "enabled": 1.0}
+    second["backlash_scale"] = 1.0
     series = np.array([[second[name] for name in DAY_COLUMNS]])
     day = Day(series, np.empty(0), schedule(series[:, C.T_set], series[:, C.enabled], 0), 0, (0, 0))
     defaults = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}

@@ -22,8 +22,8 @@ def derive(S, rows, n_volumes):
             S[k * LANES + j] = rows[k, j]
     per_volume = 8.0 / n_volumes
     for j in range(LANES):
-        S[R.dt_C_w + j] = 1.0 / (per_volume * S[R.C_w + j])
-        S[R.dt_C_c + j] = 1.0 / (per_volume * S[R.C_c + j])
+        S[R.dt_C_w + j] = 1.0 / (per_volume * S[R.C_w + j]) / S[R.substeps + j]
+        S[R.dt_C_c + j] = 1.0 / (per_volume * S[R.C_c + j]) / S[R.substeps + j]
         S[R.ntu_w_factor + j] = per_volume * S[R.beta1 + j]
         S[R.ntu_a_factor + j] = per_volume * S[R.beta3 + j]
         S[R.ntu_star_factor + j] = per_volume * S[R.beta5 + j]
@@ -61,6 +61,12 @@ def set_initial_state(S, open_loop):
         S[R.mode + j] = 0.0 if open_loop else FALLING
         S[R.estimate + j] = np.nan if open_loop else S[R.backlash_estimate + j]
         S[R.assumed + j] = S[R.estimate_share + j] * S[R.backlash_estimate + j]
+        S[R.worn + j] = S[R.backlash + j]
+        S[R.gap + j] = S[R.backlash + j]
+        S[R.backlash_scale + j] = 1.0
+        S[R.time_reached + j] = np.nan
+        S[R.time_confirmed + j] = np.nan
+        S[R.time_identified + j] = np.nan
 
 
 @section
@@ -70,9 +76,6 @@ def reset_sums(S, open_loop):
     for j in range(LANES):
         S[R.sum_switches + j] = np.nan if open_loop else 0.0
         S[R.peak_power + j] = -np.inf
-        S[R.time_reached + j] = np.nan
-        S[R.time_confirmed + j] = np.nan
-        S[R.time_identified + j] = np.nan
 
 
 @section

@@ -20,7 +20,7 @@ from fastcoil.parameter_table import PARAMETERS
 
 Columns = Mapping[str, np.ndarray]
 """Parameter name → one value per scenario; words as words, NaN where a stand-in is not given."""
-KIND = ("law", "estimator", "air_march", "n_volumes")
+KIND = ("law", "estimator", "air_march", "n_volumes", "substeps")
 """Parameters of which a block has one value.  Lanes of different estimators or laws never share a block."""
 _CACHE_LINE = 8
 """Doubles in a cache line of 64 bytes."""
@@ -56,6 +56,7 @@ class Common(NamedTuple):
     """
 
     n_volumes: int
+    substeps: int
     lagged_air: bool
     control_period: int
     samples_together: bool
@@ -145,6 +146,7 @@ def _block(rows: np.ndarray, rules: Rules) -> Block:
     law = (None, *rules.laws)[int(row["law"][0])]
     common = Common(
         n_volumes=int(row["n_volumes"][0]),
+        substeps=int(row["substeps"][0]),
         lagged_air=bool(row["air_march"][0] == 0.0),
         control_period=int(np.gcd.reduce(row["sample_time"].astype(np.int64))),
         samples_together=bool(np.ptp(row["sample_time"]) == 0.0),
@@ -174,10 +176,23 @@ def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | Non
     return int(np.gcd.reduce(seconds.astype(np.int64)))
 
 
-def work_space(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The flat states S, V and own of one block: uninitialised, but for the parameters of the estimator in own."""
-    own = room_for(block.estimator, block.for_estimator)
-    return _aligned(len(R) * LANES), _aligned((block.common.n_volumes + 2) * VOLUME_STRIDE), own
+class WorkSpace(NamedTuple):
+    """The flat states of one block: S and V, what its estimator and its law remember behind their parameters."""
+
+    S: np.ndarray
+    V: np.ndarray
+    own: np.ndarray
+    own_law: np.ndarray
+
+
+def work_space(block: Block) -> WorkSpace:
+    """Room for the states of a block: uninitialised, but for the parameters of its estimator and its law."""
+    return WorkSpace(
+        _aligned(len(R) * LANES),
+        _aligned((block.common.n_volumes + 2) * VOLUME_STRIDE),
+        room_for(block.estimator, block.for_estimator),
+        room_for(block.law, block.for_law),
+    )
 
 
 def room_for(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:

@@ -65,7 +65,7 @@ def alike(period, before):
 
 
 @section
-def account_second(S, V, t, flags, T_set, T_w_in, n_volumes):
+def account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
     """Add one counted second to control error, hunting and energy."""
     first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
     for j in range(LANES):
@@ -73,11 +73,14 @@ def account_second(S, V, t, flags, T_set, T_w_in, n_volumes):
         S[R.sum_e2 + j] += e * e
         S[R.sum_abs_e + j] += abs(e)
         S[R.off + j] += 1.0 if abs(e) > OFF else 0.0
+        S[R.reheat + j] += m_a * (e if e < 0.0 else 0.0)
+        S[R.recool + j] += m_a * (e if e > 0.0 else 0.0)
         S[R.sum_m_w + j] += S[R.m_w + j]
         S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (last[T_W + j] - T_w_in))
         S[R.sum_power + j] += S[R.power + j]
     if flags & WINDOW_STARTS:
         for j in range(LANES):
+            S[R.T_set_from + j] = T_set
             S[R.highest + j] = first[T_A + j]
             S[R.lowest + j] = first[T_A + j]
             S[R.e_previous + j] = 0.0
@@ -85,8 +88,8 @@ def account_second(S, V, t, flags, T_set, T_w_in, n_volumes):
             S[R.up_at + j] = np.nan
     if flags & SETTLED:
         for j in range(LANES):
-            T = first[T_A + j]
-            e = T - T_set
+            e = first[T_A + j] - T_set
+            T = first[T_A + j] - (T_set - S[R.T_set_from + j])
             S[R.sum_e2_settled + j] += e * e
             # & in place of `and`, which would branch
             S[R.crossings + j] += 1.0 if (S[R.e_previous + j] < 0.0) & (e >= 0.0) else 0.0
@@ -177,12 +180,15 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.estimate_final] = S[R.estimate + j]
         m[M.estimate_settled] = S[R.sum_estimate + j] / schedule.n_estimate
         assumes = S[R.estimator + j] > 0.0 or S[R.backlash_estimate + j] > 0.0
-        m[M.size_error] = m[M.estimate_settled] - S[R.backlash + j] if assumes else np.nan
+        m[M.size_error] = m[M.estimate_settled] - S[R.gap + j] if assumes else np.nan
+        m[M.backlash_final] = S[R.gap + j]
         m[M.learn_time_reached] = S[R.time_reached + j]
         m[M.learn_time_confirmed] = S[R.time_confirmed + j]
         m[M.time_identified] = S[R.time_identified + j]
         m[M.coil_energy] = S[R.sum_power + j] / 3600.0
         m[M.coil_peak_power] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
+        m[M.reheat_energy] = -S[R.reheat + j] * S[R.cp_a + j] / 3600.0
+        m[M.recool_energy] = S[R.recool + j] * S[R.cp_a + j] / 3600.0
         m[M.water_volume] = S[R.sum_m_w + j] / _WATER_DENSITY
         m[M.condensate] = S[R.condensate + j]
         if status[j] != STATUS_OK:

@@ -105,14 +105,15 @@ def march_water(S, V, n_volumes):
 
 
 @section
-def march_air(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, counted):
+def march_air(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, dt_counted):
     """Eq (3) for the air and the metal of every volume: states[t] become states[t + 1].
 
     Air enters volume i from the row of volume i + 1.  In a march that starts at the water's inlet that row still
     holds state [t] (lagged, as printed); in one that starts at the air's inlet, this step's outlet (quasistatic).
     ``shared``: all lanes have the effectiveness eps_a, eps_star; otherwise it is in the rows of that name.
+    dt_counted: the time step, s, or 0 where condensate does not count.
     """
-    m_a_counted = m_a if counted else 0.0
+    m_a_dt = m_a * dt_counted
     for k in range(n_volumes):
         i = k + 1 if lagged_air else n_volumes - k
         pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
@@ -130,7 +131,7 @@ def march_air(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, counted
             pair[T_C + j] = metal(T_c, Q_a, Q_w, S[R.dt_C_c + j])
             pair[T_A + j] = T_out
             pair[W_A + j] = W_in - dW
-            S[R.condensate + j] += m_a_counted * dW
+            S[R.condensate + j] += m_a_dt * dW
 
 
 @section

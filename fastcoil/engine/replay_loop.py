@@ -59,7 +59,8 @@ def run_replay(matrix: np.ndarray, series: np.ndarray, interval: int) -> dict[st
     def run(block: Block) -> list[np.ndarray]:
         rows = trace_rows(REPLAY_TRACES, block.common.n_volumes)
         traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
-        command_of(block.rows, block.common, series, *work_space(block), rows, interval, traces)
+        S, V, own, _ = work_space(block)
+        command_of(block.rows, block.common, series, S, V, own, rows, interval, traces)
         return [traces]
 
     (found,) = run_sets(matrix, run)

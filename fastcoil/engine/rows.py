@@ -35,19 +35,23 @@ STATE_ROWS = (
     "readings", "e_1", "e_2", "difference",
     # actuator, valve
     "position", "motor_runs", "q", "stem_direction", "opening", "growth", "log_m_w", "m_w",
+    # backlash as worn so far, what the boundary multiplies it by, the gap that this makes; direction of the last move
+    "worn", "backlash_scale", "gap", "last_turn",
     # coil: flow, conductance and effectiveness of this step
     "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
+    # since the start of the first day: how far the metal was out of range, and when the estimate was right
+    "farthest_T_c", "time_reached", "time_confirmed", "time_identified",
 )  # fmt: skip
 """What the next step, or a later day, starts from.
 
 The temperatures of the coil are in VOLUME_ROWS, what an estimator remembers is in rows of its own.
 """
 SUM_ROWS = (
-    "sum_e2", "sum_e2_settled", "sum_abs_e", "off", "e_previous", "crossings", "highest", "lowest", "sum_swing",
+    "sum_e2", "sum_e2_settled", "sum_abs_e", "off", "reheat", "recool",
+    "T_set_from", "e_previous", "crossings", "highest", "lowest", "sum_swing",
     "e_sampled", "up_at", "periods", "last_period", "alike",
-    "sum_switches", "stem_travel", "motor_travel", "last_turn", "reversals", "sum_estimate",
-    "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate", "farthest_T_c",
-    "time_reached", "time_confirmed", "time_identified",
+    "sum_switches", "stem_travel", "motor_travel", "reversals", "sum_estimate",
+    "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate",
 )  # fmt: skip
 """What the metrics are made of."""
 VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")

@@ -10,7 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.outputs import ESTIMATE_WINDOW, HUNTING_SAMPLE, PEAK_BLOCK, SETTLING_TIME, SWITCH_BLOCK
+from fastcoil.outputs import (
+    ESTIMATE_WINDOW,
+    HUNTING_SAMPLE,
+    PEAK_BLOCK,
+    SET_POINT_STEP,
+    SETTLING_TIME,
+    SWITCH_BLOCK,
+)
 
 COUNTED = 1
 SETTLED = 2
@@ -21,6 +28,20 @@ IN_PEAK_BLOCK = 32
 PEAK_BLOCK_ENDS = 64
 IN_ESTIMATE_WINDOW = 128
 HUNTING_SEEN = 256
+
+
+class Before(NamedTuple):
+    """What the first second of a day follows: set-point, °C, whether the loop was on, and when it was last disturbed.
+
+    disturbed_at: second of this day, 0 or negative, of the last step of the set-point or start of the loop.
+    """
+
+    T_set: float = np.nan
+    enabled: bool = True
+    disturbed_at: int = 0
+
+
+NOTHING_BEFORE = Before()
 
 
 class Schedule(NamedTuple):
@@ -35,6 +56,19 @@ class Schedule(NamedTuple):
     n_estimate: int
 
 
+def disturbances(T_set: np.ndarray, enabled: np.ndarray, before: Before) -> np.ndarray:
+    """Second of the last step of the set-point or start of the loop, at every second of a day, (n_steps,)."""
+    steps = np.abs(np.diff(T_set, prepend=before.T_set)) > SET_POINT_STEP
+    starts = (enabled != 0.0) & ~np.concatenate([[before.enabled], enabled[:-1] != 0.0])
+    return np.maximum.accumulate(np.where(steps | starts, np.arange(T_set.size), before.disturbed_at))
+
+
+def after(T_set: np.ndarray, enabled: np.ndarray, before: Before = NOTHING_BEFORE) -> Before:
+    """What the day after a day follows."""
+    last = int(disturbances(T_set, enabled, before)[-1])
+    return Before(float(T_set[-1]), bool(enabled[-1] != 0.0), last - T_set.size)
+
+
 def whole_blocks(counted: np.ndarray, warm_up: int, length: int) -> np.ndarray:
     """Which seconds lie in blocks of ``length`` s, aligned at ``warm_up``, that are counted throughout."""
     inside = np.zeros(counted.size, bool)
@@ -44,13 +78,11 @@ def whole_blocks(counted: np.ndarray, warm_up: int, length: int) -> np.ndarray:
     return inside
 
 
-def schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int) -> Schedule:
+def schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int, before: Before = NOTHING_BEFORE) -> Schedule:
     """Flags of every second of a day.  T_set, °C, and enabled, 0/1: (n_steps,); warm_up: s."""
     t = np.arange(T_set.size)
     counted = (t >= warm_up) & (enabled != 0.0)
-    changed = np.diff(T_set, prepend=T_set[:1]) != 0.0
-    last_change = np.maximum.accumulate(np.where(changed, t, 0))
-    settled = counted & (t - last_change >= SETTLING_TIME)
+    settled = counted & (t - disturbances(T_set, enabled, before) >= SETTLING_TIME)
     starts = settled & ~np.concatenate([[False], settled[:-1]])
     ends = settled & ~np.concatenate([settled[1:], [False]])
     in_switch_block = whole_blocks(counted, warm_up, SWITCH_BLOCK)

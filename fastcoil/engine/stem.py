@@ -13,7 +13,7 @@ from fastcoil.engine.rows import LANES, R
 from fastcoil.numerics.jit import section
 from fastcoil.numerics.stages import BUILT_IN, FLAG, ROWS, WHOLE, Kind
 from fastcoil.physics.actuator import accepted, driven, motor
-from fastcoil.physics.valve import backlash, opening, slipped
+from fastcoil.physics.valve import backlash, gap, opening, slipped, worn
 
 STEM = Kind(ROWS, FLAG, returns=WHOLE)
 """Stages that move motor and stem, see ``stem_stage``."""
@@ -23,15 +23,15 @@ MOVED, RUNNING = 1, 2
 
 
 @section
-def actuate(S, counted, has_zones, slips):
+def actuate(S, counted, has_zones, slips, wears):
     """Move motor and gearbox, Eq (1).  Returns MOVED if any valve moved, plus RUNNING if any motor still runs.
 
-    has_zones, slips: whether any lane has a neutral zone or a slip jump, see ``Stem``.
+    has_zones, slips, wears: whether any lane has a neutral zone or a slip jump, or wears, see ``Stem``.
     """
     moved, running = False, False
     for j in range(LANES):
         target = accepted(S[R.command + j], S[R.command_resolution + j])
-        previous = S[R.position + j]
+        previous, x_bl = S[R.position + j], S[R.gap + j]
         if has_zones:
             runs = S[R.motor_runs + j] != 0.0
             position, runs = driven(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
@@ -42,21 +42,33 @@ def actuate(S, counted, has_zones, slips):
             running |= position != target
         if slips:
             direction = S[R.stem_direction + j]
-            q, direction = slipped(S[R.q + j], direction, position, previous, S[R.backlash + j], S[R.slip_jump + j])
+            q, direction = slipped(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
             S[R.stem_direction + j] = direction
             running |= direction != 0.0  # it sticks in the second in which the motor has stopped
-            open_ = opening(q, S[R.backlash + j] - S[R.slip_jump + j])
+            open_ = opening(q, x_bl - S[R.slip_jump + j])
         else:
-            q = backlash(S[R.q + j], position, S[R.backlash + j])
-            open_ = opening(q, S[R.backlash + j])
+            q = backlash(S[R.q + j], position, x_bl)
+            open_ = opening(q, x_bl)
         d_opening, d_position = open_ - S[R.opening + j], position - previous
         if counted:
             account_travel(S, j, d_opening, d_position)
         S[R.position + j] = position
         S[R.q + j] = q
         S[R.opening + j] = open_
+        if wears:
+            S[R.worn + j] = worn(S[R.worn + j], S[R.wear_rate + j], abs(d_opening))
+            S[R.gap + j] = gap(S[R.worn + j], S[R.backlash_scale + j])
+            running |= S[R.gap + j] != x_bl
         moved |= d_opening != 0.0
     return (MOVED if moved else 0) + (RUNNING if running else 0)
+
+
+@section
+def scale_gap(S, scale):
+    """Let the boundary multiply every backlash by ``scale``; the stem is taken into the new gap when next actuated."""
+    for j in range(LANES):
+        S[R.backlash_scale + j] = scale
+        S[R.gap + j] = gap(S[R.worn + j], scale)
 
 
 class Stem(NamedTuple):
@@ -64,11 +76,16 @@ class Stem(NamedTuple):
 
     has_zones: bool = False
     slips: bool = False
+    wears: bool = False
 
     @classmethod
     def of(cls, row: Mapping[str, np.ndarray]) -> Stem:
         """For a block with these parameters, each (LANES,)."""
-        return cls(has_zones=bool(np.any(row["neutral_zone"] > 0.0)), slips=bool(np.any(row["slip_jump"] > 0.0)))
+        return cls(
+            has_zones=bool(np.any(row["neutral_zone"] > 0.0)),
+            slips=bool(np.any(row["slip_jump"] > 0.0)),
+            wears=bool(np.any(row["wear_rate"] > 0.0)),
+        )
 
 
 @cache
@@ -77,9 +94,9 @@ def stem_stage(parts: Stem) -> Any:
     if parts == Stem():
         return BUILT_IN
 
-    has_zones, slips = parts
+    has_zones, slips, wears = parts
 
     def stem(S, counted):
-        return actuate(S, counted, has_zones, slips)
+        return actuate(S, counted, has_zones, slips, wears)
 
     return STEM.compiled(stem, repr(parts))

@@ -131,6 +131,16 @@ COLUMNS: dict[str, Series] = {
             default=1.0,
             needs_no_unit=True,
         ),  # fmt: skip
+        Series(
+            "backlash_scale",
+            "what the backlash is multiplied by",
+            NUMBER,
+            0.0,
+            100.0,
+            hold=True,
+            default=1.0,
+            needs_no_unit=True,
+        ),
         Series("elapsed_time", "time", TIME, -1e10, 1e10),  # three centuries
         Series("RH_a_in", "relative humidity of the entering air", FRACTION, 0.0, 1.0, scatters=True),
         Series("T_dp_in", "dew point of the entering air", TEMPERATURE, -60.0, 50.0),

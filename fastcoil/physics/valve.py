@@ -10,6 +10,9 @@ import numpy as np
 from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import scalar
 
+LARGEST_GAP = 0.9
+"""Backlash, fraction of stroke, that nothing exceeds: the largest that a loop may have, too."""
+
 
 @scalar
 def backlash(q, position, x_bl):
@@ -44,6 +47,19 @@ def started(position, x_bl, x):
 def opening(q, x_bl):
     """Valve opening α q with α = 1/(1 - x_BL), so that a full command opens fully.  Eq (1)."""
     return q / (1.0 - x_bl)
+
+
+@scalar
+def worn(x_bl, wear_rate, travel):
+    """Backlash after the stem has travelled so many strokes more; it wears by ``wear_rate`` a stroke."""
+    return x_bl + wear_rate * travel
+
+
+@scalar
+def gap(x_bl, scale):
+    """Backlash of this second, ``scale`` times as large as by itself, at most LARGEST_GAP."""
+    x = x_bl * scale
+    return LARGEST_GAP if x > LARGEST_GAP else x
 
 
 @scalar

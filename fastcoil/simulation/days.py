@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fastcoil.boundary import Boundary
-from fastcoil.engine.emulator import DAY_COLUMNS, Day
+from fastcoil.engine.emulator import DAY_COLUMNS, C, Day
 from fastcoil.engine.schedule import schedule
 
 _KEPT = 2
@@ -70,6 +70,8 @@ class Days:
 
     def _hash(self, k: int) -> str:
         digest = hashlib.sha256(f"{int(self._boundary.day[k])} ".encode())
-        digest.update(self._table(k).tobytes())
+        table = self._table(k)
+        scaled = np.any(table[:, C.backlash_scale] != 1.0)
+        digest.update(table[:, : None if scaled else C.backlash_scale].tobytes())
         digest.update(self._commands(k).tobytes())
         return digest.hexdigest()

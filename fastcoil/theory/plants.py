@@ -178,7 +178,7 @@ def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array, 
     curve, of_curve = np.empty((n, OPENINGS.size)), np.empty((OPENINGS.size, LANES))
     for members, block in blocks(matrix):
         padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
-        S, V, _ = work_space(block)
+        S, V, *_ = work_space(block)
         of_block, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
         find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, of_block)
         response, ends = np.empty((LONGEST, LANES)), np.empty(LANES, np.int64)

@@ -45,7 +45,7 @@ def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> StateSp
     A, B = np.empty((n, size, size)), np.empty((n, size))
     for members, block in blocks(matrix):
         padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
-        S, V, _ = work_space(block)
+        S, V, *_ = work_space(block)
         found, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
         find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, found)
         of_A, of_B = np.empty((size, size, LANES)), np.empty((size, LANES))

@@ -22,6 +22,7 @@ def test_constant_day_is_constant_and_the_centre_of_paper_day():
         "T_set": 14.0,
         "noise": 0.0,
         "enabled": 1.0,
+        "backlash_scale": 1.0,
     }
     assert constant_day(0.5, W_a_in=0.01).series["W_a_in"][0, 0] == 0.01
     assert constant_day(0.5, T_set=np.linspace(13, 14, 1800)).n_steps == 1800

@@ -71,7 +71,7 @@ def test_a_loop_that_rings_without_backlash_hunts_too():
 def test_no_period_reaches_across_a_set_point_step():
     """With a step every 15 min only 5 min are settled: a period of 400 s is never seen whole, one of 100 s is."""
     seconds, T = np.arange(8 * 3600), still()
-    day = fc.constant_day(hours=8, T_set=np.where(seconds // 900 % 2, T - 0.01, T))
+    day = fc.constant_day(hours=8, T_set=np.where(seconds // 900 % 2, T - 0.06, T))
     found = []
     for period in (100, 400):
         command = LEVEL + 0.2 * np.sin(2 * np.pi * seconds / period)

@@ -21,6 +21,7 @@ SCALAR_SHARE = {
     "control, all parts": 0,
     "actuate": 0,
     "actuate with zones and slips": 0,
+    "actuate with wear": 0,
     "deliver": 0,
     "air_side": 0.3,
     "march_water": 1.1,
@@ -44,13 +45,14 @@ def assembly_of(name):
             lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, every),
             (A, i, f, f, b, f),
         ),
-        "actuate": (stem.actuate, (A, b, T.literal(0), T.literal(0))),
-        "actuate with zones and slips": (stem.actuate, (A, b, T.literal(1), T.literal(1))),
+        "actuate": (stem.actuate, (A, b, *map(T.literal, (0, 0, 0)))),
+        "actuate with zones and slips": (stem.actuate, (A, b, *map(T.literal, (1, 1, 0)))),
+        "actuate with wear": (stem.actuate, (A, b, *map(T.literal, (0, 0, 1)))),
         "deliver": (plant.deliver, (A, b)),
         "air_side": (plant.air_side, (A, f)),
         "march_water": (plant.march_water, (A, A, i)),
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
-        "account_second": (metrics.account_second, (A, A, i, i, f, f, i)),
+        "account_second": (metrics.account_second, (A, A, i, i, f, f, f, i)),
     }[name]
     return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
 
@@ -153,7 +155,7 @@ sets = np.array([[0.07], [2.0], [0.7], [9.0], [0.38]])
 valve_flows(np.array([0.2, 0.2, 0.5]), np.array([0, 0, 1]), sets, np.zeros((2, 1)), openings, flows)
 still = fc.Loop(n_volumes=1)
 ((_, block),) = blocks(parameter_matrix(columns_of(still, still.sizes, np.arange(1))))
-S, V, _ = work_space(block)
+S, V, *_ = work_space(block)
 found, entering = np.empty((len(STEADY), LANES)), np.tile([[1.0], [25.0], [0.01], [7.0]], LANES)
 find_rest(block.rows, block.common, entering, np.full(LANES, 50.0), S, V, found)
 at_rest, curve = V.copy(), np.empty((1, LANES))

@@ -35,7 +35,8 @@ class Run:
         self.ds = fc.simulate(self.loop, self.boundary, command=command, traces=list(TRACES), warm_up=WARM_UP)
         self.counted = (SECONDS >= WARM_UP) & ~OFF
         self.error = self["T_sup"] - self.series["T_set"]
-        changes = np.flatnonzero(np.diff(self.series["T_set"])) + 1
+        starts = np.diff(self.series["enabled"]) > 0.0
+        changes = np.flatnonzero(np.diff(self.series["T_set"]).astype(bool) | starts) + 1
         since = np.array([t - max([0, *changes[changes <= t]]) for t in SECONDS])
         self.settled = self.counted & (since >= 600)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], self.settled, [0]])))

@@ -17,10 +17,10 @@ def test_schedule_of_a_small_day():
     enabled[3000] = 0.0
     found = schedule(T_set, enabled, 100)
     counted = [*range(100, 3000), *range(3001, 4000)]
-    settled = [*range(600, 1500), *range(2100, 3000), *range(3001, 4000)]
+    settled = [*range(600, 1500), *range(2100, 3000), *range(3601, 4000)]
     assert seconds_with(found, flags_of.COUNTED) == counted
     assert seconds_with(found, flags_of.SETTLED) == settled
-    assert seconds_with(found, flags_of.WINDOW_STARTS) == [600, 2100, 3001]
+    assert seconds_with(found, flags_of.WINDOW_STARTS) == [600, 2100, 3601]
     assert seconds_with(found, flags_of.WINDOW_ENDS) == [1499, 2999, 3999]
     # blocks 100-699, 700-1299, ... 3100-3699; that of second 3000 does not count
     assert seconds_with(found, flags_of.IN_SWITCH_BLOCK) == [*range(100, 2500), *range(3100, 3700)]

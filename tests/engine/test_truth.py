@@ -37,6 +37,7 @@ STEPS = np.repeat([0.0, 0.3, 1.0, 0.55, 0.5, 0.62, 0.0, 0.12, 0.9], 400)
 RING = np.clip(0.5 + 0.5 * np.sin(SECONDS / 90.0), 0.0, 1.0)
 RECORDED_NOISE = 0.1 * np.sin(SECONDS / 7.0) + 0.05 * np.sin(SECONDS**2 / 500.0)
 OFF_AND_ON = np.where((SECONDS % 1500 > 1000) & (SECONDS % 1500 < 1315), 0, 1)
+LOOSE = np.where((SECONDS > 1100) & (SECONDS < 2500), 2.0, 0.8)
 GENTLE = {"kp": 0.018, "ti": 30.0, "sample_time": 15.0}
 REAL = {**GENTLE, "C_c": 10.0, "sensor_time_constant": 30.0, "stroke_time": 90.0}
 LEARNER = {"learning_step": 0.007, "backlash_estimate": 0.007, "learning_interval": 600.0}
@@ -72,6 +73,16 @@ CASES = {
     "resolutions": Case({"sensor_resolution": 0.1, "command_resolution": 0.004, "sample_time": 7.0}),
     "buffer 0": Case({"buffer": 0.0, "backlash_estimate": 0.05}),
     "quasistatic": Case({"air_march": "quasistatic"}),
+    "substeps": Case({"substeps": 4}),
+    "quasistatic, wet, substeps": Case({"air_march": "quasistatic", "substeps": 3, "n_volumes": 6}, WET),
+    "wear": Case({"wear_rate": 2e-3, "estimate_ratio": 0.6}),
+    "wear on a real loop": Case({**REAL, "wear_rate": 5e-3, "neutral_zone": 0.011, "noise_std": 0.05}),
+    "wear, open loop": Case({"wear_rate": 2e-3, "stroke_time": 90.0}, {}, RING),
+    "a linkage that comes loose and is mended": Case(GENTLE, {"backlash_scale": LOOSE}),
+    "a loose linkage that wears, with a learner": Case(
+        {**LEARNER, "wear_rate": 1e-3, "noise_std": 0.02}, {"backlash_scale": LOOSE}
+    ),
+    "a set-point that is reset": Case(GENTLE, {"T_set": 14.0 + SECONDS / 1800.0}),
     "quasistatic, dry": Case({"air_march": "quasistatic"}, DRY),
     "quasistatic, wet": Case({"air_march": "quasistatic"}, WET),
     "heating": Case({**REAL, "action": "heating", "kp": 0.01, "estimate_ratio": 0.6}, HEATING),

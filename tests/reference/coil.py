@@ -35,12 +35,12 @@ def exchange(parameters, m_w, m_a):
     return eps_a, eps_star, G_w, G_a, G_star
 
 
-def coil_step(parameters, T_w, T_c, T_a, W_a, m_w, m_a, T_w_in, T_a_in, W_a_in, saturation=None):
-    """Eq (3) and the wet balance that follows it: all volumes from second t to t+1.
+def coil_step(parameters, T_w, T_c, T_a, W_a, m_w, m_a, T_w_in, T_a_in, W_a_in, saturation=None, dt=1.0):
+    """Eq (3) and the wet balance that follows it: all volumes from second t to t + dt.
 
     T_w, T_c, T_a [degC] and W_a [kg/kg] are the per-volume states at t: water, metal and air leaving each
     volume.  m_w, m_a [kg/s], T_w_in, T_a_in [degC] and W_a_in [kg/kg] are the flows and entering conditions
-    at t.  Returns the four state lists at t+1, the number of wet volumes, and the condensate [kg].
+    at t.  Returns the four state lists at t + dt, the number of wet volumes, and the condensate [kg].
     """
     p = parameters
     if saturation is None:
@@ -87,11 +87,11 @@ def coil_step(parameters, T_w, T_c, T_a, W_a, m_w, m_a, T_w_in, T_a_in, W_a_in, 
         else:
             W_out = W_in
             Q_air = G_a * (T_in - T_coil)
-        condensate += max(m_a, 0.0) * (W_in - W_out)
+        condensate += max(m_a, 0.0) * (W_in - W_out) * dt
 
         Q_water = G_w * (T_coil - T_water)
-        T_w_next[i] = T_w[i] + (water_capacity_rate * (T_water - T_w[i]) + Q_water) / C_w
-        T_c_next[i] = T_coil + (Q_air - Q_water) / C_c
+        T_w_next[i] = T_w[i] + dt * (water_capacity_rate * (T_water - T_w[i]) + Q_water) / C_w
+        T_c_next[i] = T_coil + dt * (Q_air - Q_water) / C_c
         T_a_next[i] = T_out
         W_a_next[i] = W_out
     return T_w_next, T_c_next, T_a_next, W_a_next, wet_volumes, condensate

@@ -10,7 +10,14 @@ from reference.gradient import Gradient
 from reference.hagglund import Hagglund
 from reference.identify import Identify
 from reference.learner import Learner
-from reference.metrics import METRICS, coil_metrics, movement_metrics, switching_metrics, tracking_metrics
+from reference.metrics import (
+    METRICS,
+    air_metrics,
+    coil_metrics,
+    movement_metrics,
+    switching_metrics,
+    tracking_metrics,
+)
 from reference.noise import standard_normal
 from reference.rounding import round_half_up
 from reference.valve import NeutralZone, StickSlip, backlash, leaking_valve
@@ -50,7 +57,7 @@ def simulate(
 
     parameters: a dict with the keys and units of PAPER_LIKE.
     boundary: 1-s series of one length, m_a [kg/s], T_a_in [degC], W_a_in [kg/kg], T_w_in [degC], T_set [degC]
-    and, if wanted, noise [K] and enabled [0 or 1].
+    and, if wanted, noise [K], enabled [0 or 1] and backlash_scale [-].
     command: an open-loop command series [strokes] in place of the controller.
     warm_up: seconds left out of the metrics; seed, replicate, day: select the noise.
     saturation: a function (T [degC], pressure [Pa]) -> W_s [kg/kg] in place of saturation_humidity_ratio.
@@ -68,6 +75,7 @@ def simulate(
     n_steps = len(T_set)
     recorded_noise = floats(boundary.get("noise", [0.0] * n_steps))
     enabled = [value != 0 for value in boundary.get("enabled", [1] * n_steps)]
+    scale = floats(boundary.get("backlash_scale", [1.0] * n_steps))
     open_loop = command is not None
     commands = floats(command) if open_loop else None
 
@@ -88,6 +96,7 @@ def simulate(
     motor = NeutralZone(p["neutral_zone"])
     stem = StickSlip(p["backlash"], p["slip_jump"])
     position = x = 0.0
+    opening_before, travelled, gaps = 0.0, 0.0, []
 
     traces = {name: [] for name in SCALAR_TRACES + VOLUME_TRACES}
     switches = []
@@ -130,15 +139,25 @@ def simulate(
         # Actuator, Eq (1), Eq (2)
         position_previous = position
         position = motor.move(cmd, p["command_resolution"], p["stroke_time"])
-        x, opening = backlash(position, position_previous, x, p["backlash"])
+        gaps.append(gap_after(p, travelled, scale[t]))
+        # a stem in a gap that has become smaller is at its flank
+        x, opening = backlash(position, position_previous, min(x, gaps[t]), gaps[t])
         if p["slip_jump"] > 0.0:
             opening = stem.move(position)[1]
+        travelled += abs(opening - opening_before)
+        opening_before = opening
         m_w = leaking_valve(opening, p["leakage"], p["m_max"], p["valve_a"], p["valve_b"], p["valve_c"])
 
         # Eqs (3) and (4)
-        T_w_next, T_c_next, T_a_next, W_a_next, wet_volumes, condensate = coil_step(
-            p, T_w, T_c, T_a, W_a, m_w, m_a[t], T_w_in[t], T_a_in[t], W_a_in[t], saturation
-        )
+        condensate, state = 0.0, (T_w, T_c, T_a, W_a)
+        for part in range(int(p["substeps"])):
+            *state, wet, condensed = coil_step(
+                p, *state, m_w, m_a[t], T_w_in[t], T_a_in[t], W_a_in[t], saturation, 1.0 / p["substeps"]
+            )
+            if part == 0:
+                wet_volumes = wet
+            condensate += condensed
+        T_w_next, T_c_next, T_a_next, W_a_next = state
 
         # Record the states the step started from, beside the signals of the step
         traces["T_sup"].append(T_a[0])
@@ -171,15 +190,21 @@ def simulate(
         return traces, dict.fromkeys(METRICS, math.nan) | {"status": status}
 
     counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
-    metrics = tracking_metrics(traces["T_sup"], T_set, counted)
+    metrics = tracking_metrics(traces["T_sup"], T_set, counted, enabled)
+    metrics.update(air_metrics(traces["T_sup"], T_set, m_a, p["cp_a"], counted))
     metrics.update(movement_metrics(traces["opening"], traces["position"], counted))
     assumes = p["backlash_estimate"] > 0.0 or not estimator.is_off
-    metrics.update(
-        switching_metrics(switches, traces["estimate"], p["backlash"], estimator, assumes, counted, warm_up, open_loop)
-    )
+    metrics.update(switching_metrics(switches, traces["estimate"], gaps, estimator, counted, warm_up, open_loop))
+    metrics["backlash_final"] = gap_after(p, travelled, scale[-1])
+    metrics["size_error"] = metrics["estimate_settled"] - metrics["backlash_final"] if assumes else math.nan
     metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
     metrics["status"] = status
     return traces, metrics
+
+
+def gap_after(p, travelled, scale):
+    """True backlash [strokes] after the stem has travelled so far [strokes], scaled by the boundary."""
+    return min(0.9, (p["backlash"] + p["wear_rate"] * travelled) * scale)
 
 
 def floats(series):

@@ -18,6 +18,7 @@ METRICS = (
     "estimate_final",
     "estimate_settled",
     "size_error",
+    "backlash_final",
     "learn_time_reached",
     "learn_time_confirmed",
     "time_identified",
@@ -28,11 +29,14 @@ METRICS = (
     "half_period_spread",
     "coil_energy",
     "coil_peak_power",
+    "reheat_energy",
+    "recool_energy",
     "water_volume",
     "condensate",
 )
 
-SETTLING_TIME = 600  # s since the last set-point change
+SETTLING_TIME = 600  # s since the last step of the set-point or start of the loop
+SET_POINT_STEP = 0.05  # K
 SWITCH_BLOCK = 600  # s
 POWER_BLOCK = 900  # s
 ESTIMATE_WINDOW = 7200  # s
@@ -40,15 +44,17 @@ OFF = 0.5  # K
 MOVEMENT_THRESHOLD = 1e-9  # strokes
 
 
-def tracking_metrics(T_sup, T_set, counted):
+def tracking_metrics(T_sup, T_set, counted, enabled):
     """Tracking of the set point [degC] by the true supply temperature [degC], over counted seconds."""
     n_steps = len(T_sup)
     error = [T_sup[t] - T_set[t] for t in range(n_steps)]
     settled = []
     last_change = 0
     for t in range(n_steps):
-        if t > 0 and T_set[t] != T_set[t - 1]:
+        if t > 0 and (abs(T_set[t] - T_set[t - 1]) > SET_POINT_STEP or (enabled[t] and not enabled[t - 1])):
             last_change = t
+        if t == 0 and not enabled[0]:
+            last_change = 0
         settled.append(counted[t] and t - last_change >= SETTLING_TIME)
 
     ranges = []
@@ -56,7 +62,8 @@ def tracking_metrics(T_sup, T_set, counted):
     periods = []
     for start, stop in windows(settled):
         periods += whole_periods(error, range(start, stop))
-        ranges.append(max(T_sup[start:stop]) - min(T_sup[start:stop]))
+        still = [T_sup[t] - (T_set[t] - T_set[start]) for t in range(start, stop)]
+        ranges.append(max(still) - min(still))
         crossings += sum(error[t - 1] < 0.0 <= error[t] for t in range(start + 1, stop))
 
     return {
@@ -97,10 +104,10 @@ def movement_metrics(opening, position, counted):
     }
 
 
-def switching_metrics(switches, estimate, backlash, estimator, assumes, counted, warm_up, open_loop):
+def switching_metrics(switches, estimate, gaps, estimator, counted, warm_up, open_loop):
     """Mode switches per 10 min, the estimate [strokes] and the learning times [s]; NaN in open loop.
 
-    assumes: whether the controller assumes any backlash at all.
+    gaps: the true backlash [strokes] of every second.
     """
     n_steps = len(estimate)
     recent = [counted[t] and t >= n_steps - ESTIMATE_WINDOW for t in range(n_steps)]
@@ -109,18 +116,26 @@ def switching_metrics(switches, estimate, backlash, estimator, assumes, counted,
         "switch_frequency": mean(switches_per_block),
         "estimate_final": estimate[-1],
         "estimate_settled": mean(select(estimate, recent)),
-        "size_error": mean(select(estimate, recent)) - backlash if assumes else math.nan,
-        "time_identified": math.nan if estimator.is_off else since_right(estimate, backlash),
+        "time_identified": math.nan if estimator.is_off else since_right(estimate, gaps),
         **estimator.metrics(),
     }
 
 
-def since_right(estimate, backlash):
+def since_right(estimate, gaps):
     """Second from which the estimate is right to 20 % of the backlash or 1 % of stroke; NaN if it ends wrong."""
-    tolerance = max(0.2 * backlash, 0.01)
-    wrong = [t for t, value in enumerate(estimate) if abs(value - backlash) > tolerance]
+    pairs = enumerate(zip(estimate, gaps, strict=True))
+    wrong = [t for t, (value, gap) in pairs if abs(value - gap) > max(0.2 * gap, 0.01)]
     since = wrong[-1] + 1 if wrong else 0
     return float(since) if since < len(estimate) else math.nan
+
+
+def air_metrics(T_sup, T_set, m_a, cp_a, counted):
+    """Heat [kWh] that the supply air lacks of its set-point, and has above it, over counted seconds."""
+    lacks = [m_a[t] * cp_a * (T_set[t] - T_sup[t]) for t in range(len(T_sup)) if counted[t]]
+    return {
+        "reheat_energy": math.fsum(heat for heat in lacks if heat > 0.0) / 3600.0,
+        "recool_energy": -math.fsum(heat for heat in lacks if heat < 0.0) / 3600.0,
+    }
 
 
 def coil_metrics(power, m_w, condensates, counted, warm_up):

@@ -15,6 +15,7 @@ PAPER_LIKE = {
     "pressure": 101325.0,
     "n_volumes": 8,
     "air_march": "lagged",
+    "substeps": 1,
     "T_initial": 20.0,
     # Valve, Eq (2).
     "m_max": 2.0,
@@ -28,6 +29,7 @@ PAPER_LIKE = {
     "command_resolution": 0.0,
     "neutral_zone": 0.0,
     "slip_jump": 0.0,
+    "wear_rate": 0.0,
     # Sensor.
     "sensor_time_constant": 0.0,
     "noise_std": 0.0,
