@@ -55,7 +55,9 @@ def calls(tmp_path):
 def test_every_scenario_day_is_told_once(calls, name, monkeypatch):
     started, told = [], []
 
-    def start(_, of, before=0):
+    def start(shown, of, before=0):
+        if shown._view is None:  # a simulation of the package's own
+            return lambda _: None
         started.append(of - before)
         return told.append
 
