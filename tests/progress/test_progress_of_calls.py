@@ -29,7 +29,7 @@ warm_up = 60
 """
 SEARCH = {
     "search": {"kp": (0.005, 0.1)},
-    "evaluations": 8,
+    "evaluations": 16,
     "warm_up": 60,
     "limits": {},
 }
@@ -63,7 +63,7 @@ def test_every_scenario_day_is_told_once(calls, name, monkeypatch):
 
     monkeypatch.setattr(Shown, "start", start)
     calls[name](progress=True)
-    assert started == [{"simulate": 6, "run_study": 6, "tune": 8 * 3 * 2}[name]]
+    assert started == [{"simulate": 6, "run_study": 6, "tune": 16 * 3 * 2}[name]]
     assert sum(told) == started[0]
     calls[name](progress=True)
     assert len(started) == (1 if name == "run_study" else 2), "a finished study has nothing to do"
