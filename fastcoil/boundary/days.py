@@ -158,8 +158,8 @@ def constant_day(
     elif relative_humidity is not None:
         raise InputError("W_a_in and relative_humidity are both given: give one of them")
     # The one series; it sets the length.
-    enabled = np.ones(n_steps)
-    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, enabled=enabled)
+    noise = np.zeros(n_steps)
+    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, noise=noise)
 
 
 # ----------------------------------------------------------------------------------------------- a design day

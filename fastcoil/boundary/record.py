@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import functools
-import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fastcoil.arguments import instance_of
-from fastcoil.arrays import Array
+from fastcoil.arguments import checking, choice_of, instance_of
+from fastcoil.boundary.air_flow import enabled_by, warn_of_stops
+from fastcoil.boundary.as_dataset import arguments_of, dataset_of
+from fastcoil.boundary.choice import positions, positions_of
+from fastcoil.boundary.clock import clock_of
+from fastcoil.boundary.rearranged import DIMS, check_names, joined, joining_problems, picked, rows_of
+from fastcoil.boundary.samples import Samples
 from fastcoil.boundary.series import (
     BOUNDARY_SERIES,
     Given,
@@ -23,15 +25,15 @@ from fastcoil.boundary.series import (
     read,
     value_problems,
 )
-from fastcoil.errors import InputError, collecting
-from fastcoil.logs.series import Series
-from fastcoil.logs.units import DIFFERENCE
+from fastcoil.boundary.source import Held, Source, Stream
+from fastcoil.boundary.streams import replaced, stream_of
+from fastcoil.errors import InputError, WrongType, collecting, shown
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-class Boundary:
+class Boundary(Samples):
     """The series that act on the loop, in 1-s samples, on one day or several; immutable.
 
     Parameters
@@ -43,13 +45,19 @@ class Boundary:
     noise
         Recorded noise, added to the measured temperature every second [K]; none if left out.
     enabled
-        1 where the loop is in operation, 0 where not; 1 throughout if left out.
+        1 where the loop is in operation, 0 where not.  If left out, it is 1 where air flows, and a warning tells how
+        long none does.
     backlash_scale
         What the backlash of every loop is multiplied by, such as 2 from the second at which a linkage comes loose; 1
         throughout if left out.
     day
         Labels of the days: distinct whole numbers from 0 to 2**32 - 1; 0, 1, 2, ... if left out.  They, not
         the order, seed the noise of a day.  One number labels a boundary without a dim ``day``.
+    start
+        Date and time of the first sample of each day, to the second; one is that of the first of consecutive days of
+        24 h.  On the clock of ``time_zone``; a UTC offset that it has is taken as the zone.
+    time_zone
+        A name such as ``America/Los_Angeles``, or an offset such as ``UTC-08:00``; unknown if left out.
 
     Each series is a number, a 1-D array of 1-s samples, a 2-D array (day, second) or a DataArray with dims
     ``elapsed_time`` and/or ``day``; at least one must have samples, and all the same number.  A
@@ -69,6 +77,8 @@ class Boundary:
         enabled: Values = None,
         backlash_scale: Values = None,
         day: Values = None,
+        start: Values = None,
+        time_zone: Values = None,
     ) -> None:
         arguments = {
             "m_a": m_a,
@@ -96,102 +106,71 @@ class Boundary:
             problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
         for name, one in given.items():
             problems += value_problems(BOUNDARY_SERIES[name], one, labels)
+        shape = labels.size, n_steps or 0
+        with collecting(problems):
+            self._clock = clock_of(start, time_zone, *shape)
         if problems:
             # Series that share a coordinate share its mistakes.
             raise InputError(list(dict.fromkeys(problems)))
-        self._has_day_dim = bool(n_days or labels.ndim)
-        self._day = _frozen(np.atleast_1d(labels).astype(np.int64))
-        shape = self._day.size, n_steps or 0
-        self._series = {name: _frozen(one.spread(*shape)) for name, one in given.items()}
+        whole = {name: one.spread(*shape) for name, one in given.items()}
+        self._by_air = enabled is None
+        if self._by_air:
+            whole["enabled"], stopped = enabled_by(whole["m_a"])
+            warn_of_stops(stopped)
+        self._source: Source = Held(whole, np.atleast_1d(labels).astype(np.int64), bool(n_days or labels.ndim))
 
-    @property
-    def series(self) -> dict[str, Array]:
-        """All eight series by name, each float64 (n_days, n_steps), read-only."""
-        return dict(self._series)
+    def assign(self, **changes: Any) -> Boundary:
+        """A copy with other series, labels or clock, each given as to `Boundary`; None takes back to the default.
 
-    @property
-    def day(self) -> NDArray[np.int64]:
-        """Labels of the days, (n_days,), read-only."""
-        return self._day
+        Where ``enabled`` follows from the air flow, it follows from a new one, too.
+        """
+        check_names(changes)
+        by_air = self._by_air if "enabled" not in changes else changes["enabled"] is None
+        if isinstance(self._source, Stream):
+            return Boundary.of(*replaced(self._source, self._clock, changes), by_air=by_air)
+        kept: dict[str, Any] = rows_of(self._source)
+        if self._by_air and "m_a" in changes:
+            del kept["enabled"]
+        kept |= {"day": self.day if self.has_day_dim else self.day[0], **self._clock._asdict()}
+        changed = Boundary(**kept | changes)
+        changed._by_air = by_air
+        return changed
 
-    @property
-    def has_day_dim(self) -> bool:
-        """Whether results have a dim ``day``."""
-        return self._has_day_dim
+    def isel(self, day: Any) -> Boundary:
+        """Some days by position: a number, which leaves no dim ``day``, a list, flags or a slice."""
+        return Boundary.of(*picked(self.parts, positions(day, self.n_days)))
 
-    @property
-    def n_days(self) -> int:
-        return self._day.size
+    def sel(self, day: Any) -> Boundary:
+        """Some days by label: one, which leaves no dim ``day``, a list, or a slice from one to another."""
+        return Boundary.of(*picked(self.parts, positions_of(day, self.day)))
 
-    @property
-    def n_steps(self) -> int:
-        """Number of 1-s steps."""
-        return int(self._series["m_a"].shape[1])
+    @staticmethod
+    def concat(boundaries: Sequence[Boundary], dim: str = "day") -> Boundary:
+        """Put boundaries together: their days, or with ``dim="elapsed_time"`` one after the other in time.
 
-    @property
-    def hours(self) -> float:
-        return self.n_steps / 3600
+        Of streams it is a stream.  Days must be of one length, and each of its own label.  Hours must be of the same
+        days, and where starts are known, each boundary must start when the one before ends.
 
-    @functools.cached_property
-    def sha256(self) -> str:
-        """Digest of the day labels and of every name and sample."""
-        digest = hashlib.sha256(f"boundary 1 {self._has_day_dim} {self.n_days} {self.n_steps}".encode())
-        digest.update(self._day.astype("<i8").tobytes())
-        for name, values in self._series.items():
-            if name == "backlash_scale" and (values == 1.0).all():
-                continue  # as before there was this series
-            digest.update(name.encode())
-            digest.update(values.astype("<f8", copy=False).tobytes())
-        return digest.hexdigest()
-
-    def describe(self) -> str:
-        """One line: the length, the days, and the range of every series that is not at its default."""
-        ranges = []
-        for name, values in self._series.items():
-            low, high, unit = values.min(), values.max(), BOUNDARY_SERIES[name].unit
-            if not low == high == BOUNDARY_SERIES[name].default:
-                span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-                ranges.append(f"{name} {span}{'' if unit == '1' else ' ' + unit}")
-        return f"{self._extent}: {', '.join(ranges)}"
-
-    @property
-    def _extent(self) -> str:
-        return f"{self.hours:g} h" + (f" x {self.n_days} days" if self._has_day_dim else "")
-
-    def __repr__(self) -> str:
-        return f"<fastcoil.Boundary {self._extent}, sha256 {self.sha256[:8]}>"
-
-    def __eq__(self, other: object) -> bool:
-        return self.sha256 == other.sha256 if isinstance(other, Boundary) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self.sha256)
-
-    def __reduce__(self) -> tuple[Callable[[], Boundary], tuple[()]]:
-        # Through the constructor, because a pickled array comes back writeable.
-        return functools.partial(Boundary, **self._rows(), day=self._rows_of(self._day)), ()
-
-    def _rows_of(self, values: NDArray[Any]) -> NDArray[Any]:
-        return values if self._has_day_dim else values[0]
-
-    def _rows(self) -> dict[str, Array]:
-        return {name: self._rows_of(values) for name, values in self._series.items()}
+        Raises
+        ------
+        InputError
+            With one sentence for each thing that does not fit.
+        """
+        cure = "give a list of boundaries"
+        if not isinstance(boundaries, (list, tuple)) or not boundaries:
+            raise InputError(WrongType(f"boundaries = {shown(boundaries)}: {cure}"))
+        with checking() as check:
+            for i, one in enumerate(boundaries):
+                check(instance_of, f"boundaries[{i}]", one, Boundary, cure)
+        parts = [one.parts for one in boundaries]
+        dim = choice_of("dim", dim, DIMS)
+        if problems := joining_problems(parts, dim):
+            raise InputError(problems)
+        return Boundary.of(*joined(parts, dim))
 
     def to_dataset(self) -> xr.Dataset:
-        """The series as a Dataset with dims (``day``,) ``elapsed_time``, units and long names."""
-        import xarray as xr
-
-        dims = ("day", "elapsed_time") if self._has_day_dim else ("elapsed_time",)
-        rows = self._rows().items()
-        variables = {name: (dims, values.copy(), _attributes(BOUNDARY_SERIES[name])) for name, values in rows}
-        seconds = np.arange(self.n_steps, dtype=np.float64)
-        return xr.Dataset(
-            variables,
-            {
-                "elapsed_time": ("elapsed_time", seconds, {"units": "s", "long_name": "time since the start"}),
-                "day": (dims[:-1], self._rows_of(self._day), {"long_name": "label of the day"}),
-            },
-        )
+        """The series as a Dataset with dims (``day``,) ``elapsed_time``, units, long names, and ``start`` if known."""
+        return dataset_of(self._source, self._clock)
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Boundary:
@@ -199,21 +178,36 @@ class Boundary:
 
         Strict: ``elapsed_time`` in steps of 1 s (from any start), and a ``units`` attribute on every series.
         """
-        import xarray as xr
+        return cls(**arguments_of(ds))
 
-        instance_of("ds", ds, xr.Dataset, "give a Dataset, as of to_dataset")
-        problems = [
-            f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})"
-            for name, series in BOUNDARY_SERIES.items()
-            if name in ds and "units" not in ds[name].attrs
-        ]
-        if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
-            problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
-        with collecting(problems):
-            boundary = cls(**{name: ds.get(name) for name in BOUNDARY_SERIES})
-        if problems:
-            raise InputError(problems)
-        return boundary
+    @classmethod
+    def from_days(
+        cls,
+        make: Callable[[int], Mapping[str, Any]],
+        *,
+        day: Values,
+        n_steps: int | None = None,
+        hours: float | None = None,
+        start: Any = None,
+        time_zone: str | None = None,
+    ) -> Boundary:
+        """A stream: days that are made when they are needed, so that a year of seconds never lies in memory.
+
+        Parameters
+        ----------
+        make
+            Gives the series of a day from its label, by name, each a number or 1-D array of 1-s samples, as to
+            `Boundary`.  It is called several times for each day and must give the same each time: seed random numbers
+            with the label.  To run in several processes it must be a function of a module, or another object that can
+            be pickled.
+        day
+            Labels of the days, as for `Boundary`.
+        n_steps, hours
+            Length of each day, in seconds or in hours; give one of them.
+        start, time_zone
+            As for `Boundary`.
+        """
+        return cls.of(*stream_of(make, day, n_steps, hours, start, time_zone))
 
     @classmethod
     def from_csv(
@@ -281,14 +275,3 @@ class Boundary:
                 time_format=time_format,
             )
         )
-
-
-def _attributes(series: Series) -> dict[str, str]:
-    attrs = {"units": series.unit, "long_name": series.long_name}
-    # CF-1.11: a difference in K is not a temperature in K.
-    return attrs | {"units_metadata": "temperature: difference"} if series.units is DIFFERENCE else attrs
-
-
-def _frozen(values: NDArray[Any]) -> NDArray[Any]:
-    values.flags.writeable = False
-    return values

@@ -14,7 +14,9 @@ from fastcoil.logs.series import COLUMNS, Series
 Values: TypeAlias = Any
 """What a user may give for a series: a number, array-like or DataArray; examined at run time."""
 
-_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", "backlash_scale")
+ADDED_SERIES = ("backlash_scale",)
+"""Series that boundaries once did not have."""
+_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
 BOUNDARY_SERIES = {name: COLUMNS[name] for name in _NAMES}
 """Every series of a `Boundary` by name."""
 LARGEST_DAY_LABEL = 2**32 - 1

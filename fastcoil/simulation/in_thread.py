@@ -11,7 +11,7 @@ import numpy as np
 
 from fastcoil.engine.emulator import Day
 from fastcoil.engine.host import TraceRequest, run_block
-from fastcoil.engine.lanes import Block
+from fastcoil.engine.lanes import Block, WorkSpace
 
 T = TypeVar("T")
 _PIECE = 0.5
@@ -39,9 +39,11 @@ def within(seconds: float | None, call: Callable[[], T]) -> T:
     return found.result(seconds)
 
 
-def run_interruptibly(block: Block, day: Day, wanted: TraceRequest) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+def run_interruptibly(
+    block: Block, day: Day, wanted: TraceRequest, work: WorkSpace | None = None
+) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
     """As ``run_block``: Ctrl-C ends the wait for a rule of the user that loops for ever."""
     of_user = block.law is not None or (block.estimator is not None and block.estimator.identity)
     if of_user and threading.current_thread() is threading.main_thread():
-        return within(None, lambda: run_block(block, day, wanted))
-    return run_block(block, day, wanted)
+        return within(None, lambda: run_block(block, day, wanted, work))
+    return run_block(block, day, wanted, work)

@@ -10,17 +10,16 @@ from typing import Any, NamedTuple
 import joblib
 import numpy as np
 
-from fastcoil.arguments import checking, instance_of, whole_of
-from fastcoil.arrays import array_of
+from fastcoil.arguments import checking, flag_of, instance_of, whole_of
 from fastcoil.boundary import Boundary
 from fastcoil.engine.emulator import DAY_COLUMNS
 from fastcoil.engine.host import TraceRequest
 from fastcoil.engine.rows import LANES
-from fastcoil.errors import InputError, WrongType, nearest, shown
+from fastcoil.errors import WrongType, nearest, shown
 from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.clashes import check_clashes
-from fastcoil.simulation.days import Days
+from fastcoil.simulation.days import Days, commands_of
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.simulation.resources import check_memory
@@ -47,6 +46,13 @@ _LANE_STEPS_PER_SHARD = 60e6
 """About 1 to 2 s of work on one core."""
 _SHARDS_PER_WORKER = 4
 _BYTES_PER_SHARD = 64 * 2**20
+_LANE_STEPS_PER_STRETCH = 1e9
+"""About 5 to 10 s: its end is kept with the state, which takes the room of some days."""
+_STRETCHES = 4
+"""Of a chain, at least."""
+_BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
+"""Each group makes its days itself, which fewer blocks do not repay; more groups even out what workers have to do."""
+_MOST_BLOCKS_PER_GROUP = 64
 _OF_KERNELS = 64 * 2**20
 _OF_PROCESS = {"loky": 140 * 2**20, "dask": 170 * 2**20}
 """Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
@@ -88,6 +94,11 @@ class Plan:
         return self.n_scenarios * self.n_steps
 
     @property
+    def carry_over(self) -> bool:
+        """Whether its days are a sequence."""
+        return self.days.carry_over
+
+    @property
     def metric_bytes(self) -> int:
         """Size of metrics and status of all scenarios."""
         return self.n_scenarios * 8 * (len(METRICS) + 1)
@@ -116,13 +127,13 @@ class Plan:
         the largest trace.  A worker: a shard, another on its way, a block and a day; one that is a process has Python,
         its libraries and the boundary too.
         """
-        n_blocks = len(self.days) * -(-self.n_scenarios // len(self.days) // LANES)
-        blocks, scenarios = self.shard_limits(n_jobs, n_blocks)
         of_scenario = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios)
-        of_shard = of_scenario * min(blocks * LANES, scenarios, self.n_scenarios)
+        of_shard = of_scenario * self._largest_shard(n_jobs)
         each = 2 * of_shard + of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
         if backend in _OF_PROCESS:
-            each += _OF_PROCESS[backend] + of_shard + 2 * self.boundary_bytes
+            each += (
+                _OF_PROCESS[backend] + of_shard + (0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes)
+            )
         largest = max((self._trace_bytes(name) for name in self.traces.names), default=0)
         alone = _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest - n_jobs * each)
         return MemoryOfRun(alone, each)
@@ -155,6 +166,26 @@ class Plan:
         by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
         return max(1, round(min(by_work, by_workers))), max(LANES, by_size)
 
+    def chain_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
+        """Most lanes of a group and most days of a stretch, if ``n_blocks`` a day are to be run."""
+        by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
+        n_groups = 1
+        if n_jobs > 1:
+            n_groups = max(n_jobs, min(n_blocks // _BLOCKS_PER_GROUP, n_jobs * _GROUPS_PER_WORKER))
+        blocks = min(-(-n_blocks // n_groups), _MOST_BLOCKS_PER_GROUP)
+        lanes = max(LANES, min(blocks * LANES, by_size // LANES * LANES))
+        by_work = round(_LANE_STEPS_PER_STRETCH / (self.n_steps * lanes))
+        return lanes, max(1, min(by_work, by_size // lanes, len(self.days) // _STRETCHES))
+
+    def _largest_shard(self, n_jobs: int) -> int:
+        """Number of scenarios."""
+        n_blocks = -(-self.n_scenarios // len(self.days) // LANES)
+        if self.carry_over:
+            lanes, days = self.chain_limits(n_jobs, n_blocks)
+            return min(lanes * days, self.n_scenarios)
+        blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * n_blocks)
+        return min(blocks * LANES, scenarios, self.n_scenarios)
+
     def _block_edges(self, todo: np.ndarray) -> np.ndarray:
         """Where in ``todo`` a block of LANES scenarios of a day starts, and the end of ``todo``."""
         day = todo // (self.n_scenarios // len(self.days))
@@ -172,6 +203,7 @@ def plan_simulation(
     warm_up: int = WARM_UP,
     seed: int = 0,
     replicates: int = 1,
+    carry_over: bool = False,
     traces_on_disk: bool = False,
 ) -> Plan:
     """Validate the arguments of ``simulate``: nothing is allocated and nothing runs.
@@ -189,6 +221,7 @@ def plan_simulation(
         warm_up = check(whole_of, "warm_up", warm_up, *RUN_LIMITS["warm_up"])
         seed = check(whole_of, "seed", seed, *RUN_LIMITS["seed"])
         replicates = check(whole_of, "replicates", replicates, *RUN_LIMITS["replicates"])
+        carry_over = check(flag_of, "carry_over", carry_over)
         check.problems += _trace_problems(traces, boundary) + _series_problems(loop, boundary)
         if not check.problems and boundary.n_steps <= warm_up:
             check.problems.append(
@@ -200,8 +233,8 @@ def plan_simulation(
         for rule in layout.loop.rules.values():
             if rule.is_loaded:
                 check(rule.check)
-    commands = _commands(command, boundary)
-    days = Days(boundary, commands, warm_up, seed)
+    commands = commands_of(command, boundary)
+    days = Days(boundary, commands, warm_up, seed, carry_over=carry_over)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
     check_clashes(layout.loop, boundary.series["T_set"])
@@ -220,6 +253,8 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
         "seed": str(plan.seed),
         "rng": RNG,
     }
+    if plan.carry_over:
+        attrs["carry_over"] = 1
     if plan.command is not None:
         attrs["command_sha256"] = joblib.hash(plan.command, hash_name="sha1")
     return attrs
@@ -250,20 +285,3 @@ def _trace_problems(traces: object, boundary: Boundary) -> list[str]:
         elif name not in TRACES:
             problems.append(f"traces: {shown(name)} is not a trace{nearest(name, TRACES)}; known: {', '.join(TRACES)}")
     return problems + [f"traces: {n} is listed twice" for n in sorted(set(known)) if known.count(n) > 1]
-
-
-def _commands(command: Any, boundary: Boundary) -> np.ndarray | None:
-    """The open-loop command as (n_days, n_steps), or None in closed loop."""
-    if command is None:
-        return None
-    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
-        values = array_of("command", command, "give 1-s samples, an array of numbers").astype(float)
-    shape = (boundary.n_days, boundary.n_steps)
-    if values.shape not in (shape, shape[1:]):
-        raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")
-    bad = np.argwhere(~((values >= 0.0) & (values <= 1.0)))
-    if bad.size:
-        raise InputError(
-            f"command = {values[tuple(bad[0])]} at second {bad[0][-1]}: must be a fraction of stroke, 0 to 1"
-        )
-    return np.array(np.broadcast_to(values, shape), order="C")

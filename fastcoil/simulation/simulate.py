@@ -1,30 +1,28 @@
 """``simulate``: loops × days × replicates → Dataset.
 
-Scenarios run in shards, contiguous ranges of the flat order.  A shard is the unit of scheduling and of
-progress, and its parameters exist only while it runs.
+Scenarios run in shards.  A shard is the unit of scheduling and of progress, and its parameters exist only while it
+runs.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import joblib
-import numpy as np
 import xarray as xr
 
 from fastcoil.arguments import checking, flag_of, whole_of
 from fastcoil.boundary import Boundary
-from fastcoil.engine.lanes import blocks, parameter_matrix
-from fastcoil.numerics.jit import compiled_for
-from fastcoil.outputs import METRICS, TRACES, WARM_UP
+from fastcoil.outputs import WARM_UP
 from fastcoil.progress.shown import Advance, progress_of_call
-from fastcoil.rules.rule import rules_for_kernels
-from fastcoil.simulation.dataset import content_sha256, flat_dataset, join_flat, provenance, unflatten
-from fastcoil.simulation.in_thread import run_interruptibly
+from fastcoil.simulation.cut import first_shards
+from fastcoil.simulation.dataset import content_sha256, join_flat, provenance, unflatten
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import Plan, plan_simulation, simulation_attributes
+from fastcoil.simulation.running import run_shard
+from fastcoil.simulation.shards import END_STATE, Shard, Stretch
 
 
 def simulate(
@@ -37,6 +35,7 @@ def simulate(
     warm_up: int = WARM_UP,
     seed: int = 0,
     replicates: int = 1,
+    carry_over: bool = False,
     n_jobs: int | None = None,
     progress: bool | None = None,
 ) -> xr.Dataset:
@@ -62,6 +61,10 @@ def simulate(
         Seed of the measurement noise, 0 … 2**64 - 1.
     replicates
         Noise realisations; more than one become the dim ``replicate``.
+    carry_over
+        Whether the days are a sequence: each begins in the state in which the last ended (coil, controller, estimator,
+        actuator), and its metrics are its own.  The warm-up counts on the first day alone; times since the start, such
+        as ``learn_time_reached``, count from the first day on.
     n_jobs
         Threads; all cores by default.  The result does not depend on it.
     progress
@@ -84,50 +87,32 @@ def simulate(
         progress = check.unless_none(flag_of, "progress", progress)
         plan = check(
             plan_simulation, loop, boundary, command=command, traces=traces, trace_interval=trace_interval,
-            warm_up=warm_up, seed=seed, replicates=replicates,
+            warm_up=warm_up, seed=seed, replicates=replicates, carry_over=carry_over,
         )  # fmt: skip
     with progress_of_call(progress) as shown:
         return run_plan(plan, n_threads, shown.start(plan.n_scenarios))
 
 
 def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
-    """Run all shards of a plan on threads and join their results; ``advance`` is told of the finished ones."""
-    tasks = (joblib.delayed(run_shard)(plan, shard) for shard in plan.shards(n_jobs))
+    """Run all shards of a plan on threads and join their results; ``advance`` is told of each that is finished."""
+    tasks = (joblib.delayed(_run_chain)(plan, shard, advance) for shard in first_shards(plan, n_jobs))
     found = joblib.Parallel(n_jobs=n_jobs, backend="threading", batch_size=1, return_as="generator_unordered")(tasks)
-    ds = unflatten(join_flat(plan.n_scenarios, _told(found, advance)), plan.layout)
+    ds = unflatten(join_flat(plan.n_scenarios, chain.from_iterable(found)), plan.layout)
     ds.attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
 
 
-def _told(parts: Iterable[xr.Dataset], advance: Advance) -> Iterator[xr.Dataset]:
-    for part in parts:
+def _run_chain(plan: Plan, first: Shard | Stretch, advance: Advance) -> list[xr.Dataset]:
+    """Run a shard, and those that come after it."""
+    parts: list[xr.Dataset] = []
+    shard: Shard | Stretch | None = first
+    while shard is not None:
+        part = run_shard(plan, shard)
         advance(part.sizes["scenario"])
-        yield part
-
-
-def run_shard(plan: Plan, index: np.ndarray) -> xr.Dataset:
-    """Run the scenarios ``index``, day by day and block by block.  Returns a flat Dataset, see ``flat_dataset``."""
-    columns = plan.layout.columns(index)
-    rules = rules_for_kernels(plan.layout.loop.rules)
-    matrix = parameter_matrix(columns, rules)
-    metrics, status = np.empty((len(METRICS), index.size)), np.empty(index.size, dtype=np.int8)
-    traces: dict[str, np.ndarray] = {}
-    n_points = plan.traces.n_points(plan.n_steps)
-    for name in plan.traces.names:
-        shape = (index.size, plan.n_volumes, n_points) if TRACES[name].per_volume else (index.size, n_points)
-        traces[name] = np.full(shape, np.nan)
-    for k in np.unique(columns["day"]):
-        day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
-        for lanes, block in blocks(matrix[:, of_day], rules):
-            found, flags, signals = run_interruptibly(block, day, plan.traces)
-            members = of_day[lanes]
-            metrics[:, members], status[members] = found[:, : members.size], flags[: members.size]
-            for name, signal in signals.items():
-                volumes = (slice(block.common.n_volumes),) if TRACES[name].per_volume else ()
-                traces[name][members, *volumes] = signal[..., : members.size].T
-    part = flat_dataset(index, metrics, status, traces, plan.traces.interval)
-    return part.assign_attrs(computed_on=json.dumps([compiled_for()]))
+        shard = shard.after(part)
+        parts.append(part.drop_vars(END_STATE, errors="ignore"))
+    return parts
 
 
 def workers(n_jobs: int | None) -> int:

@@ -20,8 +20,9 @@ from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NO
 from fastcoil.rules.same_code import own_code_of, refuse_other_code
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
 from fastcoil.simulation.netcdf import save
-from fastcoil.simulation.plan import simulation_attributes
-from fastcoil.simulation.simulate import run_shard
+from fastcoil.simulation.plan import Plan, simulation_attributes
+from fastcoil.simulation.running import run_shard
+from fastcoil.simulation.shards import Chain, Shard
 from fastcoil.study.file.source import Source
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.lock import hold
@@ -104,7 +105,7 @@ def rerun(
     if is_model(manifest.model_sha256):
         refuse_other_code(own_code_of(layout.loop.rules.values()), manifest.own_code)
     compile_kernel()
-    ds = run_shard(plan, np.array([flat])).squeeze("scenario", drop=True)
+    ds = _run_one(plan, flat).squeeze("scenario", drop=True)
     for dim, coordinate in coordinates.items():
         one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
         ds = ds.assign_coords({dim: one.assign_attrs(coordinate_attrs(dim, layout.loop.parameters))})
@@ -112,6 +113,18 @@ def rerun(
     with hold(path.parent):
         save(ds, path)
     return path, _compare_with_stored(store, ds, position, layout.sizes)
+
+
+def _run_one(plan: Plan, flat: int) -> xr.Dataset:
+    """The flat results of one scenario; of a sequence of days the days before are run first, without traces."""
+    if not plan.carry_over:
+        return run_shard(plan, Shard(np.array([flat])))
+    of = plan.n_scenarios // len(plan.days)
+    day, lane = divmod(flat, of)
+    first = Chain(np.array([lane]), of, day + 1, max(1, day)).stretch(0, None)
+    last = first.after(run_shard(replace(plan, traces=TraceRequest()), first)) if day else first
+    assert last is not None
+    return run_shard(plan, last)
 
 
 def _file_name(name: str) -> str:

@@ -19,8 +19,10 @@ from fastcoil.files import storage_errors
 from fastcoil.numerics.jit import same_model
 from fastcoil.progress.shown import Advance, progress_of_call
 from fastcoil.rules.same_code import refuse_other_code
+from fastcoil.simulation.cut import first_shards
 from fastcoil.simulation.dataset import check_same_form, environments_of
 from fastcoil.simulation.resources import check_disk, check_workers
+from fastcoil.simulation.shards import END_STATE
 from fastcoil.simulation.simulate import workers
 from fastcoil.study.differences import refuse_other_study, warn_of_difference
 from fastcoil.study.file.spec import Study, read_study
@@ -211,25 +213,26 @@ def _finish(
         refuse_other_code(asked.own_code, stored.own_code)
     manifest = asked.knowing(stored)
     computed = Computed.find(store, study, manifest)
-    todo, environments = computed.survey()
+    todo, environments, reached = computed.survey()
     manifest = replace(manifest, computed_on=environments, finished=False)
     check_disk(plan.disk_bytes(traces_kept=study.reduction is None), folder)
     if scheduler is None and todo.size:
         check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
     start = time.monotonic()
     recorded = store.records(manifest, study.text)
+    n_run = sum(shard.lost.size for shard in first_shards(plan, n_jobs, todo, reached))
     if todo.size:
         if study.reduction is not None:
             load("reduce", study.reduction)  # its mistakes before the work
         for rule in plan.layout.loop.rules.values():
             rule.check()
-        advance = progress(todo.size) if progress else _ignore
+        advance = progress(n_run) if progress else _ignore
         compile_kernel()
         job = Job(manifest.key, plan, study.reduction, study.rules, asked.own_code)
         first: xr.Dataset | None = None
         with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
             n_jobs = pool.n_workers  # a cluster may have another number
-            for part in Dispatcher(pool, job).run(plan.shards(pool.n_workers, todo)):
+            for part in Dispatcher(pool, job).run(first_shards(plan, pool.n_workers, todo, reached)):
                 for environment in environments_of(part):
                     if environment not in manifest.computed_on:
                         warn_of_difference(folder, environment, manifest.computed_on)
@@ -238,16 +241,16 @@ def _finish(
                 if not recorded:
                     store.write_manifest(manifest, study.text)
                     recorded = True
-                first = check_same_form(first, part)
+                first = check_same_form(first, part.drop_vars(END_STATE, errors="ignore"))
                 computed.shards.commit(part)
                 advance(part.sizes["scenario"])
     elif not recorded:
         store.write_manifest(manifest, study.text)
     seconds = time.monotonic() - start
-    speed = {"wall_time_s": round(seconds, 3), "scenario_days_per_s": round(todo.size / max(seconds, 1e-9), 1)}
+    speed = {"wall_time_s": round(seconds, 3), "scenario_days_per_s": round(n_run / max(seconds, 1e-9), 1)}
     # stored results call the backend ``engine``
     ds = merge(store, study, manifest, computed.parts, speed | {"n_jobs": n_jobs, "engine": backend})
-    return Finished(folder, ds, todo.size)
+    return Finished(folder, ds, n_run)
 
 
 def _ignore(_: int) -> None:
@@ -269,7 +272,7 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked:
     smaller = store.read_study(stored)
     computed = Computed.find(store, smaller, stored)
     # this reads all shards, so that damaged ones are set aside before ``open_study`` looks at them
-    missing, environments = computed.survey()
+    missing, environments, _ = computed.survey()
     if missing.size < smaller.plan.n_scenarios:
         match_scenarios(study.plan, study_attributes(study, asked), open_study(store.path))
         merge(store, smaller, replace(stored, computed_on=environments), computed.parts, complete=False)

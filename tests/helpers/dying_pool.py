@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 from fastcoil.outputs import STATUS_OK
+from fastcoil.simulation.shards import Shard
 from fastcoil.study.workers import dispatch
 from fastcoil.study.workers.dispatch import Dispatcher
 from helpers.processes import N_SCENARIOS
@@ -38,7 +39,8 @@ class Pool:
         self.runs, self.most_flying, self.n_restarts = [], 0, 0
         self.shared, self.has_workers, self.waits = False, True, lambda future: False
 
-    def submit(self, index):
+    def submit(self, shard):
+        index = shard.index
         if self.broken:
             raise Died
         assert not any(set(index) & set(other) for other in self.flying.values()), "a scenario is run twice at once"
@@ -98,4 +100,4 @@ def found(pool, job, shards, status=None, **options):
 
 def in_shards(size, n=N_SCENARIOS):
     """The scenarios from 0 to ``n`` in shards of this size."""
-    return [np.arange(start, min(start + size, n)) for start in range(0, n, size)]
+    return [Shard(np.arange(start, min(start + size, n))) for start in range(0, n, size)]

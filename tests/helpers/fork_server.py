@@ -22,9 +22,8 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
-
 from fastcoil.errors import FastcoilError
+from fastcoil.simulation.shards import Shard, Stretch
 from fastcoil.study import runner
 from fastcoil.study.workers.worker import Job, run_scenarios
 from helpers import calls
@@ -81,9 +80,9 @@ class Serial:
     def __init__(self, job: Job) -> None:
         self.job = job
 
-    def submit(self, index: np.ndarray) -> Future:
+    def submit(self, shard: Shard | Stretch) -> Future:
         future: Future = Future()
-        future.set_result(run_scenarios(self.job, index))
+        future.set_result(run_scenarios(self.job, shard))
         return future
 
     def close(self) -> None:

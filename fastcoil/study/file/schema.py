@@ -202,6 +202,7 @@ def _run() -> Schema:
     numbers = {name: _limited(name) | {"default": RunTable.model_fields[name].default} for name in RUN_LIMITS}
     others: dict[str, Schema] = {
         "traces": {"type": "array", "items": {"enum": list(TRACES)}, "uniqueItems": True},
+        "carry_over": {"type": "boolean", "default": False, "description": "each day begins as the one before ended"},
         "reduce": FUNCTION,
         "predict": {"type": "boolean", "default": False, "description": "add what theory foretells of the hunting"},
     }

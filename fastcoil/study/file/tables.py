@@ -29,6 +29,7 @@ class RunTable(_Strict):
     warm_up: int = WARM_UP
     seed: int = 0
     replicates: int = 1
+    carry_over: bool = False
     traces: list[str] = Field(default_factory=list, max_length=_MOST_TRACES)
     trace_interval: int = 60
     reduce: str | None = None

@@ -14,6 +14,8 @@ from fastcoil.tuning.plan import Asked, plan_tuning
 
 def asked_of_tuning(table: TuneTable, run: RunTable, loop: Loop, boundary: Boundary, folder: Path) -> Asked:
     """The tuning of the valves and days of a study; ``holdout`` is labels of days, or a table like ``[boundary]``."""
+    if run.carry_over:
+        raise InputError("every day is tried by itself: leave [run] carry_over out, or tune in a study of its own")
     holdout: object = table.holdout
     if isinstance(holdout, dict):
         try:

@@ -23,6 +23,7 @@ _AT_ONCE = 10_000
 _MUST_AGREE = {
     "seed": "[run] seed",
     "warm_up_s": "[run] warm_up",
+    "carry_over": "[run] carry_over",
     "rng": "the random numbers",
     "traces": "[run] traces",
     "reduction_sha256": "[run] reduce",

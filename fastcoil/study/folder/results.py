@@ -16,7 +16,9 @@ from fastcoil.arguments import path_of
 from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import same_model
 from fastcoil.outputs import FORMER_METRICS, METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
+from fastcoil.simulation.cut import Reached
 from fastcoil.simulation.dataset import environments_of, join_flat, unflatten
+from fastcoil.simulation.shards import END_STATE
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.extend import Match, as_part, match_scenarios
 from fastcoil.study.folder.final import find_problems
@@ -77,10 +79,11 @@ def is_of(ds: xr.Dataset, manifest: Manifest) -> bool:
 
 
 class Survey(NamedTuple):
-    """Flat indices of the scenarios that are missing, and the environments that computed the others."""
+    """Flat indices of the scenarios that are missing, the environments that computed the others, how far chains are."""
 
     missing: np.ndarray
     environments: list[dict[str, str]]
+    reached: Reached
 
 
 @dataclass(frozen=True)
@@ -124,18 +127,20 @@ class Computed:
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         done[self.match.new] = True
         environments = environments_of(self.earlier) if self.earlier is not None and self.match.new.size else []
+        reached = Reached.of(self.study.plan)
         for part in self.shards.read(quarantine=True, leave_out={*METRICS, *TRACES}):
             index = part["scenario"].values
             done[index[index < done.size]] = True  # what is beyond is reported when the parts are joined
+            reached.take(part)
             environments += [each for each in environments_of(part) if each not in environments]
-        return Survey(np.flatnonzero(~done), environments)
+        return Survey(np.flatnonzero(~done), environments, reached)
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
         """All parts, without the variables ``leave_out``: the earlier results and the shards.
 
         Each scenario once: after a merge that was killed before it removed the shards, it is in both.
         """
-        parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
+        parts = self.shards.read(quarantine=quarantine, leave_out={*leave_out, END_STATE})
         if self.earlier is not None and self.match.new.size:
             # foretold anew for the whole study
             names = [n for n in self.earlier.data_vars if n not in leave_out and n not in PREDICTIONS]

@@ -8,6 +8,7 @@ from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageEr
 from fastcoil.look import is_folder
 from fastcoil.plots.files import stale_figures
 from fastcoil.simulation.dataset import check_same_form
+from fastcoil.simulation.shards import END_STATE
 from fastcoil.study.folder import final
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
@@ -68,7 +69,7 @@ def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
 def _shards(shards: Shards, n_scenarios: int | None) -> Iterator[str]:
     """n_scenarios: of the study, ``None`` if it cannot be read."""
     first = None
-    for shard in shards.inspect():
+    for shard in shards.inspect({END_STATE}):
         if shard.part is None:
             yield f"{shard.path} {shard.problem}"
             continue

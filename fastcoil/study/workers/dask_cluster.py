@@ -11,11 +11,10 @@ from collections.abc import Collection, Sequence
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from fastcoil.errors import FastcoilError, InputError
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.simulation.in_thread import within
+from fastcoil.simulation.shards import Shard, Stretch
 from fastcoil.study.workers.dask_connection import connect, start_local_cluster, workers_missing
 from fastcoil.study.workers.worker import Job, forget, identity, leave_interrupts, receive, run_received
 
@@ -91,11 +90,11 @@ class Dask:
             )
         return found.pop()
 
-    def submit(self, index: np.ndarray) -> cf.Future[Any]:
+    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
         if self._client.status != "running":
             raise FastcoilError("the dask scheduler is gone: start one and run the same command again to resume")
         key = f"fastcoil-{uuid.uuid4().hex}"
-        future: cf.Future[Any] = self._executor.submit(run_received, self._job.key, index, self._identity, key=key)
+        future: cf.Future[Any] = self._executor.submit(run_received, self._job.key, shard, self._identity, key=key)
         self._keys[future] = key
         return future
 

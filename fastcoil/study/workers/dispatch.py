@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.errors import FastcoilError, out_of_memory
+from fastcoil.simulation.shards import Shard, Stretch
 from fastcoil.study.workers.pools import Pool
 from fastcoil.study.workers.worker import Interrupt, Job, crashed_part
 
@@ -29,7 +30,7 @@ _PATIENCE, _LONGEST_SILENCE = 10.0, 600.0
 class _Flight:
     """A shard in flight.  since: when it was last known not to run yet.  waits: whether no worker ran it then."""
 
-    index: np.ndarray
+    shard: Shard | Stretch
     since: float
     waits: bool = False
 
@@ -38,9 +39,9 @@ class Dispatcher:
     """Runs the shards of a job.
 
     Shards that were in flight when a worker died are suspects: each is run again alone, and one that takes its
-    worker down once more is halved, until single scenarios are found guilty.  These get the status ``crashed``, but
-    not before another result has shown that the workers are not to blame.  If the memory does not suffice
-    for any of them, the run ends instead: none is to blame.
+    worker down once more is halved, until single scenarios are found guilty.  These, and the days that would follow
+    from theirs, get the status ``crashed``, but not before another result has shown that the workers are not to blame.
+    If the memory does not suffice for any of them, the run ends instead: none is to blame.
 
     time_limit: seconds that a shard may run before it counts as hanging; by default 20 times the longest so far, at
     least 60 s.  The time in which it waits for a worker that is busy does not count.
@@ -56,8 +57,8 @@ class Dispatcher:
         self._said = 0.0
         self._guilty: list[np.ndarray] = []
 
-    def run(self, shards: Sequence[np.ndarray]) -> Iterator[xr.Dataset]:
-        """Run every shard and yield its flat results (see ``flat_dataset``), first finished first.
+    def run(self, shards: Sequence[Shard | Stretch]) -> Iterator[xr.Dataset]:
+        """Run every shard, and all that come after them, and yield their flat results (see ``run_shard``).
 
         Raises
         ------
@@ -74,58 +75,71 @@ class Dispatcher:
             self._require_memory("not even single scenarios can be run any more")
         yield from self._take_crashed()
 
-    def _run_with_suspects(self, shards: Sequence[np.ndarray]) -> Iterator[xr.Dataset]:
-        suspects: list[np.ndarray] = []
-        yield from self._run_all(shards, suspects)
-        for index in suspects:
-            yield from self._run_alone(index)
+    def _run_with_suspects(self, shards: Sequence[Shard | Stretch]) -> Iterator[xr.Dataset]:
+        waiting = deque(shards)
+        while waiting:
+            suspects: list[Shard | Stretch] = []
+            yield from self._run_all(waiting, suspects, waiting)
+            for shard in suspects:
+                yield from self._run_alone(shard, waiting)
 
     def _take_crashed(self) -> Iterator[xr.Dataset]:
         while self._guilty:
             yield crashed_part(self._job, self._guilty.pop(0))
 
-    def _run_alone(self, index: np.ndarray, attempts: int = 1) -> Iterator[xr.Dataset]:
-        suspects: list[np.ndarray] = []
-        yield from self._run_all([index], suspects)
+    def _run_alone(
+        self, shard: Shard | Stretch, after: deque[Shard | Stretch], attempts: int = 1
+    ) -> Iterator[xr.Dataset]:
+        """Run a suspect, or what can be run of it; ``after`` gets what comes after it."""
+        suspects: list[Shard | Stretch] = []
+        yield from self._run_all(deque([shard]), suspects, after)
         if not suspects:
             return
-        if index.size > 1:
-            for half in np.array_split(index, 2):
-                yield from self._run_alone(half)
+        if shard.size > 1:
+            for half in shard.halves():
+                later: deque[Shard | Stretch] = deque()
+                yield from self._run_alone(half, later)
+                for rest in later:
+                    if shard.includes(rest):
+                        yield from self._run_alone(rest, after)
+                    else:
+                        after.append(rest)
         elif attempts > 1:
             if not self._anything_ran:
                 self._require_memory("not even a single scenario can be run")
-            self._guilty.append(index)
+            self._guilty.append(shard.lost)
         else:
-            yield from self._run_alone(index, attempts + 1)
+            yield from self._run_alone(shard, after, attempts + 1)
 
-    def _run_all(self, shards: Sequence[np.ndarray], suspects: list[np.ndarray]) -> Iterator[xr.Dataset]:
-        """Yield the results of the shards that survive; add the others to ``suspects``."""
-        waiting, pool = deque(shards), self._pool
+    def _run_all(
+        self, waiting: deque[Shard | Stretch], suspects: list[Shard | Stretch], after: deque[Shard | Stretch]
+    ) -> Iterator[xr.Dataset]:
+        """Yield the results of the shards that survive; add the others to ``suspects``.
+
+        after: gets what comes after those that are done; it may be ``waiting``.
+        """
+        pool = self._pool
         in_flight: dict[cf.Future[xr.Dataset], _Flight] = {}
         self._last_run = time.monotonic()
         while waiting or in_flight:
-            died = False
-            # one more than there are workers, so that none waits for this thread to write
-            while waiting and len(in_flight) <= pool.n_workers and not died:
-                try:
-                    in_flight[pool.submit(waiting[0])] = _Flight(waiting[0], time.monotonic())
-                    waiting.popleft()
-                except pool.deaths as death:  # since this thread last looked
-                    self._last_death, died = death, True
+            died = self._submit(waiting, in_flight)
             done, _ = cf.wait(in_flight, timeout=1.0, return_when=cf.FIRST_COMPLETED)
             for future in done:
                 flight = in_flight.pop(future)
                 try:
                     part = future.result()
                 except pool.deaths as death:
-                    suspects.append(flight.index)
+                    suspects.append(flight.shard)
                     self._last_death, died = death, True
                 except Interrupt:
                     raise KeyboardInterrupt from None
                 else:
                     self._deaths = 0
                     self._longest = max(self._longest, time.monotonic() - flight.since)
+                    following = flight.shard.after(part)
+                    if following is not None:
+                        after.append(following)
+                        died = died or self._submit(waiting, in_flight)  # no worker waits until the part is written
                     yield part
             overdue = self._look(in_flight)
             if overdue:
@@ -134,10 +148,22 @@ class Dispatcher:
                 self._count_death()
                 if pool.falls_together or overdue:
                     # a shard that never ran is not to blame
-                    waiting.extendleft(f.index for f in in_flight.values() if overdue and f.waits)
-                    suspects += [f.index for f in in_flight.values() if not (overdue and f.waits)]
+                    waiting.extendleft(f.shard for f in in_flight.values() if overdue and f.waits)
+                    suspects += [f.shard for f in in_flight.values() if not (overdue and f.waits)]
                     in_flight.clear()
                     pool.restart()
+
+    def _submit(self, waiting: deque[Shard | Stretch], in_flight: dict[cf.Future[xr.Dataset], _Flight]) -> bool:
+        """Start as many shards as there are workers, and one more; returns whether a worker was found dead."""
+        # one more, so that none waits for this thread to write
+        while waiting and len(in_flight) <= self._pool.n_workers:
+            try:
+                in_flight[self._pool.submit(waiting[0])] = _Flight(waiting[0], time.monotonic())
+                waiting.popleft()
+            except self._pool.deaths as death:  # since this thread last looked
+                self._last_death = death
+                return True
+        return False
 
     def _look(self, in_flight: dict[cf.Future[xr.Dataset], _Flight]) -> bool:
         """See which shards wait for a worker.  Returns whether one has taken too long."""

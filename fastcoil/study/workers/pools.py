@@ -12,6 +12,7 @@ import pickle
 import queue
 import tempfile
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,10 +20,12 @@ import numpy as np
 
 from fastcoil.errors import InputError, shown
 from fastcoil.files import storage_errors
+from fastcoil.simulation.shards import Shard, Stretch
 from fastcoil.study.workers.dask_cluster import Dask
-from fastcoil.study.workers.worker import Job, pack, receive_in_child, run_packed, run_scenarios
+from fastcoil.study.workers.worker import Job, receive_in_child, run_from_file, run_received, run_scenarios
 
 BACKENDS = ("threads", "loky", "dask")
+_TEMPORARY = Path("the folder for temporary files")
 
 
 class Pool(Protocol):
@@ -40,8 +43,8 @@ class Pool(Protocol):
     can_kill: bool
     shared: bool
 
-    def submit(self, index: np.ndarray) -> cf.Future[Any]:
-        """Start the scenarios ``index``; the future gives their flat Dataset."""
+    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+        """Start a shard; the future gives its flat Dataset."""
 
     def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
         """Of unfinished shards, in the order in which they were submitted, those that no worker runs yet."""
@@ -67,8 +70,8 @@ class Threads:
         self._job = job
         self._executor = cf.ThreadPoolExecutor(n_workers)
 
-    def submit(self, index: np.ndarray) -> cf.Future[Any]:
-        return self._executor.submit(run_scenarios, self._job, index)
+    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+        return self._executor.submit(run_scenarios, self._job, shard)
 
     def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
         return futures[self.n_workers :]
@@ -99,15 +102,24 @@ class Loky:
 
         # the library writes what a process starts with into a pipe, and waits for ever if that process is dead before
         # it has read all of it
-        with storage_errors(Path("the folder for temporary files"), "written"):
+        with storage_errors(_TEMPORARY, "written"):
             self._file = tempfile.NamedTemporaryFile(prefix="fastcoil-")  # noqa: SIM115 — others open it meanwhile
             pickle.dump(self._job, self._file)
             self._file.flush()
         started_with = (Path(self._file.name), os.getpid())
         return ProcessPoolExecutor(self.n_workers, initializer=receive_in_child, initargs=started_with)
 
-    def submit(self, index: np.ndarray) -> cf.Future[Any]:
-        return self._executor.submit(run_packed, self._job.key, pack(index))  # type: ignore[no-any-return]
+    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+        if not isinstance(shard, Stretch) or shard.begins is None:
+            return self._executor.submit(run_received, self._job.key, shard)  # type: ignore[no-any-return]
+        with storage_errors(_TEMPORARY, "written"):
+            file = tempfile.NamedTemporaryFile(prefix="fastcoil-")  # noqa: SIM115 — others open it meanwhile
+            np.save(file, shard.begins)
+            file.flush()
+        task = run_from_file, self._job.key, replace(shard, begins=None), file.name
+        future: cf.Future[Any] = self._executor.submit(*task)
+        future.add_done_callback(lambda _: _close(file))
+        return future
 
     def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
         return futures[self.n_workers :]  # first come, first served
@@ -122,8 +134,12 @@ class Loky:
             while True:
                 self._executor._work_ids.get_nowait()
         self._executor.shutdown(wait=True, kill_workers=True)
-        with contextlib.suppress(OSError):  # of a folder that is cleaned up by others
-            self._file.close()
+        _close(self._file)
+
+
+def _close(file: Any) -> None:
+    with contextlib.suppress(OSError):  # of a folder that is cleaned up by others
+        file.close()
 
 
 def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> Pool:

@@ -7,9 +7,9 @@ import pickle
 import signal
 import threading
 import time
-import zlib
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +22,8 @@ from fastcoil.outputs import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.rules.same_code import OwnCode, own_code_of, refuse_other_code
 from fastcoil.simulation.dataset import flat_dataset
 from fastcoil.simulation.plan import Plan
-from fastcoil.simulation.simulate import run_shard
+from fastcoil.simulation.running import run_shard
+from fastcoil.simulation.shards import END_STATE, Shard, Stretch
 from fastcoil.study.file.source import Source
 from fastcoil.study.workers.own_code import load_rules
 from fastcoil.study.workers.reduce import reduce
@@ -95,8 +96,8 @@ def identity() -> tuple[str, str]:
     return model_sha256(), fingerprint()
 
 
-def run_received(key: str, index: np.ndarray, expected: tuple[str, str] | None = None) -> xr.Dataset:
-    """Run the scenarios ``index`` of a job that was received.  Returns a flat Dataset, see ``flat_dataset``.
+def run_received(key: str, shard: Shard | Stretch, expected: tuple[str, str] | None = None) -> xr.Dataset:
+    """Run a shard of a job that was received.  Returns a flat Dataset, see ``run_shard``.
 
     expected: the identity this worker must have; it may have joined after the others were checked.
     """
@@ -106,7 +107,7 @@ def run_received(key: str, index: np.ndarray, expected: tuple[str, str] | None =
             "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume"
         )
     try:
-        return run_scenarios(find_job(key), index)
+        return run_scenarios(find_job(key), shard)
     except KeyboardInterrupt:
         raise Interrupt from None
     except InputError as error:
@@ -115,26 +116,21 @@ def run_received(key: str, index: np.ndarray, expected: tuple[str, str] | None =
     raise InputError(problems)
 
 
-def pack(index: np.ndarray) -> bytes:
-    """Ascending indices in few bytes: a pipe takes 64 KiB, and who writes more waits for a reader that may be dead."""
-    return zlib.compress(np.diff(index.astype(np.int64), prepend=0).tobytes())
+def run_from_file(key: str, stretch: Stretch, begins: str) -> xr.Dataset:
+    """As ``run_received``, for a stretch that begins in the state in a file."""
+    return run_received(key, replace(stretch, begins=np.load(begins)))
 
 
-def run_packed(key: str, packed: bytes) -> xr.Dataset:
-    """As ``run_received``, for what ``pack`` gave."""
-    return run_received(key, np.cumsum(np.frombuffer(zlib.decompress(packed), np.int64)))
-
-
-def run_scenarios(job: Job, index: np.ndarray) -> xr.Dataset:
-    """Run the scenarios ``index``, and reduce their traces if the study asks for it."""
-    part = run_shard(job.plan, index)
+def run_scenarios(job: Job, shard: Shard | Stretch) -> xr.Dataset:
+    """Run a shard, and reduce its traces if the study asks for it."""
+    part = run_shard(job.plan, shard)
     if job.reduction is None:
         return part
-    columns = job.plan.layout.columns(index)
+    columns = job.plan.layout.columns(shard.index)
     swept = {name: ("scenario", columns[name]) for name in job.plan.layout.loop.swept}
     traces = part[list(job.plan.traces.names)].assign_coords(swept)
     return (
-        part[[*METRICS, "status"]]
+        part[[n for n in (*METRICS, "status", END_STATE) if n in part]]
         .drop_vars(["elapsed_time", "volume"], errors="ignore")
         .merge(reduce(job.reduction, traces))
     )

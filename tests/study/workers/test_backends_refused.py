@@ -14,6 +14,7 @@ from helpers.processes import STUDY, cluster, wait_for
 
 from fastcoil.cli.main import main
 from fastcoil.errors import InputError
+from fastcoil.simulation.shards import Shard
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.workers import dask_cluster, dask_connection
 from fastcoil.study.workers.worker import Job, forget, identity, receive, run_received
@@ -148,9 +149,9 @@ def test_a_worker_that_joins_later_and_differs_refuses_to_work(small_study):
     job = Job("late", plan, None)
     receive(job)
     try:
-        found = run_received("late", np.arange(3), identity())
+        found = run_received("late", Shard(np.arange(3)), identity())
         assert found["status"].values.tolist() == [0, 0, 0]
         with pytest.raises(InputError, match="use workers of one kind"):
-            run_received("late", np.arange(3), (identity()[0], "another machine"))
+            run_received("late", Shard(np.arange(3)), (identity()[0], "another machine"))
     finally:
         forget("late")

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from fastcoil.errors import FastcoilError, InputError, StorageError
 from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
+from fastcoil.simulation.shards import Shard
 from fastcoil.study.workers.worker import Interrupt
 
 pytestmark = pytest.mark.timeout(60)
@@ -112,21 +113,21 @@ def test_the_first_single_scenario_without_memory_ends_the_run(job, monkeypatch)
     monkeypatch.setattr(dying_pool, "Died", Starved)
     pool = Pool(1, falls_together=False, culprits=range(N))
     submitted, submit = [], pool.submit
-    pool.submit = lambda index: submitted.append(index.size) or submit(index)
+    pool.submit = lambda shard: submitted.append(shard.size) or submit(shard)
     with pytest.raises(StorageError, match="not even a single scenario"):
-        found(pool, job, [np.arange(4), np.arange(4, 8)])
+        found(pool, job, [Shard(np.arange(4)), Shard(np.arange(4, 8))])
     assert submitted == [4, 4, 4, 2, 1, 1]
 
 
 def test_the_only_scenarios_that_are_left_may_all_be_crashed(job):
     pool = Pool(2, falls_together=True, culprits=range(N))
-    assert found(pool, job, [np.array([3]), np.array([7])]) == {3: STATUS_CRASHED, 7: STATUS_CRASHED}
+    assert found(pool, job, [Shard(np.array([3])), Shard(np.array([7]))]) == {3: STATUS_CRASHED, 7: STATUS_CRASHED}
 
 
 def test_one_bad_scenario_in_a_large_shard_takes_few_deaths(job):
     n = 2**20
     pool = Pool(1, falls_together=True, culprits=[777_777])
-    pool.submit = lambda index: Pool.submit(pool, index) if index.size < 9 else quick(pool, index)
+    pool.submit = lambda shard: Pool.submit(pool, shard) if shard.size < 9 else quick(pool, shard.index)
 
     def quick(pool, index):
         future = cf.Future()

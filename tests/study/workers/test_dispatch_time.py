@@ -91,7 +91,7 @@ def test_shards_are_not_blamed_for_workers_that_never_come(job):
             pool.has_workers, pool.waits = True, lambda future: False
 
     pool.shared, pool.has_workers, pool.restart = False, False, start_at_last
-    assert set(found(pool, job, [np.array([k]) for k in range(4)], time_limit=5.0).values()) == {STATUS_OK}
+    assert set(found(pool, job, in_shards(1, 4), time_limit=5.0).values()) == {STATUS_OK}
     assert sorted(pool.runs) == [0, 1, 2, 3]
     assert pool.n_restarts == 3
 
@@ -107,8 +107,8 @@ def test_the_neighbour_of_a_shard_that_hangs_is_not_suspected_before_it_ran(job)
 
     pool.wait = in_order
     submit = pool.submit
-    pool.submit = lambda index: submitted.append(index.tolist()) or submit(index)
-    assert found(pool, job, [np.array([0]), np.array([1])], time_limit=5.0) == {0: STATUS_CRASHED, 1: STATUS_OK}
+    pool.submit = lambda shard: submitted.append(shard.index.tolist()) or submit(shard)
+    assert found(pool, job, in_shards(1, 2), time_limit=5.0) == {0: STATUS_CRASHED, 1: STATUS_OK}
     assert submitted[:4] == [[0], [1], [1], [0]], "it is run again with the others, and the culprit alone"
 
 

@@ -1,0 +1,100 @@
+"""One shard through the kernels: parameters in, flat results out."""
+
+from __future__ import annotations
+
+import json
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.engine.carried import state_of, work_space_from
+from fastcoil.engine.emulator import Day
+from fastcoil.engine.lanes import Block, WorkSpace, blocks, parameter_matrix, work_space
+from fastcoil.numerics.jit import compiled_for
+from fastcoil.outputs import METRICS, TRACES
+from fastcoil.rules.rule import rules_for_kernels
+from fastcoil.simulation.dataset import flat_dataset
+from fastcoil.simulation.in_thread import run_interruptibly
+from fastcoil.simulation.plan import Plan
+from fastcoil.simulation.shards import END_STATE, Shard, Stretch
+
+
+def run_shard(plan: Plan, shard: Shard | Stretch) -> xr.Dataset:
+    """Run the scenarios of a shard, day by day and block by block.
+
+    Returns a flat Dataset, see ``flat_dataset``; of a stretch that others come after it has ``END_STATE``, too.
+    """
+    found = _Results(plan, shard.index)
+    if isinstance(shard, Stretch):
+        end = _run_days_in_sequence(plan, shard, found)
+        more = {END_STATE: (("lane", "number"), end)} if shard.days.stop < shard.chain.end else {}
+    else:
+        _run_days_apart(plan, shard, found)
+        more = {}
+    part = found.dataset().assign(more)
+    return part.assign_attrs(computed_on=json.dumps([compiled_for()]))
+
+
+class _Results:
+    """Room for the results of the scenarios ``index``, filled block by block."""
+
+    def __init__(self, plan: Plan, index: np.ndarray) -> None:
+        self._plan, self._index, n = plan, index, index.size
+        self._metrics, self._status = np.empty((len(METRICS), n)), np.empty(n, dtype=np.int8)
+        self._traces: dict[str, np.ndarray] = {}
+        n_points = plan.traces.n_points(plan.n_steps)
+        for name in plan.traces.names:
+            shape = (n, plan.n_volumes, n_points) if TRACES[name].per_volume else (n, n_points)
+            self._traces[name] = np.full(shape, np.nan)
+
+    def run(self, block: Block, day: Day, members: np.ndarray, work: WorkSpace | None = None) -> None:
+        """Run a block through a day.  members: the places of its lanes among the scenarios."""
+        found, flags, signals = run_interruptibly(block, day, self._plan.traces, work)
+        self._metrics[:, members], self._status[members] = found[:, : members.size], flags[: members.size]
+        for name, signal in signals.items():
+            volumes = (slice(block.common.n_volumes),) if TRACES[name].per_volume else ()
+            self._traces[name][members, *volumes] = signal[..., : members.size].T
+
+    def dataset(self) -> xr.Dataset:
+        return flat_dataset(self._index, self._metrics, self._status, self._traces, self._plan.traces.interval)
+
+
+def _run_days_apart(plan: Plan, shard: Shard, found: _Results) -> None:
+    columns = plan.layout.columns(shard.index)
+    rules = rules_for_kernels(plan.layout.loop.rules)
+    matrix = parameter_matrix(columns, rules)
+    for k in np.unique(columns["day"]):
+        day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
+        for lanes, block in blocks(matrix[:, of_day], rules):
+            found.run(block, day, of_day[lanes])
+
+
+class _Running(NamedTuple):
+    """A block of a stretch, with the places of its lanes in the group."""
+
+    members: np.ndarray
+    block: Block
+    work: WorkSpace
+
+
+def _run_days_in_sequence(plan: Plan, stretch: Stretch, found: _Results) -> np.ndarray:
+    """Returns the state of every lane at the end, (n_lanes, n)."""
+    rules = rules_for_kernels(plan.layout.loop.rules)
+    n = stretch.chain.lanes.size
+    # parameters do not change from day to day
+    matrix = parameter_matrix(plan.layout.columns(stretch.index[:n]), rules)
+    begins = stretch.begins
+    running = [
+        _Running(lanes, block, work_space(block) if begins is None else work_space_from(block, begins[lanes]))
+        for lanes, block in blocks(matrix, rules)
+    ]
+    for k, number in enumerate(stretch.days):
+        day = plan.days[number]
+        for each in running:
+            found.run(each.block, day, k * n + each.members, each.work)
+    states = [state_of(each.block, each.work) for each in running]
+    end = np.zeros((n, max(state.shape[1] for state in states)))
+    for each, state in zip(running, states, strict=True):
+        end[each.members, : state.shape[1]] = state[: each.members.size]
+    return end
