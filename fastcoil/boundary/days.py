@@ -90,15 +90,21 @@ def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
     """
     seed, number = stream
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
-    lead = 10 * drift.tau
+    return smooth(random.standard_normal(10 * drift.tau + n_steps), drift)
+
+
+def smooth(white: Array, drift: Drift) -> Array:
+    """White noise of standard deviation 1, (n,), as that of ``drift``, without its first 10 time constants.
+
+    ``white`` is overwritten.
+    """
     a = np.exp(-1.0 / drift.tau)
     k = 1.0 - a
-    x = random.standard_normal(lead + n_steps)
     for _ in range(2):
-        low_pass(x, a, x)
+        low_pass(white, a, white)
     # The two filters' response to an impulse is k^2 (n + 1) a^n; the sum of its squares:
     stationary_std = k**2 * np.sqrt((1.0 + a**2) / (1.0 - a**2) ** 3)
-    return np.asarray(x[lead:] * (drift.std / stationary_std))
+    return np.asarray(white[10 * drift.tau :] * (drift.std / stationary_std))
 
 
 def _require_memory(n_days: int, n_steps: int) -> None:

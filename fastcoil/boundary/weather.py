@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -15,7 +14,7 @@ from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import condition_of, whole_seconds
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import Values
-from fastcoil.boundary.weather_files import read_weather_csv
+from fastcoil.boundary.weather_files import read_weather_csv, warn_of_hours
 from fastcoil.boundary.weather_formats import read_weather_year
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.logs.arguments import require_mappings
@@ -111,13 +110,7 @@ def weather_day(
     )
     W_back: Values = W_return if RH_return is None else humidity_ratio(T_return, RH_return, p_out)
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, T_return, W_back)
-    often, step = ("hourly", "an hour") if file.minutes == 60 else (f"{file.minutes}-min", f"{file.minutes} min")
-    site = f" of {shown(file.site)}" if file.site else ""
-    warnings.warn(
-        f"{often} weather{site} is interpolated to 1 s: it says nothing about disturbances faster than {step}",
-        UserWarning,
-        stacklevel=2,
-    )
+    warn_of_hours(file)
     rows = slice(None) if days is not None else 0
     return Boundary(m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=days)
 

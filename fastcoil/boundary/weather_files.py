@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array
+from fastcoil.errors import shown
 from fastcoil.logs.columns import asked_columns
 from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import Series
@@ -20,13 +22,16 @@ class Weather(NamedTuple):
     """What is in a weather file.
 
     series: by the names of `WEATHER_COLUMNS`, in our units, each (n_rows,).  minutes: from row to row.  notes: how it
-    was read.  site: where it was measured; blank if the file does not say.
+    was read.  site: where it was measured; blank if the file does not say.  first_weekday: of the first row, such as
+    ``Monday``; blank likewise.  time_zone: standard time of the site, such as ``UTC-08:00``; blank likewise.
     """
 
     series: dict[str, Array]
     minutes: int
     notes: list[str]
     site: str = ""
+    first_weekday: str = ""
+    time_zone: str = ""
 
 
 class WeatherColumn(NamedTuple):
@@ -90,3 +95,16 @@ def read_weather_csv(path: Path, columns: Mapping[str, str] | None, units: Mappi
         table.problems.append(f"hour_of_year does not rise by 1 from row {row} to the next: give every hour")
     table.stop_if_wrong()
     return Weather(weather, 60, table.notes)
+
+
+def warn_of_hours(weather: Weather) -> None:
+    """Warn of what straight lines between the rows cannot show."""
+    often, step = (
+        ("hourly", "an hour") if weather.minutes == 60 else (f"{weather.minutes}-min", f"{weather.minutes} min")
+    )
+    site = f" of {shown(weather.site)}" if weather.site else ""
+    warnings.warn(
+        f"{often} weather{site} is interpolated to 1 s: it says nothing about disturbances faster than {step}",
+        UserWarning,
+        stacklevel=3,
+    )

@@ -30,6 +30,8 @@ _LARGEST, _LONGEST_YEAR = 2**30, 2**28
 _LINE_END = re.compile("\r\n|\n|\r")
 _LONGEST_HEADER = 100
 """Lines among which DATA PERIODS is sought; an EPW file has eight."""
+WEEKDAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
+_HOURS_AHEAD = re.compile(r"[+-]?\d\d?(\.\d{1,2})?", re.ASCII)
 _DAYS = (31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31)
 
 
@@ -50,11 +52,13 @@ class Layout(NamedTuple):
     """Where a file in one of the formats has what.
 
     n_top: lines above the rows.  date: places of the cells that tell month, day and hour, as ``clock`` matches them
-    when they are joined by blanks.
+    when they are joined by blanks.  first_weekday, time_zone: as of `Weather`.
     """
 
     format: str
     site: str
+    first_weekday: str
+    time_zone: str
     n_top: int
     per_hour: int
     date: Sequence[int]
@@ -131,7 +135,9 @@ def read_weather_year(
         for name, field in used.items()
     }
     table.stop_if_wrong()
-    return Weather(times | series, 60 // layout.per_hour, table.notes, layout.site)
+    return Weather(
+        times | series, 60 // layout.per_hour, table.notes, layout.site, layout.first_weekday, layout.time_zone
+    )
 
 
 def _is_epw(lines: Sequence[str]) -> bool:
@@ -147,15 +153,17 @@ def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
         cells = [cell.strip() for cell in line.split(",")]
         if cells[0].upper() != "DATA PERIODS":
             continue
-        told = cells[2] if len(cells) > 2 else ""
-        per_hour = int(told) if re.fullmatch(r"\d\d?", told, re.ASCII) else 0
+        records = cells[2] if len(cells) > 2 else ""
+        per_hour = int(records) if re.fullmatch(r"\d\d?", records, re.ASCII) else 0
         if not per_hour or 60 % per_hour:
             raise InputError(
-                f"{file}: DATA PERIODS in row {i} tells {shown(told)} records per hour: give 1, or another number "
+                f"{file}: DATA PERIODS in row {i} tells {shown(records)} records per hour: give 1, or another number "
                 "that divides 60"
             )
-        site = _site(lines[0].split(",")[1:4])
-        return Layout("an EPW file", site, i, per_hour, (1, 2, 3), _EPW_CLOCK, _EPW_FIELDS)
+        place = lines[0].split(",")
+        weekday = cells[4].capitalize() if len(cells) > 4 and cells[4].capitalize() in WEEKDAYS else ""
+        told = (_site(place[1:4]), weekday, _time_zone(place[8:9]))
+        return Layout("an EPW file", *told, i, per_hour, (1, 2, 3), _EPW_CLOCK, _EPW_FIELDS)
     raise InputError(f"{file} begins as an EPW file, but has no line DATA PERIODS: give all eight lines of its header")
 
 
@@ -171,12 +179,21 @@ def _tmy3_layout(file: str, lines: Sequence[str]) -> Layout:
         cells = next(csv.reader(lines[:1]), [])
     except csv.Error:
         cells = lines[0].split(",")
-    return Layout("a TMY3 file", _site(cells[1:3]), 2, 1, (0, 1), _TMY3_CLOCK, fields)
+    return Layout("a TMY3 file", _site(cells[1:3]), "", _time_zone(cells[3:4]), 2, 1, (0, 1), _TMY3_CLOCK, fields)
 
 
 def _site(words: Sequence[str]) -> str:
     """A place, without the parts that are blank or a dash."""
     return ", ".join(word.strip() for word in words if word.strip(" -"))
+
+
+def _time_zone(cells: Sequence[str]) -> str:
+    """Hours ahead of UTC as text; blank if there are none."""
+    match = _HOURS_AHEAD.fullmatch(cells[0].strip()) if cells else None
+    minutes = round(60 * float(match[0])) if match else 24 * 60
+    if abs(minutes) > 14 * 60:
+        return ""
+    return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
 
 
 def _times_of(table: Table, layout: Layout, written: Sequence[str]) -> dict[str, Array]:

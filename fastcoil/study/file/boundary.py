@@ -9,6 +9,7 @@ from typing import Any
 
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import constant_day, design_day, paper_day
+from fastcoil.boundary.operation import weather_year
 from fastcoil.boundary.weather import weather_day
 from fastcoil.errors import InputError, nearest, shown
 from fastcoil.study.file.tables import with_hints
@@ -19,6 +20,7 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "design_day": design_day,
     "csv": Boundary.from_csv,
     "weather": weather_day,
+    "weather_year": weather_year,
 }
 
 

@@ -96,4 +96,6 @@ def _annotated(name: str, hint: Any, default: Any) -> Schema:
     else:
         found = TypeAdapter(hint).json_schema()
         schema = {"anyOf": [kind for kind in found.get("anyOf", [found]) if kind != {"type": "null"}]}
-    return schema if default is None or default is inspect.Parameter.empty else schema | {"default": default}
+    if default is None or default is inspect.Parameter.empty:
+        return schema
+    return schema | {"default": list(default) if isinstance(default, tuple) else default}
