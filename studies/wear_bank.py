@@ -1,11 +1,14 @@
-"""A bank of models that notices a growing gap, of the kind that Tudoroiu and Zaheeruddin used (CCA 2005).
+"""A bank of models that notices a growing gap, of the kind that Tudoroiu and Zaheeruddin used.
 
-What they published: an interacting multiple model with unscented Kalman filters, a filter for each size of the gap, on a
-simulated loop of the discharge air temperature whose equations the filters know; the gap grows and the most likely
-model changes.  What this is: a model of the package for each size, driven by the command and by what enters the coil;
-what it foretells falsely is filtered with a fixed gain, and the probabilities follow a Markov chain as theirs do.  What it
-is not: an unscented filter.  A command is known without noise, so a stem that follows it needs no sigma points, and the
-states of the models are not mixed, for each keeps its own place in its own gap.
+What they did, after the abstracts of their papers (CCA 2005; HSI 2008): an interacting multiple model of unscented
+Kalman filters on a simulated loop of the discharge air temperature, in which the gap of the valve's actuator grows; the
+filters know the equations of the loop.  That a filter stands for a size of the gap is our reading.
+
+What this is: a model of the package for each size, driven by the command and by what enters the coil.  The part of its
+error that stays is taken for a disturbance, by a filter of fixed gain; the probabilities of the sizes follow a Markov
+chain and the likelihoods of what is left, as theirs do.  What it is not: an unscented filter.  A command is known
+without noise, so a stem that follows it needs no sigma points; and the models do not mix their states, for each keeps
+its own place in its own gap.
 """
 
 from __future__ import annotations
@@ -25,8 +28,7 @@ SOJOURN = 86400.0
 """Time for which the gap keeps its size in the mean, s; then it takes one of the sizes beside it."""
 LEAST = 1e-6
 """Probability that a size never falls below."""
-EXACT, OFF = "exact", "off"
-PLANTS = {EXACT: (1.0, 1.0), OFF: (0.85, 1.15)}
+PLANTS = {"known": (1.0, 1.0), "5 % off": (0.95, 1.05), "15 % off": (0.85, 1.15)}
 """What a model has for the conductances of the coil and for the flow of the open valve, as shares of the true ones."""
 
 

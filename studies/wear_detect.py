@@ -72,7 +72,7 @@ def estimates(case: str, kind: str, which: tuple[int, ...]) -> xr.DataArray:
             for name, rule in (PASSIVE | {name: controllers()[name] for name in ACTING}).items()
         }
         found.append(xr.concat([*of_rules.values(), *banks(loop, days, scaled)], "detector", join="override"))
-    names = [*PASSIVE, *ACTING, *(f"bank, {plant}" for plant in PLANTS)]
+    names = [*PASSIVE, *ACTING, *(f"bank, plant {plant}" for plant in PLANTS)]
     return xr.concat(found, "day").assign_coords(detector=names)
 
 
@@ -119,7 +119,11 @@ def alarms(estimate: xr.DataArray, threshold: float) -> xr.DataArray:
 def threshold_of(found: dict[tuple[str, str], xr.DataArray], detector: str) -> float:
     """The least threshold with few false alarms; nan: none has."""
     for threshold in THRESHOLDS:
-        raised = [np.isfinite(alarms(found[case, kind], threshold).sel(detector=detector)) for case in (STEADY, GOOD) for kind in KINDS]
+        raised = [
+            np.isfinite(alarms(found[case, kind], threshold).sel(detector=detector))
+            for case in (STEADY, GOOD)
+            for kind in KINDS
+        ]
         if np.mean([float(each.mean()) for each in raised]) <= FALSE:
             return threshold
     return np.nan

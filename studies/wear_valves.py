@@ -41,20 +41,23 @@ STEP = 1.0
 
 
 class Sequence(NamedTuple):
-    """Loops, the days they live through, and whether the gap changes in steps instead of by wear."""
+    """Loops, the days they live through, and how the gap changes: by wear, in steps, or there is none."""
 
     name: str
     kind: str
     is_fast: bool
     in_steps: bool
+    is_good: bool
     seed: int
 
 
 def sequences(seed: int) -> list[Sequence]:
     """Every kind of days; ``seed``: of the days."""
-    found = [Sequence(kind, kind, False, False, seed) for kind in kinds_here()]
-    found += [Sequence(f"{kind}, fast gains", kind, True, False, seed) for kind in (STEPPED, CONSTANT)]
-    return found + [Sequence(f"{kind}, loose and repaired", kind, False, True, seed) for kind in (STEPPED, MONTHLY)]
+    found = [Sequence(kind, kind, False, False, False, seed) for kind in kinds_here()]
+    found += [Sequence(f"{kind}, fast gains", kind, True, False, False, seed) for kind in (STEPPED, CONSTANT)]
+    stepped = [kind for kind in kinds_here() if kind in (STEPPED, MONTHLY)]
+    found += [Sequence(f"{kind}, loose and repaired", kind, False, True, False, seed) for kind in stepped]
+    return found + [Sequence(f"{kind}, no gap", kind, False, False, True, seed) for kind in kinds_here()]
 
 
 def kinds_here() -> tuple[str, ...]:
@@ -83,6 +86,8 @@ def loops_of(sequence: Sequence, size: int | None = None) -> fc.Loop:
     loop = valves(size)
     factors = FAST if sequence.is_fast else {"kp": HEATING_GAIN} if sequence.kind == HEATING else {}
     changed = {name: xr.DataArray(loop[name]) * factor for name, factor in factors.items()}
+    if sequence.is_good:
+        changed["backlash"] = xr.zeros_like(xr.DataArray(loop["backlash"]))
     return loop.assign(**changed, **settings(sequence.kind))
 
 

@@ -36,11 +36,6 @@ class Run(NamedTuple):
     growth: xr.DataArray
     """That it was given, fraction of stroke in the year."""
 
-    @property
-    def is_good(self) -> xr.DataArray:
-        """Valves without gap and without wear."""
-        return (self.first == 0.0) & (self.growth == 0.0)
-
 
 def run(size: int | None = None, first: int = FRESH, chosen: list[str] | None = None) -> list[Run]:
     """Every controller on every sequence; ``size``: only so many valves; ``chosen``: only these sequences."""
@@ -56,7 +51,7 @@ def lived(sequence: Sequence, size: int | None = None) -> Run:
     """Every controller through a sequence.  The rate of wear of a valve follows from its travel under plain PI."""
     loop, days = loops_of(sequence, size), days_of(sequence)
     plain = _metrics(loop, days)
-    growth = growths(loop) * (0.0 if sequence.in_steps else 1.0)
+    growth = growths(loop) * (0.0 if sequence.in_steps or sequence.is_good else 1.0)
     loop = loop.assign(wear_rate=np.minimum(growth / plain.stem_travel.sum("day").clip(1e-3), LARGEST_RATE))
     found = [_metrics(loop.assign(**values), days) for values in controllers().values()]
     ds = xr.concat(found, xr.DataArray(list(controllers()), dims="controller", name="controller"))
