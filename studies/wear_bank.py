@@ -52,7 +52,9 @@ def foretold(valve: fc.Loop, days: fc.Boundary, command: np.ndarray) -> xr.DataA
 def innovations(measured: np.ndarray, foretold: np.ndarray) -> np.ndarray:
     """What is new in the errors of the models, K: (time, candidate)."""
     error = measured[:, None] - foretold
-    return np.diff(error, axis=0, prepend=error[:1]) + (1.0 - np.exp(-INTERVAL / COLOUR)) * np.roll(error, 1, axis=0)
+    new = np.zeros_like(error)
+    new[1:] = error[1:] - np.exp(-INTERVAL / COLOUR) * error[:-1]
+    return new
 
 
 def noise_of(new: np.ndarray) -> np.ndarray:

@@ -206,7 +206,7 @@ def write(
     )
     write_table(
         "wear_feedback",
-        "Growth of the gap in the year under plain PI, as a multiple of what the travel of the unworn valve gives: median "
+        "Growth of the gap in the year under plain PI, as a multiple of what the travel without wear gives: median "
         "(5 to 95 % of the valves)",
         ["days", "loops that do not hunt", "loops that hunt"],
         feedback_rows(by_law),
