@@ -29,7 +29,7 @@ def draw(
 ) -> None:
     """Draw the three panels."""
     by_name = {run.sequence.name: run for run in runs}
-    figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.0), layout="constrained")
+    figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.6), layout="constrained")
     _grows(panels[0], by_name[STEPPED])
     _loose(panels[1], by_name[f"{STEPPED}, loose and repaired"])
     _noticed(panels[2], chosen_on, fresh)
@@ -48,6 +48,11 @@ def _mean(gap: xr.DataArray, some: xr.DataArray) -> xr.DataArray:
     return 100 * gap.where(some).mean("sample")
 
 
+def _legend(panel: Axes) -> None:
+    """Below the panel: the lines fill it."""
+    panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False)
+
+
 def _grows(panel: Axes, run: Run) -> None:
     """The mean gap under each controller, and what `identify` takes it for."""
     some = run.growth == max(GROWTH)
@@ -59,7 +64,7 @@ def _grows(panel: Axes, run: Run) -> None:
     panel.plot(months, estimate, "o", ms=3, color=BLUE, mfc="white", label="estimate of identify")
     panel.set(xlabel="time [months]", ylabel="gap, mean [% of stroke]", xlim=(0, MONTHS), ylim=(0, None))
     panel.set_title("Wear: set-point steps, the valves that wear most", fontsize=9)
-    panel.legend(fontsize=8)
+    _legend(panel)
 
 
 def _loose(panel: Axes, run: Run) -> None:
@@ -73,7 +78,7 @@ def _loose(panel: Axes, run: Run) -> None:
         panel.plot(months, estimate, line, color=COLOURS[name], label=LABELS[name])
     panel.set(xlabel="time [months]", ylabel="gap, mean [% of stroke]", xlim=(0, MONTHS), ylim=(0, None))
     panel.set_title("A linkage comes loose, and is repaired", fontsize=9)
-    panel.legend(fontsize=8)
+    _legend(panel)
 
 
 def _noticed(
@@ -92,4 +97,4 @@ def _noticed(
     panel.plot([], [], "--", color="0.3", label="dashed: constant set-point")
     panel.set(xlabel="operation since it came loose [h]", ylabel="noticed [% of the loops]", ylim=(-3, 103))
     panel.set_title("Three times the gap at once", fontsize=9)
-    panel.legend(fontsize=8)
+    _legend(panel)
