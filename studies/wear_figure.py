@@ -16,7 +16,7 @@ from wear_year import Run
 from fastcoil.plots.style import BLUE, RED, YELLOW, apply_style
 
 COLOURS = {PI: "black", "paper": YELLOW, "gradient": RED, "identify": BLUE, "identify_8h": BLUE, "hagglund": "0.55"}
-DRAWN = {"bank, plant known": "black", "bank, plant 5 % off": "0.55", "identify": BLUE, "gradient": RED}
+DRAWN = {"bank, plant known": "black", "bank, plant 15 % off": "0.55", "identify": BLUE, "gradient": RED}
 """The detectors that are shown."""
 MONTHS = 12
 WORN = 0.02

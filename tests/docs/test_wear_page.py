@@ -24,6 +24,11 @@ def part(cell, k):
     return cell.split(", ")[k]
 
 
+def times(cell, k):
+    """'1.27 times' of '× 1.27'."""
+    return f"{part(cell, k).removeprefix('× ')} times"
+
+
 def fall(cell):
     """'13 % (11 to 15)' of '-13 % (-15 to -11)'."""
     middle, low, high = re.match(r"-(\d+) % \(-(\d+) to -(\d+)\)", cell).groups()
@@ -45,14 +50,14 @@ def answers():
     yield f"{repaired[0][ONE]} of its estimates are wrong then with steps every day, {repaired[1][ONE]} with"
     yield f"these are {repaired[0][SHORT]} and {repaired[1][SHORT]}"
     paper, gradient = (cost[name] for name in (RULE, "gradient"))
-    yield f"the motor travels {part(paper[REAL], 1)} as far, and the gap grows {part(paper[REAL], 2)} as fast"
-    yield f"the gap grows {part(gradient[STEPPED], 2)} as fast with set-point steps"
+    yield f"the motor travels {times(paper[REAL], 1)} as far, and the gap grows {times(paper[REAL], 2)} as fast"
+    yield f"the gap grows {times(gradient[STEPPED], 2)} as fast with set-point steps"
     yield f"is wrong on {wrong[STEPPED]['Hägglund']} of the days with steps"
     yield f"on {wrong[STEPPED][KNOWN]} of the days at the end"
     yield f"the RMSE is {fall(cost[KNOWN][STEPPED])} below that of plain PI"
     yield f"({part(wrong[STEPPED][ONE], 0)} of its estimates are wrong) and lowers the RMSE by"
     yield f"by {fall(cost[ONE][STEPPED])}, learning included"
-    yield f"so the gap grows {part(cost[ONE][STEPPED], 2)} as fast"
+    yield f"so the gap grows {times(cost[ONE][STEPPED], 2)} as fast"
     lacks = [float(row["plain PI"].split(" ")[0]) for row in energy.values()]
     yield f"{min(lacks):.1f} to {max(lacks):.1f} % of the coil's heat under plain PI"
     yield f"makes {part(good[STEPPED][RULE], 0)} of them worse by more than 1 % where the set-point steps"
@@ -71,6 +76,9 @@ def answers():
 def lives():
     """What it must say of motors and gaps."""
     life, feedback = table("life", "days", "controller"), table("feedback")
+    whole = {name: row["ratio"].split(" (")[0] for name, row in table("whole_year").items()}
+    yield f"The gap grows {times(whole['growth of the gap'], 0)} as much in the whole year"
+    assert 0.75 < float(whole["travel of the motor"].removeprefix("× ")) < 0.85, "about a fifth too many"
     hunting = "stepped, fast gains, loops that hunt"
     yield f"its motor travels {median(life[hunting, 'plain PI']['motor, strokes'])} strokes a year under plain PI"
     yield f"and {median(life[hunting, ONE]['motor, strokes'])} with `identify`"

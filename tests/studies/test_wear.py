@@ -133,8 +133,10 @@ def test_an_alarm_is_the_first_time_that_an_estimate_rises_above_that_of_the_thi
     per_day = 4
     rises = np.full(8 * per_day, 0.03)
     rises[4 * per_day + 1 :] = 0.06
-    found = wear_detect.alarms(xr.DataArray([rises, rises * 0 + 0.09], dims=("sample", "elapsed_time")), 0.02)
-    assert found.values.tolist() == [(per_day + 2) * wear_detect.EVERY / 3600.0, math.inf]
+    falls_first = rises + 0.05 * (np.arange(rises.size) < 2 * per_day)
+    estimates = xr.DataArray([rises, falls_first, rises * 0 + 0.09], dims=("sample", "elapsed_time"))
+    found = wear_detect.alarms(estimates, 0.02)
+    assert found.values.tolist() == [(per_day + 2) * wear_detect.EVERY / 3600.0] * 2 + [math.inf]
 
 
 def test_the_threshold_is_the_least_with_few_false_alarms():
@@ -169,6 +171,15 @@ def runs():
         made(f"{STEPPED}, loose and repaired", STEPPED, in_steps=True),
         made(f"{STEPPED}, no gap", STEPPED, is_good=True),
     ]
+
+
+def test_an_estimate_is_wrong_beyond_a_fifth_of_the_gap_and_a_hundredth_of_the_stroke(runs):
+    ds = runs[0].ds
+    gaps, found = [0.01, 0.02, 0.1, 0.1, 0.1, 0.0], [0.0, 0.0, 0.085, 0.075, math.nan, 0.02]
+    for name, values in (("backlash_final", gaps), ("estimate_final", found)):
+        ds[name].loc[{"controller": "identify"}] = np.array(values)[:, None]
+    wrong = wear_year.wrong(runs[0], "identify")
+    assert wrong.isel(day=0).values.tolist() == [False, True, False, True, True, True]
 
 
 @pytest.fixture
