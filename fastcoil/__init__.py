@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fastcoil.boundary.days import constant_day as constant_day
     from fastcoil.boundary.days import design_day as design_day
     from fastcoil.boundary.days import paper_day as paper_day
+    from fastcoil.boundary.heating_day import heating_day as heating_day
     from fastcoil.boundary.operation import weather_year as weather_year
     from fastcoil.boundary.weather import weather_day as weather_day
     from fastcoil.calibrate.coil import fit_coil as fit_coil
@@ -67,6 +68,7 @@ _HOME = {
     "fit_coil": "calibrate.coil",
     "fit_loop": "calibrate.loop",
     "fit_valve": "calibrate.valve",
+    "heating_day": "boundary.heating_day",
     "law": "rules.rule",
     "limit_cycle": "theory.limit_cycle",
     "linearise": "theory.linearise",

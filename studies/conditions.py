@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from best_pi import PRESETS
 from kinds import HEATING, STEPPED, of_kind, settings
 from report import write_table
 
@@ -122,13 +123,13 @@ def overestimate_rows(ds: xr.Dataset) -> list[list[str]]:
 def good_valves(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
     """The growing rule on valves without backlash, beside the plain PI, on days with set-point steps."""
     found = []
-    for preset in fc.presets():
+    for preset in PRESETS:
         loop = fc.Loop.preset(preset).assign(backlash=0.0, noise_std=[0.0, 0.05])
         for of in (loop, loop.assign(**GROWING)):
             found.append(_kept(fc.simulate(of, of_kind(STEPPED, seeds))))
     ds = xr.concat(found, "both").assign_coords(
-        plant=("both", np.repeat(list(fc.presets()), 2)),
-        remedy=("both", ["plain PI", "growing"] * len(fc.presets())),
+        plant=("both", np.repeat(list(PRESETS), 2)),
+        remedy=("both", ["plain PI", "growing"] * len(PRESETS)),
     )
     return ds.set_index(both=["plant", "remedy"]).unstack("both")
 
@@ -153,7 +154,7 @@ def _kept(ds: xr.Dataset) -> xr.Dataset:
 def good_valve_rows(ds: xr.Dataset) -> list[list[str]]:
     """Plant, noise, and means over days: settled error and travel of the plain PI, and what the rule makes of them."""
     rows = []
-    for plant in fc.presets():
+    for plant in PRESETS:
         for noise in ds.noise_std.values:
             plain, rule = (ds.sel(plant=plant, noise_std=noise, remedy=r).mean("day") for r in ("plain PI", "growing"))
             error, travel = (float(rule[m] / plain[m]) for m in ("rmse_settled", "motor_travel"))

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import remedies_run
 import xarray as xr
+from best_pi import PRESETS
 from kinds import (
     CONSTANT,
     DESIGN,
@@ -75,7 +76,7 @@ class Condition(NamedTuple):
 
 def four_loops(backlashes: Sequence[float] = BACKLASHES) -> fc.Loop:
     """The presets with every noise and backlash, along ``sample``."""
-    cases = list(product(fc.presets(), NOISES, backlashes))
+    cases = list(product(PRESETS, NOISES, backlashes))
     given = {"noise_std": [noise for _, noise, _ in cases], "backlash": [x for *_, x in cases]}
     for name in ("C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time"):
         given[name] = [float(fc.Loop.preset(preset)[name]) for preset, *_ in cases]  # type: ignore[arg-type]

@@ -15,7 +15,7 @@ import xarray as xr
 from fastcoil.arguments import checking, flag_of, level_of, mapping_of, names_of, plain
 from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import METRICS, PREDICTIONS, STATUS_OK, metric_meant
-from fastcoil.simulation.result import check_result
+from fastcoil.result import check_result
 
 CENSORED = tuple(m.name for m in METRICS.values() if m.censored)
 """Metrics in which NaN means that it did not happen within the run."""

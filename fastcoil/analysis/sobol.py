@@ -10,7 +10,7 @@ import xarray as xr
 from fastcoil.arguments import checking, flag_of, level_of, names_of
 from fastcoil.errors import InputError, shown
 from fastcoil.outputs import METRICS, STATUS_OK, metric_meant
-from fastcoil.simulation.result import check_result
+from fastcoil.result import check_result
 
 INDICES = ("first_order", "total")
 EDGES = ("value", "low", "high")

@@ -28,11 +28,26 @@ def summary(ds: xr.Dataset) -> list[str]:
         lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
     if failed == n:
         return lines
-    lines += _foretold(ds)
+    lines += _off(ds) + _foretold(ds)
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds)), None)
     if ratio and bool((ds[ratio] == 0.0).any()):
         return lines + _against_plain_pi(ds, ratio)
     return lines + _extremes(ds)
+
+
+def _off(ds: xr.Dataset) -> list[str]:
+    """Scenarios that hardly ever hold their set-point: nobody would look for them in a mean."""
+    if "share_off" not in ds:
+        return []
+    off = ds["share_off"] > 0.5
+    n = int(off.sum())
+    if not n:
+        return []
+    hunts = int((off & (ds["hunts"] > 0.0)).sum()) if "hunts" in ds else 0
+    return [
+        f"{n:,} of {off.size:,} are more than 0.5 K off their set-point for over half of the time, "
+        f"{hunts:,} of them hunting: no opening may hold it, or the gains do not suit the coil (see fastcoil explain)."
+    ]
 
 
 def _foretold(ds: xr.Dataset) -> list[str]:

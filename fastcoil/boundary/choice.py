@@ -28,8 +28,8 @@ def positions(day: Any, n_days: int) -> Index | int:
             raise InputError(WrongType(f"day = {shown(day)}: {cure}")) from None
         return _some(found, day, cure)
     if is_number(day):
-        k = plain(day)
-        if k != int(k) or not -n_days <= k < n_days:
+        k = float(plain(day))
+        if not (-n_days <= k < n_days and k == int(k)):
             raise InputError(f"day = {shown(day)}: {cure}")
         return int(k) % n_days
     values = array_of("day", day, cure, "iub")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fastcoil.arguments import text_of
 from fastcoil.errors import InputError, WrongType, nearest, shown
+from fastcoil.logs.timestamps import offset_text
 
 Times: TypeAlias = NDArray[np.datetime64]
 
@@ -70,12 +71,6 @@ def time_zone_of(name: str, value: Any) -> str:
     raise InputError(f"{name} = {shown(text)}{nearest(text, known)}: {_ZONE_CURE}")
 
 
-def offset_text(offset: timedelta) -> str:
-    """An offset from UTC as the name of a time zone: ``UTC-08:00``."""
-    minutes = round(offset.total_seconds() / 60)
-    return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
-
-
 def offset_of(time_zone: str, at: datetime) -> timedelta | None:
     """How far a clock of the zone is ahead of UTC ``at`` a local time; None if nobody knows."""
     if match := _OFFSET.fullmatch(time_zone):
@@ -89,14 +84,25 @@ def offset_of(time_zone: str, at: datetime) -> timedelta | None:
 
 
 def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
-    """Whether clocks of the zone are changed within ``n_steps`` s of ``start``."""
+    """Whether clocks of the zone are changed within ``n_steps`` s of ``start``, or may show it twice."""
     first = cast(datetime, start.astype(SECONDS).item())
-    return offset_of(time_zone, first) != offset_of(time_zone, first + timedelta(seconds=n_steps - 1))
+    try:
+        zone = zoneinfo.ZoneInfo(time_zone) if time_zone and not _OFFSET.fullmatch(time_zone) else None
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError):
+        return False
+    if zone is None:
+        return False
+    there = first.replace(tzinfo=zone)
+    last = (there.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
+    return len({there.utcoffset(), there.replace(fold=1).utcoffset(), last.utcoffset()}) > 1
 
 
 def _one_or_several(start: Any) -> Any:
-    if hasattr(start, "values") and not isinstance(start, dict):  # of xarray or pandas
-        start = start.values
+    try:
+        if type(start).__module__.partition(".")[0] in ("xarray", "pandas") and not isinstance(start, datetime):
+            start = start.values
+    except Exception:  # a user's class may raise anything
+        raise InputError(WrongType(f"start = {shown(start)}: {_CURE}")) from None
     if isinstance(start, np.ndarray):
         start = start.item() if start.ndim == 0 and start.dtype.kind != "M" else start
         if isinstance(start, np.ndarray):
@@ -151,4 +157,4 @@ def _zone_of(times: list[datetime], zone: str) -> str:
         return time_zone_of("the time zone of start", name)
     if len(set(offsets)) > 1:
         raise InputError("start has times of different UTC offsets: give local times, and time_zone")
-    return "UTC" if times[0].tzinfo is UTC else offset_text(cast(timedelta, offsets[0]))
+    return offset_text(round(cast(timedelta, offsets[0]).total_seconds() / 60))

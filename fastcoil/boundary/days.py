@@ -61,8 +61,8 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     seed = plain(seed)
     with checking() as check:
         n_steps = check(whole_seconds, hours)
-        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
-    _require_memory(len(seeds), n_steps)
+        seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+    require_memory(len(seeds), n_steps)
     h = np.arange(n_steps) / 3600
     D = np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)
     noise = {
@@ -107,7 +107,7 @@ def smooth(white: Array, drift: Drift) -> Array:
     return np.asarray(white[10 * drift.tau :] * (drift.std / stationary_std))
 
 
-def _require_memory(n_days: int, n_steps: int) -> None:
+def require_memory(n_days: int, n_steps: int) -> None:
     """Refuse days that do not fit into memory while they are made, three times what they take in the end."""
     needed, available = 3 * n_days * n_steps * 8 * len(BOUNDARY_SERIES), available_memory()
     if needed > available:
@@ -117,7 +117,8 @@ def _require_memory(n_days: int, n_steps: int) -> None:
         )
 
 
-def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
+def distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
+    """The seeds of days of ``n_steps``: whole numbers, each once, an `InputError` for anything else."""
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
     most = MOST_VALUES // n_steps
     try:
@@ -229,7 +230,8 @@ def design_day(
     The outdoor temperature follows `RANGE_FRACTIONS`, straight between the hours.  In cooling ``T_design`` is
     its maximum (hours 14 and 15), in heating its minimum (hour 5).  The humidity ratio is constant, that of
     ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but at most saturated.  The
-    defaults are in `DESIGNS`; heating has no daily range there: give one for a day that varies.
+    defaults are in `DESIGNS`; heating has no daily range there: give one for a day that varies, or take
+    `heating_day`, on which set-point, air and water move.
     Nothing here is faster than the hourly profile.
 
     Parameters

@@ -27,7 +27,7 @@ def series_of_day(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Arra
     loads = zone_loads(mean_load, s.zone_spread, s.disturbances * zone_drifts(s.seed, label, s.zones))
     T_set = set_point(s, T_out, loads, begin, end)
     flow = air_flow(s, loads, T_set[minutes])
-    m_a = by_second(flow, ZONE_STEP) * (1.0 + drifts["m_a"])
+    m_a = _by_second(flow) * (1.0 + drifts["m_a"])
     T_a_in, W_a_in = np.full(DAY, s.T_return), np.full(DAY, s.W_return)
     enabled = np.zeros(DAY)
     on = slice(begin, end)
@@ -91,6 +91,11 @@ def water_temperature(s: Settings, T_out: Array, loads: Array) -> Array:
         return np.full(DAY, s.T_w_in)
     if s.water == "outdoor":
         return between(T_out, s.T_out_w_min, s.T_out_w_max, s.T_w_max, s.T_w_min)
-    share = by_second(np.clip(loads, 0.0, 1.0).mean(axis=1), ZONE_STEP)
+    share = _by_second(np.clip(loads, 0.0, 1.0).mean(axis=1))
     idle, full = (s.T_w_max, s.T_w_min) if s.cools else (s.T_w_min, s.T_w_max)
     return np.asarray(idle + share * (full - idle))
+
+
+def _by_second(each_minute: Array) -> Array:
+    """Straight between the minutes of a day; the last one holds."""
+    return by_second(np.append(each_minute, each_minute[-1]), ZONE_STEP)

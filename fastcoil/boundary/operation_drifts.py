@@ -37,19 +37,19 @@ def plant_drifts(seed: int, day: int) -> dict[str, Array]:
 def zone_drifts(seed: int, day: int, n_zones: int) -> Array:
     """Noise of the loads of the zones each `ZONE_STEP` seconds of a day, (1440, n_zones)."""
     white = _white(ZONE_STEP, seed, day, 1, n_zones)
-    return np.stack([_noise(_ZONE, ZONE_STEP, one) for one in white], axis=1)
+    return np.stack([_noise(_ZONE, ZONE_STEP, one)[:-1] for one in white], axis=1)
 
 
 def by_second(values: Array, step: int) -> Array:
-    """Values each ``step`` seconds at every second, straight between them; the last one holds."""
-    rise = np.append(np.diff(values), 0.0)
-    return np.asarray(np.add(values[:, None], np.multiply.outer(rise, np.arange(step) / step)).ravel())
+    """Values each ``step`` seconds, (n + 1,), at every second up to the last one, (n step,), straight between them."""
+    part = np.multiply.outer(np.diff(values), np.arange(step) / step)
+    return np.asarray((values[:-1, None] + part).ravel())
 
 
 def _noise(drift: Drift, step: int, white: Array) -> Array:
-    """Noise each ``step`` seconds of a day from the white noise of two days, (86400 / step,)."""
+    """Noise each ``step`` seconds from midnight to midnight from the white noise of two days, (86400 / step + 1,)."""
     coarse = Drift(drift.std, drift.tau // step)
-    return smooth(white[_DAY // step - 10 * coarse.tau :].copy(), coarse)
+    return smooth(white[_DAY // step - 10 * coarse.tau - 1 :].copy(), coarse)
 
 
 def _white(step: int, seed: int, day: int, stream: int, n: int) -> Array:

@@ -154,7 +154,9 @@ def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
         chosen: dict[str, Any] = {
             name: check.unless_none(choice_of, name, given[name], choices) for name, choices in CHOICES.items()
         }
-        chosen |= {name: check.unless_none(condition_of, name, given[name]) for name in _NUMBERS}
+        for name in _NUMBERS:
+            left_out = given[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
+            chosen[name] = None if left_out else check(condition_of, name, given[name])
         chosen |= {name: check(whole_of, name, given[name], *bounds) for name, bounds in _WHOLE.items()}
     told = {name for name, value in chosen.items() if value is not None}
     chosen |= {name: value for name, value in DEFAULTS[mode].items() if name not in told}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from fastcoil.boundary.arranged import Days, EndToEnd, OneAfterAnother, Picked, 
 from fastcoil.boundary.clock import Clock
 from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.boundary.source import Held, Source, Stream
-from fastcoil.errors import InputError, nearest
+from fastcoil.errors import InputError
 from fastcoil.memory import available_memory, gib
 
 DIMS = ("day", "elapsed_time")
@@ -24,16 +24,6 @@ class Parts(NamedTuple):
     source: Source
     clock: Clock
     by_air: bool
-
-
-def check_names(changes: Mapping[str, Any]) -> None:
-    """Refuse what is no series, and neither labels nor clock."""
-    known = [*BOUNDARY_SERIES, "day", *Clock._fields]
-    problems = [
-        f"{name} is no series{nearest(name, known)}: {', '.join(known)}" for name in changes if name not in known
-    ]
-    if problems:
-        raise InputError(problems)
 
 
 def picked(parts: Parts, at: Index | int) -> Parts:

@@ -6,31 +6,24 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from fastcoil.arguments import checking, choice_of, instance_of
-from fastcoil.boundary.air_flow import enabled_by, warn_of_stops
 from fastcoil.boundary.as_dataset import arguments_of, dataset_of
 from fastcoil.boundary.choice import positions, positions_of
-from fastcoil.boundary.clock import clock_of
-from fastcoil.boundary.rearranged import DIMS, check_names, joined, joining_problems, picked, rows_of
+from fastcoil.boundary.figure import draw
+from fastcoil.boundary.reading import checked
+from fastcoil.boundary.rearranged import DIMS, joined, joining_problems, picked, rows_of
 from fastcoil.boundary.samples import Samples
-from fastcoil.boundary.series import (
-    BOUNDARY_SERIES,
-    Given,
-    Values,
-    carried_labels,
-    common_size,
-    label_array,
-    read,
-    value_problems,
-)
-from fastcoil.boundary.source import Held, Source, Stream
+from fastcoil.boundary.series import Values, require_aligned
+from fastcoil.boundary.source import Stream
 from fastcoil.boundary.streams import replaced, stream_of
-from fastcoil.errors import InputError, WrongType, collecting, shown
+from fastcoil.errors import InputError, WrongType, shown
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
+
+KEPT: Values = object()
+"""A series that is not to be changed."""
 
 
 class Boundary(Samples):
@@ -80,7 +73,7 @@ class Boundary(Samples):
         start: Values = None,
         time_zone: Values = None,
     ) -> None:
-        arguments = {
+        series = {
             "m_a": m_a,
             "T_a_in": T_a_in,
             "W_a_in": W_a_in,
@@ -90,41 +83,30 @@ class Boundary(Samples):
             "enabled": enabled,
             "backlash_scale": backlash_scale,
         }
-        problems: list[str] = []
-        given: dict[str, Given] = {}
-        for name, series in BOUNDARY_SERIES.items():
-            with collecting(problems):
-                given[name] = read(series, arguments[name])
-        n_steps = common_size("elapsed_time", "samples", given, problems)
-        n_days = common_size("day", "days", given, problems)
-        if n_steps is None and not problems:
-            problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
-        labels = carried_labels(given, problems) if day is None else label_array(day, problems)
-        if labels is None:
-            labels = np.arange(n_days) if n_days else np.asarray(0)
-        elif n_days is not None and labels.size != n_days:
-            problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
-        for name, one in given.items():
-            problems += value_problems(BOUNDARY_SERIES[name], one, labels)
-        shape = labels.size, n_steps or 0
-        with collecting(problems):
-            self._clock = clock_of(start, time_zone, *shape)
-        if problems:
-            # Series that share a coordinate share its mistakes.
-            raise InputError(list(dict.fromkeys(problems)))
-        whole = {name: one.spread(*shape) for name, one in given.items()}
-        self._by_air = enabled is None
-        if self._by_air:
-            whole["enabled"], stopped = enabled_by(whole["m_a"])
-            warn_of_stops(stopped)
-        self._source: Source = Held(whole, np.atleast_1d(labels).astype(np.int64), bool(n_days or labels.ndim))
+        self._source, self._clock, self._by_air = checked(series, day, start, time_zone)
 
-    def assign(self, **changes: Any) -> Boundary:
-        """A copy with other series, labels or clock, each given as to `Boundary`; None takes back to the default.
+    def assign(
+        self,
+        *,
+        m_a: Values = KEPT,
+        T_a_in: Values = KEPT,
+        W_a_in: Values = KEPT,
+        T_w_in: Values = KEPT,
+        T_set: Values = KEPT,
+        noise: Values = KEPT,
+        enabled: Values = KEPT,
+        backlash_scale: Values = KEPT,
+        day: Values = KEPT,
+        start: Values = KEPT,
+        time_zone: Values = KEPT,
+    ) -> Boundary:
+        """A copy with other series, labels or clock, each given as to `Boundary`; None takes one back to its default.
 
         Where ``enabled`` follows from the air flow, it follows from a new one, too.
         """
-        check_names(changes)
+        changes = {name: value for name, value in locals().items() if name != "self" and value is not KEPT}
+        if "day" not in changes:
+            require_aligned(changes, self.day)
         by_air = self._by_air if "enabled" not in changes else changes["enabled"] is None
         if isinstance(self._source, Stream):
             return Boundary.of(*replaced(self._source, self._clock, changes), by_air=by_air)
@@ -167,6 +149,10 @@ class Boundary(Samples):
         if problems := joining_problems(parts, dim):
             raise InputError(problems)
         return Boundary.of(*joined(parts, dim))
+
+    def plot(self) -> Figure:
+        """The series over time, as a matplotlib ``Figure``; days that do not follow each other on top of each other."""
+        return draw(self._source, self._clock)
 
     def to_dataset(self) -> xr.Dataset:
         """The series as a Dataset with dims (``day``,) ``elapsed_time``, units, long names, and ``start`` if known."""
@@ -228,7 +214,8 @@ class Boundary(Samples):
         The header names each column and its unit: ``m_a [kg/s]``, ``T_a_in [degF]``; a volume flow of air is taken at
         1.2 kg/m3.  Time is ``elapsed_time [s]`` (min, h) or ``timestamp``; humidity is ``W_a_in``, ``RH_a_in`` or
         ``T_dp_in``.  Samples are 1 s apart or more; between them ``T_set`` and ``enabled``
-        hold, the others run straight.
+        hold, the others run straight.  The boundary starts at the time of the ``timestamp``; its zone is known where
+        they have a UTC offset, or count from 1970.
 
         Parameters
         ----------

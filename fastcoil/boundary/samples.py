@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcoil.arguments import whole_of
 from fastcoil.arrays import Array
 from fastcoil.boundary.clock import Clock, Times
 from fastcoil.boundary.rearranged import Parts
@@ -40,7 +41,7 @@ class Samples:
 
     def of_day(self, k: int) -> dict[str, Array]:
         """The series of one day by position, each float64 (n_steps,), read-only."""
-        return self._source.of_day(k)
+        return self._source.of_day(whole_of("k", k, 0, self.n_days - 1))
 
     @property
     def extremes(self) -> dict[str, tuple[float, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -41,7 +42,7 @@ def read(series: Series, value: Values) -> Given:
         if series.default is None:
             raise InputError(f"{series.name} is missing: give the {series.long_name} ({series.known_units})")
         value = series.default
-    if hasattr(type(value), "dims"):
+    if is_labelled(value):
         return _read_labelled(series, value)
     values = _numbers(series, value)
     if values.ndim > 2:
@@ -77,6 +78,23 @@ def carried_labels(given: dict[str, Given], problems: list[str]) -> NDArray[Any]
         if not np.array_equal(day, labels)
     ]
     return label_array(labels, problems)
+
+
+def require_aligned(changes: Mapping[str, Values], day: NDArray[Any]) -> None:
+    """Refuse series with labels of other days than those that they are to join."""
+    problems = []
+    for name in BOUNDARY_SERIES:
+        coordinates = getattr(changes.get(name), "coords", {}) if is_labelled(changes.get(name)) else {}
+        labels = coordinates["day"].values if "day" in coordinates else day
+        if labels.ndim and not np.array_equal(labels, day):
+            problems.append(f"{name} has day {labels!s:.40} where the boundary has {day!s:.40}: align them")
+    if problems:
+        raise InputError(problems)
+
+
+def is_labelled(value: Values) -> bool:
+    """Whether it is a DataArray, or something like it."""
+    return hasattr(type(value), "dims")
 
 
 def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:

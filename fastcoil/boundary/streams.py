@@ -30,10 +30,10 @@ def stream_of(
             )
         if (n_steps is None) == (hours is None):
             check.problems.append("n_steps and hours: give one of them, the length of each day")
-        elif hours is not None:
-            n_steps = check(whole_seconds, hours)
-        else:
+        if n_steps is not None:
             n_steps = check(whole_of, "n_steps", n_steps, 1, _LONGEST)
+        if hours is not None:
+            n_steps = check(whole_seconds, hours)
         labels = label_array(day, check.problems)
         if not check.problems and labels is not None:
             clock = check(clock_of, start, time_zone, labels.size, n_steps)
@@ -61,13 +61,12 @@ def replaced(stream: Stream, clock: Clock, changes: Mapping[str, Any]) -> tuple[
     for dim, word, size in (("elapsed_time", "samples", stream.n_steps), ("day", "days", stream.day.size)):
         found = common_size(dim, word, given, problems)
         if found not in (None, size):
-            problems.append(f"the series have {found:,} {word} where the boundary has {size:,}: give as many")
+            first = next(name for name, one in given.items() if dim in one.dims)
+            problems.append(f"{first} has {found:,} {word} where the boundary has {size:,}: give as many")
     labels = label_array(changes["day"], problems) if changes.get("day") is not None else stream.day
     if labels is not None and np.size(labels) != stream.day.size:
         problems.append(f"day has {np.size(labels)} labels for {stream.day.size} days: give one label for each day")
     for name, one in given.items():
-        if one.day is not None and one.day.ndim and not np.array_equal(one.day, stream.day):
-            problems.append(f"{name} has other days than the boundary: align them")
         problems += value_problems(BOUNDARY_SERIES[name], one, stream.day)
     with collecting(problems):
         clock = clock_of(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,8 +34,8 @@ def trend_log_series(
     hours: float | None,
     max_gap: float | None,
     time_format: str | None,
-) -> dict[str, Array]:
-    """Series by name, each (n_steps,): arguments and errors as of `fastcoil.Boundary.from_csv`."""
+) -> dict[str, Any]:
+    """Series by name, each (n_steps,), ``start`` and ``time_zone``; arguments as of `fastcoil.Boundary.from_csv`."""
     with checking() as check:
         path = check(path_of, "path", path, "give the path of a CSV file")
         pressure = check(condition_of, "pressure", pressure)
@@ -59,9 +60,10 @@ def trend_log_series(
     warn_of_reading(log.name, log.told)
     values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
     values["W_a_in"] = log.humidity_ratio(pressure)
-    return at_seconds(
-        log.time, values, _wanted_seconds(log, start, hours), list(values) if log.change_of_value else _HOLD
-    )
+    seconds = _wanted_seconds(log, start, hours)
+    begins = None if log.start is None else log.start + np.timedelta64(round(float(seconds[0])), "s")
+    series = at_seconds(log.time, values, seconds, list(values) if log.change_of_value else _HOLD)
+    return {**series, "start": begins, "time_zone": log.time_zone}
 
 
 def _wanted_seconds(log: Log, start: float, hours: float | None) -> Array:

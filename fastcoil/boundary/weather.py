@@ -14,6 +14,7 @@ from fastcoil.arrays import Array
 from fastcoil.boundary.conditions import condition_of, whole_seconds
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import Values
+from fastcoil.boundary.weather_dates import dates_at
 from fastcoil.boundary.weather_files import read_weather_csv, warn_of_hours
 from fastcoil.boundary.weather_formats import read_weather_year
 from fastcoil.errors import InputError, WrongType, shown
@@ -51,7 +52,8 @@ def weather_day(
     A row gives the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows
     an hour, the last one); between rows they run straight, and a warning says what this cannot show.  The humidity
     comes from the dew point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and
-    enthalpy.  The years in EPW and TMY3 files, which change from month to month, do not count.
+    enthalpy.  The years in EPW and TMY3 files, which change from month to month, do not count; the days start at their
+    dates, in the time zone of the file.
 
     Parameters
     ----------
@@ -112,7 +114,11 @@ def weather_day(
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, T_return, W_back)
     warn_of_hours(file)
     rows = slice(None) if days is not None else 0
-    return Boundary(m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=days)
+    begins = dates_at(starts, weather)
+    return Boundary(
+        m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=days,
+        start=None if begins is None else begins[rows], time_zone=file.time_zone,
+    )  # fmt: skip
 
 
 def _start_hours(

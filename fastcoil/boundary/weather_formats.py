@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array
+from fastcoil.boundary.weather_dates import years_of
 from fastcoil.boundary.weather_files import WEATHER_COLUMNS, Weather
 from fastcoil.errors import InputError, shown
 from fastcoil.files import read_text
@@ -31,6 +32,7 @@ _LINE_END = re.compile("\r\n|\n|\r")
 _LONGEST_HEADER = 100
 """Lines among which DATA PERIODS is sought; an EPW file has eight."""
 WEEKDAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
+_MONTH_DAY = re.compile(r"(\d\d?)\s*/\s*(\d\d?)", re.ASCII)
 _HOURS_AHEAD = re.compile(r"[+-]?\d\d?(\.\d{1,2})?", re.ASCII)
 _DAYS = (31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31)
 
@@ -52,12 +54,13 @@ class Layout(NamedTuple):
     """Where a file in one of the formats has what.
 
     n_top: lines above the rows.  date: places of the cells that tell month, day and hour, as ``clock`` matches them
-    when they are joined by blanks.  first_weekday, time_zone: as of `Weather`.
+    when they are joined by blanks.  weekday: month, day and name of a day of the week; blank if it does not tell.
+    time_zone: as of `Weather`.
     """
 
     format: str
     site: str
-    first_weekday: str
+    weekday: str
     time_zone: str
     n_top: int
     per_hour: int
@@ -128,6 +131,7 @@ def read_weather_year(
         [i for i, _ in numbered],
     )
     times = _times_of(table, layout, [" ".join(row[i] for i in layout.date) for _, row in numbered])
+    times |= years_of([row[0] for _, row in numbered])  # in both formats they are in the first cell
     used = _used_fields(table, fields)
     table.stop_if_wrong()
     series = {
@@ -135,8 +139,10 @@ def read_weather_year(
         for name, field in used.items()
     }
     table.stop_if_wrong()
+    begin, _, weekday = layout.weekday.partition(" ")
+    known = begin == f"{times['month'][0]:g}/{times['day'][0]:g}"
     return Weather(
-        times | series, 60 // layout.per_hour, table.notes, layout.site, layout.first_weekday, layout.time_zone
+        times | series, 60 // layout.per_hour, table.notes, layout.site, weekday if known else "", layout.time_zone
     )
 
 
@@ -161,7 +167,9 @@ def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
                 "that divides 60"
             )
         place = lines[0].split(",")
-        weekday = cells[4].capitalize() if len(cells) > 4 and cells[4].capitalize() in WEEKDAYS else ""
+        named = cells[4].capitalize() if len(cells) > 5 else ""
+        begins = _MONTH_DAY.match(cells[5]) if named in WEEKDAYS else None
+        weekday = f"{int(begins[1])}/{int(begins[2])} {named}" if begins else ""
         told = (_site(place[1:4]), weekday, _time_zone(place[8:9]))
         return Layout("an EPW file", *told, i, per_hour, (1, 2, 3), _EPW_CLOCK, _EPW_FIELDS)
     raise InputError(f"{file} begins as an EPW file, but has no line DATA PERIODS: give all eight lines of its header")

@@ -19,7 +19,7 @@ from fastcoil.calibrate import work
 from fastcoil.calibrate.play_curve import hats
 from fastcoil.engine.valve_loop import valve_flows
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.presets import PRESETS
+from fastcoil.simulation.presets import COOLING
 from fastcoil.simulation.simulate import simulate
 
 _STILL = 2e-3
@@ -103,7 +103,7 @@ def _loops(step: float, curve: Array) -> list[list[_Shown]]:
     calm = Boundary(**{name: values for name, values in day.series.items() if name in _GIVEN}, T_set=_T_SET)
     m_max, a, b, c = curve
     found: list[list[_Shown]] = []
-    for preset in PRESETS:
+    for preset in COOLING:
         base = Loop.preset(preset)
         loop = base.assign(
             backlash=("backlash", _TRUE),
@@ -114,7 +114,7 @@ def _loops(step: float, curve: Array) -> list[list[_Shown]]:
             valve_c=c,
         )
         for of in (day, calm):
-            work.part("simulated loops", len(found), 2 * len(_GAINS) * len(PRESETS))
+            work.part("simulated loops", len(found), 2 * len(_GAINS) * len(COOLING))
             ds = simulate(loop, of, traces=["command", "m_w"], trace_interval=interval, n_jobs=1, progress=False)
             ds = ds.isel(elapsed_time=ds["elapsed_time"].values >= _WARM_UP)
             dims = ("tuning", "backlash", "day", "elapsed_time")

@@ -130,7 +130,7 @@ class LoopProblem:
             require_span(data.name, float(time[-1]))
             seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
             series = at_seconds(time, {n: v[samples] for n, v in values.items()}, seconds, ("command",), slack=1e-6)
-            day = Boundary(**{name: series[name] for name in _INPUTS}, T_set=0.0)
+            day = Boundary(**{name: series[name] for name in _INPUTS}, T_set=0.0, enabled=1.0)
             commands = {"held": series["command"], "straight": np.interp(seconds, time, values["command"][samples])}
             found.append((samples, day, commands, np.floor(time + 0.5).astype(np.int64)))
         if len(found) > 1:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from fastcoil.logs.holes import fill_or_cut
 from fastcoil.logs.readings import read_columns
 from fastcoil.logs.series import COLUMNS
 from fastcoil.logs.table import Table
-from fastcoil.logs.time import TimeRules, longest_bridged, number_pieces, rows_at
+from fastcoil.logs.time import RowTimes, TimeRules, longest_bridged, number_pieces, rows_at
 from fastcoil.logs.timestamps import time_format_of
 
 
@@ -31,7 +31,8 @@ class Log:
     each sample comes from.  time: seconds since the first row of that log.  batch: number of the unbroken piece that
     each sample belongs to, from 0.  rows: row number of each sample in its file.  notes: how it was read, what was left
     out, and why.  told: those of them on how it was read.  change_of_value: whether its rows were written when a value
-    changed, so that values hold between them.
+    changed, so that values hold between them.  start: date and time of the first row of the first log, to the second,
+    on the clock of ``time_zone``; None and blank if unknown.
     """
 
     names: tuple[str, ...]
@@ -43,6 +44,8 @@ class Log:
     notes: list[str] = field(default_factory=list)
     told: list[str] = field(default_factory=list)
     change_of_value: bool = False
+    start: np.datetime64 | None = None
+    time_zone: str = ""
 
     @property
     def name(self) -> str:
@@ -83,7 +86,8 @@ class Log:
             column: np.concatenate([log.values.get(column, np.full(log.time.size, np.nan)) for log in (self, other)])
             for column in self.values | other.values
         }
-        return Log(
+        return replace(
+            self,
             names=(*self.names, name),
             source=np.concatenate([self.source, other.source + 1]),
             time=np.concatenate([self.time, other.time]),
@@ -92,23 +96,19 @@ class Log:
             rows=np.concatenate([self.rows, other.rows]),
             notes=self.notes + [f"{name}: {note}" for note in other.notes],
             told=self.told + [f"{name}: {note}" for note in other.told],
-            change_of_value=self.change_of_value,  # what validates a fit has no influence on it
         )
 
     def where(self, kept: Mask) -> Log:
         """The samples that are ``kept``, (n,); a batch ends where some are left out."""
         index = np.flatnonzero(kept)
         new = (np.diff(index) > 1) | (np.diff(self.batch[index]) > 0)
-        return Log(
-            names=self.names,
+        return replace(
+            self,
             source=self.source[kept],
             time=self.time[kept],
             values={name: values[kept] for name, values in self.values.items()},
             batch=np.concatenate([[0], np.cumsum(new)]),
             rows=self.rows[kept],
-            notes=self.notes,
-            told=self.told,
-            change_of_value=self.change_of_value,
         )
 
 
@@ -185,9 +185,10 @@ def read_log(
     table.stop_if_wrong()
     readings, stamped = read_columns(table, found, declared, wanted, strict=strict), "timestamp" in found
     if stamped:
-        time = rows_at(table, found["timestamp"], declared, time_format, drop)
+        at = rows_at(table, found["timestamp"], declared, time_format, drop)
     else:
-        time = readings.known.get("elapsed_time", np.zeros(0))
+        at = RowTimes(readings.known.get("elapsed_time", np.zeros(0)))
+    time = at.since
     known = readings.known
     if time.size:
         longest = longest_bridged(time, max_gap)
@@ -213,4 +214,6 @@ def read_log(
         notes=table.notes + readings.notes,
         told=table.notes,
         change_of_value=pieces.change_of_value,
+        start=None if at.start is None else at.start + np.timedelta64(round(float(time[0])), "s"),
+        time_zone=at.time_zone,
     )

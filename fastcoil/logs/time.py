@@ -47,8 +47,20 @@ class Pieces(NamedTuple):
     change_of_value: bool
 
 
-def rows_at(table: Table, column: int, declared: Declared, time_format: str | None, drop: bool | None) -> Array:
-    """Time of every row since the first good one, s, (n_rows,), from timestamps; NaN in rows without one.
+class RowTimes(NamedTuple):
+    """Times of the rows of a log.
+
+    since: the first good one, s, (n_rows,); NaN in rows without one.  start: date and time of that one, on the clock of
+    ``time_zone``; None and blank if unknown.
+    """
+
+    since: Array
+    start: np.datetime64 | None = None
+    time_zone: str = ""
+
+
+def rows_at(table: Table, column: int, declared: Declared, time_format: str | None, drop: bool | None) -> RowTimes:
+    """Time of every row, from timestamps.
 
     Nothing, (0,), if something is wrong with them that becomes a problem of the table.
     """
@@ -62,8 +74,8 @@ def rows_at(table: Table, column: int, declared: Declared, time_format: str | No
             table.problems.append(f"timestamp = {shown(cell)} in row {number} {stamps.wrong}")
         else:
             since = stamps.microseconds - stamps.microseconds[np.argmax(stamps.good)]
-            return np.where(stamps.good, since / 1e6, np.nan)
-    return np.zeros(0)
+            return RowTimes(np.where(stamps.good, since / 1e6, np.nan), *stamps.first())
+    return RowTimes(np.zeros(0))
 
 
 def longest_bridged(time: Array, max_gap: float | None) -> float:

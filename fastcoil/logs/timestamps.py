@@ -32,7 +32,8 @@ class Stamps(NamedTuple):
     """The times of a column.
 
     microseconds: since 1970-01-01, of UTC where ``absolute``, else of the clock that wrote them, (n,).  good: where a
-    cell holds a time.  wrong: what the others are not, and the cure.  notes: how the column was read.
+    cell holds a time.  wrong: what the others are not, and the cure.  notes: how the column was read.  offset: minutes
+    by which the clock that wrote them is ahead of UTC, if ``absolute``; 0 where there are several.
     """
 
     microseconds: Index
@@ -40,6 +41,18 @@ class Stamps(NamedTuple):
     absolute: bool
     wrong: str
     notes: list[str]
+    offset: int = 0
+
+    def first(self) -> tuple[np.datetime64, str]:
+        """The first time, to the second, on the clock that wrote it; its time zone, blank if it does not tell."""
+        there = self.microseconds[np.argmax(self.good)] + self.absolute * 60_000_000 * self.offset
+        zone = offset_text(self.offset) if self.absolute else ""
+        return np.datetime64(int(there + 500_000) // 1_000_000, "s"), zone
+
+
+def offset_text(minutes: int) -> str:
+    """An offset from UTC as the name of a time zone: ``UTC-08:00``."""
+    return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}" if minutes else "UTC"
 
 
 def time_format_of(name: str, value: Any) -> str:
@@ -99,7 +112,9 @@ def read_stamps(cells: Sequence[str], row_numbers: list[int], time_format: str |
     dates = read_dates(parts, row_numbers, cure)
     absolute = any(one is not None and one.offset is not None for one in parts)
     wrong = f"is not as the others: mend it, or say how to read them: {cure.format(format='%d/%m/%Y %H:%M')}"
-    return Stamps(dates.microseconds, dates.good, absolute, wrong, dates.notes)
+    offsets = {one.offset or 0 for one in parts if one is not None}
+    offset = offsets.pop() if len(offsets) == 1 else 0
+    return Stamps(dates.microseconds, dates.good, absolute, wrong, dates.notes, offset)
 
 
 def timestamp_of(cell: str) -> datetime | None:
@@ -133,7 +148,9 @@ def _of_datetimes(times: list[datetime | None], row_numbers: list[int], wrong: s
         if not notes and offsets[k] != offsets[known[0]]:
             notes.append(f"timestamp has another UTC offset from row {row_numbers[k]} on: read in UTC")
     since = [0 if time is None else (time - _UTC) // _MICROSECOND for time in times]
-    return Stamps(np.array(since, dtype=np.int64), good, True, wrong, notes)
+    one_clock = offsets[known[0]] if not notes else None
+    minutes = 0 if one_clock is None else round(one_clock.total_seconds() / 60)
+    return Stamps(np.array(since, dtype=np.int64), good, True, wrong, notes, minutes)
 
 
 def _serial(numbers: Array, example: str) -> Stamps:

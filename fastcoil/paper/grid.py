@@ -19,7 +19,7 @@ from fastcoil.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, bu
 from fastcoil.physics.valve import water_flow
 from fastcoil.simulation.dataset import provenance
 from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.presets import PRESETS
+from fastcoil.simulation.presets import COOLING
 from fastcoil.simulation.simulate import simulate
 from fastcoil.simulation.stability import stable
 
@@ -55,8 +55,8 @@ MOST_VOLUMES = 30
 def tunings(*, quick: bool = False) -> Loop:
     """Loops of the presets, then of the grid, along the dim ``tuning``."""
     n = 2 if quick else 8
-    varied = sorted({name for preset in PRESETS.values() for name in preset.values})
-    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in varied} for p in PRESETS}
+    varied = sorted({name for preset in COOLING.values() for name in preset.values})
+    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in varied} for p in COOLING}
     sample_times = (5.0, 30.0) if quick else (1.0, 5.0, 10.0, 15.0, 30.0, 60.0)
     kp, ti = np.geomspace(0.005, 0.08, n), np.geomspace(5.0, 600.0, n)
     for (kind, plant), Ts, K, T in product((("ideal", {}), ("real", REAL_LOOP)), sample_times, kp, ti):
@@ -68,7 +68,7 @@ def tunings(*, quick: bool = False) -> Loop:
 
 def named(tuning: xr.DataArray) -> list[str]:
     """Find the presets among the labels of ``tuning``."""
-    return [name for name in PRESETS if name in tuning.values]
+    return [name for name in COOLING if name in tuning.values]
 
 
 def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
@@ -202,7 +202,7 @@ def coils(*, quick: bool = False) -> xr.Dataset:
     """Find the numbers of control volumes with which a coil is stable at 1 s: presets, then water contents × flows."""
     n = 3 if quick else 24
     names = ("C_w", "C_c", "m_max")
-    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in names} for p in PRESETS}
+    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in names} for p in COOLING}
     for C_w, m_max in product(np.geomspace(4.0, 20.0, n), np.geomspace(1.0, 4.0, n)):
         cases[f"C_w={C_w:.3g}, m_max={m_max:.3g}"] = {"C_w": float(C_w), "m_max": float(m_max)}
     loop = Loop(**along("tuning", cases), n_volumes=list(range(1, MOST_VOLUMES + 1)))

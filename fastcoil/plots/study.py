@@ -19,7 +19,7 @@ from fastcoil.outputs import METRICS, PREDICTIONS, STATUS_OK, metric_meant
 from fastcoil.plots.labels import is_parameter, quantity, quantity_of
 from fastcoil.plots.spread import describe, draw_curve, draw_dots
 from fastcoil.plots.style import BLUE, DOTTED, GREY, apply_style, wrapped
-from fastcoil.simulation.result import check_result
+from fastcoil.result import check_result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,6 +18,7 @@ from fastcoil.errors import InputError, IntegrityError, shown
 from fastcoil.numerics.jit import compiled_for
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.parameter_table import PARAMETERS, Parameter
+from fastcoil.simulation.clock import clock_coordinates, encoded
 from fastcoil.simulation.scenarios import Layout
 from fastcoil.version import package_version
 
@@ -165,6 +166,7 @@ def unflatten(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
         for name, v in whole.data_vars.items()
     }
     labels = {n: c.assign_attrs(coordinate_attrs(n, layout.loop.parameters)) for n, c in layout.coordinates().items()}
+    labels |= clock_coordinates(layout.boundary, whole.variables.get("elapsed_time"))
     return xr.Dataset(variables, coords=labels | dict(whole.coords))
 
 
@@ -249,7 +251,7 @@ def variable_sha256(variable: xr.Variable) -> str:
     rows = variable.shape[0] if variable.ndim else 1
     step = max(1, _HASHED_AT_ONCE * rows // max(1, variable.size))
     for start in range(0, rows, step):
-        values = (variable[start : start + step] if variable.ndim else variable).values
+        values = encoded(variable[start : start + step] if variable.ndim else variable).values
         if values.dtype.kind in "OUS":
             digest.update("".join(f"{v}\0" for v in values.ravel()).encode())
         else:

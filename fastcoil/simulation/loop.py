@@ -52,7 +52,10 @@ class Loop:
 
     @classmethod
     def preset(cls, name: str) -> Loop:
-        """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl`` or ``g36`` (see ``fc.presets()``)."""
+        """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl``, ``g36``, ``heating`` or ``heating_45``.
+
+        ``fc.presets()`` says what each stands for.
+        """
         known = f"choose one of {', '.join(PRESETS)}"
         if not isinstance(name, str):
             raise InputError(WrongType(f"preset = {shown(name)}: {known}"))

@@ -21,6 +21,7 @@ from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from fastcoil.files import commit_written
 from fastcoil.memory import available_memory, gib
+from fastcoil.simulation.clock import with_numbers, with_times
 
 COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
 LARGE = 64
@@ -119,7 +120,7 @@ def load(source: Source, leave_out: Collection[str] = ()) -> xr.Dataset:
     with _opened(source, leave_out) as ds:
         if ds.nbytes > available_memory():
             raise MemoryError(f"its values take {gib(ds.nbytes)}, {gib(available_memory())} are available")
-        return ds.load()
+        return with_times(ds.load())
 
 
 def outline(source: Source) -> xr.Dataset:
@@ -127,7 +128,7 @@ def outline(source: Source) -> xr.Dataset:
     with _opened(source) as ds:
         for coordinate in ds.coords.values():
             coordinate.load()
-        return ds
+        return with_times(ds)
 
 
 @contextmanager
@@ -144,7 +145,7 @@ def _opened(source: Source, leave_out: Collection[str] = ()) -> Iterator[xr.Data
 
 
 def _written(ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any, **options: Any) -> Any:
-    ds = ds.compute()  # values may be in another file, behind the same lock
+    ds = with_numbers(ds.compute())  # values may be in another file, behind the same lock
     with entered():
         file = netCDF4.Dataset(name, mode=mode, format="NETCDF4", **options)
         try:

@@ -12,6 +12,7 @@ import numpy as np
 
 from fastcoil.arguments import checking, flag_of, instance_of, whole_of
 from fastcoil.boundary import Boundary
+from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.engine.emulator import DAY_COLUMNS
 from fastcoil.engine.host import TraceRequest
 from fastcoil.engine.rows import LANES
@@ -20,6 +21,7 @@ from fastcoil.numerics.noise import RNG
 from fastcoil.outputs import METRICS, TRACES, WARM_UP
 from fastcoil.simulation.clashes import check_clashes
 from fastcoil.simulation.days import Days, commands_of
+from fastcoil.simulation.doubts import tell_doubts
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.parameter_values import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.simulation.resources import check_memory
@@ -222,7 +224,7 @@ def plan_simulation(
         seed = check(whole_of, "seed", seed, *RUN_LIMITS["seed"])
         replicates = check(whole_of, "replicates", replicates, *RUN_LIMITS["replicates"])
         carry_over = check(flag_of, "carry_over", carry_over)
-        check.problems += _trace_problems(traces, boundary) + _series_problems(loop, boundary)
+        check.problems += _trace_problems(traces) + _series_problems(loop, boundary)
         if not check.problems and boundary.n_steps <= warm_up:
             check.problems.append(
                 f"the boundary lasts {boundary.n_steps} s, the warm-up {shown(warm_up)} s: nothing is left to count, "
@@ -237,8 +239,9 @@ def plan_simulation(
     days = Days(boundary, commands, warm_up, seed, carry_over=carry_over)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
-    check_clashes(layout.loop, boundary.series["T_set"])
+    check_clashes(layout.loop, np.array(boundary.extremes["T_set"]))
     check_stability(layout)
+    tell_doubts(layout.loop, boundary, closed=commands is None)
     return plan
 
 
@@ -272,7 +275,7 @@ def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
     ]
 
 
-def _trace_problems(traces: object, boundary: Boundary) -> list[str]:
+def _trace_problems(traces: object) -> list[str]:
     if not isinstance(traces, (list, tuple)):
         return [WrongType(f"traces = {shown(traces)}: give a list of names")]
     known = [n for n in traces if isinstance(n, str) and n in TRACES]
@@ -280,7 +283,7 @@ def _trace_problems(traces: object, boundary: Boundary) -> list[str]:
     for name in traces:
         if not isinstance(name, str):
             problems.append(WrongType(f"traces: {shown(name)} is not a trace; known: {', '.join(TRACES)}"))
-        elif name in boundary.series:
+        elif name in BOUNDARY_SERIES:
             problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
         elif name not in TRACES:
             problems.append(f"traces: {shown(name)} is not a trace{nearest(name, TRACES)}; known: {', '.join(TRACES)}")

@@ -12,11 +12,21 @@ NOT_THE_FIT = "None of them is the fit of the paper, which was not published."
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A named loop.  ``values`` are the parameters in which it differs from the defaults."""
+    """A named loop.
+
+    ``values`` are the parameters in which it differs from the defaults, ``T_w_in`` the entering water that its coil is
+    meant for, degC.
+    """
 
     name: str
     text: str
     values: Mapping[str, Scalar]
+    T_w_in: float = 7.0
+
+    @property
+    def heats(self) -> bool:
+        """Whether it is a heating coil."""
+        return self.values.get("action") == "heating"
 
     def __str__(self) -> str:
         """What it stands for and, on a second line, what differs."""
@@ -33,7 +43,15 @@ class Presets(dict[str, Preset]):
         return "\n".join([*rows, NOT_THE_FIT])
 
 
-_REAL_LOOP = {"C_c": 10.0, "sensor_time_constant": 30.0, "stroke_time": 90.0}
+_LAGS = {"sensor_time_constant": 30.0, "stroke_time": 90.0}
+_REAL_LOOP = {"C_c": 10.0, **_LAGS}
+_HEATING_LOOP: Mapping[str, Scalar] = {
+    # equal percentage, half of the pressure drop, and tight to class III of IEC 60534-4
+    **{"rangeability": 50.0, "authority": 0.5, "m_full": 0.5, "leakage": 0.001},
+    **_LAGS,
+    **{"kp": 0.025, "ti": 80.0, "sample_time": 10.0, "action": "heating"},
+}
+"""Valve and tuning of a heating coil.  The gains are those that ``studies/heating.py`` chooses, for both coils."""
 PRESETS = Presets(
     (preset.name, preset)
     for preset in (
@@ -53,8 +71,25 @@ PRESETS = Presets(
             "the default tuning of ASHRAE Guideline 36 in the Modelica Buildings library, with the same lags",
             {**_REAL_LOOP, "kp": 0.05, "ti": 600.0, "sample_time": 5.0},
         ),
+        # A quarter and a half of the cooling coil of the others, which has C_w 8.8, C_c 10, beta3 0.40, beta5 0.42: of
+        # its water, metal and surface, and of its tubes, in which the water is as fast (or, in the half, half as fast):
+        # beta1 is 0.32 times 0.25^0.2, and 0.32 times 0.5^0.2.
+        Preset(
+            "heating",
+            "a heating coil of two rows for water of 60 °C, with the same lags and a tuning that does not ring",
+            {"C_w": 2.2, "C_c": 2.5, "beta1": 0.24, "beta3": 0.10, "beta5": 0.105, **_HEATING_LOOP},
+            60.0,
+        ),
+        Preset(
+            "heating_45",
+            "one of four rows for water of 45 °C, as heat pumps and condensing boilers supply it, with the same tuning",
+            {"C_w": 4.4, "C_c": 5.0, "beta1": 0.28, "beta3": 0.20, "beta5": 0.21, **_HEATING_LOOP},
+            45.0,
+        ),
     )
 )
+COOLING = {name: preset for name, preset in PRESETS.items() if not preset.heats}
+"""The presets of a cooling coil."""
 
 
 def presets() -> Presets:

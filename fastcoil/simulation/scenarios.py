@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.boundary import Boundary
+from fastcoil.simulation.clock import check_names
 from fastcoil.simulation.loop import Loop, forgetting, words_used
 
 
@@ -20,6 +21,7 @@ class Layout:
     """
 
     def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
+        check_names(loop, boundary)
         self.loop = _with_used_rules(loop)
         self.boundary = boundary
         self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | self.loop.sizes

@@ -72,7 +72,7 @@ def stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
 
 
 def _air_flows(boundary: Boundary) -> np.ndarray:
-    return np.linspace(boundary.series["m_a"].min(), boundary.series["m_a"].max(), _AIR_FLOWS)
+    return np.linspace(*boundary.extremes["m_a"], _AIR_FLOWS)
 
 
 def _coil_and_valve(layout: Layout) -> Layout:
@@ -89,8 +89,9 @@ def _coil_and_valve(layout: Layout) -> Layout:
 
 def _wet_slope(boundary: Boundary, columns: dict[str, np.ndarray]) -> float:
     pressure = float(columns["pressure"].min())
-    dew_point = float(moist_air.dew_point(boundary.series["W_a_in"].max(), pressure))
-    coldest = min(boundary.series[n].min() for n in ("T_w_in", "T_a_in"))
+    extremes = boundary.extremes
+    dew_point = float(moist_air.dew_point(extremes["W_a_in"][1], pressure))
+    coldest = min(extremes[n][0] for n in ("T_w_in", "T_a_in"))
     if min(coldest, columns["T_initial"].min()) >= dew_point:
         return 0.0
     return float(moist_air.saturation_enthalpy_slope(dew_point, pressure))

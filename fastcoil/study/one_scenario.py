@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import paper_day
-from fastcoil.boundary.series import BOUNDARY_SERIES
+from fastcoil.boundary.heating_day import heating_day
 from fastcoil.errors import InputError, collecting, nearest
 from fastcoil.look import is_file, is_folder
 from fastcoil.outputs import WARM_UP
@@ -40,7 +40,8 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     Parameters
     ----------
     target
-        The name of a preset, on ``paper_day()``; the folder of a study; or a study file, run or not.
+        The name of a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; the folder of a study; or a
+        study file, run or not.
     at
         Dimension → label, exactly as the study has it, for every dimension with more than one.
     changes
@@ -79,7 +80,7 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     place = ", ".join(f"{dim}={labels[dim][k]}" for dim, k in position.items())
     changed = ", ".join(f"{name}={text}" for name, text in changes.items())
     return Scenario(
-        "; ".join(filter(None, [title, place, changed])), one, _day(boundary, position.get("day", 0)), warm_up, seed,
+        "; ".join(filter(None, [title, place, changed])), one, boundary.isel(day=position.get("day", 0)), warm_up, seed,
     )  # fmt: skip
 
 
@@ -87,7 +88,10 @@ def _whole(target: Path) -> tuple[str, Loop, Boundary, int, int]:
     """Title, loop, boundary, warm-up and seed of all that a target holds."""
     name = str(target)
     if name in PRESETS:
-        return f"{name} on paper_day()", Loop.preset(name), paper_day(), WARM_UP, 0
+        preset = PRESETS[name]
+        day = heating_day(T_w_in=preset.T_w_in) if preset.heats else paper_day()
+        words = f"heating_day(T_w_in={preset.T_w_in:g})" if preset.heats else "paper_day()"
+        return f"{name} on {words}", Loop.preset(name), day, WARM_UP, 0
     if is_folder(target):
         store = StudyFolder(target)
         study = store.read_study(store.require_manifest())
@@ -125,9 +129,3 @@ def _number(name: str, text: str) -> float:
 def _at(loop: Loop, position: Mapping[str, int]) -> dict[str, float | str]:
     """The swept parameters at one position."""
     return {name: values.isel({d: position[str(d)] for d in values.dims}).item() for name, values in loop.swept.items()}
-
-
-def _day(boundary: Boundary, k: int) -> Boundary:
-    """One day of a boundary; its label, which seeds the noise, stays."""
-    series = {name: boundary.series[name][k] for name in BOUNDARY_SERIES}
-    return Boundary(**series, day=int(boundary.day[k]))

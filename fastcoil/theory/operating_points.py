@@ -55,7 +55,7 @@ class OperatingPoints:
         self.has_times = self.seconds is not None and np.ndim(plain(at)) > 0
         self._entering = _means(boundary) if self.seconds is None else _samples(boundary, self.seconds)
         layout = Layout(loop, boundary)
-        check_clashes(layout.loop, boundary.series["T_set"])
+        check_clashes(layout.loop, np.array(boundary.extremes["T_set"]))
         check_stability(layout)
         self.loop, self._layout = layout.loop, layout
         self.sizes = dict(loop.sizes)
@@ -158,10 +158,15 @@ def _seconds_of(at: Any, n_steps: int) -> Index | None:
 
 def mean_conditions(boundary: Boundary, warm_up: int) -> dict[str, Array]:
     """Means of ENTERING over the enabled seconds after the warm-up, (n_days,); NaN for a day without any."""
-    counted = boundary.series["enabled"] != 0.0
-    counted[:, :warm_up] = False
-    n = counted.sum(axis=1)
-    return {m: np.where(counted, boundary.series[m], 0.0).sum(axis=1) / np.where(n > 0, n, np.nan) for m in ENTERING}
+    found = {name: np.empty(boundary.n_days) for name in ENTERING}
+    for k in range(boundary.n_days):
+        rows = boundary.of_day(k)
+        counted = rows["enabled"] != 0.0
+        counted[:warm_up] = False
+        n = np.count_nonzero(counted)
+        for name, means in found.items():
+            means[k] = np.where(counted, rows[name], 0.0).sum() / (n or np.nan)
+    return found
 
 
 def _means(boundary: Boundary) -> dict[str, Array]:
@@ -176,4 +181,9 @@ def _means(boundary: Boundary) -> dict[str, Array]:
 
 
 def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:
-    return {name: boundary.series[name][:, seconds] for name in ENTERING}
+    found = {name: np.empty((boundary.n_days, seconds.size)) for name in ENTERING}
+    for k in range(boundary.n_days):
+        rows = boundary.of_day(k)
+        for name, values in found.items():
+            values[k] = rows[name][seconds]
+    return found

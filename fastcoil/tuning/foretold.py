@@ -52,5 +52,8 @@ def theory_sha256() -> str:
 def mean_days(boundary: Boundary, warm_up: int) -> Boundary:
     """Days of one second with the mean conditions of those that count; of all, where the plant is off throughout."""
     found = mean_conditions(boundary, warm_up)
-    means = {n: np.where(np.isnan(v), boundary.series[n].mean(axis=1), v)[:, None] for n, v in found.items()}
-    return Boundary(**means, day=boundary.day)
+    for k in np.flatnonzero(np.isnan(found["T_set"])):
+        for name, values in boundary.of_day(int(k)).items():
+            if name in found:
+                found[name][k] = values.mean()
+    return Boundary(**{name: means[:, None] for name, means in found.items()}, enabled=1.0, day=boundary.day)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from itertools import product
 from typing import NamedTuple
 
+import numpy as np
+
 from fastcoil.arguments import checking, instance_of, whole_of
 from fastcoil.boundary import Boundary
 from fastcoil.outputs import WARM_UP
@@ -83,7 +85,7 @@ def plan_tuning(
     for group in groups:
         plan_simulation(group.loop, group.boundary, warm_up=warm_up, seed=seed, replicates=replicates)
         corners = _at_the_corners(group.loop, space)
-        check_clashes(corners, group.boundary.series["T_set"])
+        check_clashes(corners, np.array(group.boundary.extremes["T_set"]))
         if any(limit.measure.metric == MARGIN for limit in limited):
             require_margins(corners)
     return Asked(

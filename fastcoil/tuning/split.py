@@ -61,8 +61,7 @@ def part_of(loop: Loop, members: np.ndarray) -> Loop:
 
 def days_of(boundary: Boundary, rows: np.ndarray) -> Boundary:
     """Some days of a boundary, by position."""
-    series = {name: values[rows] for name, values in boundary.series.items()}
-    return Boundary(**series, day=boundary.day[rows])
+    return boundary.isel(day=rows)
 
 
 def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]:
@@ -117,8 +116,8 @@ def _require_comparable(boundary: Boundary, holdout: Boundary) -> None:
 
 def _digest(boundary: Boundary, k: int) -> bytes:
     digest = hashlib.sha256()
-    for values in boundary.series.values():
-        digest.update(values[k].tobytes())
+    for values in boundary.of_day(k).values():
+        digest.update(values.tobytes())
     return digest.digest()
 
 

@@ -16,6 +16,7 @@ pytestmark = pytest.mark.kernel
     [{}, {"noise_std": 0.05, "sensor_resolution": 0.1, "sample_time": 10, "action": "heating"}],
     ids=["", "noisy"],
 )
+@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_rules_are_what_they_say(rule, more, short):
     enabled = np.ones(short.n_steps)
     enabled[1000:1217] = 0.0

@@ -49,6 +49,7 @@ def test_an_estimator_is_replayed_too_and_sees_steps_of_an_air_flow_in_the_log()
     assert not np.array_equal(fc.replay(loop, log)["estimate"], ds["estimate"])
 
 
+@pytest.mark.filterwarnings("ignore:action = 'heating' with kp")
 def test_heating_is_replayed_too():
     day = fc.constant_day(hours=0.5, m_a=1.0, T_a_in=10.0, W_a_in=0.003, T_w_in=50.0, T_set=25.0)
     loop = fc.Loop(action="heating", backlash_estimate=0.05)

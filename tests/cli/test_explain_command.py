@@ -70,6 +70,12 @@ def test_a_preset_runs_on_the_generic_day():
     assert one.boundary.series["T_set"].tolist() == fc.paper_day().series["T_set"].tolist()
 
 
+def test_a_preset_that_heats_runs_on_a_heating_day_with_its_water():
+    one = one_scenario("heating_45", {}, {})
+    assert one.title == "heating_45 on heating_day(T_w_in=45)"
+    assert one.boundary.sha256 == fc.heating_day(T_w_in=45.0).sha256
+
+
 def test_a_label_that_there_is_not_is_answered_with_those_there_are(study):
     assert refused(study, "--at", "backlash=0.05", "--at", "day=9,estimate_ratio=0") == (
         "--at day=9: choose one of 1, 2, 3\n--at backlash=0.05: choose one of 0.02, 0.07"

@@ -69,6 +69,7 @@ def test_inverse_with_estimate_0_is_the_plain_pi_to_the_bit(short, sample_time):
 
 
 @pytest.mark.kernel
+@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_heating_mirrors_the_sign_of_the_error(short):
     import fastcoil as fc
 

@@ -62,6 +62,7 @@ def test_every_part_equals_its_twin_in_the_closed_loop(part, preset, noise_std, 
 
 
 @pytest.mark.parametrize("part", PARTS)
+@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_every_part_equals_its_twin_over_presets_noises_and_sample_times(part, short):
     """The twin is given the readings of the package, so that no loop makes round-off grow."""
     rows = [

@@ -225,6 +225,7 @@ def test_traces_over_many_hours_with_exact_saturation(many_hours):
 
 
 @pytest.mark.parametrize("name", STRETCHING)
+@pytest.mark.filterwarnings("ignore:action = 'heating' with kp")
 def test_where_round_off_grows_the_package_differs_by_no_more(name, hour, run_reference):
     loop, series, _ = STRETCHING[name]
     day = with_series(hour, series)

@@ -7,6 +7,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.outputs import METRICS
+from fastcoil.simulation.presets import COOLING
 
 pytestmark = pytest.mark.kernel
 
@@ -70,7 +71,7 @@ def test_estimators_are_their_twins(name, hour, run_reference):
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("preset", "estimator", "backlash", "noise", "sample_time"),
-    list(product(fc.presets(), ESTIMATORS, [0.0, 0.07, 0.12], [0.0, 0.05], [None, 1])),
+    list(product(COOLING, ESTIMATORS, [0.0, 0.07, 0.12], [0.0, 0.05], [None, 1])),
 )
 def test_estimators_are_their_twins_on_every_loop(
     preset, estimator, backlash, noise, sample_time, run_reference, working_day

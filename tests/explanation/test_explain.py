@@ -105,6 +105,7 @@ def test_a_second_is_explained_by_its_own_conditions():
     assert float(found.points["T_set"][0]) == DAY.series["T_set"][0, 4000]
 
 
+@pytest.mark.filterwarnings("ignore:T_set is 3 degC or less")
 def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(untold):
     found = untold
     assert found.foretold is None
@@ -134,6 +135,7 @@ def test_a_margin_that_is_too_large_is_never_told_as_room_for_a_larger_kp():
     assert "kp has to be below 0.00" in found.why or "the gain is too high" in found.why
 
 
+@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_a_valve_that_acts_the_wrong_way_round_is_told_so_and_not_how_far_it_is_from_hunting():
     found = explain(LBNL.assign(action="heating"), DAY)
     assert "opening it cools the air, so give action = cooling." in found.why

@@ -123,6 +123,11 @@ def base_calls(tmp_path_factory):
     rule = {"Parameters": Parameters, "Memory": Memory}
     return {
         "Boundary": (fc.Boundary, series),
+        "Boundary.assign": (day.assign, {}),
+        "Boundary.concat": (fc.Boundary.concat, {"boundaries": [day, fc.paper_day(hours=0.05, seed=2)]}),
+        "Boundary.from_days": (fc.Boundary.from_days, {"make": lambda label: series, "day": [1, 2], "hours": 0.05}),
+        "Boundary.isel": (fc.paper_day(hours=0.05, seed=[1, 2]).isel, {"day": 0}),
+        "Boundary.sel": (fc.paper_day(hours=0.05, seed=[1, 2]).sel, {"day": 1}),
         "Boundary.from_csv": (fc.Boundary.from_csv, {"path": trend, "hours": 0.01}),
         "Boundary.from_dataset": (fc.Boundary.from_dataset, {"ds": day.to_dataset()}),
         "Diagnosis.to_toml": (fc.diagnose(hunting).to_toml, {"path": folder / "diagnosis.toml"}),
@@ -146,6 +151,7 @@ def base_calls(tmp_path_factory):
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
         "fit_loop": (fc.fit_loop, {"log": commanded, "loop": loop, "constants": entering, "warm_up": 0.0}),
         "fit_valve": (fc.fit_valve, {"log": valve}),
+        "heating_day": (fc.heating_day, days),
         "law": (fc.law, rule),
         "limit_cycle": (fc.limit_cycle, {"loop": loop, "boundary": day, "at": [10, 20]}),
         "linearise": (fc.linearise, {"loop": loop, "boundary": day, "at": [10, 20], "frequency": [0.01, 0.1]}),
@@ -161,6 +167,7 @@ def base_calls(tmp_path_factory):
         "standard_figures": (study.standard_figures, {"ds": ds.isel(kp=0, backlash=0)}),
         "tune": (fc.tune, tuning),
         "weather_day": (fc.weather_day, {"path": weather, "start_hour": 2, **plant, **days}),
+        "weather_year": (fc.weather_year, {"path": weather, "year": 2023, "T_design": 30.0}),
         "write": (files.write, {"figures": {}, "folder": folder}),
     }
 

@@ -8,7 +8,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.paper import grid, kinds, runs
-from fastcoil.simulation.presets import PRESETS
+from fastcoil.simulation.presets import COOLING
 from fastcoil.simulation.stability import stable
 
 pytestmark = pytest.mark.kernel
@@ -23,7 +23,7 @@ def test_results_do_not_depend_on_the_number_of_threads():
 def test_the_grid_has_at_least_500_tunings_and_the_presets_by_name():
     loop = grid.tunings()
     assert loop.sizes["tuning"] >= 500
-    assert grid.named(loop["kp"]["tuning"]) == list(PRESETS)
+    assert grid.named(loop["kp"]["tuning"]) == list(COOLING)
     lbnl = loop["stroke_time"].sel(tuning="lbnl")
     assert float(lbnl) == fc.Loop.preset("lbnl")["stroke_time"]
     for start, step in grid.STARTS_AND_STEPS:
@@ -49,7 +49,7 @@ def few(*names):
 
 
 def test_tunings_differ_in_nothing_but_their_gains_and_what_the_gains_are_for():
-    varied = {n for preset in PRESETS.values() for n in preset.values}
+    varied = {n for preset in COOLING.values() for n in preset.values}
     assert varied == {*grid.GAINS, *grid.PLANT}
 
 

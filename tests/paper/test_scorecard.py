@@ -9,7 +9,7 @@ from fastcoil.paper import runs, verdicts
 from fastcoil.paper.claims import CLAIMS
 from fastcoil.paper.kinds import KINDS, words
 from fastcoil.simulation.netcdf import load
-from fastcoil.simulation.presets import PRESETS
+from fastcoil.simulation.presets import COOLING
 
 pytestmark = pytest.mark.kernel
 
@@ -28,9 +28,9 @@ KIND_SCHEMA = {
         "share_where_condition": NUMBER | {"type": ["number", "null"]},
         "share_of_hunting": NUMBER | {"type": ["number", "null"]},
         "share_elsewhere": NUMBER | {"type": ["number", "null"]},
-        "share_of_days": {"required": list(PRESETS), "additionalProperties": NUMBER},
+        "share_of_days": {"required": list(COOLING), "additionalProperties": NUMBER},
         "measured": {
-            "required": [*PRESETS, "grid"],
+            "required": [*COOLING, "grid"],
             "additionalProperties": {"minProperties": 1, "additionalProperties": {"type": ["number", "null"]}},
         },
     },

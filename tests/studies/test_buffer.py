@@ -55,6 +55,7 @@ def test_the_range_of_a_trend_is_that_of_random_numbers(n):
 
 
 @pytest.mark.kernel
+@pytest.mark.filterwarnings("ignore:T_set is 19 degC or less")
 def test_the_kernel_turns_on_noise_as_often_as_the_integral_says():
     """A valve that lets no water through, and hardly any integral part: u is white noise around 0.5."""
     c = np.array([1.0, 2.0, 3.0])

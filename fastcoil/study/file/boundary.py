@@ -9,6 +9,7 @@ from typing import Any
 
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import constant_day, design_day, paper_day
+from fastcoil.boundary.heating_day import heating_day
 from fastcoil.boundary.operation import weather_year
 from fastcoil.boundary.weather import weather_day
 from fastcoil.errors import InputError, nearest, shown
@@ -18,6 +19,7 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "paper_day": paper_day,
     "constant_day": constant_day,
     "design_day": design_day,
+    "heating_day": heating_day,
     "csv": Boundary.from_csv,
     "weather": weather_day,
     "weather_year": weather_year,

@@ -8,7 +8,7 @@ title = "Does a backlash inverse help this loop?"
 question = "How does the control error depend on the true backlash and on how well it is known?"
 
 [loop]                                  # shared by all loops
-preset = "lbnl"                         # paper_like, paper_like_fast, lbnl or g36
+preset = "lbnl"                         # `fastcoil presets` lists them
 # include = ["valve.toml", "coil.toml"] # your own AHU: files written by `fastcoil fit valve|coil data.csv`
 # noise_std = 0.05                      # any parameter may be given here
 
@@ -30,7 +30,7 @@ faster = { kp = 0.03, ti = 15 }
 # sample_time = { choice = [5, 10, 30] }                 # numbers or words, equally likely
 
 [boundary]                              # what acts on the coil, second by second
-kind = "paper_day"                      # or constant_day, design_day, csv, weather
+kind = "paper_day"                      # or heating_day, constant_day, design_day, csv, weather, weather_year
 hours = 8
 seed = 1                                # [1, 2, 3] for three days: one more axis, called day
 

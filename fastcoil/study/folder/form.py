@@ -12,6 +12,7 @@ import xarray as xr
 
 from fastcoil.outputs import METRICS, STATUS_MEANINGS
 from fastcoil.parameter_table import PARAMETERS
+from fastcoil.simulation.clock import CLOCK
 
 _LONGEST_TITLE = 2**20
 """Characters; that of a whole study file."""
@@ -76,16 +77,17 @@ def _labels(ds: xr.Dataset) -> Iterator[str]:
     yield from (str(dim) for dim in dims if dim not in ds.coords)
     for name, label in ds.coords.items():
         kind, parameter = _kind(label.values), PARAMETERS.get(str(name))
-        expected = "nt" if parameter is None else "t" if parameter.is_word else "n"
+        expected = "d" if name in CLOCK else "nt" if parameter is None else "t" if parameter.is_word else "n"
         placed = label.dims == (name,) or set(label.dims) <= set(dims)  # a rule's own parameters are in no table
+        placed |= name == "time" and label.dims == ("elapsed_time",)
         if not placed or kind not in expected or (name in dims and not _tell_apart(label.values, kind)):
             yield str(name)
 
 
 def _kind(values: np.ndarray) -> str:
-    """``n`` for numbers, ``t`` for text, ``?`` for anything else."""
-    if values.dtype.kind in "iuf":
-        return "n"
+    """``n`` for numbers, ``t`` for text, ``d`` for dates, ``?`` for anything else."""
+    if values.dtype.kind in "iufM":
+        return "d" if values.dtype.kind == "M" else "n"
     is_text = values.dtype.kind == "U" or all(isinstance(value, str) for value in values.ravel())
     return "t" if is_text else "?"
 

@@ -153,7 +153,7 @@ def _merge_traces(
 
 
 def _trace_coordinates(ds: xr.Dataset) -> list[str]:
-    return [n for n in ("elapsed_time", "volume") if n in ds.coords]
+    return [n for n in ("elapsed_time", "time", "volume") if n in ds.coords]
 
 
 def _without_trace_coordinates(part: xr.Dataset) -> xr.Dataset:

@@ -17,10 +17,11 @@ from fastcoil.arguments import is_text
 from fastcoil.errors import shown
 from fastcoil.outputs import METRICS, PREDICTIONS, TRACES
 from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
+from fastcoil.simulation.clock import CLOCK
 
 SCENARIO = "scenario"
 """The dimension along which the function gets the traces of a shard."""
-_TAKEN = {*PARAMETERS, *METRICS, *PREDICTIONS, *TRACES, "status", SCENARIO}
+_TAKEN = {*PARAMETERS, *METRICS, *PREDICTIONS, *TRACES, *CLOCK, "status", SCENARIO}
 _TAKEN_NAMES = _TAKEN | set(RESERVED_DIMS)
 _TAKEN_DIMS = _TAKEN | {"day", "replicate", "sample"}
 _FLOATS = (np.dtype(np.float32), np.dtype(np.float64))

@@ -20,6 +20,7 @@ def read(tmp_path):
     return read
 
 
+@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_sampled_parameters_are_zipped_along_one_dimension(read):
     study = read(
         """

@@ -92,6 +92,7 @@ def test_the_studies_of_this_repository_are_valid(path):
     assert mistakes(path.read_text()) == []
 
 
+@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_a_study_with_everything_is_valid_and_is_read(tmp_path):
     assert mistakes(EVERYTHING) == []
     tables = tomllib.loads(EVERYTHING)
@@ -133,6 +134,8 @@ def test_the_template_is_valid_also_with_all_that_it_shows_as_comments(tmp_path)
         "kind = 'csv'\npath = 'log.csv'\nunits = { T_a_in = 'degF' }\nconstants = { T_set = 14 }\nmax_gap = 600",
         "kind = 'weather'\npath = 'w.csv'\nm_a = 1\nT_w_in = 7\nT_set = 14\noutdoor_fraction = 0.3\nT_return = 24\n"
         "W_return = 0.01\nstart_hour = 4000\ndays = [1, 2]",
+        "kind = 'weather_year'\npath = 'w.epw'\nyear = 2023\nfirst_date = '06-01'\nfan_hours = [7, 18.5]\n"
+        "holidays = ['07-04']\nset_point = 'fixed'\neconomiser = 'fixed'\neconomiser_limit = 21\nwater = 'load'",
     ],
 )
 def test_arguments_of_every_kind_of_boundary_are_known(boundary):
@@ -146,6 +149,7 @@ def test_every_kind_of_boundary_has_its_arguments_and_the_needed_ones():
     assert kinds.keys() == BOUNDARY_KINDS.keys()
     assert kinds["csv"]["required"] == ["path"]
     assert kinds["weather"]["required"] == ["path", "m_a", "T_w_in", "T_set", "outdoor_fraction", "T_return"]
+    assert kinds["weather_year"]["required"] == ["path"]
     assert kinds["paper_day"]["properties"].keys() == {"kind", "hours", "seed"}
 
 

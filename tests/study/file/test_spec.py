@@ -20,6 +20,7 @@ def read(tmp_path):
     return read
 
 
+@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_axes_cases_and_constants_become_the_loop(read):
     loop = read("""
         [loop]

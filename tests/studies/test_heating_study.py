@@ -1,0 +1,54 @@
+"""The study of heating: conditions within reach, the rule of choice, and its rows."""
+
+import heating
+import heating_backlash
+import numpy as np
+import pytest
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+
+def test_conditions_are_within_reach_before_and_after_the_step():
+    loop = heating.good("heating")
+    of = heating.conditions(loop, 3, 5)
+    ds = fc.simulate(loop, of.boundary, traces=["T_sup", "opening"], trace_interval=60, n_jobs=1)
+    for second, more in ((heating.STEP_AT - 60, 0.0), (heating.SECONDS - 60, heating.STEP)):
+        at = ds.sel(elapsed_time=second)
+        assert np.abs(at.T_sup - (of.T_set + more)).max() < 0.2
+        assert ((at.opening > 0.01) & (at.opening < 0.98)).all()
+
+
+def test_a_response_has_the_overshoot_and_the_settling_time_of_its_trace():
+    loop = heating.good("heating", ti=30.0)
+    of = heating.conditions(loop, 3, 2)
+    found = heating.response(loop, of)
+    ds = fc.simulate(loop, of.boundary, traces=["T_sup"], trace_interval=heating.SEEN, n_jobs=1)
+    for day in (0, 1):
+        T = ds.T_sup.isel(day=day).values[heating.STEP_AT // heating.SEEN :]
+        share = ((T - of.T_set[day]) / heating.STEP).tolist()
+        assert float(found.overshoot[day]) == pytest.approx(max(0.0, max(share) - 1.0))
+        last = max(k for k, x in enumerate(share) if abs(x - 1.0) > 0.05)
+        assert float(found.settling[day]) == (last + 1) * heating.SEEN
+
+
+def test_the_presets_have_the_gains_that_the_study_chose():
+    text = (heating_backlash.HERE / "tables" / "heating_choice.md").read_text()
+    (chosen,) = [line for line in text.splitlines() if line.endswith("| chosen |")]
+    kp, ti = (float(cell) for cell in chosen.split("|")[1:3])
+    for name in heating.HEATING:
+        assert (fc.Loop.preset(name)["kp"], fc.Loop.preset(name)["ti"]) == (kp, ti)
+
+
+def test_the_tables_have_a_row_for_every_case(monkeypatch):
+    monkeypatch.setattr(heating_backlash, "VALVES", 4)
+    monkeypatch.setattr(heating_backlash, "GOOD", 2)
+    monkeypatch.setattr(heating_backlash, "REMEDIES", {"plain PI": {}, "95 % inverse": {"estimate_ratio": 0.95}})
+    short = {"stepped": fc.heating_day(1.5, [1, 2])}
+    monkeypatch.setattr(heating_backlash, "days", lambda *_: short)
+    found = heating_backlash.runs("heating", {"kp": 0.02, "ti": 60.0}, (1, 2))
+    worn, good = heating_backlash.rows("heating", found)
+    assert (worn[1:3], good[1:3]) == (["stepped", "worn"], ["stepped", "X = 0"])
+    assert worn[4].startswith("-")
+    assert good[4] == "+0 % (+0 to +0), × 1.00"
