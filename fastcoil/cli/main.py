@@ -116,7 +116,8 @@ def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
     from fastcoil.engine.host import compile_kernel
     from fastcoil.memory import available_memory, gib
-    from fastcoil.simulation.duration import estimate_seconds
+    from fastcoil.simulation.cut import first_shards
+    from fastcoil.simulation.duration import count_shards, estimate_seconds
     from fastcoil.simulation.resources import check_disk
     from fastcoil.simulation.simulate import workers
     from fastcoil.study.file.spec import read_study
@@ -135,7 +136,7 @@ def plan(study: Path, jobs: int | None) -> None:
     alone, each = planned.memory_of_run(n_jobs, "threads")
     memory = alone + n_jobs * each
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
-    n_shards = len(planned.shards(n_jobs))
+    n_shards = count_shards(first_shards(planned, n_jobs))
     say(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
     say(f"Boundary:    {planned.layout.boundary.describe()}")
     say(

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
 from fastcoil.engine.emulator import Day
 from fastcoil.engine.lanes import Block, blocks, parameter_matrix
 from fastcoil.rules.rule import rules_for_kernels
+from fastcoil.simulation.cut import first_shards
 from fastcoil.simulation.in_thread import run_interruptibly
 from fastcoil.simulation.plan import Plan
+from fastcoil.simulation.shards import Shard, Stretch
 
 _SHARDS_TIMED, _STEPS_TIMED = 3, 28_800
 _PER_SHARD = 0.06
@@ -21,12 +24,19 @@ _PER_TRACE_BYTE, _PER_METRIC_BYTE, _PER_BOUNDARY_BYTE = 32e-9, 12e-9, 1e-9
 
 def estimate_seconds(plan: Plan, n_jobs: int) -> float:
     """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks."""
-    shards = plan.shards(n_jobs)
-    timed = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, _SHARDS_TIMED).astype(int))]
+    first = first_shards(plan, n_jobs)
+    # of a sequence of days the first of each group
+    pieces = [shard.chain.index(range(1)) if isinstance(shard, Stretch) else shard.index for shard in first]
+    timed = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, _SHARDS_TIMED).astype(int))]
     work = sum(_seconds_of(plan, shard) for shard in timed) * plan.n_scenarios / sum(map(len, timed))
     bytes_written = plan.trace_bytes * _PER_TRACE_BYTE + plan.metric_bytes * _PER_METRIC_BYTE
-    afterwards = len(shards) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE
-    return work / min(n_jobs, len(shards)) + afterwards
+    afterwards = count_shards(first) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE
+    return work / min(n_jobs, len(first)) + afterwards
+
+
+def count_shards(first: Sequence[Shard | Stretch]) -> int:
+    """How many shards there are in all, with those that come after the ``first``."""
+    return sum(shard.n_in_chain if isinstance(shard, Stretch) else 1 for shard in first)
 
 
 def _seconds_of(plan: Plan, shard: np.ndarray) -> float:

@@ -227,8 +227,8 @@ def plan_simulation(
         check.problems += _trace_problems(traces) + _series_problems(loop, boundary)
         if not check.problems and boundary.n_steps <= warm_up:
             check.problems.append(
-                f"the boundary lasts {boundary.n_steps} s, the warm-up {shown(warm_up)} s: nothing is left to count, "
-                "give a longer boundary"
+                f"the {'first day' if carry_over else 'boundary'} lasts {boundary.n_steps} s, the warm-up "
+                f"{shown(warm_up)} s: nothing is left to count, give a longer {'day' if carry_over else 'boundary'}"
             )
     layout = Layout(loop, boundary, replicates)
     with checking() as check:

@@ -8,7 +8,6 @@ before ended.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -109,6 +108,11 @@ class Stretch:
     def lost(self) -> np.ndarray:
         return self.chain.index(range(self.days.start, self.chain.end))
 
+    @property
+    def n_in_chain(self) -> int:
+        """Number of stretches from this one to the end."""
+        return 1 - (self.days.stop - self.chain.end) // self.chain.length
+
     def halves(self) -> list[Stretch]:
         """Two groups of lanes; of a single lane, the first half of the days, which the rest comes after."""
         lanes, begins = self.chain.lanes, self.begins
@@ -127,13 +131,6 @@ class Stretch:
         if self.days.stop == self.chain.end:
             return None
         return self.chain.stretch(self.days.stop, part[END_STATE].values)
-
-
-def stretches_of(first: Stretch) -> Iterator[Stretch]:
-    """The stretches of a chain from the ``first`` on, without the state in which they begin."""
-    yield first
-    for day in range(first.days.stop, first.chain.end, first.chain.length):
-        yield first.chain.stretch(day, None)
 
 
 def pack(index: np.ndarray) -> bytes:

@@ -55,7 +55,7 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     IntegrityError
         If the study in a folder, or a file it reads, changed since it was run.
     """
-    title, loop, boundary, warm_up, seed = _whole(target)
+    title, loop, boundary, warm_up, seed, carry_over = _whole(target)
     problems: list[str] = []
     with collecting(problems, "--set "):
         loop = loop.assign(**_values(loop, changes))
@@ -78,20 +78,20 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
             "pick another scenario with --at, or use fc.explain in Python"
         )
     place = ", ".join(f"{dim}={labels[dim][k]}" for dim, k in position.items())
+    apart = "this day by itself, from rest" if carry_over and position.get("day") else ""
     changed = ", ".join(f"{name}={text}" for name, text in changes.items())
-    return Scenario(
-        "; ".join(filter(None, [title, place, changed])), one, boundary.isel(day=position.get("day", 0)), warm_up, seed,
-    )  # fmt: skip
+    named = "; ".join(filter(None, [title, place, changed, apart]))
+    return Scenario(named, one, boundary.isel(day=position.get("day", 0)), warm_up, seed)
 
 
-def _whole(target: Path) -> tuple[str, Loop, Boundary, int, int]:
-    """Title, loop, boundary, warm-up and seed of all that a target holds."""
+def _whole(target: Path) -> tuple[str, Loop, Boundary, int, int, bool]:
+    """Title, loop, boundary, warm-up and seed of all that a target holds; whether its days are a sequence."""
     name = str(target)
     if name in PRESETS:
         preset = PRESETS[name]
         day = heating_day(T_w_in=preset.T_w_in) if preset.heats else paper_day()
         words = f"heating_day(T_w_in={preset.T_w_in:g})" if preset.heats else "paper_day()"
-        return f"{name} on {words}", Loop.preset(name), day, WARM_UP, 0
+        return f"{name} on {words}", Loop.preset(name), day, WARM_UP, 0, False
     if is_folder(target):
         store = StudyFolder(target)
         study = store.read_study(store.require_manifest())
@@ -102,8 +102,8 @@ def _whole(target: Path) -> tuple[str, Loop, Boundary, int, int]:
             f"{target}: no such file, folder or preset{nearest(name, PRESETS)}; give a study file, the folder of its "
             f"results, or one of {', '.join(PRESETS)}"
         )
-    layout = study.plan.layout
-    return study.title, layout.loop, layout.boundary, study.plan.warm_up, study.plan.seed
+    plan = study.plan
+    return study.title, plan.layout.loop, plan.layout.boundary, plan.warm_up, plan.seed, plan.carry_over
 
 
 def _values(loop: Loop, changes: Mapping[str, str]) -> dict[str, float | str]:

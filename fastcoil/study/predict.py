@@ -39,7 +39,7 @@ def predictions(plan: Plan) -> xr.Dataset:
     loop, sizes = plan.layout.loop, plan.layout.sizes
     alike = {dim: n for dim, n in sizes.items() if dim != "replicate"}
     n = math.prod(alike.values())
-    entering = mean_conditions(plan.layout.boundary, plan.warm_up)
+    entering = mean_conditions(plan.layout.boundary, plan.warm_up, carry_over=plan.carry_over)
     found = {name: np.full(n, np.nan) for name in PREDICTIONS}
     reasons: dict[str, int] = {}
     for start in range(0, n, _AT_ONCE):

@@ -156,13 +156,16 @@ def _seconds_of(at: Any, n_steps: int) -> Index | None:
     return values.astype(np.int64)
 
 
-def mean_conditions(boundary: Boundary, warm_up: int) -> dict[str, Array]:
-    """Means of ENTERING over the enabled seconds after the warm-up, (n_days,); NaN for a day without any."""
+def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:
+    """Means of ENTERING over the enabled seconds after the warm-up, (n_days,); NaN for a day without any.
+
+    carry_over: whether only the first day has a warm-up.
+    """
     found = {name: np.empty(boundary.n_days) for name in ENTERING}
     for k in range(boundary.n_days):
         rows = boundary.of_day(k)
         counted = rows["enabled"] != 0.0
-        counted[:warm_up] = False
+        counted[: 0 if carry_over and k else warm_up] = False
         n = np.count_nonzero(counted)
         for name, means in found.items():
             means[k] = np.where(counted, rows[name], 0.0).sum() / (n or np.nan)

@@ -78,6 +78,9 @@ def test_a_change_of_clocks_is_found(start, changed):
     assert is_changed("America/Los_Angeles", np.datetime64(start, "s"), 8 * 3600) is changed
     assert not is_changed("UTC-08:00", np.datetime64(start, "s"), 8 * 3600)
     assert not is_changed("", np.datetime64(start, "s"), 8 * 3600)
+    # an hour that comes twice
+    assert is_changed("America/Los_Angeles", np.datetime64("2024-11-03T01:30", "s"), 600)
+    assert not is_changed("America/Los_Angeles", np.datetime64("2024-11-03T02:30", "s"), 600)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from fastcoil.outputs import STATUS_OK
-from fastcoil.simulation.shards import Shard
+from fastcoil.simulation.shards import END_STATE, Shard, Stretch
 from fastcoil.study.workers import dispatch
 from fastcoil.study.workers.dispatch import Dispatcher
 from helpers.processes import N_SCENARIOS
@@ -26,6 +26,21 @@ def healthy(index):
     return xr.Dataset({"status": ("scenario", status)}, {"scenario": np.array(index)})
 
 
+def answer_to(shard):
+    """The results of a shard.  The state of a lane is its number and the day that comes next, and is looked at."""
+    part = healthy(shard.index)
+    if not isinstance(shard, Stretch):
+        return part
+    lanes = shard.chain.lanes
+
+    def at(day):
+        return np.stack([lanes, np.full(lanes.size, day)], axis=1)
+
+    assert (shard.begins is None) == (shard.days.start == 0), "a stretch goes on from a state"
+    assert shard.begins is None or np.array_equal(shard.begins, at(shard.days.start)), "of another lane, or another day"
+    return part.assign({END_STATE: (("lane", "number"), at(shard.days.stop))})
+
+
 class Pool:
     """A pool whose workers die of some scenarios, and now and then of nothing; time passes only in ``wait``."""
 
@@ -35,7 +50,7 @@ class Pool:
         self.n_workers, self.falls_together, self.can_kill = n_workers, falls_together, True
         self.culprits, self.hanging, self.clumsy = set(culprits), set(hangs), clumsy
         self.dice = random.Random(seed)
-        self.flying, self.broken, self.now = {}, False, 0.0
+        self.flying, self.shards, self.broken, self.now = {}, {}, False, 0.0
         self.runs, self.most_flying, self.n_restarts = [], 0, 0
         self.shared, self.has_workers, self.waits = False, True, lambda future: False
 
@@ -46,6 +61,7 @@ class Pool:
         assert not any(set(index) & set(other) for other in self.flying.values()), "a scenario is run twice at once"
         future = cf.Future()
         self.flying[future] = index.tolist()
+        self.shards[future] = shard
         self.most_flying = max(self.most_flying, len(self.flying))
         if self.dice.random() < self.clumsy:
             self._let_die(future)
@@ -78,7 +94,7 @@ class Pool:
                 self._let_die(future)
             else:
                 self.runs += index
-                future.set_result(healthy(index))
+                future.set_result(answer_to(self.shards[future]))
         done = {f for f in futures if f.done()}
         for future in done:
             del self.flying[future]

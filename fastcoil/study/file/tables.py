@@ -136,6 +136,7 @@ def _cure(kind: str, message: str) -> str:
         ("float", "give a number"),
         ("finite", "give a finite number"),
         ("string", "give a text in quotes"),
+        ("bool", "give true or false"),
         ("too_long", f"give at most {_MOST_TRACES}, each once"),
         ("dict", "give a table"),
         ("model", "give a table"),

@@ -74,10 +74,11 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> M
     place = np.array([new.get(key, -1) for key in old])
     dropped = int((place < 0).sum())
     if dropped:
+        days = "add days at the end alone, for each goes on from those before it" if plan.carry_over else ""
+        hypercube = "a Latin hypercube of another size shares no point: use sobol or random"
         raise InputError(
             f"--extend: {dropped:,} of the {place.size:,} scenarios in the folder are no longer in the study: keep "
-            "all values and add to them (a Latin hypercube of another size shares no point: use sobol or random), "
-            "or choose another folder with -o"
+            f"all values and add to them ({days or hypercube}), or choose another folder with -o"
         )
     run = np.flatnonzero(earlier["status"].values.ravel() != STATUS_NOT_RUN)
     return Match(run, place[run])

@@ -103,23 +103,20 @@ class Loky:
         # the library writes what a process starts with into a pipe, and waits for ever if that process is dead before
         # it has read all of it
         with storage_errors(_TEMPORARY, "written"):
-            self._file = tempfile.NamedTemporaryFile(prefix="fastcoil-")  # noqa: SIM115 — others open it meanwhile
-            pickle.dump(self._job, self._file)
-            self._file.flush()
-        started_with = (Path(self._file.name), os.getpid())
+            self._folder = tempfile.TemporaryDirectory(prefix="fastcoil-")
+            started_with = (Path(self._folder.name) / "job", os.getpid())
+            with started_with[0].open("wb") as file:
+                pickle.dump(self._job, file)
         return ProcessPoolExecutor(self.n_workers, initializer=receive_in_child, initargs=started_with)
 
     def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
         if not isinstance(shard, Stretch) or shard.begins is None:
             return self._executor.submit(run_received, self._job.key, shard)  # type: ignore[no-any-return]
+        path = Path(self._folder.name) / f"{shard.index[0]}.npy"
         with storage_errors(_TEMPORARY, "written"):
-            file = tempfile.NamedTemporaryFile(prefix="fastcoil-")  # noqa: SIM115 — others open it meanwhile
-            np.save(file, shard.begins)
-            file.flush()
-        task = run_from_file, self._job.key, replace(shard, begins=None), file.name
-        future: cf.Future[Any] = self._executor.submit(*task)
-        future.add_done_callback(lambda _: _close(file))
-        return future
+            np.save(path, shard.begins)
+        task = run_from_file, self._job.key, replace(shard, begins=None), path
+        return self._executor.submit(*task)  # type: ignore[no-any-return]
 
     def waiting(self, futures: Sequence[cf.Future[Any]]) -> Collection[cf.Future[Any]]:
         return futures[self.n_workers :]  # first come, first served
@@ -134,12 +131,8 @@ class Loky:
             while True:
                 self._executor._work_ids.get_nowait()
         self._executor.shutdown(wait=True, kill_workers=True)
-        _close(self._file)
-
-
-def _close(file: Any) -> None:
-    with contextlib.suppress(OSError):  # of a folder that is cleaned up by others
-        file.close()
+        with contextlib.suppress(OSError):  # others clean up there, too
+            self._folder.cleanup()
 
 
 def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> Pool:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import pickle
+import shutil
 import signal
 import threading
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -72,8 +72,7 @@ def receive_in_child(job: Path, parent: int) -> None:
     def follow() -> None:
         while os.getppid() == parent:
             time.sleep(0.5)
-        with suppress(OSError):  # a parent that was killed has left it
-            job.unlink()
+        shutil.rmtree(job.parent, ignore_errors=True)  # a parent that was killed has left it
         os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()
@@ -116,9 +115,11 @@ def run_received(key: str, shard: Shard | Stretch, expected: tuple[str, str] | N
     raise InputError(problems)
 
 
-def run_from_file(key: str, stretch: Stretch, begins: str) -> xr.Dataset:
-    """As ``run_received``, for a stretch that begins in the state in a file."""
-    return run_received(key, replace(stretch, begins=np.load(begins)))
+def run_from_file(key: str, stretch: Stretch, begins: Path) -> xr.Dataset:
+    """As ``run_received``, for a stretch that begins in the state in a file, which nobody needs any more."""
+    state = np.load(begins)
+    begins.unlink(missing_ok=True)
+    return run_received(key, replace(stretch, begins=state))
 
 
 def run_scenarios(job: Job, shard: Shard | Stretch) -> xr.Dataset:

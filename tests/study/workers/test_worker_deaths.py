@@ -201,11 +201,11 @@ def test_a_task_fits_into_a_pipe_and_comes_out_as_it_was():
         assert np.array_equal(pickle.loads(task).index, index)
 
 
-def test_the_file_with_the_job_is_for_this_user_alone_and_is_removed(study, tmp_path, monkeypatch):
+def test_the_folder_with_the_job_is_for_this_user_alone_and_is_removed(study, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     pool = make_pool("loky", Job("key", study.plan, None), 1, None)
-    (file,) = tmp_path.iterdir()
-    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    (folder,) = tmp_path.iterdir()
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     pool.restart()
     assert len(list(tmp_path.iterdir())) == 1
     pool.close()

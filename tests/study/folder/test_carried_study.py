@@ -1,0 +1,186 @@
+"""Studies whose days are a sequence: killed, damaged, cut in any way and extended, they come to the same hash."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from helpers import failing_shards
+from helpers.studies import golden, quarantined, run, run_until_interrupted, shards, unfinished, verify, write_study
+
+import fastcoil as fc
+from fastcoil.errors import InputError
+from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
+from fastcoil.simulation import netcdf, plan
+from fastcoil.simulation.shards import END_STATE
+from fastcoil.study import maintenance, runner
+
+pytestmark = pytest.mark.kernel
+
+N_DAYS = 6
+CARRIED = f"""
+title = "carried"
+[loop]
+preset = "lbnl"
+noise_std = 0.02
+learning_interval = 600
+[sweep]
+backlash = {[round(0.02 * k, 2) for k in range(4)]}
+[cases.way]
+plain = {{ learning_step = 0.0, n_volumes = 4 }}
+learner = {{ learning_step = 0.01 }}
+[sample]
+size = 3
+method = "random"
+seed = 1
+kp = {{ uniform = [0.01, 0.03] }}
+[boundary]
+hours = 0.18
+seed = {list(range(1, N_DAYS + 1))}
+[run]
+warm_up = 100
+carry_over = true
+"""
+GROUPS = CARRIED.replace("size = 3", "size = 18")
+"""More lanes than a block has."""
+TRACED = CARRIED + 'traces = ["T_sup", "mode"]\ntrace_interval = 60\n'
+
+
+@pytest.fixture(autouse=True)
+def short_stretches(monkeypatch):
+    """Two days each."""
+    monkeypatch.setattr(plan, "_STRETCHES", 3)
+
+
+def resumed(text, folder, **options):
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        assert run(text, folder, **options) == golden(text)
+    assert verify(folder) == []
+    assert unfinished(folder) == shards(folder) == []
+    return [str(w.message) for w in warned]
+
+
+def test_the_results_are_those_of_simulate(tmp_path):
+    study = write_study(CARRIED, tmp_path / "out")
+    of_plan = study.plan.layout
+    run(CARRIED, tmp_path / "out")
+    stored = fc.open_study(tmp_path / "out")
+    ds = fc.simulate(of_plan.loop, of_plan.boundary, carry_over=True, warm_up=100, n_jobs=1)
+    assert stored.attrs["carry_over"] == 1
+    for name in ds.data_vars:
+        np.testing.assert_array_equal(stored[name].values, ds[name].values, err_msg=name)
+    assert END_STATE not in stored
+
+
+@pytest.mark.parametrize("text", [CARRIED, TRACED], ids=["plain", "traced"])
+def test_a_chain_goes_on_from_its_last_shard(tmp_path, text):
+    run_until_interrupted(text, tmp_path / "out", 2)
+    golden(text)
+    before = [netcdf.load(path.read_bytes()) for path in shards(tmp_path / "out")]
+    assert all(END_STATE in part for part in before)
+    ran = []
+    real = maintenance.run_shard
+    with pytest.MonkeyPatch.context() as patch:
+        from fastcoil.study.workers import worker
+
+        patch.setattr(worker, "run_shard", lambda plan, shard: ran.append(shard.days.start) or real(plan, shard))
+        assert resumed(text, tmp_path / "out") == []
+    assert min(ran) == 4, "days 0 to 3 were done"
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_damaged_shard_is_computed_again_with_what_comes_after_it(tmp_path, which):
+    run_until_interrupted(CARRIED, tmp_path / "out", 2)
+    shards(tmp_path / "out")[which].write_bytes(b"damaged")
+    (said,) = resumed(CARRIED, tmp_path / "out")
+    assert "its scenarios are computed again" in said
+    assert len(quarantined(tmp_path / "out")) == 1
+
+
+@pytest.mark.parametrize("n_jobs", [2, 3])
+def test_nothing_depends_on_the_number_of_workers(tmp_path, n_jobs):
+    assert run(GROUPS, tmp_path / "out", n_jobs=n_jobs) == golden(GROUPS)
+
+
+def test_a_run_may_be_resumed_with_another_number_of_workers_and_other_stretches(tmp_path, monkeypatch):
+    run_until_interrupted(GROUPS, tmp_path / "out", 2)
+    monkeypatch.setattr(plan, "_STRETCHES", 2)
+    assert resumed(GROUPS, tmp_path / "out", n_jobs=3) == []
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("backend", ["loky", "dask"])
+def test_processes_hand_on_the_state(tmp_path, backend):
+    assert run(GROUPS, tmp_path / "out", n_jobs=2, backend=backend) == golden(GROUPS)
+
+
+@pytest.mark.full
+def test_a_lane_that_kills_its_worker_is_crashed_on_all_days_and_no_other(tmp_path):
+    study = write_study(GROUPS, tmp_path / "out")
+    harmed = failing_shards.harmful(study, failing_shards.killed, [3])
+    crashed = runner.execute(harmed, tmp_path / "out", n_jobs=2, backend="loky").results
+    run(GROUPS, tmp_path / "sound")
+    lanes = crashed["status"].values.reshape(N_DAYS, -1)
+    assert (lanes[:, 3] == STATUS_CRASHED).all()
+    assert (np.delete(lanes, 3, axis=1) == STATUS_OK).all()
+    sound = fc.open_study(tmp_path / "sound")
+    ran = (crashed["status"] == STATUS_OK).values
+    np.testing.assert_array_equal(crashed["rmse"].values[ran], sound["rmse"].values[ran])
+
+
+@pytest.mark.parametrize("n_shards", [None, 2])
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("[0.0, 0.02, 0.04, 0.06]", "[0.0, 0.02, 0.04, 0.06, 0.1]"), ("5, 6]", "5, 6, 7]")],
+    ids=["lanes", "days"],
+)
+def test_lanes_and_later_days_can_be_added(tmp_path, n_shards, old, new):
+    larger = CARRIED.replace(old, new)
+    assert larger != CARRIED
+    if n_shards:
+        run_until_interrupted(CARRIED, tmp_path / "out", n_shards)
+    else:
+        run(CARRIED, tmp_path / "out")
+    assert run(larger, tmp_path / "out", extend=True) == golden(larger)
+
+
+@pytest.mark.parametrize(("old", "new"), [("[1, 2,", "[12, 1, 2,"), ("4, 5", "5, 4")])
+def test_days_before_others_are_the_cause_of_them(tmp_path, old, new):
+    run(CARRIED, tmp_path / "out")
+    with pytest.raises(InputError, match="add days at the end alone"):
+        run(CARRIED.replace(old, new), tmp_path / "out", extend=True)
+
+
+def test_days_that_begin_to_follow_one_another_keep_nothing(tmp_path):
+    apart = CARRIED.replace("carry_over = true", "carry_over = false")
+    run(apart, tmp_path / "out")
+    with pytest.raises(InputError, match=r"\[run\] carry_over changed"):
+        run(CARRIED.replace("5, 6]", "5, 6, 7]"), tmp_path / "out", extend=True)
+
+
+def test_one_day_is_run_again_with_those_before_it(tmp_path):
+    run(CARRIED, tmp_path / "out")
+    for day in ("1", "5"):
+        at = {"day": day, "backlash": "0.06", "way": "learner", "sample": "2"}
+        path, said = maintenance.rerun(tmp_path / "out", at)
+        assert "Equal to the study's result to the last bit." in said
+        assert netcdf.load(str(path))["T_sup"].shape == (648,)
+
+
+def test_a_reduction_gets_the_traces_of_each_day(tmp_path):
+    (tmp_path / "own.py").write_text(
+        "def highest(traces):\n    return traces[['T_sup']].max('elapsed_time').rename(T_sup='T_highest')\n"
+    )
+    text = TRACED + 'reduce = "own:highest"\n'
+    run(TRACED, tmp_path / "traced")
+    run_until_interrupted(text, tmp_path / "out", 2)
+    run(text, tmp_path / "out")
+    whole, reduced = fc.open_study(tmp_path / "traced"), fc.open_study(tmp_path / "out")
+    np.testing.assert_array_equal(reduced["T_highest"], whole["T_sup"].max("elapsed_time"))
+
+
+def test_a_tuning_of_days_in_sequence_is_refused(tmp_path):
+    with pytest.raises(InputError, match="every day is tried by itself: leave \\[run\\] carry_over out"):
+        write_study(CARRIED + "[tune]\nsearch = { kp = [0.01, 0.02] }\n", tmp_path / "out")
