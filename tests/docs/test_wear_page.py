@@ -88,7 +88,7 @@ def lives():
     used = float(median(life[hunting, "plain PI"]["of the strokes"]))
     yield f"uses up {used:.0f} % of the strokes in a year"
     assert round(5200 / used) == 11, "weeks"
-    yield f"they are {feedback['constant, fast gains']['loops that hunt'].split(', ')[0]} with a constant set-point"
+    yield f"it is {feedback['constant, fast gains']['loops that hunt'].split(', ')[0]} of what was given"
     assert {row["loops that do not hunt"].split(" (")[0] for row in feedback.values()} <= {"× 0.98", "× 0.99", "× 1.00"}
 
 
@@ -104,7 +104,7 @@ def noticed():
     yield f"with 15 % {part(off[constant], 0)}:"
     yield f"`identify` knows no plant and notices {part(found[ONE][at_once], 0)} where the set-point steps"
     yield f"after {part(found[ONE][at_once], 1)}, and {part(found[ONE][constant], 0)} where it does not"
-    yield f"raises {known['false: constant gap']} false alarms"
+    yield f"raises a false alarm on {known['false: constant gap']} of those"
 
 
 def test_the_page_says_what_the_tables_say():
