@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     __version__: str
     from fastcoil.analysis.check_rule import check_rule as check_rule
     from fastcoil.analysis.compare import compare as compare
+    from fastcoil.analysis.cost import cost as cost
     from fastcoil.analysis.sobol import sobol_indices as sobol_indices
     from fastcoil.boundary import Boundary as Boundary
     from fastcoil.boundary.days import constant_day as constant_day
@@ -61,6 +62,7 @@ _HOME = {
     "check_rule": "analysis.check_rule",
     "compare": "analysis.compare",
     "constant_day": "boundary.days",
+    "cost": "analysis.cost",
     "design_day": "boundary.days",
     "diagnose": "diagnosis.diagnose",
     "estimator": "rules.rule",

@@ -142,6 +142,28 @@ PREDICTIONS: dict[str, Output] = {
 }
 """What ``[run] predict`` adds to a study: from theory, with the mean conditions of each day, without noise."""
 
+COSTS: dict[str, Output] = {
+    c.name: c
+    for c in (
+        Output("coil_cost", "currency", "cost of the coil's energy",
+               "chilled water at the price of electricity over the COP, hot water at the price of heat",
+               label="cost of the coil's energy"),
+        Output("demand", "kW", "billed demand",
+               "highest of the days' coil_peak_power over the COP; of hot water only where it is made by electricity",
+               label="billed demand"),
+        Output("demand_cost", "currency", "cost of the demand", "an incomplete month pays its share of the days",
+               label="cost of the demand"),
+        Output("reheat_cost", "currency", "cost of heating supply air that is too cold",
+               "reheat_energy at the price of heat", label="cost of reheat"),
+        Output("recool_cost", "currency", "cost of cooling supply air that is too warm",
+               "recool_energy at the price of electricity over the COP", label="cost of recooling"),
+        Output("cost", "currency", "cost of energy and demand", "sum of coil, demand, reheat and recooling",
+               label="cost"),
+    )
+}
+"""What ``fc.cost`` gives of every billing month; of a year the names begin with ``yearly_``."""
+YEARLY = "yearly_"
+
 FORMER_METRICS = {"hunting_amplitude": ("hunting_swing", "peak to peak, as before: an amplitude is half of it")}
 """Names that metrics had in earlier versions: the name of today, and why."""
 

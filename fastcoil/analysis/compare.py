@@ -14,7 +14,7 @@ import xarray as xr
 
 from fastcoil.arguments import checking, flag_of, level_of, mapping_of, names_of, plain
 from fastcoil.errors import InputError, WrongType, nearest, shown
-from fastcoil.outputs import METRICS, PREDICTIONS, STATUS_OK, metric_meant
+from fastcoil.outputs import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
 from fastcoil.result import check_result
 
 CENSORED = tuple(m.name for m in METRICS.values() if m.censored)
@@ -37,7 +37,7 @@ def compare(
     Parameters
     ----------
     ds
-        A result with ``status``.
+        A result with ``status``, or the costs of one, as of ``cost``.
     baseline
         Dim → label of the baseline, such as ``{"estimate_ratio": 0.0}`` for the plain PI; every label of these dims
         is compared with it.
@@ -85,7 +85,8 @@ def compare(
         check(
             mapping_of, "baseline", baseline, 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
         )
-    names = given or [str(n) for n in ds.data_vars if n in METRICS and not METRICS[str(n)].flags]
+    compared = METRICS | COSTS
+    names = given or [n for n in map(str, ds.data_vars) if _base(n) in compared and not compared[_base(n)].flags]
     _check(ds, baseline, over, names)
     ok = ds["status"] == STATUS_OK
     shape = [ds.sizes[d] for d in over]
@@ -99,15 +100,21 @@ def compare(
         values, reference = xr.broadcast(values, values.sel(dict(baseline), drop=True))
         dims = [d for d in values.dims if d not in over]
         own, partner = (v.transpose(*dims, *over).values.reshape(-1, *shape) for v in (values, reference))
-        found = _statistics(own, partner, units, level, relative).reshape(
+        statistics = _statistics(own, partner, units, level, relative).reshape(
             *(values.sizes[d] for d in dims), len(STATISTICS)
         )
-        results[name] = ((*dims, "statistic"), found, _in_shares(ds[name].attrs) if relative else ds[name].attrs)
-    labels = {d: ds[d] for d in ds["status"].dims if d not in over}
-    compared = xr.Dataset(results, coords={**labels, "statistic": list(STATISTICS)})
-    compared.attrs = {"baseline": str(dict(baseline)), "over": ", ".join(over), "level": level}
-    compared.attrs |= {"relative": 1} if relative else {}
-    return compared
+        results[name] = ((*dims, "statistic"), statistics, _in_shares(ds[name].attrs) if relative else ds[name].attrs)
+    kept = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
+    labels = {d: ds[d] for d in ds.dims if d in kept}
+    found = xr.Dataset(results, coords={**labels, "statistic": list(STATISTICS)})
+    found.attrs = {"baseline": str(dict(baseline)), "over": ", ".join(over), "level": level}
+    found.attrs |= {"relative": 1} if relative else {}
+    return found
+
+
+def _base(name: str) -> str:
+    """The name of a metric or cost without what makes it one of a year."""
+    return name.removeprefix(YEARLY)
 
 
 def _in_shares(attrs: Mapping[str, Any]) -> dict[str, Any]:
@@ -214,7 +221,7 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
             listed = ", ".join(map(str, labels[:10]))
             problems.append(f"baseline: {dim} has no label {shown(label)}; choose one of {listed}")
     for name in names:
-        if name not in ds.data_vars or name not in METRICS | PREDICTIONS:
+        if name not in ds.data_vars or _base(name) not in METRICS | PREDICTIONS | COSTS:
             problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
         elif name in METRICS and METRICS[name].flags:
             problems.append(f"metrics: {name!r} is a flag, which has no differences: leave it out")

@@ -8,12 +8,13 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.analysis.baselines import best_plain_pi, dead_bands, without_dead_band
+from fastcoil.analysis.cost_summary import Billing, cost_lines
 from fastcoil.outputs import STATUS_OK
 from fastcoil.plots.study import numeric_dims
 
 
-def summary(ds: xr.Dataset) -> list[str]:
-    """Return a few lines: how much was run, how fast, and the answer."""
+def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
+    """Return a few lines: how much was run, how fast, and the answer; with ``billing`` what it costs, too."""
     n, failed = ds["status"].size, int((ds["status"].values != STATUS_OK).sum())
     sizes = " × ".join(f"{size} {dim}" for dim, size in ds["status"].sizes.items())
     lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
@@ -29,10 +30,11 @@ def summary(ds: xr.Dataset) -> list[str]:
     if failed == n:
         return lines
     lines += _off(ds) + _foretold(ds)
+    costs = [] if billing is None else cost_lines(ds, billing)
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds)), None)
     if ratio and bool((ds[ratio] == 0.0).any()):
-        return lines + _against_plain_pi(ds, ratio)
-    return lines + _extremes(ds)
+        return lines + _against_plain_pi(ds, ratio) + costs
+    return lines + _extremes(ds) + costs
 
 
 def _off(ds: xr.Dataset) -> list[str]:

@@ -88,7 +88,7 @@ def run(
     def present(finished: Finished) -> None:
         if not finished.n_run:
             say(f"{folder} holds this study, finished: nothing to do.")
-        say(*summary(finished.results))
+        say(*summary(finished.results, asked.billing))
         say(f"Results: {folder / RESULTS}")
         if figures:
             for path in draw_standard_figures(folder, finished.results):

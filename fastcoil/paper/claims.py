@@ -154,13 +154,14 @@ CLAIMS = (
         "With 7 % backlash the coil takes over 1 % more heat than without.",
         "days", raises_heat, lambda ds: {"heat with / without backlash [1]": heat_ratio(ds)},
         "Our stand-in: the paper claims power, demand and energy cost.  Air flow and set-point are given here and "
-        "nothing reheats, so that the mean heat can hardly change.",
+        "nothing reheats, so that the mean heat can hardly change.  fc.cost values reheat and demand; "
+        "the study energy_cost.py tells what holds then.",
     ),
     Claim(
         "peak", "1", "Fluctuation raises the peak demand.",
         "With 7 % backlash the highest 15-min mean of the coil's heat flow is over 1 % higher than without.",
         "days", raises_peak, lambda ds: {"peak with / without backlash [1]": peak_ratio(ds)},
-        "Of the coil alone: no chiller, pump or fan is simulated.",
+        "Of the coil alone: no chiller, pump or fan is simulated.  fc.cost has what demand costs.",
     ),
     Claim(
         "noise", "6", "Measurement noise makes the inverse switch severely.",

@@ -48,6 +48,8 @@ def predictions(plan: Plan) -> xr.Dataset:
         seen = index[np.isfinite(entering["T_set"][day])]
         if seen.size < index.size:
             _count(reasons, "no second is enabled after the warm-up", index.size - seen.size)
+        if not seen.size:
+            continue
         columns = columns_of(loop, alike, seen)
         for reason, loops in unknown(columns).items():
             _count(reasons, reason, int(loops.sum()))

@@ -27,7 +27,7 @@ from fastcoil.simulation.simulate import workers
 from fastcoil.study.differences import refuse_other_study, warn_of_difference
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.extend import match_scenarios
-from fastcoil.study.folder.final import finished_manifest
+from fastcoil.study.folder.final import WORDS, finished_manifest, reworded
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
@@ -201,6 +201,9 @@ def _finish(
         if is_current(ds, asked):
             refuse_other_code(asked.own_code, json.loads(ds.attrs.get("own_code", "{}")))
             found = finished_manifest(ds, folder, asked.knowing(stored))
+            words = {name: value for name, value in study_attributes(study, asked).items() if name in WORDS}
+            if any(ds.attrs.get(name) != value for name, value in words.items()):
+                ds, found = reworded(ds, words, folder, found)
             if not store.records(found, study.text):  # run.json or study.toml was lost, or of version 0.1
                 store.write_manifest(found, study.text)
             store.remove_superseded(ds, found)

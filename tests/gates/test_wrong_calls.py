@@ -83,6 +83,7 @@ def base_calls(tmp_path_factory):
     folder = tmp_path_factory.mktemp("calls")
     day, loop = fc.paper_day(hours=0.05), fc.Loop()
     ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07], kp=[0.01, 0.02]), day, warm_up=60, replicates=2)
+    dated = ds.assign_coords(start=np.datetime64("2023-06-01T00:00:00", "s"))
     named = ds.rename(kp="strategy").assign_coords(strategy=["a", "b"])
     rng = np.random.default_rng(1)
     sampled = xr.Dataset(
@@ -144,6 +145,7 @@ def base_calls(tmp_path_factory):
         "check_rule": (fc.check_rule, {"rule": by_error, "boundary": day}),
         "compare": (fc.compare, {"ds": ds, "baseline": {"backlash": 0.02}, "over": "replicate"}),
         "constant_day": (fc.constant_day, days),
+        "cost": (fc.cost, {"ds": dated, "electricity": 0.2, "demand": 12.0, "heat": 0.05}),
         "design_day": (fc.design_day, days),
         "diagnose": (fc.diagnose, {"log": hunting}),
         "estimator": (fc.estimator, rule),

@@ -14,8 +14,10 @@ import fastcoil as fc
 from fastcoil.analysis.summary import summary
 from fastcoil.outputs import PREDICTIONS
 from fastcoil.plots.study import bands
+from fastcoil.simulation.plan import plan_simulation
 from fastcoil.study import maintenance
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.predict import predictions
 from fastcoil.study.runner import execute
 
 pytestmark = pytest.mark.kernel
@@ -124,3 +126,12 @@ def test_anything_but_true_or_false_is_refused(tmp_path):
     (sentence,) = problems(read_study, path)
     assert "[run] predict" in sentence
     assert fastcoil("plan", path).exit_code == 2
+
+
+@pytest.mark.parametrize(("carry_over", "foretold"), [(False, [False, False]), (True, [False, True])])
+def test_only_the_first_of_days_in_sequence_has_a_warm_up(carry_over, foretold):
+    enabled = np.zeros((2, 1800))
+    enabled[:, :500] = 1.0
+    days = fc.Boundary(m_a=1.2, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=14.0, enabled=enabled)
+    plan = plan_simulation(fc.Loop.preset("lbnl"), days, warm_up=600, carry_over=carry_over)
+    assert np.isfinite(predictions(plan)["predicted_margin"]).values.tolist() == foretold

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fastcoil.analysis.tariff import COP, COP_LIMITS, CURRENCY, DEAREST, LONGEST_CURRENCY, PRICES
 from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS, Parameter
 from fastcoil.rules.rule import KINDS
@@ -36,7 +37,7 @@ from fastcoil.study.file.schema_parts import (
     reference_to,
     table_of,
 )
-from fastcoil.study.file.tables import RunTable, StudyFile, TuneTable
+from fastcoil.study.file.tables import RunTable, StudyFile, TariffTable, TuneTable
 from fastcoil.tuning.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
 from fastcoil.tuning.plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.tuning.space import may_be_searched
@@ -60,6 +61,7 @@ def study_schema() -> Schema:
         "boundary": boundary_schema(),
         "run": _run(),
         "tune": _tune(),
+        "tariff": _tariff(),
     }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -246,6 +248,30 @@ def _tune() -> Schema:
         {name: known[name] for name in TuneTable.model_fields},
         required=["search"],
         description="what `fastcoil tune` chooses for all valves and days",
+    )
+
+
+def _tariff() -> Schema:
+    low, high = COP_LIMITS
+    prices: dict[str, Schema] = {
+        name: {"type": "number", "minimum": 0, "maximum": DEAREST, "description": meaning}
+        for name, (meaning, _) in PRICES.items()
+    }
+    others: dict[str, Schema] = {
+        "cop": {"type": "number", "minimum": low, "maximum": high, "default": COP, "description": "of the chiller"},
+        "electric_heat": {"type": "boolean", "default": False, "description": "heating coils pay for demand, too"},
+        "currency": {"type": "string", "minLength": 1, "maxLength": LONGEST_CURRENCY, "default": CURRENCY},
+        "baseline": {
+            "type": "object",
+            "description": "dim and label of the loops to compare with; those without backlash by default",
+            "additionalProperties": {"type": ["number", "string"]},
+        },
+    }
+    known = prices | others
+    return table_of(
+        {name: known[name] for name in TariffTable.model_fields},
+        required=PRICES,
+        description="prices: the summary of a run then says what backlash costs a year",
     )
 
 

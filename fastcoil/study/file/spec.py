@@ -2,7 +2,7 @@
 
 A study has the tables ``[loop]`` (constants, ``preset``, ``include``), ``[sweep]`` (a parameter on its own axis),
 ``[cases.NAME]`` (named alternatives along a dimension NAME), ``[sample]`` (parameters drawn from distributions),
-``[boundary]`` (``kind`` and its arguments), ``[run]`` and ``[tune]``; all but ``[loop]`` may be absent.
+``[boundary]`` (``kind`` and its arguments), ``[run]``, ``[tune]`` and ``[tariff]``; all but ``[loop]`` may be absent.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fastcoil.analysis.cost_summary import Billing
 from fastcoil.errors import InputError, collecting
 from fastcoil.files import read_text
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.simulation.loop import words_used
 from fastcoil.simulation.plan import Plan, plan_simulation
+from fastcoil.study.file.billing import billing_of
 from fastcoil.study.file.boundary import build_boundary
 from fastcoil.study.file.include import read_includes
 from fastcoil.study.file.loop import build_loop
@@ -32,6 +34,8 @@ from fastcoil.tuning.plan import Asked
 
 LARGEST_FILE = 2**20
 """Bytes; no study written by hand is larger."""
+_NOT_DECISIVE = ("title", "question", "tune", "tariff")
+"""Tables on which no scenario depends."""
 _LONGEST_NAME = 200
 """Characters of a path that an advice repeats."""
 
@@ -43,7 +47,7 @@ class Study:
     folder: where its relative paths start.  sample_method: how ``[sample]`` was drawn.  reduction: the function that
     ``[run] reduce`` names.  Both are ``None`` without.  included: the parameters from the files in ``[loop] include``.
     rules: the code of its own estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.
-    tuning: what ``[tune]`` asks, if anything.
+    tuning: what ``[tune]`` asks, if anything.  billing: what ``[tariff]`` asks, if anything.
     """
 
     text: str
@@ -58,6 +62,7 @@ class Study:
     rules: Mapping[str, Source] = field(default_factory=dict)
     predict: bool = False
     tuning: Asked | None = None
+    billing: Billing | None = None
 
     @property
     def kept_traces(self) -> tuple[str, ...]:
@@ -73,9 +78,9 @@ class Study:
     def sha256(self) -> str:
         """Hash of everything that decides the result: the tables, included files, the boundary, its own code.
 
-        Title, question, ``[tune]``, comments and formatting do not.
+        Title, question, ``[tune]``, ``[tariff]``, comments and formatting do not.
         """
-        decisive = {name: table for name, table in self.tables.items() if name not in ("title", "question", "tune")}
+        decisive = {name: table for name, table in self.tables.items() if name not in _NOT_DECISIVE}
         # TOML has dates and times, JSON does not: their text will do
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
         parts += [self.reduction.sha256] if self.reduction else []
@@ -139,6 +144,10 @@ def read_study(
     if file.tune is not None and loop is not None and boundary is not None:
         with collecting(problems, "[tune] "):
             tuning = asked_of_tuning(file.tune, file.run, loop, boundary, folder)
+    billing = None
+    if file.tariff is not None:
+        with collecting(problems, "[tariff] "):
+            billing = billing_of(file.tariff, None if plan is None else plan.layout)
     if file.run.reduce is not None:
         with collecting(problems, "[run] "):
             reduction = find_source("reduce", file.run.reduce, folder)
@@ -154,5 +163,5 @@ def read_study(
     method = file.sample["method"] if file.sample else None
     return Study(
         text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files, sources,
-        file.run.predict, tuning,
+        file.run.predict, tuning, billing,
     )  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from fastcoil.analysis.tariff import COP, CURRENCY, PRICES
 from fastcoil.errors import collecting, nearest, shown
 from fastcoil.outputs import TRACES, WARM_UP
 from fastcoil.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
@@ -17,6 +18,8 @@ Value = TypeVar("Value")
 _MOST_HINTS = 20
 """Unknown names for which the one that was probably meant is sought: it takes a millisecond each."""
 _MOST_TRACES = 2 * len(TRACES)
+_EXAMPLES = {"search": "{ kp = [0.005, 0.1], ti = [5, 600] }", **{n: f"{price:g}" for n, (_, price) in PRICES.items()}}
+"""Of what a table must have."""
 
 
 class _Strict(BaseModel):
@@ -47,6 +50,18 @@ class TuneTable(_Strict):
     evaluations: int = EVALUATIONS
 
 
+class TariffTable(_Strict):
+    """``[tariff]``: prices, and with what the costs are compared; see ``fc.cost``."""
+
+    electricity: float
+    demand: float
+    heat: float
+    cop: float = COP
+    electric_heat: bool = False
+    currency: str = CURRENCY
+    baseline: dict[str, float | str] = Field(default_factory=dict)
+
+
 class StudyFile(_Strict):
     """The shape of a study file; ``Loop``, the boundary's function and ``prepare`` check the values."""
 
@@ -59,9 +74,10 @@ class StudyFile(_Strict):
     boundary: dict[str, Any] = Field(default_factory=dict)
     run: RunTable = Field(default_factory=RunTable)
     tune: TuneTable | None = None
+    tariff: TariffTable | None = None
 
 
-_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "tune": TuneTable}
+_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "tune": TuneTable, "tariff": TariffTable}
 """Those whose keys are known, by the name of the table; without a name: the file."""
 
 
@@ -123,7 +139,7 @@ def _sentences(error: ValidationError) -> Iterator[str]:
         if detail["type"] == "extra_forbidden":
             continue
         if detail["type"] == "missing" and keys:
-            yield f"{where} is missing: give it, such as search = {{ kp = [0.005, 0.1], ti = [5, 600] }}"
+            yield f"{where} is missing: give it, such as {keys[-1]} = {_EXAMPLES[keys[-1]]}"
         elif detail["type"] == "missing":
             yield f"[{table}] is missing: a study needs this table, it may be empty"
         else:
@@ -134,6 +150,7 @@ def _cure(kind: str, message: str) -> str:
     for start, cure in (
         ("int", "give a whole number"),
         ("float", "give a number"),
+        ("bool", "give true or false"),
         ("finite", "give a finite number"),
         ("string", "give a text in quotes"),
         ("bool", "give true or false"),

@@ -50,4 +50,13 @@ predict = false                         # true: margin, hunting, its period and 
 # limits = { motor_travel = "now", hunts = [0.05, "mean"] }        # upper ones; "now": no more than as it is
 # holdout = { kind = "paper_day", hours = 8, seed = [2, 3] }       # days to try it on, or labels such as [4, 5]
 # evaluations = 240                     # settings that are tried
+
+# [tariff]                              # prices: the summary then says what backlash costs a year
+# electricity = 0.13                    # price of a kWh; below: of a kW of demand a month, of a kWh of heat
+# demand = 15.0
+# heat = 0.05
+# cop = 4.0                             # of the chiller
+# electric_heat = false                 # true: heating coils pay for demand, too
+# currency = "USD"
+# baseline = { tuning = "as_found" }    # loops to compare with; those with backlash = 0 if there are
 """

@@ -7,17 +7,20 @@ So a run that is killed at any moment leaves files with hashes that are recorded
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
 from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.files import commit_written
 from fastcoil.look import exists
+from fastcoil.outputs import TRACES
 from fastcoil.simulation.dataset import FORMAT, combined_sha256, environments_of, variable_sha256
+from fastcoil.simulation.netcdf import write
 from fastcoil.simulation.stored_file import StoredFile, file_sha256
 from fastcoil.simulation.stored_traces import layout_of, open_lazily
 from fastcoil.simulation.trial import try_reading
@@ -26,6 +29,8 @@ from fastcoil.study.folder.manifest import Manifest
 
 RESULTS = "results.nc"
 TRACE_FILES = "traces-*.nc"
+WORDS = ("title", "summary", "study_toml")
+"""Attributes that tell of a study what no scenario depends on."""
 _CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
 """What to do about a damaged file, by whether it has the results."""
 _MOST_NAMES = 5
@@ -111,6 +116,19 @@ def trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> Store
     if not fnmatchcase(name, TRACE_FILES) or Path(name).name != name:
         raise IntegrityError(f"{folder / RESULTS} names traces in {shown(name)}, which holds none; {_CURES[True]}")
     return _stored(folder / name, manifest)
+
+
+def reworded(ds: xr.Dataset, attrs: Mapping[str, Any], folder: Path, manifest: Manifest) -> tuple[xr.Dataset, Manifest]:
+    """Write the complete results ``ds`` again with other words about the same study: title, question, text.
+
+    attrs: the words.  Traces stay as they are.  Returns the results and their manifest.
+    """
+    path = folder / RESULTS
+    plain = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).load().assign_attrs(attrs)
+    plain.attrs["content_sha256"] = combined_sha256(plain)
+    recorded = publish(path, lambda unfinished: write(plain, unfinished, mode="w"), manifest)
+    result = add_traces(plain, folder, recorded)
+    return result, finished_manifest(result, folder, recorded)
 
 
 def find_variable_problems(ds: xr.Dataset, path: Path) -> list[str]:

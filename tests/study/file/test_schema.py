@@ -74,6 +74,14 @@ quantile = "mean"
 limits = { motor_travel = 20, stem_travel = "now", hunts = [0.05, "mean"], reversals = [900, 0.9] }
 holdout = [2]
 evaluations = 60
+[tariff]
+electricity = 0.13
+demand = 15
+heat = 0.05
+cop = 4.5
+electric_heat = true
+currency = "EUR"
+baseline = { tuning = "as_is" }
 """
 
 
@@ -159,6 +167,10 @@ def test_every_kind_of_boundary_has_its_arguments_and_the_needed_ones():
         "title = 'no loop'",
         "title = 3\n[loop]",
         "titel = 'x'\n[loop]",
+        "[loop]\n[tariff]\nelectricity = 0.1\ndemand = 10",
+        "[loop]\n[tariff]\nelectricity = 0.1\ndemand = 10\nheat = -1",
+        "[loop]\n[tariff]\nelectricity = 0.1\ndemand = 10\nheat = 0.1\ncop = 0",
+        "[loop]\n[tariff]\nelectricity = 0.1\ndemand = 10\nheat = 0.1\nheating = 0.1",
         "loop = 3",
         "[loop]\nkpp = 0.1",
         "[loop]\nkp = '0.1'",

@@ -1,0 +1,128 @@
+"""The study of what backlash costs: its tables against bills in plain numpy."""
+
+from __future__ import annotations
+
+import energy_cost
+import energy_cost_bills as of_bills
+import energy_cost_tables
+import numpy as np
+import pytest
+import xarray as xr
+from kinds import CONSTANT, HEATING, kinds
+
+import fastcoil as fc
+
+DAYS, VALVES, GAPS = 6, 24, (0.0, 0.07)
+NAMES = [energy_cost.AS_FOUND, energy_cost.SIMC, energy_cost.INVERSE]
+
+
+@pytest.fixture(autouse=True)
+def _few_resamples(monkeypatch):
+    monkeypatch.setattr(of_bills, "RESAMPLES", 20)
+
+
+def drawn(seed):
+    """Metrics that nobody simulated: half of the valves hunt with the gap, and it makes everything dearer."""
+    draw = np.random.default_rng(seed)
+    dims, shape = ("day", "sample", "controller", "backlash"), (DAYS, VALVES, 3, 2)
+    dearer = 1.0 + np.array([0.0, 1.0]) * draw.uniform(-0.01, 0.05, (1, VALVES, 1, 1))
+    ds = xr.Dataset({name: (dims, draw.uniform(5.0, 9.0, shape) * dearer) for name in energy_cost.KEPT})
+    hunts = (np.arange(VALVES) % 2)[:, None, None] * np.array([0.0, 1.0]) * np.ones((DAYS, 1, 3, 1))
+    return ds.assign(hunts=(dims, hunts), status=(dims, np.zeros(shape, dtype=np.int8))).assign_coords(
+        controller=NAMES, backlash=list(GAPS), day=range(DAYS)
+    )
+
+
+@pytest.fixture(scope="module")
+def found():
+    return {CONSTANT: drawn(1), HEATING: drawn(2)}
+
+
+def bill(ds, how="bill"):
+    """Paid per year, (sample, controller, backlash): six days, of a month of 365/12."""
+    t, one = of_bills.TARIFF, {name: ds[name].values for name in energy_cost.KEPT}
+    chilled = t["electricity"] / t["cop"]
+    energy = one["coil_energy"].sum(axis=0) * chilled * 365 / DAYS
+    demand = one["coil_peak_power"].max(axis=0) / t["cop"] * t["demand"] * 12
+    warm, cold = one["reheat_energy"], one["recool_energy"]
+    if how == "evened":
+        warm, cold = np.maximum(warm - cold, 0.0), np.maximum(cold - warm, 0.0)
+    air = (warm.sum(axis=0) * t["heat"] + cold.sum(axis=0) * chilled) * 365 / DAYS
+    return energy + demand + (0.0 if how == "without" else air)
+
+
+def test_bills_are_those_of_plain_numpy(found):
+    ds = found[CONSTANT]
+    got = of_bills.bills(ds)
+    for how in ("without", "evened", "bill"):
+        np.testing.assert_allclose(got[how].transpose("sample", "controller", "backlash"), bill(ds, how), rtol=1e-9)
+    change = of_bills.against_sound(ds)
+    paid = bill(ds)
+    np.testing.assert_allclose(change.bill.sel(backlash=0.07), 100 * (paid[..., 1] / paid[..., 0] - 1), rtol=1e-6)
+    np.testing.assert_allclose(change.money.sel(backlash=0.07), paid[..., 1] - paid[..., 0], rtol=1e-6)
+    other = of_bills.against_found(ds, NAMES[0], 0.07)
+    np.testing.assert_allclose(other.bill, 100 * (paid[..., 1] / paid[:, :1, 1] - 1), rtol=1e-6)
+
+
+def test_an_interval_is_wider_with_fewer_valves_and_holds_the_median(found):
+    ds = found[CONSTANT].isel(controller=[0])
+    whole = of_bills.spread(ds, of_bills.against_sound).bill.sel(backlash=0.07).isel(controller=0)
+    paid = bill(ds)[:, 0]
+    change = 100 * (paid[:, 1] / paid[:, 0] - 1)
+    wanted = [np.median(change), *np.quantile(change, [0.05, 0.95])]
+    np.testing.assert_allclose(whole.sel(statistic=["median", "q05", "q95"]), wanted, rtol=1e-6)
+    few = xr.DataArray(np.arange(VALVES) < 6, dims="sample")
+    part = of_bills.spread(ds, of_bills.against_sound, few).bill.sel(backlash=0.07).isel(controller=0)
+    for found_ in (whole, part):
+        assert float(found_.sel(statistic="low")) <= float(found_.sel(statistic="median"))
+        assert float(found_.sel(statistic="median")) <= float(found_.sel(statistic="high"))
+    widths = [float(f.sel(statistic="high") - f.sel(statistic="low")) for f in (whole, part)]
+    assert 0.0 < widths[0] < widths[1]
+
+
+def test_the_table_of_the_claim_counts_valves(found, written):
+    energy_cost_tables.write_claim(found)
+    _, (head, *rows) = written("cost_claim")
+    assert [row[:2] for row in rows] == [[k, v] for k in found for v in ("all: 24", "hunt by the gap: 12")]
+    paid = bill(found[CONSTANT])[:, 0]
+    dearer = 100 * (paid[:, 1] / paid[:, 0] - 1) > 1.0
+    at = head.index("bill with reheat")
+    assert rows[0][at].startswith(f"{100 * dearer.mean():.0f} % (")
+    assert rows[1][at].startswith(f"{100 * dearer[1::2].mean():.0f} % (")
+
+
+def test_every_other_table_is_written(found, written):
+    energy_cost_tables.write_sums(found)
+    energy_cost_tables.write_by_backlash(found)
+    energy_cost_tables.write_remedies(found)
+    _, (_, *rows) = written("cost_sums")
+    assert len(rows) == 4
+    title, (_, none, gap) = written("cost_backlash")
+    paid = bill(found[CONSTANT])[:, 0]  # heating is no part of it
+    assert f"pays {np.median(paid[:, 0]):,.0f} USD" in title
+    assert none[2] == "0.00 % (0.00 to 0.00)"
+    assert gap[3].split(" (")[0] == f"{np.median(paid[:, 1] - paid[:, 0]):+.0f}"
+    _, (_, *rows) = written("cost_remedies")
+    assert [row[1] for row in rows[:4]] == [*NAMES, "a valve without a gap"]
+    mended = 100 * (paid[:, 0] / paid[:, 1] - 1)
+    assert rows[3][5].startswith(f"{np.median(mended):+.2f} % (")
+
+
+def test_gains_of_simc_are_sought_without_a_gap_and_the_inverse_knows_it(monkeypatch):
+    asked = []
+
+    def simc(loop, kind):
+        asked.append((float(xr.DataArray(loop["backlash"])), kind))
+        n = xr.DataArray(loop["kp"]).sizes["sample"]
+        return xr.Dataset({"kp": ("sample", np.full(n, 0.5)), "ti": ("sample", np.full(n, 50.0))})
+
+    monkeypatch.setattr(energy_cost, "simc_gains", simc)
+    loop = energy_cost.loops(1, 3, "stepped")
+    assert asked == [(0.0, CONSTANT)]
+    assert loop.sizes == {"sample": 3, "backlash": 6, "controller": 3}
+    ds = xr.Dataset({name: xr.DataArray(loop[name]) for name in ("kp", "ti", "estimate_ratio")})
+    assert (ds.kp.isel(controller=1) == 0.5).all()
+    assert (ds.kp.isel(controller=0) == ds.kp.isel(controller=2)).all()
+    assert ds.estimate_ratio.values.tolist() == [0.0, 0.0, 0.95]
+    assert set(energy_cost.KEPT) <= set(fc.simulate(fc.Loop(), fc.constant_day(hours=0.1), warm_up=60))
+    assert set(kinds()) >= {CONSTANT, HEATING}

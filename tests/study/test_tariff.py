@@ -1,0 +1,123 @@
+"""``[tariff]`` of a study: prices change no scenario, and are those of the file when it is run, opened, extended."""
+
+from __future__ import annotations
+
+import pytest
+from helpers.commands import fastcoil
+from helpers.refusals import problems
+from helpers.studies import run, write_study
+
+import fastcoil as fc
+from fastcoil.study import maintenance
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.runner import execute
+
+WITHOUT = """
+[loop]
+noise_std = 0.02
+[sweep]
+backlash = [0.0, 0.07]
+[cases.tuning]
+as_found = {}
+slow = { ti = 60 }
+[boundary]
+hours = 0.5
+seed = [1, 2]
+[run]
+warm_up = 100
+traces = ["T_sup"]
+"""
+TARIFF = """
+[tariff]
+electricity = 0.2
+demand = 12
+heat = 0.05
+"""
+
+
+@pytest.mark.kernel
+def test_prices_are_those_of_the_file_whenever_it_is_run_and_nothing_is_run_again(tmp_path):
+    out = tmp_path / "out"
+    run(WITHOUT, out)
+    before = fc.open_study(out).load()
+    for text, price in ((WITHOUT + TARIFF, 0.05), (WITHOUT + TARIFF.replace("0.05", "0.5"), 0.5)):
+        finished = execute(write_study(text, out), out, n_jobs=1)
+        assert finished.n_run == 0
+        assert maintenance.verify(out) == []
+        with fc.open_study(out) as now:
+            assert now.drop_attrs(deep=False).identical(before.drop_attrs(deep=False))
+            assert now.attrs["study_sha256"] == before.attrs["study_sha256"]
+            with pytest.warns(UserWarning, match="no dates"):
+                costs = fc.cost(now)
+            assert float(costs.reheat_cost.sum()) == pytest.approx(price * float(now.reheat_energy.sum()))
+            with pytest.warns(UserWarning, match="no dates"):
+                other = fc.cost(now, heat=1.0)
+            assert float(other.reheat_cost.sum()) == pytest.approx(float(now.reheat_energy.sum()))
+            assert float(other.demand_cost.sum()) == float(costs.demand_cost.sum())
+
+
+@pytest.mark.kernel
+def test_the_summary_says_what_backlash_costs_also_after_an_extension(tmp_path):
+    out, path = tmp_path / "out", tmp_path / "study.toml"
+    path.write_text(WITHOUT + TARIFF)
+    said = fastcoil("run", path, "-o", out, "--no-figures").output
+    assert "as_found: a gap of 7 % costs " in said
+    assert "slow: a gap of 7 % costs " in said
+    assert "no dates, so 30 days are a month; scaled from 2 days to a year" in said
+    path.write_text(WITHOUT.replace("0.07]", "0.07, 0.12]") + TARIFF + 'baseline = { tuning = "slow" }\n')
+    said = fastcoil("run", path, "-o", out, "--no-figures", "--extend").output
+    assert "As_found costs " in said
+    assert " a year than slow (" in said
+    assert maintenance.verify(out) == []
+    path.write_text(path.read_text().replace("electricity = 0.2", "electricity = 0.4"))
+    again = fastcoil("run", path, "-o", out, "--no-figures")
+    assert again.exit_code == 0
+    assert "nothing to do" in again.output
+    assert again.output != said
+    assert maintenance.verify(out) == []
+
+
+@pytest.mark.kernel
+def test_a_new_title_is_taken_over_too(tmp_path):
+    out = tmp_path / "out"
+    run(WITHOUT, out)
+    finished = execute(write_study('title = "new"\n' + WITHOUT, out), out, n_jobs=1)
+    assert (finished.n_run, finished.results.attrs["title"]) == (0, "new")
+    assert fc.open_study(out).attrs["title"] == "new"
+    assert maintenance.verify(out) == []
+
+
+@pytest.mark.parametrize(
+    ("tariff", "words"),
+    [
+        (TARIFF.replace("heat = 0.05", ""), "[tariff] heat is missing: give it, such as heat = 0.05"),
+        (TARIFF + "copp = 3", "[tariff] copp is unknown, did you mean 'cop'?"),
+        (TARIFF + "cop = 0.1", "[tariff] cop = 0.1: give the coefficient of performance"),
+        (TARIFF.replace("12", "'12'"), "[tariff] demand = '12': give a number"),
+        (TARIFF.replace("12", "-12"), "[tariff] demand = -12.0: give the monthly price"),
+        (TARIFF + "electric_heat = 1", "[tariff] electric_heat = 1: give true or false"),
+        (TARIFF + "currency = ''", "[tariff] currency = '': give its name"),
+        (TARIFF + "baseline = { tunning = 'slow' }", "[tariff] baseline: 'tunning' is no dimension of the loops"),
+        (TARIFF + "baseline = { tuning = 'slo' }", "[tariff] baseline: tuning has no label 'slo': choose one of as_f"),
+        (TARIFF + "baseline = { tuning = 'slow', backlash = 0.0 }", "give one dimension and one of its labels"),
+        (TARIFF + "baseline = { backlash = 0.01 }", "backlash has no label 0.01: choose one of 0.0, 0.07"),
+    ],
+)
+def test_a_wrong_tariff_is_refused_in_one_sentence(tmp_path, tariff, words):
+    path = tmp_path / "study.toml"
+    path.write_text(WITHOUT + tariff)
+    (sentence,) = problems(read_study, path)
+    assert words in sentence
+
+
+def test_an_axis_called_like_a_cost_is_refused(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text((WITHOUT + TARIFF).replace("[cases.tuning]", "[cases.month]"))
+    (sentence,) = problems(read_study, path)
+    assert "[tariff] the costs have a dimension or number month, too: rename it" in sentence
+
+
+def test_prices_do_not_change_which_study_it_is(tmp_path):
+    (tmp_path / "a.toml").write_text(WITHOUT)
+    (tmp_path / "b.toml").write_text(WITHOUT + TARIFF)
+    assert read_study(tmp_path / "a.toml").sha256 == read_study(tmp_path / "b.toml").sha256
