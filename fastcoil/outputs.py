@@ -122,6 +122,12 @@ METRICS: dict[str, Output] = {
                "sum of m_a cp_a (T_sup - T_set) dt where that is positive", label="recool energy"),
         Output("water_volume", "m3", "water through the coil", "at 1000 kg/m3", label="water volume"),
         Output("condensate", "kg", "condensate", "sum over the volumes of m_a (W_in - W_out) dt", label="condensate"),
+        Output("frost_time", "s", "time in which frost forms on the coil",
+               "metal of a wet control volume below 0 degC, seen every 60 s of the whole run, counted or not; frost is "
+               "not simulated", label="time with frost"),
+        Output("freeze_time", "s", "time in which water freezes in the coil",
+               "water of a control volume, or its metal where the water stands still, at or below 0 degC, seen every "
+               "60 s of the whole run, counted or not; ice is not simulated", label="time with ice"),
     )
 }
 

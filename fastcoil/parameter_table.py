@@ -275,6 +275,8 @@ STAND_INS = {
 }
 """Parameters without a default, and the ones they replace."""
 
+COUNTS = ("n_volumes", "substeps")
+"""Integers; all other numbers are floats."""
 INSTALLED_VALVE = ("rangeability", "authority", "m_full")
 
 RESERVED_DIMS = ("sample", "replicate", "day", "controller", "tuning", "volume", "elapsed_time")

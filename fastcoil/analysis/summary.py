@@ -29,7 +29,7 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
         lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
     if failed == n:
         return lines
-    lines += _off(ds) + _foretold(ds)
+    lines += _off(ds) + _foretold(ds) + _frozen(ds)
     costs = [] if billing is None else cost_lines(ds, billing)
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds)), None)
     if ratio and bool((ds[ratio] == 0.0).any()):
@@ -66,6 +66,20 @@ def _foretold(ds: xr.Dataset) -> list[str]:
         f"Hunting: foretold for {int(foretold.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}; "
         f"{_cut(agree)} % agree."
     ]
+
+
+def _frozen(ds: xr.Dataset) -> list[str]:
+    """Days with frost, and with ice, if there are any; results of earlier versions do not tell."""
+    lines = []
+    for name, what in (("frost_time", "Frost forms on the coil"), ("freeze_time", "Water freezes in the coil")):
+        hours = ds[name].values / 3600.0 if name in ds else np.zeros(1)
+        n = int((hours > 0.0).sum())
+        if n:
+            lines.append(
+                f"{what} in {n:,} of {hours.size:,} scenario-days, for up to {np.nanmax(hours):.1f} h; "
+                "it is reported, not simulated."
+            )
+    return lines
 
 
 def _cut(share: float) -> str:

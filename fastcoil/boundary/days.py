@@ -16,7 +16,7 @@ from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import BOUNDARY_SERIES, LARGEST_DAY_LABEL, Values
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.memory import available_memory, gib
-from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix, saturation_humidity_ratio
+from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
 from fastcoil.numerics.low_pass import low_pass
 
 # -------------------------------------------------------------------------------------------- the paper's day
@@ -271,7 +271,7 @@ def design_day(
     T_max = d.T_design if mode == "cooling" else d.T_design + d.T_daily_range
     T_out = T_max - below * d.T_daily_range
     W_design = humidity_ratio_from_wet_bulb(d.T_design, wet_bulb, pressure)
-    W_out = np.minimum(W_design, saturation_humidity_ratio(T_out, pressure))
+    W_out = np.minimum(W_design, humidity_ratio(T_out, 1.0, pressure))
     W_return = humidity_ratio(d.T_return, d.RH_return, pressure)
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, d.T_return, W_return)
     return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=d.T_w_in, T_set=d.T_set)

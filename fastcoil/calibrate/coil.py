@@ -38,6 +38,7 @@ def fit_coil(
     T_initial: float = 20.0,
     n_volumes: int = 8,
     air_march: str = "lagged",
+    substeps: int = 1,
     pressure: float = 101325.0,
     holds: str | Sequence[str] | None = None,
     split: float | None = None,
@@ -63,8 +64,9 @@ def fit_coil(
         ``T_sup`` as in the paper, or ``both`` to compare the leaving water too.
     warm_up, T_initial
         Seconds left out at each start of the model [s], and all temperatures there [degC].
-    n_volumes, air_march, pressure
-        Of the model, see ``fc.parameters()``.
+    n_volumes, air_march, substeps, pressure
+        Of the model, see ``fc.parameters()``.  Fit with those that the loop will have: parameters take up the error of
+        the march that they were fitted with.
     holds
         Name or names of inputs that hold between samples; the others run straight.
     split, fit_until
@@ -101,7 +103,8 @@ def fit_coil(
         minimise_on = check(choice_of, "minimise_on", minimise_on, OUTPUTS)
         warm_up = check(number_of, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
         held_inputs = check(_held_inputs, holds)
-        loop = check(Loop, n_volumes=n_volumes, air_march=air_march, pressure=pressure, T_initial=T_initial)
+        loop = check(Loop, n_volumes=n_volumes, air_march=air_march, substeps=substeps, pressure=pressure,
+                     T_initial=T_initial)  # fmt: skip
         for name, array in loop.swept.items() if loop else ():
             check.problems.append(f"{name} = {shown(array.values.tolist())}: give one value")
         check_reading(check, units=units, columns=columns, constants=constants, drop=drop, jumps=jumps, max_gap=max_gap)

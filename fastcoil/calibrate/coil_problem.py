@@ -126,7 +126,8 @@ class CoilProblem:
     def _least_C_w(self) -> float:
         """ln of the C_w with γ = 1 at the largest flow."""
         loop = self.record.loop
-        return math.log(self.record.limits.m_w_max * float(loop["cp_w"]) * int(loop["n_volumes"]) / 8.0)  # type: ignore[arg-type]
+        cp_w, n_volumes, substeps = (float(loop[name]) for name in ("cp_w", "n_volumes", "substeps"))  # type: ignore[arg-type]
+        return math.log(self.record.limits.m_w_max * cp_w * n_volumes / 8.0 / substeps)
 
     def complete(self, sets: Array) -> Array:
         """Parameter sets with the coupled ones filled in: a dry coil's ε* is its ε."""

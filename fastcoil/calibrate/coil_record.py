@@ -194,7 +194,7 @@ def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Re
 
 
 def _limits(values: Mapping[str, Array], T_initial: float, pressure: float) -> Limits:
-    dew_point = float(moist_air.dew_point(values["W_a_in"].max(), pressure))
+    dew_point = float(moist_air.wetting_point(values["W_a_in"].max(), pressure))
     coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), T_initial)
     return Limits(
         m_w_max=float(values["m_w"].max()),

@@ -24,9 +24,11 @@ from fastcoil.calibrate.result import (
     sample_variables,
 )
 from fastcoil.calibrate.split import FITTING, UNUSED, VALIDATION
+from fastcoil.parameter_table import PARAMETERS
 
 _NOTHING = 5.0
 """Half an interval this wide means nothing: a factor of 150, or an exponent."""
+_MARCH = ("n_volumes", "air_march", "substeps")
 _STABLE = "at the stability limit (γ = 1 at the largest flow)"
 
 
@@ -56,6 +58,10 @@ def coil_fit(problem: CoilProblem, solution: CoilSolution, started: float) -> Fi
     notes.append(f"{(wet > 0).mean():.0%} of the fitted samples have wet volumes, {wet.mean():.1f} on average")
     most = record.limits.m_w_max
     notes.append(f"stable up to the {most:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion")
+    marched = {n: record.loop[n] for n in _MARCH if record.loop[n] != PARAMETERS[n].default}
+    if marched:
+        given = ", ".join(f"{name} = {value!r}" for name, value in marched.items())
+        notes.append(f"fitted with {given}: give the loop the same, the parameters belong to it")
     return Fit(
         kind="coil",
         source=data.name,

@@ -118,6 +118,7 @@ def fit_valve_command(
 @click.option("--t-initial", type=float, default=20.0, show_default=True, help="All temperatures at each start, °C.")
 @click.option("--volumes", type=int, default=8, show_default=True, help="Number of control volumes.")
 @click.option("--air-march", default="lagged", show_default=True, help="lagged or quasistatic.")
+@click.option("--substeps", type=int, default=1, show_default=True, help="Steps of the model a second.")
 @click.option("--pressure", type=float, default=101325.0, show_default=True, help="Barometric pressure, Pa.")
 @click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that holds until the next sample.")
 def fit_coil_command(
@@ -131,6 +132,7 @@ def fit_coil_command(
     t_initial: float,
     volumes: int,
     air_march: str,
+    substeps: int,
     pressure: float,
     holds: Sequence[str],
     split: float | None,
@@ -161,6 +163,7 @@ def fit_coil_command(
             T_initial=t_initial,
             n_volumes=volumes,
             air_march=air_march,
+            substeps=substeps,
             pressure=pressure,
             holds=holds,
             split=split,

@@ -52,7 +52,7 @@ def settle(S, V, n_volumes, leaks, entering, openings, rests):
         S[R.dt_C_w + j] = 0.0 if rests[j] else 1.0 / C_flow
     for _ in range(_MOST_SWEEPS):
         enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes)
+        march_water(S, V, n_volumes, False)
         march_air_each(S, V, n_volumes, False, entering, True)
         # one sweep more after the last, so that the air is that of the coil as it stands
         all_rest = True

@@ -57,7 +57,7 @@ def march_coil(rows, common, series, at, S, V, T_sup, T_w_out, wet):
             m_w_known = m_w
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
         for part in range(common.substeps):
-            march_water(S, V, n_volumes)
+            march_water(S, V, n_volumes, False)
             if recorded and part == 0 and common.lagged_air:
                 count_wet(S, V, n_volumes)
             march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, 0.0)

@@ -7,6 +7,7 @@ volume is wet to the share that keeps it in between.  Every other volume is as i
 
 from __future__ import annotations
 
+from fastcoil.engine.plant import march_water
 from fastcoil.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, positions
 from fastcoil.numerics.jit import section
 from fastcoil.physics.coil import air_heat, condensed, effectiveness, metal
@@ -42,10 +43,19 @@ def air_side_each(S, entering):
 
 
 @section
+def second_each(S, V, common, entering):
+    """March the coil of each lane through a second, in the substeps of the block."""
+    enter_each(V, common.n_volumes, entering)
+    for _ in range(common.substeps):
+        march_water(S, V, common.n_volumes, False)
+        march_air_each(S, V, common.n_volumes, common.lagged_air, entering, False)
+
+
+@section
 def march_air_each(S, V, n_volumes, lagged_air, entering, hurries):
     """Eq (3) for air and metal as in ``march_air``, but for volumes at their dew point, see the file's docstring.
 
-    The band is two changes of T_c wide, by one second of being wet: the emulator's own grain.
+    The band is two changes of T_c wide, by one step of being wet: the emulator's own grain.
     hurries: on the way to rest, with the largest step that cannot overshoot in place of a second; lanes without a time
     step of the water stand still.
     """

@@ -17,8 +17,19 @@ from fastcoil.engine.controller import PLAIN, call_control, control, draw_noise
 from fastcoil.engine.estimation import call_estimator
 from fastcoil.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
 from fastcoil.engine.law import call_law
-from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch
-from fastcoil.engine.plant import air_side, count_wet, deliver, enter, march_air, march_water, shared_air_side
+from fastcoil.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch, watch_frost
+from fastcoil.engine.plant import (
+    MILD_T,
+    MILD_W,
+    air_side,
+    count_wet,
+    deliver,
+    enter,
+    extremes,
+    march_air,
+    march_water,
+    shared_air_side,
+)
 from fastcoil.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, positions
 from fastcoil.engine.schedule import COUNTED, IN_SWITCH_BLOCK, Schedule
 from fastcoil.engine.stem import MOVED, RUNNING, actuate, call_stem, scale_gap
@@ -83,9 +94,11 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
     shared = common.shares_air_side
     eps = np.empty((2, n_steps if shared else 0))
     shared_air_side(S, day.series[:, C.m_a], eps)
+    coldest, dampest = extremes(V, n_volumes)
     m_a_known, scale_known = np.nan, np.nan
     was_enabled = day.was_enabled
     running = False
+    looked = 0
     dt = 1.0 / common.substeps
     for t in range(n_steps):
         clock = day.start + t
@@ -141,9 +154,14 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
             record(S, V, traced_rows, traces[t // trace_interval])
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
+        coldest, dampest = min(coldest, T_a_in, T_w_in), max(dampest, W_a_in)
+        is_mild = coldest > MILD_T and dampest < MILD_W
         dt_counted = dt if counted else 0.0
         for part in range(common.substeps):
-            march_water(S, V, n_volumes)
+            if is_mild:
+                march_water(S, V, n_volumes, True)
+            else:
+                march_water(S, V, n_volumes, False)
             if traced and part == 0 and common.lagged_air:
                 count_wet(S, V, n_volumes)
             if shared:
@@ -157,5 +175,8 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
 
         if t % WATCH_INTERVAL == 0 or t == n_steps - 1:
             watch(S, V, n_volumes)
+            if not is_mild:
+                watch_frost(S, V, n_volumes, t + 1 - looked)
+            looked = t + 1
 
     summarise(S, V, n_volumes, day.schedule, metrics, status)

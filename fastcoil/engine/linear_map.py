@@ -1,13 +1,13 @@
-"""The one-step map of the plant, linearised: states[t + 1] = A states[t] + B opening[t]."""
+"""The plant from one second to the next, linearised: states[t + 1] = A states[t] + B opening[t]."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from fastcoil.engine.at_rest import F, small_steps
-from fastcoil.engine.each_lane import air_side_each, enter_each, march_air_each
+from fastcoil.engine.each_lane import air_side_each, second_each
 from fastcoil.engine.initial_state import derive, reset_sums, set_initial_state
-from fastcoil.engine.plant import deliver, march_water
+from fastcoil.engine.plant import deliver
 from fastcoil.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
 from fastcoil.numerics.jit import kernel, section
 
@@ -36,7 +36,7 @@ def add_states(V, n_volumes, factors, total):
 
 @kernel
 def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
-    """Differentiate one step of the march at rest, by central differences.
+    """Differentiate one second of the march at rest, with all its substeps, by central differences.
 
     rows, common, entering, S, V: as for ``find_rest``; found, at_rest: what that found, its V.
     A: out, (4 N, 4 N, LANES); B: out, (4 N, LANES), per unit opening.  States as in STATES, in K and kg/kg.
@@ -58,9 +58,7 @@ def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
             S[R.opening + j] = first[j] if side > 0.0 else second[j]
             factors[j] = side / (first[j] - second[j])
         deliver(S, common.leaks)
-        enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes)
-        march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
+        second_each(S, V, common, entering)
         add_states(V, n_volumes, factors, B)
 
     for j in range(LANES):
@@ -73,7 +71,5 @@ def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
             for j in range(LANES):
                 V[row + j] += side * change
                 factors[j] = side / (2.0 * change)
-            enter_each(V, n_volumes, entering)
-            march_water(S, V, n_volumes)
-            march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
+            second_each(S, V, common, entering)
             add_states(V, n_volumes, factors, A[:, k])

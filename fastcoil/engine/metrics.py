@@ -28,6 +28,8 @@ from fastcoil.outputs import (
     STATUS_OK,
     STATUS_OUT_OF_RANGE,
 )
+from fastcoil.physics.coil import NO_FLOW
+from fastcoil.physics.psychrometrics import frost_pressure, humidity_ratio
 
 N_METRICS = len(METRICS)
 M = positions(METRICS)
@@ -38,7 +40,7 @@ OF_ESTIMATORS = (
 """Metrics that one kind of estimator brings, see ``Estimator.results``."""
 
 WATCH_INTERVAL = 60
-"""Seconds between checks of the temperature range: a temperature that leaves it does not come back."""
+"""Seconds between looks at the coil: a temperature that leaves its range does not come back, and frost stays long."""
 MOVED = 1e-9
 """Change of opening, fraction, that counts as a movement of the stem."""
 T_CENTRE, T_HALF_RANGE = 50.0, 100.0
@@ -140,6 +142,29 @@ def watch(S, V, n_volumes):
             S[R.farthest_T_c + j] = far if far > S[R.farthest_T_c + j] else S[R.farthest_T_c + j]
 
 
+@section
+def watch_frost(S, V, n_volumes, seconds):
+    """Add the seconds since the look before to the lanes in which water freezes on the metal or in the tubes.
+
+    Water that stands still counts with the temperature of its metal: Eq (3) leaves it as it was.
+    """
+    for j in range(LANES):
+        S[R.coldest_wet + j] = np.inf
+        S[R.coldest_water + j] = np.inf
+    for i in range(1, n_volumes + 1):
+        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+        for j in range(LANES):
+            T_c = pair[T_C + j]
+            W_ice = humidity_ratio(frost_pressure(T_c), S[R.pressure + j])
+            T_wet = T_c if pair[VOLUME_STRIDE + W_A + j] > W_ice else np.inf
+            T_water = pair[T_W + j] if S[R.m_w + j] > NO_FLOW else T_c
+            S[R.coldest_wet + j] = T_wet if T_wet < S[R.coldest_wet + j] else S[R.coldest_wet + j]
+            S[R.coldest_water + j] = T_water if T_water < S[R.coldest_water + j] else S[R.coldest_water + j]
+    for j in range(LANES):
+        S[R.frost_time + j] += seconds if S[R.coldest_wet + j] < 0.0 else 0.0
+        S[R.freeze_time + j] += seconds if S[R.coldest_water + j] <= 0.0 else 0.0
+
+
 @scalar
 def status_of(S, V, j, n_volumes):
     """0 ok, 1 non-finite, 2 out of range.  A lane that was once inf or NaN never becomes finite again."""
@@ -191,5 +216,7 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.recool_energy] = S[R.recool + j] * S[R.cp_a + j] / 3600.0
         m[M.water_volume] = S[R.sum_m_w + j] / _WATER_DENSITY
         m[M.condensate] = S[R.condensate + j]
+        m[M.frost_time] = S[R.frost_time + j]
+        m[M.freeze_time] = S[R.freeze_time + j]
         if status[j] != STATUS_OK:
             m[:] = np.nan

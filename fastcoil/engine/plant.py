@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fastcoil.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
 from fastcoil.numerics.elementary import exp, log
 from fastcoil.numerics.jit import section
@@ -16,8 +18,19 @@ from fastcoil.physics.coil import (
     water,
     water_heat,
 )
-from fastcoil.physics.psychrometrics import enthalpy_difference, saturation_humidity_ratio
+from fastcoil.physics.psychrometrics import (
+    T_FROST,
+    T_HOT,
+    enthalpy_difference,
+    frost_pressure,
+    hot_pressure,
+    humidity_ratio,
+    mild_pressure,
+)
 from fastcoil.physics.valve import growth, leaking, log_flow
+
+MILD_T, MILD_W = 1.0, 0.07
+"""While all is warmer, °C, and drier, kg/kg, no metal is near freezing, and none above 50 °C gets wet."""
 
 
 @section
@@ -86,22 +99,53 @@ def enter(V, n_volumes, T_a_in, W_a_in, T_w_in):
 
 
 @section
-def march_water(S, V, n_volumes):
+def extremes(V, n_volumes):
+    """Lowest temperature, °C, and highest humidity ratio, kg/kg, in the coils of a block.
+
+    Eqs (3) and (4) take weighted means, at dt within the stability limits, and nothing but a loss of humidity: until
+    something colder or damper enters, no volume goes beyond.
+    """
+    coldest, dampest = np.inf, -np.inf
+    for i in range(1, n_volumes + 1):
+        cv = V[i * VOLUME_STRIDE :]
+        for j in range(LANES):
+            coldest = min(coldest, cv[T_W + j], cv[T_C + j], cv[T_A + j])
+            dampest = max(dampest, cv[W_A + j])
+    return coldest, dampest
+
+
+@section
+def march_water(S, V, n_volumes, is_mild):
     """Eq (3) for the water of every volume, and what the air march reads: heat into the water, saturation.
 
     It runs from the water's outlet to its inlet, so that the water entering a volume is still in state [t].  It is
     separate from the air march because two short chains of arithmetic overlap better than a long one.
+    is_mild: no metal is near freezing, and no air so moist that it condenses above 50 °C.
     """
     for k in range(n_volumes):
         i = n_volumes - k
         pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
+        cold, hot = False, False
         for j in range(LANES):
             own = VOLUME_STRIDE + j
             T_w, T_w_in, T_c = pair[own + T_W], pair[T_W + j], pair[own + T_C]
             Q_w = water_heat(S[R.G_w + j], T_c, T_w_in)
             pair[own + T_W] = water(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.dt_C_w + j])
             pair[own + Q_W] = Q_w
-            pair[own + W_S] = saturation_humidity_ratio(T_c, S[R.pressure + j])
+            pair[own + W_S] = humidity_ratio(mild_pressure(T_c), S[R.pressure + j])
+            if not is_mild:
+                cold |= T_c < T_FROST
+                hot |= T_c > T_HOT
+        if cold:
+            for j in range(LANES):
+                own = VOLUME_STRIDE + j
+                W_s = humidity_ratio(frost_pressure(pair[own + T_C]), S[R.pressure + j])
+                pair[own + W_S] = W_s if pair[own + T_C] < T_FROST else pair[own + W_S]
+        if hot:
+            for j in range(LANES):
+                own = VOLUME_STRIDE + j
+                W_s = humidity_ratio(hot_pressure(pair[own + T_C]), S[R.pressure + j])
+                pair[own + W_S] = W_s if pair[own + T_C] > T_HOT else pair[own + W_S]
 
 
 @section

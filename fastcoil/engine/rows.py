@@ -40,7 +40,8 @@ STATE_ROWS = (
     # coil: flow, conductance and effectiveness of this step
     "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
     # since the start of the first day: how far the metal was out of range, and when the estimate was right
-    "farthest_T_c", "time_reached", "time_confirmed", "time_identified",
+    "farthest_T_c",
+    "coldest_wet", "coldest_water", "frost_time", "freeze_time", "time_reached", "time_confirmed", "time_identified",
 )  # fmt: skip
 """What the next step, or a later day, starts from.
 

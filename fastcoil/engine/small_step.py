@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.engine.at_rest import F, small_steps
-from fastcoil.engine.each_lane import air_side_each, enter_each, march_air_each
+from fastcoil.engine.each_lane import air_side_each, second_each
 from fastcoil.engine.initial_state import derive, reset_sums, set_initial_state
-from fastcoil.engine.plant import deliver, march_water
+from fastcoil.engine.plant import deliver
 from fastcoil.engine.rows import LANES, T_A, VOLUME_STRIDE, R
 from fastcoil.numerics.jit import kernel
 
@@ -30,8 +30,8 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
     ends: out, (LANES,), the second from which a lane stays within ``tolerance`` (fraction of its gain) of where it
     ends.  From there on its changes are a geometric series.  n_steps, if fewer than FEW + 1 seconds are left for that.
     """
-    n_volumes, n_steps = common.n_volumes, response.shape[0]
-    derive(S, rows, n_volumes)
+    n_steps = response.shape[0]
+    derive(S, rows, common.n_volumes)
     set_initial_state(S, True)
     reset_sums(S, True)
     air_side_each(S, entering)
@@ -46,9 +46,7 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
     deliver(S, common.leaks)
     ends[:] = 2
     for t in range(n_steps):
-        enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes)
-        march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
+        second_each(S, V, common, entering)
         for j in range(LANES):
             response[t, j] = supply[j]
             change = found[F.T_stepped, j] - found[F.T_sup, j]
@@ -60,9 +58,7 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
         S[R.opening + j] = second[j]
     deliver(S, common.leaks)
     for t in range(n_steps):
-        enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes)
-        march_air_each(S, V, n_volumes, common.lagged_air, entering, False)
+        second_each(S, V, common, entering)
         for j in range(LANES):
             response[t, j] = (response[t, j] - supply[j]) / (first[j] - second[j])
             response[t, j] = response[t, j] if found[F.gain, j] == found[F.gain, j] else np.nan

@@ -14,7 +14,7 @@ P = positions(PARAMETER_ROWS)
 
 @kernel
 def step_numbers(matrix, m_a, slope, gamma, lam):
-    """γ = m_w c_p,w dt / C_w and λ = dt (G_a + G_w) / C_c at full opening, per scenario.
+    """γ = m_w c_p,w dt / C_w and λ = dt (G_a + G_w) / C_c at full opening, per scenario; dt = 1 s / substeps.
 
     matrix: (len(PARAMETER_ROWS), n).  m_a: air flows to try, kg/s.  slope: dh_s/dT of the wettest entering
     air, kJ/(kg K), for the wet form of λ; 0 where no volume can be wet.  gamma, lam: out, (n,).
@@ -32,8 +32,8 @@ def step_numbers(matrix, m_a, slope, gamma, lam):
             G_a = effectiveness(per_volume * p[P.beta3], p[P.beta4], m) * m * p[P.cp_a]
             G_wet = effectiveness(per_volume * p[P.beta5], p[P.beta6], m) * m * slope
             G_air = max(G_air, G_a, G_wet)
-        gamma[k] = m_w * p[P.cp_w] / (per_volume * p[P.C_w])
-        lam[k] = (G_air + G_w) / (per_volume * p[P.C_c])
+        gamma[k] = m_w * p[P.cp_w] / (per_volume * p[P.C_w]) / p[P.substeps]
+        lam[k] = (G_air + G_w) / (per_volume * p[P.C_c]) / p[P.substeps]
 
 
 def worst_numbers(matrix: np.ndarray, m_a: np.ndarray, slope: float) -> tuple[np.ndarray, np.ndarray]:

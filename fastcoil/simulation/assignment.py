@@ -12,6 +12,7 @@ from fastcoil.errors import InputError, collecting
 from fastcoil.parameter_table import INSTALLED_VALVE, STAND_INS, check_name
 from fastcoil.rules.rule import KINDS, Rule
 from fastcoil.rules.table import table_of, taken, with_defaults, without_rules
+from fastcoil.simulation.converged import WORD, expanded
 from fastcoil.simulation.parameter_values import checked_value
 
 _VALVE_CURVE = STAND_INS["rangeability"]
@@ -30,6 +31,11 @@ def assigned(
     except InputError as error:
         problems += error.problems
         changes = {n: v for n, v in changes.items() if n not in KINDS}
+    try:
+        changes = expanded(changes)
+    except InputError as error:
+        problems += error.problems
+        changes = {n: v for n, v in changes.items() if n != WORD}
     table = table_of(known)
     for name, value in changes.items():
         with collecting(problems):

@@ -21,6 +21,7 @@ from fastcoil.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar, c
 from fastcoil.rules.rule import KINDS, Rule
 from fastcoil.rules.table import NO_RULES, table_of, taken, with_defaults
 from fastcoil.simulation.assignment import assigned
+from fastcoil.simulation.converged import WORD
 from fastcoil.simulation.parameter_values import checked_value
 from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.signature import UNCHANGED, describe_parameters, take_parameters
@@ -46,22 +47,22 @@ class Loop:
     _values: dict[str, Scalar | xr.DataArray]
     _rules: Mapping[str, Rule]
 
-    @take_parameters(_DEFAULTS)
+    @take_parameters(_DEFAULTS | {WORD: False})
     def __init__(self, **values: Any) -> None:
         self._values, self._rules = assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values)
 
     @classmethod
-    def preset(cls, name: str) -> Loop:
+    def preset(cls, name: str, *, converged: bool = False) -> Loop:
         """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl``, ``g36``, ``heating`` or ``heating_45``.
 
-        ``fc.presets()`` says what each stands for.
+        ``fc.presets()`` says what each stands for.  converged: as in ``Loop``.
         """
         known = f"choose one of {', '.join(PRESETS)}"
         if not isinstance(name, str):
             raise InputError(WrongType(f"preset = {shown(name)}: {known}"))
         if name not in PRESETS:
             raise InputError(f"preset = {shown(name)}: unknown{nearest(name, PRESETS)}; {known}")
-        return cls(**PRESETS[name].values)
+        return cls(**PRESETS[name].values, converged=converged)
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset, rules: Sequence[Rule] = ()) -> Loop:
@@ -100,7 +101,7 @@ class Loop:
         loop._values = constants | _defaults_of_missing(constants, swept, table)
         return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
 
-    @take_parameters(dict.fromkeys(PARAMETERS, UNCHANGED))
+    @take_parameters(dict.fromkeys((*PARAMETERS, WORD), UNCHANGED))
     def assign(self, **values: Any) -> Loop:
         """Return a copy with parameters changed.
 

@@ -12,7 +12,7 @@ from fastcoil.arguments import is_text, plain
 from fastcoil.arrays import MOST_VALUES, array_of
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.outputs import METRICS, PREDICTIONS, TRACES
-from fastcoil.parameter_table import LARGEST, PARAMETERS, Parameter, Scalar
+from fastcoil.parameter_table import COUNTS, LARGEST, PARAMETERS, Parameter, Scalar
 
 FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES}
 """Names that a swept dimension cannot have: dimensions and variables of a result."""
@@ -44,7 +44,7 @@ def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
     problem = parameter.problem(value)
     if problem:
         raise InputError(problem)
-    return value if parameter.is_word else int(value) if parameter.name == "n_volumes" else float(value)
+    return value if parameter.is_word else int(value) if parameter.name in COUNTS else float(value)
 
 
 def _vector(parameter: Parameter, values: Any) -> np.ndarray:
@@ -80,12 +80,12 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
     if not parameter.is_word:
         if array.dtype.kind not in "iuf":
             raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
-        array = array.astype(int if name == "n_volumes" and array.dtype.kind in "iu" else float)
+        array = array.astype(int if name in COUNTS and array.dtype.kind in "iu" else float)
     flat = array.values.ravel()
     bad = [p for p in (parameter.problem(v) for v in _suspects(parameter, flat)) if p]
     if bad:
         raise InputError(bad[0] if len(bad) == 1 else f"{bad[0]} (and {len(bad) - 1} more of its values)")
-    if name == "n_volumes":
+    if name in COUNTS:
         array = array.astype(int)
     if array.dims == (name,):
         # a label such as 0.07 must be found on an axis made by linspace

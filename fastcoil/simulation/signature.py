@@ -6,7 +6,8 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from fastcoil.parameter_table import PARAMETERS
+from fastcoil.parameter_table import COUNTS, PARAMETERS
+from fastcoil.simulation.converged import MEANING, WORD
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Class = TypeVar("Class", bound=type)
@@ -41,9 +42,10 @@ def describe_parameters(cls: Class) -> Class:
     text, heading, examples = inspect.cleandoc(cls.__doc__).partition("Examples\n")
     lines = ["Parameters", "----------"]
     for p in PARAMETERS.values():
-        kind = "str" if p.is_word else "int" if p.name == "n_volumes" else "float"
+        kind = "str" if p.is_word else "int" if p.name in COUNTS else "float"
         default = "optional" if p.default is None else f"default {p.default!r}"
         unit = "" if p.unit in ("", "1") else f" {p.unit}"
         lines += [f"{p.name} : {kind}, {default}{unit}", f"    {p.text} ({p.bounds})."]
+    lines += [f"{WORD} : bool, default False", f"    True stands for {MEANING}."]
     cls.__doc__ = "\n".join([text.rstrip(), "", *lines, "", heading + examples])
     return cls

@@ -1,4 +1,4 @@
-"""Stability of the explicit scheme of Eq (3) at dt = 1 s, checked before anything runs.
+"""Stability of the explicit scheme of Eq (3) at dt = 1 s / substeps, checked before anything runs.
 
 Every temperature stays a weighted mean of its neighbours, and nothing overshoots, exactly if γ ≤ 1 and
 λ ≤ 1 in every control volume (γ: Courant number of the water, λ: rate of the metal).
@@ -43,7 +43,8 @@ def check_stability(layout: Layout) -> None:
     Raises
     ------
     InputError
-        With the number of scenarios, the worst one, and the largest stable ``n_volumes`` or the capacitance at fault.
+        With the number of scenarios, the worst one, and what would be stable: ``substeps``, fewer ``n_volumes``, or
+        more of the capacitance at fault.
     """
     coil = _coil_and_valve(layout)
     boundary = layout.boundary
@@ -90,7 +91,7 @@ def _coil_and_valve(layout: Layout) -> Layout:
 def _wet_slope(boundary: Boundary, columns: dict[str, np.ndarray]) -> float:
     pressure = float(columns["pressure"].min())
     extremes = boundary.extremes
-    dew_point = float(moist_air.dew_point(extremes["W_a_in"][1], pressure))
+    dew_point = float(moist_air.wetting_point(extremes["W_a_in"][1], pressure))
     coldest = min(extremes[n][0] for n in ("T_w_in", "T_a_in"))
     if min(coldest, columns["T_initial"].min()) >= dew_point:
         return 0.0
@@ -100,7 +101,7 @@ def _wet_slope(boundary: Boundary, columns: dict[str, np.ndarray]) -> float:
 def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: _Worst, m_a: np.ndarray) -> str:
     columns = coil.columns(np.array([worst.flat]))
     matrix, slope = parameter_matrix(columns), _wet_slope(layout.boundary, columns)
-    n_volumes = int(columns["n_volumes"][0])
+    n_volumes, substeps = int(columns["n_volumes"][0]), int(columns["substeps"][0])
     largest_stable = 0
     for n in range(n_volumes - 1, 0, -1):
         matrix[PARAMETER_ROWS.index("n_volumes")] = n
@@ -110,14 +111,17 @@ def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: _Worst, m_a: np.nd
     what = [f"γ = m_w cp_w dt/C_w = {worst.gamma:.3g}"] if worst.gamma > 1.0 else []
     what += [f"λ = dt (G_a + G_w)/C_c = {worst.lam:.3g}"] if worst.lam > 1.0 else []
     cures = [f"n_volumes = {largest_stable} or less is stable"] if largest_stable else []
+    enough = int(np.ceil(min(max(worst.gamma, worst.lam), 1e6) * substeps * (1 - 1e-12)))
+    cures += [f"substeps = {enough} is stable"] if enough <= PARAMETERS["substeps"].upper else []
     for name, number in (("C_w", worst.gamma), ("C_c", worst.lam)):
         if 1.0 < number < np.inf:
             given = float(columns[name][0])
             cures.append(f"raise {name} from {given:g} to at least {_ceil3(given * number):g} kJ/K")
     place = ", ".join(filter(None, [coil.describe(worst.flat), f"n_volumes={n_volumes}"]))
+    dt = "1 s" if substeps == 1 else f"1/{substeps} s"
     share = n_bad * (layout.size // coil.size)
     return (
-        f"unstable at dt = 1 s: {share:,} of {layout.size:,} scenarios have γ or λ above 1; "
+        f"unstable at dt = {dt}: {share:,} of {layout.size:,} scenarios have γ or λ above 1; "
         f"worst: {' and '.join(what)} at {place}; cure: {', or '.join(cures)}"
     )
 

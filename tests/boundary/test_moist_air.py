@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fastcoil import moist_air
+from fastcoil.physics import psychrometrics
 
 PRESSURES = (101325.0, 98934.0, 70e3)
 ABOVE_FREEZING = np.linspace(0.02, 50.0, 60)
@@ -15,12 +16,33 @@ def each(function, *arrays):
     return np.array([function(*map(float, row)) for row in zip(*np.broadcast_arrays(*arrays), strict=True)])
 
 
-def test_saturation_pressure_is_hyland_wexler(psychrolib):
-    expected = each(psychrolib.GetSatVapPres, ABOVE_FREEZING)
-    np.testing.assert_allclose(moist_air.saturation_pressure(ABOVE_FREEZING), expected, rtol=1e-12)
+def test_saturation_is_hyland_wexlers_over_ice_below_the_triple_point_and_over_water_above(psychrolib):
+    T = np.concatenate([np.linspace(-40.0, 60.0, 301), [-1e-6, 0.0, 0.003, 0.0099, 0.0101]])
+    np.testing.assert_allclose(moist_air.saturation_pressure(T), each(psychrolib.GetSatVapPres, T), rtol=1e-12)
+    W_s = each(lambda t: psychrolib.GetSatHumRatio(t, 98e3), T)
+    np.testing.assert_allclose(moist_air.saturation_humidity_ratio(T, 98e3), W_s, rtol=1e-10)
 
 
-def test_saturation_below_freezing_is_over_supercooled_water():
+def test_host_and_kernel_have_the_same_saturation():
+    T = np.linspace(-20.0, 60.0, 1601)
+    kernel = each(lambda t: psychrometrics.saturation_humidity_ratio(t, 90e3), T)
+    np.testing.assert_allclose(moist_air.saturation_humidity_ratio(T, 90e3), kernel, rtol=1e-9)
+
+
+def test_humidity_in_frost_is_by_convention_over_supercooled_water():
+    """Relative humidity and dew point of weather files; a coil's metal is saturated over ice, up to 22 % less."""
+    T = np.linspace(-20.0, 0.0, 21)
+    np.testing.assert_allclose(moist_air.humidity_ratio(T, 1.0), moist_air.humidity_ratio_from_dew_point(T), rtol=1e-14)
+    np.testing.assert_allclose(
+        moist_air.humidity_ratio_from_wet_bulb(T, T), moist_air.humidity_ratio(T, 1.0), rtol=1e-9
+    )
+    share = moist_air.saturation_humidity_ratio(T) / moist_air.humidity_ratio(T, 1.0)
+    assert np.all(np.diff(share) > 0.0)
+    assert share[0] == pytest.approx(0.822, abs=2e-3)
+    assert share[-1] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_liquid_pressure_below_freezing_is_that_of_supercooled_water():
     """Murphy & Koop (2005), eq (10), is another correlation: they agree within 0.3 % down to -30 degC."""
     T = np.linspace(-30.0, 0.0, 31)
     K = T + 273.15
@@ -31,7 +53,7 @@ def test_saturation_below_freezing_is_over_supercooled_water():
         + 0.000367 * K
         + np.tanh(0.0415 * (K - 218.8)) * (53.878 - 1331.22 / K - 9.44523 * np.log(K) + 0.014025 * K)
     )
-    np.testing.assert_allclose(moist_air.saturation_pressure(T), expected, rtol=3e-3)
+    np.testing.assert_allclose(moist_air.liquid_pressure(T), expected, rtol=3e-3)
 
 
 @pytest.mark.parametrize("pressure", PRESSURES)
@@ -72,8 +94,19 @@ def test_dew_point_is_that_of_psychrolib_and_inverts_saturation(psychrolib, pres
 
 def test_dew_point_inverts_saturation_in_frost_and_in_dry_air():
     T = np.linspace(-60.0, 0.0, 25)
-    np.testing.assert_allclose(moist_air.dew_point(moist_air.saturation_humidity_ratio(T)), T, atol=1e-9)
+    np.testing.assert_allclose(moist_air.dew_point(moist_air.humidity_ratio(T, 1.0)), T, atol=1e-9)
     assert moist_air.dew_point(0.0) == moist_air.dew_point(1e-7) < -80.0
+
+
+@pytest.mark.parametrize("pressure", PRESSURES)
+def test_wetting_point_inverts_saturation_over_ice_and_over_water(pressure):
+    T = np.concatenate([np.linspace(-85.0, 60.0, 146), [0.0, 0.0099, 0.0101]])
+    found = moist_air.wetting_point(moist_air.saturation_humidity_ratio(T, pressure), pressure)
+    np.testing.assert_allclose(found, T, atol=2e-7)
+    above = found > 0.1
+    np.testing.assert_array_equal(
+        found[above], moist_air.dew_point(moist_air.saturation_humidity_ratio(T, pressure), pressure)[above]
+    )
 
 
 def test_enthalpy_is_that_of_psychrolib_and_temperature_inverts_it(psychrolib):
@@ -88,9 +121,9 @@ def test_saturation_enthalpy_slope_is_the_derivative(pressure):
     def h_s(T):
         return moist_air.enthalpy(T, moist_air.saturation_humidity_ratio(T, pressure))
 
-    step = 1e-3
-    difference = (h_s(ABOVE_FREEZING + step) - h_s(ABOVE_FREEZING - step)) / (2 * step)
-    np.testing.assert_allclose(moist_air.saturation_enthalpy_slope(ABOVE_FREEZING, pressure), difference, rtol=1e-7)
+    T, step = np.concatenate([np.linspace(-40.0, -0.01, 30), ABOVE_FREEZING]), 1e-3
+    difference = (h_s(T + step) - h_s(T - step)) / (2 * step)
+    np.testing.assert_allclose(moist_air.saturation_enthalpy_slope(T, pressure), difference, rtol=1e-7)
 
 
 def test_mixing_keeps_water_and_enthalpy_and_its_ends():

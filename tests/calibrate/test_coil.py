@@ -46,12 +46,22 @@ def test_both_temperatures_identify_more_than_one():
     assert both.standard_errors["beta1"] < one.standard_errors["beta1"]
 
 
-@pytest.mark.parametrize("form", ["n_volumes", "air_march"])
+@pytest.mark.parametrize("form", ["n_volumes", "air_march", "substeps"])
 def test_another_form_of_the_model_is_fitted_as_such(form):
-    other = {"n_volumes": {"n_volumes": 6}, "air_march": {"air_march": "quasistatic"}}[form]
-    fit = fc.fit_coil(coil_log(seed=6, sd=0.02, **other), split=1.0, **other)
+    other = {
+        "n_volumes": {"n_volumes": 6},
+        "air_march": {"air_march": "quasistatic"},
+        "substeps": {"air_march": "quasistatic", "substeps": 3},
+    }[form]
+    # in parts of a second the water of a volume may be renewed within less than one
+    truth = {"C_w": 4.0} if form == "substeps" else {}
+    fit = fc.fit_coil(coil_log(seed=6, sd=0.02, **other, **truth), split=1.0, **other)
+    assert fit.parameters["C_w"] == pytest.approx(truth.get("C_w", 8.8), rel=0.1)
     assert fit.rmse["fit"] == pytest.approx(0.02, rel=0.1)
     assert fit.parameters["C_c"] == pytest.approx(30.0, rel=0.02)
+    (note,) = (text for text in fit.notes if text.startswith("fitted with "))
+    assert all(f"{name} = {value!r}" in note for name, value in other.items())
+    assert note.endswith(": give the loop the same, the parameters belong to it")
 
 
 def test_coarse_samples_of_inputs_that_hold():

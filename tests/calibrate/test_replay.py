@@ -25,6 +25,7 @@ def recorded(ds, boundary):
         {"backlash_estimate": 0.05},
         {"noise_std": 0.1, "sample_time": 5.0, "backlash_estimate": 0.03, "buffer": 0.01},
         {"learning_step": 0.007, "learning_interval": 600, "sensor_resolution": 0.1, "noise_std": 0.05},
+        {"backlash_estimate": 0.05, "converged": True},
         {"neutral_zone": 0.01, "slip_jump": 0.03, "leakage": 0.0, "backlash_estimate": 0.05},
     ],
 )

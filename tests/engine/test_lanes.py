@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.engine.emulator import DAY_COLUMNS, Day
+from fastcoil.engine.emulator import DAY_COLUMNS, C, Day
 from fastcoil.engine.host import TraceRequest, run_block
 from fastcoil.engine.lanes import blocks, parameter_matrix, run_sets
 from fastcoil.engine.rows import LANES, PARAMETER_ROWS
@@ -111,6 +111,22 @@ def assert_same_bits(found, expected):
 def test_lanes_are_all_well_and_differ(alone):
     assert all(lane[0] == STATUS_OK for lane in alone)
     assert len({lane.tobytes() for lane in alone}) > 0.9 * N
+
+
+def test_a_neighbour_that_freezes_changes_nothing(mixed, day, alone):
+    """Near freezing the kernel takes another path through saturation, for the whole block."""
+    frosty = {**mixed, "T_initial": np.where(np.arange(N) % 2 == 0, mixed["T_initial"], 0.0)}
+    found = run(frosty, day)
+    assert_same_bits(found[::2], alone[::2])
+    assert not any(one.tobytes() == other.tobytes() for one, other in zip(found[1::2], alone[1::2], strict=True))
+
+
+def test_lanes_in_frost(mixed, day):
+    cold = day.series.copy()
+    cold[:, C.T_a_in] = np.linspace(6.0, -12.0, cold.shape[0])
+    cold[:, C.W_a_in] = 0.003
+    cold = day._replace(series=cold)
+    assert_same_bits(run(mixed, cold), [run(part(mixed, [k]), cold)[0] for k in range(N)])
 
 
 def test_number_of_lanes(mixed, day, alone):

@@ -50,7 +50,7 @@ def assembly_of(name):
         "actuate with wear": (stem.actuate, (A, b, *map(T.literal, (0, 0, 1)))),
         "deliver": (plant.deliver, (A, b)),
         "air_side": (plant.air_side, (A, f)),
-        "march_water": (plant.march_water, (A, A, i)),
+        "march_water": (plant.march_water, (A, A, i, b)),
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
         "account_second": (metrics.account_second, (A, A, i, i, f, f, f, i)),
     }[name]

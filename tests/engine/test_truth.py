@@ -32,6 +32,13 @@ class Case(NamedTuple):
 
 DRY = {"W_a_in": 0.004}
 WET = {"W_a_in": 0.017, "T_w_in": 5.0}
+FROST = {
+    "T_a_in": -3.0 + 9.0 * np.cos(SECONDS / 573.0), "W_a_in": 0.0035 + 0.001 * np.sin(SECONDS / 150.0),
+    "T_w_in": 4.0 - SECONDS / 1200, "T_set": 4.0,
+}  # fmt: skip
+STEAM = {
+    "T_a_in": 40.0 + SECONDS / 200, "W_a_in": 0.085 + 0.015 * np.sin(SECONDS / 200.0), "T_w_in": 61.0, "T_set": 56.0,
+}  # fmt: skip
 HEATING = {"T_w_in": 55.0, "T_a_in": 12.0 + SECONDS / 1800, "T_set": np.where(SECONDS < 1800, 24.0, 20.0)}
 STEPS = np.repeat([0.0, 0.3, 1.0, 0.55, 0.5, 0.62, 0.0, 0.12, 0.9], 400)
 RING = np.clip(0.5 + 0.5 * np.sin(SECONDS / 90.0), 0.0, 1.0)
@@ -86,6 +93,9 @@ CASES = {
     "quasistatic, dry": Case({"air_march": "quasistatic"}, DRY),
     "quasistatic, wet": Case({"air_march": "quasistatic"}, WET),
     "heating": Case({**REAL, "action": "heating", "kp": 0.01, "estimate_ratio": 0.6}, HEATING),
+    "frost": Case({}, FROST),
+    "frost, tight valve, quasistatic": Case({"air_march": "quasistatic", "leakage": 0.0}, FROST, STEPS),
+    "hot and humid": Case({**REAL, "action": "heating", "kp": 0.01}, STEAM),
     "5 volumes": Case({"n_volumes": 5, **GENTLE}),
     "1 volume": Case({"n_volumes": 1}),
     "12 volumes": Case({"n_volumes": 12, "C_w": 13.2}),
@@ -131,7 +141,7 @@ CASES = {
 
 EXACT = (
     "plain PI", "inverse 95 %", "wet", "dry to wet and back", "steps, wet", "quasistatic, wet", "5 volumes",
-    "98 kPa, other specific heats", "learner", "heating",
+    "98 kPa, other specific heats", "learner", "heating", "frost", "hot and humid",
 )  # fmt: skip
 """Cases that are also compared with exact saturation by default; `make test-full` does so with all."""
 

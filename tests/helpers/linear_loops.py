@@ -10,6 +10,8 @@ KINDS = {
     "wet, lagged": (fc.Loop(), {}),
     "dry, lagged": (fc.Loop(C_c=12.0), {"relative_humidity": 0.2}),
     "mixed, quasistatic": (fc.Loop.preset("lbnl").assign(air_march="quasistatic", n_volumes=5), {"T_a_in": 28.0}),
+    "wet, lagged, 3 substeps": (fc.Loop(substeps=3), {}),
+    "mixed, converged": (fc.Loop.preset("paper_like_fast", converged=True), {"T_a_in": 27.0}),
     "low authority, leaking": (fc.Loop(rangeability=30.0, authority=0.1, m_full=1.6, leakage=0.01), {"T_set": 16.0}),
     "heating": (fc.Loop(action="heating"), {"T_a_in": 10.0, "T_w_in": 50.0, "T_set": 25.0, "relative_humidity": 0.3}),
 }

@@ -11,6 +11,7 @@ from reference.hagglund import Hagglund
 from reference.identify import Identify
 from reference.learner import Learner
 from reference.metrics import (
+    LOOK,
     METRICS,
     air_metrics,
     coil_metrics,
@@ -19,6 +20,7 @@ from reference.metrics import (
     tracking_metrics,
 )
 from reference.noise import standard_normal
+from reference.psychrometrics import saturation_humidity_ratio
 from reference.rounding import round_half_up
 from reference.valve import NeutralZone, StickSlip, backlash, leaking_valve
 
@@ -102,6 +104,7 @@ def simulate(
     switches = []
     condensates = []
     out_of_range = not temperatures_in_range(T_w, T_c, T_a)
+    frost_time, freeze_time, looked = 0.0, 0.0, -1
 
     for t in range(n_steps):
         # Measure
@@ -182,6 +185,11 @@ def simulate(
         condensates.append(condensate)
 
         T_w, T_c, T_a, W_a = T_w_next, T_c_next, T_a_next, W_a_next
+        if t % LOOK == 0 or t == n_steps - 1:
+            frosts, freezes = frost_and_ice(p, T_w, T_c, [*W_a[1:], W_a_in[t]], m_w)
+            frost_time += (t - looked) * frosts
+            freeze_time += (t - looked) * freezes
+            looked = t
         out_of_range = out_of_range or not temperatures_in_range(T_w, T_c, T_a)
 
     finite = all(math.isfinite(value) for state in (T_w, T_c, T_a, W_a) for value in state)
@@ -198,7 +206,7 @@ def simulate(
     metrics["backlash_final"] = gap_after(p, travelled, scale[-1])
     metrics["size_error"] = metrics["estimate_settled"] - metrics["backlash_final"] if assumes else math.nan
     metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
-    metrics["status"] = status
+    metrics.update(frost_time=frost_time, freeze_time=freeze_time, status=status)
     return traces, metrics
 
 
@@ -210,6 +218,13 @@ def gap_after(p, travelled, scale):
 def floats(series):
     """The series as a list of Python floats."""
     return [float(value) for value in series]
+
+
+def frost_and_ice(p, T_w, T_c, W_in, m_w):
+    """Whether frost forms on a volume, and water freezes in one; W_in [kg/kg] enters each volume from upstream."""
+    frosts = any(T < 0.0 and W > saturation_humidity_ratio(T, p["pressure"]) for T, W in zip(T_c, W_in, strict=True))
+    still = T_w if m_w > 1e-9 else T_c
+    return frosts, min(still) <= 0.0
 
 
 def temperatures_in_range(*states):

@@ -33,6 +33,8 @@ METRICS = (
     "recool_energy",
     "water_volume",
     "condensate",
+    "frost_time",
+    "freeze_time",
 )
 
 SETTLING_TIME = 600  # s since the last step of the set-point or start of the loop
@@ -41,6 +43,7 @@ SWITCH_BLOCK = 600  # s
 POWER_BLOCK = 900  # s
 ESTIMATE_WINDOW = 7200  # s
 OFF = 0.5  # K
+LOOK = 60  # s between looks for frost and ice
 MOVEMENT_THRESHOLD = 1e-9  # strokes
 
 

@@ -6,8 +6,18 @@ from reference.rounding import clip
 
 
 def saturation_pressure(T):
-    """Hyland-Wexler saturation pressure over liquid water [Pa] at T [degC]."""
+    """Hyland-Wexler saturation pressure [Pa] at T [degC]: over ice below 0.01 degC, over liquid water above."""
     T_K = T + 273.15
+    if T < 0.01:
+        return math.exp(
+            -5.6745359e3 / T_K
+            + 6.3925247
+            - 9.677843e-3 * T_K
+            + 6.2215701e-7 * T_K**2
+            + 2.0747825e-9 * T_K**3
+            - 9.484024e-13 * T_K**4
+            + 4.1635019 * math.log(T_K)
+        )
     return math.exp(
         -5.8002206e3 / T_K
         + 1.3914993
@@ -19,8 +29,8 @@ def saturation_pressure(T):
 
 
 def saturation_humidity_ratio(T, pressure):
-    """Saturation humidity ratio W_s [kg/kg] at T [degC], clamped to 0.01..50 degC, and pressure [Pa]."""
-    p_ws = saturation_pressure(clip(T, 0.01, 50.0))
+    """Saturation humidity ratio W_s [kg/kg] at T [degC], clamped to -20..60 degC, and pressure [Pa]."""
+    p_ws = saturation_pressure(clip(T, -20.0, 60.0))
     return 0.621945 * p_ws / (pressure - p_ws)
 
 

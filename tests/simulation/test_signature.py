@@ -11,17 +11,17 @@ from fastcoil.simulation.signature import UNCHANGED
 
 def test_a_loop_shows_every_parameter_as_a_keyword_with_its_default():
     shown = inspect.signature(fc.Loop).parameters
-    assert list(shown) == list(PARAMETERS)
+    assert list(shown) == [*PARAMETERS, "converged"]
     for name, parameter in shown.items():
         assert parameter.kind is inspect.Parameter.KEYWORD_ONLY
-        assert parameter.default == PARAMETERS[name].default
+        assert parameter.default == (PARAMETERS[name].default if name in PARAMETERS else False)
     given = {name: p.default for name, p in shown.items() if p.default is not None}
     assert fc.Loop(**given) == fc.Loop()
 
 
 def test_assign_shows_every_parameter_as_unchanged():
     shown = inspect.signature(fc.Loop().assign).parameters
-    assert list(shown) == list(PARAMETERS)
+    assert list(shown) == [*PARAMETERS, "converged"]
     assert all(p.kind is inspect.Parameter.KEYWORD_ONLY and p.default is UNCHANGED for p in shown.values())
     assert "kp=unchanged" in str(inspect.signature(fc.Loop.assign))
 

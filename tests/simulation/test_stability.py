@@ -96,6 +96,29 @@ def test_the_advice_works_when_followed(days, refused):
     refused(fc.Loop(n_volumes=11, C_w=C_w, C_c=0.99 * C_c), days, warm_up=60)
 
 
+@pytest.mark.parametrize("given", [1, 3])
+def test_substeps_that_are_advised_are_enough_and_one_less_is_not(days, given, refused):
+    (problem,) = refused(fc.Loop(n_volumes=40, substeps=given), days, warm_up=60)
+    assert problem.startswith(f"unstable at dt = {'1 s' if given == 1 else '1/3 s'}: ")
+    advised = int(problem.split("substeps = ")[1].split()[0])
+    assert advised > given
+    fc.simulate(fc.Loop(n_volumes=40, substeps=advised), days, warm_up=60)
+    assert "2 of 4 scenarios" in refused(fc.Loop(n_volumes=40, substeps=[advised, advised - 1]), days, warm_up=60)[0]
+
+
+def test_substeps_that_nobody_can_give_are_not_advised(days, refused):
+    (problem,) = refused(fc.Loop(C_w=0.05), days, warm_up=60)
+    assert "substeps" not in problem.partition("cure")[2]
+
+
+@pytest.mark.parametrize("coil", COILS)
+def test_substeps_move_both_borders_in_proportion(days, coil, refused):
+    limits = gamma_and_lambda(days, C_w=1.0, C_c=1.0, **coil)
+    for name, limit in zip(("C_w", "C_c"), limits, strict=True):
+        fc.simulate(fc.Loop(**{name: limit / 5 * (1 + 1e-9)}, substeps=5, **coil), days, warm_up=60)
+        refused(fc.Loop(**{name: limit / 5 * (1 - 1e-9)}, substeps=5, **coil), days, warm_up=60)
+
+
 def test_one_unstable_scenario_refuses_the_study_and_is_counted(days, refused):
     (problem,) = refused(fc.Loop(C_w=[8.8, 9.0, 1.0], backlash=[0.0, 0.1], kp=[0.01, 0.02, 0.03]), days, warm_up=60)
     assert "12 of 36 scenarios" in problem

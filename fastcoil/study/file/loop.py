@@ -12,6 +12,7 @@ from fastcoil.errors import InputError, collecting, shown
 from fastcoil.parameter_table import INSTALLED_VALVE
 from fastcoil.rules.rule import Rule
 from fastcoil.rules.table import table_of
+from fastcoil.simulation.converged import WORD, expanded
 from fastcoil.simulation.loop import Loop, knowing
 from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, sampled_names
 from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters
@@ -34,6 +35,11 @@ def build_loop(
     constants = dict(file.loop)
     preset = str(constants.pop("preset", "paper_like"))
     constants.pop("include", None)
+    given = list(constants)
+    with collecting(problems, "[loop] "):
+        constants = expanded(constants)
+    constants.pop(WORD, None)
+    standing = {n: f"[loop] as part of {WORD}" for n in constants if n not in given}
     own = {} if rules is None else rules
     known = table_of(own)
     constants = known_parameters(constants, problems, "[loop] ", known)
@@ -55,7 +61,7 @@ def build_loop(
             axes[name] = axis_values(name, axis)
     with collecting(problems, "[sweep] "):
         loop = loop.assign(**axes)
-    problems += _find_repeated(file, constants)
+    problems += _find_repeated(file, dict.fromkeys(constants, "[loop]") | standing)
     for dim, cases in file.cases.items():
         with collecting(problems, f"[cases.{dim}] "):
             loop = loop.assign(**_zip_cases(dim, cases, loop, valve - constants.keys()))
@@ -68,8 +74,8 @@ def build_loop(
     return loop
 
 
-def _find_repeated(file: StudyFile, constants: Mapping[str, Any]) -> list[str]:
-    """A sentence for each parameter that two tables give."""
+def _find_repeated(file: StudyFile, constants: Mapping[str, str]) -> list[str]:
+    """A sentence for each parameter that two tables give; constants: those of [loop], and where they stand."""
     places = {"[sweep]": list(file.sweep)}
     places |= {f"[cases.{dim}]": _case_names(cases) for dim, cases in file.cases.items()}
     places["[sample]"] = sampled_names(file.sample)
@@ -77,7 +83,7 @@ def _find_repeated(file: StudyFile, constants: Mapping[str, Any]) -> list[str]:
     taken: dict[str, str] = {}
     for place, names in places.items():
         # a case may differ from the constant that holds for the others
-        before = taken if place.startswith("[cases") else taken | dict.fromkeys(constants, "[loop]")
+        before = taken if place.startswith("[cases") else taken | dict(constants)
         problems += [f"{n} appears in {before[n]} and in {place}: leave one out" for n in names if n in before]
         taken |= dict.fromkeys(names, place)
     return problems

@@ -14,6 +14,7 @@ from fastcoil.analysis.tariff import COP, COP_LIMITS, CURRENCY, DEAREST, LONGEST
 from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS, Parameter
 from fastcoil.rules.rule import KINDS
+from fastcoil.simulation.converged import MEANING, WORD
 from fastcoil.simulation.parameter_values import FORBIDDEN_DIMS
 from fastcoil.simulation.plan import RUN_LIMITS
 from fastcoil.simulation.presets import PRESETS
@@ -127,7 +128,8 @@ def _parameters() -> dict[str, Schema]:
 def _preset() -> dict[str, Schema]:
     files = {"type": "array", "items": {"type": "string"}, "description": "files that `fastcoil fit` wrote"}
     preset = {"enum": list(PRESETS), "default": "paper_like", "description": "where the defaults come from"}
-    return {"preset": preset, "include": files}
+    converged = {"type": "boolean", "default": False, "description": f"true stands for {MEANING}"}
+    return {"preset": preset, "include": files, WORD: converged}
 
 
 def _values(name: str) -> Schema:

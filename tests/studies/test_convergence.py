@@ -1,0 +1,83 @@
+"""``convergence.py``: its tables hold what plain Python finds in small runs."""
+
+from __future__ import annotations
+
+import re
+import statistics
+
+import convergence
+import convergence_valves
+import numpy as np
+import pytest
+from scipy.stats import t
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+DAYS = range(7, 10)
+
+
+def test_steps_are_compared_day_by_day_with_the_finest(written, monkeypatch):
+    monkeypatch.setattr(convergence, "SUBSTEPS", (1, 8, 32))
+    monkeypatch.setattr(convergence, "SHOWN", (("lagged", 1), ("quasistatic", 8)))
+    paper_day, heating_day = fc.paper_day, fc.heating_day
+    monkeypatch.setattr(fc, "paper_day", lambda hours, seed: paper_day(hours=1, seed=seed))
+    monkeypatch.setattr(fc, "heating_day", lambda hours, **given: heating_day(hours=1, **given))
+    ds = convergence.steps(DAYS)
+    convergence.write_steps(ds)
+    convergence.write_backlash(ds)
+    (_, *table), (_, *of_gap) = written("convergence_steps")[1], written("convergence_backlash")[1]
+    assert [row[:3] for row in table[:2]] == [["paper_like", "lagged", "1"], ["paper_like", "quasistatic", "8"]]
+    for name, march, n, rmse, *_ in table:
+        at = {"preset": name, "backlash": 0.07}
+        finest = ds.rmse.sel(**at, air_march="quasistatic", substeps=32).values.tolist()
+        given = ds.rmse.sel(**at, air_march=march, substeps=int(n)).values.tolist()
+        each = [100 * (a - b) / statistics.mean(finest) for a, b in zip(given, finest, strict=True)]
+        half = t.ppf(0.975, 2) * statistics.stdev(each) / 3**0.5
+        shown = [float(x) for x in re.findall(r"-?[\d.]+", rmse)]
+        assert shown == pytest.approx([statistics.mean(each), half][: len(shown)], abs=0.06)
+    alone = fc.simulate(
+        fc.Loop.preset("g36").assign(backlash=0.15, converged=True), paper_day(hours=1, seed=list(DAYS))
+    )
+    (row,) = (row for row in of_gap if row[:2] == ["g36", "15%"])
+    assert row[2].split(" → ")[1] == f"{float(alone.rmse.mean()):.3f}"
+
+
+def test_the_verdict_on_hunting_is_counted_loop_by_loop(written, tmp_path, monkeypatch):
+    monkeypatch.setattr(convergence_valves, "kinds", lambda weather: ("stepped", "constant"))
+    found = convergence_valves.hunting(24, range(2), tmp_path / "none.csv")
+    convergence_valves.write_hunting(found)
+    (head, *rows) = written("convergence_hunting")[1]
+    assert [row[0] for row in rows] == [
+        "stepped",
+        "constant",
+        "X = 0 %",
+        "X = 1 % to 3 %",
+        "X = 5 % to 7 %",
+        "X = 10 % to 15 %",
+    ]
+    for kind, row in zip(found, rows, strict=False):
+        pairs = list(
+            zip(*(found[kind].hunts.sel(way=way).values.ravel() for way in ("as printed", "converged")), strict=True)
+        )
+        of = {"hunt as printed": [a for a, _ in pairs], "hunt only as printed": [a > b for a, b in pairs]}
+        for name, holds in of.items():
+            assert row[head.index(name)].split(" ")[0] == f"{100 * sum(holds) / 48:.1f}"
+    alone = convergence_valves.valves(convergence_valves.SEED, 24).assign(noise_std=0.01, converged=True)
+    one = fc.simulate(alone, convergence_valves.of_kind("constant", range(2)), seed=convergence_valves.SEED)
+    np.testing.assert_array_equal(found["constant"].rmse.sel(way="converged").transpose(*one.rmse.dims), one.rmse)
+
+
+def test_a_coil_of_few_volumes_is_compared_with_one_of_many(written, monkeypatch):
+    monkeypatch.setattr(convergence_valves, "RH", (0.2, 0.6))
+    monkeypatch.setattr(convergence_valves, "OPENINGS", (0.3, 0.9))
+    monkeypatch.setattr(convergence_valves, "VOLUMES", (4, 64))
+    ds = convergence_valves.at_rest()
+    convergence_valves.write_rest(ds)
+    groups = {row[0]: row for row in written("convergence_wet")[1][1:]}
+    assert sum(int(re.findall(r"\d+", name)[0]) for name in groups) == 4
+    dry = (ds.wet_volumes.sel(n_volumes=64) == 0.0).values
+    few, many = (ds.power.sel(n_volumes=n).values[dry] for n in (4, 64))
+    (row,) = (row for name, row in groups.items() if name.startswith("dry"))
+    assert float(row[2].split(", ")[1]) == pytest.approx(100 * max(abs(few / many - 1.0)), abs=0.006)
