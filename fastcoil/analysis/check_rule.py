@@ -81,7 +81,7 @@ def check_rule(rule: Rule, loop: Loop | None = None, boundary: Boundary | None =
         several = ", ".join(["day"] * boundary.has_day_dim + list(loop.sizes))
         raise InputError(f"check_rule takes one loop and one day: leave out the dims {several}")
     _call_once(rule, loop, boundary)
-    ds = simulate(loop, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1)
+    ds = simulate(loop, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1, progress=False)
     if int(ds["status"]) != STATUS_OK:
         raise InputError(
             f"{rule.name}: the loop ends with the status {STATUS_MEANINGS[int(ds['status'])]}: a rule must return "
@@ -103,7 +103,7 @@ def _run_of(loop: Loop, boundary: Boundary, ds: xr.Dataset) -> _Run:
 def _call_once(rule: Rule, loop: Loop, boundary: Boundary) -> None:
     """Call the plain Python with the first sample, which is the same without the rule: before it is compiled."""
     without = forgetting(loop.assign(**{rule.kind: PARAMETERS[rule.kind].choices[0]}), {rule.name})
-    ds = simulate(without, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1)
+    ds = simulate(without, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1, progress=False)
     run = _run_of(without, boundary, ds)
     is_law = rule.kind == "law"
     t = 0 if is_law else int(run.parameters["sample_time"])

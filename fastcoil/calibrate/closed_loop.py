@@ -115,7 +115,7 @@ def _loops(step: float, curve: Array) -> list[list[_Shown]]:
         )
         for of in (day, calm):
             work.part("simulated loops", len(found), 2 * len(_GAINS) * len(COOLING))
-            ds = simulate(loop, of, traces=["command", "m_w"], trace_interval=interval, n_jobs=1)
+            ds = simulate(loop, of, traces=["command", "m_w"], trace_interval=interval, n_jobs=1, progress=False)
             ds = ds.isel(elapsed_time=ds["elapsed_time"].values >= _WARM_UP)
             dims = ("tuning", "backlash", "day", "elapsed_time")
             command, flow = (ds[name].transpose(*dims).values for name in ("command", "m_w"))

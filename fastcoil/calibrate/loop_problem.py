@@ -149,7 +149,15 @@ class LoopProblem:
         sweep = self.loop.assign(backlash=("candidate", backlash))
         for samples, day, commands, at in self.pieces:
             every = int(np.gcd.reduce(at))
-            ds = simulate(sweep, day, command=commands[runs], traces=["T_measured"], trace_interval=every, warm_up=0)
+            ds = simulate(
+                sweep,
+                day,
+                command=commands[runs],
+                traces=["T_measured"],
+                trace_interval=every,
+                warm_up=0,
+                progress=False,
+            )
             found[samples] = ds["T_measured"].transpose("elapsed_time", "candidate").values[at // every]
         return found
 

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from fastcoil.cli.progress import SECONDS_BETWEEN_LINES, duration
 from fastcoil.cli.terminal import say
+from fastcoil.progress.shown import PATIENCE
+from fastcoil.progress.views import SECONDS_BETWEEN_LINES, duration, is_terminal, terminal_bar
 
 if TYPE_CHECKING:
     from rich.progress import Progress
-
-_AT_ONCE = 1.0
-"""A fit that takes no longer than this is done at once: no bar, s."""
 
 
 @contextmanager
@@ -23,7 +20,7 @@ def fit_progress() -> Iterator[None]:
     """Show the progress of the fits inside."""
     from fastcoil.calibrate.work import told
 
-    shown = _Bar() if sys.stderr is not None and sys.stderr.isatty() else _Lines()
+    shown = _Bar() if is_terminal() else _Lines()
     with told(shown):
         try:
             yield
@@ -73,8 +70,8 @@ class _Bar(_Part):
         self.bar: Progress | None = None
 
     def step(self) -> None:
-        if self.bar is None and time.monotonic() - self.start > _AT_ONCE:
-            self.bar = _new_bar()
+        if self.bar is None and time.monotonic() - self.start >= PATIENCE:
+            self.bar = terminal_bar("Fitting", transient=True)
             self.bar.start()
             self.task = self.bar.add_task("", total=self.of, what=self.what)
             self.shown = ""
@@ -87,21 +84,3 @@ class _Bar(_Part):
     def stop(self) -> None:
         if self.bar is not None:
             self.bar.stop()
-
-
-def _new_bar() -> Progress:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("Fitting"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[what]}"),
-        TimeElapsedColumn(), TextColumn("ETA"), TimeRemainingColumn(),
-    )  # fmt: skip
-    return Progress(*columns, console=Console(stderr=True), transient=True)

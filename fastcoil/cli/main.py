@@ -19,14 +19,15 @@ from fastcoil.cli.join import join
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
-from fastcoil.cli.progress import announce_compilation, duration, report_progress, run_own_code
+from fastcoil.cli.progress import announce_compilation, run_own_code
 from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.cli.terminal import say
 from fastcoil.cli.tune import tune
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, IntegrityError
+from fastcoil.progress.views import duration
 
 if TYPE_CHECKING:
-    from fastcoil.study.runner import Advance
+    from fastcoil.progress.shown import Advance
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -67,6 +68,7 @@ def run(
     """
     from fastcoil.analysis.summary import summary
     from fastcoil.outputs import STATUS_OK
+    from fastcoil.progress.shown import progress_of_command
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.final import RESULTS
     from fastcoil.study.runner import Finished, default_folder, execute
@@ -79,7 +81,9 @@ def run(
     def progress(n_todo: int) -> Advance:
         announce_compilation()
         n = asked.plan.n_scenarios
-        return report_progress(n, n - n_todo)
+        if n_todo < n:
+            say(f"Resuming: {n - n_todo:,} of {n:,} scenario-days done.", err=True)
+        return shown.start(n, n - n_todo)
 
     def present(finished: Finished) -> None:
         if not finished.n_run:
@@ -90,7 +94,7 @@ def run(
             for path in draw_standard_figures(folder, finished.results):
                 say(f"Figure:  {path}")
 
-    with interruptible(study, folder):
+    with interruptible(study, folder), progress_of_command() as shown:
         finished = execute(
             asked,
             folder,

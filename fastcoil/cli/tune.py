@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 
 from fastcoil.cli.interrupts import interruptible
 from fastcoil.cli.paths import PATH
-from fastcoil.cli.progress import announce_compilation, report_progress, run_own_code
+from fastcoil.cli.progress import announce_compilation, run_own_code
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
@@ -28,11 +27,12 @@ def tune(study: Path, out: Path | None, jobs: int | None) -> None:
     """
     from fastcoil.look import exists
     from fastcoil.plots.files import write
+    from fastcoil.progress.shown import progress_of_command
     from fastcoil.simulation.simulate import workers
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.lock import hold
     from fastcoil.study.runner import default_folder
-    from fastcoil.tuning.tune import run_tuning
+    from fastcoil.tuning.tune import in_scenario_days, run_tuning
 
     n_jobs, folder = workers(jobs), out or default_folder(study)
     asked = read_study(study, prepare=run_own_code).tuning
@@ -44,24 +44,11 @@ def tune(study: Path, out: Path | None, jobs: int | None) -> None:
     with interruptible(study, folder, "tune"), hold(folder):
         if exists(folder / KEPT):
             say(f"{folder / KEPT} keeps what was tried before: those tunings are not run again.", err=True)
-        cases = len(asked.training.members) * asked.training.boundary.n_days * asked.replicates
-        found = run_tuning(asked, n_jobs, folder / KEPT, _progress(cases))
+        with progress_of_command() as shown:
+            found = run_tuning(asked, n_jobs, folder / KEPT, in_scenario_days(asked, shown))
         say(*found.summary(), "")
         path = folder / CHOSEN
         found.to_toml(path)
         say(f'Written: {path} (in a study: [loop] include = ["{path.name}"])')
         for figure in write({FIGURE: found.plot()}, folder):
             say(f"Figure:  {figure}")
-
-
-def _progress(cases: int) -> Callable[[int, int], None]:
-    """Report tunings as the scenario-days that they are: ``cases`` each."""
-    advance, before = None, 0
-
-    def report(done: int, planned: int) -> None:
-        nonlocal advance, before
-        advance = advance or report_progress(planned * cases)
-        advance((done - before) * cases)
-        before = done
-
-    return report

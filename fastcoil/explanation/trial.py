@@ -30,7 +30,8 @@ def try_cures(loop: Loop, boundary: Boundary, cures: list[Cure], warm_up: int, s
     every = max(2, -(-boundary.n_steps // _POINTS))
     swept = with_cures(loop, cures)
     ds = simulate(
-        swept, boundary, traces=["T_sup"], trace_interval=every, warm_up=warm_up, seed=seed, n_jobs=1
+        swept, boundary, traces=["T_sup"], trace_interval=every, warm_up=warm_up, seed=seed, n_jobs=1,
+        progress=False,
     )  # fmt: skip
     ds = ds.isel(day=0, drop=True) if "day" in ds.dims else ds
     return ds if "cure" in ds.dims else ds.expand_dims("cure")

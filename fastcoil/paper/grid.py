@@ -77,7 +77,7 @@ def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
     T_set[STEP_AT:] = T_AFTER
     day = constant_day(hours=QUIET_HOURS, T_set=T_set)
     swept = loop.assign(**along("case", {"no backlash": {"backlash": 0.0}, "plain PI": {"backlash": BACKLASH}}))
-    ds = simulate(swept, day, traces=["T_sup"], trace_interval=5, n_jobs=n_jobs)
+    ds = simulate(swept, day, traces=["T_sup"], trace_interval=5, n_jobs=n_jobs, progress=False)
     peak = ds["T_sup"].sel(case="no backlash", elapsed_time=slice(STEP_AT, None)).max("elapsed_time")
     late = ds["T_sup"].sel(elapsed_time=slice((QUIET_HOURS - 1) * 3600, None))
     low, high = late.min("elapsed_time"), late.max("elapsed_time")
@@ -129,7 +129,7 @@ def on_every_kind(
     loop: Loop, kinds: Mapping[str, Days], hours: float, seeds: Sequence[int], n_jobs: int | None = None
 ) -> xr.Dataset:
     """Simulate days of every kind, along a dim ``kind``; the kinds have the same seeds and the same noise."""
-    found = [simulate(loop, days(hours, seeds), seed=SEED, n_jobs=n_jobs) for days in kinds.values()]
+    found = [simulate(loop, days(hours, seeds), seed=SEED, n_jobs=n_jobs, progress=False) for days in kinds.values()]
     labels = xr.DataArray(list(kinds), dims="kind", name="kind")
     return rehashed(xr.concat(found, labels, data_vars="all", coords="minimal", compat="override",
                               combine_attrs="drop_conflicts"))  # fmt: skip

@@ -79,7 +79,7 @@ def valve_curves() -> xr.Dataset:
     command = np.interp(np.arange(seconds * (len(knots) - 1) + 1) / seconds, np.arange(len(knots)), knots)
     day = constant_day(hours=command.size / 3600)
     loop = Loop.preset(FIGURE_PRESETS[0]).assign(backlash=BACKLASH)
-    return simulate(loop, day, command=command, traces=["command", "opening", "m_w"], warm_up=0)
+    return simulate(loop, day, command=command, traces=["command", "opening", "m_w"], warm_up=0, progress=False)
 
 
 def tracking() -> xr.Dataset:
@@ -90,7 +90,7 @@ def tracking() -> xr.Dataset:
     }
     day = paper_day(hours=8, seed=FIGURE_DAY)
     loop = preset_loops().assign(**along("case", cases))
-    ds = simulate(loop, day, traces=["T_sup", "command", "opening"], trace_interval=10)
+    ds = simulate(loop, day, traces=["T_sup", "command", "opening"], trace_interval=10, progress=False)
     return with_set_point(ds, day)
 
 
@@ -115,14 +115,16 @@ def estimates(*, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
         buffer=buffers(is_buffered, loop),
     )
     days = paper_day(hours=8, seed=BAND_DAYS[:2] if quick else BAND_DAYS)
-    return simulate(loop, days, seed=SEED, replicates=2 if quick else 3, n_jobs=n_jobs)
+    return simulate(loop, days, seed=SEED, replicates=2 if quick else 3, n_jobs=n_jobs, progress=False)
 
 
 def staircases() -> xr.Dataset:
     """Fig 12: simulate the learned estimate by rule, and the switches that it saw in blocks of 10 min."""
     rules = {name: LITERAL | rule for name, rule in RULES.items()}
     loop = preset_loops().assign(backlash=BACKLASH, **along("rule", rules))
-    ds = simulate(loop, paper_day(hours=8, seed=FIGURE_DAY), traces=["estimate", "mode"], trace_interval=10)
+    ds = simulate(
+        loop, paper_day(hours=8, seed=FIGURE_DAY), traces=["estimate", "mode"], trace_interval=10, progress=False
+    )
     ds["switches"] = switches_per_block(ds["mode"])
     return rehashed(ds.drop_vars("mode"))
 

@@ -13,9 +13,10 @@ from typing import Any
 import joblib
 import xarray as xr
 
-from fastcoil.arguments import checking, whole_of
+from fastcoil.arguments import checking, flag_of, whole_of
 from fastcoil.boundary import Boundary
 from fastcoil.outputs import WARM_UP
+from fastcoil.progress.shown import Advance, progress_of_call
 from fastcoil.simulation.cut import first_shards
 from fastcoil.simulation.dataset import content_sha256, join_flat, provenance, unflatten
 from fastcoil.simulation.loop import Loop
@@ -36,6 +37,7 @@ def simulate(
     replicates: int = 1,
     carry_over: bool = False,
     n_jobs: int | None = None,
+    progress: bool | None = None,
 ) -> xr.Dataset:
     """Simulate every loop of ``loop`` on every day of ``boundary``.
 
@@ -65,6 +67,9 @@ def simulate(
         as ``learn_time_reached``, count from the first day on.
     n_jobs
         Threads; all cores by default.  The result does not depend on it.
+    progress
+        Whether to show how many scenario-days are done, on stderr or in the notebook: True always, False never; None
+        where someone looks, a terminal or a notebook, and only of work that takes more than 2 s.
 
     Returns
     -------
@@ -79,16 +84,18 @@ def simulate(
     """
     with checking() as check:
         n_threads = check(workers, n_jobs)
+        progress = check.unless_none(flag_of, "progress", progress)
         plan = check(
             plan_simulation, loop, boundary, command=command, traces=traces, trace_interval=trace_interval,
             warm_up=warm_up, seed=seed, replicates=replicates, carry_over=carry_over,
         )  # fmt: skip
-    return run_plan(plan, n_threads)
+    with progress_of_call(progress) as shown:
+        return run_plan(plan, n_threads, shown.start(plan.n_scenarios))
 
 
-def run_plan(plan: Plan, n_jobs: int) -> xr.Dataset:
-    """Run all shards of a plan on threads and join their results."""
-    tasks = (joblib.delayed(_run_chain)(plan, shard) for shard in first_shards(plan, n_jobs))
+def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
+    """Run all shards of a plan on threads and join their results; ``advance`` is told of each that is finished."""
+    tasks = (joblib.delayed(_run_chain)(plan, shard, advance) for shard in first_shards(plan, n_jobs))
     found = joblib.Parallel(n_jobs=n_jobs, backend="threading", batch_size=1, return_as="generator_unordered")(tasks)
     ds = unflatten(join_flat(plan.n_scenarios, chain.from_iterable(found)), plan.layout)
     ds.attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
@@ -96,12 +103,13 @@ def run_plan(plan: Plan, n_jobs: int) -> xr.Dataset:
     return ds
 
 
-def _run_chain(plan: Plan, first: Shard | Stretch) -> list[xr.Dataset]:
+def _run_chain(plan: Plan, first: Shard | Stretch, advance: Advance) -> list[xr.Dataset]:
     """Run a shard, and those that come after it."""
     parts: list[xr.Dataset] = []
     shard: Shard | Stretch | None = first
     while shard is not None:
         part = run_shard(plan, shard)
+        advance(part.sizes["scenario"])
         shard = shard.after(part)
         parts.append(part.drop_vars(END_STATE, errors="ignore"))
     return parts

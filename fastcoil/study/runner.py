@@ -17,6 +17,7 @@ from fastcoil.engine.host import compile_kernel
 from fastcoil.errors import InputError, StorageError
 from fastcoil.files import storage_errors
 from fastcoil.numerics.jit import same_model
+from fastcoil.progress.shown import Advance, progress_of_call
 from fastcoil.rules.same_code import refuse_other_code
 from fastcoil.simulation.cut import first_shards
 from fastcoil.simulation.dataset import check_same_form, environments_of
@@ -35,9 +36,6 @@ from fastcoil.study.workers.dispatch import Dispatcher
 from fastcoil.study.workers.own_code import load, load_rules
 from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, resolve_backend
 from fastcoil.study.workers.worker import Job
-
-Advance = Callable[[int], None]
-"""Called with the number of scenarios finished since the last call."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,7 @@ def run_study(
     scheduler: str | None = None,
     extend: bool = False,
     engine: str | None = None,
+    progress: bool | None = None,
 ) -> xr.Dataset:
     """Run a study file and return its results.
 
@@ -82,6 +81,9 @@ def run_study(
         Whether ``out`` may hold a smaller version of the study, all of which is kept.
     engine
         Earlier name of ``backend``.
+    progress
+        Whether to show how many scenario-days are done, on stderr or in the notebook: True always, False never; None
+        where someone looks, a terminal or a notebook, and only of work that takes more than 2 s.
 
     Returns
     -------
@@ -103,10 +105,21 @@ def run_study(
         engine = check.unless_none(choice_of, "engine", engine, BACKENDS)
         scheduler = check.unless_none(text_of, "scheduler", scheduler)
         extend = check(flag_of, "extend", extend)
+        progress = check.unless_none(flag_of, "progress", progress)
     chosen = resolve_backend(backend, engine)
     study = read_study(path, prepare=load)
     folder = folder or default_folder(path)
-    return execute(study, folder, n_jobs=n_jobs, backend=chosen, scheduler=scheduler, extend=extend).results
+    n = study.plan.n_scenarios
+    with progress_of_call(progress) as shown:
+        return execute(
+            study,
+            folder,
+            n_jobs=n_jobs,
+            backend=chosen,
+            scheduler=scheduler,
+            extend=extend,
+            progress=lambda n_todo: shown.start(n, n - n_todo),
+        ).results
 
 
 def default_folder(path: Path) -> Path:

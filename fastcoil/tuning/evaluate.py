@@ -58,7 +58,8 @@ def as_it_is(
 
 def _cases(loop: Loop, boundary: Boundary, run: Run, metrics: Sequence[str]) -> dict[str, Array]:
     ds = simulate(
-        loop, boundary, warm_up=run.warm_up, seed=run.seed, replicates=run.replicates, n_jobs=run.n_jobs
+        loop, boundary, warm_up=run.warm_up, seed=run.seed, replicates=run.replicates, n_jobs=run.n_jobs,
+        progress=False,
     )  # fmt: skip
     order = (TUNING, "day", VALVE, "replicate")
     found = {metric: ds[metric] for metric in metrics if metric != MARGIN}

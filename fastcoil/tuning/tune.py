@@ -5,17 +5,18 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import checking, path_of
+from fastcoil.arguments import checking, path_of, plain
 from fastcoil.arrays import Array
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.look import is_folder
 from fastcoil.outputs import WARM_UP
+from fastcoil.progress.shown import Shown, progress_of_call
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.simulate import workers
 from fastcoil.tuning.archive import Archive
@@ -51,7 +52,7 @@ def tune(
     replicates: int = 1,
     n_jobs: int | None = None,
     kept: str | Path | None = None,
-    progress: Report | None = None,
+    progress: bool | Report | None = None,
 ) -> Tuning:
     """Choose settings of a controller for all valves of ``loop`` on all days of ``boundary``, and try them on others.
 
@@ -88,7 +89,8 @@ def tune(
         File that keeps every tuning that was tried, written after each generation; a search that was interrupted goes
         on from there, to the same result.
     progress
-        Called after each generation with how many tunings were tried, and of how many.
+        As in ``simulate``: True, False, or None for where someone looks; or a function that is called after each
+        generation with how many tunings were tried, and of how many.
 
     Returns
     -------
@@ -103,23 +105,48 @@ def tune(
     with checking() as check:
         n_threads = check(workers, n_jobs)
         path = check.unless_none(path_of, "kept", kept, "give the path of a file")
-        check.unless_none(_report_of, "progress", progress)
+        progress = check.unless_none(_progress_of, "progress", progress)
         asked = check(
             plan_tuning, loop, boundary, search=search, objective=objective, quantile=quantile, limits=limits,
             holdout=holdout, evaluations=evaluations, warm_up=warm_up, seed=seed, replicates=replicates,
         )  # fmt: skip
         if path is not None and (is_folder(path) or not is_folder(path.parent)):
             check.problems.append(f"kept = {shown(str(path))}: give a file in a folder that exists")
-    return run_tuning(asked, n_threads, path, progress)
+    if callable(progress):
+        return run_tuning(asked, n_threads, path, progress)
+    with progress_of_call(progress) as on_show:
+        return run_tuning(asked, n_threads, path, in_scenario_days(asked, on_show))
 
 
-def _report_of(name: str, report: object) -> object:
-    """A function that can be called with two numbers."""
+def _progress_of(name: str, given: Any) -> bool | Report:
+    """True or False, or a function that can be called with two numbers."""
+    flag = plain(given)
+    if isinstance(flag, bool):
+        return flag
     try:
-        inspect.signature(report).bind(0, 1)  # type: ignore[arg-type]
+        inspect.signature(given).bind(0, 1)
     except Exception:  # nothing to call, or a user's class that raises anything
-        raise InputError(WrongType(f"{name} = {shown(report)}: give a function of two numbers")) from None
+        cure = "give True, False or a function of two numbers"
+        raise InputError(WrongType(f"{name} = {shown(given)}: {cure}")) from None
+    return cast(Report, given)
+
+
+def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
+    """Show tunings as the scenario-days that they are."""
+    cases = len(asked.training.members) * asked.training.boundary.n_days * asked.replicates
+    advance, before = on_show.start(_planned(asked) * cases), 0
+
+    def report(done: int, _: int) -> None:
+        nonlocal before
+        advance((done - before) * cases)
+        before = done
+
     return report
+
+
+def _planned(asked: Asked) -> int:
+    """How many tunings are tried."""
+    return effort(len(asked.space.axes), asked.evaluations).points
 
 
 def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Report | None = None) -> Tuning:
@@ -130,7 +157,7 @@ def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Re
     asked = asked._replace(limits=resolved(asked.limits, measured(as_it_is(training, run, measures), measures)))
     archive = Archive(space.names, [measure.name for measure in measures], key, path)
     seen: dict[tuple[float, ...], None] = {}
-    done, planned = 0, effort(len(space.axes), asked.evaluations).points
+    done, planned = 0, _planned(asked)
 
     def simulated(values: Array) -> dict[str, Array]:
         return measured(tried(training, space, values, run, measures), measures)

@@ -75,7 +75,7 @@ def test_a_study_that_a_script_analyses_says_so(fastcoil):
     analysed = {study.name: study.analysis for study in shipped.shipped_studies() if study.analysis}
     assert analysed.keys() == {
         "hunting", "learners", "learning_step", "learning_failures", "remedies", "valve_population",
-        "valve_sensitivity", "year",
+        "valve_sensitivity", "wear", "year",
     }  # fmt: skip
     for name, words in analysed.items():
         script = ROOT / words.split("`")[1].removeprefix("python ")

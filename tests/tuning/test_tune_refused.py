@@ -68,7 +68,7 @@ def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
         ({"evaluations": 0}, "evaluations = 0"),
         ({"seed": -1}, "seed = -1"),
         ({"n_jobs": 0}, "n_jobs = 0"),
-        ({"progress": 3}, "progress = 3: give a function"),
+        ({"progress": 3}, "progress = 3: give True, False or a function"),
         ({"kept": "no/such/folder/tune.json"}, "give a file in a folder that exists"),
         ({"warm_up": 9999}, "nothing is left to count"),
         ({"holdout": [7]}, "the boundary has no day 7"),

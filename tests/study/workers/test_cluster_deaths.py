@@ -49,7 +49,7 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(small_study, go
         words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask"]
         n_done = []
 
-        def kill_later(n, _=0):
+        def kill_later(_):
             def tell(k):
                 n_done.append(k)
                 if len(n_done) == n_before:
@@ -59,7 +59,7 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(small_study, go
 
         start = time.monotonic()
         with monkeypatch.context() as patch:
-            patch.setattr("fastcoil.cli.main.report_progress", kill_later)
+            patch.setattr("fastcoil.progress.shown.Shown.start", lambda _, n, before=0: kill_later(n))
             failing_shards.harms(patch, failing_shards.works_slowly, range(152, 160))
             result = CliRunner().invoke(main, [*words, "--scheduler", found.address, "--no-figures"])
         assert time.monotonic() - start < 60

@@ -1,0 +1,1 @@
+"""Progress of long work, as it is shown to whoever looks."""

@@ -1,0 +1,233 @@
+"""``wear.py`` and its parts: gaps that grow as given, a bank that finds its gap, alarms and tables of plain Python."""
+
+from __future__ import annotations
+
+import math
+import re
+import statistics
+
+import numpy as np
+import pytest
+import wear_bank
+import wear_detect
+import wear_figure
+import wear_tables
+import wear_valves
+import wear_year
+import xarray as xr
+from kinds import CONSTANT, STEPPED
+from wear_year import Run
+
+import fastcoil as fc
+
+NAMES = list(wear_valves.controllers())
+
+
+def test_every_controller_has_a_name_and_the_known_size_is_that_of_the_first_day():
+    assert set(NAMES) == set(wear_tables.LABELS)
+    assert NAMES[0] == wear_valves.PI
+    known, found = wear_valves.controllers()[wear_valves.KNOWN], wear_valves.controllers()["identify"]
+    assert known["estimate_ratio"] == found["estimate_share"]
+    assert {name for name in known if name.startswith("buffer")} == {
+        name for name in found if name.startswith("buffer")
+    }
+
+
+def test_every_kind_of_days_has_valves_with_wear_and_good_ones_and_names_differ(monkeypatch):
+    monkeypatch.setattr(wear_valves, "kinds_here", lambda: (STEPPED, CONSTANT, wear_valves.MONTHLY))
+    found = wear_valves.sequences(7)
+    assert len({sequence.name for sequence in found}) == len(found)
+    for kind in (STEPPED, CONSTANT, wear_valves.MONTHLY):
+        assert {s.is_good for s in found if s.kind == kind} == {True, False}
+    assert {s.kind for s in found if s.in_steps} == {STEPPED, wear_valves.MONTHLY}
+
+
+def test_a_linkage_comes_loose_after_a_third_of_the_days_and_is_repaired_after_two():
+    sequence = wear_valves.Sequence("", STEPPED, False, True, False, 7301)
+    days = wear_valves.days_of(sequence, 6)
+    assert days.series["backlash_scale"][:, [0, -1]].tolist() == [[1.0] * 2] * 2 + [[2.0] * 2] * 2 + [[0.25] * 2] * 2
+
+
+def test_growth_is_given_alike_to_all_and_none_has_more_than_another_gets():
+    growth = wear_valves.growths(fc.Loop(backlash=("sample", np.linspace(0, 0.1, 64))))
+    assert sorted(growth.values.tolist()) == sorted([*wear_valves.GROWTH] * 16)
+
+
+@pytest.mark.kernel
+def test_the_gap_grows_with_the_travel_and_by_what_it_was_given_where_that_stays(monkeypatch):
+    monkeypatch.setattr(wear_year, "controllers", lambda: {name: wear_valves.controllers()[name] for name in NAMES[:2]})
+    monkeypatch.setattr(wear_year, "days_of", lambda sequence: wear_valves.days_of(sequence, 3))
+    monkeypatch.setattr(wear_valves, "GROWTH", (0.0, 0.001, 0.002, 0.003))
+    run = wear_year.lived(wear_valves.Sequence("", STEPPED, False, False, False, 7301), 8)
+    worn = run.growth > 0.0
+    assert int(worn.sum()) == 6
+    grown = wear_year.grown(run, wear_valves.PI)
+    rate = run.growth / run.plain.stem_travel.sum("day")
+    in_warm_up = (grown / rate - run.ds.stem_travel.sel(controller=wear_valves.PI).sum("day")).where(worn, drop=True)
+    assert float(in_warm_up.min()) > 0.1
+    assert float(in_warm_up.max()) < 2.0
+    assert 0.9 < float((grown / run.growth).where(worn).median()) < 1.1
+    assert float(abs(wear_year.grown(run, wear_valves.PI)).where(~worn).max()) == 0.0
+    assert (run.plain.backlash_final == run.first).all()
+
+
+def in_plain_python(new, noise, leave):
+    """The probabilities of the gaps, one after the other."""
+    n = len(new[0])
+    now, found = [1.0 / n] * n, []
+    for row in new:
+        after = [now[j] * (1.0 - leave) for j in range(n)]
+        for j in range(n):
+            beside = [k for k in (j - 1, j + 1) if 0 <= k < n]
+            for k in beside:
+                after[k] += now[j] * leave / len(beside)
+        weight = [p * math.exp(-0.5 * (e / noise) ** 2) for p, e in zip(after, row, strict=True)]
+        now = [max(w / sum(weight), wear_bank.LEAST) for w in weight]
+        now = [p / sum(now) for p in now]
+        found.append(now)
+    return found
+
+
+def test_probabilities_follow_the_chain_and_the_likelihoods():
+    new = np.random.default_rng(3).normal(0.0, 0.1, (20, 4))
+    expected = in_plain_python(new.tolist(), 0.08, wear_bank.INTERVAL / wear_bank.SOJOURN)
+    found = wear_bank.probabilities(new[None], np.array([0.08]))
+    np.testing.assert_allclose(found[0], expected, rtol=1e-9)
+
+
+def test_a_disturbance_that_stays_is_nothing_new_and_a_step_of_it_is_new_once():
+    error = np.where(np.arange(400) < 200, 0.0, 1.0)
+    new = wear_bank.innovations(error, np.zeros((400, 1)))[:, 0]
+    assert new[200] == 1.0
+    assert (new[:200] == 0.0).all()
+    np.testing.assert_allclose(new[201:], 1.0 - math.exp(-wear_bank.INTERVAL / wear_bank.COLOUR), rtol=1e-12)
+
+
+@pytest.mark.kernel
+def test_the_bank_finds_the_gap_of_a_loop_whose_plant_it_knows():
+    days = wear_detect.days_of(STEPPED, 7501).isel(day=slice(0, 2))
+    loop = fc.Loop.preset("lbnl").assign(m_full=1.7, rangeability=30.0, authority=0.5, backlash=("sample", [0.0, 0.05]))
+    seen = wear_detect._lived(loop.assign(noise_std=0.01), days, ["T_measured", "command"], 5)
+    for k, gap in enumerate((0.0, 0.05)):
+        command = np.repeat(seen.command.values[k], 5, axis=-1)
+        models = wear_bank.foretold(wear_detect.picked(loop, sample=k), days, command)
+        measured = seen.T_measured.values[k, :, :: wear_bank.INTERVAL // 5].ravel()
+        new = wear_bank.innovations(measured, models.sel(plant="known").values.reshape(measured.size, -1))
+        mean = wear_bank.probabilities(new[None], wear_bank.noise_of(new[None]))[0, -60:] @ wear_bank.CANDIDATES
+        assert abs(mean.mean() - gap) < 0.005
+
+
+def test_the_gap_is_constant_for_three_days_and_then_does_what_the_case_says():
+    n = 10
+    one = {case: wear_detect.scale_of(case, n).ravel() * wear_detect.LARGER for case in wear_detect_cases()}
+    assert set(one[wear_detect.STEADY]) == {1.0}
+    assert one[wear_detect.AT_ONCE].tolist() == [1.0] * 30 + [3.0] * 50
+    np.testing.assert_allclose(one[wear_detect.SLOWLY], [1.0] * 30 + [1.0 + 2.0 * k / 50 for k in range(50)])
+
+
+def wear_detect_cases():
+    return wear_detect.STEADY, wear_detect.GOOD, wear_detect.AT_ONCE, wear_detect.SLOWLY
+
+
+def test_an_alarm_is_the_first_time_that_an_estimate_rises_above_that_of_the_third_day():
+    per_day = 4
+    rises = np.full(8 * per_day, 0.03)
+    rises[4 * per_day + 1 :] = 0.06
+    falls_first = rises + 0.05 * (np.arange(rises.size) < 2 * per_day)
+    estimates = xr.DataArray([rises, falls_first, rises * 0 + 0.09], dims=("sample", "elapsed_time"))
+    found = wear_detect.alarms(estimates, 0.02)
+    assert found.values.tolist() == [(per_day + 2) * wear_detect.EVERY / 3600.0] * 2 + [math.inf]
+
+
+def test_the_threshold_is_the_least_with_few_false_alarms():
+    estimate = np.zeros((20, 32))
+    estimate[0, 20:], estimate[1, 20:] = 0.02, 0.012  # two of twenty would be too many
+    found = xr.DataArray(estimate[None], dims=("detector", "sample", "elapsed_time"), coords={"detector": ["it"]})
+    cases = {(case, kind): found for case in (wear_detect.STEADY, wear_detect.GOOD) for kind in wear_detect.KINDS}
+    assert wear_detect.threshold_of(cases, "it") == 0.015
+    never = {key: values * 0.0 + np.arange(32) for key, values in cases.items()}
+    assert math.isnan(wear_detect.threshold_of(never, "it"))
+
+
+@pytest.fixture
+def runs():
+    """Made-up results of 6 valves and 24 days."""
+    dice = np.random.default_rng(8)
+    shape = (len(NAMES), 6, 24)
+
+    def made(name, kind, in_steps=False, is_good=False):
+        dims = ("controller", "sample", "day")
+        values = {metric: (dims, dice.uniform(0.01, 0.1, shape)) for metric in wear_year.METRICS}
+        ds = xr.Dataset(values, coords={"controller": NAMES, "day": np.arange(24)}).assign(
+            status=(dims, np.zeros(shape))
+        )
+        of_valve = xr.DataArray(dice.uniform(0.01, 0.05, 6), dims="sample")
+        plain = ds.isel(controller=0, drop=True)
+        plain["hunts"] = plain["hunts"] * 0.0
+        return Run(wear_valves.Sequence(name, kind, False, in_steps, is_good, 1), ds, plain, of_valve * 0.5, of_valve)
+
+    return [
+        made(STEPPED, STEPPED),
+        made(f"{STEPPED}, loose and repaired", STEPPED, in_steps=True),
+        made(f"{STEPPED}, no gap", STEPPED, is_good=True),
+    ]
+
+
+def test_an_estimate_is_wrong_beyond_a_fifth_of_the_gap_and_a_hundredth_of_the_stroke(runs):
+    ds = runs[0].ds
+    gaps, found = [0.01, 0.02, 0.1, 0.1, 0.1, 0.0], [0.0, 0.0, 0.085, 0.075, math.nan, 0.02]
+    for name, values in (("backlash_final", gaps), ("estimate_final", found)):
+        ds[name].loc[{"controller": "identify"}] = np.array(values)[:, None]
+    wrong = wear_year.wrong(runs[0], "identify")
+    assert wrong.isel(day=0).values.tolist() == [False, True, False, True, True, True]
+
+
+@pytest.fixture
+def noticed():
+    dice = np.random.default_rng(9)
+    detectors = list(wear_tables.DETECTORS)
+    shape = (len(detectors), 2, 5, 8 * 36)
+    return {
+        (case, kind): xr.DataArray(
+            dice.uniform(0.0, 0.004, shape) + 0.05 * np.maximum(0, np.arange(shape[-1]) - 110) / shape[-1] * growing,
+            dims=("detector", "day", "sample", "elapsed_time"),
+            coords={"detector": detectors},
+        )
+        for kind in wear_detect.KINDS
+        for case, growing in zip(wear_detect_cases(), (0, 0, 1, 1), strict=True)
+    }
+
+
+def test_the_tables_hold_what_plain_python_finds(runs, noticed, written, monkeypatch, tmp_path):
+    monkeypatch.setattr(wear_figure, "HERE", tmp_path)
+    wear_tables.write(runs, noticed, noticed)
+    run = runs[0]
+    ds = run.ds
+    _, (head, *follow) = written("wear_follow")
+    assert [row[0] for row in follow] == [STEPPED, f"{STEPPED}: loose", f"{STEPPED}: repaired"]
+    assert head[1:] == [wear_tables.LABELS[name] for name in NAMES[1:]]
+    last = ds.sel(controller="identify").isel(day=slice(20, 24))
+    pairs = zip(last.estimate_final.values.ravel(), last.backlash_final.values.ravel(), strict=True)
+    wrong = [abs(estimate - gap) > max(0.2 * gap, 0.01) for estimate, gap in pairs]
+    assert follow[0][head.index("identify")].split(" (")[0] == f"{100 * sum(wrong) / len(wrong):.0f} %"
+    _, (_, *cost) = written("wear_cost")
+    travel = {name: ds.motor_travel.sel(controller=name).values.sum(-1).tolist() for name in NAMES}
+    ratio = statistics.median(a / b for a, b in zip(travel["identify"], travel["pi"], strict=True))
+    assert cost[NAMES.index("identify") - 1][1].split(", ")[1] == f"× {ratio:.2f}"
+    _, (_, *life) = written("wear_life")
+    strokes = statistics.median(travel["pi"]) * 365 / 24
+    assert life[0][3].split(", ")[0] == f"{strokes:,.0f}"
+    assert life[0][5].startswith(f"{100 * strokes / 20_000:.1f}, ")
+    _, (_, *feedback) = written("wear_feedback")
+    end = ds.backlash_final.sel(controller="pi").isel(day=-1)
+    grown = statistics.median(((end - run.first) / run.growth).values.tolist())
+    assert re.match(rf"× {grown:.2f} \(.*, 6 valves", feedback[0][1])
+    assert feedback[0][2] == "—"
+    _, (_, *good) = written("wear_good")
+    assert [row[0] for row in good] == [STEPPED]
+    _, (head, *found) = written("wear_noticed")
+    assert [row[0] for row in found] == list(wear_tables.DETECTORS.values())
+    assert {row[1] for row in found} == {"0.5 %"}
+    assert all(row[2].startswith("0 %") and row[4].startswith("100 %") for row in found)
+    wear_figure.draw(runs, noticed, noticed)
+    assert (tmp_path / "wear.png").stat().st_size > 10_000
