@@ -78,6 +78,7 @@ def slipped(q, direction, position, previous, x_bl, slip_jump):
     rises = (direction > 0.0) & (position > previous) | (position - x_bl > q)
     falls = (direction < 0.0) & (position < previous) | (position < q - slip_jump)
     risen, direction = position - (x_bl - slip_jump), -1.0 if falls else 0.0
+    risen = q if risen < q else risen  # a gap that grows takes no stem back
     q = position if falls else q
     return risen if rises else q, 1.0 if rises else direction
 

@@ -80,7 +80,12 @@ def mixed():
     columns["gradient_gain"] = np.full(N, 5e-3)
     columns["gradient_pause"] = np.full(N, 60.0)
     columns["estimate_share"] = rng.choice([0.0, 0.8, 1.0], N)
+    columns["wear_rate"] = rng.choice([0.0, 0.0, 1e-3], N)
+    columns["substeps"] = rng.choice([1.0, 1.0, 3.0], N)
     return columns
+
+
+EVERY_SECOND = {"control_period": 1, "estimating_period": 1}
 
 
 def part(columns, index):
@@ -146,6 +151,7 @@ def alike(columns):
     return columns | {
         "n_volumes": np.full(n, 8.0),
         "air_march": np.full(n, "lagged"),
+        "substeps": np.full(n, 1.0),
         "estimator": np.full(n, "learner"),
     }
 
@@ -153,21 +159,11 @@ def alike(columns):
 @pytest.mark.parametrize(
     "flags",
     [
-        {"has_noise": True},
-        {"shares_air_side": False},
-        {"leaks": True},
-        {"samples_together": False},
-        {"samples_together": False, "control_period": 1},
-        {"estimating_period": 1},
-        {
-            "has_noise": True,
-            "shares_air_side": False,
-            "samples_together": False,
-            "control_period": 1,
-            "estimating_period": 1,
-        },
+        {"has_noise": True}, {"shares_air_side": False}, {"leaks": True}, {"samples_together": False},
+        {"samples_together": False, "control_period": 1}, {"estimating_period": 1},
+        {"has_noise": True, "shares_air_side": False, "samples_together": False} | EVERY_SECOND,
     ],
-)
+)  # fmt: skip
 def test_what_a_block_skips_changes_no_bits(mixed, day, flags):
     plain = alike(mixed) | {
         name: defaults(N)[name] for name in ("noise_std", "sample_time", "beta3", "learning_step", "leakage")

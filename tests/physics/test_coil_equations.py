@@ -200,6 +200,6 @@ def test_next_to_no_water_flow_freezes_the_water(dry_day):
 def test_without_air_flow_every_volume_gives_the_temperature_of_its_metal():
     import fastcoil as fc
 
-    ds = open_loop(fc.constant_day(hours=0.5, m_a=0.0), 0.5)
+    ds = open_loop(fc.constant_day(hours=0.5).assign(m_a=0.0, enabled=1), 0.5)
     np.testing.assert_allclose(ds.T_a.values[:, 1:], ds.T_c.values[:, :-1], rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(ds.T_c.values[:, -1], 7.0, atol=1e-6)

@@ -94,6 +94,7 @@ def test_part_of_a_curve_does_not_replace_an_installed_valve():
 
 
 @pytest.mark.kernel
+@pytest.mark.filterwarnings("ignore:action")
 @pytest.mark.parametrize(
     "loop",
     [

@@ -162,6 +162,7 @@ def test_content_hash_depends_on_what_was_simulated(days, swept, sweep, change):
     assert other.content_sha256 != swept.content_sha256
 
 
+@pytest.mark.filterwarnings("ignore:action")
 def test_adding_sweep_values_changes_no_scenario(days):
     few = fc.simulate(fc.Loop(backlash=[0.02, 0.07], noise_std=0.05), days, traces=["T_sup"], warm_up=60)
     more = fc.simulate(

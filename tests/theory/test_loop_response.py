@@ -90,7 +90,7 @@ def test_a_loop_that_acts_the_wrong_way_has_neither_margins_nor_tunings():
 def test_the_emulator_answers_a_small_step_of_the_set_point_as_the_closed_loop(name, sampling):
     """Every delay of one step counts: sensor, sample, actuator and march in their order."""
     control = pytest.importorskip("control")
-    step, before, after = 0.01, 6000, 900
+    step, before, after = 0.005, 6000, 900
     columns, conditions = points(name, stroke_time=0.0, **SAMPLED[sampling])
     margin = margins_of(columns, plants_of(columns, conditions)).gain_margin
     columns["kp"] = 0.3 * margin * columns["kp"]
