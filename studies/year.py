@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.dates import DateFormatter, MonthLocator
 from report import HERE, results, write_table
+from shares import share_of
 
 import fastcoil as fc
 from fastcoil.analysis.pairs import Middle, middle_of
@@ -18,6 +19,10 @@ from fastcoil.plots.style import COLOURS, apply_style
 
 PI, SOUND = "pi", "sound"
 NAMES = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}
+LEAST = 0.01
+"""Fraction of stroke by which an estimate may always be wrong, and the rise of an error that counts as harm."""
+QUARTER = 91
+"""Days at the end of the year that are counted apart."""
 PARTS = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
 
 
@@ -64,6 +69,28 @@ def valve_rows(ds: xr.Dataset) -> list[list[str]]:
                 [valve, NAMES[controller], f"{float(gap.median()):.1f} % (to {float(gap.max()):.1f} %)", estimate]
                 + [f"{float(error.median()):.3f} K", f"{100 * float(some['share_off'].mean('day').median()):.0f} %"]
                 + [f"{float(travel.median()):,.0f}", f"{100.0 * float(hunting.mean()):.0f} %"]
+            )
+    return rows
+
+
+def estimate_rows(ds: xr.Dataset) -> list[list[str]]:
+    """How often each estimator is right on the days of operation, and what it does to the error of a loop."""
+    on = ds["rmse"].notnull()
+    error = np.sqrt((ds["rmse"] ** 2).mean("day"))
+    rows = []
+    for valve in ds["valve"].values:
+        for controller in ds["controller"].values:
+            if controller == PI:
+                continue
+            some, days = ds.sel(valve=valve, controller=controller), on.sel(valve=valve, controller=controller)
+            gap = some["backlash_final"]
+            wrong = abs(some["estimate_final"] - gap) > np.maximum(0.2 * gap, LEAST)
+            late = days & xr.DataArray(np.arange(days["day"].size) >= days["day"].size - QUARTER, dims="day")
+            change = error.sel(valve=valve, controller=controller) / error.sel(valve=valve, controller=PI) - 1.0
+            rows.append(
+                [valve, NAMES[controller], str(share_of(wrong, days)), str(share_of(wrong, late))]
+                + [f"{int((wrong & days).any('day').sum())} of {change.size}"]
+                + [f"{100.0 * float(change.median()):+.1f} %", str(share_of(change > LEAST))]
             )
     return rows
 
@@ -118,6 +145,14 @@ def main() -> None:
         "time off the set-point (medians of the loops), motor travel in the year (median), days on which they hunt",
         ["valve", "controller", "gap", "estimate", "settled error", "off by 0.5 K", "strokes", "hunts"],
         valve_rows(ds),
+    )
+    write_table(
+        "year_estimate",
+        "Estimates at the end of a day of operation, wrong by more than 20 % of the gap and 1 % of stroke: share of "
+        "the days, of those of the last quarter, loops with such a day; RMS error of the year against plain PI: median of "
+        "the loops, and loops in which it is more than 1 % higher (95 % intervals)",
+        ["valve", "controller", "wrong", "at last", "loops ever wrong", "RMS error", "harmed"],
+        estimate_rows(ds),
     )
     figure(ds)
 
