@@ -74,9 +74,9 @@ def test_other_errors_of_many_lines_are_cut_too(capsys):
 
 
 def test_everything_is_printed_through_the_one_function():
-    """Else a new command would show text of strangers as it is."""
+    """Else a new command would show text of strangers as it is; the bar has words and numbers of its own alone."""
     for path in Path(fastcoil.__file__).parent.rglob("*.py"):
-        if path.name != "terminal.py":
+        if path.name != "terminal.py" and path.parts[-2:] != ("progress", "views.py"):
             found = re.findall(r"click\.echo|click\.secho|\bprint\(|sys\.std(?:out|err)\.write", path.read_text())
             assert not found, path
 
