@@ -62,7 +62,7 @@ def _metrics(loop: fc.Loop, days: fc.Boundary) -> xr.Dataset:
 
 
 def wrong(run: Run, name: str) -> xr.DataArray:
-    """Whether the estimate at the end of a day is off by over 20 % of the gap and 1 % of the stroke; none is wrong."""
+    """Whether the estimate at the end of a day is off by over 20 % of the gap and 1 % of the stroke, or missing."""
     ds = run.ds.sel(controller=name)
     tolerance = np.maximum(TWENTY * ds.backlash_final, ONE) + ROUND_OFF
     return ~(abs(ds.estimate_final - ds.backlash_final) <= tolerance)
