@@ -15,15 +15,15 @@ from typing import Any
 import convergence_valves
 import numpy as np
 import xarray as xr
+from best_pi import PRESETS as COOLING
 from identify_online import IDENTIFY
-from kinds import HEATING, kinds, of_kind
+from kinds import HEATING, WEATHER_FILE, kinds, of_kind
 from report import write_table
 from scipy.stats import t
 
 import fastcoil as fc
 
 DAYS = range(9411, 9419)
-WEATHER = convergence_valves.WEATHER
 BACKLASH = (0.0, 0.07, 0.15)
 MARCHES = ("lagged", "quasistatic")
 SUBSTEPS = (1, 2, 4, 8, 16, 32)
@@ -43,7 +43,6 @@ CONTROLLERS: dict[str, dict[str, Any]] = {
 }
 CONTROLLED = tuple(dict.fromkeys(name for given in CONTROLLERS.values() for name in given))
 KEPT = (*METRICS, "hunting_period", "hunts", "switch_frequency")
-COOLING = ("paper_like", "paper_like_fast", "lbnl", "g36")
 
 
 def presets(names: Sequence[str] = COOLING) -> fc.Loop:
@@ -79,7 +78,7 @@ def volumes(days: range = DAYS) -> xr.Dataset:
     return fc.simulate(loop, fc.paper_day(hours=8, seed=list(days)))
 
 
-def of_kinds(days: range = DAYS, weather: Path = WEATHER) -> dict[str, xr.Dataset]:
+def of_kinds(days: range = DAYS, weather: Path = WEATHER_FILE) -> dict[str, xr.Dataset]:
     """The presets on every kind of day with cooling, as printed, converged and finest: (way, backlash, preset, day)."""
     ways = {"air_march": [march for march, _ in WAYS], "substeps": [n for _, n in WAYS]}
     loop = presets().assign(backlash=list(BACKLASH), **{name: ("way", values) for name, values in ways.items()})
@@ -223,7 +222,7 @@ def _at(ds: xr.Dataset, way: tuple[str, int]) -> xr.Dataset:
     return ds.sel(air_march=way[0], substeps=way[1], drop=True)
 
 
-def main(days: range = DAYS, weather: Path = WEATHER, **size: Any) -> None:
+def main(days: range = DAYS, weather: Path = WEATHER_FILE, **size: Any) -> None:
     """Run everything and write every table; size: of the populations."""
     marched = steps(days)
     write_steps(marched)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from conditions import GROWING
 from hunting_loops import acting, valves
 from identify_online import GOOD, IDENTIFY, TOLERANCE, population
-from kinds import HEATING, kinds, of_kind, settings
+from kinds import HEATING, WEATHER_FILE, kinds, of_kind, settings
 from report import write_table
 from shares import share_of
 
@@ -18,17 +19,11 @@ from fastcoil.moist_air import humidity_ratio
 
 SEED, VALVES, REMEDIED = 9420, 384, 192
 DAYS = range(94201, 94205)
-WEATHER = Path(__file__).parent / "weather.csv"
 WAYS = {"as printed": {"air_march": "lagged", "substeps": 1}, "converged": {"converged": True}}
 SIZES = ((0.0,), (0.01, 0.02, 0.03), (0.05, 0.07), (0.10, 0.15))
-GROWING = {
-    "estimator": "learner", "learning_step": 0.028, "learning_interval": 900, "learning_ratio": 1.5, "buffer": 0.01,
-    "learning_min_switches": 1, "learning_max_reference": 0.4, "learning_early_trip": 1, "learning_growth": 2,
-    "learning_shrink": 0.5,
-}  # fmt: skip
 CONTROLLERS = {
     "inverse, 95 %, buffer 1 %": {"estimate_ratio": 0.95, "buffer": 0.01},
-    "growing rule": GROWING,
+    "growing rule": {"estimator": "learner"} | GROWING,
     "identify": IDENTIFY,
 }
 RH, OPENINGS = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.8), (0.05, 0.15, 0.25, 0.35, 0.5, 0.75, 1.0)
@@ -42,13 +37,15 @@ def both_ways(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
     return xr.concat(parts, xr.DataArray(list(WAYS), dims="way", name="way"), coords="minimal", compat="override")
 
 
-def hunting(size: int = VALVES, days: range = DAYS, weather: Path = WEATHER) -> dict[str, xr.Dataset]:
+def hunting(size: int = VALVES, days: range = DAYS, weather: Path = WEATHER_FILE) -> dict[str, xr.Dataset]:
     """Loops of which a third hunts, on every kind of day: (way, sample, day)."""
     loop = valves(SEED, size).assign(noise_std=0.01)
     return {kind: both_ways(acting(loop, kind), of_kind(kind, days, weather)) for kind in kinds(weather)}
 
 
-def remedies(size: int = REMEDIED, days: range = DAYS, weather: Path = WEATHER) -> dict[str, dict[str, xr.Dataset]]:
+def remedies(
+    size: int = REMEDIED, days: range = DAYS, weather: Path = WEATHER_FILE
+) -> dict[str, dict[str, xr.Dataset]]:
     """Loops as somebody left them, plain, with an inverse and with estimators: by kind of day and controller."""
     found: dict[str, dict[str, xr.Dataset]] = {}
     for kind in kinds(weather):
@@ -171,7 +168,7 @@ def write_rest(ds: xr.Dataset) -> None:
     )
 
 
-def main(size: int = VALVES, remedied: int = REMEDIED, of: range = DAYS, weather: Path = WEATHER) -> None:
+def main(size: int = VALVES, remedied: int = REMEDIED, of: range = DAYS, weather: Path = WEATHER_FILE) -> None:
     """Run everything and write every table."""
     write_rest(at_rest())
     write_hunting(hunting(size, of, weather))

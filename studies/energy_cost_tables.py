@@ -109,7 +109,7 @@ def write_by_backlash(found: Mapping[str, xr.Dataset]) -> None:
             written(at[PEAK].sel(backlash=X)),
             written(at[BILL].sel(backlash=X), 2),
             written(at[MONEY].sel(backlash=X), 0, ""),
-            f"{between(at[MONEY].sel(backlash=X), 0)}",
+            between(at[MONEY].sel(backlash=X), 0),
             str(share_of(against_sound(plain)[BILL].sel(backlash=X).isel(controller=0, drop=True) > NOTABLE)),
             f"× {float((travel.sel(backlash=X) / travel.sel(backlash=0.0)).median()):.2f}",
             f"{float(off.sel(backlash=X).median()):.2f}",

@@ -12,14 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from heating_backlash import write_backlash
+from heating_backlash import PRESETS, write_backlash
 from heating_figure import draw
 from report import write_table
 from shares import share_of
 
 import fastcoil as fc
 
-HEATING = ("heating", "heating_45")
 SEARCH_SEED, FRESH_SEED = 16001, 16002
 SEARCH_SIZE, FRESH_SIZE = 200, 400
 OUTDOOR, OUTDOOR_SHARE, T_RETURN, W_IN = (-20.0, 15.0), 0.3, 21.0, 0.003
@@ -96,7 +95,7 @@ def good(name: str, **values: object) -> fc.Loop:
 def sizing_rows() -> list[list[str]]:
     """The design load of each preset: -20 °C outdoors, 1.15 kg/s, set-point 25 °C."""
     rows = []
-    for name in HEATING:
+    for name in PRESETS:
         preset, loop = fc.presets()[name], good(name)
         day = fc.design_day(0.5, "heating", T_w_in=preset.T_w_in)
         rest = fc.linearise(loop, day, at=0)
@@ -115,7 +114,7 @@ def sizing_rows() -> list[list[str]]:
 def choice(size: int = SEARCH_SIZE) -> tuple[list[list[str]], tuple[float, float]]:
     """Overshoot and settling of the gains on both coils, and the pair that settles soonest of the calm ones."""
     found = []
-    for name in HEATING:
+    for name in PRESETS:
         loop = good(name)
         found.append(response(loop.assign(kp=list(KP), ti=list(TI)), conditions(loop, SEARCH_SEED, size)))
     overshoot = [r.overshoot.quantile(0.95, "day") for r in found]
@@ -137,7 +136,7 @@ def choice(size: int = SEARCH_SIZE) -> tuple[list[list[str]], tuple[float, float
 def fresh_rows(size: int = FRESH_SIZE) -> list[list[str]]:
     """The presets on fresh conditions, and beside them the gains of the cooling presets on the same coils."""
     rows = []
-    for name in HEATING:
+    for name in PRESETS:
         of = conditions(good(name), FRESH_SEED, size)
         gaps = np.random.default_rng(FRESH_SEED).uniform(*GAPS, VALVES)
         for gains in (name, *COOLING_GAINS):

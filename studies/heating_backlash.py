@@ -13,8 +13,7 @@ import numpy as np
 import xarray as xr
 from conditions import GROWING
 from identify_online import IDENTIFY
-from kinds import HEATING as HEATING_KIND
-from kinds import HERE, OUTDOOR_AIR, of_kind
+from kinds import HEATING, OUTDOOR_AIR, WEATHER_FILE, of_kind
 from report import write_table
 from shares import share_of
 
@@ -69,13 +68,13 @@ def days(T_w_in: float, seeds: Sequence[int] = DAYS) -> dict[str, fc.Boundary]:
     """Days of each kind, with water of this temperature."""
     stepped = fc.heating_day(seed=list(seeds), T_w_in=T_w_in)
     series = {n: stepped.series[n] for n in ("m_a", "T_a_in", "W_a_in", "T_w_in")}
-    design = of_kind(HEATING_KIND, seeds).series
+    design = of_kind(HEATING, seeds).series
     found = {
         STEPPED: stepped,
         CONSTANT: fc.Boundary(**series, T_set=T_SET, day=list(seeds)),
         DESIGN: fc.Boundary(**(series | {n: design[n] for n in ("T_a_in", "W_a_in")}), T_set=T_SET, day=list(seeds)),
     }
-    if (HERE / "weather.csv").is_file():
+    if WEATHER_FILE.is_file():
         found[WINTER] = _of_winter(series, seeds)
     return found
 
@@ -87,7 +86,7 @@ def _of_winter(series: dict[str, np.ndarray], seeds: Sequence[int]) -> fc.Bounda
         warnings.simplefilter("ignore", UserWarning)  # hourly data have no fast disturbances: the water has them
         air = [
             fc.weather_day(
-                HERE / "weather.csv", days=[day], hour=6, hours=8, m_a=1.0, T_w_in=50.0, T_set=T_SET,
+                WEATHER_FILE, days=[day], hour=6, hours=8, m_a=1.0, T_w_in=50.0, T_set=T_SET,
                 outdoor_fraction=OUTDOOR_AIR, T_return=21.0, RH_return=0.3,
             ).series
             for day in drawn

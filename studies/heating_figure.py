@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from report import HERE
 
 import fastcoil as fc
-from fastcoil.plots.style import BLUE, RED, STYLE, YELLOW
+from fastcoil.plots.style import BLUE, RED, YELLOW, apply_style
 
 COLOURS = {"heating": BLUE, "heating_45": RED}
 STYLES = {"heating": "-", "heating_45": "--"}
@@ -85,12 +85,12 @@ def _worn(panel: Axes) -> None:
     panel.legend(loc="upper left")
 
 
+@apply_style()
 def draw(conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], at: int, size: float) -> None:
     """Draw the figure.  conditions: days with a step of ``size`` K at second ``at``, and set-points before it."""
-    with plt.rc_context(dict(STYLE)):
-        figure, panels = plt.subplots(1, 3, figsize=(11, 3.2), layout="constrained")
-        _rest(panels[0])
-        _steps(panels[1], conditions, at, size)
-        _worn(panels[2])
-        figure.savefig(HERE / "heating.png", dpi=200)
-        plt.close(figure)
+    figure, panels = plt.subplots(1, 3, figsize=(11, 3.2), layout="constrained")
+    _rest(panels[0])
+    _steps(panels[1], conditions, at, size)
+    _worn(panels[2])
+    figure.savefig(HERE / "heating.png", dpi=200)
+    plt.close(figure)

@@ -16,6 +16,8 @@ import numpy as np
 import fastcoil as fc
 
 HERE = Path(__file__).parent
+WEATHER_FILE = HERE / "weather.csv"
+"""Where a weather file is looked for (see ``weather.toml``)."""
 HOURS = 8
 STEPPED, CONSTANT, DESIGN, WEATHER, HEATING = "stepped", "constant", "design", "weather", "heating"
 T_SET = 14.0
@@ -28,8 +30,8 @@ SUMMER = range(140, 274)
 """Days of the year that a weather file is asked for."""
 
 
-def kinds(weather: Path = HERE / "weather.csv") -> tuple[str, ...]:
-    """All kinds of days; those of weather only where there is a weather file (see ``weather.toml``)."""
+def kinds(weather: Path = WEATHER_FILE) -> tuple[str, ...]:
+    """All kinds of days; those of weather only where there is a weather file."""
     return (STEPPED, CONSTANT, DESIGN, *((WEATHER,) if weather.is_file() else ()), HEATING)
 
 
@@ -41,7 +43,7 @@ def settings(kind: str) -> dict[str, object]:
 def of_kind(
     kind: str,
     seeds: Sequence[int],
-    weather: Path = HERE / "weather.csv",
+    weather: Path = WEATHER_FILE,
     *,
     hours: int | None = None,
     outdoor: float = OUTDOOR_AIR,

@@ -40,6 +40,10 @@ PASSIVE = {
 ACTING = ("paper", "gradient")
 
 
+Estimates = dict[tuple[str, str], xr.DataArray]
+"""What the detectors believe, by case and kind of day; see ``estimates``."""
+
+
 def days_of(kind: str, first: int) -> fc.Boundary:
     """A sequence of days without any change of the gap."""
     return of_kind(kind, list(range(first, first + DAYS)), hours=HOURS)
@@ -116,7 +120,7 @@ def alarms(estimate: xr.DataArray, threshold: float) -> xr.DataArray:
     return hours.where(raised.any("elapsed_time"), np.inf)
 
 
-def threshold_of(found: dict[tuple[str, str], xr.DataArray], detector: str) -> float:
+def threshold_of(found: Estimates, detector: str) -> float:
     """The least threshold with few false alarms; nan: none has."""
     for threshold in THRESHOLDS:
         raised = [
@@ -129,9 +133,9 @@ def threshold_of(found: dict[tuple[str, str], xr.DataArray], detector: str) -> f
     return np.nan
 
 
-def run(which: tuple[int, ...], *, started: float | None = None) -> dict[tuple[str, str], xr.DataArray]:
-    """Estimates by case and kind of day."""
-    started, found = started or time.monotonic(), {}
+def run(which: tuple[int, ...]) -> Estimates:
+    """The estimates on the days that the thresholds are chosen on, or on fresh ones."""
+    started, found = time.monotonic(), {}
     cases = (STEADY, GOOD) if which == CHOSEN_ON else (STEADY, GOOD, AT_ONCE, SLOWLY)
     for kind in KINDS:
         for case in cases:

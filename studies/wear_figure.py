@@ -8,7 +8,7 @@ import xarray as xr
 from kinds import CONSTANT, STEPPED
 from matplotlib.axes import Axes
 from report import HERE
-from wear_detect import AT_ONCE, BEFORE, DAYS, HOURS, alarms, threshold_of
+from wear_detect import AT_ONCE, BEFORE, DAYS, HOURS, Estimates, alarms, threshold_of
 from wear_tables import DETECTORS, LABELS
 from wear_valves import GROWTH, PI
 from wear_year import Run
@@ -24,9 +24,7 @@ WORN = 0.02
 
 
 @apply_style()
-def draw(
-    runs: list[Run], chosen_on: dict[tuple[str, str], xr.DataArray], fresh: dict[tuple[str, str], xr.DataArray]
-) -> None:
+def draw(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
     """Draw the three panels."""
     by_name = {run.sequence.name: run for run in runs}
     figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.6), layout="constrained")
@@ -81,9 +79,7 @@ def _loose(panel: Axes, run: Run) -> None:
     _legend(panel)
 
 
-def _noticed(
-    panel: Axes, chosen_on: dict[tuple[str, str], xr.DataArray], fresh: dict[tuple[str, str], xr.DataArray]
-) -> None:
+def _noticed(panel: Axes, chosen_on: Estimates, fresh: Estimates) -> None:
     """The share of the loops whose loose linkage was noticed, over the hours of operation since."""
     hours = np.linspace(0.0, (DAYS - BEFORE) * HOURS, 200)
     for name, colour in DRAWN.items():

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from learners_run import HARM
 from remedies_tables import cell
 from report import write_table
 from shares import share_of
-from wear_detect import AT_ONCE, GOOD, KINDS, SLOWLY, STEADY, alarms, threshold_of
+from wear_detect import AT_ONCE, GOOD, KINDS, SLOWLY, STEADY, Estimates, alarms, threshold_of
 from wear_valves import DAYS, DAYS_OF_YEAR, KNOWN, PI
 from wear_year import Run, change, grown, of_year, wrong
 
@@ -23,8 +24,6 @@ LABELS = {
 """The names of the controllers for readers."""
 LAST = 4
 """Days at the end of each third that count."""
-HARM = 0.01
-"""Rise of the RMSE of a good valve that counts."""
 STROKES, STARTS = 20_000, 1_800_000
 """What an actuator of up to 125 N m endures after EN 15714-2: 10,000 cycles of open and close (classes A and B), and
 starts where it modulates (class C)."""
@@ -142,9 +141,7 @@ def good_rows(runs: list[Run]) -> list[list[str]]:
     return rows
 
 
-def noticed_rows(
-    chosen_on: dict[tuple[str, str], xr.DataArray], fresh: dict[tuple[str, str], xr.DataArray]
-) -> list[list[str]]:
+def noticed_rows(chosen_on: Estimates, fresh: Estimates) -> list[list[str]]:
     """Alarms of each detector: false ones, true ones, and how long they take."""
     rows = []
     for name, words in DETECTORS.items():
@@ -166,9 +163,7 @@ def noticed_rows(
     return rows
 
 
-def write(
-    runs: list[Run], chosen_on: dict[tuple[str, str], xr.DataArray], fresh: dict[tuple[str, str], xr.DataArray]
-) -> None:
+def write(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
     """Write every table."""
     good = [run for run in runs if run.sequence.is_good]
     worn = [run for run in runs if not run.sequence.is_good]

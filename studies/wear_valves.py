@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 from best_pi import simc_gains
-from kinds import CONSTANT, HEATING, STEPPED, of_kind, settings
+from kinds import CONSTANT, HEATING, STEPPED, WEATHER_FILE, of_kind, settings
 from remedies_run import HEATING_GAIN, picked
 from report import HERE
 
@@ -62,7 +62,7 @@ def sequences(seed: int) -> list[Sequence]:
 
 def kinds_here() -> tuple[str, ...]:
     """The kinds of days; those of weather only where there is a weather file."""
-    weather = (REAL, MONTHLY) if (HERE / "weather.csv").is_file() else ()
+    weather = (REAL, MONTHLY) if WEATHER_FILE.is_file() else ()
     return (STEPPED, CONSTANT, *weather, HEATING)
 
 
@@ -98,6 +98,11 @@ def growths(loop: fc.Loop) -> xr.DataArray:
     return xr.DataArray(np.array(GROWTH)[drawn], dims="sample")
 
 
+def rates(growth: xr.DataArray, plain: xr.Dataset) -> xr.DataArray:
+    """Wear of each valve by which its gap grows so far in the year; plain: that year under plain PI, without wear."""
+    return np.minimum(growth / plain.stem_travel.sum("day").clip(1e-3), LARGEST_RATE).reset_coords(drop=True)
+
+
 def days_of(sequence: Sequence, n: int = DAYS) -> fc.Boundary:
     """The days of a sequence, each of the hours in which the fan runs."""
     labels = np.arange(sequence.seed, sequence.seed + n)
@@ -111,15 +116,20 @@ def days_of(sequence: Sequence, n: int = DAYS) -> fc.Boundary:
     return days.assign(backlash_scale=np.broadcast_to(scale, (n, days.n_steps)))
 
 
+def real_year(seed: int, days: list[int] | None = None) -> fc.Boundary:
+    """Days of the weather file with a fixed set-point, of 24 h each; all of the year without ``days``."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return fc.weather_year(
+            WEATHER_FILE, year=2023, set_point="fixed", T_set=13.0, fan_hours=FAN, weekend_fan_hours=FAN, days=days,
+            seed=seed,
+        )  # fmt: skip
+
+
 def real_days(labels: np.ndarray, stepped: bool) -> fc.Boundary:
     """Days of a year of weather, evenly over it, from the start of the fan to its end."""
     at = np.linspace(0, DAYS_OF_YEAR, labels.size, endpoint=False).astype(int) + 1 + int(labels[0]) % 7
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        year = fc.weather_year(
-            HERE / "weather.csv", year=2023, set_point="fixed", T_set=13.0, fan_hours=FAN, weekend_fan_hours=FAN,
-            days=at.tolist(), seed=int(labels[0]),
-        )  # fmt: skip
+    year = real_year(int(labels[0]), at.tolist())
     hours = slice(FAN[0] * 3600, FAN[1] * 3600)
     made = [{name: values[hours] for name, values in year.of_day(k).items()} for k in range(labels.size)]
     series = {name: np.stack([of[name] for of in made]) for name in made[0]}

@@ -5,12 +5,9 @@ Run with ``python studies/wear_whole.py`` where there is a weather file.  The da
 
 from __future__ import annotations
 
-import warnings
-
-import numpy as np
 import xarray as xr
-from report import HERE, write_table
-from wear_valves import DAYS, DAYS_OF_YEAR, FAN, LARGEST_RATE, REAL, Sequence, days_of, growths, loops_of
+from report import write_table
+from wear_valves import DAYS, DAYS_OF_YEAR, REAL, Sequence, days_of, growths, loops_of, rates, real_year
 from wear_year import FRESH, SEED
 
 import fastcoil as fc
@@ -28,19 +25,10 @@ def both(size: int | None = None) -> tuple[xr.Dataset, xr.Dataset]:
     """The year of 24 days and the whole one under plain PI, metrics summed by valve; ``size``: only so many valves."""
     sequence = Sequence(REAL, REAL, False, False, False, FRESH)
     loop, days = loops_of(sequence, size), days_of(sequence)
-    growth = growths(loop)
-    rate = growth / fc.simulate(loop, days, carry_over=True, seed=SEED).stem_travel.sum("day").clip(1e-3)
-    rate = np.minimum(rate.reset_coords(drop=True), LARGEST_RATE)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        year = fc.weather_year(
-            HERE / "weather.csv", year=2023, set_point="fixed", T_set=13.0, fan_hours=FAN, weekend_fan_hours=FAN,
-            seed=FRESH,
-        )  # fmt: skip
+    rate = rates(growths(loop), fc.simulate(loop, days, carry_over=True, seed=SEED))
     share = DAYS / DAYS_OF_YEAR
-    return _summed(loop.assign(wear_rate=rate), days, 1.0 / share), _summed(
-        loop.assign(wear_rate=rate * share), year, 1.0
-    )
+    sampled = _summed(loop.assign(wear_rate=rate), days, 1.0 / share)
+    return sampled, _summed(loop.assign(wear_rate=rate * share), real_year(FRESH), 1.0)
 
 
 def _summed(loop: fc.Loop, days: fc.Boundary, times: float) -> xr.Dataset:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from wear_valves import LARGEST_RATE, PI, Sequence, controllers, days_of, growths, loops_of, sequences
+from learners_run import ONE, ROUND_OFF, TWENTY
+from wear_valves import PI, Sequence, controllers, days_of, growths, loops_of, rates, sequences
 
 import fastcoil as fc
 
@@ -18,9 +19,6 @@ METRICS = (
     "rmse", "estimate_final", "backlash_final", "stem_travel", "motor_travel", "reversals", "coil_energy",
     "reheat_energy", "recool_energy", "hunts", "status",
 )  # fmt: skip
-TWENTY, ONE = 0.2, 0.01
-"""An estimate is right within 20 % of the gap or 1 % of the stroke."""
-ROUND_OFF = 1e-9
 
 
 class Run(NamedTuple):
@@ -52,7 +50,7 @@ def lived(sequence: Sequence, size: int | None = None) -> Run:
     loop, days = loops_of(sequence, size), days_of(sequence)
     plain = _metrics(loop, days)
     growth = growths(loop) * (0.0 if sequence.in_steps or sequence.is_good else 1.0)
-    loop = loop.assign(wear_rate=np.minimum(growth / plain.stem_travel.sum("day").clip(1e-3), LARGEST_RATE))
+    loop = loop.assign(wear_rate=rates(growth, plain))
     found = [_metrics(loop.assign(**values), days) for values in controllers().values()]
     ds = xr.concat(found, xr.DataArray(list(controllers()), dims="controller", name="controller"))
     return Run(sequence, ds, plain, xr.DataArray(loop["backlash"]), growth)
@@ -64,7 +62,7 @@ def _metrics(loop: fc.Loop, days: fc.Boundary) -> xr.Dataset:
 
 
 def wrong(run: Run, name: str) -> xr.DataArray:
-    """Whether the estimate at the end of a day is wrong; none is wrong, too."""
+    """Whether the estimate at the end of a day is off by over 20 % of the gap and 1 % of the stroke, or missing."""
     ds = run.ds.sel(controller=name)
     tolerance = np.maximum(TWENTY * ds.backlash_final, ONE) + ROUND_OFF
     return ~(abs(ds.estimate_final - ds.backlash_final) <= tolerance)

@@ -1,4 +1,4 @@
-"""A loop without air flow is not in operation: its seconds count in no metric, and that is told."""
+"""A loop without air flow is not in operation: its seconds count in no metric, and a warning says so."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ Times: TypeAlias = NDArray[np.datetime64]
 
 SECONDS = np.dtype("datetime64[s]")
 DAY = np.timedelta64(86400, "s")
-_YEARS = (1700, 2200)
-"""Every file can hold what lies between."""
+YEARS = (1700, 2200)
+"""Every file of results can hold the dates between."""
 _CURE = "give a date and time such as '2024-07-01T08:00', one for each day or one for the first"
 _ZONE_CURE = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
 _OFFSET = re.compile(r"UTC(?:([+-])(\d{2}):(\d{2}))?", re.ASCII)
@@ -133,8 +133,8 @@ def _time_of(value: Any) -> datetime:
         found = datetime(value.year, value.month, value.day)
     elif not isinstance(value, np.datetime64):
         raise InputError(WrongType(f"start = {shown(value)}: {_CURE}"))
-    if not isinstance(found, datetime) or not _YEARS[0] <= found.year <= _YEARS[1]:
-        raise InputError(f"start = {shown(value)}: {_CURE}, of the years {_YEARS[0]} to {_YEARS[1]}")
+    if not isinstance(found, datetime) or not YEARS[0] <= found.year <= YEARS[1]:
+        raise InputError(f"start = {shown(value)}: {_CURE}, of the years {YEARS[0]} to {YEARS[1]}")
     return found
 
 

@@ -13,7 +13,6 @@ _TABLE = (
     Parameter("hours", "boundary", "h", 8.0, "length of the day", 0.0, 8760.0, open_lower=True),
     Parameter("T_a_in", "boundary", "degC", 25.0, "entering air temperature", -40.0, 60.0),
     Parameter("relative_humidity", "boundary", "1", 0.56, "relative humidity of the entering air", 0.0, 1.0),
-    Parameter("T_w_in", "boundary", "degC", None, "mean entering water temperature", 0.0, 95.0),
     Parameter("T_design", "boundary", "degC", None, "outdoor design temperature", -40.0, 60.0),
     Parameter("T_daily_range", "boundary", "K", None, "daily range of the outdoor temperature", 0.0, 40.0),
     Parameter("T_wet_bulb", "boundary", "degC", None, "wet bulb at the design temperature", -40.0, 40.0),
@@ -45,8 +44,8 @@ _TABLE = (
     Parameter("T_w_min", "boundary", "degC", None, "lowest entering water temperature", 0.5, 95.0),
     Parameter("T_w_max", "boundary", "degC", None, "highest entering water temperature", 0.5, 95.0),
     Parameter("T_out_w_min", "boundary", "degC", None, "outdoor temperature up to which T_w_max holds", -40.0, 60.0),
-    Parameter("disturbances", "boundary", "1", 1.0, "noise faster than hours, over that of paper_day", 0.0, 10.0),
     Parameter("T_out_w_max", "boundary", "degC", None, "outdoor temperature from which T_w_min holds", -40.0, 60.0),
+    Parameter("disturbances", "boundary", "1", 1.0, "noise faster than hours, over that of paper_day", 0.0, 10.0),
     PARAMETERS["pressure"],
 )
 CONDITIONS = {p.name: p for p in _TABLE}

@@ -12,12 +12,12 @@ import numpy as np
 from fastcoil.arguments import checking, choice_of, plain, whole_of
 from fastcoil.arrays import MOST_VALUES, Array
 from fastcoil.boundary.conditions import condition_of, whole_seconds
+from fastcoil.boundary.drift import Drift, drifts_of
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.series import BOUNDARY_SERIES, LARGEST_DAY_LABEL, Values
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.memory import available_memory, gib
 from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
-from fastcoil.numerics.low_pass import low_pass
 
 # -------------------------------------------------------------------------------------------- the paper's day
 
@@ -25,14 +25,6 @@ SET_POINTS = (14.0, 13.0, 15.0, 14.0, 12.5, 13.5, 15.5, 14.5, 13.0, 12.0, 14.0, 
 """Set-points of `paper_day`, degC, each held for `SET_POINT_HOLD`, repeated."""
 SET_POINT_HOLD = 1800
 """Seconds."""
-
-
-class Drift(NamedTuple):
-    """Slow smooth noise of a signal: standard deviation (unit of the signal) and time constant (s)."""
-
-    std: float
-    tau: int
-
 
 DRIFTS = {
     "m_a": Drift(0.015, 60),
@@ -64,11 +56,7 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
         seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
     require_memory(len(seeds), n_steps)
     h = np.arange(n_steps) / 3600
-    D = np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)
-    noise = {
-        name: np.array([smooth_noise(n_steps, drift, (s, i)) for s in seeds])
-        for i, (name, drift) in enumerate(DRIFTS.items())
-    }
+    D, noise = swing(h), drifts_of(DRIFTS, seeds, n_steps)
     T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
     several = not isinstance(seed, int)
     rows = slice(None) if several else 0
@@ -77,34 +65,19 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
         T_a_in=T_a_in[rows],
         W_a_in=humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"])[rows],
         T_w_in=(7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"])[rows],
-        T_set=np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)],
+        T_set=stepped_set_point(n_steps),
         day=seeds if several else seeds[0],
     )
 
 
-def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
-    """Gaussian noise through two equal first-order filters, 1-s samples, (n_steps,).
-
-    ``stream`` (seed, number of the signal) names the random stream.  The filters start 10 time constants
-    early, from zero; the scale is the theoretical standard deviation: that of the samples differs a little.
-    """
-    seed, number = stream
-    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
-    return smooth(random.standard_normal(10 * drift.tau + n_steps), drift)
+def swing(h: Array) -> Array:
+    """The slow swing D of a day at hours from its start, (n_steps,): a sine up to hour 8, mirrored every 8 h."""
+    return np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0))
 
 
-def smooth(white: Array, drift: Drift) -> Array:
-    """White noise of standard deviation 1, (n,), as that of ``drift``, without its first 10 time constants.
-
-    ``white`` is overwritten.
-    """
-    a = np.exp(-1.0 / drift.tau)
-    k = 1.0 - a
-    for _ in range(2):
-        low_pass(white, a, white)
-    # The two filters' response to an impulse is k^2 (n + 1) a^n; the sum of its squares:
-    stationary_std = k**2 * np.sqrt((1.0 + a**2) / (1.0 - a**2) ** 3)
-    return np.asarray(white[10 * drift.tau :] * (drift.std / stationary_std))
+def stepped_set_point(n_steps: int) -> Array:
+    """The set-points of `SET_POINTS` one after the other [degC], (n_steps,)."""
+    return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)]
 
 
 def require_memory(n_days: int, n_steps: int) -> None:

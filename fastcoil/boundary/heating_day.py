@@ -8,14 +8,8 @@ import numpy as np
 
 from fastcoil.arguments import checking, plain
 from fastcoil.boundary.conditions import condition_of, whole_seconds
-from fastcoil.boundary.days import (
-    SET_POINT_HOLD,
-    SET_POINTS,
-    Drift,
-    distinct_seeds,
-    require_memory,
-    smooth_noise,
-)
+from fastcoil.boundary.days import SET_POINT_HOLD, distinct_seeds, require_memory, stepped_set_point, swing
+from fastcoil.boundary.drift import Drift, drifts_of
 from fastcoil.boundary.record import Boundary
 
 WARMER = 11.0
@@ -50,11 +44,7 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
         T_w_in = check(condition_of, "T_w_in", T_w_in)
     require_memory(len(seeds), n_steps)
     h = np.arange(n_steps) / 3600
-    D = np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)
-    noise = {
-        name: np.array([smooth_noise(n_steps, drift, (s, i)) for s in seeds])
-        for i, (name, drift) in enumerate(DRIFTS.items())
-    }
+    D, noise = swing(h), drifts_of(DRIFTS, seeds, n_steps)
     several = not isinstance(seed, int)
     rows = slice(None) if several else 0
     return Boundary(
@@ -62,6 +52,6 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
         T_a_in=(12.0 + 2.0 * D + noise["T_a_in"])[rows],
         W_a_in=W_IN,
         T_w_in=(T_w_in + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"])[rows],
-        T_set=np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)] + WARMER,
+        T_set=stepped_set_point(n_steps) + WARMER,
         day=seeds if several else seeds[0],
     )

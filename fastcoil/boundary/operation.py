@@ -90,8 +90,8 @@ def weather_year(
     in the standard time of the site, its label is the day of the year.  Outside its hours the fan stands (``m_a`` = 0)
     and the loop is off (``enabled`` = 0); so it is where the mixture needs nothing of the coil: from less than 0.2 K
     beyond the set-point on until it is more than 0.5 K.  The load, the zones and their requests are a stand-in for a
-    building, described with all formulas in docs/operation.md.  What is left out as None is
-    that of the mode in `DEFAULTS`.
+    building, described with all formulas in docs/operation.md.  What is left out is that of
+    the mode in `DEFAULTS`.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def weather_year(
         Or month and day of the first and the last one, ``"06-01"``; also across the end of the year.
     fan_hours, weekend_fan_hours, holidays
         Hours of start and stop of the fan, Monday to Friday, and Saturday and Sunday (it stands if left out); dates
-        such as ``"12-25"`` that are run like a Sunday.
+        such as ``"12-25"`` that are run like a Saturday or Sunday.
     m_a_design, m_a_min
         Air flow at full load and least air flow [kg/s].
     outdoor_air_min

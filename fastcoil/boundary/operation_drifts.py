@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.boundary.days import Drift, smooth
+from fastcoil.boundary.drift import Drift, smooth
+from fastcoil.boundary.operation_weather import DAY
 
 PLANT_STEP, ZONE_STEP = 10, 60
 """Seconds between the samples of the noise, straight between them."""
@@ -22,7 +23,6 @@ _PLANT = {
 """As strong and as slow as that of `paper_day`; flow and humidity as a share.  The order numbers the random numbers."""
 _ZONE = Drift(0.05, 1200)
 """Of the load of one zone, as a share: a guess."""
-_DAY = 86_400
 
 
 def plant_drifts(seed: int, day: int) -> dict[str, Array]:
@@ -49,13 +49,13 @@ def by_second(values: Array, step: int) -> Array:
 def _noise(drift: Drift, step: int, white: Array) -> Array:
     """Noise each ``step`` seconds from midnight to midnight from the white noise of two days, (86400 / step + 1,)."""
     coarse = Drift(drift.std, drift.tau // step)
-    return smooth(white[_DAY // step - 10 * coarse.tau - 1 :].copy(), coarse)
+    return smooth(white[DAY // step - 10 * coarse.tau - 1 :].copy(), coarse)
 
 
 def _white(step: int, seed: int, day: int, stream: int, n: int) -> Array:
     """White noise of the day before and of a day, (n, 2 x 86400 / step)."""
     draws = [
-        np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(one, stream))).standard_normal((n, _DAY // step))
+        np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(one, stream))).standard_normal((n, DAY // step))
         for one in (day - 1, day)
     ]
     return np.concatenate(draws, axis=1)

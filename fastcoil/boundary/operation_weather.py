@@ -9,7 +9,6 @@ import numpy as np
 from fastcoil.arrays import Array
 from fastcoil.boundary.weather_files import Weather
 from fastcoil.errors import InputError
-from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 
 DAY = 86_400
 """Seconds."""
@@ -50,13 +49,8 @@ def outdoors_of(weather: Weather, pressure: float | None, file: str) -> Outdoors
     InputError
         If it has no whole day.
     """
-    series = weather.series
-    p = series.get("p", np.full(series["T_drybulb"].shape, 101325.0)) if pressure is None else np.full(1, pressure)
-    if "T_dewpoint" in series:
-        W = humidity_ratio_from_dew_point(series["T_dewpoint"], p)
-    else:
-        W = humidity_ratio(series["T_drybulb"], series["RH"], p)
-    outdoors = Outdoors(series["hour_of_year"], series["T_drybulb"], W, float(np.mean(p)))
+    series, p = weather.series, weather.pressure(pressure)
+    outdoors = Outdoors(series["hour_of_year"], series["T_drybulb"], weather.humidity(p), float(np.mean(p)))
     if not outdoors.days:
         raise InputError(f"{file} has no whole day from midnight to midnight: give at least 24 h")
     return outdoors

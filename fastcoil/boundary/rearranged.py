@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array, Index
-from fastcoil.boundary.arranged import Days, EndToEnd, OneAfterAnother, Picked, Replaced
 from fastcoil.boundary.clock import Clock
+from fastcoil.boundary.day_makers import Days, EndToEnd, OneAfterAnother, Picked, Replaced
 from fastcoil.boundary.series import BOUNDARY_SERIES
 from fastcoil.boundary.source import Held, Source, Stream
 from fastcoil.errors import InputError

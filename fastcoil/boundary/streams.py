@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from fastcoil.arguments import checking, whole_of
-from fastcoil.boundary.arranged import Labelled, Replaced
 from fastcoil.boundary.clock import Clock, clock_of
 from fastcoil.boundary.conditions import CONDITIONS, whole_seconds
+from fastcoil.boundary.day_makers import Labelled, Replaced
 from fastcoil.boundary.series import BOUNDARY_SERIES, Given, Values, common_size, label_array, read, value_problems
 from fastcoil.boundary.source import Stream
 from fastcoil.errors import InputError, WrongType, collecting, shown

@@ -21,7 +21,7 @@ from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.logs.arguments import require_mappings
 from fastcoil.logs.notes import warn_of_reading
 from fastcoil.logs.seconds import MOST_SECONDS
-from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_dew_point, mix
+from fastcoil.moist_air import humidity_ratio, mix
 
 _DAYS_OF_A_YEAR = 366
 
@@ -95,11 +95,8 @@ def weather_day(
     file = read_weather_year(path, columns, units, pressure) or read_weather_csv(path, columns, units)
     warn_of_reading(path.name, file.notes)
     weather = file.series
-    p = weather.get("p", 101325.0) if pressure is None else pressure
-    if "T_dewpoint" in weather:
-        W_hourly = humidity_ratio_from_dew_point(weather["T_dewpoint"], p)
-    else:
-        W_hourly = humidity_ratio(weather["T_drybulb"], weather["RH"], p)
+    p = file.pressure(pressure)
+    W_hourly = file.humidity(p)
     starts = _start_hours(weather, path.name, n_steps, start_hour, month, day, hour, days)
     if starts.size * n_steps > MOST_SECONDS:
         raise InputError(

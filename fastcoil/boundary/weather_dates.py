@@ -6,12 +6,10 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastcoil.arrays import Array
+from fastcoil.boundary.clock import YEARS, Times
 
-YEARS = (1700, 2200)
-"""Of dates that every file of results can hold."""
 _YEAR = re.compile(r"\s*(?:\d\d?/\d\d?/)?(\d{4})\s*", re.ASCII)
 
 
@@ -23,7 +21,7 @@ def years_of(cells: Sequence[str]) -> dict[str, Array]:
     return {"year": years} if told else {}
 
 
-def dates_at(hours: Array, weather: Mapping[str, Array]) -> NDArray[np.datetime64] | None:
+def dates_at(hours: Array, weather: Mapping[str, Array]) -> Times | None:
     """Date and time at hours of the year at which there are rows, (n,); None if the rows name no years.
 
     weather: the series of a weather file, each (n_rows,).

@@ -16,6 +16,10 @@ from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import Series
 from fastcoil.logs.table import Table
 from fastcoil.logs.units import FRACTION, NUMBER, PRESSURE, TEMPERATURE
+from fastcoil.moist_air import humidity_ratio, humidity_ratio_from_dew_point
+
+STANDARD_PRESSURE = 101325.0
+"""At sea level, Pa."""
 
 
 class Weather(NamedTuple):
@@ -32,6 +36,16 @@ class Weather(NamedTuple):
     site: str = ""
     first_weekday: str = ""
     time_zone: str = ""
+
+    def pressure(self, given: float | None) -> Array | float:
+        """The pressure that was given, else that of the rows, (n_rows,), else that at sea level [Pa]."""
+        return self.series.get("p", STANDARD_PRESSURE) if given is None else given
+
+    def humidity(self, pressure: Array | float) -> Array:
+        """Humidity ratio of the rows, (n_rows,), from the dew point if there is one, at ``pressure`` [Pa]."""
+        if "T_dewpoint" in self.series:
+            return humidity_ratio_from_dew_point(self.series["T_dewpoint"], pressure)
+        return humidity_ratio(self.series["T_drybulb"], self.series["RH"], pressure)
 
 
 class WeatherColumn(NamedTuple):

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
+from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.log_options import pairs, require_writable, with_reading_options
 from fastcoil.cli.paths import PATH
-from fastcoil.cli.progress import announce_compilation
 from fastcoil.cli.terminal import say
 
 

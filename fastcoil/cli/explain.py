@@ -7,10 +7,10 @@ from pathlib import Path
 
 import click
 
+from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.log_options import pairs
 from fastcoil.cli.paths import PATH
-from fastcoil.cli.progress import announce_compilation
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError, shown
 from fastcoil.look import is_folder

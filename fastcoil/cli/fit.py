@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.fit_progress import fit_progress
 from fastcoil.cli.log_options import pairs, require_writable, with_reading_options
 from fastcoil.cli.paths import PATH
-from fastcoil.cli.progress import announce_compilation
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 

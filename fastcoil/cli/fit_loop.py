@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.fit import fit, numbers, with_common_options, write_and_print
 from fastcoil.cli.log_options import pairs, require_writable
 from fastcoil.cli.paths import PATH
-from fastcoil.cli.progress import announce_compilation
 
 if TYPE_CHECKING:
     from fastcoil.simulation.loop import Loop

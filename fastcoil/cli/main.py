@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.cli.announcements import announce_compilation, run_own_code
 from fastcoil.cli.diagnose import diagnose
 from fastcoil.cli.explain import explain
 from fastcoil.cli.fit import fit
@@ -19,7 +20,6 @@ from fastcoil.cli.join import join
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
-from fastcoil.cli.progress import announce_compilation, run_own_code
 from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.cli.terminal import say
 from fastcoil.cli.tune import tune

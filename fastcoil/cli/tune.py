@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
+from fastcoil.cli.announcements import announce_compilation, run_own_code
 from fastcoil.cli.interrupts import interruptible
 from fastcoil.cli.paths import PATH
-from fastcoil.cli.progress import announce_compilation, run_own_code
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 

@@ -78,7 +78,7 @@ def _ignore(_: int) -> None:
 
 @contextmanager
 def progress_of_call(progress: bool | None) -> Iterator[Shown]:
-    """What a call from Python shows of its work: None only where someone looks, and not at once."""
+    """What a call from Python shows of its work: with None only on a terminal or in a notebook, and not at once."""
     shown = Shown(_view_of(progress), 0.0 if progress else PATIENCE)
     try:
         yield shown

@@ -1,7 +1,7 @@
-"""What a loop and its days hardly can be meant to be together: told when a run is planned, never refused.
+"""Warnings of loops and days that do not suit each other, when a run is planned; nothing is refused.
 
-Each is a warning that is right whatever the coil: it rests on the bounds that entering air and water set to the supply
-air, or on gains that nobody chose for heating.
+Each is right whatever the coil: it rests on the bounds that entering air and water set to the supply air, or on gains
+that nobody chose for heating.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ FAR = 35.0
 
 
 def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
-    """Warn of what cannot be meant.  closed: the controller is on, its action and gains count."""
+    """Warn where loop and days do not suit each other.  closed: the controller is on, its action and gains count."""
     for doubt in _doubts(loop, boundary) if closed else ():
         warnings.warn(doubt, stacklevel=5)
 
 
 def _doubts(loop: Loop, boundary: Boundary) -> list[str]:
-    """What cannot be meant, a sentence each."""
+    """What does not suit, a sentence each."""
     actions = np.unique(np.asarray(loop["action"]))
     turns = bool(np.any(np.asarray(loop["kp"]) < 0.0))
     if turns or words_used(loop, "law") != {"pi"}:  # what the action then means is the user's own business
@@ -58,7 +58,7 @@ def _doubts(loop: Loop, boundary: Boundary) -> list[str]:
 
 
 def _cooling_gains(loop: Loop) -> list[str]:
-    """Gains that a loop has from a preset of a cooling coil, told if they are not swept."""
+    """A sentence on gains that are those of a preset for cooling; none where they are swept."""
     kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))
     for name in COOLING:
         preset = Loop.preset(name)

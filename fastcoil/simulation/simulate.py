@@ -69,7 +69,7 @@ def simulate(
         Threads; all cores by default.  The result does not depend on it.
     progress
         Whether to show how many scenario-days are done, on stderr or in the notebook: True always, False never; None
-        where someone looks, a terminal or a notebook, and only of work that takes more than 2 s.
+        on a terminal and in a notebook, after 2 s.
 
     Returns
     -------

@@ -83,7 +83,7 @@ def run_study(
         Earlier name of ``backend``.
     progress
         Whether to show how many scenario-days are done, on stderr or in the notebook: True always, False never; None
-        where someone looks, a terminal or a notebook, and only of work that takes more than 2 s.
+        on a terminal and in a notebook, after 2 s.
 
     Returns
     -------

@@ -89,8 +89,8 @@ def tune(
         File that keeps every tuning that was tried, written after each generation; a search that was interrupted goes
         on from there, to the same result.
     progress
-        As in ``simulate``: True, False, or None for where someone looks; or a function that is called after each
-        generation with how many tunings were tried, and of how many.
+        As in ``simulate``; or a function that is called after each generation with how many tunings were tried, and
+        of how many.
 
     Returns
     -------

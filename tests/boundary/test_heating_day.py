@@ -5,7 +5,8 @@ import pytest
 from helpers.refusals import assert_only_problem
 
 import fastcoil as fc
-from fastcoil.boundary.days import SET_POINTS, smooth_noise
+from fastcoil.boundary.days import SET_POINTS
+from fastcoil.boundary.drift import smooth_noise
 from fastcoil.boundary.heating_day import DRIFTS
 
 

@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 from fastcoil import moist_air
 from fastcoil.boundary import days
 from fastcoil.boundary.days import paper_day
+from fastcoil.boundary.drift import Drift, smooth_noise
 
 
 def test_paper_day_follows_its_formula():
@@ -30,7 +31,7 @@ def test_paper_day_follows_its_formula():
 
 
 def test_paper_day_mirrors_about_8_hours_and_repeats_after_16(monkeypatch):
-    monkeypatch.setattr(days, "DRIFTS", {name: days.Drift(0.0, drift.tau) for name, drift in days.DRIFTS.items()})
+    monkeypatch.setattr(days, "DRIFTS", {name: Drift(0.0, drift.tau) for name, drift in days.DRIFTS.items()})
     m_a = paper_day(40.0).series["m_a"][0]
     t = np.arange(0, 8 * 3600, 97)
     np.testing.assert_allclose(m_a[8 * 3600 + t], m_a[8 * 3600 - t], atol=1e-12)
@@ -67,7 +68,7 @@ def test_a_seed_gives_the_same_day_alone_and_among_others():
 @pytest.mark.parametrize("drift", days.DRIFTS.values(), ids=days.DRIFTS)
 def test_noise_has_the_stated_deviation_from_the_first_second_on(drift):
     """Over 3000 seeds the standard error of a standard deviation is 1.3 %."""
-    samples = np.array([days.smooth_noise(1, drift, (seed, 0))[0] for seed in range(3000)])
+    samples = np.array([smooth_noise(1, drift, (seed, 0))[0] for seed in range(3000)])
     assert samples.std() == pytest.approx(drift.std, rel=0.055)
     assert abs(samples.mean()) < 4 * drift.std / np.sqrt(3000)
 
@@ -75,7 +76,7 @@ def test_noise_has_the_stated_deviation_from_the_first_second_on(drift):
 def test_noise_has_the_autocorrelation_of_two_equal_filters():
     """In continuous time it is (1 + s/tau) exp(-s/tau)."""
     tau = 60
-    x = days.smooth_noise(400_000, days.Drift(1.0, tau), (0, 0))
+    x = smooth_noise(400_000, Drift(1.0, tau), (0, 0))
     for lag in (30, 60, 120):
         expected = (1 + lag / tau) * np.exp(-lag / tau)
         assert np.mean(x[lag:] * x[:-lag]) == pytest.approx(expected, abs=0.05)
@@ -90,12 +91,12 @@ def test_stationary_deviation_is_that_of_the_filters_impulse_response():
         first = for_hand[0] + k * (x - for_hand[0])
         for_hand = first, for_hand[1] + k * (first - for_hand[1])
     expected = for_hand[1] / np.sqrt(np.sum(impulse**2))
-    assert days.smooth_noise(1, days.Drift(1.0, 60), (3, 2))[0] == pytest.approx(expected, rel=1e-10)
+    assert smooth_noise(1, Drift(1.0, 60), (3, 2))[0] == pytest.approx(expected, rel=1e-10)
 
 
 def test_noise_of_two_series_and_of_two_seeds_is_uncorrelated():
-    drift = days.Drift(1.0, 5)
-    a, b, c = (days.smooth_noise(100_000, drift, stream) for stream in ((1, 0), (1, 1), (2, 0)))
+    drift = Drift(1.0, 5)
+    a, b, c = (smooth_noise(100_000, drift, stream) for stream in ((1, 0), (1, 1), (2, 0)))
     assert abs(np.mean(a * b)) < 0.04
     assert abs(np.mean(a * c)) < 0.04
 

@@ -4,6 +4,7 @@ import heating
 import heating_backlash
 import numpy as np
 import pytest
+from report import TABLES
 
 import fastcoil as fc
 
@@ -34,10 +35,10 @@ def test_a_response_has_the_overshoot_and_the_settling_time_of_its_trace():
 
 
 def test_the_presets_have_the_gains_that_the_study_chose():
-    text = (heating_backlash.HERE / "tables" / "heating_choice.md").read_text()
+    text = (TABLES / "heating_choice.md").read_text()
     (chosen,) = [line for line in text.splitlines() if line.endswith("| chosen |")]
     kp, ti = (float(cell) for cell in chosen.split("|")[1:3])
-    for name in heating.HEATING:
+    for name in heating_backlash.PRESETS:
         assert (fc.Loop.preset(name)["kp"], fc.Loop.preset(name)["ti"]) == (kp, ti)
 
 

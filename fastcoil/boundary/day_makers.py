@@ -1,7 +1,7 @@
-"""The days of a stream from those of others: with some series replaced, some days picked, several put together.
+"""What makes the days of a stream: a user's function, or other days, replaced, picked or put together.
 
-Each class is called with the position of a day and gives its series; objects of classes, not closures, for they are
-sent to other processes.
+Each is called with the position of a day and gives its series.  Classes, not closures: they are sent to other
+processes.
 """
 
 from __future__ import annotations
@@ -68,13 +68,6 @@ class OneAfterAnother:
         return self._parts[part](k - int(self._ends[part - 1] if part else 0))
 
 
-def _row(one: Given | None, k: int) -> Array | float | None:
-    if one is None:
-        return None
-    values = one.values[k] if "day" in one.dims else one.values
-    return values if values.ndim else float(values)
-
-
 class EndToEnd:
     """Days of which each begins with that of the first and goes on with those of the others."""
 
@@ -84,3 +77,10 @@ class EndToEnd:
     def __call__(self, k: int) -> Mapping[str, Array]:
         rows = [part(k) for part in self._parts]
         return {name: np.concatenate([one[name] for one in rows]) for name in rows[0]}
+
+
+def _row(one: Given | None, k: int) -> Array | float | None:
+    if one is None:
+        return None
+    values = one.values[k] if "day" in one.dims else one.values
+    return values if values.ndim else float(values)
