@@ -149,8 +149,8 @@ def main() -> None:
     write_table(
         "year_estimate",
         "Estimates at the end of a day of operation, wrong by more than 20 % of the gap and 1 % of stroke: share of "
-        "the days, of those of the last quarter, loops with such a day; RMS error of the year against plain PI: median of "
-        "the loops, and loops in which it is more than 1 % higher (95 % intervals)",
+        "the days, of those of the last quarter, loops with such a day; RMS error of the year against plain PI: median "
+        "of the loops, and loops in which it is more than 1 % higher (95 % intervals)",
         ["valve", "controller", "wrong", "at last", "loops ever wrong", "RMS error", "harmed"],
         estimate_rows(ds),
     )
