@@ -36,5 +36,10 @@ def array_of(name: str, value: Any, cure: str, kinds: str = "iuf") -> NDArray[An
             raise InputError(f"{name} has rows of different length: give one length") from None
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}")) from None
     if array.dtype.kind not in kinds:
-        raise InputError(WrongType(f"{name} = {shown(value)} is of type {array.dtype.name}: {cure}"))
+        raise InputError(WrongType(f"{name} = {shown(value)} is of type {_word(array.dtype)}: {cure}"))
     return array
+
+
+def _word(dtype: np.dtype[Any]) -> str:
+    """What a user calls the type: that of texts is named after their length in bits."""
+    return "text" if dtype.kind in "US" else dtype.name

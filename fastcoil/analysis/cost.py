@@ -114,7 +114,10 @@ def _require_metrics(ds: xr.Dataset) -> None:
 
 
 def _require_names(ds: xr.Dataset) -> None:
-    """Refuse dims and coordinates that are called like something in the answer."""
+    """Refuse dims without labels, and dims and coordinates that are called like something in the answer."""
+    empty = [str(dim) for dim, size in ds.sizes.items() if not size]
+    if empty:
+        raise InputError(f"ds has nothing along {empty[0]}: choose a label at least")
     taken = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in TAKEN)
     if taken:
         raise InputError(f"ds has a dimension or coordinate {taken[0]}, which the costs have, too: rename it")

@@ -19,8 +19,9 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     sizes = " × ".join(f"{size} {dim}" for dim, size in ds["status"].sizes.items())
     lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
     if "wall_time_s" in ds.attrs:
-        backend = ds.attrs.get("engine", "threads")
-        workers = backend if backend == "threads" else f"{backend} workers"
+        backend, one = ds.attrs.get("engine", "threads"), ds.attrs["n_jobs"] == 1
+        workers = "thread" if backend == "threads" else f"{backend} worker"
+        workers += "" if one else "s"
         lines[-1] += (
             f" in {ds.attrs['wall_time_s']:.1f} s on {ds.attrs['n_jobs']} {workers}: "
             f"{ds.attrs['scenario_days_per_s']:,.0f} scenario-days/s"
@@ -29,12 +30,24 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
         lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
     if failed == n:
         return lines
-    lines += _off(ds) + _foretold(ds) + _frozen(ds)
+    lines += _idle(ds) + _off(ds) + _foretold(ds) + _frozen(ds)
     costs = [] if billing is None else cost_lines(ds, billing)
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds)), None)
     if ratio and bool((ds[ratio] == 0.0).any()):
         return lines + _against_plain_pi(ds, ratio) + costs
     return lines + _extremes(ds) + costs
+
+
+def _idle(ds: xr.Dataset) -> list[str]:
+    """Days without a second that counts: they have no metrics of control, and are in no median."""
+    if "rmse" not in ds:
+        return []
+    n = int((ds["rmse"].isnull() & (ds["status"] == STATUS_OK)).sum())
+    if not n:
+        return []
+    return [
+        f"In {n:,} of {ds['status'].size:,} the loop was off all day: they have no RMSE, and count in no median of it."
+    ]
 
 
 def _off(ds: xr.Dataset) -> list[str]:

@@ -174,7 +174,9 @@ def checked_day(made: Made, label: int, n_steps: int) -> tuple[dict[str, Array],
     for name in made:
         if name not in BOUNDARY_SERIES:
             known = ", ".join(BOUNDARY_SERIES)
-            problems.append(f"make gives {shown(name)} for day {label}{nearest(str(name), BOUNDARY_SERIES)}: {known}")
+            problems.append(
+                f"make gives {shown(name)} for day {label}{nearest(str(name), BOUNDARY_SERIES)}: use {known}"
+            )
     rows: dict[str, Array] = {}
     for name, series in BOUNDARY_SERIES.items():
         with collecting(problems, f"day {label}: "):

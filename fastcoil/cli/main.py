@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -139,9 +140,8 @@ def plan(study: Path, jobs: int | None) -> None:
     n_shards = count_shards(first_shards(planned, n_jobs))
     say(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
     say(f"Boundary:    {planned.layout.boundary.describe()}")
-    say(
-        f"Time:        about {duration(seconds)} on {n_jobs} threads without figures (measured on blocks of this study)"
-    )
+    threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''}"
+    say(f"Time:        about {duration(seconds)} on {threads} without figures (measured on blocks of this study)")
     say(f"Memory:      up to {gib(memory)} ({gib(available_memory())} available)")
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
@@ -175,14 +175,15 @@ def verify(folder: Path) -> None:
 @click.argument("folder", type=PATH)
 @click.option(
     "--at",
-    default="",
+    multiple=True,
+    metavar="NAME=LABEL",
     help="The scenario, such as backlash=0.07,tuning=fast: a label for every dimension.",
 )
-def rerun(folder: Path, at: str) -> None:
+def rerun(folder: Path, at: Sequence[str]) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
     from fastcoil.study import maintenance
 
-    labels = labels_of(at)
+    labels = labels_of(",".join(at))
     announce_compilation()
     path, found = maintenance.rerun(folder, labels, run_own_code)
     say(*found)

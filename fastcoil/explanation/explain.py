@@ -105,7 +105,7 @@ def _too_many(loop: Loop, boundary: Boundary) -> list[str]:
         dims = ", ".join(f"{dim} ({size})" for dim, size in loop.sizes.items())
         found.append(f"loop is a sweep over {dims}: give one loop, with a number for each parameter")
     if boundary.n_days > 1:
-        found.append(f"boundary has {boundary.n_days} days: give one, such as Boundary(…, day=3)")
+        found.append(f"boundary has {boundary.n_days} days: give one, such as boundary.isel(0)")
     if boundary.n_steps > LONGEST:
         found.append(f"boundary lasts {boundary.hours:g} h: give at most {LONGEST // 3600} h, they are told one by one")
     return found

@@ -16,8 +16,9 @@ from fastcoil.engine.host import TraceRequest, compile_kernel
 from fastcoil.errors import InputError, IntegrityError, nearest
 from fastcoil.files import make_folder, storage_errors
 from fastcoil.numerics.jit import is_model
-from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
+from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.rules.same_code import own_code_of, refuse_other_code
+from fastcoil.simulation.clock import clock_coordinates
 from fastcoil.simulation.dataset import coordinate_attrs, provenance
 from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.plan import Plan, simulation_attributes
@@ -109,6 +110,8 @@ def rerun(
     for dim, coordinate in coordinates.items():
         one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
         ds = ds.assign_coords({dim: one.assign_attrs(coordinate_attrs(dim, layout.loop.parameters))})
+    boundary = layout.boundary if "day" not in position else layout.boundary.isel(position["day"])
+    ds = ds.assign_coords(clock_coordinates(boundary, ds.variables["elapsed_time"]))
     ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
     with hold(path.parent):
         save(ds, path)
@@ -177,7 +180,9 @@ def _compare_with_stored(
     store: StudyFolder, ds: xr.Dataset, position: Mapping[str, int], sizes: Mapping[str, int]
 ) -> list[str]:
     """Say whether a rerun gave the result that the study, with dimensions of these sizes, has."""
-    words = [f"rmse {float(ds['rmse']):.4g} K, status {STATUS_MEANINGS[int(ds['status'])]}"]
+    rmse, word = float(ds["rmse"]), STATUS_MEANINGS[int(ds["status"])]
+    off = np.isnan(rmse) and int(ds["status"]) == STATUS_OK
+    words = [f"{'no rmse, the loop was off' if off else f'rmse {rmse:.4g} K'}, status {word}"]
     try:
         results = open_study(store.path)
     except InputError:

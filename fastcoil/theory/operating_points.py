@@ -161,8 +161,9 @@ def require_one_gap(boundary: Boundary) -> None:
     """Refuse a boundary that changes the backlash: theory knows a gap of one size."""
     low, high = boundary.extremes["backlash_scale"]
     if not low == high == 1.0:
+        found = f"= {low:g}" if low == high else f"goes from {low:g} to {high:g}"
         raise InputError(
-            f"backlash_scale goes from {low:g} to {high:g}: theory knows a gap of one size; give the boundary without "
+            f"backlash_scale {found}: theory knows a gap of one size; give the boundary without "
             "it, boundary.assign(backlash_scale=1), and the backlash that you mean"
         )
 

@@ -168,3 +168,5 @@ def test_a_result_without_energy_or_with_odd_dates_is_refused():
     assert "over other dims than status" in sentence
     (sentence,) = problems(fc.cost, result(3, ("month", ["a", "b"])), **PRICES)
     assert "ds has a dimension or coordinate month" in sentence
+    (sentence,) = problems(fc.cost, result(3).isel(day=[]), **PRICES)
+    assert "ds has nothing along day: choose a label at least" in sentence

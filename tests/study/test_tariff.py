@@ -100,6 +100,10 @@ def test_a_new_title_is_taken_over_too(tmp_path):
         (TARIFF + "baseline = { tunning = 'slow' }", "[tariff] baseline: 'tunning' is no dimension of the loops"),
         (TARIFF + "baseline = { tuning = 'slo' }", "[tariff] baseline: tuning has no label 'slo': choose one of as_f"),
         (TARIFF + "baseline = { tuning = 'slow', backlash = 0.0 }", "give one dimension and one of its labels"),
+        (
+            TARIFF + "baseline = { backlash = [0] }",
+            "[tariff] baseline.backlash = [0]: give a number, or a text in quotes",
+        ),
         (TARIFF + "baseline = { backlash = 0.01 }", "backlash has no label 0.01: choose one of 0.0, 0.07"),
     ],
 )

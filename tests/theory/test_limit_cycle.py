@@ -161,6 +161,8 @@ def test_a_boundary_that_changes_the_gap_is_refused(foretell):
     loose = fc.constant_day(hours=1).assign(backlash_scale=np.linspace(1.0, 2.0, 3600))
     with pytest.raises(fc.InputError, match=r"backlash_scale goes from 1 to 2: theory knows a gap of one size"):
         foretell(LOOP, loose)
+    with pytest.raises(fc.InputError, match=r"backlash_scale = 2: theory knows"):
+        foretell(LOOP, loose.assign(backlash_scale=2.0))
 
 
 @pytest.mark.kernel

@@ -133,8 +133,15 @@ def _sentences(error: ValidationError) -> Iterator[str]:
         )
         for name, hint in with_hints((str(place[-1]) for place in of_table), known):
             yield f"{f'[{table}] ' if table else ''}{name} is unknown{hint}; known: {', '.join(known)}"
+    either = set[str]()
     for detail in details:
         table, *keys = map(str, detail["loc"])
+        if keys and keys[-1] in ("float", "str"):  # neither of the two types that the key may have
+            name = ".".join(keys[:-1])
+            if name not in either:
+                yield f"[{table}] {name} = {shown(detail['input'])}: give a number, or a text in quotes"
+            either.add(name)
+            continue
         where = f"[{table}] {'.'.join(keys)}" if keys else table
         if detail["type"] == "extra_forbidden":
             continue

@@ -1,0 +1,67 @@
+"""Days of a weather year on which the fan stands: what is said of them, and of one that is run again."""
+
+from __future__ import annotations
+
+import pytest
+from helpers.commands import fastcoil
+from helpers.made_weather import made_weather
+
+from fastcoil.simulation import netcdf
+from fastcoil.study import maintenance
+
+pytestmark = pytest.mark.kernel
+
+STUDY = """
+[loop]
+preset = "lbnl"
+[sweep]
+backlash = [0.0, 0.07]
+[boundary]
+kind = "weather_year"
+path = "weather.csv"
+year = 2023
+days = [1, 2]                # a Sunday and a Monday
+set_point = "fixed"
+[run]
+carry_over = true
+"""
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder of the results, and what was said."""
+    folder = tmp_path_factory.mktemp("idle")
+    made_weather(folder, 30.0, days=3).rename(folder / "weather.csv")
+    (folder / "idle.toml").write_text(STUDY)
+    found = fastcoil("run", folder / "idle.toml", "-o", folder / "out", "-j", 1, "--no-figures")
+    assert found.exit_code == 0, found.output
+    return folder / "out", found.output
+
+
+def test_the_summary_counts_days_on_which_the_loop_was_off(finished):
+    _, said = finished
+    assert "In 2 of 4 the loop was off all day: they have no RMSE, and count in no median of it." in said
+    assert " s on 1 thread: " in said
+
+
+def test_a_day_that_is_run_again_has_its_date_and_time(finished, monkeypatch):
+    monkeypatch.setattr(maintenance, "TRACES", ("T_sup",))
+    folder, _ = finished
+    again = fastcoil("rerun", folder, "--at", "day=2", "--at", "backlash=0.07")
+    assert again.exit_code == 0, again.output
+    assert "Equal to the study's result to the last bit." in again.output
+    ds = netcdf.load(str(next((folder / "reruns").glob("day=2*.nc"))))
+    assert str(ds["start"].values)[:19] == "2023-01-02T00:00:00"
+    assert str(ds["time"].values[-1])[:19] == "2023-01-02T23:59:59"
+
+
+def test_a_day_off_that_is_run_again_has_no_error(finished, monkeypatch):
+    monkeypatch.setattr(maintenance, "TRACES", ("T_sup",))
+    again = fastcoil("rerun", finished[0], "--at", "day=1,backlash=0.07")
+    assert again.output.startswith("no rmse, the loop was off, status ok\n")
+
+
+def test_a_label_given_twice_is_refused(finished):
+    again = fastcoil("rerun", finished[0], "--at", "day=1,backlash=0.07", "--at", "day=2")
+    assert again.exit_code == 2
+    assert "--at: 'day' is given twice: give it once" in again.output
