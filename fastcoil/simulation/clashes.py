@@ -132,6 +132,16 @@ def _unread_parameters(loop: Loop) -> list[str]:
     return problems
 
 
+def unread_values(loop: Loop) -> list[str]:
+    """Parameters that differ from their defaults and that no scenario reads: alone, a loop of a sweep may have some."""
+    used = {"learner"} if loop["estimator"] is None else words_used(loop, "estimator")
+    unread = {p.name for p in PARAMETERS.values() if p.group in ESTIMATOR_GROUPS and p.group not in used}
+    unread |= {"estimate_share"} if used <= {"none"} else set()
+    unread |= set() if np.any(np.asarray(loop["buffer_ratio"]) > 0.0) else {"buffer_noise", "buffer_swing"}
+    unread |= set() if np.any(np.asarray(loop["compensation"]) == "smooth") else {"smooth_rate"}
+    return [name for name in PARAMETERS if name in unread and _is_changed(loop, name)]
+
+
 def _buffer_clashes(loop: Loop) -> list[str]:
     problems = []
     ratio, swing = xr.DataArray(loop["buffer_ratio"]), xr.DataArray(loop["buffer_swing"])

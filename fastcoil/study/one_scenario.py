@@ -12,7 +12,8 @@ from fastcoil.boundary.heating_day import heating_day
 from fastcoil.errors import InputError, collecting, nearest
 from fastcoil.look import is_file, is_folder
 from fastcoil.outputs import WARM_UP
-from fastcoil.parameter_table import check_name
+from fastcoil.parameter_table import PARAMETERS, check_name
+from fastcoil.simulation.clashes import unread_values
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.scenarios import Layout
@@ -70,6 +71,8 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     if problems:
         raise InputError(problems)
     one = layout.loop.assign(**_at(layout.loop, position)) if layout.loop.sizes else layout.loop
+    others = [name for name in unread_values(one) if name not in changes] if layout.loop.sizes else []
+    one = one.assign(**{name: PARAMETERS[name].default for name in others})
     rules = Layout(one, boundary).loop.rules
     foreign = [word for word, rule in rules.items() if not rule.is_loaded]
     if foreign:

@@ -56,6 +56,22 @@ def test_the_folder_is_explained_on_the_command_line(folder):
     assert answer.startswith("This loop ")
 
 
+def test_a_loop_has_not_what_only_its_neighbours_in_the_study_read(tmp_path):
+    """Alone, it would be refused for it."""
+    path = tmp_path / "mixed.toml"
+    path.write_text(
+        '[loop]\nplant_gain = 20\nbuffer_noise = "measured"\nbuffer_swing = 0.1\nlearning_step = 0.01\n'
+        "identify_memory = 28800\nestimate_share = 0.9\n[cases.controller]\n"
+        'pi = { estimator = "none", buffer_ratio = 0.0 }\nlearner = { estimator = "learner", buffer_ratio = 6.0 }\n'
+        'identify = { estimator = "identify", buffer_ratio = 6.0 }\n[boundary]\nhours = 1\n'
+    )
+    one = one_scenario(path, {"controller": "pi"}, {})
+    plain = fc.simulate(fc.Loop(), one.boundary, n_jobs=1)
+    assert float(fc.simulate(one.loop, one.boundary, n_jobs=1)["rmse"]) == float(plain["rmse"])
+    with pytest.raises(fc.InputError, match="estimate_share without an estimator"):
+        fc.simulate(one_scenario(path, {"controller": "pi"}, {"estimate_share": "0.5"}).loop, one.boundary)
+
+
 def test_set_changes_a_parameter_and_its_dimension_needs_no_label(study):
     changes = {"estimate_ratio": "0", "ti": "60", "action": "cooling"}
     one = one_scenario(study, {"backlash": "0.02", "day": "1"}, changes)
