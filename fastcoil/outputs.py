@@ -89,7 +89,7 @@ METRICS: dict[str, Output] = {
         Output("size_error", "1", "error of the estimated backlash",
                "estimate_settled - backlash_final; NaN for a plain PI, which assumes no backlash",
                label="estimate - backlash"),
-        Output("backlash_final", "1", "true backlash at the end", "worn, and scaled by the boundary",
+        Output("backlash_final", "1", "true backlash at the end", "worn, and scaled by the boundary; at most 0.9",
                label="true backlash"),
         Output("learn_time_reached", "s", "time at which the estimate reached the backlash",
                "first update with estimate >= backlash - step/2; NaN = never (censored)",

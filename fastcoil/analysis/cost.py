@@ -100,7 +100,15 @@ def cost(
     tariff = tariff_of(asked, "give it, or a table [tariff] in the study file")
     if "start" not in ds.coords:
         warnings.warn(_NO_DATES, stacklevel=2)
-    return costs_of(ds, tariff)
+    found = costs_of(ds, tariff)
+    gives = int((found["yearly_coil_energy"] < 0.0).sum())
+    if gives:
+        warnings.warn(
+            f"the coil energy of the year is negative in {gives:,} of {found['status'].size:,} loops: their valve acts "
+            "the wrong way and their bill is too small; check action and the entering water",
+            stacklevel=2,
+        )
+    return found
 
 
 def _require_metrics(ds: xr.Dataset) -> None:

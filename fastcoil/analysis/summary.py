@@ -12,6 +12,9 @@ from fastcoil.analysis.cost_summary import Billing, cost_lines
 from fastcoil.outputs import STATUS_OK
 from fastcoil.plots.study import numeric_dims
 
+_WHOLE = 0.99
+"""Of the scenarios: whoever ran fewer had others from an earlier run."""
+
 
 def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     """Return a few lines: how much was run, how fast, and the answer; with ``billing`` what it costs, too."""
@@ -22,10 +25,9 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
         backend, one = ds.attrs.get("engine", "threads"), ds.attrs["n_jobs"] == 1
         workers = "thread" if backend == "threads" else f"{backend} worker"
         workers += "" if one else "s"
-        lines[-1] += (
-            f" in {ds.attrs['wall_time_s']:.1f} s on {ds.attrs['n_jobs']} {workers}: "
-            f"{ds.attrs['scenario_days_per_s']:,.0f} scenario-days/s"
-        )
+        seconds, rate = ds.attrs["wall_time_s"], ds.attrs["scenario_days_per_s"]
+        resumed = ", the last of them" if seconds * rate < _WHOLE * n else ""
+        lines[-1] += f"{resumed} in {seconds:.1f} s on {ds.attrs['n_jobs']} {workers}: {rate:,.0f} scenario-days/s"
     if failed:
         lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
     if failed == n:

@@ -61,7 +61,7 @@ def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) ->
         return PointsOfDay(np.array([at]), np.array([1]), {n: v[at : at + 1].copy() for n, v in series.items()}, only)
     counted = np.flatnonzero(on & (np.arange(on.size) >= warm_up))
     if not counted.size:
-        raise InputError("the plant is off throughout: give a boundary in which it is enabled")
+        raise InputError("the loop is off all day: take a day on which it is enabled")
     level = np.round(series["T_set"][counted] / SAME_SET_POINT)
     _, member = np.unique(np.stack([counted // 3600, level]), axis=1, return_inverse=True)
     member = member.reshape(-1)

@@ -190,7 +190,8 @@ def _means(boundary: Boundary) -> dict[str, Array]:
     if without.size:
         on = f"on day {boundary.day[without[0]]} " if boundary.has_day_dim else ""
         raise InputError(
-            f"no second {on}is enabled after the warm-up of {WARM_UP} s: give a longer boundary, or the second as at="
+            f"no second {on}is enabled after the warm-up of {WARM_UP} s: take another day, or a longer one, "
+            "or give the second as at="
         )
     return {name: means[:, None] for name, means in found.items()}
 

@@ -36,6 +36,13 @@ def bill(ds, prices, at, heating=False, electric=False):
     return found
 
 
+def test_a_coil_that_works_the_wrong_way_is_told():
+    ds = result(31, ("backlash", [0.0, 0.1]), start="2023-01-01")
+    ds["coil_energy"] = ds["coil_energy"] * (1.0 - 2.0 * (ds["backlash"] > 0.0))
+    with pytest.warns(UserWarning, match="coil energy of the year is negative in 1 of 2 loops"):
+        fc.cost(ds, **PRICES)
+
+
 PARTS = ("coil_cost", "demand_cost", "reheat_cost", "recool_cost", "demand")
 
 

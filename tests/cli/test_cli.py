@@ -48,6 +48,18 @@ def test_the_summary_names_the_backend(fastcoil):
         assert " s on 3 loky workers: " in summary(ds.assign_attrs(engine="loky", n_jobs=3))[1]
 
 
+def test_the_summary_of_a_resumed_run_does_not_time_what_an_earlier_one_did(fastcoil):
+    import fastcoil as fc
+    from fastcoil.analysis.summary import summary
+
+    fastcoil("run", "small.toml", "--no-figures")
+    with fc.open_study("results/small") as found:
+        ds = found.load()
+    n, rate = ds["status"].size, ds.attrs["scenario_days_per_s"]
+    assert "the last of them" not in summary(ds.assign_attrs(wall_time_s=n / rate))[1]
+    assert "the last of them in" in summary(ds.assign_attrs(wall_time_s=0.5 * n / rate))[1]
+
+
 def test_the_help_of_run_shows_backend_and_not_its_earlier_name(fastcoil):
     shown = fastcoil("run", "--help").output
     assert "--backend" in shown

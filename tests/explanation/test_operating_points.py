@@ -47,5 +47,5 @@ def test_a_second_is_the_conditions_of_that_second_and_one_that_is_off_is_refuse
     assert points.conditions["T_a_in"].tolist() == [20.01]
     with pytest.raises(fc.InputError, match="at = 5000: the plant is off at that second"):
         operating_points(boundary, 1800, at=5000)
-    with pytest.raises(fc.InputError, match="the plant is off throughout"):
+    with pytest.raises(fc.InputError, match="the loop is off all day"):
         operating_points(day(np.full(7200, 14.0), enabled=0.0), 1800)

@@ -127,7 +127,8 @@ def test_the_state_space_has_the_gain(found):
         ),
         (
             {"boundary": fc.constant_day(0.5), "at": None},
-            "no second is enabled after the warm-up of 1800 s: give a longer boundary, or the second as at=",
+            "no second is enabled after the warm-up of 1800 s: take another day, or a longer one, "
+            "or give the second as at=",
         ),
         (
             {"loop": fc.Loop(kp=("gain", [0.1, 0.2]))},
