@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fastcoil.boundary.days import design_day as design_day
     from fastcoil.boundary.days import paper_day as paper_day
     from fastcoil.boundary.heating_day import heating_day as heating_day
-    from fastcoil.boundary.operation import weather_year as weather_year
+    from fastcoil.boundary.operation.year import weather_year as weather_year
     from fastcoil.boundary.weather import weather_day as weather_day
     from fastcoil.calibrate.coil import fit_coil as fit_coil
     from fastcoil.calibrate.loop import fit_loop as fit_loop
@@ -85,7 +85,7 @@ _HOME = {
     "sobol_indices": "analysis.sobol",
     "tune": "tuning.tune",
     "weather_day": "boundary.weather",
-    "weather_year": "boundary.operation",
+    "weather_year": "boundary.operation.year",
 }
 
 _loading = threading.RLock()

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from reference.trim_and_respond import set_points
 
-from fastcoil.boundary import operation_drifts
-from fastcoil.boundary.operation_mixing import coil_is_needed, outdoor_share, through_dampers
-from fastcoil.boundary.operation_set_point import Trim, between, trim_and_respond
-from fastcoil.boundary.operation_zones import flow_share, request_limits, zone_loads
+from fastcoil.boundary.operation import drifts
+from fastcoil.boundary.operation.mixing import coil_is_needed, outdoor_share, through_dampers
+from fastcoil.boundary.operation.set_point import Trim, between, trim_and_respond
+from fastcoil.boundary.operation.zones import flow_share, request_limits, zone_loads
 from fastcoil.moist_air import enthalpy, mix
 
 GUIDELINE = Trim(0.1, 0.2, 0.6, 2, 600, 120)
@@ -108,20 +108,20 @@ def test_a_line_between_two_outdoor_temperatures():
 
 
 def test_the_noise_goes_on_over_midnight_and_is_as_strong_as_that_of_the_papers_day():
-    days = [operation_drifts.plant_drifts(3, day) for day in range(1, 4)]
+    days = [drifts.plant_drifts(3, day) for day in range(1, 4)]
     for name, std in (("m_a", 0.013), ("T_a_in", 0.1), ("W_a_in", 0.009), ("T_w_in", 0.05)):
         whole = np.concatenate([day[name] for day in days])
         assert whole.std() == pytest.approx(std, rel=0.12)
         steps = np.abs(np.diff(whole))
         assert steps[86399::86400].max() <= steps.max() < 0.08 * std
-    other = operation_drifts.plant_drifts(4, 1)["m_a"]
+    other = drifts.plant_drifts(4, 1)["m_a"]
     assert abs(np.corrcoef(other, days[0]["m_a"])[0, 1]) < 0.2
     assert abs(np.corrcoef(days[1]["m_a"], days[0]["m_a"])[0, 1]) < 0.2
-    assert operation_drifts._white(60, 3, 1, 0, 1)[0, 0] != operation_drifts._white(60, 3, 1, 1, 1)[0, 0]
-    zones = operation_drifts.zone_drifts(3, 1, 6)
+    assert drifts._white(60, 3, 1, 0, 1)[0, 0] != drifts._white(60, 3, 1, 1, 1)[0, 0]
+    zones = drifts.zone_drifts(3, 1, 6)
     assert zones.shape == (1440, 6)
     assert np.abs(np.corrcoef(zones.T) - np.eye(6)).max() < 0.5
 
 
 def test_values_each_few_seconds_run_straight():
-    np.testing.assert_allclose(operation_drifts.by_second(np.array([1.0, 3.0, 2.0]), 2), [1, 2, 3, 2.5])
+    np.testing.assert_allclose(drifts.by_second(np.array([1.0, 3.0, 2.0]), 2), [1, 2, 3, 2.5])

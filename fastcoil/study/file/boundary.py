@@ -10,7 +10,7 @@ from typing import Any
 from fastcoil.boundary import Boundary
 from fastcoil.boundary.days import constant_day, design_day, paper_day
 from fastcoil.boundary.heating_day import heating_day
-from fastcoil.boundary.operation import weather_year
+from fastcoil.boundary.operation.year import weather_year
 from fastcoil.boundary.weather import weather_day
 from fastcoil.errors import InputError, nearest, shown
 from fastcoil.study.file.tables import with_hints

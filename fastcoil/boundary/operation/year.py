@@ -17,7 +17,7 @@ from typing import Literal
 
 from fastcoil.arguments import checking, path_of
 from fastcoil.boundary.conditions import condition_of
-from fastcoil.boundary.operation_calendar import (
+from fastcoil.boundary.operation.calendar import (
     calendar_of,
     days_of,
     fan_days,
@@ -27,9 +27,9 @@ from fastcoil.boundary.operation_calendar import (
     require_days,
     year_of,
 )
-from fastcoil.boundary.operation_day import series_of_day
-from fastcoil.boundary.operation_settings import chosen_settings, settings_of
-from fastcoil.boundary.operation_weather import DAY, outdoors_of
+from fastcoil.boundary.operation.day import series_of_day
+from fastcoil.boundary.operation.settings import chosen_settings, settings_of
+from fastcoil.boundary.operation.weather import DAY, outdoors_of
 from fastcoil.boundary.record import Boundary
 from fastcoil.boundary.weather_files import read_weather_csv, warn_of_hours
 from fastcoil.boundary.weather_formats import read_weather_year

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.boundary.operation_drifts import ZONE_STEP, by_second, plant_drifts, zone_drifts
-from fastcoil.boundary.operation_mixing import coil_is_needed, outdoor_share, through_dampers
-from fastcoil.boundary.operation_set_point import between, trim_and_respond
-from fastcoil.boundary.operation_settings import Settings
-from fastcoil.boundary.operation_weather import DAY, Outdoors
-from fastcoil.boundary.operation_zones import flow_share, request_limits, zone_loads
+from fastcoil.boundary.operation.drifts import ZONE_STEP, by_second, plant_drifts, zone_drifts
+from fastcoil.boundary.operation.mixing import coil_is_needed, outdoor_share, through_dampers
+from fastcoil.boundary.operation.set_point import between, trim_and_respond
+from fastcoil.boundary.operation.settings import Settings
+from fastcoil.boundary.operation.weather import DAY, Outdoors
+from fastcoil.boundary.operation.zones import flow_share, request_limits, zone_loads
 from fastcoil.moist_air import mix
 
 PEOPLE_COME, PEOPLE_GO = 2.0, 2.0

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.arrays import Array
-from fastcoil.boundary.operation_zones import Limits
+from fastcoil.boundary.operation.zones import Limits
 
 
 class Trim(NamedTuple):

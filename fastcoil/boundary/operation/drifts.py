@@ -10,7 +10,7 @@ import numpy as np
 
 from fastcoil.arrays import Array
 from fastcoil.boundary.drift import Drift, smooth
-from fastcoil.boundary.operation_weather import DAY
+from fastcoil.boundary.operation.weather import DAY
 
 PLANT_STEP, ZONE_STEP = 10, 60
 """Seconds between the samples of the noise, straight between them."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from fastcoil.arguments import checking, choice_of, whole_of
 from fastcoil.boundary.conditions import condition_of
-from fastcoil.boundary.operation_set_point import Trim
-from fastcoil.boundary.operation_weather import Outdoors
+from fastcoil.boundary.operation.set_point import Trim
+from fastcoil.boundary.operation.weather import Outdoors
 from fastcoil.errors import InputError
 from fastcoil.moist_air import humidity_ratio
 

@@ -1,0 +1,1 @@
+"""A year of weather with the real operation of an air handler, made day by day."""
