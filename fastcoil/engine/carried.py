@@ -12,18 +12,13 @@ from fastcoil.engine.lanes import Block, WorkSpace, work_space
 from fastcoil.engine.rows import LANES, STATE_AT, STATE_ROWS, SUMS_AT, VOLUME_ROWS, VOLUME_STRIDE
 
 
-def state_size(block: Block) -> int:
-    """Numbers in the state of a lane of this block."""
-    return sum(rows.shape[1] for rows in _views(block, work_space(block)))
-
-
 def state_of(block: Block, work: WorkSpace) -> np.ndarray:
-    """The states of a block's lanes, (LANES, state_size)."""
+    """The states of a block's lanes, (LANES, n)."""
     return np.concatenate(_views(block, work), axis=1)
 
 
 def work_space_from(block: Block, states: np.ndarray) -> WorkSpace:
-    """The work space of a block whose first lanes begin in ``states``, (n, at least state_size), n ≤ LANES.
+    """The work space of a block whose first lanes begin in ``states``, (n, at least as many as a state has), n ≤ LANES.
 
     The lanes behind them, copies of the last in their parameters, begin as the last does.
     """
