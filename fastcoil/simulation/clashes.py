@@ -57,7 +57,7 @@ def missing_parameters(loop: Loop) -> list[str]:
 
 def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
     """What clashes in the controller alone, a sentence each.  T_set: all the set-points that it will see, °C."""
-    return _buffer_clashes(loop) + _compensation_clashes(loop) + _dead_band_clashes(loop, T_set)
+    return list(_unread_by_controller(loop).values()) + _buffer_clashes(loop) + _dead_band_clashes(loop, T_set)
 
 
 def _estimate_clashes(loop: Loop) -> list[str]:
@@ -112,43 +112,53 @@ def _stem_clashes(loop: Loop, least_scale: float) -> list[str]:
 
 
 def _unread_parameters(loop: Loop) -> list[str]:
-    """Parameters of estimators that no scenario has, a sentence each: most likely the estimator was forgotten."""
-    used = {"learner"} if loop["estimator"] is None else words_used(loop, "estimator")
-    problems = []
-    for parameter in PARAMETERS.values():
-        if parameter.group in ESTIMATOR_GROUPS and parameter.group not in used and _is_changed(loop, parameter.name):
-            problems.append(
-                f"{parameter.name} belongs to the estimator {parameter.group}, which no scenario has: give "
-                f"estimator = {parameter.group!r}, or leave {parameter.name} out"
-            )
+    """Parameters of estimators and rules that no scenario has, a sentence each: most likely it was forgotten."""
     rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
-    problems += [
+    return list(_unread_by_estimators(loop).values()) + [
         f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, "
         "or leave them out"
         for rule in rules
     ]
-    if _is_changed(loop, "estimate_share") and used <= {"none"}:
-        problems.append("estimate_share without an estimator: give estimator, or leave estimate_share out")
-    return problems
 
 
-def unread_values(loop: Loop) -> list[str]:
-    """Parameters that differ from their defaults and that no scenario reads: alone, a loop of a sweep may have some."""
+def unread_values(loop: Loop) -> dict[str, str]:
+    """Parameters that differ from their defaults and that no scenario reads, each with the sentence that refuses it.
+
+    A loop taken out of a sweep may have some that only its neighbours read.
+    """
+    return _unread_by_estimators(loop) | _unread_by_controller(loop)
+
+
+def _unread_by_estimators(loop: Loop) -> dict[str, str]:
     used = {"learner"} if loop["estimator"] is None else words_used(loop, "estimator")
-    unread = {p.name for p in PARAMETERS.values() if p.group in ESTIMATOR_GROUPS and p.group not in used}
-    unread |= {"estimate_share"} if used <= {"none"} else set()
-    unread |= set() if np.any(np.asarray(loop["buffer_ratio"]) > 0.0) else {"buffer_noise", "buffer_swing"}
-    unread |= set() if np.any(np.asarray(loop["compensation"]) == "smooth") else {"smooth_rate"}
-    return [name for name in PARAMETERS if name in unread and _is_changed(loop, name)]
+    unread = {
+        p.name: f"{p.name} belongs to the estimator {p.group}, which no scenario has: give estimator = {p.group!r}, or "
+        f"leave {p.name} out"
+        for p in PARAMETERS.values()
+        if p.group in ESTIMATOR_GROUPS and p.group not in used and _is_changed(loop, p.name)
+    }
+    if _is_changed(loop, "estimate_share") and used <= {"none"}:
+        unread["estimate_share"] = "estimate_share without an estimator: give estimator, or leave estimate_share out"
+    return unread
+
+
+def _unread_by_controller(loop: Loop) -> dict[str, str]:
+    unread, buffered = {}, xr.DataArray(loop["buffer_ratio"]) > 0.0
+    measures, swings = xr.DataArray(loop["buffer_noise"]) == "measured", xr.DataArray(loop["buffer_swing"]) > 0.0
+    for name, words, is_on in (
+        ("buffer_noise", "buffer_noise = 'measured'", measures), ("buffer_swing", "buffer_swing", swings)
+    ):  # fmt: skip
+        if bool(is_on.any()) and not bool((is_on & buffered).any()):
+            unread[name] = f"{words} without buffer_ratio: give buffer_ratio, or leave {name} out"
+    if _is_changed(loop, "smooth_rate") and not bool(np.any(np.asarray(loop["compensation"]) == "smooth")):
+        unread["smooth_rate"] = "smooth_rate without compensation = 'smooth': give that word, or leave smooth_rate out"
+    return unread
 
 
 def _buffer_clashes(loop: Loop) -> list[str]:
     problems = []
     ratio, swing = xr.DataArray(loop["buffer_ratio"]), xr.DataArray(loop["buffer_swing"])
     measures = xr.DataArray(loop["buffer_noise"]) == "measured"
-    for name, is_on in (("buffer_noise = 'measured'", measures), ("buffer_swing", swing > 0.0)):
-        if bool(is_on.any()) and not bool((is_on & (ratio > 0.0)).any()):
-            problems.append(f"{name} without buffer_ratio: give buffer_ratio, or leave {name.split()[0]} out")
     if bool((measures & (ratio > 0.0) & (swing == 0.0)).any()):
         problems.append(
             "buffer_noise = 'measured' without buffer_swing: a loop that rings looks like noise and would widen its "
@@ -171,12 +181,6 @@ def _buffer_clashes(loop: Loop) -> list[str]:
     largest = float(buffer.max())
     if largest >= 1.0:
         return [f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"]
-    return []
-
-
-def _compensation_clashes(loop: Loop) -> list[str]:
-    if _is_changed(loop, "smooth_rate") and not bool(np.any(np.asarray(loop["compensation"]) == "smooth")):
-        return ["smooth_rate without compensation = 'smooth': give that word, or leave smooth_rate out"]
     return []
 
 
