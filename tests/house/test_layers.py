@@ -32,9 +32,10 @@ LAYERS = [
     {"simulation"},
     {"theory"},
     {"analysis", "calibrate", "diagnosis"},
-    {"tuning", "explanation"},
+    {"tuning", "explanation", "handover"},
     {"study"},
     {"paper"},
+    {"plot", "report", "explore"},
     {"cli"},
     {"__main__", "__init__"},
 ]
