@@ -1,0 +1,93 @@
+"""The server: one page, for this machine alone."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+from bokeh.document import Document
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
+from bokeh.server.util import bind_sockets
+from bokeh.settings import settings
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop
+from tornado.routing import HostMatches, Rule, RuleRouter
+
+from fastcoil.errors import InputError, StorageError
+from fastcoil.explore.model.model import Model
+from fastcoil.explore.view.session import Session
+from fastcoil.numerics.jit import is_compiled
+
+ADDRESS = "127.0.0.1"
+"""Nobody else in the network reaches it."""
+_NAMES = ("localhost", ADDRESS)
+_THREADS = 2
+COMPILING = "Compiling the simulator, once: about 20 s.  The page then begins by itself."
+STARTING = "Starting …"
+
+
+def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
+    """Serve the page until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    model
+        What all sessions ask.
+    port
+        0 takes any that is free.
+    ready
+        Called with the address of the page once it can be opened.
+
+    Raises
+    ------
+    InputError
+        If the port is taken, or not ours to take.
+    """
+    first_words = STARTING if is_compiled("emulate") else COMPILING
+    asyncio.run(_serve(model, port, ready, first_words))
+
+
+async def _serve(model: Model, port: int, ready: Callable[[str], None], first_words: str) -> None:
+    sockets, port = _bound(port)
+    # no environment variable opens the page to others, or has it loaded from elsewhere
+    settings.resources = "server"
+    settings.allowed_ws_origin = [f"{name}:{port}" for name in _NAMES]
+    pool = ThreadPoolExecutor(_THREADS)
+
+    def begin(doc: Document) -> None:
+        doc.template_variables["first_words"] = first_words
+        Session(doc, model, pool)
+
+    app = BokehTornado({"/": begin}, extra_websocket_origins=settings.allowed_ws_origin())
+    # a page of somebody else whose name leads here (DNS rebinding) gets nothing
+    here = RuleRouter([Rule(HostMatches(rf"^({'|'.join(_NAMES)})$"), app)])
+    http = HTTPServer(here)
+    server = BaseServer(IOLoop.current(), app, http)
+    server.start()
+    http.add_sockets(sockets)
+    threading.Thread(target=model.prepare, daemon=True).start()
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, ended.set)
+    ready(f"http://{_NAMES[0]}:{port}/")
+    await ended.wait()
+    server.stop()
+    pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _bound(port: int) -> tuple[list[object], int]:
+    try:
+        sockets, bound = bind_sockets(ADDRESS, port)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise InputError(f"port {port} is taken: give another one, such as --port {port + 1}") from None
+        if error.errno == errno.EACCES:
+            raise InputError(f"port {port} is not yours to use: give one above 1023, such as --port 5010") from None
+        raise StorageError(f"port {port}: {error.strerror}") from None
+    return sockets, bound
