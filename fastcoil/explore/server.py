@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import logging
 import signal
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 from bokeh.document import Document
 from bokeh.server.server import BaseServer
@@ -15,8 +17,9 @@ from bokeh.server.tornado import BokehTornado
 from bokeh.server.util import bind_sockets
 from bokeh.settings import settings
 from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop
-from tornado.routing import HostMatches, Rule, RuleRouter
+from tornado.routing import Matcher, Rule, RuleRouter
 
 from fastcoil.errors import InputError, StorageError
 from fastcoil.explore.model.model import Model
@@ -29,6 +32,22 @@ _NAMES = ("localhost", ADDRESS)
 _THREADS = 2
 COMPILING = "Compiling the simulator, once: about 20 s.  The page then begins by itself."
 STARTING = "Starting …"
+
+
+class _FromHere(Matcher):  # type: ignore[misc]
+    """Lets pass what the page itself asks: all else is not found.
+
+    Neither a page of somebody else whose name leads here (DNS rebinding: the Host is theirs), nor one that opens a
+    socket to here (the Origin is theirs), gets an answer.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._hosts = {f"{name}:{port}" for name in _NAMES}
+        self._origins = {f"http://{host}" for host in self._hosts}
+
+    def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
+        origin = request.headers.get("Origin")
+        return {} if request.host in self._hosts and (origin is None or origin in self._origins) else None
 
 
 def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
@@ -54,6 +73,8 @@ def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
 
 async def _serve(model: Model, port: int, ready: Callable[[str], None], first_words: str) -> None:
     sockets, port = _bound(port)
+    # a stranger who knocks is nothing to be told about
+    logging.getLogger("tornado.access").setLevel(logging.ERROR)
     # no environment variable opens the page to others, or has it loaded from elsewhere
     settings.resources = "server"
     settings.allowed_ws_origin = [f"{name}:{port}" for name in _NAMES]
@@ -64,9 +85,7 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None], first_wo
         Session(doc, model, pool)
 
     app = BokehTornado({"/": begin}, extra_websocket_origins=settings.allowed_ws_origin())
-    # a page of somebody else whose name leads here (DNS rebinding) gets nothing
-    here = RuleRouter([Rule(HostMatches(rf"^({'|'.join(_NAMES)})$"), app)])
-    http = HTTPServer(here)
+    http = HTTPServer(RuleRouter([Rule(_FromHere(port), app)]))
     server = BaseServer(IOLoop.current(), app, http)
     server.start()
     http.add_sockets(sockets)
@@ -81,7 +100,7 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None], first_wo
     pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _bound(port: int) -> tuple[list[object], int]:
+def _bound(port: int) -> tuple[list[Any], int]:
     try:
         sockets, bound = bind_sockets(ADDRESS, port)
     except OSError as error:

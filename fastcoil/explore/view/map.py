@@ -35,26 +35,38 @@ class MapFigure(NamedTuple):
 
     def show(self, found: Map, settings: Settings) -> None:
         """Fill it with a map."""
-        x, y = np.meshgrid(np.arange(len(found.x.values)), np.arange(len(found.y.values)))
-        values = found.values[settings.colour].ravel()
-        self.colours.high = MOST[settings.colour]
-        self.bar.title = f"{CHOICES['colour'].words[settings.colour]} [K]"
-        self.cells.data = {
-            "x": x.ravel(),
-            "y": y.ravel(),
-            "value": values,
-            "at_x": [DIALS[found.x.name].text(found.x.values[k]) for k in x.ravel()],
-            "at_y": [DIALS[found.y.name].text(found.y.values[k]) for k in y.ravel()],
-        }
-        for axis, side, ends in (
-            (found.x, self.fig.xaxis, self.fig.x_range),
-            (found.y, self.fig.yaxis, self.fig.y_range),
-        ):
+        sides = found.x.name, found.y.name
+        columns = dict(self.cells.data)
+        if self.fig.tags != [*sides]:
+            self.fig.tags = [*sides]
+            columns |= self._laid_out(found.x, found.y)
+        if self.colours.high != MOST[settings.colour]:
+            self.colours.high = MOST[settings.colour]
+            self.bar.title = f"{CHOICES['colour'].words[settings.colour]} [K]"
+        self.cells.data = columns | {"value": found.values[settings.colour].ravel()}
+
+    def _laid_out(self, *sides: Axis) -> dict[str, Any]:
+        """Where the cells of two parameters lie, x first; ticks and labels of the axes follow."""
+        columns: dict[str, Any] = {}
+        at = np.meshgrid(*(np.arange(len(axis.values)) for axis in sides))
+        for axis, cells, name, side, ends in zip(
+            sides, at, ("x", "y"), (self.fig.xaxis[0], self.fig.yaxis[0]), (self.fig.x_range, self.fig.y_range),
+            strict=True,
+        ):  # fmt: skip
             dial, n = DIALS[axis.name], len(axis.values)
+            texts = [dial.text(value) for value in axis.values]
+            columns |= {name: cells.ravel(), f"at_{name}": [texts[k] for k in cells.ravel()]}
             side.axis_label = f"{dial.label} [{dial.unit}]"
             side.ticker = list(range(0, n, _LABELLED))
             side.major_label_overrides = {k: f"{dial.factor * axis.values[k]:.3g}" for k in range(n)}
             ends.update(start=-0.5, end=n - 0.5)
+        return columns
+
+    def clear(self) -> None:
+        """Show no map."""
+        for source in (self.cells, self.point):
+            source.data = {name: [] for name in source.data}
+        self.fig.tags = []
 
     def mark(self, found: tuple[Axis, Axis], settings: Settings) -> bool:
         """Move the point to a loop; whether it lies on the map."""

@@ -31,8 +31,8 @@ for (const id of ids) document.getElementById(id).textContent = now[id][0]
 document.body.dataset.phase = now.phase[0]
 document.body.dataset.turn = now.turn[0]
 document.body.dataset.learns = now.learning[0] ? 'yes' : ''
-const query = now.query[0]
-history.replaceState(null, '', location.pathname + (query ? '?' + query : ''))
+const search = now.query[0] ? '?' + now.query[0] : ''
+if (search !== location.search) history.replaceState(null, '', location.pathname + search)
 """
 _AT_ONCE = "document.body.dataset.phase = 'loop'"
 _COPY = """
@@ -82,10 +82,10 @@ class Page:
         self.controls = Controls(model.starts, turn)
         self._put_together(doc, tell, reset)
 
-    def waits(self, settings: Settings, phase: str) -> None:
+    def waits(self, settings: Settings) -> None:
         """Say at once that what is shown is no longer what the controls say."""
         self.controls.show(settings)
-        self._say(phase=phase, problems="")
+        self._say(phase="loop", problems="")
 
     def show_run(self, settings: Settings, run: Run) -> None:
         """Show a loop."""
@@ -108,8 +108,17 @@ class Page:
             self.map.show(found, settings)
             self._map = found, settings.colour
         on_map = self.map.mark(AXES[settings.axes], settings)
+        self._end("" if on_map else "This loop lies outside the map.")
+
+    def refuse_map(self, sentences: list[str]) -> None:
+        """Say why there is no map."""
+        self.map.clear()
+        self._map = None
+        self._end("  ".join(["No map.", *sentences]))
+
+    def _end(self, note: str) -> None:
+        """What is shown is what the controls say."""
         self._turns += 1
-        note = "" if on_map else "This loop lies outside the map."
         self._say(phase="", turn=str(self._turns), **{"map-note": note})
 
     def refuse(self, headline: str, sentences: list[str]) -> None:

@@ -49,7 +49,7 @@ class Session:
     def move(self, settings: Settings) -> None:
         """Show other settings, as soon as they are computed."""
         self._settings = settings
-        self._page.waits(settings, "loop")
+        self._page.waits(settings)
         if not self._working:
             self._working = True
             self._doc.add_next_tick_callback(self._work)
@@ -71,34 +71,55 @@ class Session:
     @without_document_lock  # type: ignore[untyped-decorator]
     async def _work(self) -> None:
         """Compute and show until nothing has moved any more."""
-        loop = asyncio.get_running_loop()
         shown = None
         try:
             while shown != self._settings:
                 settings = self._settings
-                try:
-                    run = await loop.run_in_executor(self._pool, self._model.run, settings)
-                    self._soon(partial(self._page.show_run, settings, run))
-                    if settings == self._settings:
-                        found = await loop.run_in_executor(self._pool, self._model.map, settings)
-                        self._soon(partial(self._show_map, settings, found))
-                        shown = settings
-                except InputError as error:
-                    self._soon(partial(self._page.refuse, REFUSED, list(error.problems)))
-                    shown = settings
+                await self._follow(settings)
+                shown = settings
         except Exception:
             self._soon(partial(self._page.refuse, BROKEN, []))
             raise
         finally:
             self._working = False
 
-    def _show_map(self, settings: Settings, found: Map) -> None:
-        self._page.show_map(settings, found)
+    async def _follow(self, settings: Settings) -> None:
+        """Compute a loop and its map, side by side, and show each as soon as it is there."""
+        loop = asyncio.get_running_loop()
+        ahead = loop.run_in_executor(self._pool, _sweep, self._model, settings)
+        try:
+            run = await loop.run_in_executor(self._pool, self._model.run, settings)
+            self._soon(partial(self._page.show_run, settings, run))
+        except InputError as error:
+            await ahead
+            self._soon(partial(self._page.refuse, REFUSED, error.problems))
+            return
+        self._soon(partial(self._show_map, settings, await ahead))
+
+    def _show_map(self, settings: Settings, found: Map | InputError) -> None:
+        if isinstance(found, InputError):
+            self._page.refuse_map(found.problems)
+        else:
+            self._page.show_map(settings, found)
         if self._problems:
             self._page.complain(self._problems)
             self._problems = []
         if settings != self._settings:
-            self._page.waits(self._settings, "loop")
+            self._page.waits(self._settings)
 
     def _soon(self, show: partial[None]) -> None:
-        self._doc.add_next_tick_callback(show)
+        self._doc.add_next_tick_callback(partial(self._at_once, show))
+
+    def _at_once(self, show: partial[None]) -> None:
+        """In one message: the browser draws each figure once."""
+        self._doc.hold("combine")
+        show()
+        self._doc.unhold()
+
+
+def _sweep(model: Model, settings: Settings) -> Map | InputError:
+    """The map, or why there is none: the loop itself may do."""
+    try:
+        return model.map(settings)
+    except InputError as error:
+        return error
