@@ -6,6 +6,7 @@ import asyncio
 import errno
 import logging
 import signal
+import socket
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +15,6 @@ from typing import Any
 from bokeh.document import Document
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
-from bokeh.server.util import bind_sockets
 from bokeh.settings import settings
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
@@ -67,28 +67,28 @@ def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     InputError
         If the port is taken, or not ours to take.
     """
-    first_words = STARTING if is_compiled("emulate") else COMPILING
-    asyncio.run(_serve(model, port, ready, first_words))
+    asyncio.run(_serve(model, port, ready))
 
 
-async def _serve(model: Model, port: int, ready: Callable[[str], None], first_words: str) -> None:
-    sockets, port = _bound(port)
-    # a stranger who knocks is nothing to be told about
-    logging.getLogger("tornado.access").setLevel(logging.ERROR)
+async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
+    listening = _bound(port)
+    port = listening.getsockname()[1]
+    # a stranger who knocks, and a reader who leaves, are nothing to be told about
+    for name in ("tornado.access", "bokeh"):
+        logging.getLogger(name).setLevel(logging.ERROR)
     # no environment variable opens the page to others, or has it loaded from elsewhere
     settings.resources = "server"
     settings.allowed_ws_origin = [f"{name}:{port}" for name in _NAMES]
     pool = ThreadPoolExecutor(_THREADS)
 
     def begin(doc: Document) -> None:
-        doc.template_variables["first_words"] = first_words
-        Session(doc, model, pool)
+        Session(doc, model, pool, STARTING if is_compiled("emulate") else COMPILING)
 
     app = BokehTornado({"/": begin}, extra_websocket_origins=settings.allowed_ws_origin())
     http = HTTPServer(RuleRouter([Rule(_FromHere(port), app)]))
     server = BaseServer(IOLoop.current(), app, http)
     server.start()
-    http.add_sockets(sockets)
+    http.add_socket(listening)
     threading.Thread(target=model.prepare, daemon=True).start()
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -96,17 +96,20 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None], first_wo
         loop.add_signal_handler(number, ended.set)
     ready(f"http://{_NAMES[0]}:{port}/")
     await ended.wait()
+    # what is under way is given up, which is no mistake
+    logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
     server.stop()
     pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _bound(port: int) -> tuple[list[Any], int]:
+def _bound(port: int) -> socket.socket:
     try:
-        sockets, bound = bind_sockets(ADDRESS, port)
+        found = socket.create_server((ADDRESS, port), backlog=128)
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             raise InputError(f"port {port} is taken: give another one, such as --port {port + 1}") from None
         if error.errno == errno.EACCES:
             raise InputError(f"port {port} is not yours to use: give one above 1023, such as --port 5010") from None
         raise StorageError(f"port {port}: {error.strerror}") from None
-    return sockets, bound
+    found.setblocking(False)
+    return found

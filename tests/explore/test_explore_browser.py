@@ -71,7 +71,7 @@ def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page, record_
     traces, cells, ring = data_of(page, "traces", "T_sup"), data_of(page, "cells", "value"), data_of(page, "here", "x")
     seconds = press(page, TI, "ARROW_RIGHT", 7)
     record_property("seconds_until_the_page_has_followed", seconds)
-    assert text_of(page, "headline").startswith("The loop is calm")
+    assert text_of(page, "headline").startswith("The loop does not hunt")
     assert text_of(page, "outcome").startswith("Simulated: does not hunt")
     assert "?ti=40" in page.current_url
     assert data_of(page, "traces", "T_sup") != traces
@@ -99,7 +99,7 @@ def test_a_link_out_of_bounds_is_refused_on_the_page(program, page):
     settled(page)
     said = text_of(page, "problems")
     assert said == "backlash = '300': give a number from 0 to 0.15  The rest of the link is shown."
-    assert text_of(page, "headline").startswith("The loop is calm")
+    assert text_of(page, "headline").startswith("The loop does not hunt")
     assert not mistakes_of(page)
 
 
@@ -114,7 +114,7 @@ def test_readers_do_not_disturb_each_other(program, page):
     page.switch_to.window(first)
     assert text_of(page, "headline").startswith("The loop hunts")
     click(page, "Slower instead")
-    assert text_of(page, "headline").startswith("The loop is calm")
+    assert text_of(page, "headline").startswith("The loop does not hunt")
 
 
 def test_a_click_on_the_map_goes_there_and_nothing_is_asked_of_anybody_else(page):

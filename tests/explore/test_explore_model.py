@@ -79,7 +79,7 @@ def test_theory_is_that_of_limit_cycle(tell, working_day):
         ("With the inverse", "The loop is calm", "; without the inverse it would hunt, ±"),
         ("Estimate too large", "The motor chatters, ", "the estimate, 10 %, is larger than the gap, 7 %"),
         ("Learning", "The loop is calm", "; without the inverse it would hunt, ±"),
-        ("Slower instead", "The loop is calm", "the gap of 7 % does not make it hunt"),
+        ("Slower instead", "The loop does not hunt, but swings by ±", "; without the gap: ±0.0"),
     ],
 )
 def test_the_sentence_says_what_is_seen(tell, title, begins, has):

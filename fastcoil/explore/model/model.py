@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import lru_cache
 
 from fastcoil.engine.host import compile_kernel
+from fastcoil.errors import InputError
 from fastcoil.explore.model import map as maps
 from fastcoil.explore.model.map import Map, map_of
 from fastcoil.explore.model.run import Run, run
@@ -48,8 +50,10 @@ class Model:
         """Compile the kernel, and have what the page shows first and its stories ready."""
         compile_kernel()
         for settings in (self.usual, *(told(story, self.starts) for story in STORIES)):
-            self.run(settings)
-            self.map(settings)
+            # a loop that cannot be simulated is refused on the page
+            with suppress(InputError):
+                self.run(settings)
+                self.map(settings)
 
     def _simulate(self, settings: Settings) -> Run:
         return run(scene_of(settings, self.starts[settings.loop]))

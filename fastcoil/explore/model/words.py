@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from fastcoil.explanation.answer import kelvin, number, per_cent, seconds
 from fastcoil.explore.model.run import NO_GAP, NOW, PLAIN, Run
@@ -17,6 +18,8 @@ _ABOVE = 1.02
 """So many times the gap is an estimate that is too large: an estimator finds it to a few thousandths."""
 _FEW_TURNS = 2.0
 """Turns in 10 min that nobody calls chatter."""
+_CALM = 0.25
+"""Settled swing from peak to peak up to which nobody would call a loop restless, K."""
 _SEEN = 0.01
 """K."""
 _HALF = 0.5
@@ -33,7 +36,9 @@ def headline(run: Run) -> str:
         return f"The loop hunts{learns}: {_swing(run, NOW)}; {_blame(run)}."
     if run.value("share_off") > _LOST:
         return f"The loop does not hold its set-point: for most of the time it is more than {OFF:g} K off."
-    return f"The loop is calm, RMS error {_error(run, NOW)}; {_thanks(run)}."
+    if run.value("hunting_swing") > _CALM:
+        return f"The loop does not hunt, but swings by {_half_swing(run, NOW)}; {_thanks(run, _half_swing)}."
+    return f"The loop is calm, RMS error {_error(run, NOW)}; {_thanks(run, _error)}."
 
 
 def _error(run: Run, case: int) -> str:
@@ -55,7 +60,7 @@ def chatters(run: Run) -> bool:
 
 def _chatter(run: Run) -> str:
     estimate, gap = run.value("estimate_settled"), run.value("backlash_final")
-    swing = f", and the temperature swings by ±{kelvin(_HALF * run.value('hunting_swing'))}"
+    swing = f", and the temperature swings by {_half_swing(run, NOW)}"
     return (
         f"The motor chatters, {6.0 * run.value('switch_frequency'):.0f} turns an hour: the estimate, "
         f"{per_cent(estimate)}, is larger than the gap, {per_cent(gap)}"
@@ -64,8 +69,12 @@ def _chatter(run: Run) -> str:
 
 
 def _swing(run: Run, case: int) -> str:
-    half = kelvin(_HALF * run.value("hunting_swing", case))
-    return f"±{half} every {seconds(run.value('hunting_period', case))}"
+    return f"{_half_swing(run, case)} every {seconds(run.value('hunting_period', case))}"
+
+
+def _half_swing(run: Run, case: int) -> str:
+    half = _HALF * run.value("hunting_swing", case)
+    return f"±{kelvin(half)}" if half >= _SEEN else f"less than ±{_SEEN:g} K"
 
 
 def _blame(run: Run) -> str:
@@ -79,16 +88,15 @@ def _blame(run: Run) -> str:
     return "without the gap it would not"
 
 
-def _thanks(run: Run) -> str:
-    """Why a calm loop is calm."""
-    gap = run.parameter("backlash")
+def _thanks(run: Run, told: Callable[[Run, int], str]) -> str:
+    """What a loop that does not hunt owes to what.  told: the number that the sentence is about."""
     if run.compensates and run.value("hunts", PLAIN) > 0:
         return f"without the inverse it would hunt, {_swing(run, PLAIN)}"
     if run.compensates:
-        return f"without the inverse the error would be {_error(run, PLAIN)}"
-    if not gap:
+        return f"without the inverse: {told(run, PLAIN)}"
+    if not run.parameter("backlash"):
         return "the valve has no gap"
-    return f"the gap of {per_cent(gap)} does not make it hunt (without it: {_error(run, NO_GAP)})"
+    return f"without the gap: {told(run, NO_GAP)}"
 
 
 def learning(run: Run) -> str:
@@ -123,6 +131,4 @@ def outcome(run: Run) -> str:
     apart = "" if told.doubt or told.hunts == hunts else "  The two disagree: go by the simulation."
     if hunts:
         return f"Simulated: hunts, {_swing(run, NOW)}.{apart}"
-    swing = _HALF * run.value("hunting_swing")
-    rest = f", swing ±{kelvin(swing)}" if swing >= _SEEN else ""
-    return f"Simulated: does not hunt{rest}.{apart}"
+    return f"Simulated: does not hunt, swing {_half_swing(run, NOW)}.{apart}"

@@ -59,14 +59,15 @@ document.body.dataset.phase = 'refused'
 class Page:
     """The figures, the controls and the texts of one session.
 
-    turn: what to do with a new value.  tell: a story, by its number.  reset: back to the link.  go: to a cell of the
-    map.
+    first_words: the sentence until there is anything to see.  turn: what to do with a new value.  tell: a story, by
+    its number.  reset: back to the link.  go: to a cell of the map.
     """
 
     def __init__(
         self,
         doc: Document,
         model: Model,
+        first_words: str,
         turn: Turn,
         tell: Callable[[int], None],
         reset: Callable[[], None],
@@ -81,6 +82,8 @@ class Page:
         self.figures, self.map = figures(), map_figure(go)
         self.controls = Controls(model.starts, turn)
         self._put_together(doc, tell, reset)
+        doc.template_variables["first_words"] = first_words
+        self._say(headline=first_words)
 
     def waits(self, settings: Settings) -> None:
         """Say at once that what is shown is no longer what the controls say."""

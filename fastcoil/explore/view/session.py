@@ -26,14 +26,14 @@ class Session:
     only the last counts.
     """
 
-    def __init__(self, doc: Document, model: Model, pool: Executor) -> None:
+    def __init__(self, doc: Document, model: Model, pool: Executor, first_words: str) -> None:
         self._doc, self._model, self._pool = doc, model, pool
         request = doc.session_context.request
         query = {name: values[-1].decode(errors="replace") for name, values in request.arguments.items()}
         self._settings, problems = read_query(query, model.starts, model.first)
         self._begin = self._settings
         self._working = False
-        self._page = Page(doc, model, self.turn, self._tell, lambda: self.move(self._begin), self._go)
+        self._page = Page(doc, model, first_words, self.turn, self._tell, lambda: self.move(self._begin), self._go)
         self._problems = [*problems, "The rest of the link is shown."] if problems else []
         self.move(self._settings)
 
