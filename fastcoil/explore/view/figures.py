@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import BoxAnnotation, ColumnDataSource, DataRange1d, Range1d, Span
+from bokeh.models import BoxAnnotation, ColumnDataSource, Range1d, Span
 from bokeh.plotting import figure
 
+from fastcoil.arrays import Array
 from fastcoil.explanation.foretold import UNSURE
 from fastcoil.explore.model.run import EVERY, Run
 from fastcoil.explore.view.looks import INK, LINE, MARK, SHADE, legend, plain, show_line, text
@@ -58,6 +59,21 @@ class Figures(NamedTuple):
         show_line(self.temperature, "measured", senses)
         for each in (self.opening, self.gap):
             show_line(each, "asked", run.compensates)
+        _fit(self.temperature.y_range, 1.0, shown["T_sup"], shown["T_set"], *[shown["T_measured"]] * senses)
+        asked = [per_cent["u"]] * run.compensates
+        _fit(self.opening.y_range, 10.0, per_cent["command"], per_cent["opening"], *asked)
+        _fit(self.gap.x_range, 12.0, per_cent["command"], *asked)
+        _fit(self.gap.y_range, 12.0, per_cent["opening"])
+        _fit(self.estimate.y_range, 8.0, per_cent["estimate"], backlash, np.zeros(1))
+
+
+def _fit(span: Range1d, least: float, *values: Array) -> None:
+    """Make an axis show all values, at least so much of it."""
+    known = [each[np.isfinite(each)] for each in values]
+    found = np.concatenate(known) if any(each.size for each in known) else np.zeros(1)
+    low, high = float(found.min()), float(found.max())
+    room = max(0.04 * (high - low), 0.5 * (least - (high - low)))
+    span.update(start=low - room, end=high + room)
 
 
 def _first(run: Run, hours: float | None) -> int:
@@ -90,7 +106,7 @@ def figures() -> Figures:
 
 def _temperature(traces: ColumnDataSource, hours: Range1d) -> Any:
     fig = figure(
-        name="temperature", x_range=hours, y_range=DataRange1d(min_interval=1.0), y_axis_label="temperature [°C]",
+        name="temperature", x_range=hours, y_range=Range1d(12.0, 16.0), y_axis_label="temperature [°C]",
         **plain(),
     )  # fmt: skip
     measured = fig.line("hours", "T_measured", source=traces, color=_GREY, width=1, legend_label="sensor")
@@ -102,7 +118,7 @@ def _temperature(traces: ColumnDataSource, hours: Range1d) -> Any:
 
 def _opening(traces: ColumnDataSource, hours: Range1d) -> Any:
     fig = figure(
-        name="opening", x_range=hours, y_range=DataRange1d(min_interval=10.0), x_axis_label="time [h]",
+        name="opening", x_range=hours, y_range=Range1d(0.0, 100.0), x_axis_label="time [h]",
         y_axis_label="valve [%]", **plain(),
     )  # fmt: skip
     asked = fig.step(
@@ -116,7 +132,7 @@ def _opening(traces: ColumnDataSource, hours: Range1d) -> Any:
 
 def _estimate(traces: ColumnDataSource, hours: Range1d) -> Any:
     fig = figure(
-        name="estimate", x_range=hours, y_range=DataRange1d(start=0.0, min_interval=8.0), x_axis_label="time [h]",
+        name="estimate", x_range=hours, y_range=Range1d(0.0, 8.0), x_axis_label="time [h]",
         y_axis_label="gap [%]", visible=False, **plain(),
     )  # fmt: skip
     fig.line("hours", "backlash", source=traces, color=INK, width=2, dash=[8, 4], legend_label="gap")
@@ -127,14 +143,13 @@ def _estimate(traces: ColumnDataSource, hours: Range1d) -> Any:
 
 def _gap(traces: ColumnDataSource, play: ColumnDataSource) -> Any:
     fig = figure(
-        name="gap", x_axis_label="command [%]", y_axis_label="opening [%]", **plain()
+        name="gap", x_range=Range1d(0.0, 100.0), y_range=Range1d(0.0, 100.0), x_axis_label="command [%]",
+        y_axis_label="opening [%]", **plain(),
     )  # fmt: skip
     fig.line("command", "opening", source=play, color=_GREY, width=1.5, dash=[4, 4], legend_label="edges")
-    of_command = fig.line("command", "opening", source=traces, color=RED, width=1.5, legend_label="over command")
+    fig.line("command", "opening", source=traces, color=RED, width=1.5, legend_label="over command")
     asked = fig.line("u", "opening", source=traces, color=BLUE, width=LINE, legend_label="over what PI asks")
     asked.name = "asked"
-    fig.x_range = DataRange1d(renderers=[of_command, asked], min_interval=12.0)
-    fig.y_range = DataRange1d(renderers=[of_command, asked], min_interval=12.0)
     return legend(text(fig))
 
 
