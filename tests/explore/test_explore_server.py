@@ -50,10 +50,9 @@ def test_it_is_there_for_this_machine_alone(program):
     assert answer(address, "/ws", **HANDSHAKE, Origin=f"http://localhost:{port + 1}")[0] == 404
     assert answer(address, Origin="http://somebody.example")[0] == 404
     assert answer(address, Origin=f"http://localhost:{port}")[0] == 200
-    for own in socket.gethostbyname_ex(socket.gethostname())[2]:
-        if not own.startswith("127."):
-            with pytest.raises(OSError, match="refused"):
-                socket.create_connection((own, port), timeout=5)
+    # an address of this machine that is not the one served: one that listens everywhere would answer
+    with pytest.raises(OSError):  # noqa: PT011 — refused, or not there at all
+        socket.create_connection(("127.0.0.2", port), timeout=5)
 
 
 @pytest.mark.kernel

@@ -67,6 +67,17 @@ def test_all_that_can_be_set_can_be_simulated():
                 assert scene.loop["backlash"] == values["backlash"]
 
 
+@pytest.mark.parametrize("name", ["lbnl", "heating_45"])
+def test_the_load_is_the_air_of_days_that_have_none_of_their_own(name):
+    settings = settings_of(name, STARTS[name]).turned(m_a=0.65)
+    for day in ("constant", "design"):
+        made = scene_of(settings.turned(day=day), STARTS[name]).day.series
+        assert (made["m_a"] == 0.65).all()
+        water = made["T_w_in"].mean()
+        assert water == pytest.approx(45.0 if name == "heating_45" else 7.0)
+    assert scene_of(settings, STARTS[name]).day.series["m_a"].std() > 0.0
+
+
 def test_the_model_knows_no_page():
     for path in Path(model.__file__).parent.glob("*.py"):
         source = path.read_text(encoding="utf-8")
