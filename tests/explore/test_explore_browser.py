@@ -98,7 +98,7 @@ def test_a_link_out_of_bounds_is_refused_on_the_page(program, page):
     page.get(program[1] + "?backlash=300&ti=40")
     settled(page)
     said = text_of(page, "problems")
-    assert said == "backlash = '300': give a number from 0 to 0.15  The rest of the link is shown."
+    assert said == "backlash = '300': give a number from 0 to 0.15.  The rest of the link is shown."
     assert text_of(page, "headline").startswith("The loop does not hunt")
     assert not mistakes_of(page)
 

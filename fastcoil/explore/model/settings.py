@@ -46,7 +46,7 @@ DIALS = {
     dial.name: dial
     for dial in (
         Dial("backlash", "Gap of the valve", "% of stroke", _SIZES, 100.0),
-        Dial("backlash_estimate", "Estimate in the inverse", "% of stroke", _SIZES, 100.0),
+        Dial("backlash_estimate", "Estimate of the gap", "% of stroke", _SIZES, 100.0),
         Dial("kp", "Gain Kp", "1/K",
              (0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.01, 0.012, 0.015, 0.018, 0.02, 0.025, 0.03, 0.035, 0.04, 0.05,
               0.06, 0.07, 0.08, 0.1, 0.12, 0.15)),

@@ -17,7 +17,8 @@ from fastcoil.theory.cycles import HUNTS_ABOVE
 
 WINDOWS = {"day": None, "2h": 2.0, "half": 0.5}
 """Hours shown, the last of the day."""
-_MARGINS = (0.03, 30.0)
+_MARGINS, _MARKED = (0.03, 30.0), (0.036, 25.0)
+"""Ends of the scale, and of where the mark lies: in full on it."""
 _GREY = "#999999"
 
 
@@ -51,7 +52,7 @@ class Figures(NamedTuple):
             "backlash": backlash,
         }
         self.play.data = _play(run.parameter("backlash"))
-        margin = float(np.clip(np.nan_to_num(run.foretold.margin), *_MARGINS))
+        margin = float(np.clip(np.nan_to_num(run.foretold.margin), *_MARKED))
         self.point.data = {"margin": [] if run.foretold.doubt else [margin], "at": [] if run.foretold.doubt else [0]}
         self.temperature.x_range.update(start=float(run.hours[first]), end=float(run.hours[-1]))
         self.estimate.visible = run.learns

@@ -17,7 +17,7 @@ from fastcoil.explore.model.settings import CHOICES, DIALS, Settings
 from fastcoil.explore.view.looks import INK, MARK, plain, text
 from fastcoil.plots.style import RED
 
-MOST = {"rmse": 1.2, "hunting_swing": 2.5}
+MOST = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "hunting_swing": 1.5}}
 """Upper end of the colours, K: the same for all loops, so that maps can be compared."""
 _LABELLED = 3
 """Every so many cells."""
@@ -40,8 +40,9 @@ class MapFigure(NamedTuple):
         if self.fig.tags != [*sides]:
             self.fig.tags = [*sides]
             columns |= self._laid_out(found.x, found.y)
-        if self.colours.high != MOST[settings.colour]:
-            self.colours.high = MOST[settings.colour]
+        most = MOST[settings.axes][settings.colour]
+        if self.colours.high != most:
+            self.colours.high = most
             self.bar.title = f"{CHOICES['colour'].words[settings.colour]} [K]"
         self.cells.data = columns | {"value": found.values[settings.colour].ravel()}
 
@@ -56,7 +57,7 @@ class MapFigure(NamedTuple):
             dial, n = DIALS[axis.name], len(axis.values)
             texts = [dial.text(value) for value in axis.values]
             columns |= {name: cells.ravel(), f"at_{name}": [texts[k] for k in cells.ravel()]}
-            side.axis_label = f"{dial.label} [{dial.unit}]"
+            side.axis_label = f"{dial.label} [{dial.unit.partition(' of')[0]}]"
             side.ticker = list(range(0, n, _LABELLED))
             side.major_label_overrides = {k: f"{dial.factor * axis.values[k]:.3g}" for k in range(n)}
             ends.update(start=-0.5, end=n - 0.5)
@@ -91,7 +92,7 @@ def map_figure(on_tap: Callable[[int, int], None]) -> MapFigure:
     cells = ColumnDataSource({name: [] for name in ("x", "y", "value", "at_x", "at_y")}, name="cells")
     point = ColumnDataSource({"x": [], "y": []}, name="here")
     fig = figure(name="map", x_range=Range1d(-0.5, 15.5), y_range=Range1d(-0.5, 11.5), title="Map", **plain())
-    colours = LinearColorMapper(Cividis256, low=0.0, high=MOST["rmse"], nan_color=_FAILED)
+    colours = LinearColorMapper(Cividis256, low=0.0, high=MOST["tuning"]["rmse"], nan_color=_FAILED)
     drawn = fig.rect(
         "x", "y", 1.0, 1.0, source=cells, fill_color={"field": "value", "transform": colours}, line_color=None
     )

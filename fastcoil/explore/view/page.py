@@ -117,7 +117,7 @@ class Page:
         """Say why there is no map."""
         self.map.clear()
         self._map = None
-        self._end("  ".join(["No map.", *sentences]))
+        self._end(_joined(["No map", *sentences]))
 
     def _end(self, note: str) -> None:
         """What is shown is what the controls say."""
@@ -126,11 +126,11 @@ class Page:
 
     def refuse(self, headline: str, sentences: list[str]) -> None:
         """Say why there is nothing to see."""
-        self._say(headline=headline, problems="  ".join(sentences), phase="refused")
+        self._say(headline=headline, problems=_joined(sentences), phase="refused")
 
     def complain(self, sentences: list[str]) -> None:
         """Say what was wrong with the link."""
-        self._say(problems="  ".join(sentences))
+        self._say(problems=_joined(sentences))
 
     def _say(self, **texts: str) -> None:
         self._texts.data = dict(self._texts.data) | {name: [text] for name, text in texts.items()}
@@ -171,6 +171,10 @@ class Page:
         button = _button("Save TOML")
         button.js_on_click(CustomJS(code=_DOWNLOAD, args={"texts": self._texts}))
         return [*found, button]
+
+
+def _joined(sentences: list[str]) -> str:
+    return "  ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
 
 
 _PAIRS = (("valve", "estimator"), ("day", "window"))
