@@ -7,6 +7,7 @@ import fastcoil as fc
 from fastcoil.explore.model.map import AXES
 from fastcoil.explore.model.model import Model
 from fastcoil.explore.model.run import TRACES
+from fastcoil.explore.model.settings import settings_of
 from fastcoil.explore.model.stories import STORIES, told
 from fastcoil.explore.model.take_home import python_lines, study_file
 from fastcoil.explore.model.words import headline, learning, outcome, prediction
@@ -135,8 +136,6 @@ def test_only_what_changes_is_computed_again(model):
     ],
 )
 def test_what_is_taken_home_is_what_was_shown(model, changes, tmp_path, monkeypatch):
-    from fastcoil.explore.model.settings import settings_of
-
     name = changes.get("loop", "paper_like")
     settings = settings_of(name, model.starts[name]).turned(**changes)
     shown = model.run(settings)
@@ -170,3 +169,35 @@ def test_a_day_that_is_too_long_is_refused(tmp_path):
     path.write_text('[loop]\npreset = "lbnl"\n[boundary]\nhours = 30\n')
     with pytest.raises(fc.InputError, match="its day lasts 30 h: give at most 24 h"):
         Model(one_scenario(path, {}, {}))
+
+
+@pytest.mark.kernel
+def test_the_experiments_of_the_page_show_what_it_says(model, tell):
+    """docs/explore.md, number by number."""
+    plain, _ = tell("7 % gap, plain PI")
+    still = plain.turned(day="constant")
+
+    def says(settings):
+        run = model.run(settings)
+        return f"{headline(run)} {learning(run)} {prediction(run)}"
+
+    assert "±0.48 K every 3 min" in says(still)
+    assert "±0.067 K every 3 min" in says(still.turned(backlash=0.01))
+    assert "is calm, RMS error below 0.01 K" in says(still.turned(backlash=0.0))
+    assert "is calm" in says(plain.turned(backlash_estimate=0.06))
+    assert "chatters, 113 turns an hour" in says(plain.turned(backlash_estimate=0.075))
+    assert "The loop hunts" in (at_12 := says(still.turned(ti=12.0)))
+    assert "Margin 0.93" in at_12
+    assert "The loop is calm" in (at_15 := says(still.turned(ti=15.0)))
+    assert "Margin 0.67" in at_15
+    found = model.map(plain)
+    j, i = np.unravel_index(np.argmin(found.values["rmse"]), found.values["rmse"].shape)
+    assert (found.y.values[j], found.x.values[i]) == (0.1, 64.0)
+    assert round(float(found.values["rmse"][j, i]), 2) == 0.16 == round(tell("With the inverse")[1].value("rmse"), 2)
+    learns, run = tell("Learning")
+    assert "right since hour 1.2" in learning(run)
+    assert "ends at 0 %" in says(learns.turned(day="constant"))
+    assert "right since hour 3.0" in says(learns.turned(day="constant", estimator="learner"))
+    lbnl = model.starts["lbnl"]
+    runs_away = settings_of("lbnl", lbnl).turned(day="constant", estimator="learner")
+    assert "chatters" in says(runs_away)
