@@ -70,12 +70,12 @@ def quantity(name: str) -> Quantity:
     return Quantity(entry.label, _UNITS.get(entry.unit, entry.unit), 1.0)
 
 
-def is_parameter(ds: xr.Dataset, dim: Hashable) -> bool:
+def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
     """Whether a coordinate of a result is a parameter: one of the table, or one that a rule declares."""
     return dim in PARAMETERS or (dim in ds.coords and "comment" in ds[dim].attrs)
 
 
-def quantity_of(ds: xr.Dataset, dim: str) -> Quantity:
+def quantity_of(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
     """How a coordinate of a result is shown; that of a rule with the unit and words that it declares."""
     if dim in PARAMETERS or not is_parameter(ds, dim):
         return quantity(dim)
