@@ -82,3 +82,19 @@ def quantity_of(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
     attrs = ds[dim].attrs
     unit = str(attrs.get("units", ""))
     return Quantity(str(attrs.get("long_name", dim)), _UNITS.get(unit, unit), 1.0, str(attrs["comment"]))
+
+
+def quantity_of_values(values: xr.DataArray) -> Quantity:
+    """How values are shown: those of our tables as usual, others by their own name, ``long_name`` and ``units``.
+
+    Shares of a baseline, as ``compare`` gives them, are changes in per cent.
+    """
+    name, attrs = str(values.name or ""), values.attrs
+    entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)
+    unit = attrs.get("units")
+    if entry is not None and unit in (None, entry.unit):
+        return quantity(name)
+    if entry is not None and unit == "1":
+        return Quantity(f"change of {entry.label}", "%", 100.0)
+    text = str(attrs.get("long_name", name.replace("_", " "))) or "value"
+    return Quantity(text, "" if unit in (None, "1") else _UNITS.get(str(unit), str(unit)), 1.0)

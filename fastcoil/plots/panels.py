@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import xarray as xr
 
+from fastcoil.outputs import STATUS_OK
 from fastcoil.plots.labels import Quantity, is_parameter, quantity_of
 from fastcoil.plots.style import DOTTED, wrapped
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 _SIZES = {"backlash", "backlash_estimate"}
 _LETTERS = 9
 """Points."""
+_CURVES = 3
 
 
 def numeric_dims(values: xr.DataArray) -> list[str]:
@@ -26,6 +28,11 @@ def numeric_dims(values: xr.DataArray) -> list[str]:
         str(d) for d in values.dims
         if is_parameter(values, d) and d in values.coords and values[d].dtype.kind in "if" and values.sizes[d] > 1
     ]  # fmt: skip
+
+
+def picked(n: int) -> list[int]:
+    """Positions of the first, the middle and the last of ``n`` values: a figure shows three curves."""
+    return [int(k) for k in np.unique(np.linspace(0, n - 1, _CURVES).round())]
 
 
 def pooled_dims(values: xr.DataArray, *shown: str) -> list[str]:
@@ -74,6 +81,12 @@ def from_zero(alike: Iterable[Axes], which: Literal["x", "y"]) -> None:
     if low >= 0.0 and high > 0.0:
         for axes in alike:
             getattr(axes, f"set_{which}lim")(0.0, 1.05 * high)
+
+
+def failed_in_words(ds: xr.Dataset) -> str:
+    """How many scenarios of a result failed, as a clause of a heading; empty if none did."""
+    failed = int((ds["status"].values != STATUS_OK).sum())
+    return f"; without {failed:,} of {ds['status'].size:,} scenarios, which failed" if failed else ""
 
 
 def mark_exact(axes: Axes, x: str, y: str = "") -> None:

@@ -15,15 +15,17 @@ import xarray as xr
 from fastcoil.arguments import checking, names_of, text_of
 from fastcoil.errors import InputError, nearest
 from fastcoil.errors import shown as quoted
-from fastcoil.outputs import METRICS, PREDICTIONS, STATUS_OK, metric_meant
+from fastcoil.outputs import METRICS, PREDICTIONS, metric_meant
 from fastcoil.plots.labels import quantity, quantity_of
 from fastcoil.plots.panels import (
     draw_map,
     exact_in_words,
+    failed_in_words,
     from_zero,
     label,
     mark_exact,
     numeric_dims,
+    picked,
     pooled_dims,
     say_if_empty,
 )
@@ -35,7 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
-_CURVES = 3
 _PANEL = 3.2
 """Width of a panel, inches."""
 _PANELS_ABREAST = 3
@@ -67,14 +68,14 @@ def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] 
     ``by``: a second swept parameter; a row of panels each for its first, middle and last value instead of pooling it.
     """
     metrics = _check(ds, metrics, x=x, **({} if by is None else {"by": by}))
-    picked = np.unique(np.linspace(0, ds.sizes[by] - 1, _CURVES).round().astype(int)) if by else [None]
+    rows = picked(ds.sizes[by]) if by else [None]
     if by:
-        figure, panels = _figure(len(picked), len(metrics), 2.2, sharex="col", sharey="col")
+        figure, panels = _figure(len(rows), len(metrics), 2.2, sharex="col", sharey="col")
     else:
         figure, panels = _figure(-(-len(metrics) // _PANELS_ABREAST), min(len(metrics), _PANELS_ABREAST), 2.8)
     of_x = quantity_of(ds, x)
     along = of_x.factor * ds[x]
-    for k, index in enumerate(picked):
+    for k, index in enumerate(rows):
         for axes, metric in zip(panels[k] if by else panels.flat, metrics, strict=False):
             shown = quantity(metric)
             values = shown.factor * ds[metric]
@@ -82,13 +83,13 @@ def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] 
             if by and index is not None:
                 part, name = values.isel({by: index}), quantity_of(ds, by).equals(float(ds[by][index]))
                 axes.set_title(name, loc="left")
-                rest = values.isel({by: [other for other in picked if other != index]})
+                rest = values.isel({by: [other for other in rows if other != index]})
                 axes.plot(along, rest.median([d for d in rest.dims if d not in (x, by)]).transpose(x, by), **_OTHERS)
             draw_curve(axes, along, part, label=name, color=BLUE)
-            label(axes, of_x.axis if not by or k == len(picked) - 1 else "", shown.axis, _PANEL)
+            label(axes, of_x.axis if not by or k == len(rows) - 1 else "", shown.axis, _PANEL)
             mark_exact(axes, x)
             say_if_empty(axes, values)
-    _remove_empty(panels, len(metrics) * len(picked))
+    _remove_empty(panels, len(metrics) * len(rows))
     for alike in panels.T if by else panels.reshape(-1, 1):
         from_zero(alike, "y")
     words = describe(ds, pooled_dims(ds["status"], x, *([by] if by else [])), "Line", "band", "thin lines")
@@ -157,8 +158,7 @@ def _remove_empty(panels: np.ndarray, used: int) -> None:
 
 def _head(figure: Figure, ds: xr.Dataset, words: str) -> None:
     """Write the title of the study, what is drawn, and how much of it failed."""
-    failed = int((ds["status"].values != STATUS_OK).sum())
-    words += f"; without {failed:,} of {ds['status'].size:,} scenarios, which failed" if failed else ""
+    words += failed_in_words(ds)
     lines = [str(ds.attrs["title"])] if ds.attrs.get("title") else []
     figure.suptitle(wrapped("\n".join([*lines, words]), figure.get_figwidth(), 9))
 
