@@ -18,7 +18,7 @@ LAYERS = [
     {"printable"},
     {"errors"},
     {"parameter_table", "outputs", "files", "version"},
-    {"arguments", "memory", "look", "progress"},
+    {"arguments", "card", "memory", "look", "progress"},
     {"numerics"},
     {"physics", "control"},
     {"estimators"},
