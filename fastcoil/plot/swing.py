@@ -10,9 +10,9 @@ import xarray as xr
 
 from fastcoil.arguments import instance_of
 from fastcoil.errors import InputError
-from fastcoil.plot.place import legend_above, one_place, width_of
+from fastcoil.plot.place import in_style, legend_above, one_place, width_of
 from fastcoil.plot.scenarios import Scenario, parameter_of, scenarios_of, traced
-from fastcoil.plots.style import BLUE, COLOURS, DOTTED, GREY, LINE_STYLES, RED, YELLOW, apply_style, wrapped
+from fastcoil.plots.style import BLUE, COLOURS, DOTTED, GREY, LINE_STYLES, RED, YELLOW, wrapped
 from fastcoil.result import check_result
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _KINDS = (
 """What became of the loops in a scatter of swings: words, foretold, seen, mark, colour."""
 
 
-@apply_style()
+@in_style()
 def limit_cycle(data: Any, foretold: xr.Dataset | None = None, *, ax: Any = None) -> Axes:
     """Draw how a loop swings, and what was foretold of it.
 

@@ -141,7 +141,7 @@ class Loop:
 
     def __getattr__(self, name: str) -> Scalar | xr.DataArray | None:
         if name.startswith("_") or name not in self.parameters:
-            near = "" if name.startswith("_") else nearest(name, self.__dir__())
+            near = "" if name.startswith("_") else nearest(name, dir(self))
             # of None, so that Python adds no guess of its own to a traceback
             raise AttributeError(f"a Loop has no {name}{near}", name=name, obj=None)
         return self[name]

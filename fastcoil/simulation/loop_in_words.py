@@ -38,11 +38,11 @@ def text_of(loop: Parts) -> str:
     preset, table = nearest_preset(loop), loop.table
     differs = []
     for name in _differing(loop, preset):
-        value = loop.values.get(name)
+        value = loop.values[name]
         if isinstance(value, xr.DataArray):
             differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_listed(value.values)}")
         else:
-            differs.append(f"  {table[name].equation('not given' if value is None else value)}")
+            differs.append(f"  {table[name].equation(value)}")
     return "\n".join(text + ([f"Differs from {preset.name}:", *differs] if differs else [preset.name]))
 
 
@@ -53,25 +53,24 @@ def html_of(loop: Parts) -> str:
     sizes = ", ".join(f"{dim}: {size}" for dim, size in loop.sizes.items())
     n = int(np.prod(list(loop.sizes.values()), dtype=int))
     lines = [f"{n:,} scenarios ({sizes})"] if sizes else []
-    changed = [_row(table[name], loop.values.get(name), _usual(preset, table[name])) for name in differing]
+    changed = [_row(table[name], loop.values[name], _usual(preset, table[name])) for name in differing]
     sections = [Section(f"Differs from {preset.name}", changed, is_open=True)] if changed else []
     groups: dict[str, list[Parameter]] = {}
     for parameter in table.values():
         groups.setdefault(parameter.group, []).append(parameter)
     unused = set(ESTIMATOR_GROUPS) - words_of(loop.values, "estimator")
     for group, parameters in groups.items():
-        given = [p for p in parameters if loop.values.get(p.name) is not None]
+        given = [p for p in parameters if p.name in loop.values]
         if given and (group not in unused or any(p.name in differing for p in given)):
-            sections.append(Section(group, [_row(p, loop.values.get(p.name)) for p in given], f"{len(given)}"))
+            sections.append(Section(group, [_row(p, loop.values[p.name]) for p in given], f"{len(given)}"))
     return card("fastcoil.Loop", preset.name + (" with changes" if changed else ""), [preset.text, *lines], sections)
 
 
 def _differing(loop: Parts, preset: Preset) -> list[str]:
     """Parameters of another value than in a preset: those swept, then constants, in the order of the table."""
     swept = [name for name, value in loop.values.items() if isinstance(value, xr.DataArray)]
-    return swept + [
-        name for name, p in loop.table.items() if name not in swept and loop.values.get(name) != _usual(preset, p)
-    ]
+    constants = [name for name in loop.table if name in loop.values and name not in swept]
+    return swept + [name for name in constants if loop.values[name] != _usual(preset, loop.table[name])]
 
 
 def _usual(preset: Preset, parameter: Parameter) -> Scalar | None:
@@ -84,17 +83,17 @@ def _usual(preset: Preset, parameter: Parameter) -> Scalar | None:
 _NOT_COMPARED = object()
 
 
-def _row(p: Parameter, value: Scalar | xr.DataArray | None, usual: object = _NOT_COMPARED) -> tuple[str, ...]:
+def _row(p: Parameter, value: Scalar | xr.DataArray, usual: object = _NOT_COMPARED) -> tuple[str, ...]:
     """Name, value with its unit, what it is."""
     unit = unit_in_words(p.unit)
     if isinstance(value, xr.DataArray):
         dims = ", ".join(f"{dim}: {size}" for dim, size in value.sizes.items())
         shown = f"{_ranged(value.values)} {unit}".rstrip() + f" ({dims})"
     else:
-        shown = "not given" if value is None else f"{_short(value)} {unit}".rstrip()
+        shown = f"{_short(value)} {unit}".rstrip()
     beside = "" if usual is _NOT_COMPARED or usual is None else f"{_short(usual)} {unit}".rstrip()
-    return (p.name, shown, *([beside and f"instead of {beside}"] if beside else [""] * (usual is not _NOT_COMPARED)),
-            p.label or p.text)  # fmt: skip
+    compared = () if usual is _NOT_COMPARED else (f"instead of {beside}" if beside else "",)
+    return (p.name, shown, *compared, p.label or p.text)
 
 
 def _short(value: object) -> str:
