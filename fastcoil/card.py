@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _CURVE = (110.0, 18.0)
 """Width and height of a curve in a table, pixels."""
+_ROUND_OFF = 1e-9
 _TEMPLATE = """\
 <div class="fastcoil-card"><style>
 .fastcoil-card {font-size: 13px; line-height: 1.5; max-width: 760px}
@@ -72,7 +73,8 @@ class Curves:
         """Curves of equally spaced values on one scale; a constant one runs in the middle."""
         width, height = _CURVE
         low, high = min(min(one) for one in values), max(max(one) for one in values)
-        span = high - low
+        # the means of equal values differ in their last digits
+        span = high - low if high - low > _ROUND_OFF * max(abs(low), abs(high)) else 0.0
 
         def place(k: int, n: int, value: float) -> str:
             share = (value - low) / span if span > 0.0 else 0.5
