@@ -95,9 +95,10 @@ def test_a_figure_of_its_own_is_a_column_wide_legible_and_of_our_colours(ds, day
 
 
 def test_the_settings_of_the_user_stay(ds):
-    before = dict(plt.rcParams)
-    fc.plot.traces(ds.isel(backlash=0))
-    assert dict(plt.rcParams) == before
+    with plt.rc_context({"font.size": 11.5, "axes.grid": False, "lines.linewidth": 3.5}):
+        before = dict(plt.rcParams)
+        fc.plot.traces(ds.isel(backlash=0))
+        assert dict(plt.rcParams) == before
 
 
 draw = fc.plot.traces
