@@ -154,6 +154,18 @@ def test_a_look_at_a_stream_makes_its_first_day_only():
     assert values(found.sections["series"])["m_a"][1] == "5 kg/s"
 
 
+def test_the_parameters_are_a_list_to_read_with_default_unit_bounds_and_meaning():
+    table = fc.parameters()
+    lines = repr(table).splitlines()
+    assert len(lines) == len(table) + len({p.group for p in table.values()})
+    kp = table["kp"]
+    assert next(line.split() for line in lines if line.split()[0] == "kp")[:3] == ["kp", f"{kp.default}", "K-1"]
+    found = Read(table._repr_html_())
+    rows = {row[0]: row[1:] for rows in found.sections.values() for row in rows}
+    assert rows.keys() == table.keys()
+    assert rows["kp"] == [f"{kp.default} K-1", kp.bounds, kp.text]
+
+
 class Short(Told):
     def summary(self):
         return ["The answer", "why", "        now    chosen", "rmse    1 K    0.5 K", "a note"]
