@@ -136,9 +136,18 @@ def test_a_sweep_without_traces_has_a_mark_for_every_loop_by_what_became_of_it(d
     assert {text.get_text() for text in again.get_legend().get_texts()} == found
 
 
+def test_a_loop_that_failed_has_no_plane(swinging):
+    ds, _ = swinging
+    axes = fc.plot.limit_cycle(ds * np.nan)
+    assert [text.get_text() for text in axes.texts] == ["no finite value"]
+    half = ds.where(ds.backlash > 0.0)
+    assert np.isfinite(fc.plot.limit_cycle(half.assign_attrs(ds.attrs)).get_ylim()).all()
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
+        (lambda ds, told: fc.plot.limit_cycle(ds.isel(elapsed_time=[])), "data has no point along elapsed_time"),
         (lambda ds, told: fc.plot.limit_cycle(ds.drop_vars("command")), "data has neither the traces command and "),
         (lambda ds, told: fc.plot.limit_cycle(ds, ds), "foretold has no margin, period, amplitude: give what "),
         (lambda ds, told: fc.plot.limit_cycle(ds, told.assign_coords(backlash=[1, 2])), "foretold has other labels "),
