@@ -111,7 +111,7 @@ def test_what_failed_is_told(ds):
 
 
 def test_figures_of_their_own_are_a_column_wide_legible_and_of_our_colours(ds):
-    for axes in (fc.plot.map(ds), fc.plot.map(ds, "share_off"), fc.plot.bands(ds, x="backlash", by="estimate_ratio")):
+    for axes in (fc.plot.map(ds, "share_off"), fc.plot.bands(ds, x="backlash", by="estimate_ratio")):
         assert axes.figure.get_figwidth() == 3.5
         axes.figure.canvas.draw()
         for text in axes.texts:
