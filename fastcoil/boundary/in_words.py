@@ -48,7 +48,7 @@ def html_of(source: Source, clock: Clock) -> str:
     shown = [0] if source.is_streamed else [int(k) for k in np.unique(np.linspace(0, n - 1, min(n, _DAYS)).round())]
     days = [source.of_day(k) for k in shown]
     ranges = source.extremes if known else {k: (float(v.min()), float(v.max())) for k, v in days[0].items()}
-    words = "of the first day" if source.is_streamed and n > 1 else f"of {len(shown)} of {n} days" if n > 1 else ""
+    words = "of the first day" if source.is_streamed and n > 1 else _of_days(len(shown), n)
     rows = []
     for name in _own(ranges):
         curves = Curves.of([_thinned(day[name]).tolist() for day in days], f"{name} over time {words}".rstrip())
@@ -68,6 +68,10 @@ def html_of(source: Source, clock: Clock) -> str:
     facts += [("sha256", source.sha256)] if known else []
     sections.append(Section("about", facts))
     return card("fastcoil.Boundary", extent(source, clock), lines, sections)
+
+
+def _of_days(shown: int, of: int) -> str:
+    return "" if of == 1 else f"of all {of} days" if shown == of else f"of {shown} of {of} days"
 
 
 def _is_known(source: Source) -> bool:

@@ -176,6 +176,8 @@ def _values_of(data: Any, metric: Any) -> _Values:
 def _axes_of(values: xr.DataArray, **given: Any) -> list[str]:
     """The swept parameters along the axes: those that are given, for the others those that are left."""
     swept, found = numeric_dims(values), []
+    with checking() as check:
+        given = {argument: check.unless_none(text_of, argument, dim) for argument, dim in given.items()}
     problems = [
         f"{argument} = {shown(dim)} is not a swept number of this result{nearest(str(dim), swept)}; it has "
         f"{', '.join(swept) or 'none'}"
