@@ -1,0 +1,124 @@
+"""The report of `fastcoil paper`: what holds of the paper, claim by claim, with its figures regenerated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fastcoil.errors import IntegrityError
+from fastcoil.files import read_bytes, storage_errors
+from fastcoil.look import exists
+from fastcoil.paper.regenerate import captions
+from fastcoil.paper.report import verdicts
+from fastcoil.report.computed import here
+from fastcoil.report.numbers import number
+from fastcoil.report.page import Block, Code, Facts, Page, Picture, Section, Table, Words
+from fastcoil.report.study import cited
+
+_LARGEST = 2**25
+"""Bytes of the scorecard, and of a figure."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_KINDS = "The share is of tunings × days on which the claim holds, with its 95 % interval over such days in brackets."
+
+
+def paper_page(scorecard: Path) -> Page:
+    """The report of the folder in which a scorecard lies.
+
+    Raises
+    ------
+    StorageError, IntegrityError
+        If a file cannot be read; if it is not as it was written.
+    """
+    with storage_errors(scorecard, "read"):
+        try:
+            return _page(json.loads(read_bytes(scorecard, _LARGEST)), scorecard.parent)
+        except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
+            raise IntegrityError(
+                f"{scorecard} is damaged ({type(error).__name__}: {error}): run `fastcoil paper -o {scorecard.parent}` "
+                "again"
+            ) from None
+
+
+def _page(card: Mapping[str, Any], folder: Path) -> Page:
+    grid, claims = card["grid"], card["claims"]
+    failed = int(grid["n_failed"])
+    warnings = [f"{failed:,} scenarios failed. They count in no share."] if failed else []
+    moving = [c for c in claims if c["change"]]
+    answer = [_in_short(claims), f"{card['caveat']}"]
+    sections = [
+        Section("What changes with the kind of day", [_verdicts(card, moving, "Largest differences first")] * bool(moving)),
+        Section("What does not", [_verdicts(card, [c for c in claims if not c["change"]], "The other claims")]),
+        Section("What contradicts itself", [Words(
+            [f"“{c['claim']}” ({c['section']}) {c['verdict']}. {c['why']}" for c in card["identities"]], bullets=True
+        )]),
+        Section("Figures", _figures(folder, quick=str(card["command"]).endswith("--quick"))),
+        Section("Claim by claim", [block for c in claims for block in _claim(c, grid["presets"])]),
+        Section("Not simulated", [Words([str(text) for text in card["not_simulated"]], bullets=True)]),
+        _how(card),
+        here(),
+        cited(),
+    ]  # fmt: skip
+    question = "Which claims of Cai and Braun (2016) hold, for which tunings, and on which kinds of days?"
+    return Page("The paper", str(card["title"]), question, warnings, answer, sections)
+
+
+def _in_short(claims: Iterable[Mapping[str, Any]]) -> str:
+    words = [found["verdict"] for claim in claims for found in claim["kinds"].values()]
+    counted = ", ".join(f"{words.count(word)} × “{word}”" for word in dict.fromkeys(words))
+    return f"{len(words)} verdicts, one for each claim and kind of day: {counted}."
+
+
+def _verdicts(card: Mapping[str, Any], claims: list[Mapping[str, Any]], caption: str) -> Table:
+    """The table of the scorecard, whose cells Markdown separates by bars."""
+    head, _, *rows = (
+        [cell.strip().strip("`") for cell in line.strip("| ").split(" | ")] for line in verdicts(card, claims)
+    )
+    return Table(caption, [head[1], "section", *head[2:]], [[row[1], row[0], *row[2:]] for row in rows], _KINDS)
+
+
+def _figures(folder: Path, *, quick: bool) -> list[Block]:
+    found: list[Block] = []
+    for name, caption in captions(quick=quick).items():
+        path = folder / f"{name}.png"
+        if not exists(path):
+            found.append(Words([f"{path.name} is missing: run fastcoil paper again."]))
+            continue
+        png = read_bytes(path, _LARGEST)
+        if not png.startswith(_PNG):
+            raise ValueError(f"{path.name} is no PNG")
+        plain = caption.replace("**", "")
+        found.append(Picture(png, plain, plain.partition(".")[0]))
+    return found
+
+
+def _claim(c: Mapping[str, Any], presets: list[str]) -> list[Block]:
+    lines = [f"Counts as holding: {c['counts_as_holding']} {c['note']}".strip()]
+    lines += [f"{kind}: {found['verdict_text']}." for kind, found in c["kinds"].items()]
+    columns = [*presets, "grid"]
+    rows = [
+        [f"{name}, {kind}", *(_number(found["measured"][p][name]) for p in columns)]
+        for kind, found in c["kinds"].items()
+        for name in found["measured"]["grid"]
+    ]
+    return [Table(f"{c['claim']} ({c['section']})", ["median over days", *columns], rows), Words(lines, bullets=True)]
+
+
+def _number(value: float | None) -> str:
+    return "never" if value is None else number(value)
+
+
+def _how(card: Mapping[str, Any]) -> Section:
+    grid = card["grid"]
+    facts = [
+        ("Tunings", f"{grid['n_tunings']} of {grid['n_tunings_tried']}; the others hunt without any backlash"),
+        ("Days", f"{len(grid['day_seeds'])} of each kind, seeds {grid['day_seeds'][0]} to {grid['day_seeds'][-1]}"),
+        *((f"Days: {name}", str(words)) for name, words in card["kinds"].items()),
+        ("Backlash", f"{100 * grid['backlash']:.3g} %"),
+        ("Time step", "1 s"),
+        ("Noise seed", str(grid["noise_seed"])),
+        ("fastcoil", str(card["fastcoil_version"])),
+        *((f"content_sha256, {name}", str(found)) for name, found in grid["content_sha256"].items()),
+    ]
+    return Section("How it was computed", [Facts(facts), Code(str(card["command"]))])
