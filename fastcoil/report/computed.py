@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import re
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -23,6 +24,14 @@ from fastcoil.version import package_version
 _PACKAGES = ("numpy", "numba", "scipy", "xarray")
 _CHANCE = ("sample", "day", "replicate")
 """Labels that are no values."""
+_SERIES = {
+    "m_a": "air flow",
+    "T_a_in": "entering air",
+    "W_a_in": "its humidity ratio",
+    "T_w_in": "entering water",
+    "T_set": "set-point",
+}
+"""What a reader calls the series that every boundary has."""
 _FEW = 6
 """Labels that are listed one by one, and hashes of days."""
 
@@ -60,8 +69,8 @@ def how(ds: xr.Dataset) -> Section:
     return Section("How it was computed", blocks)
 
 
-def changed(constants: Mapping[str, Any], preset: str) -> Table:
-    """The parameters that a study gives other values than its preset."""
+def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") -> Table:
+    """The parameters that a loop gives other values than its preset; ``against``: what to call it."""
     base = Loop.preset(preset if preset in PRESETS else "paper_like").constants
     rows = []
     for name, value in constants.items():
@@ -70,7 +79,7 @@ def changed(constants: Mapping[str, Any], preset: str) -> Table:
             continue
         what = PARAMETERS[name].text if name in PARAMETERS else "of its own rule"
         rows.append([name, setting(name, value), "–" if before is None else setting(name, before), what])
-    return Table("Parameters that differ from the preset", ["name", "value", "preset", "meaning"], rows)
+    return Table(f"Parameters that differ from the {against}", ["name", "value", against, "meaning"], rows)
 
 
 def versions(ds: xr.Dataset) -> Section:
@@ -159,7 +168,8 @@ def _days(ds: xr.Dataset, tables: Mapping[str, Any]) -> str:
     table = tables.get("boundary")
     given = {"kind": "paper_day", "seed": 1} if not isinstance(table, dict) else {"kind": "paper_day"} | table
     words = ", ".join(f"{name} {_short(value)}" for name, value in given.items())
-    return f"{words}. {ds.attrs.get('boundary', '')}"
+    extent = str(ds.attrs.get("boundary", "")).replace(" x ", " × ").replace("degC", "°C").replace("kg s-1", "kg/s")
+    return f"{words}. {re.sub('|'.join(_SERIES), lambda found: _SERIES[found[0]], extent)}"
 
 
 def _short(value: object) -> str:

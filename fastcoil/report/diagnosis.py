@@ -1,4 +1,4 @@
-"""The report of a diagnosis: is it the valve?"""
+"""The report of a diagnosis: whether it is the valve."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from fastcoil.simulation.dataset import content_sha256
 if TYPE_CHECKING:
     from fastcoil.diagnosis.result import Diagnosis
 
+_SPOKEN = {"d-1": "a day", "K-1": "1/K", "s-1": "1/s"}
 _CAPTION = (
     "From the top: supply air (line) and its set-point (dashed) in the two hours in which the motor moves most; the "
     "command of the controller; the opening of the valve over the position of its motor as the model has it, where the "
@@ -47,7 +48,9 @@ def diagnosis_page(d: Diagnosis) -> Page:
         cited(),
     ]  # fmt: skip
     question = "How large is the gap of this valve, does its loop hunt, and is the valve to blame?"
-    return Page("Diagnosis", d.source, question, warnings, lines, sections, content_sha256(d.signals))
+    return Page(
+        "Diagnosis", f"Is it the valve? {d.source}", question, warnings, lines, sections, content_sha256(d.signals)
+    )
 
 
 def _predictions(d: Diagnosis) -> list[Block]:
@@ -77,7 +80,7 @@ def _indices(ds: xr.Dataset) -> Table:
         elif "backlash" in str(name) and unit == "1":
             text = share(size) if size >= 0.995 else f"{number(100 * size)} %"
         else:
-            text = f"{number(size)} {'' if unit == '1' else unit.replace('K-1', '1/K').replace('s-1', '1/s')}".rstrip()
+            text = f"{number(size)} {'' if unit == '1' else _SPOKEN.get(unit, unit)}".rstrip()
         rows.append([str(value.attrs.get("long_name", shown.text)), text])
     return Table("Single numbers", ["index", "value"], rows, "A dash: it cannot be told from this log.")
 
@@ -90,7 +93,8 @@ def _how(d: Diagnosis) -> Section:
         ("Gap", f"each size is tried on the log; 95 % interval {100 * low:.3g} to {100 * high:.3g} % of the stroke"
                 if np.isfinite(low) else "no size could be tried"),
         ("Cause", f"{d.cause}: {d.because}" if d.because else d.cause),
-        ("Predictions", "a loop of first order with delay, fitted to the log, with the controller recovered from it"),
+        ("Predictions", "valve and coil as a curve behind two lags and a delay, fitted to the log, with the controller recovered from"
+                        " the same log"),
     ]  # fmt: skip
     command = "fastcoil diagnose LOG.csv -o diagnosis.toml --report diagnosis.html"
     return Section("How it was computed", [Facts(facts), Code(command)])

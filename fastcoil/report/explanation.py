@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import xarray as xr
 
 from fastcoil.report.computed import changed, here
-from fastcoil.report.numbers import NOTHING, change, number
+from fastcoil.report.numbers import NOTHING, change, number, setting
 from fastcoil.report.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.report.pictures import picture
 from fastcoil.report.study import cited
@@ -22,6 +22,8 @@ _CAPTION = (
     "of equal margin, the loop as it is (red dot) and other tunings (marks).  Bottom: supply air as it is (red), with "
     "the recommended cure (blue) if there is one, and the set-point (dashed)."
 )
+_DO = ("Do this", "If the error matters", "Leave it", "None of these")
+"""How an advice begins."""
 _DAY = "Supply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
 
 
@@ -29,6 +31,7 @@ def explanation_page(e: Explanation) -> Page:
     """The report of an explanation."""
     first, *middle, last = "\n".join(e.text.splitlines()).split("\n\n")
     advice = last.split("\n")[2 + e.cures.sizes["cure"] :]
+    do = [line for line in advice if line.startswith(_DO)]
     drawn: list[Block] = [picture(e.plot(), _DAY if e.phase is None else _CAPTION, "Margin, gains and the day")]
     loop, boundary = e._found.loop, e._found.boundary
     facts = [
@@ -38,24 +41,23 @@ def explanation_page(e: Explanation) -> Page:
     ]
     phase: list[Block] = [] if e.phase is None else [_phase(e.phase, middle[0].split("\n")[0] if middle else "")]
     parameters: list[Block] = [Facts(facts)]
-    table = changed(loop.constants, "paper_like")
-    parameters += [Table("Parameters that differ from the defaults", ["name", "value", "default", "meaning"], table.rows)] * bool(
-        table.rows
-    )  # fmt: skip
+    own = changed(loop.constants, "paper_like", "default")
+    parameters += [own] if own.rows else []
     parameters.append(Code("fastcoil explain TARGET --report explanation.html"))
     sections = [
         Section("The loop in one figure", drawn),
-        Section("What can be done", [_cures(e.cures), Words(advice)]),
+        Section("What can be done", [_cures(e.cures), Words([line for line in advice if line not in do])]),
         Section("Where the phase goes", phase),
         Section("How it was computed", parameters),
         here(),
         cited(),
     ]
-    title = (
-        "Will this loop hunt?" if loop.rules else f"Will this loop hunt? kp = {loop['kp']:g} 1/K, ti = {loop['ti']:g} s"
-    )
+    gains = ", ".join(f"{name} = {setting(name, loop[name])}" for name in ("kp", "ti"))
+    title = f"Will this loop hunt? {gains}"
     question = "Will it hunt on this day, why, what would cure it, and what does that cost?"
-    return Page("Explanation", title, question, list(e.doubts), first.split("\n"), sections, content_sha256(e.cures))
+    return Page(
+        "Explanation", title, question, list(e.doubts), [*first.split("\n"), *do], sections, content_sha256(e.cures)
+    )
 
 
 def _cures(ds: xr.Dataset) -> Table:
@@ -69,7 +71,7 @@ def _cures(ds: xr.Dataset) -> Table:
             str(one["words"].item()), number(margin, 2), f"{number(error)} K",
             change(error / float(now["rmse"]) - 1.0) if k else "", f"{number(swing, 2)} K",
             f"{number(travel)}", f"× {number(travel / before, 2)}" if k and before > 0.0 else "",
-            str(one["verdict"].item()),
+            str(one["verdict"].item()) if k else "",
         ])  # fmt: skip
     head = ["", "margin", "RMS error", "change", "swing", "motor travel", "change", "verdict"]
     note = (

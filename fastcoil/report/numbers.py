@@ -10,19 +10,27 @@ from fastcoil.parameter_table import PARAMETERS
 from fastcoil.plots.labels import quantity
 
 NOTHING = "–"
-MOST_ROWS = 12
+MOST_ROWS, _A_FEW_MORE = 12, 4
 """Of a table along a swept parameter; whoever wants all of them opens the results."""
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number of so many digits, without an exponent as far as it can be read."""
+    """A measured number of so many digits, zeros at its end too, without an exponent as far as it can be read."""
     if not math.isfinite(value):
         return NOTHING
-    if value == 0.0 or 1e-3 <= abs(value) < 1e6:
-        text = np.format_float_positional(float(f"{value:.{digits - 1}e}"), trim="-")
-        whole, _, rest = text.partition(".")
-        return f"{int(whole):,}" if not rest and abs(value) >= 10000 else text
-    return f"{value:.{digits}g}"
+    if value == 0.0:
+        return "0"
+    rounded = float(f"{value:.{digits - 1}e}")
+    if abs(rounded) >= 1e7 or abs(rounded) < 1e-4:
+        return f"{value:.{digits - 1}e}"
+    places = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
+    text = f"{rounded:.{places}f}".replace("-", "−")
+    return f"{rounded:,.0f}".replace("-", "−") if abs(rounded) >= 1e4 else text
+
+
+def exact(value: float) -> str:
+    """A number that somebody gave, as short as it can be written."""
+    return f"{value:.6g}"
 
 
 def change(share: float) -> str:
@@ -58,12 +66,12 @@ def setting(name: str, value: object) -> str:
     if shown.factor == 1.0 and entry is not None and entry.whole:
         return str(int(value))
     unit = "" if shown.unit == "1" else shown.unit
-    return f"{number(value * shown.factor, 4)} {unit}".rstrip()
+    return f"{exact(value * shown.factor)} {unit}".rstrip()
 
 
 def picked(n: int, keep: tuple[int, ...] = (), most: int = MOST_ROWS) -> list[int]:
     """Rows to show of ``n``: all, or evenly spaced ones with the first, the last and those to ``keep``."""
-    if n <= most:
+    if n <= most + _A_FEW_MORE:
         return list(range(n))
     spaced = np.linspace(0, n - 1, most - len(keep)).round().astype(int).tolist()
     return sorted({*spaced, *keep})

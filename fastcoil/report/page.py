@@ -23,6 +23,8 @@ _MARK_WITHIN = 2000
 """Bytes at the beginning of a page that hold its mark."""
 _LARGEST = 2**28
 """Bytes of a page."""
+_BESIDE = ("baseline", "never", "yes", "no")
+"""Words in a column of numbers."""
 _LONGEST = 2000
 """Characters of a text in a row or a sentence."""
 
@@ -53,6 +55,14 @@ class Table:
     rows: Sequence[Sequence[str]]
     note: str = ""
     kind: ClassVar[str] = "table"
+
+    @property
+    def sides(self) -> list[str]:
+        """A class for each column: numbers stand to the right, words to the left."""
+        columns = zip(*self.rows, strict=True)
+        return [
+            "words" if any(cell[:1].isalpha() for cell in column if cell not in _BESIDE) else "" for column in columns
+        ]
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,14 @@ from fastcoil.errors import IntegrityError
 from fastcoil.files import read_bytes, storage_errors
 from fastcoil.look import exists
 from fastcoil.paper.regenerate import captions
-from fastcoil.paper.report import verdicts
 from fastcoil.report.computed import here
-from fastcoil.report.numbers import number
+from fastcoil.report.numbers import NOTHING, number, share
 from fastcoil.report.page import Block, Code, Facts, Page, Picture, Section, Table, Words
 from fastcoil.report.study import cited
 
 _LARGEST = 2**25
 """Bytes of the scorecard, and of a figure."""
 _PNG = b"\x89PNG\r\n\x1a\n"
-_KINDS = "The share is of tunings × days on which the claim holds, with its 95 % interval over such days in brackets."
 
 
 def paper_page(scorecard: Path) -> Page:
@@ -46,10 +44,11 @@ def _page(card: Mapping[str, Any], folder: Path) -> Page:
     failed = int(grid["n_failed"])
     warnings = [f"{failed:,} scenarios failed. They count in no share."] if failed else []
     moving = [c for c in claims if c["change"]]
+    changing: list[Block] = [_shares(card, moving, "Largest differences first")] if moving else []
     answer = [_in_short(claims), f"{card['caveat']}"]
     sections = [
-        Section("What changes with the kind of day", [_verdicts(card, moving, "Largest differences first")] * bool(moving)),
-        Section("What does not", [_verdicts(card, [c for c in claims if not c["change"]], "The other claims")]),
+        Section("What changes with the kind of day", changing),
+        Section("What does not", [_shares(card, [c for c in claims if not c["change"]], "The other claims")]),
         Section("What contradicts itself", [Words(
             [f"“{c['claim']}” ({c['section']}) {c['verdict']}. {c['why']}" for c in card["identities"]], bullets=True
         )]),
@@ -70,12 +69,27 @@ def _in_short(claims: Iterable[Mapping[str, Any]]) -> str:
     return f"{len(words)} verdicts, one for each claim and kind of day: {counted}."
 
 
-def _verdicts(card: Mapping[str, Any], claims: list[Mapping[str, Any]], caption: str) -> Table:
-    """The table of the scorecard, whose cells Markdown separates by bars."""
-    head, _, *rows = (
-        [cell.strip().strip("`") for cell in line.strip("| ").split(" | ")] for line in verdicts(card, claims)
+def _shares(card: Mapping[str, Any], claims: list[Mapping[str, Any]], caption: str) -> Table:
+    """A row for each claim: on which share of tunings and days it holds, by kind of day."""
+    kinds = list(card["kinds"])
+    rows = []
+    for c in claims:
+        cells = [_share(c["kinds"].get(kind)) for kind in kinds]
+        other = next((f"{_share(found)} ({kind})" for kind, found in c["kinds"].items() if kind not in kinds), "")
+        rows.append([f"{c['claim']} ({c['section']})", *cells, other])
+    note = (
+        "Share of tunings × days on which the claim holds; in brackets its 95 % interval over such days, where they "
+        "differ.  Quiet, coils: of tunings on a day without disturbances, of coils."
     )
-    return Table(caption, [head[1], "section", *head[2:]], [[row[1], row[0], *row[2:]] for row in rows], _KINDS)
+    return Table(caption, ["claim", *kinds, "other"], rows, note)
+
+
+def _share(found: Mapping[str, Any] | None) -> str:
+    if found is None:
+        return ""
+    limits = found["share_interval"]
+    within = f" ({100 * limits[0]:.0f} to {100 * limits[1]:.0f})" if limits else ""
+    return NOTHING if found["share"] is None else share(found["share"]) + within
 
 
 def _figures(folder: Path, *, quick: bool) -> list[Block]:
@@ -95,7 +109,10 @@ def _figures(folder: Path, *, quick: bool) -> list[Block]:
 
 def _claim(c: Mapping[str, Any], presets: list[str]) -> list[Block]:
     lines = [f"Counts as holding: {c['counts_as_holding']} {c['note']}".strip()]
-    lines += [f"{kind}: {found['verdict_text']}." for kind, found in c["kinds"].items()]
+    for kind, found in c["kinds"].items():
+        hunting = found["share_of_hunting"]
+        among = "" if hunting is None else f"; {share(hunting)} among the tunings that hunt by themselves"
+        lines.append(f"{kind}: {found['verdict_text']}{among}.")
     columns = [*presets, "grid"]
     rows = [
         [f"{name}, {kind}", *(_number(found["measured"][p][name]) for p in columns)]

@@ -15,13 +15,13 @@ DPI = 200
 
 
 def picture(figure: Figure, caption: str, alt: str) -> Picture:
-    """A figure as it is."""
+    """A figure without its head, which the page has in words."""
+    figure.suptitle("")
     return Picture(encode(figure, "png", DPI), caption, alt)
 
 
-def study_picture(figure: Figure, title: str, alt: str) -> Picture:
+def study_picture(figure: Figure, title: str, name: str, alt: str) -> Picture:
     """A figure of a study, whose head, the title and what its marks mean, becomes the caption."""
     words = " ".join(figure.get_suptitle().split())
     head = " ".join(title.split())
-    figure.suptitle("")
-    return picture(figure, words.removeprefix(head).strip() + ".", alt)
+    return picture(figure, f"{name}.  {words.removeprefix(head).strip()}.", alt)

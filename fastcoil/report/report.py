@@ -26,8 +26,8 @@ _RESULTS = (
 )
 """Module and class of a result, module and function of its page."""
 _CURE = (
-    "give the folder of a study or of the paper's figures, or what fc.diagnose, fc.fit_valve, fc.fit_coil, fc.fit_loop, "
-    "fc.tune or fc.explain returned"
+    "give the folder of a study or of the paper's figures, or what fc.diagnose, fc.fit_valve, fc.fit_coil, "
+    "fc.fit_loop, fc.tune or fc.explain returned"
 )
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import xarray as xr
 
 from fastcoil.analysis.cost_summary import Billing
-from fastcoil.analysis.summary import findings
+from fastcoil.analysis.summary import cautions, findings
 from fastcoil.errors import FastcoilError
 from fastcoil.outputs import STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
 from fastcoil.plots.study import standard_figures
 from fastcoil.report.citation import bibtex, citation
-from fastcoil.report.comparison import failures, tables
+from fastcoil.report.comparison import comparisons, failures
 from fastcoil.report.computed import how, question, study_tables, versions
 from fastcoil.report.page import Block, Code, Page, Section, Words
 from fastcoil.report.pictures import study_picture
@@ -38,8 +38,13 @@ def study_page(folder: Path) -> Page:
     sections = [Section("Failed scenarios", [failed] if failed else [])]
     answer = ["Every scenario failed: there is no answer."]
     if n_failed < ds["status"].size:
-        answer = findings(ds, billing)
-        sections += [Section("Figures", _pictures(ds, title)), Section("In numbers", tables(ds))]
+        warnings += cautions(ds)
+        compared = comparisons(ds)
+        answer = [*findings(ds, billing), *(one.sentence for one in compared if one.sentence)]
+        sections += [
+            Section("Figures", _pictures(ds, title)),
+            Section("In numbers", [one.table for one in compared]),
+        ]
     sections += [how(ds), versions(ds), _study(ds), _again(folder, ds), cited(ds)]
     return Page("Study", title, question(ds), warnings, answer, sections, str(ds.attrs["content_sha256"]))
 
@@ -57,7 +62,10 @@ def _billing(folder: Path, ds: xr.Dataset) -> tuple[Billing | None, str]:
 
 def _pictures(ds: xr.Dataset, title: str) -> list[Block]:
     drawn = {name: draw() for name, draw in standard_figures(ds).items()}
-    return [study_picture(figure, title, f"Figure of the study: {name}") for name, figure in drawn.items()]
+    return [
+        study_picture(figure, title, f"Figure {k}", f"{name} of the study")
+        for k, (name, figure) in enumerate(drawn.items(), 1)
+    ]
 
 
 def _study(ds: xr.Dataset) -> Section:
@@ -74,8 +82,8 @@ def _again(folder: Path, ds: xr.Dataset) -> Section:
         f"fastcoil report results/{name}",
     ]
     words = (
-        "Save the study file above as study.toml, with the files that it names beside it.  On one kind of processor and "
-        "one set of versions, content_sha256 is the same to the last digit."
+        "Save the study file above as study.toml, with the files that it names beside it.  On one kind of processor "
+        "and with the same versions, content_sha256 is the same to the last digit."
     )
     return Section("Do it again", [Words([words]), Code("\n".join(lines))])
 

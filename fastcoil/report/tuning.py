@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
+from fastcoil.parameter_table import PARAMETERS
 from fastcoil.plots.labels import quantity
 from fastcoil.report.computed import here
 from fastcoil.report.numbers import number, picked
@@ -19,9 +20,10 @@ if TYPE_CHECKING:
     from fastcoil.tuning.result import Tuning
 
 _CAPTION = (
-    "Every tuning that no other beats in both error and motor travel, on the valves and days of the search and on those "
-    "held out; and the tuning of now, the chosen one and that of the SIMC rule.  Lines through a mark are 95 % intervals "
-    "for other valves and days."
+    "Dots joined by a line: every tuning that no other beats in both error and motor travel, on the valves and days of "
+    "the search; a grey line leads from each to its hollow dot, the same tuning held out.  Marks with bars: the tuning "
+    "of now, the chosen one and that of the SIMC rule, held out; bars are 95 % intervals for other valves and days.  "
+    "Dotted: a limit."
 )
 _NOTE = "In brackets: 95 % interval over valves and days, by bootstrap."
 
@@ -33,6 +35,7 @@ def tuning_page(t: Tuning) -> Page:
     warnings = [] if t.meets_limits else [
         "No tuning keeps every limit: the one shown breaks them least, and is no recommendation."
     ]  # fmt: skip
+    warnings += t.notes
     drawn: list[Block] = [picture(t.plot(), _CAPTION, "Error against motor travel of the tunings")]
     numbers: list[Block] = [_table("Held out", t.held_out, t), _table("Searched on", t.trained, t)]
     facts = [
@@ -47,14 +50,13 @@ def tuning_page(t: Tuning) -> Page:
     sections = [
         Section("The choice", drawn),
         Section("Now and then", numbers),
-        Section("What to mind", [Words(list(t.notes), bullets=True)] if t.notes else []),
         Section("The front", [_front(t.front)]),
         Section("How it was computed", [Facts(facts), Code(command)]),
         Section("For a study", [Words([include]), Code(t.to_toml())]),
         here(),
         cited(),
     ]
-    title = "Settings for " + ", ".join(quantity(name).text for name in t.parameters)
+    title = "Tuning of " + ", ".join(quantity(name).text for name in t.parameters)
     question = "Which settings suit all these valves and days, and what do they do on valves and days not searched on?"
     return Page("Tuning", title, question, warnings, answer, sections, content_sha256(t.evaluations))
 
@@ -74,6 +76,6 @@ def _front(front: xr.Dataset) -> Table:
     names = [str(n) for n, v in {**front.coords, **front.data_vars}.items() if v.dims == ("point",) and n != "point"]
     shown = picked(front.sizes["point"], most=15)
     rows = [[str(k + 1), *(number(float(front[name][k])) for name in names)] for k in shown]
-    head = [str(front[name].attrs.get("long_name", name.replace("_", " "))) for name in names]
+    head = [quantity(n).axis if n in PARAMETERS else str(front[n].attrs.get("long_name", n)) for n in names]
     note = "" if len(rows) == front.sizes["point"] else f"{len(rows)} of {front.sizes['point']} are shown."
     return Table("Tunings that no other beats in both error and travel", ["", *head], rows, note)

@@ -1,4 +1,4 @@
-"""What is wrong with an archive: nothing in it is trusted, and no byte of it is unpacked before its name and hash are."""
+"""What is wrong with an archive: nothing in it is trusted; names and hashes are checked before a byte is unpacked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 from fastcoil.errors import FastcoilError, shown
 from fastcoil.files import make_folder, storage_errors
-from fastcoil.study.archive.listing import LISTING, Listing, is_safe
+from fastcoil.study.archive.listing import HERE, LISTING, Listing, is_safe
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import MANIFEST, Manifest
 from fastcoil.study.folder.verify import find_problems
@@ -182,7 +182,7 @@ def _of_folder(folder: Path, listing: Listing) -> list[str]:
     manifest = Manifest.read(folder)
     if manifest is None:
         return [f"{MANIFEST} is missing"]
-    if not is_safe(manifest.relative_to):
+    if manifest.relative_to != HERE and not is_safe(manifest.relative_to):
         return [f"{MANIFEST} leads out of the archive, to {shown(manifest.relative_to)}"]
     if listing.elsewhere:  # the files are packed, and checked; the paths of the study lead to them on no other machine
         return []

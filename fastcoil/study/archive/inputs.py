@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fastcoil.errors import InputError, shown
-from fastcoil.study.archive.listing import INPUTS, is_safe
+from fastcoil.study.archive.listing import HERE, INPUTS, is_safe
 from fastcoil.study.file.source import Source
 from fastcoil.study.file.spec import Study
 
@@ -38,6 +38,8 @@ def inputs_of(study: Study) -> Inputs:
         If the name of a file cannot be unpacked everywhere.
     """
     named = list(_named(study))
+    if not named:
+        return Inputs(HERE)
     up = max((_steps_up(name) for name, _ in named if _is_relocatable(name)), default=0)
     found = Inputs("/".join([INPUTS, *["study"] * up]))
     for name, path in named:

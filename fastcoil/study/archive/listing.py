@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 LISTING, README = "archive.json", "README.txt"
-INPUTS = "inputs"
-"""Folder of the files that the study reads."""
+INPUTS, HERE = "inputs", "."
+"""Folder of the files that the study reads, and where its paths start if it reads none."""
 FORMAT = 1
 _KIND = "fastcoil archive"
 _CHECKSUM = "sha256"

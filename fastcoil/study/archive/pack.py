@@ -54,7 +54,7 @@ def pack(folder: Path, path: Path | None = None) -> Packed:
     store = StudyFolder(folder)
     name = folder.absolute().name
     name = name if is_safe(name) else "study"
-    path = path or folder.absolute().parent / f"{name}.zip"
+    path = path or (folder if folder.name else folder.absolute()).parent / f"{name}.zip"
     _require_new(path)
     ds = open_finished(folder)
     problems = find_problems(store)
@@ -97,7 +97,9 @@ def _members(store: StudyFolder, ds: xr.Dataset, manifest: Manifest, inputs: Inp
     # the folder of its author is nobody's business, and exists on no other machine
     moved = replace(manifest, relative_to=inputs.base, outputs={n: [manifest.outputs[n][0]] for n in outputs})
     text = (store.read_text() or "").encode()
-    found: dict[str, bytes | Path] = {STUDY: text, MANIFEST: moved.text.encode(), f"{inputs.base}/{STUDY}": text}
+    found: dict[str, bytes | Path] = {STUDY: text, MANIFEST: moved.text.encode()}
+    if inputs.files:  # where it can be run
+        found[f"{inputs.base}/{STUDY}"] = text
     found |= {name: store.path / name for name in outputs} | inputs.files
     return dict(sorted(found.items()))
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fastcoil.printable import printable
-from fastcoil.study.archive.listing import Listing
+from fastcoil.study.archive.listing import HERE, Listing
 from fastcoil.study.folder.folder import STUDY
 
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")
@@ -18,6 +18,7 @@ def readme(name: str, attrs: Mapping[Any, Any], listing: Listing, base: str) -> 
     packages = made.get("package_versions")
     known = packages if isinstance(packages, dict) else {}
     pinned = " ".join(f"{each}=={known[each]}" for each in _PACKAGES if known.get(each, "absent") != "absent")
+    study = f"{name}/{STUDY}" if base == HERE else f"{name}/{base}/{STUDY}"
     lines = [
         printable(str(attrs["title"])),
         "",
@@ -43,7 +44,7 @@ def readme(name: str, attrs: Mapping[Any, Any], listing: Listing, base: str) -> 
         "Compute it again, with the versions that made it:",
         "",
         f"    python -m pip install fastcoil=={made['fastcoil_version']} {pinned}".rstrip(),
-        f"    fastcoil run {name}/{base}/{STUDY} -o again",
+        f"    fastcoil run {study} -o again",
         "",
         "On one kind of processor, content_sha256 is then the same to the last digit.",
         "One scenario alone, with all its traces: fastcoil rerun --help",
