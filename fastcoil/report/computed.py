@@ -181,8 +181,10 @@ def _short(value: object) -> str:
 
 def _noise(ds: xr.Dataset, constants: Mapping[str, Any]) -> str:
     strength = constants.get("noise_std")
-    said = "none" if strength == 0 else "swept" if strength is None else f"standard deviation {strength:g} K"
-    return f"{said}; seed {ds.attrs.get('seed', '–')}, {ds.sizes.get('replicate', 1)} realisation(s)"
+    said = "none" if strength == 0 else "swept" if strength is None else "standard deviation "
+    said += setting("noise_std", strength) if strength else ""
+    n = ds.sizes.get("replicate", 1)
+    return f"{said}; seed {ds.attrs.get('seed', '–')}, {n} realisation{'s' if n > 1 else ''}"
 
 
 def _mapping(text: object) -> Mapping[str, Any]:

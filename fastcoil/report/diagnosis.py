@@ -93,8 +93,8 @@ def _how(d: Diagnosis) -> Section:
         ("Gap", f"each size is tried on the log; 95 % interval {100 * low:.3g} to {100 * high:.3g} % of the stroke"
                 if np.isfinite(low) else "no size could be tried"),
         ("Cause", f"{d.cause}: {d.because}" if d.because else d.cause),
-        ("Predictions", "valve and coil as a curve behind two lags and a delay, fitted to the log, with the controller recovered from"
-                        " the same log"),
+        ("Predictions", "valve and coil as a curve behind two lags and a delay, fitted to the log, with the controller "
+                        "recovered from the same log"),
     ]  # fmt: skip
     command = "fastcoil diagnose LOG.csv -o diagnosis.toml --report diagnosis.html"
     return Section("How it was computed", [Facts(facts), Code(command)])

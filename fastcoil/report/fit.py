@@ -25,12 +25,12 @@ _QUESTIONS = {
 }
 _CAPTIONS = {
     "valve": "Left: modelled over measured flow; on the line they are equal.  Middle: flow over command, dots as "
-    "measured, lines as the fitted valve gives it, opening and (dashed) closing.  Right: the error that is left with the "
-    "backlash held at each size; sizes below the dotted limit are within the 95 % interval.",
+    "measured, lines as the fitted valve gives it, opening and (dashed) closing.  Right: the error that is left with "
+    "the backlash held at each size; sizes below the dotted limit are within the 95 % interval.",
     "coil": "Supply air, leaving water if it was logged, and flows over time, measured and (dashed) as the fitted coil "
     "gives them; on the left the part that was fitted, on the right the part held back.  Grey: not compared.",
-    "loop": "Left: supply air, measured (broad line) and as the fitted loop gives it, with the gap (dashed) and without "
-    "(dotted), over the command.  Right: the error that is left with the backlash held at each size; shaded: the 95 % "
+    "loop": "Left: supply air, measured (broad line) and as the fitted loop gives it, with the gap (dashed) and "
+    "without (dotted), over the command.  Right: the error that is left with the backlash held at each size; shaded: the 95 % "
     "interval.  Grey: not compared.",
 }
 

@@ -42,10 +42,11 @@ def paper_page(scorecard: Path) -> Page:
 def _page(card: Mapping[str, Any], folder: Path) -> Page:
     grid, claims = card["grid"], card["claims"]
     failed = int(grid["n_failed"])
-    warnings = [f"{failed:,} scenarios failed. They count in no share."] if failed else []
+    warnings = [str(card["caveat"])]
+    warnings += [f"{failed:,} scenarios failed. They count in no share."] if failed else []
     moving = [c for c in claims if c["change"]]
     changing: list[Block] = [_shares(card, moving, "Largest differences first")] if moving else []
-    answer = [_in_short(claims), f"{card['caveat']}"]
+    answer = [_in_short(claims), *(_change(c) for c in moving[:3])]
     sections = [
         Section("What changes with the kind of day", changing),
         Section("What does not", [_shares(card, [c for c in claims if not c["change"]], "The other claims")]),
@@ -67,6 +68,11 @@ def _in_short(claims: Iterable[Mapping[str, Any]]) -> str:
     words = [found["verdict"] for claim in claims for found in claim["kinds"].values()]
     counted = ", ".join(f"{words.count(word)} × “{word}”" for word in dict.fromkeys(words))
     return f"{len(words)} verdicts, one for each claim and kind of day: {counted}."
+
+
+def _change(claim: Mapping[str, Any]) -> str:
+    shares = ", ".join(f"{share(found['share'])} on {kind} days" for kind, found in claim["kinds"].items())
+    return f"Depends on the day: “{claim['claim']}” holds in {shares}."
 
 
 def _shares(card: Mapping[str, Any], claims: list[Mapping[str, Any]], caption: str) -> Table:
