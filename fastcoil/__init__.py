@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from fastcoil.errors import LockedError as LockedError
     from fastcoil.errors import StorageError as StorageError
     from fastcoil.explanation.explain import explain as explain
-    from fastcoil.report.report import report as report
+    from fastcoil.reports.report import report as report
     from fastcoil.rules.parameter import parameter as parameter
     from fastcoil.rules.rule import estimator as estimator
     from fastcoil.rules.rule import law as law
@@ -81,7 +81,7 @@ _HOME = {
     "parameter": "rules.parameter",
     "presets": "simulation.presets",
     "replay": "calibrate.replay",
-    "report": "report.report",
+    "report": "reports.report",
     "run_study": "study.runner",
     "simulate": "simulation.simulate",
     "sobol_indices": "analysis.sobol",

@@ -109,8 +109,8 @@ def _of_members(infos: list[zipfile.ZipInfo]) -> Iterator[str]:
         seen.add(name)
     parents = {str(parent) for info in infos for parent in PurePosixPath(info.filename).parents}
     yield from (f"{shown(i.filename)} is a file and a folder" for i in infos if i.filename in parents)
-    tops = {info.filename.split("/")[0] for info in infos}
-    if len(tops) > 1:
+    tops = {info.filename.split("/")[0] for info in infos if is_safe(info.filename)}
+    if len(tops) > 1 and all("/" in info.filename for info in infos):
         yield f"it has {len(tops)} folders side by side, an archive has one"
 
 

@@ -17,8 +17,8 @@ from fastcoil.analysis.baselines import without_dead_band
 from fastcoil.analysis.pairs import Middle, middle_of
 from fastcoil.outputs import STATUS_OK
 from fastcoil.plots.labels import is_parameter, quantity_of
-from fastcoil.report.numbers import change, left_out, number, picked, share, span
-from fastcoil.report.page import Table
+from fastcoil.reports.numbers import change, left_out, number, picked, share, span
+from fastcoil.reports.page import Table
 
 _UNITS = {"sample": "drawn valves", "day": "days", "replicate": "noise realisations"}
 """Dims that are chance, the first of them is what an interval is over."""

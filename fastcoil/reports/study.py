@@ -12,11 +12,11 @@ from fastcoil.analysis.summary import cautions, findings
 from fastcoil.errors import FastcoilError
 from fastcoil.outputs import STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
 from fastcoil.plots.study import standard_figures
-from fastcoil.report.citation import bibtex, citation
-from fastcoil.report.comparison import comparisons, failures
-from fastcoil.report.computed import how, question, study_tables, versions
-from fastcoil.report.page import Block, Code, Page, Section, Words
-from fastcoil.report.pictures import study_picture
+from fastcoil.reports.citation import bibtex, citation
+from fastcoil.reports.comparison import comparisons, failures
+from fastcoil.reports.computed import how, question, study_tables, versions
+from fastcoil.reports.page import Block, Code, Page, Section, Words
+from fastcoil.reports.pictures import study_picture
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import open_finished
 

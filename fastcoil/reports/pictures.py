@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fastcoil.plots.files import encode
-from fastcoil.report.page import Picture
+from fastcoil.reports.page import Picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.report.computed import changed, here
-from fastcoil.report.numbers import NOTHING, change, number, setting
-from fastcoil.report.page import Block, Code, Facts, Page, Section, Table, Words
-from fastcoil.report.pictures import picture
-from fastcoil.report.study import cited
+from fastcoil.reports.computed import changed, here
+from fastcoil.reports.numbers import NOTHING, change, number, setting
+from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
+from fastcoil.reports.pictures import picture
+from fastcoil.reports.study import cited
 from fastcoil.simulation.dataset import content_sha256
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import Any
 from fastcoil.arguments import checking, path_of
 from fastcoil.errors import InputError, WrongType
 from fastcoil.look import is_folder
-from fastcoil.report.page import Page, folder_holds, require_page
+from fastcoil.reports.page import Page, folder_holds, require_page
 from fastcoil.study.folder.manifest import MANIFEST
 from fastcoil.tuning.archive import KEPT
 
@@ -89,10 +89,10 @@ def require_folder(folder: Path) -> None:
 def page_of_folder(folder: Path) -> Page:
     """The page of what a folder holds."""
     if folder_holds(folder, SCORECARD) and not folder_holds(folder, MANIFEST):
-        from fastcoil.report.paper import paper_page
+        from fastcoil.reports.paper import paper_page
 
         return paper_page(folder / SCORECARD)
-    from fastcoil.report.study import study_page
+    from fastcoil.reports.study import study_page
 
     return study_page(folder)
 
@@ -101,7 +101,7 @@ def page_of_result(what: Any) -> Page:
     """The page of what a function returned."""
     for home, name, page, maker in _RESULTS:
         if isinstance(what, getattr(import_module(f"fastcoil.{home}"), name)):
-            made: Page = getattr(import_module(f"fastcoil.report.{page}"), maker)(what)
+            made: Page = getattr(import_module(f"fastcoil.reports.{page}"), maker)(what)
             return made
     raise InputError(WrongType(f"what is a {type(what).__name__}: {_CURE}"))
 

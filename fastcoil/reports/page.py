@@ -124,7 +124,7 @@ class Page:
         from jinja2 import Environment, PackageLoader, StrictUndefined
 
         made = Environment(
-            loader=PackageLoader("fastcoil.report"), autoescape=True, undefined=StrictUndefined, finalize=_shown,
+            loader=PackageLoader("fastcoil.reports"), autoescape=True, undefined=StrictUndefined, finalize=_shown,
             trim_blocks=True, lstrip_blocks=True,
         )  # fmt: skip
         sections = [section for section in self.sections if section.blocks]

@@ -8,11 +8,11 @@ from fastcoil.calibrate.loop_result import LoopFit
 from fastcoil.calibrate.split import FITTING, VALIDATION
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.plots.labels import quantity
-from fastcoil.report.computed import here
-from fastcoil.report.numbers import NOTHING, number
-from fastcoil.report.page import Block, Code, Facts, Page, Section, Table, Words
-from fastcoil.report.pictures import picture
-from fastcoil.report.study import cited
+from fastcoil.reports.computed import here
+from fastcoil.reports.numbers import NOTHING, number
+from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
+from fastcoil.reports.pictures import picture
+from fastcoil.reports.study import cited
 from fastcoil.simulation.dataset import content_sha256
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ _CAPTIONS = {
     "coil": "Supply air, leaving water if it was logged, and flows over time, measured and (dashed) as the fitted coil "
     "gives them; on the left the part that was fitted, on the right the part held back.  Grey: not compared.",
     "loop": "Left: supply air, measured (broad line) and as the fitted loop gives it, with the gap (dashed) and "
-    "without (dotted), over the command.  Right: the error that is left with the backlash held at each size; shaded: the 95 % "
-    "interval.  Grey: not compared.",
+    "without (dotted), over the command.  Right: the error that is left with the backlash held at each size; shaded: "
+    "the 95 % interval.  Grey: not compared.",
 }
 
 

@@ -11,10 +11,10 @@ from fastcoil.errors import IntegrityError
 from fastcoil.files import read_bytes, storage_errors
 from fastcoil.look import exists
 from fastcoil.paper.regenerate import captions
-from fastcoil.report.computed import here
-from fastcoil.report.numbers import NOTHING, number, share
-from fastcoil.report.page import Block, Code, Facts, Page, Picture, Section, Table, Words
-from fastcoil.report.study import cited
+from fastcoil.reports.computed import here
+from fastcoil.reports.numbers import NOTHING, number, share
+from fastcoil.reports.page import Block, Code, Facts, Page, Picture, Section, Table, Words
+from fastcoil.reports.study import cited
 
 _LARGEST = 2**25
 """Bytes of the scorecard, and of a figure."""

@@ -10,11 +10,11 @@ import xarray as xr
 from fastcoil.diagnosis.remedies import WORDS
 from fastcoil.diagnosis.words import in_words
 from fastcoil.plots.labels import quantity
-from fastcoil.report.computed import here
-from fastcoil.report.numbers import NOTHING, number, share
-from fastcoil.report.page import Block, Code, Facts, Page, Section, Table, Words
-from fastcoil.report.pictures import picture
-from fastcoil.report.study import cited
+from fastcoil.reports.computed import here
+from fastcoil.reports.numbers import NOTHING, number, share
+from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
+from fastcoil.reports.pictures import picture
+from fastcoil.reports.study import cited
 from fastcoil.simulation.dataset import content_sha256
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ import xarray as xr
 
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.plots.labels import quantity
-from fastcoil.report.computed import here
-from fastcoil.report.numbers import number, picked
-from fastcoil.report.page import Block, Code, Facts, Page, Section, Table, Words
-from fastcoil.report.pictures import picture
-from fastcoil.report.study import cited
+from fastcoil.reports.computed import here
+from fastcoil.reports.numbers import number, picked
+from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
+from fastcoil.reports.pictures import picture
+from fastcoil.reports.study import cited
 from fastcoil.simulation.dataset import content_sha256
 from fastcoil.tuning.words import table_rows
 

@@ -14,8 +14,8 @@ import xarray as xr
 from fastcoil.errors import InputError
 from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
 from fastcoil.plots.labels import is_parameter, quantity, quantity_of
-from fastcoil.report.numbers import setting
-from fastcoil.report.page import Block, Facts, Section, Table
+from fastcoil.reports.numbers import setting
+from fastcoil.reports.page import Block, Facts, Section, Table
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.presets import NOT_THE_FIT, PRESETS
 from fastcoil.study.file.toml import parse_toml
