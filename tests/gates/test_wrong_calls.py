@@ -163,6 +163,7 @@ def base_calls(tmp_path_factory):
         "parameter": (fc.parameter, {"default": 1.0}),
         "paper_day": (fc.paper_day, days),
         "replay": (fc.replay, {"loop": loop, "log": recorded}),
+        "report": (fc.report, {"what": out}),
         "run_study": (fc.run_study, {"path": toml, "out": out}),
         "simulate": (fc.simulate, {"loop": loop, "boundary": day, "warm_up": 60, "n_jobs": 1}),
         "sobol_indices": (fc.sobol_indices, {"ds": sampled}),
