@@ -17,6 +17,8 @@ from fastcoil.reports.comparison import comparisons, failures
 from fastcoil.reports.computed import how, question, study_tables, versions
 from fastcoil.reports.page import Block, Code, Page, Section, Words
 from fastcoil.reports.pictures import study_picture
+from fastcoil.reports.single import answer as answer_of_one
+from fastcoil.reports.single import metrics
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import open_finished
 
@@ -39,11 +41,16 @@ def study_page(folder: Path) -> Page:
     answer = ["Every scenario failed: there is no answer."]
     if n_failed < ds["status"].size:
         warnings += cautions(ds)
+        single = ds["status"].size == 1
         compared = comparisons(ds)
-        answer = [*findings(ds, billing), *(one.sentence for one in compared if one.sentence)]
+        answer = (
+            answer_of_one(ds)
+            if single
+            else [*findings(ds, billing), *(one.sentence for one in compared if one.sentence)]
+        )
         sections += [
             Section("Figures", _pictures(ds, title)),
-            Section("In numbers", [one.table for one in compared]),
+            Section("In numbers", [metrics(ds)] if single else [one.table for one in compared]),
         ]
     sections += [how(ds), versions(ds), _study(ds), _again(folder, ds), cited(ds)]
     return Page("Study", title, question(ds), warnings, answer, sections, str(ds.attrs["content_sha256"]))

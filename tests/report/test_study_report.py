@@ -141,9 +141,15 @@ def test_changes_are_those_within_pairs():
     assert "over 9 days" in sound.sentence
 
 
-def test_a_single_scenario_has_a_page():
-    ds = fc.simulate(fc.Loop(), fc.paper_day(hours=0.25), warm_up=100)
-    assert comparisons(ds) == []
+def test_a_single_scenario_has_a_page_with_every_metric(out):
+    run("[boundary]\nhours = 0.25\n[run]\nwarm_up = 100\n[loop]\n", out)
+    page = Page(fc.report(out))
+    page.require_alone()
+    assert "How does this one loop behave on this one day?" in page.text
+    ds = fc.open_study(out)
+    assert f"Answer RMS error {float(ds['rmse']):#.3g} K." in page.text
+    assert all(ds[name].attrs["long_name"] in page.text for name in ("rmse", "reversals", "condensate"))
+    assert page.pictures == []
 
 
 def test_a_file_that_is_no_report_is_not_replaced(out, tmp_path):
