@@ -9,15 +9,20 @@ from fastcoil.plots.labels import quantity
 from fastcoil.reports.numbers import number
 from fastcoil.reports.page import Table
 
+_COUNTED = ("reversals", "half_periods")
+"""Metrics that are whole numbers."""
+
 
 def metrics(ds: xr.Dataset) -> Table:
     """Every metric that is known, with its unit."""
     rows = []
     for name, output in METRICS.items():
-        if name not in ds or output.flags or not bool(ds[name].notnull().any()):
+        if name not in ds or name == "hunts" or output.flags or not bool(ds[name].notnull().any()):
             continue
         shown = quantity(name)
-        rows.append([output.long_name, f"{number(float(ds[name].max()) * shown.factor)} {shown.unit}".rstrip(), name])
+        value = float(ds[name].max()) * shown.factor
+        text = f"{value:.0f}" if name in _COUNTED else f"{number(value)} {shown.unit}".rstrip()
+        rows.append([output.long_name, text, name])
     return Table("Every metric", ["metric", "value", "name in results.nc"], rows)
 
 

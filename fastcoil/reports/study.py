@@ -43,11 +43,8 @@ def study_page(folder: Path) -> Page:
         warnings += cautions(ds)
         single = ds["status"].size == 1
         compared = comparisons(ds)
-        answer = (
-            answer_of_one(ds)
-            if single
-            else [*findings(ds, billing), *(one.sentence for one in compared if one.sentence)]
-        )
+        said = [*findings(ds, billing), *(one.sentence for one in compared if one.sentence)]
+        answer = answer_of_one(ds) if single else said
         sections += [
             Section("Figures", _pictures(ds, title)),
             Section("In numbers", [metrics(ds)] if single else [one.table for one in compared]),

@@ -103,8 +103,11 @@ def test_what_failed_comes_first_and_is_in_no_number(out, monkeypatch):
     failed["status"][0, 0, :] = 2
     for name in metrics:
         failed[name][0, 0, :] = np.nan
+    failed["share_off"][1] = 0.9
     monkeypatch.setattr(module, "open_finished", lambda folder: failed)
     text = Page(fc.report(out)).text
+    n_off = failed["share_off"][1].size
+    assert text.index(f"{n_off} of 12 are more than 0.5 K off their set-point") < text.index("Answer")
     assert text.index("2 of 12 scenarios failed") < text.index("Answer")
     assert "out_of_range" in text
     failed["status"][:] = 4
@@ -125,6 +128,7 @@ def test_changes_are_those_within_pairs():
     rmse["controller"], rmse["backlash"] = ["pi", "half", "full"], [0.0, 0.02, 0.07, 0.1]
     ds = xr.Dataset({"rmse": rmse, "status": xr.zeros_like(rmse, dtype=np.int8), "motor_travel": 40 * rmse})
     ds["status"][2, 1, 3] = 1
+    rmse[1, 0] = rmse[0, 0]  # ties
     found = {one.table.caption: one for one in comparisons(ds)}
     named = cells(found["Controller: against pi, the first"].table)
     relative = (rmse[2] / rmse[0]).where(ds["status"][2] == 0).values.ravel()
@@ -134,6 +138,8 @@ def test_changes_are_those_within_pairs():
     low, high = np.quantile(relative, [0.05, 0.95])
     assert named["full"]["5 to 95 % of pairs"] == f"{100 * low:+.0f} to {100 * high:+.0f} %".replace("-", "−")
     assert named["pi"]["change"] == "baseline"
+    lower = (rmse[1] < rmse[0]).values.sum() + 0.5 * 9
+    assert named["half"]["lower in"] == f"{100 * lower / 36:.0f} %"
     sound = found["Backlash: against the sound valve"]
     worst = float((rmse[:, 3] / rmse[:, 0] - 1).where((ds["status"][:, 3] == 0) & (ds["status"][:, 0] == 0)).median())
     shown = f"{100 * worst:+.0f} %".replace("-", "−")

@@ -43,6 +43,8 @@ def test_it_holds_study_results_traces_and_hashes_and_nothing_of_its_author(out,
     kept = ["archive.json", "README.txt", "results.nc", "run.json", "study.toml", traces]
     assert names(path) == [f"out/{name}" for name in kept]
     assert str(tmp_path).encode() not in path.read_bytes()
+    with zipfile.ZipFile(path) as file:
+        assert {info.date_time for info in file.infolist()} == {(1980, 1, 1, 0, 0, 0)}
     listing = json.loads(zipfile.ZipFile(path).read("out/archive.json"))
     assert listing["content_sha256"] == golden(TRACED)
     assert listing["made_with"]["python_version"]

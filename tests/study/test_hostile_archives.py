@@ -132,6 +132,10 @@ def test_bytes_that_belong_to_no_member(sound, members, tmp_path):
     for data in (b"#!/bin/sh\n" + sound, sound + b"more", sound[:-22] + b"more" + sound[-22:]):
         path.write_bytes(data)
         assert only(path)
+    # between the last member and their list, with the place of the list put right
+    at = struct.unpack("<L", sound[-6:-2])[0]
+    path.write_bytes(sound[:at] + b"more" + sound[at:-6] + struct.pack("<L", at + 4) + sound[-2:])
+    assert "has bytes that belong to no member" in only(path)
     # a file that a list of members leaves out, but a program that reads from the front finds
     with zipfile.ZipFile(path, "w") as file:
         for name, data in {"out/hidden": b"x", **members}.items():
