@@ -11,6 +11,7 @@ from fastcoil.errors import IntegrityError
 from fastcoil.files import read_bytes, storage_errors
 from fastcoil.look import exists
 from fastcoil.paper.regenerate import captions
+from fastcoil.paper.verdicts import SURELY
 from fastcoil.reports.computed import here
 from fastcoil.reports.numbers import NOTHING, number, share
 from fastcoil.reports.page import Block, Code, Facts, Page, Picture, Section, Table, Words
@@ -65,14 +66,19 @@ def _page(card: Mapping[str, Any], folder: Path) -> Page:
 
 
 def _in_short(claims: Iterable[Mapping[str, Any]]) -> str:
-    words = [found["verdict"] for claim in claims for found in claim["kinds"].values()]
-    counted = ", ".join(f"{words.count(word)} × “{word}”" for word in dict.fromkeys(words))
-    return f"{len(words)} verdicts, one for each claim and kind of day: {counted}."
+    shares = [found["share"] for claim in claims for found in claim["kinds"].values()]
+    known = [one for one in shares if one is not None]
+    hold, fail = sum(one >= SURELY for one in known), sum(one <= 1.0 - SURELY for one in known)
+    return (
+        f"Of {len(shares)} verdicts, one for each claim and kind of day, {hold} say that it holds (for {share(SURELY)} "
+        f"of tunings × days or more), {fail} that it does not ({share(1.0 - SURELY)} or less), the others that it depends "
+        "on the tuning."
+    )
 
 
 def _change(claim: Mapping[str, Any]) -> str:
     shares = ", ".join(f"{share(found['share'])} on {kind} days" for kind, found in claim["kinds"].items())
-    return f"Depends on the day: “{claim['claim']}” holds in {shares}."
+    return f"Depends on the day: “{claim['claim'].rstrip('.')}” holds in {shares}."
 
 
 def _shares(card: Mapping[str, Any], claims: list[Mapping[str, Any]], caption: str) -> Table:

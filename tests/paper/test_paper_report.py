@@ -32,6 +32,10 @@ def test_every_claim_figure_and_warning_is_on_the_page(paper, card):
         assert f"{claim['claim']} ({claim['section']})" in page.text
         for kind, found in claim["kinds"].items():
             assert f"{kind}: {found['verdict_text']}" in page.text
+    shares = [found["share"] for claim in card["claims"] for found in claim["kinds"].values()]
+    n_hold, n_not = sum(one >= 0.95 for one in shares), sum(one <= 0.05 for one in shares)
+    assert f"Of {len(shares)} verdicts, one for each claim and kind of day, {n_hold} say that it holds" in page.text
+    assert f"{n_not} that it does not (5 % or less)" in page.text
     assert all(sha256 in page.text for sha256 in card["grid"]["content_sha256"].values())
 
 

@@ -87,7 +87,7 @@ def test_a_coil_and_a_loop_without_flow_meter_have_pages_too(tmp_path):
 
 
 def test_a_diagnosis_on_the_command_line(tmp_path):
-    write_log(loop_log(hours=2.0), tmp_path / "log.csv")
+    write_log(loop_log(hours=1.0), tmp_path / "log.csv")
     page = tmp_path / "diagnosis.html"
     done = fastcoil("diagnose", tmp_path / "log.csv", "--report", page)
     assert done.exit_code == 0, done.output

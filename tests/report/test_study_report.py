@@ -21,9 +21,12 @@ HOSTILE = "</title></style><script>alert(1)</script><img src=x onerror=alert(2)>
 
 
 @pytest.fixture(autouse=True)
-def _coarse_pictures(monkeypatch):
-    """What is drawn does not matter here, and takes most of the time."""
+def _few_coarse_pictures(request, monkeypatch):
+    """What is drawn matters to one test only, and takes most of the time."""
     monkeypatch.setattr(pictures, "DPI", 40)
+    if "page" not in request.fixturenames:
+        draw = module.standard_figures
+        monkeypatch.setattr(module, "standard_figures", lambda ds: dict(list(draw(ds).items())[-1:]))
 
 
 @pytest.fixture
@@ -110,6 +113,7 @@ def test_what_failed_comes_first_and_is_in_no_number(out, monkeypatch):
     assert text.index(f"{n_off} of 12 are more than 0.5 K off their set-point") < text.index("Answer")
     assert text.index("2 of 12 scenarios failed") < text.index("Answer")
     assert "out_of_range" in text
+    monkeypatch.setattr(module, "standard_figures", lambda ds: pytest.fail("nothing is there to draw"))
     failed["status"][:] = 4
     for name in metrics:
         failed[name][:] = np.nan
