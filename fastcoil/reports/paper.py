@@ -71,8 +71,8 @@ def _in_short(claims: Iterable[Mapping[str, Any]]) -> str:
     hold, fail = sum(one >= SURELY for one in known), sum(one <= 1.0 - SURELY for one in known)
     return (
         f"Of {len(shares)} verdicts, one for each claim and kind of day, {hold} say that it holds (for {share(SURELY)} "
-        f"of tunings × days or more), {fail} that it does not ({share(1.0 - SURELY)} or less), the others that it depends "
-        "on the tuning."
+        f"of tunings × days or more), {fail} that it does not ({share(1.0 - SURELY)} or less), the others that it "
+        "depends on the tuning."
     )
 
 
