@@ -170,8 +170,10 @@ def test_lists_that_agree_with_forged_members_do_not_help(members, tmp_path):
     assert "changed since the run was started" in maintenance.verify(path)[0]
     other = Listing.parse(members["out/archive.json"])
     files = {n: e for n, e in other.files.items() if n != "archive.json"}
-    claimed = Listing("0" * 64, other.made_with, {}, files)
-    assert "content_sha256 differs" in only(zipped(tmp_path / "d.zip", members | {"out/archive.json": claimed.data}))
+    for elsewhere in ({}, {"/etc/x.csv": "results.nc"}):
+        claimed = Listing("0" * 64, other.made_with, elsewhere, files)
+        path = zipped(tmp_path / "d.zip", members | {"out/archive.json": claimed.data})
+        assert "content_sha256 differs" in only(path)
 
 
 def test_whatever_happens_to_its_bytes_it_is_told_and_nothing_else_happens(sound, tmp_path):

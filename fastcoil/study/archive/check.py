@@ -15,7 +15,7 @@ from fastcoil.files import make_folder, storage_errors
 from fastcoil.study.archive.listing import HERE, LISTING, Listing, is_safe
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import MANIFEST, Manifest
-from fastcoil.study.folder.verify import find_problems
+from fastcoil.study.folder.verify import find_problems, problems_of_results
 
 _CHUNK = 2**20
 _LARGEST_DIRECTORY, _LARGEST_LISTING = 2**20, 2**20
@@ -184,10 +184,9 @@ def _of_folder(folder: Path, listing: Listing) -> list[str]:
         return [f"{MANIFEST} is missing"]
     if manifest.relative_to != HERE and not is_safe(manifest.relative_to):
         return [f"{MANIFEST} leads out of the archive, to {shown(manifest.relative_to)}"]
-    if listing.elsewhere:  # the files are packed, and checked; the paths of the study lead to them on no other machine
-        return []
     store = StudyFolder(folder)
-    problems = find_problems(store)
+    # where paths of the study lead to its files on no other machine, it cannot be read
+    problems = list(problems_of_results(store, manifest)) if listing.elsewhere else find_problems(store)
     if not problems and store.open_results().attrs["content_sha256"] != listing.content_sha256:
         problems = ["its results are not those of its list: content_sha256 differs"]
     return problems
