@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from fastcoil.cli.announcements import announce_compilation, run_own_code
+from fastcoil.cli.archive import archive
+from fastcoil.cli.cite import cite
 from fastcoil.cli.diagnose import diagnose
 from fastcoil.cli.explain import explain
 from fastcoil.cli.explore import explore
@@ -23,6 +25,7 @@ from fastcoil.cli.labels import labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.reference import parameters, presets, schema
+from fastcoil.cli.report import report
 from fastcoil.cli.terminal import say
 from fastcoil.cli.tune import tune
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, IntegrityError
@@ -147,7 +150,22 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
-for command in (diagnose, explain, explore, fit, init, join, parameters, plot, presets, schema, tune):
+for command in (  # fmt: skip
+    archive,
+    cite,
+    diagnose,
+    explain,
+    explore,
+    fit,
+    init,
+    join,
+    parameters,
+    plot,
+    presets,
+    report,
+    schema,
+    tune,
+):
     main.add_command(command)
 
 
@@ -161,9 +179,9 @@ def status(folder: Path) -> None:
 
 
 @main.command()
-@click.argument("folder", type=PATH)
+@click.argument("folder", type=PATH, metavar="FOLDER|ARCHIVE.zip")
 def verify(folder: Path) -> None:
-    """Check everything in the FOLDER of a study against its hashes; changes nothing."""
+    """Check everything in the FOLDER of a study, or in an archive of one, against its hashes; changes nothing."""
     from fastcoil.study import maintenance
 
     problems = maintenance.verify(folder)
