@@ -24,6 +24,7 @@ from fastcoil.cli.plot import draw_standard_figures, plot
 from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.cli.terminal import say
 from fastcoil.cli.tune import tune
+from fastcoil.cli.without_dask import import_xarray_without_dask
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, IntegrityError
 from fastcoil.progress.views import duration
 
@@ -67,6 +68,7 @@ def run(
 
     An interrupted study is resumed; a finished one is not run again.
     """
+    import_xarray_without_dask()
     from fastcoil.analysis.summary import summary
     from fastcoil.outputs import STATUS_OK
     from fastcoil.progress.shown import progress_of_command
@@ -115,6 +117,7 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
+    import_xarray_without_dask()
     from fastcoil.engine.host import compile_kernel
     from fastcoil.memory import available_memory, gib
     from fastcoil.simulation.cut import first_shards
@@ -154,6 +157,7 @@ for command in (diagnose, explain, fit, init, join, parameters, plot, presets, s
 @click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
     """Show the progress of the study in FOLDER, and how to resume it."""
+    import_xarray_without_dask()
     from fastcoil.study import maintenance
 
     say(*maintenance.status(folder))
@@ -163,6 +167,7 @@ def status(folder: Path) -> None:
 @click.argument("folder", type=PATH)
 def verify(folder: Path) -> None:
     """Check everything in the FOLDER of a study against its hashes; changes nothing."""
+    import_xarray_without_dask()
     from fastcoil.study import maintenance
 
     problems = maintenance.verify(folder)
@@ -181,6 +186,7 @@ def verify(folder: Path) -> None:
 )
 def rerun(folder: Path, at: Sequence[str]) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
+    import_xarray_without_dask()
     from fastcoil.study import maintenance
 
     labels = labels_of(",".join(at))
