@@ -56,7 +56,7 @@ def _vector(parameter: Parameter, values: Any) -> np.ndarray:
         )
     if len(values) > MOST_VALUES:
         raise InputError(f"{parameter.name} has {len(values):,} values: give at most {MOST_VALUES:,}")
-    for given in values:
+    for given in _doubtful(values) if isinstance(values, np.ndarray) and not parameter.is_word else values:
         value = given if type(given) in (float, int, str) else plain(given)
         if isinstance(value, (np.ndarray, list, tuple)):
             raise InputError(
@@ -67,6 +67,14 @@ def _vector(parameter: Parameter, values: Any) -> np.ndarray:
         if problem:
             raise InputError(problem)
     return np.asarray(values)
+
+
+def _doubtful(values: np.ndarray) -> np.ndarray:
+    """Those that have to be looked at one by one; a million good numbers cost nothing."""
+    if values.dtype.kind not in "iuf":
+        return values
+    with np.errstate(over="ignore"):
+        return values[~(np.abs(values.astype(float)) <= LARGEST)]
 
 
 def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
