@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 
-@cache
 def package_version() -> str:
     """Version of fastcoil; ``unknown`` in a source tree that is not installed."""
     try:

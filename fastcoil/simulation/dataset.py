@@ -216,16 +216,16 @@ def coordinate_attrs(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> 
 
 def provenance() -> dict[str, Any]:
     """Attributes that say what made a result: versions and machine, no user and no path."""
-    now = datetime.now(UTC).isoformat(timespec="seconds")
+    now, own = datetime.now(UTC).isoformat(timespec="seconds"), package_version()
     return {
         "Conventions": "CF-1.11",
         "fastcoil_format": FORMAT,
         "source": "fastcoil: closed-loop emulation of a coil valve with backlash",
         "references": "Cai, J. and Braun, J. E. (2016), Int. Refrigeration and Air Conditioning Conference, Purdue, "
         "paper 1801, https://docs.lib.purdue.edu/iracc/1801",
-        "fastcoil_version": package_version(),
+        "fastcoil_version": own,
         "date_created": now,
-        "history": f"{now} made by fastcoil {package_version()}",
+        "history": f"{now} made by fastcoil {own}",
         "python_version": platform.python_version(),
         "package_versions": json.dumps(_package_versions()),
         "platform": f"{sys.platform} {platform.machine()}",
@@ -279,7 +279,7 @@ def variable_sha256(variable: xr.Variable) -> str:
     rows = variable.shape[0] if variable.ndim else 1
     step = max(1, _HASHED_AT_ONCE * rows // max(1, variable.size))
     for start in range(0, rows, step):
-        values = encoded(variable[start : start + step] if variable.ndim else variable).values
+        values = encoded(variable if step >= rows else variable[start : start + step]).values
         if values.dtype.kind in "OUS":
             digest.update("".join(f"{v}\0" for v in values.ravel()).encode())
         else:
