@@ -1,6 +1,5 @@
 """``fastcoil`` and ``python -m fastcoil``."""
 
-import gc
 import os
 import signal
 import sys
@@ -8,17 +7,14 @@ import threading
 import traceback
 
 from fastcoil.cli.main import main
+from fastcoil.cli.quick_start import OWN_PROCESS
 from fastcoil.cli.streams import guard_streams
 from fastcoil.cli.terminal import say
 from fastcoil.errors import EXIT_BUG, EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED
 
-_MADE_BEFORE_A_LOOK = 100_000
-"""Objects: most of those that are made at the start, of imports, stay, and a look at all of them costs time."""
-
 
 def run() -> None:
     """Run the command line, and end with its exit code, or with that of storage if its output could not be written."""
-    gc.set_threshold(_MADE_BEFORE_A_LOOK)
     streams = guard_streams()
     code = _run_command()
     lost = streams.loss()
@@ -34,7 +30,7 @@ def run() -> None:
 
 def _run_command() -> int:
     try:
-        main()
+        main(obj=OWN_PROCESS)
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0 if end.code is None else EXIT_BUG
     except Exception:

@@ -9,7 +9,6 @@ import click
 
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
-from fastcoil.cli.without_dask import import_xarray_without_dask
 from fastcoil.errors import InputError
 from fastcoil.files import make_folder, storage_errors
 
@@ -29,7 +28,6 @@ def plot(
     folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, by: str | None, format: str, dpi: str
 ) -> None:
     """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
-    import_xarray_without_dask()
     from fastcoil.plots.files import check_format
     from fastcoil.study.folder.folder import StudyFolder
 
