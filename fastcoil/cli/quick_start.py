@@ -49,7 +49,8 @@ def _import_xarray_without_dask() -> None:
     if hasattr(pycompat, "DuckArrayModule") and "dask" not in modules:
         modules["dask"] = _NotImportedYet(modules, pycompat.DuckArrayModule)
     if is_of_dask is not None:
-        utils.is_dask_collection = lambda array: sys.modules.get("dask") is not None and is_of_dask(array)
+        known: Any = utils
+        known.is_dask_collection = lambda array: sys.modules.get("dask") is not None and is_of_dask(array)
 
 
 class _NotImportedYet:

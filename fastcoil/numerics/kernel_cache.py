@@ -26,7 +26,7 @@ from typing import Any
 from numba.core import config
 from numba.core.caching import Cache
 from numba.core.compiler import CompileResult
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 _FORMAT = b"fastcoil kernel 1\n"

@@ -178,7 +178,7 @@ def unflatten(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
     return shaped(variables, dict(whole.coords), layout)
 
 
-def shaped(variables: Mapping[Hashable, Any], coords: Mapping[Hashable, Any], layout: Layout) -> xr.Dataset:
+def shaped(variables: Mapping[Any, Any], coords: Mapping[Hashable, Any], layout: Layout) -> xr.Dataset:
     """Give the results of all scenarios, see ``variables_of``, the dims and coordinates of the study.
 
     coords: those along other dims than ``scenario``.
@@ -190,7 +190,7 @@ def shaped(variables: Mapping[Hashable, Any], coords: Mapping[Hashable, Any], la
     }
     labels = {n: c.assign_attrs(coordinate_attrs(n, layout.loop.parameters)) for n, c in layout.coordinates().items()}
     labels |= clock_coordinates(layout.boundary, coords.get("elapsed_time"))
-    return xr.Dataset(named, coords=labels | coords)
+    return xr.Dataset(named, coords={**labels, **coords})
 
 
 def attributes(output: Output) -> dict[str, Any]:

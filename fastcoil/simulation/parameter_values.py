@@ -74,7 +74,8 @@ def _doubtful(values: np.ndarray) -> np.ndarray:
     if values.dtype.kind not in "iuf":
         return values
     with np.errstate(over="ignore"):
-        return values[~(np.abs(values.astype(float)) <= LARGEST)]
+        fine = np.abs(values.astype(float)) <= LARGEST
+    return np.asarray(values[~fine])
 
 
 def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
