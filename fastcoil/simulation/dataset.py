@@ -216,7 +216,7 @@ def coordinate_attrs(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> 
 
 def provenance() -> dict[str, Any]:
     """Attributes that say what made a result: versions and machine, no user and no path."""
-    now, own = datetime.now(UTC).isoformat(timespec="seconds"), package_version()
+    now, own = datetime.now(UTC).isoformat(timespec="seconds"), _own_version()
     return {
         "Conventions": "CF-1.11",
         "fastcoil_format": FORMAT,
@@ -231,6 +231,9 @@ def provenance() -> dict[str, Any]:
         "platform": f"{sys.platform} {platform.machine()}",
         "computed_on": json.dumps([compiled_for()]),
     }
+
+
+_own_version = cache(package_version)
 
 
 @cache

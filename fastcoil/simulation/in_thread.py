@@ -5,7 +5,8 @@ from __future__ import annotations
 import concurrent.futures as cf
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,8 +32,9 @@ def within(seconds: float | None, call: Callable[[], T]) -> T:
     return found.result(seconds)
 
 
-def on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) -> None:
-    """Make a call with each item, on threads.
+@contextmanager
+def on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) -> Iterator[None]:
+    """Make a call with each item, on threads, while this one does what is in the context; at its end, wait for all.
 
     With the first error, or Ctrl-C, no more calls begin; those that run go on, as in ``within``.
     """
@@ -47,7 +49,9 @@ def on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) ->
             call(item)
 
     try:
-        for thread in _await([_started(work) for _ in range(min(n_threads, len(items)))]):
+        threads = [_started(work) for _ in range(min(n_threads, len(items)))]
+        yield
+        for thread in _await(threads):
             thread.result()
     finally:
         todo.clear()

@@ -89,7 +89,8 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
     if not parameter.is_word:
         if array.dtype.kind not in "iuf":
             raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
-        array = array.astype(int if name in COUNTS and array.dtype.kind in "iu" else float)
+        kind = int if name in COUNTS and array.dtype.kind in "iu" else float
+        array = array.copy(data=array.values.astype(kind))
     flat = array.values.ravel()
     bad = [p for p in (parameter.problem(v) for v in _suspects(parameter, flat)) if p]
     if bad:

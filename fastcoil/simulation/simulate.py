@@ -7,6 +7,7 @@ runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import joblib
@@ -105,14 +106,14 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
             state = _run(found, plan, shard, advance)
 
     shards = first_shards(plan, n_jobs)
-    if min(n_jobs, len(shards)) == 1:
-        for shard in shards:
-            run(shard)
-    else:
-        on_threads(n_jobs, run, shards)
+    several = min(n_jobs, len(shards)) > 1
+    with on_threads(n_jobs, run, shards) if several else nullcontext():
+        attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
+    for shard in () if several else shards:
+        run(shard)
     variables = variables_of(found.metrics, found.status, found.traces)
     ds = shaped(variables, trace_coordinates(found.traces, plan.traces.interval), plan.layout)
-    ds.attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
+    ds.attrs = attrs
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
 

@@ -41,7 +41,8 @@ def test_threads_share_the_calls_and_the_first_error_ends_them():
         if k < 2:
             met.wait()  # two calls at once
 
-    on_threads(2, call, range(6))
+    with on_threads(2, call, range(6)):
+        pass
     assert len(seen) == 2
     assert all(thread.daemon for thread in seen)
 
@@ -53,8 +54,8 @@ def test_threads_share_the_calls_and_the_first_error_ends_them():
             raise ZeroDivisionError
         gate.wait(10.0)
 
-    with pytest.raises(ZeroDivisionError):
-        on_threads(2, failing, range(100))
+    with pytest.raises(ZeroDivisionError), on_threads(2, failing, range(100)):
+        pass
     gate.set()
     time.sleep(0.05)
     assert len(begun) == 2
