@@ -24,6 +24,7 @@ from fastcoil.cli.join import join
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
+from fastcoil.cli.quick_start import quick_start
 from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.cli.report import report
 from fastcoil.cli.terminal import say
@@ -71,13 +72,14 @@ def run(
 
     An interrupted study is resumed; a finished one is not run again.
     """
-    from fastcoil.analysis.summary import summary
-    from fastcoil.outputs import STATUS_OK
-    from fastcoil.progress.shown import progress_of_command
-    from fastcoil.study.file.spec import read_study
-    from fastcoil.study.folder.final import RESULTS
-    from fastcoil.study.runner import Finished, default_folder, execute
-    from fastcoil.study.workers.pools import resolve_backend
+    with quick_start():
+        from fastcoil.analysis.summary import summary
+        from fastcoil.outputs import STATUS_OK
+        from fastcoil.progress.shown import progress_of_command
+        from fastcoil.study.file.spec import read_study
+        from fastcoil.study.folder.final import RESULTS
+        from fastcoil.study.runner import Finished, default_folder, execute
+        from fastcoil.study.workers.pools import resolve_backend
 
     folder = out or default_folder(study)
     chosen = resolve_backend(backend, engine)
@@ -119,14 +121,15 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
-    from fastcoil.engine.host import compile_kernel
-    from fastcoil.memory import available_memory, gib
-    from fastcoil.simulation.cut import first_shards
-    from fastcoil.simulation.duration import count_shards, estimate_seconds
-    from fastcoil.simulation.resources import check_disk
-    from fastcoil.simulation.simulate import workers
-    from fastcoil.study.file.spec import read_study
-    from fastcoil.study.runner import default_folder
+    with quick_start():
+        from fastcoil.engine.host import compile_kernel
+        from fastcoil.memory import available_memory, gib
+        from fastcoil.simulation.cut import first_shards
+        from fastcoil.simulation.duration import count_shards, estimate_seconds
+        from fastcoil.simulation.resources import check_disk
+        from fastcoil.simulation.simulate import workers
+        from fastcoil.study.file.spec import read_study
+        from fastcoil.study.runner import default_folder
 
     n_jobs = workers(jobs)
     start = time.perf_counter()
@@ -173,7 +176,8 @@ for command in (  # fmt: skip
 @click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
     """Show the progress of the study in FOLDER, and how to resume it."""
-    from fastcoil.study import maintenance
+    with quick_start():
+        from fastcoil.study import maintenance
 
     say(*maintenance.status(folder))
 
@@ -182,7 +186,8 @@ def status(folder: Path) -> None:
 @click.argument("folder", type=PATH, metavar="FOLDER|ARCHIVE.zip")
 def verify(folder: Path) -> None:
     """Check everything in the FOLDER of a study, or in an archive of one, against its hashes; changes nothing."""
-    from fastcoil.study import maintenance
+    with quick_start():
+        from fastcoil.study import maintenance
 
     problems = maintenance.verify(folder)
     if problems:
@@ -200,7 +205,8 @@ def verify(folder: Path) -> None:
 )
 def rerun(folder: Path, at: Sequence[str]) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
-    from fastcoil.study import maintenance
+    with quick_start():
+        from fastcoil.study import maintenance
 
     labels = labels_of(",".join(at))
     announce_compilation()
