@@ -11,9 +11,9 @@ import xarray as xr
 from hunting_loops import OPERATING, acting, conditions, joined, valves
 from hunting_plants import foreseen
 from report import write_table
-from shares import CROSSED, Z, share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import CROSSED, Z, share_of
 
 SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SEEN, HOURS = 20, 8

@@ -7,9 +7,9 @@ import xarray as xr
 from hunting_loops import OPERATING, acting, conditions, joined, valves
 from hunting_plants import foreseen
 from report import write_table
-from shares import CROSSED, Z
 
 import fastcoil as fc
+from fastcoil.analysis.shares import CROSSED, Z
 
 BASE = {"sensor_time_constant": 30.0, "stroke_time": 90.0, "sample_time": 10.0, "backlash": 0.05, "noise_std": 0.0}
 CHANGES: dict[str, dict[str, float]] = {
