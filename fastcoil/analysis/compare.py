@@ -58,10 +58,11 @@ def compare(
     Returns
     -------
     Comparison
-        An ``xarray.Dataset`` with a method ``to_table``, which gives the same as a table for people: the metrics over the other dims and a dim ``statistic``: median of the ``baseline`` and of the ``value``;
-        ``mean`` of the paired differences (value - baseline) with its interval ``low``–``high``; their quantiles
-        ``q05`` to ``q95`` and ``median``; ``share_lower``, the share of pairs below their baseline (ties count half,
-        also if both are censored); ``n_pairs``; ``n_censored``, the number of values that never came in this run.
+        An ``xarray.Dataset`` with a method ``to_table``, which says the same to people: the metrics over the other
+        dims and a dim ``statistic``: median of the ``baseline`` and of the ``value``; ``mean`` of the paired
+        differences (value - baseline) with its interval ``low``–``high``; their quantiles ``q05`` to ``q95`` and
+        ``median``; ``share_lower``, the share of pairs below their baseline (ties count half, also if both are
+        censored); ``n_pairs``; ``n_censored``, the number of values that never came in this run.
 
         The interval is Student's, from the scatter between the means of days (of each label of a dim ``over``):
         replicates that share a day do not count as independent.  With several such dims, their variances add up and
@@ -121,7 +122,11 @@ def compare(
     kept = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
     labels = {d: ds[d] for d in ds.dims if d in kept}
     found = Comparison(results, coords={**labels, "statistic": list(asked)})
-    found.attrs = {"baseline": str({dim: plain(label) for dim, label in baseline.items()}), "over": ", ".join(over), "level": level}
+    found.attrs = {
+        "baseline": str({dim: plain(label) for dim, label in baseline.items()}),
+        "over": ", ".join(over),
+        "level": level,
+    }
     found.attrs |= {"relative": 1} if relative else {}
     found.attrs |= {} if threshold is None else {"threshold": threshold}
     return found

@@ -26,7 +26,7 @@ class Comparison(xr.Dataset):
     __slots__ = ()
 
     def to_table(self) -> pd.DataFrame:
-        """Write the comparison as a table for print, Markdown and LaTeX: a row per metric and label, texts in all cells.
+        """Write the comparison as a table for print, Markdown and LaTeX: a row per metric and label, texts in it.
 
         Returns
         -------

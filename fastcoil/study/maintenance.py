@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from fastcoil.analysis.selected import is_label
 from fastcoil.engine.host import TraceRequest, compile_kernel
 from fastcoil.errors import InputError, IntegrityError, nearest
 from fastcoil.files import make_folder, storage_errors
@@ -158,22 +159,13 @@ def find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> di
         elif dim not in at:
             problems.append(f"--at: {dim} is missing, choose one of {shown}")
         else:
-            found = [k for k, v in enumerate(values) if _matches(v, at[dim])]
+            found = [k for k, v in enumerate(values) if is_label(v, at[dim])]
             position[dim] = found[0] if found else 0
             if not found:
                 problems.append(f"--at {dim}={at[dim]}: choose one of {shown}")
     if problems:
         raise InputError(problems)
     return position
-
-
-def _matches(label: object, text: str) -> bool:
-    if isinstance(label, str):
-        return label == text
-    try:
-        return bool(np.isclose(float(label), float(text), rtol=1e-9, atol=0.0))  # type: ignore[arg-type]
-    except ValueError:
-        return False
 
 
 def _compare_with_stored(
