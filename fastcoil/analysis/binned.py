@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, nearest
-from fastcoil.plots.labels import is_parameter
+from fastcoil.plots.labels import is_parameter, quantity
 
 BINS = 8
 _MOST_VALUES = 12
@@ -53,62 +54,55 @@ def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
         For a parameter that is not drawn, or for too few scenarios to group.
     """
     known = drawn_parameters(ds)
-    wrong = [f"{n} is not drawn in this study{nearest(n, known)}; drawn are: {', '.join(known) or 'none'}"
-             for n in names if n not in known]  # fmt: skip
+    wrong = [n for n in names if n not in known]
     if wrong:
-        raise InputError(wrong)
-    drawn = [d for d in ds["status"].dims if any(d in ds[n].dims for n in names)]
-    shape = tuple(ds.sizes[d] for d in drawn)
-    template = xr.DataArray(np.zeros(shape), dims=drawn)
-    values = [_along(ds[n], template) for n in names]
-    groups = [_groups(v, BINS if len(names) == 1 else _side(v.size)) for v in values]
-    counts = tuple(int(g.max()) + 1 for g in groups)
+        has = f"drawn are {', '.join(known)}" if known else "nothing is drawn in this study"
+        raise InputError([f"{n} is no drawn parameter{nearest(n, known)}: {has}" for n in wrong])
+    dims = ds["status"].dims
+    drawn = [d for d in dims if any(d in ds[n].dims for n in names)]
+    others = [d for d in dims if d not in drawn]
+    values = [_along(ds, n, drawn) for n in names]
+    most = BINS if len(names) == 1 else int(np.clip(np.sqrt(values[0].size / _FEWEST), 2, BINS))
+    groups = [_groups(v, most) for v in values]
+    counts = [int(g.max()) + 1 for g in groups]
     if min(counts) < 2 or values[0].size < 2 * np.prod(counts):
         raise InputError(
             f"{' and '.join(names)}: {values[0].size} drawn scenarios are too few to group, about {_FEWEST} in each: "
             "draw more of them"
         )
-    cell = np.ravel_multi_index(tuple(groups), counts)
-    members = np.bincount(cell, minlength=int(np.prod(counts)))
-    order = np.argsort(cell, kind="stable")
-    place = np.empty(cell.size, dtype=int)
-    place[order] = np.arange(cell.size) - np.repeat(np.cumsum(members) - members, members)
-    labels = {
-        n: (n, np.array([np.median(v[g == k]) for k in range(c)]), ds[n].attrs)
-        for n, v, g, c in zip(names, values, groups, counts, strict=True)
-    }
+    cell, place, members = _places(groups, counts)
     found = {}
     for name, variable in ds.data_vars.items():
-        if set(variable.dims) != set(ds["status"].dims):
-            continue  # traces, and answers of other forms
-        others = [d for d in ds["status"].dims if d not in drawn]
-        flat = variable.transpose(*others, *drawn).values
-        flat = flat.reshape(*flat.shape[: len(others)], -1)
-        whole = np.full((*flat.shape[:-1], int(np.prod(counts)), int(members.max())), np.nan)
-        whole[..., cell, place] = flat
-        dims = (*others, *names, "sample")
-        found[name] = (dims, whole.reshape(*flat.shape[:-1], *counts, -1), variable.attrs)
-    kept = {
-        n: c for n, c in ds.coords.items() if not set(c.dims) & set(drawn) and set(c.dims) <= set(ds["status"].dims)
-    }
-    words = _in_words(members, len(names))
-    coordinates = {
-        **kept,
-        **labels,
-        "members": (tuple(names), members.reshape(counts)),
-        "sample": ("sample", np.arange(members.max()), {"pooled_as": words}),
-    }
+        if set(variable.dims) == set(dims):  # not traces, and answers of other forms
+            flat = variable.transpose(*others, *drawn).values
+            flat = flat.reshape(*flat.shape[: len(others)], -1)
+            whole = np.full((*flat.shape[:-1], members.size, members.max()), np.nan)
+            whole[..., cell, place] = flat
+            found[name] = ((*others, *names, "sample"), whole.reshape(*flat.shape[:-1], *counts, -1), variable.attrs)
+    coordinates: dict[Any, Any] = {n: c for n, c in ds.coords.items() if set(c.dims) <= set(others)}
+    for name, v, g, count in zip(names, values, groups, counts, strict=True):
+        coordinates[name] = (name, np.array([np.median(v[g == k]) for k in range(count)]), ds[name].attrs)
+    coordinates["members"] = (tuple(names), members.reshape(counts))
+    words = _in_words(members, counts, names)
+    coordinates["sample"] = ("sample", np.arange(members.max()), {"pooled_as": words})
     return xr.Dataset(found, coords=coordinates, attrs=ds.attrs)
 
 
-def _along(values: xr.DataArray, template: xr.DataArray) -> np.ndarray:
+def _along(ds: xr.Dataset, name: str, drawn: Sequence[Hashable]) -> np.ndarray:
     """The values of a parameter at every drawn scenario, flat."""
-    return (values.reset_coords(drop=True).variable + template.variable).transpose(*template.dims).values.ravel()
+    missing = {d: ds.sizes[d] for d in drawn if d not in ds[name].dims}
+    whole = ds[name].reset_coords(drop=True).expand_dims(missing).transpose(*drawn)
+    values: np.ndarray = whole.values.ravel()
+    return values
 
 
-def _side(n: int) -> int:
-    """Groups along each side of a map, so that a cell has about ``_FEWEST`` members or more."""
-    return int(np.clip(np.sqrt(n / _FEWEST), 2, BINS))
+def _places(groups: Sequence[np.ndarray], counts: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The cell of every scenario, its place in it, and how many each cell has."""
+    cell = np.ravel_multi_index(tuple(groups), tuple(counts))
+    members = np.bincount(cell, minlength=int(np.prod(counts)))
+    place = np.empty(cell.size, dtype=int)
+    place[np.argsort(cell, kind="stable")] = np.arange(cell.size) - np.repeat(np.cumsum(members) - members, members)
+    return cell, place, members
 
 
 def _groups(values: np.ndarray, n: int) -> np.ndarray:
@@ -122,8 +116,10 @@ def _groups(values: np.ndarray, n: int) -> np.ndarray:
     return np.unique(groups, return_inverse=True)[1].reshape(-1)
 
 
-def _in_words(members: np.ndarray, n: int) -> str:
+def _in_words(members: np.ndarray, counts: Sequence[int], names: Sequence[str]) -> str:
     filled = members[members > 0]
     least, most = int(filled.min()), int(filled.max())
-    count = f"{least}" if least == most else f"{least} to {most}"
-    return f"{count} samples in each {'group of values' if n == 1 else 'cell'}"
+    each = f"{least}" if least == most else f"{least} to {most}"
+    if len(counts) > 1:
+        return f"{each} samples in each of {' × '.join(map(str, counts))} cells"
+    return f"{each} samples in each of {counts[0]} groups of {quantity(names[0]).text}"

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.analysis.comparison import Comparison
-from fastcoil.analysis.paired import OF_THRESHOLD, STATISTICS, statistics_of
+from fastcoil.analysis.paired import OF_THRESHOLD, STATISTICS, in_shares, statistics_of
 from fastcoil.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain
 from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
@@ -107,6 +107,7 @@ def compare(
     shape = [ds.sizes[d] for d in over]
     # noise is independent between days, but shared by everything else
     units = [axis for axis, d in enumerate(over) if d != "replicate" or "day" not in over]
+    words = str({dim: plain(label) for dim, label in baseline.items()})
     results, asked = {}, STATISTICS + (() if threshold is None else OF_THRESHOLD)
     for name in names:
         values = ds[name].where(ok)
@@ -118,7 +119,11 @@ def compare(
         statistics = statistics_of(own, partner, units, level, relative, threshold).reshape(
             *(values.sizes[d] for d in dims), len(asked)
         )
-        results[name] = ((*dims, "statistic"), statistics, _in_shares(ds[name].attrs) if relative else ds[name].attrs)
+        attrs = ds[name].attrs
+        if relative:
+            comment = f"shares of the baseline; the statistics baseline and value in {attrs.get('units', '1')}"
+            attrs = in_shares(attrs, words) | {"comment": comment}
+        results[name] = ((*dims, "statistic"), statistics, attrs)
     kept = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
     labels = {d: ds[d] for d in ds.dims if d in kept}
     found = Comparison(results, coords={**labels, "statistic": list(asked)})
@@ -135,13 +140,6 @@ def compare(
 def _base(name: str) -> str:
     """The name of a metric or cost without what makes it one of a year."""
     return name.removeprefix(YEARLY)
-
-
-def _in_shares(attrs: Mapping[str, Any]) -> dict[str, Any]:
-    """The attributes of a metric whose differences are shares of the baseline."""
-    comment = f"shares of the baseline; the statistics baseline and value in {attrs.get('units', '1')}"
-    kept = {name: value for name, value in attrs.items() if name != "units_metadata"}  # of kelvins
-    return {**kept, "units": "1", "comment": comment}
 
 
 def _check_one_unit(ds: xr.Dataset, names: list[str]) -> None:

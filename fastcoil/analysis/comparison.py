@@ -12,15 +12,15 @@ import xarray as xr
 from fastcoil.analysis.paired import OF_THRESHOLD, STATISTICS
 from fastcoil.arguments import plain
 from fastcoil.errors import InputError
-from fastcoil.outputs import METRICS
-from fastcoil.plots.labels import Quantity, quantity, quantity_of
+from fastcoil.outputs import METRICS, PREDICTIONS
+from fastcoil.plots.labels import Quantity, quantity, quantity_of, quantity_of_values
 from fastcoil.tables.numbers import NONE, decimals_of, written
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-class Comparison(xr.Dataset):
+class Comparison(xr.Dataset):  # type: ignore[no-untyped-call]
     """Paired differences, as ``compare`` describes them; whatever is selected from it still has ``to_table``."""
 
     __slots__ = ()
@@ -57,7 +57,7 @@ class Comparison(xr.Dataset):
             if not (self[metric].sel(statistic="n_pairs") > 0).any():
                 continue
             for labels, found in self._cells(metric, dims, needed):
-                index.append((quantity(metric).axis, *labels))
+                index.append((_quantity(self[metric]).axis, *labels))
                 rows.append(self._row(metric, found))
         names = ["metric", *(quantity_of(self, d).axis for d in dims)]
         columns = list(rows[0]) if rows else []
@@ -81,7 +81,7 @@ class Comparison(xr.Dataset):
 
     def _row(self, metric: str, found: dict[str, float]) -> dict[str, str]:
         """The cells of a row from all statistics."""
-        of, n = quantity(metric), int(found["n_pairs"])
+        of, n = _quantity(self[metric]), int(found["n_pairs"])
         percent = f"{self.attrs['level']:.3g}".removeprefix("0.").ljust(2, "0")
         row = {
             "baseline": _value(of, metric, found["baseline"]),
@@ -111,6 +111,13 @@ class Comparison(xr.Dataset):
         text = written(mean, decimals, sign=True) + unit
         edges = [written(edge, decimals, sign=True) for edge in (low, high)]
         return text if np.isnan(low) else f"{text} ({edges[0]} to {edges[1]})"
+
+
+def _quantity(values: xr.DataArray) -> Quantity:
+    """How the values of a metric are shown; the unit of shares is no longer that of their values."""
+    name = str(values.name)
+    known = name in METRICS or name in PREDICTIONS
+    return quantity(name) if known or "relative_to" in values.attrs else quantity_of_values(values)
 
 
 def _value(of: Quantity, metric: str, value: float) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,12 @@ def relative_change(difference: np.ndarray, reference: np.ndarray) -> np.ndarray
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(np.isinf(size), np.sign(difference), difference / size)
     return np.where(difference == 0.0, 0.0, share)
+
+
+def in_shares(attrs: Mapping[str, Any], baseline: str) -> dict[str, Any]:
+    """The attributes of a metric whose values are shares of those of a baseline."""
+    kept = {name: value for name, value in attrs.items() if name != "units_metadata"}  # of kelvins
+    return {**kept, "units": "1", "comment": "shares of the baseline", "relative_to": baseline}
 
 
 def statistics_of(

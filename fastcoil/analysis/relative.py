@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from fastcoil.analysis.paired import relative_change
+from fastcoil.analysis.paired import in_shares, relative_change
 from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, STATUS_OK
 
@@ -28,7 +28,7 @@ def relative_to(ds: xr.Dataset, case: Mapping[str, int], words: str) -> xr.Datas
     -------
     xarray.Dataset
         Where the value in the case is 0, or either failed, NaN, but 0 where both are 0.  Flags are left out.  The
-        attribute ``against`` of a metric says that it is a change.
+        attribute ``relative_to`` of a metric names the case.
     """
     ok = ds["status"] == STATUS_OK
     rest = {d: np.delete(np.arange(ds.sizes[d]), k) for d, k in case.items()}
@@ -41,5 +41,6 @@ def relative_to(ds: xr.Dataset, case: Mapping[str, int], words: str) -> xr.Datas
         values = variable.where(ok)
         own, partner = xr.broadcast(values, values.isel(case, drop=True))
         change = own.copy(data=relative_change((own - partner).values, partner.values)).transpose(*variable.dims)
-        found[name] = change.where(np.isfinite(change)).isel(rest).assign_attrs(variable.attrs | {"against": words})
+        change.attrs = {}
+        found[name] = change.where(np.isfinite(change)).isel(rest).assign_attrs(in_shares(variable.attrs, words))
     return xr.Dataset(found | {"status": ds["status"].isel(rest)}, attrs=ds.attrs)

@@ -47,7 +47,9 @@ def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> xr.Dataset:
     kept: dict[Hashable, np.ndarray] = {}
     for name, texts in at.items():
         if name not in known:
-            problems.append(f"--at {name}: no label of this study{nearest(name, known)}; it has {_listed(known)}")
+            problems.append(
+                f"--at {name}: no label of this study{nearest(name, known)}; it has {_listed(known) or 'none'}"
+            )
             continue
         labels = ds[name].values
         found = [np.array([is_label(label, text) for label in labels], dtype=bool) for text in texts]
@@ -62,6 +64,30 @@ def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> xr.Dataset:
         single = len(at.get(str(dim), ())) == 1
         ds = ds.isel({dim: int(np.argmax(mask)) if single else np.flatnonzero(mask)})
     return ds
+
+
+def case_of(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[str, int], str]:
+    """Position of one label along each of some dimensions, and the case in words.
+
+    Raises
+    ------
+    InputError
+        For a dimension or a label that ``ds`` does not have, or several labels of one.
+    """
+    dims = [str(d) for d in ds["status"].dims if d in ds.coords]
+    problems = [
+        f"--relative-to {name}: no dimension of what is drawn{nearest(name, dims)}; it has {_listed(dims) or 'none'}"
+        for name in labels
+        if name not in dims
+    ]
+    problems += [f"--relative-to {name}: give one label" for name, texts in labels.items() if len(texts) > 1]
+    if problems:
+        raise InputError(problems)
+    try:
+        case = selected(ds, labels)
+    except InputError as error:
+        raise InputError([problem.replace("--at", "--relative-to", 1) for problem in error.problems]) from None
+    return {d: int(np.argmax(ds[d].values == case[d].values)) for d in labels}, in_words(case, labels)
 
 
 def in_words(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> str:
@@ -82,7 +108,7 @@ def _unknown(name: str, text: str, ds: xr.Dataset) -> str:
     if name not in ds["status"].dims and labels.size > _MOST_LABELS:
         return (
             f"--at {name}={text}: {name} has a value of its own at each {ds[name].dims[0]}, none to choose from: take "
-            f"--at {ds[name].dims[0]}=…, or -x {name}, which groups its values"
+            f"--at {ds[name].dims[0]}=…, or group its values with -x {name} of plot, or --by {name} of export --latex"
         )
     return f"--at {name}={text}: choose one of {_listed([str(v) for v in _nearest_first(labels, text)])}"
 

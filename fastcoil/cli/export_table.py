@@ -10,6 +10,7 @@ from fastcoil.arguments import checking
 from fastcoil.cli.labels import all_labels_of
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
+from fastcoil.look import is_folder
 from fastcoil.outputs import STATUS_NOT_RUN
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def export_table(
     from fastcoil.tables.tidy import check_metrics
 
     format, labels = _format(formats, by), all_labels_of(at)
+    target = _target(path, format, out)
     ds = open_results(path)
     with checking() as check:
         check(check_metrics, ds, metrics)
@@ -45,8 +47,18 @@ def export_table(
     left = int((part["status"].values == STATUS_NOT_RUN).sum())
     if left:
         say(f"Unfinished: {left:,} of {part['status'].size:,} scenarios have not run; their status says so.", err=True)
-    target = out or Path((path.resolve().stem or "results") + SUFFIXES[format])
     say(f"Written: {target} ({_write(format, binned(part, by) if by else part, target, metrics)})")
+
+
+def _target(path: Path, format: str, out: Path | None) -> Path:
+    """The file to write: here, in the folder, or the one that is named."""
+    suffix = SUFFIXES[format]
+    if out is None or is_folder(out):
+        name = path.resolve().name
+        return (out or Path()) / ((name.removesuffix(".nc") or "results") + suffix)
+    if out.suffix.lower() != suffix or not is_folder(out.absolute().parent):
+        raise InputError(f"-o {out}: give a file NAME{suffix} in a folder that exists, or such a folder")
+    return out
 
 
 def _format(formats: Sequence[str], by: Sequence[str]) -> str:
@@ -76,4 +88,4 @@ def _write(format: str, ds: xr.Dataset, target: Path, metrics: tuple[str, ...]) 
         return "medians and their scatter; a comment in it says over what"
     table = Tidy(ds, metrics)
     (write_csv if format == "csv" else write_parquet)(table, target)
-    return f"{table.n_rows:,} scenario-days, {len(table.columns)} columns"
+    return f"{table.n_rows:,} scenario-day{'s' * (table.n_rows != 1)}, {len(table.columns)} columns"

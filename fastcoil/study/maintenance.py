@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -15,7 +13,7 @@ import xarray as xr
 from fastcoil.analysis.selected import is_label
 from fastcoil.engine.host import TraceRequest, compile_kernel
 from fastcoil.errors import InputError, IntegrityError, nearest
-from fastcoil.files import make_folder, storage_errors
+from fastcoil.files import file_name, make_folder, storage_errors
 from fastcoil.numerics.jit import is_model
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.rules.same_code import own_code_of, refuse_other_code
@@ -33,8 +31,6 @@ from fastcoil.study.folder.verify import find_problems
 from fastcoil.study.workers.own_code import load
 
 RERUNS = "reruns"
-_LONGEST_FILE_NAME = 200
-"""Bytes."""
 
 
 def status(folder: Path) -> list[str]:
@@ -97,7 +93,7 @@ def rerun(
     flat = int(np.ravel_multi_index(tuple(position.values()), tuple(layout.sizes.values()))) if position else 0
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
-    path = folder / RERUNS / f"{_file_name(name)}.nc"
+    path = folder / RERUNS / f"{file_name(name)}.nc"
     with storage_errors(path.parent, "made"):
         make_folder(path.parent)
     with hold(path.parent):  # not the study, which may be running; a folder that cannot be written is refused now
@@ -129,14 +125,6 @@ def _run_one(plan: Plan, flat: int) -> xr.Dataset:
     last = first.after(run_shard(replace(plan, traces=TraceRequest()), first)) if day else first
     assert last is not None
     return run_shard(plan, last)
-
-
-def _file_name(name: str) -> str:
-    """A name that every file system takes, another one for every other name."""
-    plain = re.sub(r"[^\w.=+-]", "-", name)
-    if plain == name and len(name.encode()) <= _LONGEST_FILE_NAME:
-        return name
-    return f"{plain[:60]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 def find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:

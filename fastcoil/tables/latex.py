@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -90,7 +91,8 @@ def _check_size(ds: xr.Dataset, shown: Sequence[str], metrics: Sequence[str]) ->
             f"--metric: {len(metrics)} metrics are wider than a page, which takes {_MOST_METRICS}: give fewer, or --csv"
         )
     if rows > _MOST_ROWS:
-        widest = max(shown, key=lambda d: ds.sizes[d])
+        groups = ds["members"].dims if "members" in ds.coords else ()
+        widest = max(shown, key=lambda d: (d not in groups, ds.sizes[d]))
         problems.append(
             f"--latex: {rows:,} rows are more than a page takes, {_MOST_ROWS}: fix labels, such as --at "
             f"{widest}={ds[widest].values[0] if widest in ds.coords else 0}, or write all of them with --csv"
@@ -125,7 +127,7 @@ def _median_and_scatter(values: np.ndarray, is_share: bool, censored: bool) -> t
     if is_share:
         return float(values.mean()), np.nan, np.nan
     # a time that never came takes no part in arithmetic
-    method = "inverted_cdf" if censored else "linear"
+    method: Literal["inverted_cdf", "linear"] = "inverted_cdf" if censored else "linear"
     middle = float(np.quantile(values, 0.5, method=method))
     if values.size == 1:
         return middle, np.nan, np.nan
