@@ -12,7 +12,7 @@ import click
 from fastcoil.cli.labels import all_labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError
+from fastcoil.errors import InputError, nearest
 from fastcoil.files import file_name, make_folder, storage_errors
 from fastcoil.look import is_folder
 
@@ -110,15 +110,23 @@ def plot(
 def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
     """The figures by file name; empty where nothing is swept."""
     from fastcoil.plots import study as plots
-    from fastcoil.plots.page import Page
+    from fastcoil.plots.page import Page, control_dims, rows_of
 
     part = _part(ds, asked)
     if asked.x is None:
         more = f"_{asked.name}" if asked.at or asked.relative_to else ""
         return {f"{name}{more}": draw() for name, draw in plots.standard_figures(part, asked.width).items()}
-    metrics = asked.metrics or plots.STANDARD_METRICS
-    by = asked.by or plots.unlike(part, asked.x, *([asked.y] if asked.y else []))
-    if by and not asked.metrics and asked.width:
+    metrics, by = asked.metrics or plots.STANDARD_METRICS, asked.by
+    rows_of(part, by)  # refused if there is no such dimension
+    unlike = [d for d in control_dims(part) if d not in (asked.x, asked.y, by)]
+    if by is None and unlike:
+        by, *unlike = unlike
+    if unlike:
+        raise InputError(
+            f"{unlike[0]}: a plain PI and other controllers would be pooled in one median: fix it with --at "
+            f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
+        )
+    if by and not asked.metrics:
         metrics = metrics[: Page(asked.width).abreast]
     if asked.y:
         return {asked.name: plots.maps(part, asked.x, asked.y, metrics, by, asked.width)}
@@ -130,18 +138,25 @@ def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
     from fastcoil.analysis.binned import binned, drawn_parameters
     from fastcoil.analysis.relative import relative_to
     from fastcoil.analysis.selected import case_of, in_words, selected
+    from fastcoil.plots.panels import numeric_dims
 
-    part, words = selected(ds, asked.at), []
+    part, words = selected(ds, asked.at), [str(ds.attrs.get("title", ""))]
     if asked.at:
         words.append(f"at {in_words(part, asked.at)}")
     if asked.relative_to:
         case, named = case_of(part, asked.relative_to)
         part = relative_to(part, case, named)
         words.append(f"against {named}")
-    drawn = [n for n in (asked.x, asked.y, asked.by) if n in drawn_parameters(part)]
+    known, axes = drawn_parameters(part), [str(n) for n in (asked.x, asked.y, asked.by) if n]
+    swept = [*numeric_dims(part["status"]), *(str(d) for d in part["status"].dims if d == asked.by)]
+    wrong = [n for n in axes if n not in known and n not in swept]
+    if known and wrong:
+        has = f"swept are {', '.join(swept) or 'none'}, drawn {', '.join(known)}"
+        raise InputError([f"{n} is no number of this study{nearest(n, [*swept, *known])}: {has}" for n in wrong])
+    drawn = [n for n in axes if n in known]
     if drawn:
-        part = binned(part, [str(name) for name in drawn])
-    return part.assign_attrs(title=", ".join(filter(None, [str(ds.attrs.get("title", "")), *words])))
+        part = binned(part, drawn)
+    return part.assign_attrs(title=", ".join(filter(None, words)))
 
 
 def _target(out: Path | None, format: str | None) -> tuple[Path | None, str]:

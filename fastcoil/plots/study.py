@@ -179,6 +179,9 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
     of_row = [name for name in STANDARD_METRICS if name in ds][: Page(width).abreast]
 
+    def unlike(*shown: str) -> str | None:
+        return next((d for d in control if d not in shown), None)
+
     def drawn(draw: Callable[..., Figure], *axes: str, by: str | None = None) -> Callable[[], Figure]:
         metrics = of_row if by else [name for name in STANDARD_METRICS if name in ds]
         return partial(draw, ds, *axes, by=by, metrics=metrics, width=width)
@@ -187,19 +190,14 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     if len(numeric) >= 2:
         swept = [d for d in numeric if d in control]
         y, x = numeric[:2] if not swept or {*numeric[:2]} & {*swept} else (numeric[0], swept[0])
-        figures["maps"] = drawn(maps, x, y, by=unlike(ds, x, y))
-        figures["bands"] = drawn(bands, x, by=unlike(ds, x) or y)
+        figures["maps"] = drawn(maps, x, y, by=unlike(x, y))
+        figures["bands"] = drawn(bands, x, by=unlike(x) or y)
     elif numeric:
-        figures["bands"] = drawn(bands, numeric[0], by=unlike(ds, numeric[0]))
+        figures["bands"] = drawn(bands, numeric[0], by=unlike(numeric[0]))
     for dim in named:
         if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _ALTERNATIVES:
-            figures[dim] = drawn(alternatives, dim, by=unlike(ds, dim))
+            figures[dim] = drawn(alternatives, dim, by=unlike(dim))
     return figures
-
-
-def unlike(ds: xr.Dataset, *shown: str) -> str | None:
-    """The first dimension with a plain PI among its labels that a figure does not show: not to be pooled."""
-    return next((d for d in control_dims(ds) if d not in shown), None)
 
 
 def _rows(ds: xr.Dataset, by: str | None, *shown: str) -> list[tuple[int | None, str]]:

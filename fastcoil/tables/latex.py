@@ -164,7 +164,7 @@ def _note(ds: xr.Dataset, pooled: Sequence[object], metrics: Sequence[str]) -> s
     """What the numbers are, for the caption."""
     spread = [d for d in pooled if ds.sizes[d] > 1]
     failed = int(((ds["status"] != STATUS_OK) & ds["status"].notnull()).sum())
-    end = f"; without {failed:,} scenarios, which failed" if failed else ""
+    end = f"; without {failed:,} scenario{'s' * (failed > 1)}, which failed" if failed else ""
     if not spread:
         return f"Single scenarios{end}."
     n = int(np.prod([ds.sizes[d] for d in spread], dtype=int))
