@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.arguments import number_of
 from fastcoil.errors import InputError, nearest, shown
 from fastcoil.plots.labels import is_parameter, quantity_of
 from fastcoil.plots.panels import picked
@@ -73,6 +74,19 @@ class Page(NamedTuple):
         size = (_PANEL * max(columns, 2) if self.width is None else self.width, height * rows + 0.5)
         figure = Figure(figsize=size, layout="constrained")
         return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def page_of(width: float | None) -> Page:
+    """A page of a width in inches.
+
+    Raises
+    ------
+    InputError
+        Unless it is a number from 1 to 60.
+    """
+    if width is None:
+        return Page(None)
+    return Page(number_of("width", width, "give the width in inches, from 1 to 60", least=1.0, most=60.0))
 
 
 def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:

@@ -17,7 +17,7 @@ from fastcoil.errors import InputError, nearest
 from fastcoil.errors import shown as quoted
 from fastcoil.outputs import METRICS, PREDICTIONS, metric_meant
 from fastcoil.plots.labels import quantity_of, quantity_of_values
-from fastcoil.plots.page import Page, control_dims, rows_of
+from fastcoil.plots.page import Page, control_dims, page_of, rows_of
 from fastcoil.plots.panels import (
     draw_map,
     exact_in_words,
@@ -58,7 +58,7 @@ def maps(
     ``width``: of the figure, inches.
     """
     metrics = _check(ds, metrics, x=x, y=y)
-    rows, page = _rows(ds, by, x, y), Page(width)
+    rows, page = _layout(ds, by, width, x, y)
     grid = (len(rows), page.row(len(metrics))) if by else page.grid(len(metrics))
     figure, panels = page.figure(*grid, 3.0)
     panel = page.panel(grid[1])
@@ -96,7 +96,7 @@ def bands(
     pooling it.  ``width``: of the figure, inches.
     """
     metrics = _check(ds, metrics, x=x)
-    rows, page = _rows(ds, by, x), Page(width)
+    rows, page = _layout(ds, by, width, x)
     grid = (len(rows), page.row(len(metrics))) if by else page.grid(len(metrics))
     shared: Any = {"sharex": "col", "sharey": "col"} if by else {}
     figure, panels = page.figure(*grid, 2.2 if by else 2.8, **shared)
@@ -145,7 +145,7 @@ def alternatives(
     if dim not in named:
         known = ", ".join(named) or "none"
         raise InputError(f"dim = {quoted(dim)} is no dimension of this study{nearest(dim, named)}; it has {known}")
-    n, rows, page = ds.sizes[dim], _rows(ds, by, dim), Page(width)
+    n, (rows, page) = ds.sizes[dim], _layout(ds, by, width, dim)
     # beside the names there is room for one panel less
     grid = (len(rows), page.row(len(metrics))) if by or width is None else page.grid(len(metrics))
     shared: Any = {"sharex": "col"} if by else {}
@@ -177,7 +177,7 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     check_result(ds)
     numeric, control = numeric_dims(ds["status"]), control_dims(ds)
     named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
-    of_row = [name for name in STANDARD_METRICS if name in ds][: Page(width).abreast]
+    of_row = [name for name in STANDARD_METRICS if name in ds][: page_of(width).abreast]
 
     def unlike(*shown: str) -> str | None:
         return next((d for d in control if d not in shown), None)
@@ -200,10 +200,16 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     return figures
 
 
-def _rows(ds: xr.Dataset, by: str | None, *shown: str) -> list[tuple[int | None, str]]:
+def _layout(
+    ds: xr.Dataset, by: str | None, width: float | None, *shown: str
+) -> tuple[list[tuple[int | None, str]], Page]:
+    """The rows of panels and the page; raises as ``rows_of`` and ``page_of``."""
+    with checking() as check:
+        check.unless_none(text_of, "by", by)
+        page = check(page_of, width)
     if by in shown:
         raise InputError(f"{by} is named twice: choose two different axes")
-    return rows_of(ds, by)
+    return rows_of(ds, by), page
 
 
 def _remove_empty(panels: np.ndarray, used: int) -> None:
