@@ -148,6 +148,8 @@ def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
         part = relative_to(part, case, named)
         words.append(f"against {named}")
     known, axes = drawn_parameters(part), [str(n) for n in (asked.x, asked.y, asked.by) if n]
+    if len(set(axes)) < len(axes):
+        raise InputError(f"{axes[0]} is named twice: choose two different axes")
     swept = [*numeric_dims(part["status"]), *(str(d) for d in part["status"].dims if d == asked.by)]
     wrong = [n for n in axes if n not in known and n not in swept]
     if known and wrong:
