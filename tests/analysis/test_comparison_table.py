@@ -55,6 +55,13 @@ def test_the_numbers_are_those_of_the_dataset_to_the_digits_shown(ds):
     assert row["pairs"] == "72"
 
 
+def test_a_difference_has_the_digits_that_its_interval_leaves():
+    ds = result(("kp", "day"), rmse=[[1.0, 1.0, 1.0], [0.8, 0.75, 0.78]])
+    table = fc.compare(ds, baseline={"kp": 0}, over="day").to_table()
+    # Student's interval of -0.20, -0.25, -0.22: -0.2233 ± 4.303 · 0.02517 / √3
+    assert table["difference (95 %)"].to_list() == ["−0.22 (−0.29 to −0.16)"]
+
+
 def test_an_absolute_threshold_is_told_in_the_unit_of_the_reader(ds):
     table = compared(ds, metrics="share_off", threshold=0.01).to_table()
     assert "lower by 1 % in (95 %)" in table

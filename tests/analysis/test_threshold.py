@@ -112,8 +112,9 @@ def test_two_or_three_days_that_decide_alone_say_less_than_their_interval(days):
     assert 0.80 <= coverage(40, days, 0.2, 2.0) < 0.92
 
 
-def test_a_single_day_says_nothing_of_other_days():
-    found = against_nothing(np.random.default_rng(7).normal(size=(30, 1)), ("sample", "day"), threshold=0.5)
+@pytest.mark.parametrize("differences", [np.random.default_rng(7).normal(size=30), [-1.0, 1.0] * 16])
+def test_a_single_day_says_nothing_of_other_days(differences):
+    found = against_nothing(np.reshape(differences, (-1, 1)), ("sample", "day"), threshold=0.5)
     value, *edges = shares(found, "below")
     assert 0.0 < value < 1.0
     assert np.isnan(edges).all()
@@ -124,6 +125,8 @@ def test_noise_of_the_same_day_does_not_count_as_independent():
     together = shares(against_nothing(of_day, ("day", "replicate"), threshold=0.3), "below")
     alone = shares(against_nothing(of_day[:, 0], ("day",), threshold=0.3), "below")
     np.testing.assert_allclose(together, alone)
+    always = shares(against_nothing(np.full((12, 50), -1.0), ("day", "replicate"), threshold=0.3), "below")
+    assert always == pytest.approx([1.0, *stats.binomtest(12, 12).proportion_ci(method="wilson")])
 
 
 @pytest.mark.parametrize(
