@@ -90,12 +90,14 @@ def page_of(width: float | None) -> Page:
 
 
 def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
-    """Position and words of the labels that get a row of panels each: all names; of numbers the first, middle and last.
+    """Position and words of the labels that get a row of panels each.
+
+    Those are up to six names; of more names, and of numbers, the first, the middle and the last.
 
     Raises
     ------
     InputError
-        For a dimension that there is not, or too many names.
+        For a dimension that there is not.
     """
     if by is None:
         return [(None, "")]
@@ -108,9 +110,8 @@ def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
         return [(k, of.equals(float(labels[k])) + _plain(by, labels[k])) for k in picked(labels.size)]
     if labels.dtype.kind in "if":
         return [(k, f"{by} = {labels[k]}") for k in picked(labels.size)]
-    if labels.size > _MOST_ROWS:
-        raise InputError(f"by = {shown(by)}: {labels.size} rows are more than a figure takes, {_MOST_ROWS}: pick some")
-    return [(k, str(label)) for k, label in enumerate(labels)]
+    chosen = range(labels.size) if labels.size <= _MOST_ROWS else picked(labels.size)
+    return [(k, str(labels[k])) for k in chosen]
 
 
 def control_dims(ds: xr.Dataset) -> list[str]:

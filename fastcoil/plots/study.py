@@ -195,8 +195,9 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     elif numeric:
         figures["bands"] = drawn(bands, numeric[0], by=unlike(numeric[0]))
     for dim in named:
-        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _ALTERNATIVES:
-            figures[dim] = drawn(alternatives, dim, by=unlike(dim))
+        by = unlike(dim)
+        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(rows_of(ds, by)) <= _ALTERNATIVES:
+            figures[dim] = drawn(alternatives, dim, by=by)
     return figures
 
 

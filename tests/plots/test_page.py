@@ -137,11 +137,16 @@ def test_changes_are_in_per_cent_around_a_line_at_0(swept):
     [
         ("tunin", "by = 'tunin' is no dimension of this study, did you mean 'tuning'?; it has"),
         ("backlash", "backlash is named twice"),
-        ("many", "by = 'many': 7 rows are more than a figure takes, 6"),
     ],
 )
 def test_rows_that_there_cannot_be_are_refused(swept, by, sentence):
-    many = swept.expand_dims(many=[f"case {k}" for k in range(7)])
     with pytest.raises(InputError) as caught:
-        plots.bands(many, "backlash", by=by)
+        plots.bands(swept, "backlash", by=by)
     assert str(caught.value).startswith(sentence)
+
+
+def test_of_many_controllers_the_first_the_middle_and_the_last_have_rows():
+    names = [f"rule {k}" for k in range(9)]
+    ds = result(("controller", "kp", "day"), {"controller": names}, rmse=np.random.default_rng(3).random((9, 3, 5)))
+    titles = [axes.get_title(loc="left") for axes in plots.standard_figures(ds)["bands"]().axes]
+    assert titles == ["rule 0", "rule 4", "rule 8"]
