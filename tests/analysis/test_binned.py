@@ -1,11 +1,13 @@
 """Drawn parameters as axes: groups of equal counts, whose members are those that pandas would put there."""
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 from helpers.results import drawn, result
 
+import fastcoil as fc
 from fastcoil.analysis.binned import binned, drawn_parameters
 from fastcoil.errors import InputError
 
@@ -98,3 +100,12 @@ def test_only_numbers_that_differ_along_other_dims_are_drawn():
     ds = drawn(20).assign_coords(law=("sample", ["pi"] * 20), buffer=("sample", np.zeros(20)), backlash=0.07)
     assert drawn_parameters(ds) == ["kp", "ti", "sample_time"]
     assert drawn_parameters(result(("kp", "day"), rmse=np.ones((2, 2)))) == []
+
+
+def test_the_axes_of_fc_plot_take_drawn_parameters():
+    ds = drawn(80)
+    axes = fc.plot.bands(ds, x="kp")
+    groups = np.array_split(np.argsort(ds.kp.values), 8)
+    np.testing.assert_allclose(axes.lines[-1].get_ydata(), [np.median(ds.rmse.values[:, g]) for g in groups])
+    assert fc.plot.map(ds, x="kp", y="ti").collections[0].get_array().shape == (4, 4)
+    plt.close("all")
