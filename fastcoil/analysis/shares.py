@@ -36,11 +36,26 @@ def share_of(holds: xr.DataArray, among: xr.DataArray | None = None) -> Share:
     among: the valves and days that count, all if None; of at least one.
     """
     values = holds.astype(float) if among is None else holds.astype(float).where(among.astype(bool))
-    dims, cases, p = [dim for dim in CROSSED if dim in holds.dims], int(values.count()), float(values.mean())
-    means = [values.mean([other for other in dims if other != dim]).dropna(dim) for dim in dims]
-    variance = sum(float(m.var(ddof=1)) / m.size for m in means if m.size > 1)
-    low, high = interval(np.array(p), np.array(variance), cases, max(m.size for m in means), Z)
+    p, means = float(values.mean()), _means(values)
+    labels = max(m.size for m in means)
+    low, high = interval(np.array(p), np.array(_variance(means)), int(values.count()), labels, Z)
     return Share(p, float(low), float(high))
+
+
+def mean_of(values: xr.DataArray) -> tuple[float, float]:
+    """The mean over valves and days, and half of its 95 % interval over others of both."""
+    return float(values.mean()), Z * float(np.sqrt(_variance(_means(values))))
+
+
+def _means(values: xr.DataArray) -> list[xr.DataArray]:
+    """The means of the valves, and those of the days."""
+    dims = [dim for dim in CROSSED if dim in values.dims]
+    return [values.mean([other for other in dims if other != dim]).dropna(dim) for dim in dims]
+
+
+def _variance(means: list[xr.DataArray]) -> float:
+    """The variance of the mean of all."""
+    return sum((float(m.var(ddof=1)) / m.size for m in means if m.size > 1), 0.0)
 
 
 def interval(
