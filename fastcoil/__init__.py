@@ -98,10 +98,11 @@ __all__ = [*_HOME, "__version__", "parameters", "plot"]  # noqa: PLE0604
 
 
 def parameters() -> dict[str, Any]:
-    """Every parameter of a loop by name: unit, bounds, default and meaning."""
+    """Every parameter of a loop by name: unit, bounds, default and meaning; printed as a list."""
+    from fastcoil.listing import Listing
     from fastcoil.parameter_table import PARAMETERS
 
-    return dict(PARAMETERS)
+    return Listing(PARAMETERS)
 
 
 def __getattr__(name: str) -> Any:

@@ -11,10 +11,10 @@ import xarray as xr
 from fastcoil.arrays import Array
 from fastcoil.errors import InputError
 from fastcoil.outputs import SWITCH_BLOCK
-from fastcoil.plot.place import legend_above, one_place, width_of
+from fastcoil.plot.place import in_style, legend_above, one_place, width_of
 from fastcoil.plot.scenarios import interval_of, parameter_of, scenarios_of, traced
 from fastcoil.plots.labels import quantity
-from fastcoil.plots.style import COLOURS, FAINT, LINE_STYLES, STYLE, apply_style
+from fastcoil.plots.style import COLOURS, FAINT, LINE_STYLES, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +23,7 @@ _HOUR = 3600.0
 _HEIGHT = 2.4
 
 
-@apply_style()
+@in_style()
 def learning(data: Any, *, ax: Any = None) -> Axes:
     """Draw the backlash estimate over time against the true backlash, up to three scenarios.
 
@@ -52,14 +52,14 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     if len(found) == 1 and "mode" in ds and interval_of(found[0].ds) <= parameter_of(found[0].ds, "sample_time"):
         _chatter(axes, found[0].ds)
     alike = len({*gaps}) == 1
-    for k, (one, gap) in enumerate(zip(found, gaps, strict=True)):
+    for k, one in enumerate(found):
         look: Any = {"color": COLOURS[k], "ls": LINE_STYLES[k]}
         hours = one.ds["elapsed_time"] / _HOUR
         axes.plot(hours, 100.0 * one.ds["estimate"], drawstyle="steps-post", label=one.words or "estimate", **look)
         _mark(axes, one.ds, COLOURS[k])
-        if not (alike and k):
-            label = "true backlash" if alike else "" if k else "true backlash of each"
-            axes.axhline(gap, color="black" if alike else COLOURS[k], lw=0.9, ls=":", label=label)
+    for k, gap in enumerate(gaps[:1] if alike else gaps):
+        label = "true backlash" if alike else "" if k else "true backlash of each"
+        axes.axhline(gap, color="black" if alike else COLOURS[k], lw=0.9, ls=":", label=label)
     axes.set(xlabel="time from the start [h]", ylabel=quantity("estimate").axis)
     axes.margins(x=0.0)
     axes.set_ylim(0.0, 1.15 * max(*gaps, float(100.0 * ds["estimate"].max()), 0.1))

@@ -12,10 +12,10 @@ from fastcoil.arrays import Array
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError, nearest
 from fastcoil.outputs import TRACES
-from fastcoil.plot.place import legend_above, places, several, width_of
+from fastcoil.plot.place import in_style, legend_above, places, several, width_of
 from fastcoil.plot.scenarios import Scenario, scenarios_of, times, traced
 from fastcoil.plots.labels import quantity
-from fastcoil.plots.style import COLOURS, LINE_STYLES, apply_style, wrapped
+from fastcoil.plots.style import COLOURS, LINE_STYLES, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +33,7 @@ _STEPPED = frozenset(("command", "u", "integral", "estimate", "mode"))
 """They hold between two samples of the controller."""
 
 
-@apply_style()
+@in_style()
 def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax: Any = None) -> Any:
     """Draw traces over time, up to three scenarios: temperatures, then the valve, then the estimate.
 

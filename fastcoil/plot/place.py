@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fastcoil.errors import InputError, WrongType
-from fastcoil.plots.style import STYLE
+from fastcoil.plots.style import STYLE, apply_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,6 +21,17 @@ _LETTER, _HANDLE = 0.061, 0.42
 """Widths in a legend, inches: of an average letter, of all before and between the letters."""
 _LONGEST = 36
 """Letters of a line in a legend."""
+
+
+@contextmanager
+def in_style() -> Iterator[None]:
+    """Draw in the style of our figures, which is then taken back."""
+    import matplotlib.pyplot as plt
+
+    # a back end that is first loaded inside of a style, as that of a notebook, has what it sets taken back, too
+    plt.draw_if_interactive()  # type: ignore[no-untyped-call]
+    with apply_style():
+        yield
 
 
 def one_place(ax: Any, height: float) -> Axes:

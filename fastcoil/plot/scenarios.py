@@ -45,6 +45,8 @@ def traced(data: Any) -> xr.Dataset:
         raise InputError(WrongType(_CURE))
     if "elapsed_time" not in ds.coords or not any(n in ds for n in TRACES):
         raise InputError('data has no traces: simulate with traces=["T_sup", "command"], or give a result that has')
+    if not ds.sizes["elapsed_time"]:
+        raise InputError("data has no point along elapsed_time: give a part of the result that has some")
     return ds
 
 

@@ -12,7 +12,7 @@ from fastcoil.arguments import checking, text_of
 from fastcoil.arrays import Array
 from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import METRICS, metric_meant
-from fastcoil.plot.place import one_place, width_of
+from fastcoil.plot.place import in_style, one_place, width_of
 from fastcoil.plots.labels import Quantity, is_parameter, quantity_of, quantity_of_values
 from fastcoil.plots.panels import (
     draw_map,
@@ -27,7 +27,7 @@ from fastcoil.plots.panels import (
     say_if_empty,
 )
 from fastcoil.plots.spread import describe, draw_curve
-from fastcoil.plots.style import BLUE, COLOURS, LINE_STYLES, STYLE, apply_style, wrapped
+from fastcoil.plots.style import BLUE, COLOURS, LINE_STYLES, STYLE, wrapped
 from fastcoil.result import check_result
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class _Values(NamedTuple):
     failed: str
 
 
-@apply_style()
+@in_style()
 def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | None = None, ax: Any = None) -> Axes:
     """Draw a metric over two swept parameters as colours: the median over all other dims.
 
@@ -90,7 +90,7 @@ def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | 
     return axes
 
 
-@apply_style()
+@in_style()
 def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str | None = None, ax: Any = None) -> Axes:
     """Draw a metric along a swept parameter: the median over all other dims, with a band from 10 to 90 %.
 
@@ -187,6 +187,8 @@ def _values_of(data: Any, metric: Any) -> _Values:
 def _axes_of(values: xr.DataArray, **given: Any) -> list[str]:
     """The swept parameters along the axes: those that are given, for the others those that are left."""
     swept, found = numeric_dims(values), []
+    with checking() as check:
+        given = {argument: check.unless_none(text_of, argument, dim) for argument, dim in given.items()}
     problems = [
         f"{argument} = {shown(dim)} is not a swept number of this result{nearest(str(dim), swept)}; it has "
         f"{', '.join(swept) or 'none'}"

@@ -10,9 +10,10 @@ import xarray as xr
 
 from fastcoil.arguments import instance_of
 from fastcoil.errors import InputError
-from fastcoil.plot.place import legend_above, one_place, width_of
+from fastcoil.plot.place import in_style, legend_above, one_place, width_of
 from fastcoil.plot.scenarios import Scenario, parameter_of, scenarios_of, traced
-from fastcoil.plots.style import BLUE, COLOURS, DOTTED, GREY, LINE_STYLES, RED, YELLOW, apply_style, wrapped
+from fastcoil.plots.panels import say_if_empty
+from fastcoil.plots.style import BLUE, COLOURS, DOTTED, GREY, LINE_STYLES, RED, YELLOW, wrapped
 from fastcoil.result import check_result
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ _KINDS = (
 """What became of the loops in a scatter of swings: words, foretold, seen, mark, colour."""
 
 
-@apply_style()
+@in_style()
 def limit_cycle(data: Any, foretold: xr.Dataset | None = None, *, ax: Any = None) -> Axes:
     """Draw how a loop swings, and what was foretold of it.
 
@@ -90,6 +91,9 @@ def _plane(ds: xr.Dataset, foretold: xr.Dataset | None, ax: Any) -> Axes:
     gaps = [parameter_of(one.ds, "backlash") for one in found]
     told = [_told_of(one, foretold) for one in found]
     axes = one_place(ax, _HEIGHT)
+    axes.set(xlabel="command [%]", ylabel="opening [%]")
+    if say_if_empty(axes, ds["opening"]):
+        return axes
     lines = []
     for k, (one, gap) in enumerate(zip(found, gaps, strict=True)):
         seen = one.ds.isel(elapsed_time=_last(one.ds))
@@ -102,9 +106,9 @@ def _plane(ds: xr.Dataset, foretold: xr.Dataset | None, ax: Any) -> Axes:
             edge = np.clip((ends - shift) / (1.0 - gap), 0.0, 100.0)
             axes.plot(ends, edge, color="black", lw=0.7, ls=DOTTED, zorder=1)
     openings = [100.0 * one.ds["opening"].values[_last(one.ds)] for one in found]
-    low, high = min(values.min() for values in openings), max(values.max() for values in openings)
+    low, high = float(np.nanmin(np.concatenate(openings))), float(np.nanmax(np.concatenate(openings)))
     room = max(0.15 * (high - low), 0.5)
-    axes.set(xlabel="command [%]", ylabel="opening [%]", ylim=(low - room, high + room))
+    axes.set_ylim(low - room, high + room)
     if found[0].words:
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
     heading = "\n".join([*lines, "dotted: the edges of the gap"])

@@ -19,6 +19,7 @@ _UNITS = {
     "kW h": "kWh",
     "degC": "°C",
     "m3": "m³",
+    "kJ kg-1 K-1": "kJ/(kg K)",
 }
 _PERCENT = frozenset(
     (
@@ -68,6 +69,11 @@ def quantity(name: str) -> Quantity:
     if name in _MINUTES:
         return Quantity(entry.label, "min", 1 / 60)
     return Quantity(entry.label, _UNITS.get(entry.unit, entry.unit), 1.0)
+
+
+def unit_in_words(unit: str) -> str:
+    """A unit of the tables as a reader expects it; empty for a plain number."""
+    return _UNITS.get(unit, unit)
 
 
 def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
