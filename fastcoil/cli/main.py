@@ -16,6 +16,7 @@ from fastcoil.cli.cite import cite
 from fastcoil.cli.diagnose import diagnose
 from fastcoil.cli.explain import explain
 from fastcoil.cli.explore import explore
+from fastcoil.cli.export import export
 from fastcoil.cli.fit import fit
 from fastcoil.cli.fit_loop import fit_loop_command  # noqa: F401 — adds itself to the group fit
 from fastcoil.cli.init import init
@@ -153,21 +154,9 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
-for command in (  # fmt: skip
-    archive,
-    cite,
-    diagnose,
-    explain,
-    explore,
-    fit,
-    init,
-    join,
-    parameters,
-    plot,
-    presets,
-    report,
-    schema,
-    tune,
+for command in (
+    *(archive, cite, diagnose, explain, explore, export, fit, init, join),
+    *(parameters, plot, presets, report, schema, tune),
 ):
     main.add_command(command)
 
