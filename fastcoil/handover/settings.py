@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -93,9 +94,6 @@ class Settings:
         assumed = "s.estimate" if has else "BACKLASH_ESTIMATE"
         start = "ESTIMATE_SHARE * BACKLASH_ESTIMATE" if share else "BACKLASH_ESTIMATE"
         buffer_ratio, waives = number["buffer_ratio"] > 0.0, self.estimator == "identify"
-        inputs = "T_sup: float, T_set: float, enabled: bool, reset: bool, start_command: float"
-        if self.sees_air:
-            inputs = inputs.replace("enabled", "m_a: float, enabled")
         horizon = max(math.floor(HORIZON / number["sample_time"] + 0.5), 1)
         return {
             "estimator": self.estimator if has else "",
@@ -113,28 +111,30 @@ class Settings:
             "waives_buffer": waives,
             "band": "band" if buffer_ratio or waives else "BUFFER",
             "noise_of_median": repr(float(noise_level(1.0))) if self.measures_noise else "",
-            "inputs": inputs,
             "sample_time": f"{number['sample_time']:g}",
             **self._learner(),
             "reports_only": number["estimate_share"] == 0.0,
             "horizon": horizon,
             "stroke_time": number["identify_stroke_time"] > 0.0,
-            "candidates": ", ".join(repr(float(size)) for size in CANDIDATES),
+            "candidates": "\n    ".join(wrap(", ".join(repr(float(size)) for size in CANDIDATES), 92)),
         }
 
-    def _learner(self) -> dict[str, bool]:
+    def _learner(self) -> dict[str, bool | str]:
         """Which variants of the learner differ from the paper's."""
         number = self.number
         changed = {name: number[name] != PARAMETERS[name].default for name in number if name.startswith("learning_")}
+        stops, trips = number["learning_stop"] > 0.0, number["learning_early_trip"] > 0.0
         return {
             "min_switches": changed["learning_min_switches"],
             "max_reference": changed["learning_max_reference"],
             "evidence": changed["learning_min_switches"] or changed["learning_max_reference"],
             "growth": changed["learning_growth"],
             "shrink": changed["learning_shrink"],
-            "stop": number["learning_stop"] > 0.0,
-            "final": changed["learning_final"] and number["learning_stop"] > 0.0,
+            "stop": stops,
+            "learning": "s.learning and " if stops else "",
+            "acts": "acts" if stops or trips else "ends",
+            "final": changed["learning_final"] and stops,
             "reference": number["learning_reference"] > 0.0,
             "error_ratio": number["learning_error_ratio"] > 0.0,
-            "early_trip": number["learning_early_trip"] > 0.0,
+            "early_trip": trips,
         }

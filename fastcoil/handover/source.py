@@ -44,6 +44,8 @@ class Function:
     text: str
     body: list[ast.stmt]
     is_section: bool
+    lines: dict[str, int]
+    """Where each argument stands."""
 
 
 class Laws:
@@ -95,6 +97,30 @@ class Laws:
         return line > 1 and not self.lines[line - 2].strip()
 
 
+def is_elif(node: ast.If, laws: Laws) -> bool:
+    """Whether what stands in the else of a condition is one ``elif``."""
+    return laws.lines[node.orelse[0].lineno - 1].lstrip().startswith("elif")
+
+
+def counted(call: ast.Call) -> tuple[ast.expr, ast.expr, bool]:
+    """First value of a range, the one behind the last, and whether it counts down."""
+    given = call.args
+    low = given[0] if len(given) > 1 else ast.Constant(0)
+    return low, given[min(len(given), 2) - 1], len(given) > 2
+
+
+def aligned(rows: list[tuple[str, str]], width: int) -> list[str]:
+    """Code and what is said of it: below one another behind the code, or above it where a line is too short."""
+    column = max((len(code) for code, said in rows if said and "\n" not in code), default=0)
+    lines = []
+    for code, said in rows:
+        indent = code[: len(code) - len(code.lstrip())]
+        beside = f"{code:<{min(column, width // 2)}}  {said}"
+        fits = len(beside) <= width and "\n" not in code
+        lines += [beside] if said and fits else [*([indent + said] if said else []), code]
+    return lines
+
+
 def _function(node: ast.FunctionDef) -> Function:
     kinds = {one.arg: ast.unparse(one.annotation or ast.Name("float")) for one in node.args.args}
     is_section = "State" in kinds.values()
@@ -105,6 +131,7 @@ def _function(node: ast.FunctionDef) -> Function:
         ast.get_docstring(node) or "",
         node.body[1:],  # behind its text
         is_section,
+        {one.arg: one.lineno for one in node.args.args},
     )
 
 

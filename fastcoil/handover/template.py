@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from functools import cache
 from pathlib import Path
+from textwrap import wrap
 
 import jinja2
 
@@ -50,19 +51,19 @@ def laws_of(settings: Settings) -> str:
 def words_of(settings: Settings) -> str:
     """What a controller consists of."""
     number = settings.number
-    parts = ["PI"]
+    parts = ["a PI law"]
     if number["error_dead_band"] > 0.0:
-        parts.append("error dead band")
+        parts.append("a dead band")
     if settings.compensation == "additive":
         parts.append("half the backlash added to its output")
     elif settings.compensation == "smooth":
-        parts.append("smooth backlash inverse")
+        parts.append("a smooth backlash inverse")
     elif settings.has_estimate or number["backlash_estimate"] > 0.0:
-        parts.append("backlash inverse")
+        parts.append("a backlash inverse")
     if settings.has_estimate:
         parts.append(f"the estimator {settings.estimator}")
     last = f" and {parts.pop()}" if len(parts) > 1 else ""
-    return f": {', '.join(parts)}{last}"
+    return f"{', '.join(parts)}{last}"
 
 
 def _constant(name: str, value: float) -> str:
@@ -70,9 +71,9 @@ def _constant(name: str, value: float) -> str:
     unit = _UNITS.get(PARAMETERS[name].unit, PARAMETERS[name].unit)
     meaning = f"{unit}: {PARAMETERS[name].text}" if unit else PARAMETERS[name].text
     line = f"{name.upper()} = {number(value)}"
-    if len(line) + len(meaning) <= WIDTH:
+    if max(len(line), 33) + len(meaning) < WIDTH - 18:
         return f"{line}  # {meaning}"
-    return f"# {meaning}\n{line}"
+    return "\n".join([*(f"# {part}" for part in wrap(meaning, WIDTH - 12)), line])
 
 
 def number(value: float) -> str:
