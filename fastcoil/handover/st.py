@@ -39,7 +39,7 @@ class InST:
             _FUNCTIONS | self.functions,
             lambda field: field,
             lambda indices: f"[{', '.join(indices)}]",
-            _number,
+            st_number,
         )
 
     def text(self) -> str:
@@ -103,10 +103,10 @@ class InST:
 
     def _constant(self, one: Constant) -> str:
         if isinstance(one.value, list):
-            numbers = wrap(", ".join(map(_number, one.value)), WIDTH - 8)
+            numbers = wrap(", ".join(map(st_number, one.value)), WIDTH - 8)
             numbers = [_STEP * 2 + line for line in numbers]
             return "\n".join([f"{one.name} : ARRAY[0..{len(one.value) - 1}] OF LREAL := [", *numbers, f"{_STEP}];"])
-        value = _number(one.value) if isinstance(one.value, float) else str(one.value)
+        value = st_number(one.value) if isinstance(one.value, float) else str(one.value)
         return f"{one.name} : {_TYPES[one.kind]} := {value};"
 
     def _array(self, sizes: tuple[str, ...]) -> str:
@@ -199,7 +199,7 @@ class InST:
             raise TypeError(f"{name} has two types in the laws")
 
 
-def _number(value: float) -> str:
+def st_number(value: float) -> str:
     """A number as Structured Text writes it: 1.0E-9."""
     mantissa, e, power = number(value).partition("e")
     return mantissa + ("" if "." in mantissa else ".0") + (f"E{power}" if e else "")
