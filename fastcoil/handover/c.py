@@ -59,11 +59,11 @@ class InC:
         rows: list[tuple[str, str]] = []
         for one in self.laws.constants:
             if self.laws.has_gap(one.line):
-                lines, rows = [*lines, *aligned(rows, WIDTH), ""], []
+                lines, rows = [*lines, *aligned(rows), ""], []
             rows += [(_comment(line), "") for line in self.laws.above(one.line)]
             said = self.laws.comment(one.line)
             rows.append((self._constant(one), said and _comment(said)))
-        return [*lines, *aligned(rows, WIDTH)]
+        return [*lines, *aligned(rows)]
 
     def _constant(self, one: Constant) -> str:
         if isinstance(one.value, list):
@@ -77,7 +77,7 @@ class InC:
         for one in self.laws.fields:
             sizes, said = "".join(f"[{size}]" for size in one.sizes), self.laws.comment(one.line)
             rows.append((f"    {_TYPES[one.kind]} {one.name}{sizes};", said and _comment(said)))
-        return "\n".join(aligned(rows, WIDTH))
+        return "\n".join(aligned(rows))
 
     def _head(self, one: Function) -> str:
         arguments = [f"{_TYPES[kind]} {name}" for name, kind in one.arguments.items()]

@@ -109,13 +109,13 @@ def counted(call: ast.Call) -> tuple[ast.expr, ast.expr, bool]:
     return low, given[min(len(given), 2) - 1], len(given) > 2
 
 
-def aligned(rows: list[tuple[str, str]], width: int) -> list[str]:
+def aligned(rows: list[tuple[str, str]], width: int = 116) -> list[str]:
     """Code and what is said of it: below one another behind the code, or above it where a line is too short."""
     column = max((len(code) for code, said in rows if said and "\n" not in code), default=0)
     lines = []
     for code, said in rows:
         indent = code[: len(code) - len(code.lstrip())]
-        beside = f"{code:<{min(column, width // 2)}}  {said}"
+        beside = f"{code:<{min(column, 56)}}  {said}"
         fits = len(beside) <= width and "\n" not in code
         lines += [beside] if said and fits else [*([indent + said] if said else []), code]
     return lines

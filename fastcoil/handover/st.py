@@ -73,10 +73,10 @@ class InST:
             (shown if one.name in OUTPUTS else hidden).append(row)
         parts = [
             f"FUNCTION_BLOCK {self.block_name}",
-            *("VAR_INPUT", *aligned(inputs, WIDTH), "END_VAR"),
-            *("VAR_OUTPUT", *aligned(shown, WIDTH), "END_VAR"),
+            *("VAR_INPUT", *aligned(inputs), "END_VAR"),
+            *("VAR_OUTPUT", *aligned(shown), "END_VAR"),
             *("VAR CONSTANT", *self._constants(), "END_VAR"),
-            *("VAR  (* " + laws.state_text + " *)", *aligned(hidden, WIDTH), "END_VAR"),
+            *("VAR  (* " + laws.state_text + " *)", *aligned(hidden), "END_VAR"),
             *self._declared_locals(),
             "",
             *body,
@@ -99,7 +99,7 @@ class InST:
             rows += [(_STEP + _comment(line), "") for line in self.laws.above(one.line)]
             said = self.laws.comment(one.line)
             rows.append((_STEP + self._constant(one), said and _comment(said)))
-        return aligned(rows, WIDTH)
+        return aligned(rows)
 
     def _constant(self, one: Constant) -> str:
         if isinstance(one.value, list):

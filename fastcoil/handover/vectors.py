@@ -11,7 +11,7 @@ from fastcoil.arrays import Array
 from fastcoil.boundary.days import paper_day
 from fastcoil.boundary.heating_day import heating_day
 from fastcoil.calibrate.replay import replay
-from fastcoil.handover.record import Inputs, made_record
+from fastcoil.handover.record import Inputs, made_records
 from fastcoil.handover.settings import Settings
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.simulate import simulate
@@ -26,7 +26,7 @@ _LIMITS = -50.0, 150.0
 
 @dataclass(frozen=True)
 class Vectors:
-    """Columns by name, each with a value for every cycle; the cycles of the made-up record come first."""
+    """Columns by name, each with a value for every cycle; n_made: those of the first run."""
 
     columns: dict[str, Array]
     inputs: tuple[str, ...]
@@ -58,7 +58,7 @@ class Vectors:
             f"# Vectors for {code}, written by fastcoil {package_version()}: a row for each cycle of {sample_time:g} s.",
             f"# Given: {', '.join(self.inputs)}; the start command is 0.  A row with reset = 1 begins a run.",
             f"# Expected after the cycle, to 1e-12: {', '.join(self.outputs)}.",
-            "# The first run is a made-up record, replayed; the second is the loop on a simulated day.",
+            "# The last run is the loop on a simulated day, those before are made-up records, replayed.",
             f"# In them: {self.exercised()}.",
             ",".join(self.columns),
         ]
@@ -67,8 +67,8 @@ class Vectors:
 
 
 def vectors_of(loop: Loop, settings: Settings) -> Vectors:
-    """Replay a made-up record through the loop's controller, and simulate the loop on a day."""
-    runs = [_replayed(loop, settings, made_record(settings)), _simulated(loop, settings)]
+    """Replay made-up records through the loop's controller, and simulate the loop on a day."""
+    runs = [*(_replayed(loop, settings, seen) for seen in made_records(settings)), _simulated(loop, settings)]
     inputs = ("T_sup", "T_set", *(["m_a"] if settings.sees_air else []), "enabled", "reset")
     outputs = [name for name in OUTPUTS if name != "estimate" or settings.has_estimate]
     columns = {name: np.concatenate([run[name] for run in runs]) for name in (*inputs, *outputs)}
