@@ -50,8 +50,12 @@ def _seen(settings: Settings, e: Array, T_set: Array, enabled: Array) -> Inputs:
 
 
 def _tour(settings: Settings) -> tuple[Array, Array]:
-    """Errors of 220 cycles, K, and when the plant is on: along the stroke to its ends, back and forth, off and on."""
-    k, band = np.arange(30), settings.number["error_dead_band"]
+    """Errors, K, and when the plant is on: along the stroke to its ends, back and forth, off and on."""
+    number = settings.number
+    k, band = np.arange(30), number["error_dead_band"]
+    # a weak or slow PI takes its time from one end to the other
+    slowly = 1.5 * number["ti"] / max(abs(number["kp"]) * number["sample_time"] * LARGEST_ERROR, 1e-9)
+    crossing = min(math.ceil(slowly), MOST_CYCLES // 4)
     wanted = np.concatenate(
         [
             *(np.linspace(0.05, 0.7, 15), np.linspace(0.68, 0.3, 15)),
@@ -62,6 +66,7 @@ def _tour(settings: Settings) -> tuple[Array, Array]:
             0.5 + 0.02 * (-1.0) ** k,
             np.linspace(0.5, 0.9, 20),
             np.random.default_rng(17).uniform(0.2, 0.8, 40),
+            *(np.full(crossing, 1.5), np.full(crossing, -0.5)),
         ]
     )
     enabled = np.ones(wanted.size)

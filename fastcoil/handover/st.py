@@ -173,8 +173,6 @@ class InST:
         """A whole number one on, or one back."""
         if isinstance(node, ast.Constant) and isinstance(node.value, int):
             return str(node.value + more)
-        if isinstance(node, ast.BinOp) and isinstance(node.right, ast.Constant) and more < 0:
-            return self.language.say(node.left)  # of i + 1
         return f"{self.language.say(node)} {'+' if more > 0 else '-'} 1"
 
     def _zeros(self, target: str, call: ast.Call) -> list[str]:
