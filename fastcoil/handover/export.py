@@ -97,7 +97,7 @@ def _files(path: Path, language: str, settings: Settings, vectors: Vectors) -> d
     elif language == "python":
         given = ", ".join(f'given["{one}"]{_flag(one, " > 0.5")}' for one in vectors.inputs)
         imports = ["csv", *(["math"] if "import math" in text else []), "sys"]
-        code = re.sub(r"(import math\n)?\n*# Parameters", _imports(imports), text, count=1).rstrip() + "\n"
+        code = re.sub(r"\n*(import math\n)?\n*# Parameters", _imports(imports), text, count=1).rstrip() + "\n"
         code += _check("py", words | {"given": given, "zeros": "zeros(" in text})
     else:
         code = InST(Laws(text), name).text()

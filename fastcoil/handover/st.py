@@ -33,7 +33,7 @@ class InST:
         self.locals: dict[str, str] = {}
         step = laws.functions["step"]
         self.taken = {name.lower() for name in [*step.arguments, *self.sizes]}
-        self.taken |= {one.name.lower() for one in [*laws.constants, *laws.fields]}
+        self.taken |= {one.name.lower() for one in laws.constants} | {one.name.lower() for one in laws.fields}
         self.language = Language(
             _WORDS,
             _FUNCTIONS | self.functions,
@@ -66,7 +66,8 @@ class InST:
             (f"{_STEP}{name} : {_TYPES[kind]};", _comment(laws.comment(step.lines[name])))
             for name, kind in step.arguments.items()
         ]
-        shown, hidden = [], []
+        shown: list[tuple[str, str]] = []
+        hidden: list[tuple[str, str]] = []
         for one in laws.fields:
             said = laws.comment(one.line)
             row = (f"{_STEP}{one.name} : {self._array(one.sizes)}{_TYPES[one.kind]};", said and _comment(said))

@@ -1,4 +1,4 @@
-"""The exported controllers are the kernel's: C, Python and Structured Text give its numbers, and a broken law does not."""
+"""The exported controllers are the kernel's: C, Python and Structured Text give its numbers, a broken law does not."""
 
 import csv
 import ctypes
@@ -151,7 +151,7 @@ MUTATIONS = [
     ("heating", "abs(s.e) > ERROR_DEAD_BAND", "abs(s.e) >= 0.0"),
     ("additive", "s.u_ext - 0.5 * BACKLASH_ESTIMATE", "s.u_ext"),
     ("additive", "BUFFER_RATIO * abs(KP)", "0.3 * BUFFER_RATIO * abs(KP)"),
-    ("learner", "max(s.reference, LEARNING_FLOOR)", "LEARNING_FLOOR"),
+    ("learner", "max(s.f_reference, LEARNING_FLOOR)", "LEARNING_FLOOR"),
     ("learner", "s.estimate - s.last_step", "s.estimate"),
     ("learner", "s.clock >= s.next_update", "s.clock > s.next_update"),
     ("variants", "s.last_step * LEARNING_SHRINK", "s.last_step"),
@@ -159,7 +159,7 @@ MUTATIONS = [
     ("variants", "chatters or (ends and worse)", "chatters"),
     ("variants", "ESTIMATE_SHARE * s.estimate", "s.estimate"),
     ("hagglund", "KP * PLANT_GAIN * s.duration - TI", "KP * PLANT_GAIN * s.duration"),
-    ("hagglund", "min(max(low, high), e)", "max(low, high)"),
+    ("hagglund", "min(max(low, high), x_5)", "max(low, high)"),
     ("gradient", "/ (1.0 + zeta * zeta)", "/ 1.0"),
     ("gradient", "off - GRADIENT_DEAD_ZONE", "off"),
     ("gradient", "s.clock + GRADIENT_PAUSE", "s.clock"),
