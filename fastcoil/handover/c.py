@@ -7,7 +7,7 @@ from collections import Counter
 from textwrap import wrap
 
 from fastcoil.handover.expressions import Language, broken, is_flag
-from fastcoil.handover.source import Constant, Field, Function, Laws, aligned, counted, is_elif
+from fastcoil.handover.source import Constant, Function, Laws, aligned, counted, is_elif
 from fastcoil.handover.template import WIDTH, number
 
 _TYPES = {"real": "double", "flag": "bool", "whole": "int", "": "void"}
@@ -111,7 +111,9 @@ class InC:
             lines += [*broken(first + (f"  /* {said} */" if said else ""), WIDTH, _BREAKS), *rest]
         return lines
 
-    def _statement(self, node: ast.stmt, depth: int, known: dict[str, str], once: set[str]) -> list[str]:
+    def _statement(  # noqa: PLR0911 — one for each kind
+        self, node: ast.stmt, depth: int, known: dict[str, str], once: set[str]
+    ) -> list[str]:
         indent, say = "    " * depth, self.language.say
         if isinstance(node, ast.Assign):
             target, value = node.targets[0], node.value

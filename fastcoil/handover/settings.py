@@ -45,8 +45,8 @@ class Settings:
         """
         problems = [f"{name} is swept: give it one value, a controller has one" for name in loop.swept]
         problems += [
-            f"{loop.parameters[rule.kind].name} = {rule.name!r} is a rule of your own: port its Python by hand, or export "
-            f"the loop with a {rule.kind} of fastcoil"
+            f"{rule.kind} = {rule.name!r} is a rule of your own: port its Python by hand, or export the loop with a "
+            f"{rule.kind} of fastcoil"
             for rule in loop.rules.values()
             if not loop.swept and loop[rule.kind] == rule.name
         ]

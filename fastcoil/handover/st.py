@@ -132,7 +132,7 @@ class InST:
             lines += [""] if section and k + 1 < len(body) else []
         return lines
 
-    def _statement(self, node: ast.stmt, own: str) -> list[str]:
+    def _statement(self, node: ast.stmt, own: str) -> list[str]:  # noqa: PLR0911 — one for each kind
         say = self.language.say
         if isinstance(node, ast.Assign):
             target, value = node.targets[0], node.value

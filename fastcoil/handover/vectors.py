@@ -55,7 +55,7 @@ class Vectors:
     def csv(self, code: str, sample_time: float) -> str:
         """As a text file, numbers with 17 digits."""
         lines = [
-            f"# Vectors for {code}, written by fastcoil {package_version()}: a row for each cycle of {sample_time:g} s.",
+            f"# Vectors for {code}, written by fastcoil {package_version()}: a row for each {sample_time:g} s cycle.",
             f"# Given: {', '.join(self.inputs)}; the start command is 0.  A row with reset = 1 begins a run.",
             f"# Expected after the cycle, to 1e-12: {', '.join(self.outputs)}.",
             "# The last run is the loop on a simulated day, those before are made-up records, replayed.",

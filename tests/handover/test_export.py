@@ -1,4 +1,4 @@
-"""``fc.export_controller`` and ``fastcoil export``: what is in the files, a start without a bump, and what is refused."""
+"""``fc.export_controller`` and ``fastcoil export``: what is in the files, a start without a bump, what is refused."""
 
 import importlib.util
 import math

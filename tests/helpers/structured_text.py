@@ -181,7 +181,7 @@ class Unit:
                 lines += [f"{indent}else:", *self.body(one.named_children, depth + 1)]
         return lines
 
-    def expression(self, node):
+    def expression(self, node):  # noqa: PLR0911 — one for each kind
         """(Python, type) of an expression."""
         text = node.text.decode()
         if node.type == "parenthesized_expression":
