@@ -19,7 +19,7 @@ from fastcoil.version import package_version
 
 OUTPUTS = {"command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate"}
 """What the code calls a trace."""
-_HOURS, _HOURS_TO_IDENTIFY = 1, 4
+_HOURS, _HOURS_TO_IDENTIFY = 1, 3
 """Of the simulated day: an estimate from steps of the set-point takes longer."""
 _LIMITS = -50.0, 150.0
 
