@@ -90,7 +90,10 @@ def _replayed(loop: Loop, settings: Settings, seen: Inputs) -> dict[str, Array]:
 def _simulated(loop: Loop, settings: Settings) -> dict[str, Array]:
     hours = _HOURS_TO_IDENTIFY if settings.estimator == "identify" else _HOURS
     day = heating_day(hours) if settings.heats else paper_day(hours)
-    sample_time = int(settings.number["sample_time"])
+    sample_time, band = int(settings.number["sample_time"]), settings.number["error_dead_band"]
+    if band > 0.0:  # steps that it would not answer are refused
+        T_set = day.series["T_set"][0]
+        day = day.assign(T_set=T_set[0] + (1.0 + 2.0 * band) * (T_set - T_set[0]))
     traces = ["T_measured", *OUTPUTS.values()]
     ds = simulate(loop, day, traces=traces, trace_interval=sample_time, warm_up=0, n_jobs=1)
     series = {name: np.asarray(day.series[name][0])[::sample_time] for name in ("T_set", "m_a")}
