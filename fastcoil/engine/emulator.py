@@ -24,6 +24,7 @@ from fastcoil.engine.plant import (
     air_side,
     count_wet,
     deliver,
+    dry_from,
     enter,
     extremes,
     march_air,
@@ -95,6 +96,9 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
     eps = np.empty((2, n_steps if shared else 0))
     shared_air_side(S, day.series[:, C.m_a], eps)
     coldest, dampest = extremes(V, n_volumes)
+    highest_pressure = S[R.pressure : R.pressure + LANES].max()
+    T_dry, dampest_known = 15.0, np.nan
+    damp = np.ones(n_volumes + 1, np.bool_)
     m_a_known, scale_known = np.nan, np.nan
     was_enabled = day.was_enabled
     running = False
@@ -154,20 +158,23 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
             record(S, V, traced_rows, traces[t // trace_interval])
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
-        coldest, dampest = min(coldest, T_a_in, T_w_in), max(dampest, W_a_in)
+        coldest = min(coldest, T_a_in, T_w_in)
+        dampest = max(dampest, W_a_in, day.series[min(t + 1, n_steps - 1), C.W_a_in])  # damp is for the next march
+        if dampest != dampest_known:
+            T_dry = dry_from(T_dry, dampest, highest_pressure)
+            dampest_known = dampest
+        if traced:
+            damp[:] = True  # who counts wet volumes wants saturation everywhere
         is_mild = coldest > MILD_T and dampest < MILD_W
         dt_counted = dt if counted else 0.0
         for part in range(common.substeps):
-            if is_mild:
-                march_water(S, V, n_volumes, True)
-            else:
-                march_water(S, V, n_volumes, False)
+            march_water(S, V, n_volumes, is_mild, damp)
             if traced and part == 0 and common.lagged_air:
                 count_wet(S, V, n_volumes)
             if shared:
-                march_air(S, V, n_volumes, common.lagged_air, True, eps[0, t], eps[1, t], m_a, dt_counted)
+                march_air(S, V, n_volumes, common.lagged_air, True, eps[0, t], eps[1, t], m_a, dt_counted, T_dry, damp)
             else:
-                march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, dt_counted)
+                march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, dt_counted, T_dry, damp)
             if traced and part == 0 and not common.lagged_air:
                 count_wet(S, V, n_volumes)
         if traced:
@@ -178,5 +185,6 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
             if not is_mild:
                 watch_frost(S, V, n_volumes, t + 1 - looked)
             looked = t + 1
+            coldest, dampest = extremes(V, n_volumes)
 
     summarise(S, V, n_volumes, day.schedule, metrics, status)

@@ -50,8 +50,8 @@ def assembly_of(name):
         "actuate with wear": (stem.actuate, (A, b, *map(T.literal, (0, 0, 1)))),
         "deliver": (plant.deliver, (A, b)),
         "air_side": (plant.air_side, (A, f)),
-        "march_water": (plant.march_water, (A, A, i, b)),
-        "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b)),
+        "march_water": (plant.march_water, (A, A, i, b, T.Array(b, 1, "C"))),
+        "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b, f, T.Array(b, 1, "C"))),
         "account_second": (metrics.account_second, (A, A, i, i, f, f, f, i)),
     }[name]
     return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
