@@ -117,9 +117,11 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
             scale_gap(S, scale)
             scale_known = scale
             running = True
-        for j in range(LANES):
-            S[R.y_s + j] = lagged(S[R.y_s + j], V[VOLUME_STRIDE + T_A + j], S[R.sensor_decay + j])
         samples = clock % common.control_period == 0
+        traced = traces.shape[0] > 0 and t % trace_interval == 0
+        if common.has_lag or samples or traced or was_enabled != enabled:
+            for j in range(LANES):
+                S[R.y_s + j] = lagged(S[R.y_s + j], V[VOLUME_STRIDE + T_A + j], S[R.sensor_decay + j])
         if samples and common.has_noise:
             draw_noise(S, clock, clock // common.control_period, common, day)
         if open_loop:
@@ -150,7 +152,6 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
         if counted:
             account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes)
 
-        traced = traces.shape[0] > 0 and t % trace_interval == 0
         if traced:
             for j in range(LANES):
                 S[R.measured + j] = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
