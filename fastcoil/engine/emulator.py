@@ -142,7 +142,7 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
             was_enabled = enabled
         if open_loop or running:
             plain = common.stem == BUILT_IN
-            found = actuate(S, counted, False, False, False) if plain else call_stem(common.stem, (S, counted))
+            found = actuate(S, counted, False, False, False, False) if plain else call_stem(common.stem, (S, counted))
             running = found & RUNNING != 0
             if found & MOVED != 0 or t == 0:
                 deliver(S, common.leaks)
