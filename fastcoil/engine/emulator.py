@@ -65,7 +65,9 @@ def record(S, V, rows, traces):
     """Copy rows into ``traces``, (n_rows, LANES); ``rows`` are offsets of S, or -1 - offset for those of V."""
     for k in range(rows.size):
         row = rows[k]
-        traces[k] = S[row : row + LANES] if row >= 0 else V[-1 - row : -1 - row + LANES]
+        held = S[row : row + LANES] if row >= 0 else V[-1 - row : -1 - row + LANES]
+        for j in range(LANES):  # an assignment of arrays would check their shapes, and compile its messages for 2 s
+            traces[k, j] = held[j]
 
 
 @kernel
