@@ -1,4 +1,4 @@
-"""Leaving out what does nothing where all is dry changes no number: a run with every second traced leaves out nothing."""
+"""Leaving out what does nothing where all is dry changes no number; a run traced every second leaves nothing out."""
 
 import numpy as np
 import pytest
