@@ -36,7 +36,7 @@ MADE = {
     *("tuning.toml", "tuning.png", "tune.json"),
     *("learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"),
     *("scorecard.md", "scorecard.json"),
-    *("run.json", "mine.py", "module.py", "days.png"),
+    *("run.json", "mine.py", "module.py", "days.png", "two.png"),
 }
 """Files that the reader makes, or that a command of the page writes."""
 TOOLS = {"pip", "dask", "."}
