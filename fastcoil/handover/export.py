@@ -9,27 +9,33 @@ from textwrap import wrap
 
 from fastcoil.arguments import checking, choice_of, instance_of, path_of
 from fastcoil.errors import InputError
-from fastcoil.files import commit
+from fastcoil.files import commit, read_bytes
 from fastcoil.handover.c import InC
 from fastcoil.handover.settings import Settings
 from fastcoil.handover.source import Laws
 from fastcoil.handover.st import InST, st_number
 from fastcoil.handover.template import laws_of, templates
 from fastcoil.handover.vectors import Vectors, vectors_of
-from fastcoil.look import is_folder
+from fastcoil.look import exists, is_folder
 from fastcoil.simulation.loop import Loop
+from fastcoil.version import package_version
 
 SUFFIXES = {"c": ".c", "st": ".st", "python": ".py"}
 """Of the files, by language."""
 FIRST_VECTORS = 200
 """Vectors that a program in Structured Text holds, which cannot read files."""
+_MARK = b"ritten by fastcoil "
+"""In the head of every file."""
+_LARGEST = 2**26
+"""Bytes of a file."""
 
 
 def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = "c") -> list[Path]:
     """Write the controller of a loop as code for the field: PI, backlash inverse and estimator.
 
     Beside the code, ``NAME_vectors.csv`` gives what it must answer, cycle by cycle, as fastcoil's own kernel does; with
-    Structured Text, ``NAME_check.st`` is a program that holds the first of them.  Files of these names are replaced.
+    Structured Text, ``NAME_check.st`` is a program that holds the first of them.  Earlier files of these names are
+    replaced, files that fastcoil did not write are not.
 
     Parameters
     ----------
@@ -57,6 +63,7 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         language = check(language_of, language)
     _require_file(path, language)
     settings = Settings.of(loop)
+    _require_ours(path, language)
     vectors = vectors_of(loop, settings)
     files = _files(path, language, settings, vectors)
     for name, text in files.items():
@@ -74,7 +81,24 @@ def _require_file(path: Path, language: str) -> None:
     if path.suffix != suffix or is_folder(path) or not is_folder(path.absolute().parent):
         raise InputError(f"path = {path}: give a file NAME{suffix} in a folder that exists, or another language")
     if not _name_of(path):
-        raise InputError(f"path = {path}: give it a name of letters, which the code's own names then begin with")
+        raise InputError(f"path = {path}: give it a name of letters from a to z, which the code's own names then begin with")
+
+
+def _require_ours(path: Path, language: str) -> None:
+    """Refuse to replace what somebody else wrote, such as a rule in ``mine.py`` by the controller of ``mine.toml``."""
+    beside = [f"{path.stem}_vectors.csv", *([f"{path.stem}_check.st"] if language == "st" else [])]
+    others = [each for name in (path.name, *beside) if exists(each := path.with_name(name)) and not _is_ours(each)]
+    if others:
+        raise InputError(
+            [f"{each} exists, and fastcoil did not write it: choose another name, or delete it" for each in others]
+        )
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return _MARK in read_bytes(path, _LARGEST)[:2000]
+    except (OSError, ValueError):
+        return False
 
 
 def _name_of(path: Path) -> str:
@@ -119,4 +143,4 @@ def _imports(names: list[str]) -> str:
 
 
 def _check(kind: str, words: dict[str, object]) -> str:
-    return templates().get_template(f"check.{kind}.jinja").render(words)
+    return templates().get_template(f"check.{kind}.jinja").render(words, version=package_version())

@@ -222,3 +222,19 @@ def test_the_command_refuses_in_a_sentence(tmp_path, monkeypatch, loop, options,
     assert done.exit_code != 0
     assert words in done.output + str(done.exception)
     assert [path.name for path in tmp_path.iterdir()] == ["controller.toml"]
+
+
+@pytest.mark.parametrize(
+    ("name", "language"),
+    [("mine.py", "python"), ("mine.c", "c"), ("mine_vectors.csv", "python"), ("mine_check.st", "st")],
+)
+def test_a_file_that_fastcoil_did_not_write_is_never_replaced(tmp_path, name, language):
+    """As the rule in mine.py would be by the controller of mine.toml; earlier exports are replaced."""
+    path = tmp_path / f"mine.{'py' if language == 'python' else language}"
+    before = {each.name for each in fc.export_controller(fc.Loop(), path, language)}
+    assert {each.name for each in fc.export_controller(fc.Loop(kp=0.02), path, language)} == before
+    (tmp_path / name).write_text("# a day's work\n")
+    others = {each: (tmp_path / each).read_bytes() for each in before}
+    with pytest.raises(fc.InputError, match=rf"{name} exists, and fastcoil did not write it: choose another name"):
+        fc.export_controller(fc.Loop(kp=0.03), path, language)
+    assert {each: (tmp_path / each).read_bytes() for each in before} == others
