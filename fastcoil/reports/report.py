@@ -11,6 +11,7 @@ from fastcoil.arguments import checking, path_of
 from fastcoil.errors import InputError, WrongType
 from fastcoil.look import is_folder
 from fastcoil.reports.page import Page, folder_holds, require_page
+from fastcoil.study.folder.folder import require_no_archive
 from fastcoil.study.folder.manifest import MANIFEST
 from fastcoil.tuning.archive import KEPT
 
@@ -74,6 +75,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
 
 def require_folder(folder: Path) -> None:
     """Refuse anything but a folder of which there are reports; its files are not looked into."""
+    require_no_archive(folder)
     if not is_folder(folder):
         raise InputError(f"{folder} is no folder: {_CURE}")
     if any(folder_holds(folder, name) for name in (MANIFEST, "results.nc", SCORECARD)):

@@ -194,3 +194,24 @@ def test_nothing_is_replaced(out, name, said):
     assert done.exit_code == 2
     assert said in done.stderr
     assert path.read_text() == "mine"
+
+
+def test_a_folder_with_an_odd_name_keeps_it_and_one_without_a_study_is_told_so(out, tmp_path):
+    copied(PLAIN, out)
+    odd = out.rename(tmp_path / "north & <1>")
+    (tmp_path / "study.zip").write_text("another")
+    assert pack(odd).path == tmp_path / "north & <1>.zip"
+    assert (tmp_path / "study.zip").read_text() == "another"
+    assert fastcoil("verify", tmp_path / "north & <1>.zip").exit_code == 0
+    (tmp_path / "none.zip").write_text("")
+    assert "none holds no study" in fastcoil("archive", tmp_path / "none").output
+
+
+@pytest.mark.parametrize("command", ["report", "plot", "cite", "status", "archive", ("rerun", "--at", AT), "export"])
+def test_where_a_folder_is_wanted_an_archive_is_to_be_unpacked_first(out, tmp_path, command):
+    copied(PLAIN, out)
+    path = pack(out, tmp_path / "given.zip").path
+    name, *options = [command] if isinstance(command, str) else command
+    done = fastcoil(name, path, *options, *(["--csv"] if name == "export" else []))
+    assert done.exit_code == 2
+    assert f"{path} is an archive: unpack it with `unzip {path}`" in done.output

@@ -52,9 +52,10 @@ def pack(folder: Path, path: Path | None = None) -> Packed:
         If a file cannot be read or written; if the folder is not sound.  Nothing half-written is left behind.
     """
     store = StudyFolder(folder)
-    name = folder.absolute().name
-    name = name if is_safe(name) else "study"
-    path = path or (folder if folder.name else folder.absolute()).parent / f"{name}.zip"
+    called = folder.absolute().name or "study"
+    name = called if is_safe(called) else "study"
+    path = path or (folder if folder.name else folder.absolute()).parent / f"{called}.zip"
+    store.require_manifest()
     _require_new(path)
     ds = open_finished(folder)
     problems = find_problems(store)

@@ -24,7 +24,7 @@ import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError, StorageError
 from fastcoil.files import commit, read_bytes, remove_unfinished, storage_errors
-from fastcoil.look import entries, exists, is_folder
+from fastcoil.look import entries, exists, is_file, is_folder
 from fastcoil.plots.files import FIGURES
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
 from fastcoil.study.folder.final import RESULTS, TRACE_FILES, open_final
@@ -36,6 +36,12 @@ STUDY = "study.toml"
 _PATIENCE = 1.0
 """Seconds that a run may need between two files that belong together."""
 Read = TypeVar("Read")
+
+
+def require_no_archive(path: Path) -> None:
+    """Refuse the one file that ``fastcoil archive`` makes of a folder, where the folder is wanted."""
+    if path.suffix == ".zip" and is_file(path):
+        raise InputError(f"{path} is an archive: unpack it with `unzip {path}`, and give the folder that is in it")
 
 
 @dataclass(frozen=True)
@@ -90,6 +96,7 @@ class StudyFolder:
                 "results are kept"
             )
         if manifest is None:
+            require_no_archive(self.path)
             raise InputError(
                 f"{self.path} holds no study: run one first, with `fastcoil run STUDY.toml -o {self.path}`"
             )

@@ -11,6 +11,7 @@ from fastcoil.look import exists, is_file, is_folder
 from fastcoil.result import check_result
 from fastcoil.simulation.trial import try_reading
 from fastcoil.study.folder.final import RESULTS
+from fastcoil.study.folder.folder import require_no_archive
 from fastcoil.study.folder.manifest import MANIFEST
 from fastcoil.study.folder.results import open_study
 
@@ -33,6 +34,7 @@ def open_results(path: Path) -> xr.Dataset:
         return open_study(path.parent)
     if not is_file(path):
         raise InputError(f"{path} does not exist: {_CURE}")
+    require_no_archive(path)
     try:
         ds = try_reading(path, _CURE).load()
         check_result(ds)
