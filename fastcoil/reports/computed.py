@@ -32,6 +32,10 @@ _SERIES = {
     "T_set": "set-point",
 }
 """What a reader calls the series that every boundary has."""
+_CARRIED = (
+    "each begins as the one before ended, with coil, valve, controller and estimator (carry_over).  Intervals over days "
+    "take them as independent, which days in a row are not quite"
+)
 _FEW = 6
 """Labels that are listed one by one, and hashes of days."""
 
@@ -61,6 +65,7 @@ def how(ds: xr.Dataset) -> Section:
         ("Preset", f"{preset}: {PRESETS[preset].text}. {NOT_THE_FIT}" if preset in PRESETS else preset),
         ("Scenarios", f"{n:,} = {_sizes(ds)}" if ds["status"].dims else "1"),
         ("Days", _days(ds, tables)),
+        *([("Between days", _CARRIED)] if ds.attrs.get("carry_over") else []),
         ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', '–')} s"),
         ("Noise", _noise(ds, constants)),
     ]  # fmt: skip

@@ -191,3 +191,11 @@ def test_a_text_without_end_is_cut_and_code_keeps_its_lines(tmp_path):
     page = Page(made.write(tmp_path / "x.html"))
     assert "t" * 2000 + "… (5,000 characters)" in page.text
     assert "<pre>a = 1\n\n  b = &#39;&lt;x&gt;&#39;\\x1b[31m\n</pre>" in page.source
+
+
+def test_days_that_follow_each_other_are_said_to(out):
+    words = "each begins as the one before ended"
+    copied(PLAIN, out)
+    assert words not in Page(fc.report(out)).text
+    run(PLAIN + "carry_over = true\n", out.with_name("carried"))
+    assert words in Page(fc.report(out.with_name("carried"))).text
