@@ -81,7 +81,7 @@ def _require_file(path: Path, language: str) -> None:
     if path.suffix != suffix or is_folder(path) or not is_folder(path.absolute().parent):
         raise InputError(f"path = {path}: give a file NAME{suffix} in a folder that exists, or another language")
     if not _name_of(path):
-        raise InputError(f"path = {path}: give it a name of letters from a to z, which the code's own names then begin with")
+        raise InputError(f"path = {path}: give it a name of letters a to z, which the code's own names begin with")
 
 
 def _require_ours(path: Path, language: str) -> None:

@@ -33,8 +33,8 @@ _SERIES = {
 }
 """What a reader calls the series that every boundary has."""
 _CARRIED = (
-    "each begins as the one before ended, with coil, valve, controller and estimator (carry_over).  Intervals over days "
-    "take them as independent, which days in a row are not quite"
+    "each begins as the one before ended, with coil, valve, controller and estimator (carry_over).  Intervals over "
+    "days take them as independent, which days in a row are not quite"
 )
 _FEW = 6
 """Labels that are listed one by one, and hashes of days."""
