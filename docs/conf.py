@@ -55,6 +55,8 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "remove_config_comments": True,
+    "image_scrapers": ("matplotlib", "builder.figures.returned_figures"),
+    "ignore_repr_types": r"matplotlib\.",
     "show_memory": False,
     "min_reported_time": 5,
     "abort_on_example_error": False,

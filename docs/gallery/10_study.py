@@ -10,6 +10,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+
 import fastcoil as fc
 
 # %%
@@ -37,9 +39,12 @@ def fastcoil(*words):
 
 
 # %%
-# ``run`` runs it; ``plan`` would say beforehand how large it is and how long it takes:
+# ``run`` runs it and draws figures; ``plan`` would say beforehand how large it is and how long it takes:
 
 fastcoil("run", "gaps.toml", "-j", "1")
+
+plt.imshow(plt.imread("results/gaps/figures/bands.png"))
+plt.axis("off")
 
 # %%
 # ``verify`` checks every file of the folder against its hash.  ``rerun`` simulates one scenario again, with

@@ -10,6 +10,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+
 import fastcoil as fc
 
 Path("cluster.toml").write_text("""
@@ -33,6 +35,9 @@ seed = [1, 2]
 command = ["run", "cluster.toml", "-o", "results/far", "--backend", "dask", "-j", "1"]
 done = subprocess.run([sys.executable, "-m", "fastcoil", *command], capture_output=True, text=True, check=True)
 print(done.stdout)
+
+plt.imshow(plt.imread("results/far/figures/maps.png"))
+plt.axis("off")
 
 # %%
 # The same study on threads of this machine:
