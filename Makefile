@@ -24,10 +24,11 @@ lint: $(VENV)/.installed-lint
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# the site, build/docs/site/index.html: every warning is an error, and so is a link that leads nowhere
+# the site, build/docs/site/index.html, always from the beginning: its examples show what the program does now.  Every
+# warning is an error, and so is a link that leads nowhere
 DOCS := build/docs
 docs: $(VENV)/.installed-docs
-	mkdir -p $(DOCS)/pages
+	rm -rf $(DOCS) && mkdir -p $(DOCS)/pages
 	$(BIN)/python -m sphinx -W --keep-going -q -c docs -d $(DOCS)/doctrees $(DOCS)/pages $(DOCS)/site
 	$(BIN)/python docs/builder/links.py $(DOCS)/site
 	@echo "Open $(DOCS)/site/index.html"

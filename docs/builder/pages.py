@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import posixpath
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 RENAMED = {
@@ -31,8 +31,8 @@ GALLERY = "docs/gallery"
 FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"(?<=\]\()[^)\s]+(?=\))|(?<=\]: )\S+$", re.MULTILINE)
 SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.DOTALL | re.MULTILINE)
-LINKED = re.compile(r"\[[^\]]+\]\(([^)]+)\)")
-ITEM = re.compile(r"^\* \[[^\]]+\]\(([^)#\s]+)\)", re.MULTILINE)
+LINKED = re.compile(r"\[([^\]]+)\]\(([^)]+)\)")
+ITEM = re.compile(r"^\* \[([^\]]+)\]\(([^)#\s]+)\)", re.MULTILINE)
 CODE = re.compile(r"^<!-- code ([\w/.]+): ([\w., ]+) -->$", re.MULTILINE)
 NAMES = re.compile(r"^(?:`(?:fc|fastcoil)\.[\w.]+`[,\s]*)+$", re.MULTILINE)
 
@@ -108,18 +108,19 @@ class Staging:
         front, top = self.text("docs/index.md"), []
         for title, body in SECTION.findall(front):
             if link := LINKED.fullmatch(title):
-                top.append(link[1])
+                top.append(link.groups())
             else:
-                top.append(re.sub(r"\W+", "-", title.lower()).strip("-") + ".md")
-                yield top[-1], f"# {title}\n{body}" + _tree(ITEM.findall(body))
+                top.append((title, re.sub(r"\W+", "-", title.lower()).strip("-") + ".md"))
+                yield top[-1][1], f"# {title}\n{body}" + _tree(ITEM.findall(body))
         yield "index.md", front + _tree(top)
         reference = self.text("docs/reference.md")
         yield "reference.md", reference + _tree(ITEM.findall(reference))
 
 
-def _tree(pages: list[str]) -> str:
-    """The order of ``pages`` for Sphinx, which shows it at the side."""
-    return "\n```{toctree}\n:hidden:\n\n" + "\n".join(page.rpartition(".")[0] for page in pages) + "\n```\n"
+def _tree(pages: Iterable[tuple[str, str]]) -> str:
+    """The order of ``pages``, (title, file), for Sphinx, which shows it at the side."""
+    lines = "\n".join(f"{title} <{page.rpartition('.')[0]}>" for title, page in pages)
+    return f"\n```{{toctree}}\n:hidden:\n\n{lines}\n```\n"
 
 
 def public(text: str) -> list[str]:

@@ -13,7 +13,10 @@ RUN_IN_ORDER = {"python", "toml", "sh", "text"}
 """Kinds of blocks that ``test_pages`` runs, or compares with what is printed, on every page with Python."""
 ELSEWHERE = {
     ("README.md", "console"): "what it prints is compared with the page on diagnosis, in test_pages",
-    ("docs/clusters.md", "sh"): "starts clusters for a long study: names and options are checked, here and in test_pages",
+    (
+        "docs/clusters.md",
+        "sh",
+    ): "starts clusters for a long study: names and options are checked, here and in test_pages",
     ("docs/equations.md", "math"): "drawn when the site is built",
     ("docs/extending.md", "diff"): "applied and tried in test_extending",
     ("docs/paper.md", "sh"): "minutes of simulation: tests/paper runs it in parts",
