@@ -5,6 +5,7 @@ internet: equations are MathML, icons and fonts are those of the theme.
 """
 
 import importlib.metadata
+import re
 import sys
 from pathlib import Path
 
@@ -72,6 +73,7 @@ html_static_path = [str(ROOT / "docs" / "builder" / "static")]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 html_copy_source = html_show_sourcelink = False
+html_show_search_summary = False  # pages that are opened from a disk may not read one another
 html_theme_options = {
     "navbar_align": "left",
     "secondary_sidebar_items": ["page-toc"],
@@ -92,5 +94,11 @@ def linkcode_resolve(domain: str, info: dict[str, str]) -> str:
     return f"../{shown_file(str(path))}.html"
 
 
+def without_signature(app: Sphinx, what: str, name: str, thing: object, options: object, *said: str) -> tuple | None:
+    """No arguments for a result, which a function makes and nobody else."""
+    return ("", None) if what == "class" and re.search(r"[._]result[.]", name) else None
+
+
 def setup(app: Sphinx) -> None:
-    """Nothing but the settings above."""
+    """Besides the settings above."""
+    app.connect("autodoc-process-signature", without_signature)

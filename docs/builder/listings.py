@@ -42,6 +42,11 @@ def _rows(head: str, rows: Iterable[Iterable[object]]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(map(_cell, row)) + " |" for row in rows)]) + "\n"
 
 
+def _unit(unit: str) -> str:
+    """A fraction or a count has none."""
+    return "" if unit == "1" else unit
+
+
 def parameter_page() -> str:
     """Every parameter of a loop, by group."""
     groups: dict[str, list] = {}
@@ -50,7 +55,9 @@ def parameter_page() -> str:
     text = "# Parameters of a loop\n\nThe same names are used in Python, in study files and in results.  "
     text += "The defaults are those of the preset `paper_like`.\n"
     for group, members in groups.items():
-        rows = ((f"`{p.name}`", p.unit, "" if p.default is None else p.default, p.bounds, p.text) for p in members)
+        rows = (
+            (f"`{p.name}`", _unit(p.unit), "" if p.default is None else p.default, p.bounds, p.text) for p in members
+        )
         text += f"\n## {group[0].upper()}{group[1:]}\n\n"
         text += _rows("| name | unit | default | values | meaning |", rows)
     return text
@@ -60,9 +67,10 @@ def output_page() -> str:
     """Every metric and every signal of a result."""
     head = "| name | unit | meaning | how it is found |"
     text = "# Metrics and signals\n\nA result has the metrics always, one number for each scenario, and the signals"
-    text += " that you ask for with `traces=[…]`.  An empty cell (NaN) is never a zero.\n"
+    text += " that you ask for with `traces=[…]`.  Where no unit is given it is a fraction or a count.  An empty cell"
+    text += " (NaN) is never a zero.\n"
     for title, outputs in (("Metrics", METRICS), ("Signals", TRACES)):
-        rows = ((f"`{o.name}`", o.unit, o.long_name, o.comment) for o in outputs.values())
+        rows = ((f"`{o.name}`", _unit(o.unit), o.long_name, o.comment) for o in outputs.values())
         text += f"\n## {title}\n\n" + _rows(head, rows)
     return text
 

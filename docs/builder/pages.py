@@ -13,6 +13,8 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from builder.terms import linked, terms
+
 RENAMED = {
     "README.md": "overview.md",
     "CHANGELOG.md": "changelog.md",
@@ -28,6 +30,9 @@ TABLES = {
 }
 """What the page of reference shows as a table instead of the file."""
 GALLERY = "docs/gallery"
+GLOSSARY = "glossary.md"
+WITHOUT_TERMS = {"docs/glossary.md", "docs/index.md", "docs/reference.md", "CHANGELOG.md"}
+"""Pages that are lists, where a link to the glossary at each word would only distract."""
 FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"(?<=\]\()[^)\s]+(?=\))|(?<=\]: )\S+$", re.MULTILINE)
 SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.DOTALL | re.MULTILINE)
@@ -70,6 +75,7 @@ class Staging:
         self.pages = {here: there for there, here in sources(root).items()}
         self.files: set[str] = set()
         self.figures: set[str] = set()
+        self.terms = terms((root / "docs" / GLOSSARY).read_text()) if (root / "docs" / GLOSSARY).is_file() else {}
 
     def target(self, link: str, page: str) -> str:
         """Where a link of ``page`` leads on the site."""
@@ -96,6 +102,8 @@ class Staging:
         text = (self.root / page).read_text()
         text = text.replace("\n```math\n", "\n```{math}\n")
         text = outside_fences(text, lambda part: LINK.sub(lambda link: self.target(link[0], page), part))
+        known = {} if page in WITHOUT_TERMS else dict(self.terms)
+        text = outside_fences(text, lambda part: linked(part, known, GLOSSARY))
         return NAMES.sub(_summaries, CODE.sub(self._listing, text))
 
     def _listing(self, marker: re.Match[str]) -> str:

@@ -1,0 +1,37 @@
+"""Links the first use of a term on a page to the glossary, so that a reader may begin anywhere."""
+
+from __future__ import annotations
+
+import re
+
+MORE_MEANINGS = {"Command", "Estimate", "Interval", "Inverse", "Kernel", "Margin", "Metric", "PI", "Settled", "Sweep"}
+"""Terms that are everyday words too, or that stand on every line."""
+TERM = re.compile(r"^### (.+)$", re.MULTILINE)
+LEFT_ALONE = r"\[[^\]]*\](?:\([^)]*\)|\[[^\]]*\]|: \S+)?|`[^`]*`|\$[^$\n]*\$|^#.*$|^\|.*$|^\s*<!--.*?-->|https?://\S+"
+"""Links, code, formulas, headings, tables, comments."""
+
+
+def terms(glossary: str) -> dict[str, str]:
+    """Term in lower case → anchor of its heading in the glossary."""
+    headings = (
+        heading for heading in TERM.findall(glossary) if heading not in MORE_MEANINGS and " and " not in heading
+    )
+    return {heading.lower(): heading.lower().replace(" ", "-") for heading in headings}
+
+
+def linked(text: str, known: dict[str, str], glossary: str) -> str:
+    """``text``, which has no fenced blocks, with a link to ``glossary`` where each term is first used.
+
+    Terms that are linked are taken out of ``known``.
+    """
+    if not known:
+        return text
+    longest_first = sorted(known, key=len, reverse=True)
+    words = "|".join(re.escape(term).replace(r"\ ", r"\s+") for term in longest_first)
+    found = re.compile(rf"(?P<alone>{LEFT_ALONE})|(?<![\w/-])(?P<term>{words})(?P<end>s|es)?(?![\w/-])", re.M | re.I)
+
+    def link(match: re.Match[str]) -> str:
+        term = " ".join((match["term"] or "").lower().split())
+        return f"[{match[0]}]({glossary}#{known.pop(term)})" if term in known else match[0]
+
+    return found.sub(link, text)
