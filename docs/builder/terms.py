@@ -4,7 +4,23 @@ from __future__ import annotations
 
 import re
 
-MORE_MEANINGS = {"Command", "Estimate", "Interval", "Inverse", "Kernel", "Margin", "Metric", "PI", "Settled", "Sweep"}
+MORE_MEANINGS = {
+    *(
+        "boundary",
+        "command",
+        "dry",
+        "estimate",
+        "front",
+        "gain",
+        "interval",
+        "inverse",
+        "kernel",
+        "margin",
+        "metric",
+        "pi",
+    ),
+    *("plant", "reset", "sample", "settled", "sweep", "wet"),
+}
 """Terms that are everyday words too, or that stand on every line."""
 TERM = re.compile(r"^### (.+)$", re.MULTILINE)
 LEFT_ALONE = r"\[[^\]]*\](?:\([^)]*\)|\[[^\]]*\]|: \S+)?|`[^`]*`|\$[^$\n]*\$|^#.*$|^\|.*$|^\s*<!--.*?-->|https?://\S+"
@@ -12,11 +28,13 @@ LEFT_ALONE = r"\[[^\]]*\](?:\([^)]*\)|\[[^\]]*\]|: \S+)?|`[^`]*`|\$[^$\n]*\$|^#.
 
 
 def terms(glossary: str) -> dict[str, str]:
-    """Term in lower case → anchor of its heading in the glossary."""
-    headings = (
-        heading for heading in TERM.findall(glossary) if heading not in MORE_MEANINGS and " and " not in heading
-    )
-    return {heading.lower(): heading.lower().replace(" ", "-") for heading in headings}
+    """Term in lower case → anchor of its heading in the glossary, which may be of several terms."""
+    return {
+        term: re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
+        for heading in TERM.findall(glossary)
+        for term in heading.lower().split(", ")
+        if term not in MORE_MEANINGS
+    }
 
 
 def linked(text: str, known: dict[str, str], glossary: str) -> str:

@@ -8,7 +8,22 @@ import pytest
 from builder.terms import linked, terms
 
 ROOT = Path(__file__).parents[2]
-GLOSSARY = "# Glossary\n\n## Loop\n\n### Limit cycle\n\nA swing.\n\n### Buffer\n\nWidth.\n\n### Wet, stem travel\n\nBoth.\n\n### PI\n\nA law.\n"
+GLOSSARY = """# Glossary
+
+## Loop
+
+### Limit cycle
+
+A swing.
+
+### Buffer
+
+### Wet, stem travel
+
+### PI
+
+A law.
+"""
 
 
 def test_terms_are_the_headings_but_for_words_with_more_meanings():
