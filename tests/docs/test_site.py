@@ -15,6 +15,7 @@ import fastcoil as fc
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = sorted((ROOT / "docs" / "gallery").glob("*.py"))
+BUILDER = sorted((ROOT / "docs" / "builder").glob("*.py"))
 FROM_SPHINX = ("examples/", "api/")
 """Where Sphinx makes pages of its own."""
 
@@ -53,8 +54,13 @@ def test_an_equation_stands_beside_its_source(pages):
     module = (ROOT / "fastcoil" / "physics" / "valve.py").read_text()
     page = pages["equations.md"]
     assert source_of(module, "backlash") in page
-    assert "<!-- code" not in page
-    assert page.count("```{math}") > 10
+    source = (ROOT / "docs" / "equations.md").read_text()
+    shown = [
+        name for names in re.findall(r"^<!-- code \S+: (.+) -->$", source, re.MULTILINE) for name in names.split(", ")
+    ]
+    assert [name for name in shown if f"\ndef {name}(" not in page] == []
+    assert len(shown) > 30
+    assert page.count("```{math}") == source.count("```math") > 10
 
 
 def test_a_link_to_nothing_is_refused(tmp_path):
@@ -69,6 +75,11 @@ def test_the_reference_has_every_public_name_once():
     named = [name.removeprefix("fastcoil.") for name in public(text) if name.count(".") == 1]
     assert sorted([*named, "__version__"]) == sorted(fc.__all__)
     assert "`fc.__version__`" in text
+
+
+@pytest.mark.parametrize("path", [ROOT / "docs" / "conf.py", *BUILDER, *SCRIPTS], ids=lambda path: path.name)
+def test_what_makes_the_site_is_short(path):
+    assert len(path.read_text().splitlines()) <= 250
 
 
 def test_examples_are_numbered_from_one_on():
