@@ -33,7 +33,15 @@ for panel, values, title, colours in (
 ):
     panel.imshow(values.transpose("learning_interval", "learning_step"), cmap=colours, aspect="auto", origin="lower")
     for (row, column), value in np.ndenumerate(values.transpose("learning_interval", "learning_step").values):
-        panel.text(column, row, f"{value:.1f}", ha="center", va="center", color="white", backgroundcolor="#00000080")
+        panel.text(
+            column,
+            row,
+            "never" if np.isnan(value) else f"{value:.1f}",
+            ha="center",
+            va="center",
+            color="white",
+            backgroundcolor="#00000080",
+        )
     panel.set_xticks(range(ds.sizes["learning_step"]), [f"{100 * s:g}" for s in ds.learning_step.values])
     panel.set_yticks(range(ds.sizes["learning_interval"]), [f"{t / 60:g}" for t in ds.learning_interval.values])
     panel.set(title=title, xlabel="step [% of stroke]", ylabel="interval [min]")

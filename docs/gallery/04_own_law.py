@@ -57,8 +57,8 @@ ds = fc.simulate(loop, days, n_jobs=1)
 rmse = ds.rmse.mean(["day", "authority"])
 
 figure, axes = plt.subplots(figsize=(6, 3.4), layout="constrained")
-for name, style in (("pi", "-o"), ("scheduled", "--s")):
-    axes.plot(ds.kp, rmse.sel(law=name), style, label=name)
+for name, style, colour in (("pi", "-o", "#004488"), ("scheduled", "--s", "#BB5566")):
+    axes.plot(ds.kp, rmse.sel(law=name), style, color=colour, label=name)
 axes.set(xlabel="kp [1/K]", ylabel="RMS error [K], mean of valves and days")
 axes.legend(title="law")
 

@@ -35,7 +35,8 @@ loop = fc.Loop.preset("lbnl").assign(backlash=[0.0, 0.05, 0.1, 0.15], noise_std=
 ds = fc.simulate(loop, year, n_jobs=1)
 
 # %%
-# Prices make money of kWh and kW.  The error, day by day, shows when the gap is felt:
+# Prices make money of kWh and kW.  The error, day by day, shows when the gap is felt.  In winter outdoor air
+# does all the cooling and the coil rests: those days have no dot.
 
 costs = fc.cost(ds, electricity=0.13, demand=15.0, heat=0.05, cop=4.0, currency="USD")
 figure, axes = plt.subplots(figsize=(7, 3.4), layout="constrained")

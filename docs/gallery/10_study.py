@@ -43,6 +43,7 @@ def fastcoil(*words):
 
 fastcoil("run", "gaps.toml", "-j", "1")
 
+plt.figure(figsize=(10, 6), layout="constrained")
 plt.imshow(plt.imread("results/gaps/figures/bands.png"))
 plt.axis("off")
 

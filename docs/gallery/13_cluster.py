@@ -36,6 +36,7 @@ command = ["run", "cluster.toml", "-o", "results/far", "--backend", "dask", "-j"
 done = subprocess.run([sys.executable, "-m", "fastcoil", *command], capture_output=True, text=True, check=True)
 print(done.stdout)
 
+plt.figure(figsize=(10, 6), layout="constrained")
 plt.imshow(plt.imread("results/far/figures/maps.png"))
 plt.axis("off")
 
