@@ -44,6 +44,7 @@ myst_enable_extensions = ["dollarmath"]
 
 add_module_names = False
 autodoc_typehints = "none"
+default_role = "literal"
 autodoc_member_order = "bysource"
 autosummary_generate = ["reference.md"]
 numpydoc_show_class_members = False
