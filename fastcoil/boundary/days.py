@@ -132,8 +132,8 @@ def constant_day(
     T_a_in
         Temperature of the entering air [degC].
     W_a_in, relative_humidity, pressure
-        Its humidity ratio [kg/kg], a number or a series, or its relative humidity at a barometric pressure [Pa]; without
-        both the relative humidity is 0.56.
+        Its humidity ratio [kg/kg], a number or a series, or its relative humidity at a barometric pressure [Pa];
+        without both the relative humidity is 0.56.
     """
     with checking() as check:
         n_steps = check(whole_seconds, hours)

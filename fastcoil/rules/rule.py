@@ -155,11 +155,10 @@ def estimator(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N
 
     Parameters
     ----------
-    Parameters
-        A ``typing.NamedTuple`` of floats: names of parameters of the loop, such as ``sample_time``, and parameters of
-        your own, with ``fc.parameter(…)`` as default.
-    Memory
-        Another one: what one call leaves to the next.  Its defaults are where it starts.
+    Parameters, Memory
+        Two classes, each a ``typing.NamedTuple`` of floats.  ``Parameters`` has names of parameters of the loop, such as
+        ``sample_time``, and parameters of your own, with ``fc.parameter(…)`` as default.  ``Memory`` is what one call
+        leaves to the next; its defaults are where it starts.
 
     Returns
     -------
