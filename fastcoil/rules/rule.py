@@ -156,9 +156,9 @@ def estimator(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N
     Parameters
     ----------
     Parameters, Memory
-        Two classes, each a ``typing.NamedTuple`` of floats.  ``Parameters`` has names of parameters of the loop, such as
-        ``sample_time``, and parameters of your own, with ``fc.parameter(…)`` as default.  ``Memory`` is what one call
-        leaves to the next; its defaults are where it starts.
+        Two classes, each a ``typing.NamedTuple`` of floats.  ``Parameters`` has names of parameters of the loop, such
+        as ``sample_time``, and parameters of your own, with ``fc.parameter(…)`` as default.  ``Memory`` is what one
+        call leaves to the next; its defaults are where it starts.
 
     Returns
     -------
