@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from fastcoil.errors import LockedError as LockedError
     from fastcoil.errors import StorageError as StorageError
     from fastcoil.explanation.explain import explain as explain
+    from fastcoil.handover.export import export_controller as export_controller
     from fastcoil.rules.parameter import parameter as parameter
     from fastcoil.rules.rule import estimator as estimator
     from fastcoil.rules.rule import law as law
@@ -67,6 +68,7 @@ _HOME = {
     "diagnose": "diagnosis.diagnose",
     "estimator": "rules.rule",
     "explain": "explanation.explain",
+    "export_controller": "handover.export",
     "fit_coil": "calibrate.coil",
     "fit_loop": "calibrate.loop",
     "fit_valve": "calibrate.valve",

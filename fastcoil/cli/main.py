@@ -13,6 +13,7 @@ import click
 from fastcoil.cli.announcements import announce_compilation, run_own_code
 from fastcoil.cli.diagnose import diagnose
 from fastcoil.cli.explain import explain
+from fastcoil.cli.export import export
 from fastcoil.cli.fit import fit
 from fastcoil.cli.fit_loop import fit_loop_command  # noqa: F401 — adds itself to the group fit
 from fastcoil.cli.init import init
@@ -146,7 +147,7 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
-for command in (diagnose, explain, fit, init, join, parameters, plot, presets, schema, tune):
+for command in (diagnose, explain, export, fit, init, join, parameters, plot, presets, schema, tune):
     main.add_command(command)
 
 

@@ -36,6 +36,7 @@ MADE = {
     *("tuning.toml", "tuning.png", "tune.json"),
     *("learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"),
     *("scorecard.md", "scorecard.json"),
+    *("controller.toml", "controller.c", "controller.py", "controller_vectors.csv", "inverse.c", "inverse_vectors.csv"),
     *("run.json", "mine.py", "module.py", "days.png"),
 }
 """Files that the reader makes, or that a command of the page writes."""

@@ -1,0 +1,122 @@
+"""``export_controller``: the controller of a loop as code for the field, with vectors that prove a port of it."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from textwrap import wrap
+
+from fastcoil.arguments import checking, choice_of, instance_of, path_of
+from fastcoil.errors import InputError
+from fastcoil.files import commit
+from fastcoil.handover.c import InC
+from fastcoil.handover.settings import Settings
+from fastcoil.handover.source import Laws
+from fastcoil.handover.st import InST, st_number
+from fastcoil.handover.template import laws_of, templates
+from fastcoil.handover.vectors import Vectors, vectors_of
+from fastcoil.look import is_folder
+from fastcoil.simulation.loop import Loop
+
+SUFFIXES = {"c": ".c", "st": ".st", "python": ".py"}
+"""Of the files, by language."""
+FIRST_VECTORS = 200
+"""Vectors that a program in Structured Text holds, which cannot read files."""
+
+
+def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = "c") -> list[Path]:
+    """Write the controller of a loop as code for the field: PI, backlash inverse and estimator.
+
+    Beside the code, ``NAME_vectors.csv`` gives what it must answer, cycle by cycle, as fastcoil's own kernel does; with
+    Structured Text, ``NAME_check.st`` is a program that holds the first of them.  Files of these names are replaced.
+
+    Parameters
+    ----------
+    loop
+        One loop, no sweep: parameters of its controller, inverse and estimator are in the code.  Its plant is only that
+        of the simulated day among the vectors.
+    path
+        File of the code: ``NAME.c``, ``NAME.st`` or ``NAME.py``.  NAME is in the names that other code sees.
+    language
+        ``"c"`` (C99), ``"st"`` (Structured Text of IEC 61131-3) or ``"python"``.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files, the code first.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake, before anything is written.
+    """
+    with checking() as check:
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        path = check(path_of, "path", path, "give a file such as inverse.c")
+        language = check(language_of, language)
+    _require_file(path, language)
+    settings = Settings.of(loop)
+    vectors = vectors_of(loop, settings)
+    files = _files(path, language, settings, vectors)
+    for name, text in files.items():
+        commit(path.with_name(name), text.encode())
+    return [path.with_name(name) for name in files]
+
+
+def language_of(language: object) -> str:
+    """One of the languages."""
+    return choice_of("language", language, SUFFIXES)
+
+
+def _require_file(path: Path, language: str) -> None:
+    suffix = SUFFIXES[language]
+    if path.suffix != suffix or is_folder(path) or not is_folder(path.absolute().parent):
+        raise InputError(f"path = {path}: give a file NAME{suffix} in a folder that exists, or another language")
+    if not _name_of(path):
+        raise InputError(f"path = {path}: give it a name of letters, which the code's own names then begin with")
+
+
+def _name_of(path: Path) -> str:
+    """The file's name as part of names in a program."""
+    name = re.sub(r"[^A-Za-z0-9]+", "_", path.stem).strip("_")
+    return f"c_{name}" if name[:1].isdigit() else name
+
+
+def _files(path: Path, language: str, settings: Settings, vectors: Vectors) -> dict[str, str]:
+    """Text of each file by its name."""
+    name, stored = _name_of(path), f"{path.stem}_vectors.csv"
+    text = laws_of(settings)
+    words = {"name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs}
+    files = {stored: vectors.csv(path.name, settings.number["sample_time"])}
+    if language == "c":
+        code = InC(Laws(text), name).text()
+        given = ", ".join(f"v[{k}]{_flag(one, ' > 0.5')}" for k, one in enumerate(vectors.inputs))
+        found = ", ".join(f"s.{one}" for one in vectors.outputs)
+        code += _check("c", words | {"given": given, "found": found, "columns": len(vectors.columns)})
+    elif language == "python":
+        given = ", ".join(f'given["{one}"]{_flag(one, " > 0.5")}' for one in vectors.inputs)
+        imports = ["csv", *(["math"] if "import math" in text else []), "sys"]
+        code = re.sub(r"\n*(import math\n)?\n*# Parameters", _imports(imports), text, count=1).rstrip() + "\n"
+        code += _check("py", words | {"given": given, "zeros": "zeros(" in text})
+    else:
+        code = InST(Laws(text), name).text()
+        n = min(FIRST_VECTORS, vectors.n_made)
+        columns = {
+            one: "\n        ".join(wrap(", ".join(map(st_number, values[:n])), 92))
+            for one, values in vectors.columns.items()
+        }
+        files[f"{path.stem}_check.st"] = _check("st", words | {"n": n, "columns": columns})
+    return {path.name: code, **files}
+
+
+def _flag(name: str, test: str) -> str:
+    return test if name in ("enabled", "reset") else ""
+
+
+def _imports(names: list[str]) -> str:
+    return "\n\n" + "\n".join(f"import {name}" for name in names) + "\n\n# Parameters"
+
+
+def _check(kind: str, words: dict[str, object]) -> str:
+    return templates().get_template(f"check.{kind}.jinja").render(words)

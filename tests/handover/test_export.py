@@ -1,0 +1,224 @@
+"""``fc.export_controller`` and ``fastcoil export``: what is in the files, a start without a bump, what is refused."""
+
+import importlib.util
+import math
+import re
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+from helpers.rules import by_error
+from helpers.structured_text import Project
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+
+pytestmark = pytest.mark.kernel
+
+WORDS = (
+    # of IEC 61131-3: keywords, elementary types, standard functions and function blocks, those of its annex F
+    "ABS ACOS ACTION ADD AND ANDN ARRAY ASIN AT ATAN BOOL BY BYTE CAL CALC CASE CD CONCAT CONFIGURATION CONSTANT "
+    "COS CTD CTU CTUD D DATE DELETE DERIVATIVE DELAY AVERAGE PID DIFFEQ HYSTERESIS RAMP TRANSFER LAG1 "
+    "LIMITS_ALARM ANALOG_MONITOR INTEGRAL ALRM_INT CMD_MONITOR STACK_INT INTERVAL DINT DIV DO DT DWORD ELSE "
+    "ELSIF EN ENO EQ EXIT EXP EXPT FALSE FIND FOR FROM FUNCTION F_EDGE F_TRIG GE GT IF INSERT INT JMP L LD LE "
+    "LEFT LEN LIMIT LINT LN LOG LREAL LT LWORD MAX MID MIN MOD MOVE MUL MUX N NE NOT OF ON OR ORN P PROGRAM "
+    "R READ_ONLY READ_WRITE REAL REPEAT REPLACE RESOURCE RET RETAIN RETURN RIGHT ROL ROR RS RTC "
+    "R_EDGE R_TRIG S SD SEL SEMA SHL SHR SIN SINGLE SINT SL SQRT SR ST STEP STN STRING STRUCT SUB TAN TASK "
+    # of its third edition, and of dialects
+    "ABSTRACT ANY BIT CLASS CONTINUE FINAL IMPLEMENTS INTERFACE INTERNAL LTIME METHOD NAMESPACE NULL OVERLAP OVERRIDE "
+    "POINTER PRIVATE PROPERTY PROTECTED PUBLIC REFERENCE REF REF_TO SUPER THIS UNION USING WSTRING XINT "
+    "THEN TIME TO TOD TOF TON TP TRANSITION TRUE TRUNC TYPE UDINT UINT ULINT UNTIL USINT VAR WHILE WITH WORD XOR"
+)
+LEARNER = {"learning_step": 0.01, "learning_interval": 600.0}
+
+
+def export(folder, language="python", name="valve", **values):
+    """Path of the exported code."""
+    path = folder / (name + {"c": ".c", "st": ".st", "python": ".py"}[language])
+    return fc.export_controller(fc.Loop(**values), path, language)[0]
+
+
+def python(path):
+    """An exported Python file, loaded."""
+    spec = importlib.util.spec_from_file_location("exported", path)
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
+
+
+def structured_text(path):
+    """An exported block that is called like the Python, and whose state is its own."""
+    block = Project(path.read_text()).block("FB_valve")
+
+    def step(s, T_sup, T_set, enabled, reset, start_command):
+        block(T_sup=T_sup, T_set=T_set, enabled=enabled, reset=reset, start_command=start_command)
+        return block.command
+
+    return SimpleNamespace(step=step, State=lambda: block)
+
+
+@pytest.fixture(params=["python", "st"])
+def loaded(request, tmp_path):
+    """Makes a controller that runs, of an exported Python file or function block."""
+
+    def make(**values):
+        path = export(tmp_path, request.param, **values)
+        return python(path) if request.param == "python" else structured_text(path)
+
+    return make
+
+
+@pytest.mark.parametrize("compensation", ["inverse", "additive", "smooth"])
+def test_it_takes_over_a_loop_without_a_bump(loaded, compensation):
+    x, kp, ti, sample_time = 0.06, 0.02, 60.0, 10.0
+    values = {"backlash_estimate": x, "kp": kp, "ti": ti, "sample_time": sample_time, "compensation": compensation}
+    controller = loaded(**values)
+    for e in (0.0, -0.5, 3.0):
+        command = controller.step(controller.State(), 14.0 + e, 14.0, True, True, 0.4)
+        one_sample = kp * sample_time / ti * e  # what the integral adds in the first cycle, as in every one
+        if compensation == "inverse":
+            expected = 0.4 + (1.0 - x) * one_sample + (x if e > 0.0 else 0.0)  # up: it crosses the gap
+        elif compensation == "additive":
+            expected = 0.4 + one_sample + (x if e > 0.0 else 0.0)
+        else:
+            rate = one_sample / sample_time
+            expected = 0.4 + (1.0 - x) * one_sample + x * 0.5 * math.tanh(2.0 / 1e-4 * rate)
+        assert command == pytest.approx(expected, abs=1e-12)
+
+
+def test_in_hand_it_follows_and_then_goes_on_from_there(loaded):
+    controller = loaded(backlash_estimate=0.05, kp=0.02, ti=60.0, sample_time=10.0)
+    s = controller.State()
+    for hand in (0.2, 0.35, 0.6):
+        first = controller.step(s, 13.0, 14.0, True, True, hand)
+        assert first == pytest.approx(hand - 0.95 * 0.02 / 6.0, abs=1e-12)
+    automatic = controller.step(s, 13.0, 14.0, True, False, 0.0)
+    assert automatic == pytest.approx(0.6 - 2.0 * 0.95 * 0.02 / 6.0, abs=1e-12)
+
+
+def test_bad_readings_change_nothing_but_the_clock(loaded):
+    controller = loaded(backlash_estimate=0.05)
+    s = controller.State()
+    first = controller.step(s, 16.0, 14.0, True, True, 0.0)
+    before = (s.u, s.integral_part, s.rising, s.switches)
+    for bad in (math.nan, math.inf, -math.inf, 150.0, -50.0):
+        assert controller.step(s, bad, 14.0, True, False, 0.0) == first
+        assert controller.step(s, 14.0, bad, True, False, 0.0) == first
+    assert (s.u, s.integral_part, s.rising, s.switches) == before
+    assert s.clock == 11 * 30.0
+    assert 0.0 < controller.step(s, 15.0, 14.0, True, True, math.nan) < 1.0
+
+
+def test_off_closes_the_valve_and_forgets_the_integral(loaded):
+    controller = loaded(backlash_estimate=0.05)
+    s = controller.State()
+    for reset in (True, False, False):
+        assert controller.step(s, 20.0, 14.0, True, reset, 0.0) > 0.0
+    assert controller.step(s, 20.0, 14.0, False, False, 0.0) == 0.0
+    assert s.u == s.integral_part == 0.0
+
+
+def test_what_a_controller_does_not_need_is_left_out(tmp_path):
+    plain = export(tmp_path, "c", backlash_estimate=0.05).read_text().split("#ifdef")[0]
+    assert not re.search(r"learning|LEARN|ESTIMATE_SHARE|noise|DEAD_BAND|m_a\b|\bexp\b", plain)
+    learner = export(tmp_path, "c", **LEARNER).read_text()
+    assert "LEARNING_STEP 0.01" in learner
+    assert not re.search("GROWTH|SHRINK|climbing|squares", learner)
+    for text in (plain, learner):
+        assert not re.search(r"malloc|calloc|alloca|goto", text)
+
+
+@pytest.mark.parametrize("estimator", ["none", "learner", "hagglund", "gradient", "identify"])
+def test_structured_text_keeps_clear_of_the_standards_own_names_and_its_loops_are_bounded(tmp_path, estimator):
+    values = {"learner": LEARNER, "hagglund": {"plant_gain": 10.0}}.get(estimator, {})
+    code = re.sub(
+        r"\(\*.*?\*\)", "", export(tmp_path, "st", estimator=estimator, **values).read_text(), flags=re.DOTALL
+    )
+    lists = re.findall(r"^[ \t]*([\w, \n]+) :(?!=)", code, re.MULTILINE)
+    declared = {name.strip() for names in lists for name in names.split(",")}
+    assert len(declared) > 20
+    assert not {name.upper() for name in declared} & set(WORDS.split())
+    assert not any("__" in name or name.endswith("_") for name in declared)
+    # some compilers skip a loop of one pass, and a cycle must end in time
+    loops = re.findall(r"FOR \w+ := (\S+) TO ([^\n]+?)(?: BY -1)? DO", code)
+    assert bool(loops) == (estimator == "identify")
+    assert all(re.fullmatch(r"\d+|[A-Z_]+( - 1)?", bound) for pair in loops for bound in pair)
+
+
+@pytest.mark.parametrize("language", ["c", "st", "python"])
+def test_the_files_are_plain_and_no_line_is_endless(tmp_path, language):
+    text = export(tmp_path, language, estimator="identify", noise_std=0.1, buffer_ratio=2.0).read_text()
+    assert text.isascii()
+    assert max(map(len, text.splitlines())) <= 120
+    assert not re.search(r"[ \t]$|\n\n\n\n", text, re.MULTILINE)
+
+
+def test_a_file_name_becomes_part_of_names(tmp_path):
+    assert "double c_2nd_floor_valve_step(" in export(tmp_path, "c", "2nd floor - valve").read_text()
+    assert "FUNCTION_BLOCK FB_c_2nd_floor_valve\n" in export(tmp_path, "st", "2nd floor - valve").read_text()
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"kp": [0.01, 0.02]}, ["kp is swept", "one value"]),
+        ({**LEARNER, "sample_time": 7.0}, ["learning_interval = 600 s", "595 or 602"]),
+        ({"estimator": "hagglund"}, ["plant_gain"]),
+        ({"estimator": "identify", "learning_step": 0.01}, ["learning_step belongs to"]),
+        ({"estimator": by_error}, ["rule of your own", "port its Python"]),
+    ],
+)
+def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, values, words):
+    with pytest.raises(fc.InputError) as caught:
+        fc.export_controller(fc.Loop(**values), tmp_path / "valve.c")
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("path", "language", "words"),
+    [
+        ("valve.c", "fortran", "choose 'c', 'st' or 'python'"),
+        ("valve.py", "c", "NAME.c in a folder that exists"),
+        ("missing/valve.c", "c", "NAME.c in a folder that exists"),
+        ("é.c", "c", "a name of letters"),
+    ],
+)
+def test_wrong_paths_and_languages_are_refused(tmp_path, path, language, words):
+    with pytest.raises(fc.InputError, match=re.escape(words)):
+        fc.export_controller(fc.Loop(), tmp_path / path, language)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_writes_the_files_of_a_study_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "controller.toml").write_text('[loop]\npreset = "lbnl"\nbacklash_estimate = 0.05\nbuffer = 0.005\n')
+    done = CliRunner().invoke(main, ["export", "controller.toml"])
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[-2:] == ["Written: controller.c", "Written: controller_vectors.csv"]
+    same = fc.Loop.preset("lbnl").assign(backlash_estimate=0.05, buffer=0.005)
+    (tmp_path / "python").mkdir()
+    there, _ = fc.export_controller(same, tmp_path / "python" / "controller.c")
+    assert (tmp_path / "controller.c").read_text() == there.read_text()
+    done = CliRunner().invoke(main, ["export", "controller.toml", "--language", "st", "-o", "AHU2.st"])
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in tmp_path.glob("AHU2*")) == ["AHU2.st", "AHU2_check.st", "AHU2_vectors.csv"]
+
+
+@pytest.mark.parametrize(
+    ("loop", "options", "words"),
+    [
+        ("[loop]\n[sweep]\nkp = [0.01, 0.02]", [], "kp is swept"),
+        ("[loop]\n", ["--language", "pascal"], "language = 'pascal'"),
+        ("[loop]\n", ["-o", "valve.st"], "NAME.c in a folder"),
+        ("[loop]\nkq = 1", [], "kq"),
+    ],
+)
+def test_the_command_refuses_in_a_sentence(tmp_path, monkeypatch, loop, options, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "controller.toml").write_text(loop)
+    done = CliRunner().invoke(main, ["export", "controller.toml", *options])
+    assert isinstance(done.exception, (fc.InputError, SystemExit))
+    assert done.exit_code != 0
+    assert words in done.output + str(done.exception)
+    assert [path.name for path in tmp_path.iterdir()] == ["controller.toml"]
