@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+
 import click
 import pytest
 from click.testing import CliRunner
@@ -19,6 +25,7 @@ ELSEWHERE = {
     ): "starts clusters for a long study: names and options are checked, here and in test_pages",
     ("docs/equations.md", "math"): "drawn when the site is built",
     ("docs/extending.md", "diff"): "applied and tried in test_extending",
+    ("docs/hand-over.md", "console"): "run below, with a compiler",
     ("docs/paper.md", "sh"): "minutes of simulation: tests/paper runs it in parts",
     ("docs/trust.md", "sh"): "needs certificates and a network: names and options are checked, here and in test_pages",
     ("docs/trust.md", "text"): "compared below",
@@ -77,3 +84,17 @@ def test_a_study_says_whose_code_it_runs(tmp_path, monkeypatch):
     (shown,) = named("trust.md", "text")
     said = CliRunner().invoke(main, ["plan", "mine.toml"]).output
     assert shown.strip().replace("/home/you/studies", str(tmp_path)) in said
+
+
+@pytest.mark.kernel
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here")
+def test_exported_code_is_proven_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    study = named("hand-over.md", "toml")[0]
+    (tmp_path / re.match(r"# (\S+)", study)[1]).write_text(study)
+    for _, *words in commands(named("hand-over.md", "sh")[0]):
+        assert CliRunner().invoke(main, words).exit_code == 0
+    for block in named("hand-over.md", "console"):
+        for line in block.splitlines():
+            program, *words = shlex.split(line.removeprefix("$ "))
+            subprocess.run([sys.executable if program == "python" else program, *words], check=True, timeout=60)
