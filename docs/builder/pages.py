@@ -102,7 +102,8 @@ class Staging:
         text = (self.root / page).read_text()
         text = text.replace("\n```math\n", "\n```{math}\n")
         text = outside_fences(text, lambda part: LINK.sub(lambda link: self.target(link[0], page), part))
-        known = {} if page in WITHOUT_TERMS else dict(self.terms)
+        known = {term: anchor for term, anchor in self.terms.items() if f"{GLOSSARY}#{anchor})" not in text}
+        known = {} if page in WITHOUT_TERMS else known
         text = outside_fences(text, lambda part: linked(part, known, GLOSSARY))
         return NAMES.sub(_summaries, CODE.sub(self._listing, text))
 

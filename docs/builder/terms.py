@@ -40,7 +40,7 @@ def terms(glossary: str) -> dict[str, str]:
 def linked(text: str, known: dict[str, str], glossary: str) -> str:
     """``text``, which has no fenced blocks, with a link to ``glossary`` where each term is first used.
 
-    Terms that are linked are taken out of ``known``.
+    What is linked is taken out of ``known``, with the other terms of its heading.
     """
     if not known:
         return text
@@ -49,7 +49,11 @@ def linked(text: str, known: dict[str, str], glossary: str) -> str:
     found = re.compile(rf"(?P<alone>{LEFT_ALONE})|(?<![\w/-])(?P<term>{words})(?P<end>s|es)?(?![\w/-])", re.M | re.I)
 
     def link(match: re.Match[str]) -> str:
-        term = " ".join((match["term"] or "").lower().split())
-        return f"[{match[0]}]({glossary}#{known.pop(term)})" if term in known else match[0]
+        anchor = known.get(" ".join((match["term"] or "").lower().split()))
+        if anchor is None:
+            return match[0]
+        for term in [term for term, its in known.items() if its == anchor]:
+            del known[term]
+        return f"[{match[0]}]({glossary}#{anchor})"
 
     return found.sub(link, text)

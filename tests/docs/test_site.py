@@ -51,6 +51,14 @@ def test_the_sections_of_the_index_are_the_order_of_the_site(pages):
     assert "\nDays <days>\n" in pages["use-it.md"]
 
 
+def test_no_page_links_twice_to_a_term(pages):
+    lists = {"glossary.md", "index.md", "start-here.md"}
+    for page, text in pages.items():
+        links = re.findall(r"\(glossary\.md#([^)]+)\)", text)
+        assert page in lists or len(links) == len(set(links)), page
+    assert "(glossary.md#lane)" in pages["decisions.md"]
+
+
 def test_an_equation_stands_beside_its_source(pages):
     module = (ROOT / "fastcoil" / "physics" / "valve.py").read_text()
     page = pages["equations.md"]
