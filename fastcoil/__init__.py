@@ -11,6 +11,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fastcoil import plot as plot
+
     __version__: str
     from fastcoil.analysis.check_rule import check_rule as check_rule
     from fastcoil.analysis.compare import compare as compare
@@ -94,14 +96,15 @@ _loading = threading.RLock()
 # a child of a fork inherits a module that another thread is just loading as it is, and would wait for it for ever
 os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
 
-__all__ = [*_HOME, "__version__", "parameters"]  # noqa: PLE0604
+__all__ = [*_HOME, "__version__", "parameters", "plot"]  # noqa: PLE0604
 
 
 def parameters() -> dict[str, Any]:
-    """Every parameter of a loop by name: unit, bounds, default and meaning."""
+    """Every parameter of a loop by name: unit, bounds, default and meaning; printed as a list."""
+    from fastcoil.listing import Listing
     from fastcoil.parameter_table import PARAMETERS
 
-    return dict(PARAMETERS)
+    return Listing(PARAMETERS)
 
 
 def __getattr__(name: str) -> Any:
@@ -109,6 +112,9 @@ def __getattr__(name: str) -> Any:
         from fastcoil.version import package_version
 
         value: Any = package_version()
+    elif name == "plot":
+        with _loading:
+            value = import_module("fastcoil.plot")
     elif name in _HOME:
         with _loading:
             value = getattr(import_module(f"fastcoil.{_HOME[name]}"), name)

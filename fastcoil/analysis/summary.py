@@ -10,7 +10,7 @@ import xarray as xr
 from fastcoil.analysis.baselines import best_plain_pi, dead_bands, without_dead_band
 from fastcoil.analysis.cost_summary import Billing, cost_lines
 from fastcoil.outputs import STATUS_OK
-from fastcoil.plots.study import numeric_dims
+from fastcoil.plots.panels import numeric_dims
 
 _WHOLE = 0.99
 """Of the scenarios: whoever ran fewer had others from an earlier run."""
@@ -34,7 +34,7 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
         return lines
     lines += _idle(ds) + _off(ds) + _foretold(ds) + _frozen(ds)
     costs = [] if billing is None else cost_lines(ds, billing)
-    ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds)), None)
+    ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds["status"])), None)
     if ratio and bool((ds[ratio] == 0.0).any()):
         return lines + _against_plain_pi(ds, ratio) + costs
     return lines + _extremes(ds) + costs
@@ -188,7 +188,7 @@ def _extremes(ds: xr.Dataset) -> list[str]:
     rmse = ds["rmse"]
     flat = rmse.values.ravel()
     lines = [f"RMSE from {np.nanmin(flat):.3g} to {np.nanmax(flat):.3g} K, median {np.nanmedian(flat):.3g} K."]
-    for dim in numeric_dims(ds):
+    for dim in numeric_dims(ds["status"]):
         middle = rmse.median([d for d in rmse.dims if d != dim])
         lines.append(
             f"Along {dim} the median RMSE is lowest at {float(middle.idxmin(dim)):g}: {float(middle.min()):.3g} K."

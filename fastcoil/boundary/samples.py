@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from fastcoil.arguments import whole_of
 from fastcoil.arrays import Array
 from fastcoil.boundary.clock import Clock, Times
+from fastcoil.boundary.in_words import extent, html_of, text_of
 from fastcoil.boundary.rearranged import Parts
 from fastcoil.boundary.series import BOUNDARY_SERIES
-from fastcoil.boundary.source import Source, Stream
+from fastcoil.boundary.source import Source
 
 
 class Samples:
@@ -109,21 +110,13 @@ class Samples:
             if not low == high == BOUNDARY_SERIES[name].default:
                 span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
                 found.append(f"{name} {span}{'' if unit == '1' else ' ' + unit}")
-        return f"{self._extent}: {', '.join(found)}"
-
-    @property
-    def _extent(self) -> str:
-        extent = f"{self.hours:g} h" + (f" x {self.n_days} days" if self.has_day_dim else "")
-        if self._clock.start is not None:
-            extent += f" from {str(self._clock.start[0]).replace('T', ' ')}"
-            extent += f" ({self.time_zone})" if self.time_zone else ""
-        return extent
+        return f"{extent(self._source, self._clock)}: {', '.join(found)}"
 
     def __repr__(self) -> str:
-        # what it takes to hash a year of days is too much for a look at it
-        known = not isinstance(self._source, Stream) or self._source.is_surveyed
-        made = ", made day by day" if self.is_streamed else ""
-        return f"<fastcoil.Boundary {self._extent}{made}{f', sha256 {self.sha256[:8]}' if known else ''}>"
+        return text_of(self._source, self._clock)
+
+    def _repr_html_(self) -> str:
+        return html_of(self._source, self._clock)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Samples):

@@ -23,7 +23,7 @@ LEAST_EXPLAINED = 0.8
 """Share of the changes of T_sup below which the model is one of another coil."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LoopFit(Fit):
     """A fitted loop; see ``Fit`` for what it shares with the other fits."""
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fastcoil.arguments import path_of
 from fastcoil.calibrate.split import FITTING, VALIDATION
+from fastcoil.card import Told
 from fastcoil.errors import InputError
 from fastcoil.files import commit, read_bytes
 from fastcoil.look import is_folder
@@ -37,8 +38,8 @@ _LARGEST = 2**20
 """Bytes of a file that a fit wrote."""
 
 
-@dataclass(frozen=True)
-class Fit:
+@dataclass(frozen=True, repr=False)
+class Fit(Told):
     """A fitted valve or coil.
 
     Attributes

@@ -11,16 +11,10 @@ from fastcoil.cli.terminal import say
 @click.argument("names", nargs=-1)
 def parameters(names: tuple[str, ...]) -> None:
     """List the parameters of a loop (or only NAMES): default, unit, meaning, allowed values."""
+    from fastcoil.listing import lines_of
     from fastcoil.parameter_table import PARAMETERS, check_name
 
-    group = ""
-    for p in [PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values():
-        if p.group != group:
-            group = p.group
-            say(group)
-        default = "-" if p.default is None else f"{p.default}"
-        unit = "" if p.unit == "1" else p.unit
-        say(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
+    say(*lines_of([PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values()))
 
 
 @click.command()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import xarray as xr
 
 from fastcoil.arguments import path_of
+from fastcoil.card import Told
 from fastcoil.diagnosis.findings import Findings
 from fastcoil.diagnosis.words import in_words
 from fastcoil.errors import InputError
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
-class Diagnosis(Findings):
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Told, Findings):
     """What a trend log tells of a loop and its valve.
 
     Attributes

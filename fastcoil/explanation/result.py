@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
+from fastcoil.card import card
 from fastcoil.explanation.answer import answer_of, why_of
 from fastcoil.explanation.found import Found
 from fastcoil.explanation.words import sentences
@@ -84,6 +85,10 @@ class Explanation:
 
     def __repr__(self) -> str:
         return f"<fastcoil explanation: {answer_of(self._found)}>"
+
+    def _repr_html_(self) -> str:
+        first, *others = sentences(self._found)
+        return card("fastcoil explanation", first, others)
 
     def __str__(self) -> str:
         return self.text

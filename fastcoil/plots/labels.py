@@ -19,6 +19,7 @@ _UNITS = {
     "kW h": "kWh",
     "degC": "°C",
     "m3": "m³",
+    "kJ kg-1 K-1": "kJ/(kg K)",
 }
 _PERCENT = frozenset(
     (
@@ -70,15 +71,36 @@ def quantity(name: str) -> Quantity:
     return Quantity(entry.label, _UNITS.get(entry.unit, entry.unit), 1.0)
 
 
-def is_parameter(ds: xr.Dataset, dim: Hashable) -> bool:
+def unit_in_words(unit: str) -> str:
+    """A unit of the tables as a reader expects it; empty for a plain number."""
+    return _UNITS.get(unit, unit)
+
+
+def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
     """Whether a coordinate of a result is a parameter: one of the table, or one that a rule declares."""
     return dim in PARAMETERS or (dim in ds.coords and "comment" in ds[dim].attrs)
 
 
-def quantity_of(ds: xr.Dataset, dim: str) -> Quantity:
+def quantity_of(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
     """How a coordinate of a result is shown; that of a rule with the unit and words that it declares."""
     if dim in PARAMETERS or not is_parameter(ds, dim):
         return quantity(dim)
     attrs = ds[dim].attrs
     unit = str(attrs.get("units", ""))
     return Quantity(str(attrs.get("long_name", dim)), _UNITS.get(unit, unit), 1.0, str(attrs["comment"]))
+
+
+def quantity_of_values(values: xr.DataArray) -> Quantity:
+    """How values are shown: those of our tables as usual, others by their own name, ``long_name`` and ``units``.
+
+    Shares of a baseline, as ``compare`` gives them, are changes in per cent.
+    """
+    name, attrs = str(values.name or ""), values.attrs
+    entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)
+    unit = attrs.get("units")
+    if entry is not None and unit in (None, entry.unit):
+        return quantity(name)
+    if entry is not None and unit == "1":
+        return Quantity(f"change of {entry.label}", "%", 100.0)
+    text = str(attrs.get("long_name", name.replace("_", " "))) or "value"
+    return Quantity(text, "" if unit in (None, "1") else _UNITS.get(str(unit), str(unit)), 1.0)

@@ -58,7 +58,7 @@ def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
     axes.plot(values.median(pooled), rows, "o", color=color, ms=5)
 
 
-def describe(ds: xr.Dataset, pooled: Iterable[Any], median: str, band: str, member: str) -> str:
+def describe(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any], median: str, band: str, member: str) -> str:
     """Say over what a figure pools, and what its marks are: those of the median, of a band, of a single member."""
     pooled = [d for d in pooled if ds.sizes[d] > 1]
     if not pooled:
@@ -74,7 +74,7 @@ def describe(ds: xr.Dataset, pooled: Iterable[Any], median: str, band: str, memb
     return f"{median}: median of {over}; {member}: each of these"
 
 
-def _in_words(ds: xr.Dataset, dim: str) -> str:
+def _in_words(ds: xr.Dataset | xr.DataArray, dim: str) -> str:
     """A pooled dim: how many of what, from where to where, and that the plain PI is among them."""
     size = ds.sizes[dim]
     if dim in RESERVED_DIMS:

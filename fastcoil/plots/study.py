@@ -5,9 +5,9 @@ Every function returns a matplotlib ``Figure`` that belongs to no window, so it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -15,33 +15,34 @@ import xarray as xr
 from fastcoil.arguments import checking, names_of, text_of
 from fastcoil.errors import InputError, nearest
 from fastcoil.errors import shown as quoted
-from fastcoil.outputs import METRICS, PREDICTIONS, STATUS_OK, metric_meant
-from fastcoil.plots.labels import is_parameter, quantity, quantity_of
+from fastcoil.outputs import METRICS, PREDICTIONS, metric_meant
+from fastcoil.plots.labels import quantity, quantity_of
+from fastcoil.plots.panels import (
+    draw_map,
+    exact_in_words,
+    failed_in_words,
+    from_zero,
+    label,
+    mark_exact,
+    numeric_dims,
+    picked,
+    pooled_dims,
+    say_if_empty,
+)
 from fastcoil.plots.spread import describe, draw_curve, draw_dots
-from fastcoil.plots.style import BLUE, DOTTED, GREY, apply_style, wrapped
+from fastcoil.plots.style import BLUE, GREY, apply_style, wrapped
 from fastcoil.result import check_result
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
-_CURVES = 3
 _PANEL = 3.2
 """Width of a panel, inches."""
 _PANELS_ABREAST = 3
 _OTHERS: Any = {"color": GREY, "lw": 0.8}
-_SIZES = {"backlash", "backlash_estimate"}
 _ALTERNATIVES = 100
 """More rows of names than this are no figure."""
-
-
-def numeric_dims(ds: xr.Dataset) -> list[str]:
-    """Dimensions that are axes of a swept number, with at least two values."""
-    return [
-        str(d) for d in ds["status"].dims
-        if is_parameter(ds, d) and d in ds.coords and ds[d].dtype.kind in "if" and ds.sizes[d] > 1
-    ]  # fmt: skip
 
 
 @apply_style()
@@ -49,22 +50,14 @@ def maps(ds: xr.Dataset, x: str, y: str, metrics: Sequence[str] = STANDARD_METRI
     """Metrics over two swept parameters, one panel each: the median over all other dimensions."""
     metrics = _check(ds, metrics, x=x, y=y)
     figure, panels = _figure(-(-len(metrics) // _PANELS_ABREAST), min(len(metrics), _PANELS_ABREAST), 3.0)
-    of_x, of_y = quantity_of(ds, x), quantity_of(ds, y)
     for axes, metric in zip(panels.flat, metrics, strict=False):
         shown = quantity(metric)
         axes.set_title(wrapped(shown.axis, 0.8 * _PANEL, 9))
-        axes.set(xlabel=wrapped(of_x.axis, 0.8 * _PANEL, 9), ylabel=wrapped(of_y.axis, 2.0, 9))
-        values = shown.factor * ds[metric].median([d for d in ds[metric].dims if d not in (x, y)]).transpose(y, x)
-        if _say_if_empty(axes, values):
-            continue
-        mesh = axes.pcolormesh(
-            of_x.factor * ds[x], of_y.factor * ds[y], values, cmap="cividis", shading="nearest", rasterized=True
-        )
-        axes.grid(visible=False)
-        figure.colorbar(mesh, ax=axes)
-        _mark_exact(axes, x, y)
+        mesh = draw_map(axes, ds[metric], shown, x, y, _PANEL)
+        if mesh is not None:
+            figure.colorbar(mesh, ax=axes)
     _remove_empty(panels, len(metrics))
-    _head(figure, ds, describe(ds, _pooled(ds, x, y), "Colour", "", "") + _exact_in_words(x, y))
+    _head(figure, ds, describe(ds, pooled_dims(ds["status"], x, y), "Colour", "", "") + exact_in_words(x, y))
     return figure
 
 
@@ -75,14 +68,14 @@ def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] 
     ``by``: a second swept parameter; a row of panels each for its first, middle and last value instead of pooling it.
     """
     metrics = _check(ds, metrics, x=x, **({} if by is None else {"by": by}))
-    picked = np.unique(np.linspace(0, ds.sizes[by] - 1, _CURVES).round().astype(int)) if by else [None]
+    rows = picked(ds.sizes[by]) if by else [None]
     if by:
-        figure, panels = _figure(len(picked), len(metrics), 2.2, sharex="col", sharey="col")
+        figure, panels = _figure(len(rows), len(metrics), 2.2, sharex="col", sharey="col")
     else:
         figure, panels = _figure(-(-len(metrics) // _PANELS_ABREAST), min(len(metrics), _PANELS_ABREAST), 2.8)
     of_x = quantity_of(ds, x)
     along = of_x.factor * ds[x]
-    for k, index in enumerate(picked):
+    for k, index in enumerate(rows):
         for axes, metric in zip(panels[k] if by else panels.flat, metrics, strict=False):
             shown = quantity(metric)
             values = shown.factor * ds[metric]
@@ -90,19 +83,17 @@ def bands(ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] 
             if by and index is not None:
                 part, name = values.isel({by: index}), quantity_of(ds, by).equals(float(ds[by][index]))
                 axes.set_title(name, loc="left")
-                rest = values.isel({by: [other for other in picked if other != index]})
+                rest = values.isel({by: [other for other in rows if other != index]})
                 axes.plot(along, rest.median([d for d in rest.dims if d not in (x, by)]).transpose(x, by), **_OTHERS)
             draw_curve(axes, along, part, label=name, color=BLUE)
-            axes.set_ylabel(wrapped(shown.axis, 2.0, 9))
-            if not by or k == len(picked) - 1:
-                axes.set_xlabel(wrapped(of_x.axis, 0.8 * _PANEL, 9))
-            _mark_exact(axes, x)
-            _say_if_empty(axes, values)
-    _remove_empty(panels, len(metrics) * len(picked))
+            label(axes, of_x.axis if not by or k == len(rows) - 1 else "", shown.axis, _PANEL)
+            mark_exact(axes, x)
+            say_if_empty(axes, values)
+    _remove_empty(panels, len(metrics) * len(rows))
     for alike in panels.T if by else panels.reshape(-1, 1):
-        _from_zero(alike, "y")
-    words = describe(ds, _pooled(ds, x, *([by] if by else [])), "Line", "band", "thin lines")
-    _head(figure, ds, words + ("; grey: medians of the other rows" if by else "") + _exact_in_words(x))
+        from_zero(alike, "y")
+    words = describe(ds, pooled_dims(ds["status"], x, *([by] if by else [])), "Line", "band", "thin lines")
+    _head(figure, ds, words + ("; grey: medians of the other rows" if by else "") + exact_in_words(x))
     return figure
 
 
@@ -123,11 +114,11 @@ def alternatives(ds: xr.Dataset, dim: str, metrics: Sequence[str] = STANDARD_MET
         shown = quantity(metric)
         draw_dots(axes, shown.factor * ds[metric], dim, BLUE)
         axes.set_xlabel(wrapped(shown.axis, 0.8 * _PANEL, 9))
-        _from_zero([axes], "x")
-        _say_if_empty(axes, ds[metric])
+        from_zero([axes], "x")
+        say_if_empty(axes, ds[metric])
     panels[0, 0].set_yticks(np.arange(n), [str(v) for v in ds[dim].values])
     panels[0, 0].set_ylim(n - 0.4, -0.6)
-    _head(figure, ds, describe(ds, _pooled(ds, dim), "Dot", "line", "small dots"))
+    _head(figure, ds, describe(ds, pooled_dims(ds["status"], dim), "Dot", "line", "small dots"))
     return figure
 
 
@@ -137,7 +128,7 @@ def standard_figures(ds: xr.Dataset) -> dict[str, Callable[[], Figure]]:
     Nothing is drawn, or imported to draw, before one of them is called.
     """
     check_result(ds)
-    numeric = numeric_dims(ds)
+    numeric = numeric_dims(ds["status"])
     named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
     figures: dict[str, Callable[[], Figure]] = {}
     if len(numeric) >= 2:
@@ -165,45 +156,9 @@ def _remove_empty(panels: np.ndarray, used: int) -> None:
         axes.remove()
 
 
-def _say_if_empty(axes: Axes, values: xr.DataArray) -> bool:
-    if np.isfinite(values).any():
-        return False
-    axes.text(0.5, 0.5, "no finite value", ha="center", transform=axes.transAxes)
-    return True
-
-
-def _from_zero(alike: Iterable[Axes], which: Literal["x", "y"]) -> None:
-    """Let the axis of some panels start at 0 and end above all that is drawn, unless some of it is negative."""
-    drawn = [getattr(axes.dataLim, f"interval{which}") for axes in alike]
-    low, high = min(d[0] for d in drawn), max(d[1] for d in drawn)
-    if low >= 0.0 and high > 0.0:
-        for axes in alike:
-            getattr(axes, f"set_{which}lim")(0.0, 1.05 * high)
-
-
-def _mark_exact(axes: Axes, x: str, y: str = "") -> None:
-    """Mark where the estimate is the backlash."""
-    look: Any = {"color": "white" if y else "black", "lw": 0.8, "ls": DOTTED}
-    if x == "estimate_ratio":
-        axes.axvline(100.0, **look)
-    if y == "estimate_ratio":
-        axes.axhline(100.0, **look)
-    if {x, y} == _SIZES:
-        axes.axline((0.0, 0.0), slope=1.0, **look)
-
-
-def _exact_in_words(*shown: str) -> str:
-    return "; dotted: estimate = backlash" if "estimate_ratio" in shown or {*shown} == _SIZES else ""
-
-
-def _pooled(ds: xr.Dataset, *shown: str) -> list[str]:
-    return [str(d) for d in ds["status"].dims if d not in shown]
-
-
 def _head(figure: Figure, ds: xr.Dataset, words: str) -> None:
     """Write the title of the study, what is drawn, and how much of it failed."""
-    failed = int((ds["status"].values != STATUS_OK).sum())
-    words += f"; without {failed:,} of {ds['status'].size:,} scenarios, which failed" if failed else ""
+    words += failed_in_words(ds)
     lines = [str(ds.attrs["title"])] if ds.attrs.get("title") else []
     figure.suptitle(wrapped("\n".join([*lines, words]), figure.get_figwidth(), 9))
 
@@ -211,7 +166,7 @@ def _head(figure: Figure, ds: xr.Dataset, words: str) -> None:
 def _check(ds: xr.Dataset, metrics: Sequence[str], **dims: str) -> list[str]:
     """The metrics to draw; ``dims``: the arguments that name axes."""
     check_result(ds)
-    swept, given = numeric_dims(ds), list(dims.values())
+    swept, given = numeric_dims(ds["status"]), list(dims.values())
     with checking() as check:
         names = check(_metrics_of, metrics)
         check.problems += [

@@ -106,7 +106,9 @@ class Cell:
         from IPython.display import display  # type: ignore[import-not-found,unused-ignore]
 
         self.last = time.monotonic()
-        self.shown: Any = display(_of_notebook(state), raw=True, display_id=True)
+        self.shown: Any = display(  # type: ignore[no-untyped-call,unused-ignore]
+            _of_notebook(state), raw=True, display_id=True
+        )
 
     def draw(self, state: State) -> None:
         now = time.monotonic()

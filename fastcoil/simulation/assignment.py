@@ -104,3 +104,12 @@ def _check_lengths(values: Mapping[str, Any]) -> None:
                 )
     if problems:
         raise InputError(problems)
+
+
+def words_of(values: Mapping[str, Any], kind: str) -> set[str]:
+    """The estimators, or the laws, that some scenario of these parameters has."""
+    value = values.get(kind)
+    if value is None:
+        learns = bool(np.any(np.asarray(values["learning_step"]) > 0.0))
+        return {"learner"} if learns else {"none"}
+    return set(np.unique(np.asarray(value)).tolist())

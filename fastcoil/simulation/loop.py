@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack, overload
 
 import numpy as np
 import xarray as xr
@@ -20,8 +20,10 @@ from fastcoil.outputs import METRICS
 from fastcoil.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar, check_name
 from fastcoil.rules.rule import KINDS, Rule
 from fastcoil.rules.table import NO_RULES, table_of, taken, with_defaults
-from fastcoil.simulation.assignment import assigned
+from fastcoil.simulation.assignment import assigned, words_of
 from fastcoil.simulation.converged import WORD
+from fastcoil.simulation.keywords import Keywords, PresetName
+from fastcoil.simulation.loop_in_words import Parts, html_of, text_of
 from fastcoil.simulation.parameter_values import checked_value
 from fastcoil.simulation.presets import PRESETS
 from fastcoil.simulation.signature import UNCHANGED, describe_parameters, take_parameters
@@ -47,12 +49,16 @@ class Loop:
     _values: dict[str, Scalar | xr.DataArray]
     _rules: Mapping[str, Rule]
 
+    @overload
+    def __init__(self, **values: Unpack[Keywords]) -> None: ...
+    @overload
+    def __init__(self, **values: Any) -> None: ...  # with parameters that a rule brings
     @take_parameters(_DEFAULTS | {WORD: False})
     def __init__(self, **values: Any) -> None:
         self._values, self._rules = assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values)
 
     @classmethod
-    def preset(cls, name: str, *, converged: bool = False) -> Loop:
+    def preset(cls, name: PresetName | str, *, converged: bool = False) -> Loop:
         """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl``, ``g36``, ``heating`` or ``heating_45``.
 
         ``fc.presets()`` says what each stands for.  converged: as in ``Loop``.
@@ -101,6 +107,10 @@ class Loop:
         loop._values = constants | _defaults_of_missing(constants, swept, table)
         return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
 
+    @overload
+    def assign(self, **values: Unpack[Keywords]) -> Loop: ...
+    @overload
+    def assign(self, **values: Any) -> Loop: ...
     @take_parameters(dict.fromkeys((*PARAMETERS, WORD), UNCHANGED))
     def assign(self, **values: Any) -> Loop:
         """Return a copy with parameters changed.
@@ -128,6 +138,24 @@ class Loop:
     def __getitem__(self, name: str) -> Scalar | xr.DataArray | None:
         """Value of a parameter; ``None`` for one that is not given."""
         return self._values.get(check_name(name, self.parameters))
+
+    def __getattr__(self, name: str) -> Scalar | xr.DataArray | None:
+        if name.startswith("_") or name not in self.parameters:
+            near = "" if name.startswith("_") else nearest(name, dir(self))
+            # of None, so that Python adds no guess of its own to a traceback
+            raise AttributeError(f"a Loop has no {name}{near}", name=name, obj=None)
+        return self[name]
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name not in Loop.__slots__:
+            raise AttributeError(f"a Loop does not change: take a copy, loop.assign({name}=…)")
+        object.__setattr__(self, name, value)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self.parameters})
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.parameters)
 
     def items(self) -> Iterable[tuple[str, Scalar | xr.DataArray]]:
         """(name, value) of every parameter that is given."""
@@ -173,15 +201,14 @@ class Loop:
         return labels
 
     def __repr__(self) -> str:
-        lines = [f"  {dim}: {size}" for dim, size in self.sizes.items()]
-        text = ["<fastcoil.Loop>"] + (["Dimensions:", *lines] if lines else [])
-        differs, table = [], self.parameters
-        for name, value in self._values.items():
-            if isinstance(value, xr.DataArray):
-                differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_brief(value.values)}")
-            elif value != table[name].default:
-                differs.append(f"  {table[name].equation(value)}")
-        return "\n".join(text + (["Differs from paper_like:", *differs] if differs else ["paper_like"]))
+        return text_of(self._parts)
+
+    def _repr_html_(self) -> str:
+        return html_of(self._parts)
+
+    @property
+    def _parts(self) -> Parts:
+        return Parts(self._values, self.parameters, self.sizes)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Loop) or self._values.keys() != other._values.keys() or self._rules != other._rules:
@@ -203,11 +230,7 @@ def forgetting(loop: Loop, names: Collection[str]) -> Loop:
 
 def words_used(loop: Loop, kind: str) -> set[str]:
     """The estimators, or the laws, that some scenario has."""
-    value = loop[kind]
-    if value is None:
-        learns = bool(np.any(np.asarray(loop["learning_step"]) > 0.0))
-        return {"learner"} if learns else {"none"}
-    return set(np.unique(np.asarray(value)).tolist())
+    return words_of(dict(loop.items()), kind)
 
 
 def _with_rules(loop: Loop, rules: Mapping[str, Rule]) -> Loop:
@@ -230,11 +253,6 @@ def _stored_constants(ds: xr.Dataset, table: Mapping[str, Parameter]) -> dict[st
         if unknown:
             raise InputError(f"the result has the {kind} {unknown[0]}: give its rule, from_dataset(ds, rules=[…])")
     return {name: checked_value(table[check_name(name, table)], value) for name, value in stored.items()}
-
-
-def _brief(values: np.ndarray) -> str:
-    shown = [f"{v:g}" if not isinstance(v, str) else v for v in values.ravel()[:5]]
-    return " ".join(shown) + (" …" if values.size > 5 else "")
 
 
 def _defaults_of_missing(

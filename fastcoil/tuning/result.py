@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import xarray as xr
 
 from fastcoil.arguments import path_of
+from fastcoil.card import Told
 from fastcoil.errors import InputError
 from fastcoil.files import commit
 from fastcoil.look import is_folder
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
-class Tuning:
+@dataclass(frozen=True, repr=False)
+class Tuning(Told):
     """What a search found for the valves and days of a population.
 
     Attributes

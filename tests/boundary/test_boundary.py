@@ -121,13 +121,16 @@ def test_the_digest_is_the_same_in_another_process():
     assert out.stdout.strip() == DIGEST
 
 
-def test_describe_and_repr_are_one_short_line():
+def test_describe_is_one_short_line_and_repr_one_for_each_series():
     boundary = paper_day(0.5, range(3))
     assert boundary.describe().startswith("0.5 h x 3 days: m_a 1.0")
     assert "T_set 14 degC" in boundary.describe()
     assert "noise" not in boundary.describe()
     assert "\n" not in boundary.describe()
-    assert repr(boundary) == f"<fastcoil.Boundary 0.5 h x 3 days, sha256 {boundary.sha256[:8]}>"
+    first, *others = repr(boundary).splitlines()
+    assert first == f"<fastcoil.Boundary 0.5 h x 3 days, sha256 {boundary.sha256[:8]}>"
+    assert [line.split()[0] for line in others] == ["m_a", "T_a_in", "W_a_in", "T_w_in", "T_set"]
+    assert others[-1].split(maxsplit=3) == ["T_set", "14", "°C", "set-point of the supply air temperature"]
 
 
 # --------------------------------------------------------------------------------------------------- bad input

@@ -4,6 +4,7 @@ import inspect
 import random
 import warnings
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,6 +13,7 @@ from helpers.log_files import COIL_HEADER, VALVE_HEADER, coil_rows, valve_rows, 
 from helpers.loop_logs import loop_log, write_log
 from helpers.rules import Memory, Parameters, by_error
 from helpers.trend_logs import HEADER, ROWS
+from matplotlib.figure import Figure
 
 import fastcoil as fc
 from fastcoil.plots import files, study
@@ -46,6 +48,7 @@ def public_calls():
     found |= _methods("Fit", type_of_fit()) | _methods("Diagnosis", type_of_diagnosis())
     found |= _methods("Tuning", type_of_tuning())
     found |= {f.__name__: f for f in (study.maps, study.bands, study.alternatives, study.standard_figures, files.write)}
+    found |= {f"plot.{name}": getattr(fc.plot, name) for name in fc.plot.__all__}
     return {name: call for name, call in found.items() if parameters(call)}
 
 
@@ -122,6 +125,9 @@ def base_calls(tmp_path_factory):
     tuning = {"loop": fc.Loop(backlash=[0.0, 0.07]), "boundary": fc.paper_day(hours=0.05, seed=[1, 2]), "n_jobs": 1}
     tuning |= {"search": {"kp": (0.01, 0.1)}, "evaluations": 8, "warm_up": 60}
     rule = {"Parameters": Parameters, "Memory": Memory}
+    seen = ["T_sup", "command", "opening", "estimate", "mode"]
+    traced = fc.simulate(fc.Loop(backlash=[0.02, 0.07], learning_step=0.01), day, warm_up=60, traces=seen)
+    foretold, panels = fc.limit_cycle(fc.Loop(backlash=[0.02, 0.07]), day, at=10), Figure().subplots(4)
     return {
         "Boundary": (fc.Boundary, series),
         "Boundary.assign": (day.assign, {}),
@@ -163,6 +169,11 @@ def base_calls(tmp_path_factory):
         "open_study": (fc.open_study, {"folder": out}),
         "parameter": (fc.parameter, {"default": 1.0}),
         "paper_day": (fc.paper_day, days),
+        "plot.bands": (fc.plot.bands, {"data": ds, "metric": "iae", "x": "backlash", "by": "kp", "ax": panels[0]}),
+        "plot.learning": (fc.plot.learning, {"data": traced, "ax": panels[1]}),
+        "plot.limit_cycle": (fc.plot.limit_cycle, {"data": traced, "foretold": foretold, "ax": panels[2]}),
+        "plot.map": (fc.plot.map, {"data": ds, "metric": "iae", "x": "backlash", "y": "kp", "ax": panels[0]}),
+        "plot.traces": (fc.plot.traces, {"data": traced, "boundary": day, "show": "T_sup", "ax": panels[3]}),
         "replay": (fc.replay, {"loop": loop, "log": recorded}),
         "run_study": (fc.run_study, {"path": toml, "out": out}),
         "simulate": (fc.simulate, {"loop": loop, "boundary": day, "warm_up": 60, "n_jobs": 1}),
@@ -179,6 +190,8 @@ def base_calls(tmp_path_factory):
 def _cheap_and_in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("fastcoil.calibrate.coil_problem._N_STARTS", 2)
+    yield
+    plt.close("all")
 
 
 def call(base, **changes):

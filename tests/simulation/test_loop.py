@@ -177,8 +177,10 @@ def test_from_a_foreign_dataset_is_refused():
         fc.Loop.from_dataset(xr.Dataset())
 
 
-def test_repr_shows_the_dimensions_and_what_differs_from_paper_like():
+def test_repr_shows_the_dimensions_and_what_differs_from_the_nearest_preset():
     assert repr(fc.Loop()) == "<fastcoil.Loop>\npaper_like"
+    assert repr(fc.Loop.preset("heating")) == "<fastcoil.Loop>\nheating"
+    assert repr(fc.Loop.preset("lbnl").assign(kp=0.02)).splitlines()[1:] == ["Differs from lbnl:", "  kp = 0.02 K-1"]
     text = repr(fc.Loop(ti=30, backlash=[0.02, 0.07], action="heating"))
     assert "backlash: 2" in text
     assert "ti = 30.0 s" in text

@@ -1,0 +1,129 @@
+"""``fc.plot.traces``: what is drawn is what was simulated, in readable units, with the set-point of its day."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from helpers.figure_looks import assert_palette, assert_texts_fit
+from matplotlib.figure import Figure
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+SEEN = ["T_sup", "command", "opening", "estimate"]
+
+
+@pytest.fixture(autouse=True)
+def _no_figure_stays():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def day():
+    return fc.paper_day(hours=1)
+
+
+@pytest.fixture(scope="module")
+def ds(day):
+    return fc.simulate(fc.Loop(backlash=[0.0, 0.03, 0.07, 0.1]), day, traces=SEEN, trace_interval=20, n_jobs=1)
+
+
+def drawn(axes):
+    return {line.get_label(): line for line in axes.lines}
+
+
+def test_a_scenario_has_its_temperature_with_the_set_point_and_its_valve_in_per_cent(ds, day):
+    above, below = fc.plot.traces(ds.isel(backlash=2), day)
+    lines = drawn(above)
+    assert set(lines) == {"supply air", "set-point"}
+    np.testing.assert_array_equal(lines["supply air"].get_xdata(), ds.elapsed_time / 3600)
+    np.testing.assert_array_equal(lines["supply air"].get_ydata(), ds.T_sup[2])
+    np.testing.assert_array_equal(lines["set-point"].get_ydata(), day.series["T_set"][0, ::20])
+    np.testing.assert_array_equal(drawn(below)["opening"].get_ydata(), 100 * ds.opening[2])
+    assert (above.get_ylabel(), below.get_ylabel()) == ("supply air [°C]", "valve [%]")
+    assert below.get_xlabel() == "time from the start [h]"
+    assert [text.get_text() for text in below.get_legend().get_texts()] == ["command", "opening"]
+
+
+def test_up_to_three_scenarios_are_named_by_what_differs_and_the_set_point_is_drawn_once(ds, day):
+    above, below = fc.plot.traces(ds.isel(backlash=[0, 2]), day)
+    names = [text.get_text() for text in above.get_legend().get_texts()]
+    assert names == ["backlash = 0 %", "backlash = 7 %", "set-point"]
+    np.testing.assert_array_equal(above.lines[1].get_ydata(), ds.T_sup[2])
+    assert below.get_ylabel() == "opening [%]"
+    assert len(above.lines) == 3
+
+
+def test_a_day_with_a_date_has_it_along_the_axis(day):
+    dated = day.assign(start="2026-07-01T08:00", time_zone="Europe/Berlin")
+    ds = fc.simulate(fc.Loop(), dated, traces=["T_sup"], trace_interval=60, n_jobs=1)
+    axes = fc.plot.traces(ds.T_sup, dated)
+    axes.figure.canvas.draw()
+    assert axes.get_xlabel() == "date and time (Europe/Berlin)"
+    assert axes.xaxis.get_major_formatter().get_offset() == "2026-Jul-01"
+    shown = [tick.get_text() for tick in axes.get_xticklabels()]
+    assert shown[0] == "08:00"
+    assert_texts_fit(axes.figure)
+
+
+def test_several_days_have_their_own_set_points():
+    days = fc.Boundary.concat([fc.constant_day(1, T_set=13), fc.constant_day(1, T_set=15).assign(day=5)])
+    ds = fc.simulate(fc.Loop(), days, traces=["T_sup"], trace_interval=60, n_jobs=1)
+    axes = fc.plot.traces(ds, days)
+    assert [line.get_ydata()[0] for line in axes.lines[-2:]] == [13, 15]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["day 0", "day 5", "set-point"]
+    assert fc.plot.traces(ds.isel(day=1), days).lines[-1].get_ydata()[0] == 15
+
+
+def test_it_draws_into_given_axes_and_makes_no_figure(ds):
+    axes = Figure().subplots()
+    assert fc.plot.traces(ds.isel(backlash=0), show="T_sup", ax=axes) is axes
+    panels = Figure().subplots(2)
+    assert list(fc.plot.traces(ds.isel(backlash=0), ax=panels)) == list(panels)
+    assert not plt.get_fignums()
+
+
+def test_a_figure_of_its_own_is_a_column_wide_legible_and_of_our_colours(ds, day):
+    for part in (ds.isel(backlash=0), ds.isel(backlash=[0, 1, 2])):
+        figure = fc.plot.traces(part, day)[0].figure
+        assert figure.get_figwidth() == 3.5
+        assert figure.get_layout_engine() is not None
+        assert_texts_fit(figure)
+        assert_palette(figure)
+
+
+def test_the_settings_of_the_user_stay(ds):
+    with plt.rc_context({"font.size": 11.5, "axes.grid": False, "lines.linewidth": 3.5}):
+        before = dict(plt.rcParams)
+        fc.plot.traces(ds.isel(backlash=0))
+        assert dict(plt.rcParams) == before
+
+
+draw = fc.plot.traces
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (draw, "data has 4 scenarios: a figure over time shows up to 3, select some, such as "
+         "ds.isel(backlash=[0, 3])"),
+        (lambda ds: draw(ds.drop_vars(SEEN)), 'data has no traces: simulate with traces=["T_sup", "command"], '
+         "or give a result that has"),
+        (lambda ds: draw(ds.rmse), "data is 'rmse', which is no trace along elapsed_time: give a Dataset of "
+         "fastcoil.simulate with traces, or one of them such as ds.T_sup"),
+        (lambda ds: draw(ds, show="Tsup"), "show: 'Tsup' is no trace of this result, did you mean 'T_sup'?; it "
+         "has T_sup, command, opening, estimate"),
+        (lambda ds: draw(ds[{"backlash": 0}], fc.paper_day(hours=0.5)), "boundary ends after 1,800 s and the "
+         "traces go to 3,580 s: give the boundary that was simulated"),
+        (lambda ds: draw(ds[{"backlash": 0}], ax=Figure().subplots()), "ax has 1 axes: give 2 matplotlib axes, "
+         "one for each panel, or leave it out"),
+        (lambda ds: draw(ds[{"backlash": 0}], ax="left"), "ax is a str: give 2 matplotlib axes, one for each "
+         "panel, or leave it out"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_drawn_gets_a_sentence(ds, call, sentence):
+    with pytest.raises(fc.InputError) as caught:
+        call(ds)
+    assert caught.value.problems == [sentence]
