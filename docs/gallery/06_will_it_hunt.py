@@ -25,6 +25,14 @@ print(f"gain {float(m.gain):.0f} K per stroke, time constant {float(m.lag):.0f} 
 fc.nyquist(loop.assign(ti=[10.0, 30.0]), day)
 
 # %%
+# What that looks like: the opening over the command, once round in each swing.  The width of the figure is the
+# gap.
+
+hunting = loop.assign(ti=10.0)
+swing = fc.simulate(hunting, day, traces=["command", "opening"], warm_up=3 * 3600, n_jobs=1)
+fc.plot.limit_cycle(swing, fc.limit_cycle(hunting, day))
+
+# %%
 # 300 tunings foretold, and simulated:
 
 map_of = loop.assign(kp=np.geomspace(0.005, 0.08, 15).round(5), ti=np.geomspace(6, 120, 20).round(3))
@@ -43,6 +51,6 @@ figure.colorbar(mesh, label="simulated swing, peak to peak [K]")
 # The answer:
 
 right = int((told.hunts == seen.hunts).sum())
-one = fc.limit_cycle(loop.assign(ti=10.0), day)
+one = fc.limit_cycle(hunting, day)
 print(f"With ti = 10 s it hunts by {2 * float(one.amplitude):.1f} K peak to peak every {float(one.period):.0f} s.")
 print(f"Theory and simulation agree on {right} of {told.hunts.size} tunings.")
