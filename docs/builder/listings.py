@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -21,9 +24,18 @@ def file_page(root: Path, path: str) -> str:
     if not (root / path).is_dir():
         language = LANGUAGES.get(Path(path).suffix, "text")
         text = (root / path).read_text()
+        if path.endswith(".ipynb"):
+            return title + "\n\n".join(_cells(json.loads(text)))
         return f"{title}``````{{code-block}} {language}\n:linenos:\n\n{text.rstrip()}\n``````\n"
     files = sorted((root / path).glob("*.py"))
     return title + "\n".join(f"* [`{f.name}`]({Path(path).name}/{f.name}.md)" for f in files) + "\n"
+
+
+def _cells(notebook: dict[str, Any]) -> Iterator[str]:
+    """The cells of a notebook, its headings one level down."""
+    for cell in notebook["cells"]:
+        text = "".join(cell["source"])
+        yield f"```python\n{text}\n```" if cell["cell_type"] == "code" else re.sub(r"(?m)^#", "##", text)
 
 
 def with_members(root: Path, paths: Iterable[str]) -> set[str]:

@@ -51,6 +51,12 @@ def test_the_sections_of_the_index_are_the_order_of_the_site(pages):
     assert "\nDays <days>\n" in pages["use-it.md"]
 
 
+def test_a_notebook_is_shown_as_text_and_code(pages):
+    shown = next(text for page, text in pages.items() if page.endswith(".ipynb.md"))
+    assert "```python\nimport" in shown
+    assert "cell_type" not in shown
+
+
 def test_no_page_links_twice_to_a_term(pages):
     lists = {"glossary.md", "index.md", "start-here.md"}
     for page, text in pages.items():
