@@ -1,4 +1,4 @@
-"""What a user waits for before anything is simulated: import, command line, compilation."""
+"""What a user waits for around the simulation itself: import, command line, compilation, files, figures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from conftest import Timed
-from suite import ALL
+from suite import ALL, QUICK
 
 STUDY = """
 [loop]
@@ -30,6 +30,7 @@ FASTCOIL = (sys.executable, "-m", "fastcoil")
 
 def call(*command: str | Path, cache: Path | None = None) -> None:
     environment = os.environ | ({"XDG_CACHE_HOME": str(cache)} if cache else {})
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # a user's Python reads its sources once
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -53,6 +54,10 @@ def test_help(timed: Timed) -> None:
     timed(lambda: call(*FASTCOIL, "--help"), 10)
 
 
+def test_plan(timed: Timed, study: Path) -> None:
+    timed(lambda: call(*FASTCOIL, "plan", study), 5)
+
+
 def test_run_warm(timed: Timed, study: Path, tmp_path: Path) -> None:
     """A grid study without figures, kernels compiled before; every round writes a folder of its own."""
     number = count()
@@ -64,6 +69,33 @@ def test_run_warm(timed: Timed, study: Path, tmp_path: Path) -> None:
         call(*FASTCOIL, "run", study, "--no-figures", "-o", folder)
 
     timed(run, 5, setup=fresh, lane_steps=SCENARIOS * SECONDS, lanes=SCENARIOS, threads=ALL)
+
+
+def test_run_warm_with_figures(timed: Timed, study: Path, tmp_path: Path) -> None:
+    """The same with the standard figures of the study, two PNG files; the answer in words comes before them."""
+    number = count()
+    timed(lambda folder: call(*FASTCOIL, "run", study, "-o", folder), 5,
+          setup=lambda: ((tmp_path / str(next(number)),), {}),
+          lane_steps=SCENARIOS * SECONDS, lanes=SCENARIOS, threads=ALL)  # fmt: skip
+
+
+def test_run_again(timed: Timed, study: Path, tmp_path: Path) -> None:
+    """A study that is finished: it is found so, and summarised."""
+    command = (*FASTCOIL, "run", study, "--no-figures", "-o", tmp_path / "finished")
+    call(*command)
+    timed(lambda: call(*command), 5)
+
+
+def test_status(timed: Timed, study: Path, tmp_path: Path) -> None:
+    call(*FASTCOIL, "run", study, "--no-figures", "-o", tmp_path / "finished")
+    timed(lambda: call(*FASTCOIL, "status", tmp_path / "finished"), 5)
+
+
+@pytest.mark.skipif(QUICK, reason="a cold run compiles the same")
+def test_first_compile(timed: Timed, tmp_path: Path) -> None:
+    """The kernels of the default loop alone, with an empty cache: what comes once after an installation."""
+    compile_it = "from fastcoil.engine.host import compile_kernel; compile_kernel()"
+    timed(lambda: call(sys.executable, "-c", compile_it, cache=tmp_path / "cache"), 1, warm_up=False, threads=ALL)
 
 
 def test_run_cold(timed: Timed, study: Path, tmp_path: Path) -> None:

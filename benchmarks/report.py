@@ -21,6 +21,7 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_name
 from peers import common
 from suite import LANES, OPTIONS, QUICK, SAMPLE_TIMES, contenders, kernel, plan
+from waits import waits
 
 from fastcoil.numerics.jit import fingerprint
 
@@ -56,13 +57,17 @@ def table(head: tuple[str, ...], rows: Iterator[tuple[object, ...]]) -> Iterator
     yield ""
 
 
-def peers(sample_time: int) -> Iterator[tuple[object, ...]]:
-    """One row per contender, compared with the C on as many threads, or with fastcoil where there is no C."""
+def race(sample_time: int) -> dict[tuple[str, int], np.ndarray]:
+    """Seconds of each contender, by name and threads, in alternating rounds."""
     everybody = list(contenders())
     for contender in everybody:
         contender.check(sample_time)
     work = common.work(LANES_IN_ALL, SECONDS, sample_time)
-    found = alternate({c[:2]: c.ready(*work) for c in everybody}, ROUNDS)
+    return alternate({c[:2]: c.ready(*work) for c in everybody}, ROUNDS)
+
+
+def peers(found: dict[tuple[str, int], np.ndarray]) -> Iterator[tuple[object, ...]]:
+    """One row per contender, compared with the C on as many threads, or with fastcoil where there is no C."""
     lane_steps = LANES_IN_ALL * SECONDS
     for (name, threads), seconds in found.items():
         yardstick = found.get(("C", threads), found["fastcoil, kernel", threads])
@@ -133,6 +138,14 @@ def report(results: dict[str, Any]) -> Iterator[str]:
     yield f"- Date: {datetime.now(UTC):%Y-%m-%d}; kernel {fingerprint()}; load of the last 5 minutes {load}\n"
     yield "Cells are medians (minimum–maximum).  A lane-step is one scenario for one second.\n"
 
+    races = {sample_time: race(sample_time) for sample_time in SAMPLE_TIMES}
+    yield "## Where people wait\n"
+    yield (
+        "Commands on a study of 100 scenarios × 8 h, each in a process of its own; ratios of alternating runs, round "
+        f"by round, {LANES_IN_ALL} scenarios × {SECONDS} s, at two sample times.\n"
+    )
+    yield from table(("", "asked", "reached", "met"), waits(results, races))
+
     yield "## Peers\n"
     yield (
         f"Alternating runs, {ROUNDS} rounds, {LANES_IN_ALL} scenarios × {SECONDS} s; the ratio is that of each round "
@@ -142,7 +155,7 @@ def report(results: dict[str, Any]) -> Iterator[str]:
     for sample_time in SAMPLE_TIMES:
         yield f"Sample time {sample_time} s:\n"
         head = ("", "threads", "ns per lane-step, wall", "10⁶ lane-steps/s", "time / C's")
-        yield from table(head, peers(sample_time))
+        yield from table(head, peers(races[sample_time]))
 
     yield "## Kernel\n"
     yield "Alternating runs on one thread, ratios round by round.\n"

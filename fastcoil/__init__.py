@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from fastcoil.errors import StorageError as StorageError
     from fastcoil.explanation.explain import explain as explain
     from fastcoil.handover.export import export_controller as export_controller
+    from fastcoil.reports.report import report as report
     from fastcoil.rules.parameter import parameter as parameter
     from fastcoil.rules.rule import estimator as estimator
     from fastcoil.rules.rule import law as law
@@ -84,6 +85,7 @@ _HOME = {
     "parameter": "rules.parameter",
     "presets": "simulation.presets",
     "replay": "calibrate.replay",
+    "report": "reports.report",
     "run_study": "study.runner",
     "simulate": "simulation.simulate",
     "sobol_indices": "analysis.sobol",

@@ -7,6 +7,7 @@ import threading
 import traceback
 
 from fastcoil.cli.main import main
+from fastcoil.cli.quick_start import OWN_PROCESS
 from fastcoil.cli.streams import guard_streams
 from fastcoil.cli.terminal import say
 from fastcoil.errors import EXIT_BUG, EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED
@@ -29,7 +30,7 @@ def run() -> None:
 
 def _run_command() -> int:
     try:
-        main()
+        main(obj=OWN_PROCESS)
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0 if end.code is None else EXIT_BUG
     except Exception:

@@ -30,9 +30,17 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
         lines[-1] += f"{resumed} in {seconds:.1f} s on {ds.attrs['n_jobs']} {workers}: {rate:,.0f} scenario-days/s"
     if failed:
         lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
-    if failed == n:
-        return lines
-    lines += _idle(ds) + _off(ds) + _foretold(ds) + _frozen(ds)
+    return lines if failed == n else lines + cautions(ds) + findings(ds, billing)
+
+
+def cautions(ds: xr.Dataset) -> list[str]:
+    """What is odd about results of which not everything failed: days off, set-points not held, frost."""
+    return _idle(ds) + _off(ds) + _frozen(ds)
+
+
+def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
+    """The answer of results of which not everything failed, with ``billing`` its costs too: a sentence a line."""
+    lines = _foretold(ds)
     costs = [] if billing is None else cost_lines(ds, billing)
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds["status"])), None)
     if ratio and bool((ds[ratio] == 0.0).any()):

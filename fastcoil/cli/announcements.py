@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import io
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
+import click
+
+from fastcoil.cli.quick_start import OWN_PROCESS
 from fastcoil.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -18,6 +23,23 @@ def announce_compilation(kernel: str = "emulate") -> None:
 
     if not is_compiled(kernel):
         say("Compiling the kernels, once per installation: about 10 s …", err=True)
+
+
+COMPILE = "import os, fastcoil as fc; os.nice(10); fc.simulate(fc.Loop(), fc.paper_day(hours=1), n_jobs=1)"
+"""Compiles what most studies need, unless it is compiled."""
+
+
+def compile_meanwhile() -> None:
+    """Compile the kernels while the user edits a first study, in a process that outlives this command."""
+    if click.get_current_context().obj != OWN_PROCESS:
+        return
+    quiet = subprocess.DEVNULL
+    with contextlib.suppress(OSError):  # the first run then compiles them
+        # -P: nothing in the current folder is taken for a library
+        subprocess.Popen(
+            [sys.executable, "-P", "-c", COMPILE], stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
+        )
+        say("Meanwhile the kernels are compiled in the background, once per installation.", err=True)
 
 
 def run_own_code(what: str, source: Source) -> object:

@@ -10,11 +10,13 @@ import click
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.log_options import pairs, require_writable, with_reading_options
 from fastcoil.cli.paths import PATH
+from fastcoil.cli.report import with_report, write_report
 from fastcoil.cli.terminal import say
 
 
 @click.command()
 @with_reading_options
+@with_report
 @click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
 @click.option("--stroke-time", type=float, help="Seconds of the motor from closed to open; 90 by default.")
 @click.option("--sample-time", type=float, help="Seconds between samples of the controller; found by default.")
@@ -25,6 +27,7 @@ def diagnose(
     units: Sequence[str],
     stroke_time: float | None,
     sample_time: float | None,
+    report: Path | None,
     drop: bool,
     jumps: str,
     max_gap: float | None,
@@ -59,3 +62,4 @@ def diagnose(
         say(f'Written: {out} (in a study: [loop] include = ["{out.name}"])')
         for path in write({out.stem: found.plot()}, out.parent):
             say(f"Figure:  {path}")
+    write_report(found, report)

@@ -11,6 +11,7 @@ from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.log_options import pairs
 from fastcoil.cli.paths import PATH
+from fastcoil.cli.report import with_report, write_report
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError, shown
 from fastcoil.look import is_folder
@@ -25,7 +26,8 @@ from fastcoil.look import is_folder
     "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a parameter, such as kp=0.03."
 )
 @click.option("-o", "--out", type=PATH, metavar="FIGURE", help="Figure to write: .png, .pdf or .svg; none by default.")
-def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path | None) -> None:
+@with_report
+def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path | None, report: Path | None) -> None:
     """Explain why one loop hunts, or does not, what would cure it, and what that costs.
 
     TARGET is a preset, such as lbnl, which runs on the generic day; a study file; or the folder of a study.
@@ -47,6 +49,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
 
         for path in write({out.stem: found.plot()}, out.parent, format=form):
             say(f"Figure:  {path}")
+    write_report(found, report)
 
 
 def _changes(given: Sequence[str]) -> dict[str, str]:

@@ -12,6 +12,7 @@ from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.fit_progress import fit_progress
 from fastcoil.cli.log_options import pairs, require_writable, with_reading_options
 from fastcoil.cli.paths import PATH
+from fastcoil.cli.report import with_report, write_report
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
@@ -37,7 +38,7 @@ def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
         click.option("--validate", "validation", type=PATH, help="Another CSV file to validate the fit with."),
     ):
         command = option(command)
-    return with_reading_options(command)
+    return with_reading_options(with_report(command))
 
 
 @fit.command("valve")
@@ -73,6 +74,7 @@ def fit_valve_command(
     split: float | None,
     fit_until: float | None,
     validation: Path | None,
+    report: Path | None,
     drop: bool,
     jumps: str,
     max_gap: float | None,
@@ -106,7 +108,7 @@ def fit_valve_command(
             max_gap=max_gap,
             time_format=time_format,
         )
-    write_and_print(found, out)
+    write_and_print(found, out, report)
 
 
 @fit.command("coil")
@@ -138,6 +140,7 @@ def fit_coil_command(
     split: float | None,
     fit_until: float | None,
     validation: Path | None,
+    report: Path | None,
     drop: bool,
     jumps: str,
     max_gap: float | None,
@@ -174,7 +177,7 @@ def fit_coil_command(
             max_gap=max_gap,
             time_format=time_format,
         )
-    write_and_print(found, out)
+    write_and_print(found, out, report)
 
 
 def _lag(text: str) -> float | str:
@@ -198,8 +201,8 @@ def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def write_and_print(found: Fit, out: Path) -> None:
-    """Write the TOML of a fit and its figure, and print its summary."""
+def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
+    """Write the TOML of a fit, its figure and the report that was asked for, and print its summary."""
     from fastcoil.plots.files import write
 
     found.to_toml(out)
@@ -208,3 +211,4 @@ def write_and_print(found: Fit, out: Path) -> None:
     say(f'Fitted:  {out} (in a study: [loop] include = ["{out.name}"])')
     for path in figures:
         say(f"Figure:  {path}")
+    write_report(found, report)

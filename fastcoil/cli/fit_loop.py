@@ -38,6 +38,7 @@ def fit_loop_command(
     units: Sequence[str],
     constants: Sequence[str],
     warm_up: float,
+    report: Path | None,
     **reading: Any,
 ) -> None:
     """Fit the backlash to command, T_sup, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) of DATA: no flow meter.
@@ -59,7 +60,7 @@ def fit_loop_command(
         warm_up=warm_up,
         **reading,
     )
-    write_and_print(found, out)
+    write_and_print(found, out, report)
 
 
 def _loop_of(parts: Sequence[str]) -> Loop:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from fastcoil.cli.announcements import compile_meanwhile
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
@@ -34,6 +35,7 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
     if analysis:
         say(f"Analysis: {analysis}")
+    compile_meanwhile()
 
 
 def _write_new(path: Path, text: str) -> None:

@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING
 import click
 
 from fastcoil.cli.announcements import announce_compilation, run_own_code
+from fastcoil.cli.archive import archive
+from fastcoil.cli.cite import cite
 from fastcoil.cli.diagnose import diagnose
 from fastcoil.cli.explain import explain
+from fastcoil.cli.explore import explore
 from fastcoil.cli.export import export
 from fastcoil.cli.fit import fit
 from fastcoil.cli.fit_loop import fit_loop_command  # noqa: F401 — adds itself to the group fit
@@ -22,7 +25,9 @@ from fastcoil.cli.join import join
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.plot import draw_standard_figures, plot
+from fastcoil.cli.quick_start import quick_start
 from fastcoil.cli.reference import parameters, presets, schema
+from fastcoil.cli.report import report
 from fastcoil.cli.terminal import say
 from fastcoil.cli.tune import tune
 from fastcoil.errors import EXIT_FAILED_SCENARIOS, IntegrityError
@@ -68,13 +73,14 @@ def run(
 
     An interrupted study is resumed; a finished one is not run again.
     """
-    from fastcoil.analysis.summary import summary
-    from fastcoil.outputs import STATUS_OK
-    from fastcoil.progress.shown import progress_of_command
-    from fastcoil.study.file.spec import read_study
-    from fastcoil.study.folder.final import RESULTS
-    from fastcoil.study.runner import Finished, default_folder, execute
-    from fastcoil.study.workers.pools import resolve_backend
+    with quick_start():
+        from fastcoil.analysis.summary import summary
+        from fastcoil.outputs import STATUS_OK
+        from fastcoil.progress.shown import progress_of_command
+        from fastcoil.study.file.spec import read_study
+        from fastcoil.study.folder.final import RESULTS
+        from fastcoil.study.runner import Finished, default_folder, execute
+        from fastcoil.study.workers.pools import resolve_backend
 
     folder = out or default_folder(study)
     chosen = resolve_backend(backend, engine)
@@ -116,14 +122,15 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
-    from fastcoil.engine.host import compile_kernel
-    from fastcoil.memory import available_memory, gib
-    from fastcoil.simulation.cut import first_shards
-    from fastcoil.simulation.duration import count_shards, estimate_seconds
-    from fastcoil.simulation.resources import check_disk
-    from fastcoil.simulation.simulate import workers
-    from fastcoil.study.file.spec import read_study
-    from fastcoil.study.runner import default_folder
+    with quick_start():
+        from fastcoil.engine.host import compile_kernel
+        from fastcoil.memory import available_memory, gib
+        from fastcoil.simulation.cut import first_shards
+        from fastcoil.simulation.duration import count_shards, estimate_seconds
+        from fastcoil.simulation.resources import check_disk
+        from fastcoil.simulation.simulate import workers
+        from fastcoil.study.file.spec import read_study
+        from fastcoil.study.runner import default_folder
 
     n_jobs = workers(jobs)
     start = time.perf_counter()
@@ -147,7 +154,23 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
-for command in (diagnose, explain, export, fit, init, join, parameters, plot, presets, schema, tune):
+for command in (  # fmt: skip
+    archive,
+    cite,
+    diagnose,
+    explain,
+    explore,
+    export,
+    fit,
+    init,
+    join,
+    parameters,
+    plot,
+    presets,
+    report,
+    schema,
+    tune,
+):
     main.add_command(command)
 
 
@@ -155,16 +178,18 @@ for command in (diagnose, explain, export, fit, init, join, parameters, plot, pr
 @click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
     """Show the progress of the study in FOLDER, and how to resume it."""
-    from fastcoil.study import maintenance
+    with quick_start():
+        from fastcoil.study import maintenance
 
     say(*maintenance.status(folder))
 
 
 @main.command()
-@click.argument("folder", type=PATH)
+@click.argument("folder", type=PATH, metavar="FOLDER|ARCHIVE.zip")
 def verify(folder: Path) -> None:
-    """Check everything in the FOLDER of a study against its hashes; changes nothing."""
-    from fastcoil.study import maintenance
+    """Check everything in the FOLDER of a study, or in an archive of one, against its hashes; changes nothing."""
+    with quick_start():
+        from fastcoil.study import maintenance
 
     problems = maintenance.verify(folder)
     if problems:
@@ -182,7 +207,8 @@ def verify(folder: Path) -> None:
 )
 def rerun(folder: Path, at: Sequence[str]) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
-    from fastcoil.study import maintenance
+    with quick_start():
+        from fastcoil.study import maintenance
 
     labels = labels_of(",".join(at))
     announce_compilation()

@@ -9,17 +9,19 @@ import click
 from fastcoil.cli.announcements import announce_compilation, run_own_code
 from fastcoil.cli.interrupts import interruptible
 from fastcoil.cli.paths import PATH
+from fastcoil.cli.report import with_report, write_report
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 
-KEPT, CHOSEN, FIGURE = "tune.json", "tuning.toml", "tuning"
+CHOSEN, FIGURE = "tuning.toml", "tuning"
 
 
 @click.command()
 @click.argument("study", type=PATH)
 @click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
-def tune(study: Path, out: Path | None, jobs: int | None) -> None:
+@with_report
+def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -> None:
     """Choose kp, ti and other settings for all valves and days of a STUDY file, and try them on others.
 
     The table [tune] of the study says what may be chosen, for what and within which limits.  An interrupted search is
@@ -32,6 +34,7 @@ def tune(study: Path, out: Path | None, jobs: int | None) -> None:
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.lock import hold
     from fastcoil.study.runner import default_folder
+    from fastcoil.tuning.archive import KEPT
     from fastcoil.tuning.tune import in_scenario_days, run_tuning
 
     n_jobs, folder = workers(jobs), out or default_folder(study)
@@ -52,3 +55,4 @@ def tune(study: Path, out: Path | None, jobs: int | None) -> None:
         say(f'Written: {path} (in a study: [loop] include = ["{path.name}"])')
         for figure in write({FIGURE: found.plot()}, folder):
             say(f"Figure:  {figure}")
+        write_report(found, report)

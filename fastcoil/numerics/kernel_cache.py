@@ -26,6 +26,7 @@ from typing import Any
 from numba.core import config
 from numba.core.caching import Cache
 from numba.core.compiler import CompileResult
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 _FORMAT = b"fastcoil kernel 1\n"
@@ -60,7 +61,8 @@ class KernelCache(Cache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for a signature, or ``None``."""
-        target_context.refresh()
+        # all that machine code needs; the compiler itself loads the rest, a quarter of a second, if it has to compile
+        rtsys.initialize(target_context)
         key = self._key(sig, target_context.codegen())
         try:
             found, reduced = pickle.loads(_read(self._path(key)))

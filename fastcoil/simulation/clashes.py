@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,7 +10,7 @@ import xarray as xr
 from fastcoil.arrays import Array
 from fastcoil.errors import InputError
 from fastcoil.estimators.shipped import ESTIMATORS
-from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS, Scalar
+from fastcoil.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS
 from fastcoil.simulation.loop import Loop, words_used
 
 ONE_SET_POINT = 1.0
@@ -62,26 +62,27 @@ def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
 
 def _estimate_clashes(loop: Loop) -> list[str]:
     """An estimate of 1 or more, an estimator that starts above its cap, a learner without a step."""
-    value: Mapping[str, Scalar | xr.DataArray | None] = {n: loop[n] for n in PARAMETERS}
     problems = []
-    estimate = value["backlash_estimate"]
-    if value["estimate_ratio"] is not None:
-        estimate = value["estimate_ratio"] * value["backlash"]  # type: ignore[operator]
-    largest = float(np.max(estimate))  # type: ignore[arg-type]
+    estimate: Any = loop["backlash_estimate"]
+    ratio: Any = loop["estimate_ratio"]
+    if ratio is not None:
+        estimate = ratio * loop["backlash"]
+    largest = float(np.max(np.asarray(estimate)))
     if largest >= 1.0:
         problems.append(
             f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
             "lower estimate_ratio or backlash"
         )
+    used = words_used(loop, "estimator")
     for name, cap in _CAPS.items():
-        if bool((_has(value, name) & (xr.DataArray(estimate) > xr.DataArray(value[cap]))).any()):
+        if name in used and bool((_has(loop, name) & (xr.DataArray(estimate) > xr.DataArray(loop[cap]))).any()):
             problems.append(
                 f"backlash_estimate up to {largest:g} with the estimator {name}: it cannot start above {cap}, "
                 "lower the estimate or raise the cap"
             )
-    if bool((_has(value, "learner") & (xr.DataArray(value["learning_step"]) == 0.0)).any()):
+    if "learner" in used and bool((_has(loop, "learner") & (xr.DataArray(loop["learning_step"]) == 0.0)).any()):
         problems.append("estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate")
-    if bool(
+    if _is_positive(loop, "learning_error_ratio") and bool(
         ((xr.DataArray(loop["learning_error_ratio"]) > 0.0) & (xr.DataArray(loop["learning_reference"]) == 0.0)).any()
     ):
         problems.append(
@@ -91,14 +92,16 @@ def _estimate_clashes(loop: Loop) -> list[str]:
     return problems
 
 
-def _has(value: Mapping[str, Scalar | xr.DataArray | None], estimator: str) -> xr.DataArray:
+def _has(loop: Loop, estimator: str) -> xr.DataArray:
     """Which scenarios have an estimator; without a word it is the learner where it has a step."""
-    if value["estimator"] is None:
-        return (xr.DataArray(value["learning_step"]) > 0.0) & (estimator == "learner")
-    return xr.DataArray(value["estimator"]) == estimator
+    if loop["estimator"] is None:
+        return (xr.DataArray(loop["learning_step"]) > 0.0) & (estimator == "learner")
+    return xr.DataArray(loop["estimator"]) == estimator
 
 
 def _stem_clashes(loop: Loop, least_scale: float) -> list[str]:
+    if not _is_positive(loop, "slip_jump"):
+        return []
     least = min(least_scale, 1.0)
     jump, backlash = xr.DataArray(loop["slip_jump"]), xr.DataArray(loop["backlash"])
     excess = float((jump - least * backlash).where(jump > 0.0, 0.0).max())
@@ -143,11 +146,14 @@ def _unread_by_estimators(loop: Loop) -> dict[str, str]:
 
 
 def _unread_by_controller(loop: Loop) -> dict[str, str]:
-    unread, buffered = {}, xr.DataArray(loop["buffer_ratio"]) > 0.0
-    measures, swings = xr.DataArray(loop["buffer_noise"]) == "measured", xr.DataArray(loop["buffer_swing"]) > 0.0
-    for name, words, is_on in (
-        ("buffer_noise", "buffer_noise = 'measured'", measures), ("buffer_swing", "buffer_swing", swings)
+    unread = {}
+    for name, words, when_on in (
+        ("buffer_noise", "buffer_noise = 'measured'", "measured"), ("buffer_swing", "buffer_swing", None)
     ):  # fmt: skip
+        if not _is_changed(loop, name):
+            continue
+        value, buffered = xr.DataArray(loop[name]), xr.DataArray(loop["buffer_ratio"]) > 0.0
+        is_on = value > 0.0 if when_on is None else value == when_on
         if bool(is_on.any()) and not bool((is_on & buffered).any()):
             unread[name] = f"{words} without buffer_ratio: give buffer_ratio, or leave {name} out"
     if _is_changed(loop, "smooth_rate") and not bool(np.any(np.asarray(loop["compensation"]) == "smooth")):
@@ -156,6 +162,8 @@ def _unread_by_controller(loop: Loop) -> dict[str, str]:
 
 
 def _buffer_clashes(loop: Loop) -> list[str]:
+    if not _is_positive(loop, "buffer_ratio") and not _is_positive(loop, "buffer_swing"):
+        return []
     problems = []
     ratio, swing = xr.DataArray(loop["buffer_ratio"]), xr.DataArray(loop["buffer_swing"])
     measures = xr.DataArray(loop["buffer_noise"]) == "measured"
@@ -194,6 +202,11 @@ def _dead_band_clashes(loop: Loop, T_set: Array) -> list[str]:
             "move the valve, give less"
         ]
     return []
+
+
+def _is_positive(loop: Loop, name: str) -> bool:
+    """Whether some scenario has a value above 0."""
+    return bool(np.any(np.asarray(loop[name]) > 0.0))
 
 
 def _is_changed(loop: Loop, name: str) -> bool:

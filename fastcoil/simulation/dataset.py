@@ -8,6 +8,7 @@ import platform
 import sys
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -48,26 +49,39 @@ def flat_dataset(
 ) -> xr.Dataset:
     """Name the results of some scenarios, along the dim ``scenario``.
 
-    index: (n,) flat indices; metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or
-    (n, N, n_points).
+    index: (n,) flat indices; the others: see ``variables_of``.
+    """
+    return xr.Dataset(
+        variables_of(metrics, status, traces), coords={"scenario": index, **trace_coordinates(traces, trace_interval)}
+    )
+
+
+def variables_of(metrics: np.ndarray, status: np.ndarray, traces: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """The results of some scenarios by name: (dims, values, attributes), the first dim is ``scenario``.
+
+    metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or (n, N, n_points).
     """
     variables: dict[str, Any] = {
-        output.name: ("scenario", metrics[k], attributes(output)) for k, output in enumerate(METRICS.values())
+        output.name: (("scenario",), metrics[k], attributes(output)) for k, output in enumerate(METRICS.values())
     }
     flags = {"flag_values": np.arange(len(STATUS_MEANINGS), dtype=np.int8), "flag_meanings": " ".join(STATUS_MEANINGS)}
-    variables["status"] = ("scenario", status.astype(np.int8), {"long_name": "status of the scenario", **flags})
+    variables["status"] = (("scenario",), status.astype(np.int8), {"long_name": "status of the scenario", **flags})
     for name, values in traces.items():
         output = TRACES[name]
         data = np.nan_to_num(values, nan=0.0).astype(np.int8) if name == "mode" else values
         dims = ("scenario", "volume", "elapsed_time") if output.per_volume else ("scenario", "elapsed_time")
         variables[name] = (dims, data, attributes(output))
-    ds = xr.Dataset(variables, coords={"scenario": index})
-    if traces:
-        points = trace_interval * np.arange(ds.sizes["elapsed_time"], dtype=float)
-        ds = ds.assign_coords(elapsed_time=("elapsed_time", points, coordinate_attrs("elapsed_time")))
-    if "volume" in ds.dims:
-        ds = ds.assign_coords(volume=("volume", np.arange(1, ds.sizes["volume"] + 1), coordinate_attrs("volume")))
-    return ds
+    return variables
+
+
+def trace_coordinates(traces: Mapping[str, np.ndarray], trace_interval: int) -> dict[Hashable, xr.Variable]:
+    """Labels of the dims of traces besides ``scenario``; see ``variables_of``."""
+    labels: dict[str, np.ndarray] = {}
+    for name, values in traces.items():
+        labels["elapsed_time"] = trace_interval * np.arange(values.shape[-1], dtype=float)
+        if TRACES[name].per_volume:
+            labels["volume"] = np.arange(1, values.shape[1] + 1)
+    return {dim: xr.Variable(dim, along, coordinate_attrs(dim)) for dim, along in labels.items()}
 
 
 def join_flat(
@@ -160,14 +174,23 @@ def _is_crashed(part: xr.Dataset) -> bool:
 
 def unflatten(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
     """Give the flat results of all scenarios the dims and coordinates of the study."""
+    variables = {name: (v.dims, v.values, v.attrs) for name, v in whole.data_vars.items()}
+    return shaped(variables, dict(whole.coords), layout)
+
+
+def shaped(variables: Mapping[Any, Any], coords: Mapping[Hashable, Any], layout: Layout) -> xr.Dataset:
+    """Give the results of all scenarios, see ``variables_of``, the dims and coordinates of the study.
+
+    coords: those along other dims than ``scenario``.
+    """
     dims, shape = tuple(layout.sizes), tuple(layout.sizes.values())
-    variables = {
-        name: ((*dims, *v.dims[1:]), v.values.reshape((*shape, *v.shape[1:])), v.attrs)
-        for name, v in whole.data_vars.items()
+    named = {
+        name: ((*dims, *along[1:]), values.reshape((*shape, *values.shape[1:])), attrs)
+        for name, (along, values, attrs) in variables.items()
     }
     labels = {n: c.assign_attrs(coordinate_attrs(n, layout.loop.parameters)) for n, c in layout.coordinates().items()}
-    labels |= clock_coordinates(layout.boundary, whole.variables.get("elapsed_time"))
-    return xr.Dataset(variables, coords=labels | dict(whole.coords))
+    labels |= clock_coordinates(layout.boundary, coords.get("elapsed_time"))
+    return xr.Dataset(named, coords={**labels, **coords})
 
 
 def attributes(output: Output) -> dict[str, Any]:
@@ -193,27 +216,35 @@ def coordinate_attrs(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> 
 
 def provenance() -> dict[str, Any]:
     """Attributes that say what made a result: versions and machine, no user and no path."""
-    packages = {}
-    for package in ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4"):
-        try:
-            packages[package] = version(package)
-        except PackageNotFoundError:  # the package runs without this one
-            packages[package] = "absent"
-    now = datetime.now(UTC).isoformat(timespec="seconds")
+    now, own = datetime.now(UTC).isoformat(timespec="seconds"), _own_version()
     return {
         "Conventions": "CF-1.11",
         "fastcoil_format": FORMAT,
         "source": "fastcoil: closed-loop emulation of a coil valve with backlash",
         "references": "Cai, J. and Braun, J. E. (2016), Int. Refrigeration and Air Conditioning Conference, Purdue, "
         "paper 1801, https://docs.lib.purdue.edu/iracc/1801",
-        "fastcoil_version": package_version(),
+        "fastcoil_version": own,
         "date_created": now,
-        "history": f"{now} made by fastcoil {package_version()}",
+        "history": f"{now} made by fastcoil {own}",
         "python_version": platform.python_version(),
-        "package_versions": json.dumps(packages),
+        "package_versions": json.dumps(_package_versions()),
         "platform": f"{sys.platform} {platform.machine()}",
         "computed_on": json.dumps([compiled_for()]),
     }
+
+
+_own_version = cache(package_version)
+
+
+@cache
+def _package_versions() -> dict[str, str]:
+    packages = {}
+    for package in ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4"):
+        try:
+            packages[package] = version(package)
+        except PackageNotFoundError:  # the package runs without this one
+            packages[package] = "absent"
+    return packages
 
 
 def environments_of(ds: xr.Dataset) -> list[dict[str, str]]:
@@ -251,7 +282,7 @@ def variable_sha256(variable: xr.Variable) -> str:
     rows = variable.shape[0] if variable.ndim else 1
     step = max(1, _HASHED_AT_ONCE * rows // max(1, variable.size))
     for start in range(0, rows, step):
-        values = encoded(variable[start : start + step] if variable.ndim else variable).values
+        values = encoded(variable if step >= rows else variable[start : start + step]).values
         if values.dtype.kind in "OUS":
             digest.update("".join(f"{v}\0" for v in values.ravel()).encode())
         else:

@@ -56,7 +56,7 @@ def _vector(parameter: Parameter, values: Any) -> np.ndarray:
         )
     if len(values) > MOST_VALUES:
         raise InputError(f"{parameter.name} has {len(values):,} values: give at most {MOST_VALUES:,}")
-    for given in values:
+    for given in _doubtful(values) if isinstance(values, np.ndarray) and not parameter.is_word else values:
         value = given if type(given) in (float, int, str) else plain(given)
         if isinstance(value, (np.ndarray, list, tuple)):
             raise InputError(
@@ -67,6 +67,15 @@ def _vector(parameter: Parameter, values: Any) -> np.ndarray:
         if problem:
             raise InputError(problem)
     return np.asarray(values)
+
+
+def _doubtful(values: np.ndarray) -> np.ndarray:
+    """Those that have to be looked at one by one; a million good numbers cost nothing."""
+    if values.dtype.kind not in "iuf":
+        return values
+    with np.errstate(over="ignore"):
+        fine = np.abs(values.astype(float)) <= LARGEST
+    return np.asarray(values[~fine])
 
 
 def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
@@ -80,7 +89,8 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
     if not parameter.is_word:
         if array.dtype.kind not in "iuf":
             raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
-        array = array.astype(int if name in COUNTS and array.dtype.kind in "iu" else float)
+        kind = int if name in COUNTS and array.dtype.kind in "iu" else float
+        array = array.copy(data=array.values.astype(kind))
     flat = array.values.ravel()
     bad = [p for p in (parameter.problem(v) for v in _suspects(parameter, flat)) if p]
     if bad:

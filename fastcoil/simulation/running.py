@@ -25,49 +25,54 @@ def run_shard(plan: Plan, shard: Shard | Stretch) -> xr.Dataset:
 
     Returns a flat Dataset, see ``flat_dataset``; of a stretch that others come after it has ``END_STATE``, too.
     """
-    found = _Results(plan, shard.index)
-    if isinstance(shard, Stretch):
-        end = _run_days_in_sequence(plan, shard, found)
-        more = {END_STATE: (("lane", "number"), end)} if shard.days.stop < shard.chain.end else {}
-    else:
-        _run_days_apart(plan, shard, found)
-        more = {}
-    part = found.dataset().assign(more)
-    return part.assign_attrs(computed_on=json.dumps([compiled_for()]))
+    found = Results(plan, shard.size)
+    end = run_into(found, plan, shard, np.arange(shard.size))
+    part = flat_dataset(shard.index, found.metrics, found.status, found.traces, plan.traces.interval)
+    part.attrs["computed_on"] = json.dumps([compiled_for()])
+    return part if end is None else part.assign({END_STATE: (("lane", "number"), end)})
 
 
-class _Results:
-    """Room for the results of the scenarios ``index``, filled block by block."""
+class Results:
+    """Room for the results of ``n`` scenarios, filled block by block."""
 
-    def __init__(self, plan: Plan, index: np.ndarray) -> None:
-        self._plan, self._index, n = plan, index, index.size
-        self._metrics, self._status = np.empty((len(METRICS), n)), np.empty(n, dtype=np.int8)
-        self._traces: dict[str, np.ndarray] = {}
+    def __init__(self, plan: Plan, n: int) -> None:
+        self._plan = plan
+        self.metrics, self.status = np.empty((len(METRICS), n)), np.empty(n, dtype=np.int8)
+        self.traces: dict[str, np.ndarray] = {}
         n_points = plan.traces.n_points(plan.n_steps)
         for name in plan.traces.names:
             shape = (n, plan.n_volumes, n_points) if TRACES[name].per_volume else (n, n_points)
-            self._traces[name] = np.full(shape, np.nan)
+            self.traces[name] = np.full(shape, np.nan)
 
     def run(self, block: Block, day: Day, members: np.ndarray, work: WorkSpace | None = None) -> None:
         """Run a block through a day.  members: the places of its lanes among the scenarios."""
         found, flags, signals = run_interruptibly(block, day, self._plan.traces, work)
-        self._metrics[:, members], self._status[members] = found[:, : members.size], flags[: members.size]
+        self.metrics[:, members], self.status[members] = found[:, : members.size], flags[: members.size]
         for name, signal in signals.items():
             volumes = (slice(block.common.n_volumes),) if TRACES[name].per_volume else ()
-            self._traces[name][members, *volumes] = signal[..., : members.size].T
-
-    def dataset(self) -> xr.Dataset:
-        return flat_dataset(self._index, self._metrics, self._status, self._traces, self._plan.traces.interval)
+            self.traces[name][members, *volumes] = signal[..., : members.size].T
 
 
-def _run_days_apart(plan: Plan, shard: Shard, found: _Results) -> None:
+def run_into(found: Results, plan: Plan, shard: Shard | Stretch, places: np.ndarray) -> np.ndarray | None:
+    """Run the scenarios of a shard.  places: (n,), where their results go; other threads may fill other places.
+
+    Returns the states at the end of a stretch that others come after, (n_lanes, n_numbers).
+    """
+    if isinstance(shard, Shard):
+        _run_days_apart(found, plan, shard, places)
+        return None
+    end = _run_days_in_sequence(found, plan, shard, places)
+    return end if shard.days.stop < shard.chain.end else None
+
+
+def _run_days_apart(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> None:
     columns = plan.layout.columns(shard.index)
     rules = rules_for_kernels(plan.layout.loop.rules)
     matrix = parameter_matrix(columns, rules)
     for k in np.unique(columns["day"]):
         day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
         for lanes, block in blocks(matrix[:, of_day], rules):
-            found.run(block, day, of_day[lanes])
+            found.run(block, day, places[of_day[lanes]])
 
 
 class _Running(NamedTuple):
@@ -78,7 +83,7 @@ class _Running(NamedTuple):
     work: WorkSpace
 
 
-def _run_days_in_sequence(plan: Plan, stretch: Stretch, found: _Results) -> np.ndarray:
+def _run_days_in_sequence(found: Results, plan: Plan, stretch: Stretch, places: np.ndarray) -> np.ndarray:
     """Returns the state of every lane at the end, (n_lanes, n)."""
     rules = rules_for_kernels(plan.layout.loop.rules)
     n = stretch.chain.lanes.size
@@ -92,7 +97,7 @@ def _run_days_in_sequence(plan: Plan, stretch: Stretch, found: _Results) -> np.n
     for k, number in enumerate(stretch.days):
         day = plan.days[number]
         for each in running:
-            found.run(each.block, day, k * n + each.members, each.work)
+            found.run(each.block, day, places[k * n + each.members], each.work)
     states = [state_of(each.block, each.work) for each in running]
     end = np.zeros((n, max(state.shape[1] for state in states)))
     for each, state in zip(running, states, strict=True):

@@ -128,9 +128,11 @@ class Stretch:
 
     def after(self, part: xr.Dataset) -> Stretch | None:
         """The next stretch; ``part``: the results of this one."""
-        if self.days.stop == self.chain.end:
-            return None
-        return self.chain.stretch(self.days.stop, part[END_STATE].values)
+        return self.begun(part[END_STATE].values) if self.days.stop < self.chain.end else None
+
+    def begun(self, state: np.ndarray) -> Stretch:
+        """The next stretch; ``state``: in which this one ended."""
+        return self.chain.stretch(self.days.stop, state)
 
 
 def pack(index: np.ndarray) -> bytes:

@@ -7,10 +7,11 @@ runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain
+from contextlib import nullcontext
 from typing import Any
 
 import joblib
+import numpy as np
 import xarray as xr
 
 from fastcoil.arguments import checking, flag_of, whole_of
@@ -18,11 +19,12 @@ from fastcoil.boundary import Boundary
 from fastcoil.outputs import WARM_UP
 from fastcoil.progress.shown import Advance, progress_of_call
 from fastcoil.simulation.cut import first_shards
-from fastcoil.simulation.dataset import content_sha256, join_flat, provenance, unflatten
+from fastcoil.simulation.dataset import content_sha256, provenance, shaped, trace_coordinates, variables_of
+from fastcoil.simulation.in_thread import on_threads
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import Plan, plan_simulation, simulation_attributes
-from fastcoil.simulation.running import run_shard
-from fastcoil.simulation.shards import END_STATE, Shard, Stretch
+from fastcoil.simulation.running import Results, run_into
+from fastcoil.simulation.shards import Shard, Stretch
 
 
 def simulate(
@@ -94,25 +96,33 @@ def simulate(
 
 
 def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
-    """Run all shards of a plan on threads and join their results; ``advance`` is told of each that is finished."""
-    tasks = (joblib.delayed(_run_chain)(plan, shard, advance) for shard in first_shards(plan, n_jobs))
-    found = joblib.Parallel(n_jobs=n_jobs, backend="threading", batch_size=1, return_as="generator_unordered")(tasks)
-    ds = unflatten(join_flat(plan.n_scenarios, chain.from_iterable(found)), plan.layout)
-    ds.attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
+    """Run all shards of a plan on threads; ``advance`` is told of each that is finished."""
+    found = Results(plan, plan.n_scenarios)
+
+    def run(first: Shard | Stretch) -> None:
+        shard, state = first, _run(found, plan, first, advance)
+        while isinstance(shard, Stretch) and state is not None:
+            shard = shard.begun(state)
+            state = _run(found, plan, shard, advance)
+
+    shards = first_shards(plan, n_jobs)
+    several = min(n_jobs, len(shards)) > 1
+    with on_threads(n_jobs, run, shards) if several else nullcontext():
+        attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
+    for shard in () if several else shards:
+        run(shard)
+    variables = variables_of(found.metrics, found.status, found.traces)
+    ds = shaped(variables, trace_coordinates(found.traces, plan.traces.interval), plan.layout)
+    ds.attrs = attrs
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
 
 
-def _run_chain(plan: Plan, first: Shard | Stretch, advance: Advance) -> list[xr.Dataset]:
-    """Run a shard, and those that come after it."""
-    parts: list[xr.Dataset] = []
-    shard: Shard | Stretch | None = first
-    while shard is not None:
-        part = run_shard(plan, shard)
-        advance(part.sizes["scenario"])
-        shard = shard.after(part)
-        parts.append(part.drop_vars(END_STATE, errors="ignore"))
-    return parts
+def _run(found: Results, plan: Plan, shard: Shard | Stretch, advance: Advance) -> np.ndarray | None:
+    """Run a shard; returns the states that what comes after it begins in."""
+    state = run_into(found, plan, shard, shard.index)
+    advance(shard.size)
+    return state
 
 
 def workers(n_jobs: int | None) -> int:

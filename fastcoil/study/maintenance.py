@@ -15,6 +15,7 @@ import xarray as xr
 from fastcoil.engine.host import TraceRequest, compile_kernel
 from fastcoil.errors import InputError, IntegrityError, nearest
 from fastcoil.files import make_folder, storage_errors
+from fastcoil.look import is_file
 from fastcoil.numerics.jit import is_model
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.rules.same_code import own_code_of, refuse_other_code
@@ -24,6 +25,7 @@ from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.plan import Plan, simulation_attributes
 from fastcoil.simulation.running import run_shard
 from fastcoil.simulation.shards import Chain, Shard
+from fastcoil.study.archive.check import archive_problems
 from fastcoil.study.file.source import Source
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.lock import hold
@@ -61,7 +63,12 @@ def status(folder: Path) -> list[str]:
 
 
 def verify(folder: Path) -> list[str]:
-    """Check everything in the folder of a study: a sentence for each problem.  Nothing is changed."""
+    """Check everything in the folder of a study, or in an archive of it: a sentence for each problem.
+
+    Nothing is changed.
+    """
+    if is_file(folder):
+        return archive_problems(folder)
     store = StudyFolder(folder)
     return store.settled(lambda: find_problems(store))
 

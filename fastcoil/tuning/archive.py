@@ -18,6 +18,8 @@ from fastcoil.arrays import Array
 from fastcoil.errors import InputError, IntegrityError, StorageError
 from fastcoil.files import commit, read_bytes, storage_errors
 
+KEPT = "tune.json"
+"""Name of the file in the folder of a tuning."""
 _KIND, _FORMAT = "fastcoil tuning", 1
 _LARGEST = 2**28
 """Bytes."""

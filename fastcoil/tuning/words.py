@@ -54,7 +54,8 @@ def in_words(found: Findings, tried: int) -> list[str]:
     return lines + list(found.notes)
 
 
-def _table(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[str]:
+def table_rows(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[list[str]]:
+    """Every measure of every tuning and its limit as cells, the heads first."""
     limit = {}
     for each in limits:
         now = float(ds[each.measure.name].sel(tuning=NOW, edge="value"))
@@ -66,6 +67,11 @@ def _table(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[str]:
             continue
         cells = [_cell(str(name).rpartition("_")[0], variable.sel(tuning=t).values) for t in tunings]
         rows.append([variable.attrs["long_name"], *cells, *([limit.get(str(name), "")] if limit else [])])
+    return rows
+
+
+def _table(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[str]:
+    rows = table_rows(ds, limits)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows

@@ -33,7 +33,7 @@ MADE = {
     *("results.nc", "study.schema.json", "logs.py", "valve.csv", "coil.csv", "log.csv", "other.csv", "weather.csv"),
     *("valve.png", "coil.png", "loop.csv", "loop.toml", "make_log.py", "diagnosis.toml", "diagnosis.png"),
     *("points.py", "command.csv", "SAT.csv", "bode.png", "nyquist.png", "explain.png"),
-    *("tuning.toml", "tuning.png", "tune.json"),
+    *("tuning.toml", "tuning.png", "tune.json", "archive.json"),
     *("learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"),
     *("scorecard.md", "scorecard.json"),
     *("controller.toml", "controller.c", "controller.py", "controller_vectors.csv", "inverse.c", "inverse_vectors.csv"),

@@ -175,6 +175,7 @@ def base_calls(tmp_path_factory):
         "plot.map": (fc.plot.map, {"data": ds, "metric": "iae", "x": "backlash", "y": "kp", "ax": panels[0]}),
         "plot.traces": (fc.plot.traces, {"data": traced, "boundary": day, "show": "T_sup", "ax": panels[3]}),
         "replay": (fc.replay, {"loop": loop, "log": recorded}),
+        "report": (fc.report, {"what": out}),
         "run_study": (fc.run_study, {"path": toml, "out": out}),
         "simulate": (fc.simulate, {"loop": loop, "boundary": day, "warm_up": 60, "n_jobs": 1}),
         "sobol_indices": (fc.sobol_indices, {"ds": sampled}),

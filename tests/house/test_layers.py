@@ -35,7 +35,7 @@ LAYERS = [
     {"tuning", "explanation", "handover"},
     {"study"},
     {"paper"},
-    {"plot", "report", "explore"},
+    {"plot", "reports", "explore"},
     {"cli"},
     {"__main__", "__init__"},
 ]

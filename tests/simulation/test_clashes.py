@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.refusals import assert_only_problem, only_problem
+from helpers.refusals import assert_only_problem, only_problem, problems
 
 import fastcoil as fc
 from fastcoil.simulation.plan import plan_simulation
@@ -108,3 +108,10 @@ def test_replay_refuses_the_same():
         fc.replay(fc.Loop(error_dead_band=3.0), log)
     with pytest.raises(fc.InputError, match="without buffer_ratio"):
         fc.replay(fc.Loop(buffer_noise="measured"), log)
+
+
+def test_a_swing_alone_misses_both_the_ratio_and_the_gain():
+    found = problems(planned, buffer_swing=0.5)
+    assert [problem.partition(":")[0] for problem in found] == [
+        "buffer_swing without buffer_ratio", "buffer_swing without plant_gain"
+    ]  # fmt: skip

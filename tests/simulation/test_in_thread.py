@@ -13,7 +13,7 @@ from helpers.processes import environment
 from helpers.rules import HEAD
 
 from fastcoil.simulation import in_thread
-from fastcoil.simulation.in_thread import run_interruptibly, within
+from fastcoil.simulation.in_thread import on_threads, run_interruptibly, within
 
 
 def test_only_blocks_with_rules_of_the_user_and_of_the_main_thread_get_a_thread(monkeypatch):
@@ -31,6 +31,34 @@ def test_an_error_in_the_thread_is_that_of_the_call():
         within(None, lambda: 1 / 0)
     with pytest.raises(TimeoutError):
         within(0.01, lambda: time.sleep(0.1))
+
+
+def test_threads_share_the_calls_and_the_first_error_ends_them():
+    met, begun, seen = threading.Barrier(2, timeout=10.0), [], set()
+
+    def call(k):
+        seen.add(threading.current_thread())
+        if k < 2:
+            met.wait()  # two calls at once
+
+    with on_threads(2, call, range(6)):
+        pass
+    assert len(seen) == 2
+    assert all(thread.daemon for thread in seen)
+
+    gate = threading.Event()
+
+    def failing(k):
+        begun.append(k)
+        if k == 0:
+            raise ZeroDivisionError
+        gate.wait(10.0)
+
+    with pytest.raises(ZeroDivisionError), on_threads(2, failing, range(100)):
+        pass
+    gate.set()
+    time.sleep(0.05)
+    assert len(begun) == 2
 
 
 ENDLESS = (

@@ -102,3 +102,10 @@ def test_a_long_list_with_duplicates_may_be_meant_as_a_series():
 @pytest.mark.parametrize("values", [{"kp": [0.1, [0.2, 0.3]]}, {"kp": 10**400}], ids=["ragged list", "huge integer"])
 def test_what_numpy_cannot_read_is_refused_in_our_words(values):
     assert problems(fc.Loop, **values)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_an_array_of_numbers_is_refused_as_the_same_list_is(bad):
+    values = [0.1, bad, 0.2, bad]
+    assert only_problem(fc.Loop, kp=np.array(values)) == only_problem(fc.Loop, kp=values)
+    assert only_problem(fc.Loop, kp=("case", np.array(values))) == only_problem(fc.Loop, kp=("case", values))

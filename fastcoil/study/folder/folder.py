@@ -130,7 +130,8 @@ class StudyFolder:
         if self.read_text() is None:
             raise IntegrityError(f"{self.study} is missing or damaged: {cure}")
         try:
-            study = read_study(self.study, Path(manifest.relative_to))
+            # one that was unpacked from an archive has its files in the folder itself
+            study = read_study(self.study, self.path / manifest.relative_to)
         except InputError as error:
             raise IntegrityError(
                 f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n"

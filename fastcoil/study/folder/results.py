@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import chain
@@ -54,6 +55,27 @@ def open_study(folder: str | Path) -> xr.Dataset:
     store = StudyFolder(path_of("folder", folder, "give the folder of a study"))
     ds = store.settled(lambda: _open(store))
     return ds.rename({name: today for name, (today, _) in FORMER_METRICS.items() if name in ds and today not in ds})
+
+
+def open_finished(folder: Path) -> xr.Dataset:
+    """Open the results of a finished study.
+
+    Raises
+    ------
+    InputError
+        If the folder holds none, or scenarios are missing.
+    StorageError, IntegrityError
+        As ``open_study``.
+    """
+    ds = open_study(folder)
+    missing = int((ds["status"].values == STATUS_NOT_RUN).sum())
+    if missing or "content_sha256" not in ds.attrs:
+        done = ds["status"].size - missing
+        command = f"fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"
+        raise InputError(
+            f"{folder} is unfinished: {done:,} of {ds['status'].size:,} scenarios are done; finish it with `{command}`"
+        )
+    return ds
 
 
 def _open(store: StudyFolder) -> xr.Dataset:

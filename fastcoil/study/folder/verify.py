@@ -36,10 +36,16 @@ def find_problems(store: StudyFolder) -> list[str]:
         problems = error.problems
     except IntegrityError as error:
         problems = str(error).splitlines()
-    return [*problems, *store.in_the_way(), *_results(store, manifest), *_shards(store.shards(manifest), n_scenarios)]
+    return [
+        *problems,
+        *store.in_the_way(),
+        *problems_of_results(store, manifest),
+        *_shards(store.shards(manifest), n_scenarios),
+    ]
 
 
-def _results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+    """What is wrong with the final files of a folder, whether or not its study can still be read."""
     if not store.has_results:
         if manifest.finished or (manifest.finished is None and not store.shards(manifest).any()):
             yield f"{store.results} is missing: run the study again"

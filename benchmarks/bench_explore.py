@@ -1,0 +1,69 @@
+"""``fastcoil explore``: from a slider that moves to the page that shows what follows."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from conftest import Timed
+from helpers.browsers import chromium, exploring, settled, why_no_browser
+from suite import QUICK
+
+from fastcoil.explore.model.model import Model
+
+GAPS, NOISES = 31, 11
+"""Steps of two sliders."""
+ROUNDS = 3 if QUICK else 60
+MOVE = """
+const [name, at, done] = arguments
+const before = document.body.dataset.turn, start = performance.now()
+let traces = null
+const watch = new MutationObserver(() => {
+  if (document.body.dataset.phase === 'map') traces ??= performance.now() - start
+  if (document.body.dataset.phase !== '' || document.body.dataset.turn === before) return
+  watch.disconnect()
+  requestAnimationFrame(() => requestAnimationFrame(() => done([traces, performance.now() - start])))
+})
+watch.observe(document.body, {attributes: true})
+Bokeh.documents[0].get_model_by_name(name).value = at
+"""
+"""JavaScript: move a slider; milliseconds until the traces are there, and until all is there and painted."""
+
+
+@pytest.mark.parametrize("what", ["loop", "map", "loop_and_map"])
+def test_server(timed: Timed, what: str) -> None:
+    """All that a move makes new, on one thread."""
+    model = Model()
+    gaps = itertools.count(1)
+
+    def another() -> tuple[tuple[object, ...], dict[str, object]]:
+        return (model.usual.turned(backlash=0.0001 * next(gaps), noise_std=0.01),), {}
+
+    def both(settings: object) -> tuple[object, object]:
+        return model.run(settings), model.map(settings.turned(kp=0.02))  # type: ignore[arg-type, attr-defined]
+
+    asked: dict[str, Callable[..., object]] = {"loop": model.run, "map": model.map, "loop_and_map": both}
+    assert timed(asked[what], 20, setup=another)
+
+
+@pytest.mark.skipif(bool(why_no_browser()), reason=why_no_browser())
+def test_browser(timed: Timed) -> None:
+    """The same in Chromium, with the server, the wire and the painting; never a loop that was shown before."""
+    moves = itertools.product(range(1, NOISES), range(GAPS))
+    within: list[list[float]] = []
+    with exploring() as (_, address), chromium(1920, 1080) as driver:
+        driver.get(address)
+        settled(driver)
+
+        def move() -> None:
+            noise, gap = next(moves)
+            if gap == 0:
+                driver.execute_async_script(MOVE, "noise_std", noise)
+            within.append(driver.execute_async_script(MOVE, "backlash", (7 * gap) % GAPS))
+
+        timed(move, ROUNDS)
+    traces, everything = np.array(within, dtype=float).T
+    for name, values in (("traces", traces), ("everything", everything)):
+        print(f"{name}: median {np.nanmedian(values):.0f} ms, 95 % {np.nanquantile(values, 0.95):.0f} ms")

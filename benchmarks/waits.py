@@ -1,0 +1,59 @@
+"""Where people wait: what was asked for, and what this machine reached."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+ASKED_RUN, ASKED_COMPILE, ASKED_SIMULATE, ASKED_KERNEL = 1.2, 10.0, 1.3, 1.25
+"""Seconds of a warm run without figures, of the first compilation; ``simulate`` over its kernel; kernel over C."""
+_COMMANDS = (
+    ("fastcoil --help", "test_help", None),
+    ("fastcoil plan", "test_plan", None),
+    ("fastcoil run, without figures", "test_run_warm", ASKED_RUN),
+    ("fastcoil run, with figures", "test_run_warm_with_figures", None),
+    ("fastcoil run of a finished study", "test_run_again", None),
+    ("fastcoil status", "test_status", None),
+    ("first compilation", "test_first_compile", ASKED_COMPILE),
+    ("fastcoil run, nothing compiled", "test_run_cold", None),
+)
+
+Rounds = Mapping[tuple[str, int], np.ndarray]
+"""Seconds of each round of a contender on some threads."""
+
+
+def waits(results: dict[str, Any], peers: Mapping[int, Rounds]) -> Iterator[tuple[object, ...]]:
+    """One row for each wait.  results: of pytest-benchmark.  peers: alternating runs by sample time."""
+    timed = {b["name"]: b["stats"] for b in results["benchmarks"]}
+    for what, name, asked in _COMMANDS:
+        if name in timed:
+            s = timed[name]
+            yield (
+                what,
+                _limit(asked, " s"),
+                f"{s['median']:.3g} s ({s['min']:.3g}–{s['max']:.3g})",
+                _verdict(s["median"], asked),
+            )
+    for sample_time, found in peers.items():
+        for (name, threads), seconds in found.items():
+            if name == "fastcoil, kernel":
+                at = f"{sample_time} s, {threads} threads" if threads > 1 else f"{sample_time} s, 1 thread"
+                whole = found["fastcoil, simulate", threads]
+                yield _ratio(f"simulate / its kernel, {at}", whole / seconds, ASKED_SIMULATE)
+                if ("C", threads) in found:
+                    yield _ratio(f"kernel / C, {at}", seconds / found["C", threads], ASKED_KERNEL)
+
+
+def _ratio(what: str, ratios: np.ndarray, asked: float) -> tuple[object, ...]:
+    middle = float(np.median(ratios))
+    return what, _limit(asked), f"{middle:.2f} ({ratios.min():.2f}–{ratios.max():.2f})", _verdict(middle, asked)
+
+
+def _limit(asked: float | None, unit: str = "") -> str:
+    return "" if asked is None else f"≤ {asked:g}{unit}"
+
+
+def _verdict(reached: float, asked: float | None) -> str:
+    return "" if asked is None else "yes" if reached <= asked else "no"

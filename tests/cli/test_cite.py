@@ -1,0 +1,66 @@
+"""``fastcoil cite``: the same as CITATION.cff, and results by their hash."""
+
+import re
+from pathlib import Path
+
+import pytest
+from helpers.commands import fastcoil
+from helpers.studies import DAYS, PLAIN, copied, golden
+
+import fastcoil as fc
+from fastcoil.reports.citation import AUTHORS, LICENCE, PAPER, TITLE, bibtex, citation
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_it_says_what_citation_cff_says():
+    yaml = pytest.importorskip("yaml")
+    cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    (paper,) = cff["references"]
+    assert (cff["title"], cff["license"], cff["authors"]) == (TITLE, LICENCE, [{"name": AUTHORS}])
+    assert PAPER == {
+        "title": paper["title"],
+        "authors": " and ".join(f"{a['family-names']}, {a['given-names']}" for a in paper["authors"]),
+        "year": str(paper["year"]),
+        "series": paper["conference"]["name"],
+        "number": paper["number"],
+        "publisher": paper["database"],
+        "url": paper["url"],
+    }
+
+
+def test_text_and_bibtex_name_software_version_and_paper():
+    done = fastcoil("cite")
+    assert done.exit_code == 0
+    assert done.output.splitlines() == citation()
+    assert f"Version {fc.__version__}, MIT licence." in done.output
+    entries = fastcoil("cite", "--bibtex").output
+    assert re.findall(r"^@(\w+)\{(\w+),$", entries, re.MULTILINE) == [
+        ("software", "fastcoil"), ("inproceedings", "cai2016backlash"),
+    ]  # fmt: skip
+    assert entries.count("{") == entries.count("}")
+    assert f"  version = {{{fc.__version__}}}," in entries
+
+
+@pytest.mark.kernel
+def test_results_are_cited_with_the_version_and_the_hash_that_made_them(out):
+    copied(PLAIN, out)
+    done = fastcoil("cite", out)
+    made = fc.open_study(out).attrs["fastcoil_version"]
+    assert done.output.splitlines()[-1] == (
+        f"Results: small. Made with fastcoil {made}; content_sha256 {golden(PLAIN)}."
+    )
+
+
+@pytest.mark.kernel
+def test_unfinished_results_have_no_hash_to_cite(out):
+    copied(PLAIN, out, DAYS - 1)
+    done = fastcoil("cite", out)
+    assert done.exit_code == 2
+    assert "is unfinished" in done.stderr
+
+
+def test_a_title_is_no_tex():
+    attrs = {"title": "50 % of_a {valve} \\input{x} & more\n#1", "content_sha256": "0" * 64, "fastcoil_version": "9"}
+    title = next(line for line in bibtex(attrs) if "50" in line)
+    assert title == r"  title = {{50 \% of\_a \{valve\} \textbackslash{}input\{x\} \& more \#1}},"

@@ -1,0 +1,146 @@
+"""The page of ``fastcoil explore`` in a real browser: it follows what is moved, and asks nobody else for anything."""
+
+import signal
+import time
+from urllib.parse import urlsplit
+
+import pytest
+from helpers.browsers import (
+    chromium,
+    data_of,
+    deep,
+    exploring,
+    mistakes_of,
+    requests_of,
+    settled,
+    text_of,
+    why_no_browser,
+)
+
+import fastcoil as fc
+
+pytestmark = [pytest.mark.kernel, pytest.mark.skipif(bool(why_no_browser()), reason=why_no_browser())]
+ESTIMATE, KP, TI = 1, 2, 3
+"""Sliders by their place on the page."""
+
+
+@pytest.fixture(scope="module")
+def program():
+    with exploring() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def driver():
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def page(program, driver):
+    """The page, shown."""
+    driver.get(program[1])
+    settled(driver)
+    return driver
+
+
+def press(driver, slider, key, times=1):
+    """Move a slider with the keyboard, and wait for the page; seconds until it had followed."""
+    from selenium.webdriver.common.keys import Keys
+
+    before = settled(driver)
+    handle = deep(driver, ".noUi-handle")[slider]
+    begin = time.perf_counter()
+    handle.send_keys(getattr(Keys, key) * times)
+    settled(driver, before)
+    return time.perf_counter() - begin
+
+
+def click(driver, title):
+    before = settled(driver)
+    (button,) = [each for each in deep(driver, "button") if each.text == title]
+    button.click()
+    settled(driver, before)
+
+
+def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page, record_property):
+    ds = fc.simulate(fc.Loop(), fc.paper_day(), traces=["T_sup", "opening"], trace_interval=5, n_jobs=1)
+    assert text_of(page, "headline").startswith("The loop hunts: ±0.4")
+    assert data_of(page, "traces", "T_sup") == ds.T_sup.values[-1441:].tolist()
+    assert data_of(page, "traces", "opening") == (100.0 * ds.opening.values[-1441:]).tolist()
+    traces, cells, ring = data_of(page, "traces", "T_sup"), data_of(page, "cells", "value"), data_of(page, "here", "x")
+    seconds = press(page, TI, "ARROW_RIGHT", 7)
+    record_property("seconds_until_the_page_has_followed", seconds)
+    assert text_of(page, "headline").startswith("The loop does not hunt")
+    assert text_of(page, "outcome").startswith("Simulated: does not hunt")
+    assert "?ti=40" in page.current_url
+    assert data_of(page, "traces", "T_sup") != traces
+    assert data_of(page, "here", "x") != ring
+    assert data_of(page, "cells", "value") == cells
+    press(page, ESTIMATE, "ARROW_RIGHT")
+    assert data_of(page, "cells", "value") != cells
+    assert not mistakes_of(page)
+
+
+def test_a_story_a_link_and_the_reset(program, page):
+    click(page, "Estimate too large")
+    assert text_of(page, "headline").startswith("The motor chatters")
+    link = page.current_url
+    click(page, "Reset")
+    assert text_of(page, "headline").startswith("The loop hunts")
+    assert page.current_url == program[1]
+    page.get(link)
+    settled(page)
+    assert text_of(page, "headline").startswith("The motor chatters")
+
+
+def test_a_link_out_of_bounds_is_refused_on_the_page(program, page):
+    page.get(program[1] + "?backlash=300&ti=40")
+    settled(page)
+    said = text_of(page, "problems")
+    assert said == "backlash = '300': give a number from 0 to 0.15.  The rest of the link is shown."
+    assert text_of(page, "headline").startswith("The loop does not hunt")
+    assert not mistakes_of(page)
+
+
+def test_readers_do_not_disturb_each_other(program, page):
+    first = page.current_window_handle
+    page.switch_to.new_window("tab")
+    page.get(program[1])
+    settled(page)
+    click(page, "A good valve")
+    assert text_of(page, "headline").endswith("the valve has no gap.")
+    page.close()
+    page.switch_to.window(first)
+    assert text_of(page, "headline").startswith("The loop hunts")
+    click(page, "Slower instead")
+    assert text_of(page, "headline").startswith("The loop does not hunt")
+
+
+def test_a_click_on_the_map_goes_there_and_nothing_is_asked_of_anybody_else(page):
+    from selenium.webdriver.common.actions.action_builder import ActionBuilder
+
+    before = settled(page)
+    x, y = page.execute_script(
+        "const view = Bokeh.index.find_one_by_id(Bokeh.documents[0].get_model_by_name('map').id);"
+        "const at = view.el.getBoundingClientRect();"
+        "return [at.x + view.frame.x_scale.compute(9), at.y + view.frame.y_scale.compute(8)]"
+    )
+    actions = ActionBuilder(page)
+    actions.pointer_action.move_to_location(round(x), round(y)).click()
+    actions.perform()
+    settled(page, before)
+    assert "?kp=0.04&ti=100" in page.current_url
+    asked = [urlsplit(address) for address in requests_of(page)]
+    assert {one.hostname for one in asked if one.scheme in ("http", "https", "ws", "wss")} == {"localhost"}
+
+
+def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(program, page):
+    process, _ = program
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (0, "Ended.\n", "")
+    end = time.monotonic() + 20
+    while "has ended" not in text_of(page, "headline") and time.monotonic() < end:
+        time.sleep(0.05)
+    assert text_of(page, "headline") == "The program behind this page has ended: start fastcoil explore again."

@@ -1,0 +1,196 @@
+"""A study in one file: what is in it, that it is the same everywhere, and that it works where it is unpacked."""
+
+import json
+import shutil
+import zipfile
+
+import pytest
+from helpers.commands import fastcoil
+from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
+
+import fastcoil as fc
+from fastcoil.errors import IntegrityError
+from fastcoil.study import maintenance
+from fastcoil.study.archive.pack import pack
+
+pytestmark = pytest.mark.kernel
+
+AT = "backlash=0.07,estimate_ratio=0.9,day=2"
+
+
+def unpacked(path, folder):
+    """Unpack as a stranger does, on a machine that has nothing else of it."""
+    with zipfile.ZipFile(path) as file:
+        file.extractall(folder)
+    (name,) = folder.iterdir()
+    return name
+
+
+def names(path):
+    with zipfile.ZipFile(path) as file:
+        return file.namelist()
+
+
+def test_it_holds_study_results_traces_and_hashes_and_nothing_of_its_author(out, tmp_path):
+    copied(TRACED, out)
+    fastcoil("rerun", out, "--at", AT)
+    done = fastcoil("archive", out)
+    path = out.with_name("out.zip")
+    assert done.exit_code == 0, done.output
+    assert done.output.startswith(f"Archive: {path} (")
+    assert golden(TRACED) in done.output
+    (traces,) = (p.name for p in out.glob("traces-*.nc"))
+    kept = ["archive.json", "README.txt", "results.nc", "run.json", "study.toml", traces]
+    assert names(path) == [f"out/{name}" for name in kept]
+    assert str(tmp_path).encode() not in path.read_bytes()
+    with zipfile.ZipFile(path) as file:
+        assert {info.date_time for info in file.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+    listing = json.loads(zipfile.ZipFile(path).read("out/archive.json"))
+    assert listing["content_sha256"] == golden(TRACED)
+    assert listing["made_with"]["python_version"]
+    assert "numba" in listing["made_with"]["package_versions"]
+    assert listing["made_with"]["computed_on"]
+
+
+def test_the_same_results_give_the_same_bytes_wherever_they_lie(out, tmp_path):
+    copied(PLAIN, out)
+    first = pack(out).path.read_bytes()
+    other = tmp_path / "elsewhere" / "out"
+    other.parent.mkdir()
+    shutil.copytree(out, other)
+    assert pack(other, tmp_path / "two.zip").path.read_bytes() == first
+
+
+def test_it_is_accepted_elsewhere_and_what_is_unpacked_verifies_reruns_and_reports(out, tmp_path):
+    copied(TRACED, out)
+    path = pack(out, tmp_path / "given.zip").path
+    shutil.rmtree(out)
+    (tmp_path / "study.toml").unlink()
+    before = path.read_bytes()
+    assert fastcoil("verify", path).output == f"{path} is sound.\n"
+    assert path.read_bytes() == before
+    folder = unpacked(path, tmp_path / "there")
+    assert maintenance.verify(folder) == []
+    done = fastcoil("rerun", folder, "--at", AT)
+    assert "Equal to the study's result to the last bit." in done.output
+    assert fc.open_study(folder)["T_sup"].notnull().all()
+    again = fastcoil("run", folder / "study.toml", "-o", folder, "-j", 1, "--no-figures")
+    assert "finished: nothing to do" in again.output
+    assert maintenance.verify(folder) == []
+
+
+CODE = """
+def warmest(ds):
+    return ds[["T_sup"]].max("elapsed_time").rename(T_sup="warmest")
+"""
+READING = """
+[loop]
+include = ["fitted/valve.toml", "../shared/coil.toml"]
+[sweep]
+backlash_estimate = [0.0, 0.05]
+[boundary]
+kind = "csv"
+path = "../../logs/day one.csv"
+[run]
+warm_up = 100
+traces = ["T_sup"]
+reduce = "mine:warmest"
+"""
+
+
+@pytest.fixture
+def reading(tmp_path):
+    """The folder of a study that reads files around it, and its own code."""
+    home = tmp_path / "author" / "work" / "studies"
+    for folder in (home / "fitted", home.parent / "shared", tmp_path / "author" / "logs"):
+        folder.mkdir(parents=True)
+    (home / "fitted" / "valve.toml").write_text("[loop]\nbacklash = 0.06\n")
+    (home.parent / "shared" / "coil.toml").write_text("[loop]\nC_c = 25.0\n")
+    (home / "mine.py").write_text(CODE)
+    log = fc.paper_day(hours=0.25).to_dataset().to_dataframe()[["m_a", "T_a_in", "W_a_in", "T_w_in", "T_set"]]
+    log.columns = ["m_a [kg/s]", "T_a_in [degC]", "W_a_in [kg/kg]", "T_w_in [degC]", "T_set [degC]"]
+    log.index.name = "elapsed_time [s]"
+    log.to_csv(tmp_path / "author" / "logs" / "day one.csv")
+    (home / "study.toml").write_text(READING)
+    out = tmp_path / "author" / "results" / "mine"
+    done = fastcoil("run", home / "study.toml", "-o", out, "-j", 1, "--no-figures")
+    assert done.exit_code == 0, done.output
+    return out
+
+
+def test_files_and_code_that_the_study_reads_are_packed_where_its_paths_lead(reading, tmp_path):
+    done = fastcoil("archive", reading, "-o", tmp_path / "mine.zip")
+    inputs = {line.split(":")[1].strip() for line in done.output.splitlines() if line.startswith("Input:")}
+    base = "inputs/study/study"
+    assert inputs == {
+        *(f"{base}/{name}" for name in ("study.toml", "fitted/valve.toml", "mine.py")),
+        "inputs/study/shared/coil.toml",
+        "inputs/logs/day one.csv",
+    }
+    shutil.rmtree(tmp_path / "author")
+    assert maintenance.verify(tmp_path / "mine.zip") == []
+    folder = unpacked(tmp_path / "mine.zip", tmp_path / "there")
+    assert maintenance.verify(folder) == []
+    done = fastcoil("rerun", folder, "--at", "backlash_estimate=0.05")
+    assert "Equal to the study's result to the last bit." in done.output, done.output
+    found = fastcoil("run", folder / base / "study.toml", "-o", tmp_path / "again", "-j", 1, "--no-figures")
+    assert found.exit_code == 0, found.output
+    hashes = {fc.open_study(f).attrs["content_sha256"] for f in (folder, tmp_path / "again")}
+    assert len(hashes) == 1
+    readme = (folder / "README.txt").read_text()
+    assert f"fastcoil run mine/{base}/study.toml -o again" in readme
+    (folder / "inputs" / "study" / "shared" / "coil.toml").write_text("[loop]\nC_c = 26.0\n")
+    assert "changed since the run was started" in maintenance.verify(folder)[0]
+
+
+def test_a_file_with_a_path_of_its_authors_machine_is_packed_and_told(tmp_path):
+    log = tmp_path / "logs" / "valve.toml"
+    log.parent.mkdir()
+    log.write_text("[loop]\nbacklash_estimate = 0.05\n")
+    text = PLAIN.replace("[loop]", f'[loop]\ninclude = ["{log}"]').replace(
+        "estimate_ratio = [0.0, 0.9]", "kp = [0.02, 0.03]"
+    )
+    out = tmp_path / "out"
+    run(text, out)
+    done = fastcoil("archive", out)
+    assert f"the study reads {log}, a path that other machines lack; it is packed as inputs/elsewhere/valve.toml" in (
+        done.stderr
+    )
+    assert maintenance.verify(tmp_path / "out.zip") == []
+    folder = unpacked(tmp_path / "out.zip", tmp_path / "there")
+    assert f"{log}   from inputs/elsewhere/valve.toml" in (folder / "README.txt").read_text()
+    assert maintenance.verify(folder) == []
+    log.unlink()
+    assert "restore the files that it reads" in maintenance.verify(folder)[0]
+    assert maintenance.verify(tmp_path / "out.zip") == []
+
+
+def test_an_unfinished_study_is_not_packed(out):
+    copied(PLAIN, out, DAYS - 1)
+    before = contents(out.parent)
+    done = fastcoil("archive", out)
+    assert done.exit_code == 2
+    assert "is unfinished: 8 of 12 scenarios are done" in done.stderr
+    assert contents(out.parent) == before
+
+
+def test_an_unsound_study_is_not_packed(out):
+    copied(PLAIN, out)
+    (out / "study.toml").write_text(PLAIN + "# later\n")
+    done = fastcoil("archive", out)
+    assert done.exit_code == IntegrityError.exit_code
+    assert "is not the text of the study that was run" in done.stderr
+    assert not out.with_name("out.zip").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("out.zip", "exists: choose another name"), ("out.tar", "give a file NAME.zip")]
+)
+def test_nothing_is_replaced(out, name, said):
+    copied(PLAIN, out)
+    path = out.with_name(name)
+    path.write_text("mine")
+    done = fastcoil("archive", out, "-o", path)
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert path.read_text() == "mine"
