@@ -24,7 +24,7 @@ ELSEWHERE = {
         "sh",
     ): "starts clusters for a long study: names and options are checked, here and in test_pages",
     ("docs/equations.md", "math"): "drawn when the site is built",
-    ("docs/explore.md", "sh"): "opens a page and waits: tests/explore open it, names and options are checked in test_pages",
+    ("docs/explore.md", "sh"): "opens a page and waits: tests/explore do that; options are checked in test_pages",
     ("docs/extending.md", "diff"): "applied and tried in test_extending",
     ("docs/hand-over.md", "console"): "run below, with a compiler",
     ("docs/paper.md", "sh"): "minutes of simulation: tests/paper runs it in parts",
