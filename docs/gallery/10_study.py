@@ -44,8 +44,8 @@ def fastcoil(*words):
 fastcoil("run", "gaps.toml", "-j", "1")
 
 plt.figure(figsize=(10, 6), layout="constrained")
-plt.imshow(plt.imread("results/gaps/figures/bands.png"))
 plt.axis("off")
+plt.imshow(plt.imread("results/gaps/figures/bands.png"))
 
 # %%
 # ``verify`` checks every file of the folder against its hash.  ``rerun`` simulates one scenario again, with

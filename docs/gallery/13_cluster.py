@@ -37,8 +37,8 @@ done = subprocess.run([sys.executable, "-m", "fastcoil", *command], capture_outp
 print(done.stdout)
 
 plt.figure(figsize=(10, 6), layout="constrained")
-plt.imshow(plt.imread("results/far/figures/maps.png"))
 plt.axis("off")
+plt.imshow(plt.imread("results/far/figures/maps.png"))
 
 # %%
 # The same study on threads of this machine:
