@@ -5,7 +5,9 @@ from __future__ import annotations
 import codecs
 import contextlib
 import errno
+import hashlib
 import os
+import re
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +25,8 @@ _PROBE = 1 << 20
 """Bytes that do not fit on a full disk."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 4000
 """Bytes; files that we add to a folder need some more."""
+_LONGEST_OF_OURS = 200
+"""Bytes of a name that we make."""
 _KINDS = {
     stat.S_IFIFO: "a pipe",
     stat.S_IFCHR: "a device",
@@ -113,6 +117,14 @@ def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
             if len(data) > limit:
                 raise TooLargeError(f"has more than {limit:,} bytes")
     return bytes(data)
+
+
+def file_name(name: str) -> str:
+    """A name that every file system takes, another one for every other name."""
+    plain = re.sub(r"[^\w.=+-]", "-", name)
+    if plain == name and len(name.encode()) <= _LONGEST_OF_OURS:
+        return name
+    return f"{plain[:60]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 def require_usable(path: Path, cure: str) -> None:

@@ -11,7 +11,8 @@ from buffer_rule import LOWER_SCALE, PER_HOUR, mean_range, noise_factor
 from buffer_run import ALLOWED, SIZES, Runs, Valves
 from remedies_tables import pooled
 from report import write_table
-from shares import share_of
+
+from fastcoil.analysis.shares import share_of
 
 BLOCKS_PER_HOUR = 6.0
 """``switch_frequency`` counts in 10 min."""

@@ -12,9 +12,9 @@ from hunting_loops import acting, valves
 from identify_online import GOOD, IDENTIFY, TOLERANCE, population
 from kinds import HEATING, WEATHER_FILE, kinds, of_kind, settings
 from report import write_table
-from shares import share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import share_of
 from fastcoil.moist_air import humidity_ratio
 
 SEED, VALVES, REMEDIED = 9420, 384, 192

@@ -14,8 +14,8 @@ import xarray as xr
 from diagnosis_logs import DAYS_OF_KINDS, GOOD_VALVES, OTHERS, SIMULATED, STEPPED_HEATING, Logs, Population, logs
 from kinds import STEPPED
 from report import write_table
-from shares import share_of
 
+from fastcoil.analysis.shares import share_of
 from fastcoil.diagnosis.identify import GOOD, TOLERANCE, identify_backlash
 
 SEED = 9211

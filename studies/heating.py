@@ -15,9 +15,9 @@ import xarray as xr
 from heating_backlash import PRESETS, write_backlash
 from heating_figure import draw
 from report import write_table
-from shares import share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import share_of
 
 SEARCH_SEED, FRESH_SEED = 16001, 16002
 SEARCH_SIZE, FRESH_SIZE = 200, 400

@@ -15,9 +15,9 @@ from conditions import GROWING
 from identify_online import IDENTIFY
 from kinds import HEATING, OUTDOOR_AIR, WEATHER_FILE, of_kind
 from report import write_table
-from shares import share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import share_of
 
 PRESETS = ("heating", "heating_45")
 VALVES, GOOD, LARGEST = 60, 5, 0.15

@@ -11,9 +11,9 @@ import xarray as xr
 from hunting_loops import OPERATING, acting, conditions, joined, valves
 from hunting_plants import foreseen
 from report import write_table
-from shares import CROSSED, Z, share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import mean_of, share_of
 
 SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SEEN, HOURS = 20, 8
@@ -58,9 +58,7 @@ def slopes(of: xr.DataArray, among: xr.DataArray) -> tuple[float, float, float]:
     x = np.log(part.backlash)
     x = x - x.mean()
     each = (x * np.log(part)).sum("backlash", skipna=False) / float((x**2).sum())
-    means = [each.mean([d for d in CROSSED if d != dim]).dropna(dim) for dim in CROSSED]
-    spread = sum(float(m.var(ddof=1)) / m.size for m in means if m.size > 1)
-    middle, half = float(each.mean()), Z * float(np.sqrt(spread))
+    middle, half = mean_of(each)
     return middle, middle - half, middle + half
 
 

@@ -11,9 +11,9 @@ from hunting_plants import foreseen
 from hunting_rules import Rule
 from kinds import CONSTANT, DESIGN, HEATING, kinds, of_kind
 from report import write_table
-from shares import CROSSED, Z, share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import mean_of, share_of
 
 KP = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0)
 TI = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
@@ -82,9 +82,7 @@ def _per_kp(loop: fc.Loop, kind: str, ti: xr.DataArray, still: fc.Boundary) -> x
 def cost(of: xr.DataArray, base: xr.DataArray) -> str:
     """Change against the best of all, geometric mean, with its interval over valves and days."""
     d = np.log(of / base)
-    means = [d.mean([x for x in CROSSED if x != dim]).dropna(dim) for dim in CROSSED]
-    half = Z * float(np.sqrt(sum(float(m.var(ddof=1)) / m.size for m in means)))
-    middle = float(d.mean())
+    middle, half = mean_of(d)
     value, low, high = (f"{100 * float(np.expm1(x)):+.0f}" for x in (middle, middle - half, middle + half))
     return "0" if middle == half == 0.0 else f"{value} % ({low} to {high})"
 

@@ -7,9 +7,9 @@ import xarray as xr
 from hunting_loops import OPERATING, acting, conditions, joined, valves
 from hunting_plants import foreseen
 from report import write_table
-from shares import CROSSED, Z
 
 import fastcoil as fc
+from fastcoil.analysis.shares import mean_of
 
 BASE = {"sensor_time_constant": 30.0, "stroke_time": 90.0, "sample_time": 10.0, "backlash": 0.05, "noise_std": 0.0}
 CHANGES: dict[str, dict[str, float]] = {
@@ -63,9 +63,7 @@ def _first(hunts: xr.DataArray) -> xr.DataArray:
 def change_of(of: xr.DataArray, ok: xr.DataArray) -> str:
     """Mean change of the logarithm with its interval over valves and conditions, as a percentage."""
     d = np.log(of).where(ok)
-    means = [d.mean([x for x in CROSSED if x != dim]).dropna(dim) for dim in CROSSED]
-    half = Z * float(np.sqrt(sum(float(m.var(ddof=1)) / m.size for m in means)))
-    middle = float(d.mean())
+    middle, half = mean_of(d)
     value, low, high = (100.0 * np.expm1(x) for x in (middle, middle - half, middle + half))
     return f"{value:+.0f} % ({low:+.0f} to {high:+.0f})"
 

@@ -9,9 +9,9 @@ from hunting_loops import OPERATING, SERIES, acting, conditions, joined, valves
 from hunting_plants import foreseen
 from kinds import HEATING
 from report import write_table
-from shares import share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import share_of
 
 RAMP, HOLD, KICK, AFTER = 6, 2, 1, 6
 """Hours: the set-point comes slowly from the temperature of the air, stands still, is elsewhere, and back."""

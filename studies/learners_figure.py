@@ -9,8 +9,8 @@ from learners_run import HARM, KNOWN, WORSE, Run, controllers, fails, harmed
 from learners_tables import LABELS
 from matplotlib.axes import Axes
 from report import HERE
-from shares import Share, share_of
 
+from fastcoil.analysis.shares import Share, share_of
 from fastcoil.plots.style import BLUE, FAINT, RED, YELLOW, apply_style
 
 PALE = "#EE99AA"

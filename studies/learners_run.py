@@ -11,9 +11,9 @@ import xarray as xr
 from best_pi import simc_gains
 from kinds import HEATING, STEPPED
 from learners_conditions import GOOD, STUDY, Condition, conditions
-from shares import Share, share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import Share, share_of
 from fastcoil.study.file.spec import read_study
 
 PI, KNOWN, KNOWN_STROKE = "pi", "fixed_95", "identify_stroke"

@@ -9,7 +9,8 @@ from learners_conditions import LOOPS, MORNING, VALVES
 from learners_run import KNOWN, ONE, PI, ROUND_OFF, Run, change, controllers, fails, harmed
 from remedies_tables import cell, pooled
 from report import write_table
-from shares import share_of
+
+from fastcoil.analysis.shares import share_of
 
 LABELS = {
     PI: "plain PI",

@@ -19,9 +19,9 @@ import xarray as xr
 from kinds import HEATING, kinds, of_kind, settings
 from limit_cycles_drawn import POPULATIONS, constant_days, drawn, textbook
 from report import write_table
-from shares import share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import share_of
 from fastcoil.theory import cycles
 from fastcoil.theory.cycles import Cycles, cycles_of
 from fastcoil.theory.operating_points import OperatingPoints

@@ -16,9 +16,9 @@ import xarray as xr
 from best_pi import best_gains
 from kinds import HEATING, kinds, of_kind, settings
 from report import write_table
-from shares import share_of
 
 import fastcoil as fc
+from fastcoil.analysis.shares import share_of
 from fastcoil.outputs import WARM_UP
 from fastcoil.tuning.intervals import with_intervals
 from fastcoil.tuning.measures import Measure

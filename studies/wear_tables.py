@@ -7,10 +7,11 @@ import xarray as xr
 from learners_run import HARM
 from remedies_tables import cell
 from report import write_table
-from shares import share_of
 from wear_detect import AT_ONCE, GOOD, KINDS, SLOWLY, STEADY, Estimates, alarms, threshold_of
 from wear_valves import DAYS, DAYS_OF_YEAR, KNOWN, PI
 from wear_year import Run, change, grown, of_year, wrong
+
+from fastcoil.analysis.shares import share_of
 
 LABELS = {
     PI: "plain PI",

@@ -11,10 +11,10 @@ import numpy as np
 import xarray as xr
 from matplotlib.dates import DateFormatter, MonthLocator
 from report import HERE, results, write_table
-from shares import share_of
 
 import fastcoil as fc
 from fastcoil.analysis.pairs import Middle, middle_of
+from fastcoil.analysis.shares import share_of
 from fastcoil.plots.style import COLOURS, apply_style
 
 PI, SOUND = "pi", "sound"

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import checking, flag_of, level_of, mapping_of, names_of, plain
+from fastcoil.analysis.comparison import Comparison
+from fastcoil.analysis.paired import OF_THRESHOLD, STATISTICS, in_shares, statistics_of
+from fastcoil.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain
 from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
 from fastcoil.result import check_result
 
 CENSORED = tuple(m.name for m in METRICS.values() if m.censored)
 """Metrics in which NaN means that it did not happen within the run."""
-QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
-STATISTICS = ("baseline", "value", "mean", "low", "high", *QUANTILES, "share_lower", "n_pairs", "n_censored")
 
 
 def compare(
@@ -31,7 +31,8 @@ def compare(
     metrics: str | Sequence[str] | None = None,
     level: float = 0.95,
     relative: bool = False,
-) -> xr.Dataset:
+    threshold: float | None = None,
+) -> Comparison:
     """Compare every scenario with its partner under a baseline.
 
     Parameters
@@ -49,14 +50,19 @@ def compare(
         Level of the interval ``low``–``high``.
     relative
         Give the differences as shares of the partner's value under the baseline: -0.2 is a fifth lower.
+    threshold
+        Say in what share of the pairs the difference is at least so large, below the baseline and above it: 0.05 with
+        ``relative`` is 5 %; without, it counts in the unit of the metrics, which must have the same one.  0 asks for
+        any difference.
 
     Returns
     -------
-    xarray.Dataset
-        The metrics over the other dims and a dim ``statistic``: median of the ``baseline`` and of the ``value``;
-        ``mean`` of the paired differences (value - baseline) with its interval ``low``–``high``; their quantiles
-        ``q05`` to ``q95`` and ``median``; ``share_lower``, the share of pairs below their baseline (ties count half,
-        also if both are censored); ``n_pairs``; ``n_censored``, the number of values that never came in this run.
+    Comparison
+        An ``xarray.Dataset`` with a method ``to_table``, which says the same to people: the metrics over the other
+        dims and a dim ``statistic``: median of the ``baseline`` and of the ``value``; ``mean`` of the paired
+        differences (value - baseline) with its interval ``low``–``high``; their quantiles ``q05`` to ``q95`` and
+        ``median``; ``share_lower``, the share of pairs below their baseline (ties count half, also if both are
+        censored); ``n_pairs``; ``n_censored``, the number of values that never came in this run.
 
         The interval is Student's, from the scatter between the means of days (of each label of a dim ``over``):
         replicates that share a day do not count as independent.  With several such dims, their variances add up and
@@ -71,6 +77,12 @@ def compare(
         other by ±inf: quantiles may then be infinite, and the mean is NaN.  A time that came differs by -1 from a
         baseline that never did.
 
+        With ``threshold`` there are six more: ``share_below`` of the pairs has a difference of at most -threshold,
+        ``share_above`` one of at least the threshold, each with the interval of its share, ``share_below_low`` to
+        ``share_below_high`` and so on.  That one holds, as that of the mean, over other labels of every dim ``over``:
+        other valves and other days, say.  It is Wilson's, for as many independent pairs as would scatter as the means
+        of the days, and of the valves, do.
+
     Raises
     ------
     InputError
@@ -82,17 +94,21 @@ def compare(
         given = check.unless_none(names_of, "metrics", metrics)
         level = check(level_of, level)
         relative = check(flag_of, "relative", relative)
+        threshold = check.unless_none(number_of, "threshold", threshold, "give a number of at least 0", least=0.0)
         check(
             mapping_of, "baseline", baseline, 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
         )
     compared = METRICS | COSTS
     names = given or [n for n in map(str, ds.data_vars) if _base(n) in compared and not compared[_base(n)].flags]
     _check(ds, baseline, over, names)
+    if threshold is not None and not relative:
+        _check_one_unit(ds, names)
     ok = ds["status"] == STATUS_OK
     shape = [ds.sizes[d] for d in over]
     # noise is independent between days, but shared by everything else
     units = [axis for axis, d in enumerate(over) if d != "replicate" or "day" not in over]
-    results = {}
+    words = str({dim: plain(label) for dim, label in baseline.items()})
+    results, asked = {}, STATISTICS + (() if threshold is None else OF_THRESHOLD)
     for name in names:
         values = ds[name].where(ok)
         if name in CENSORED:
@@ -100,15 +116,24 @@ def compare(
         values, reference = xr.broadcast(values, values.sel(dict(baseline), drop=True))
         dims = [d for d in values.dims if d not in over]
         own, partner = (v.transpose(*dims, *over).values.reshape(-1, *shape) for v in (values, reference))
-        statistics = _statistics(own, partner, units, level, relative).reshape(
-            *(values.sizes[d] for d in dims), len(STATISTICS)
+        statistics = statistics_of(own, partner, units, level, relative, threshold).reshape(
+            *(values.sizes[d] for d in dims), len(asked)
         )
-        results[name] = ((*dims, "statistic"), statistics, _in_shares(ds[name].attrs) if relative else ds[name].attrs)
+        attrs = ds[name].attrs
+        if relative:
+            comment = f"shares of the baseline; the statistics baseline and value in {attrs.get('units', '1')}"
+            attrs = in_shares(attrs, words) | {"comment": comment}
+        results[name] = ((*dims, "statistic"), statistics, attrs)
     kept = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
     labels = {d: ds[d] for d in ds.dims if d in kept}
-    found = xr.Dataset(results, coords={**labels, "statistic": list(STATISTICS)})
-    found.attrs = {"baseline": str(dict(baseline)), "over": ", ".join(over), "level": level}
+    found = Comparison(results, coords={**labels, "statistic": list(asked)})
+    found.attrs = {
+        "baseline": str({dim: plain(label) for dim, label in baseline.items()}),
+        "over": ", ".join(over),
+        "level": level,
+    }
     found.attrs |= {"relative": 1} if relative else {}
+    found.attrs |= {} if threshold is None else {"threshold": threshold}
     return found
 
 
@@ -117,81 +142,14 @@ def _base(name: str) -> str:
     return name.removeprefix(YEARLY)
 
 
-def _in_shares(attrs: Mapping[str, Any]) -> dict[str, Any]:
-    """The attributes of a metric whose differences are shares of the baseline."""
-    comment = f"shares of the baseline; the statistics baseline and value in {attrs.get('units', '1')}"
-    return {**attrs, "units": "1", "comment": comment}
-
-
-def _shares(difference: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Differences as shares of the size of the reference; what becomes of 0 and inf is told in ``compare``."""
-    size = abs(reference)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(np.isinf(size), np.sign(difference), difference / size)
-    return np.where(difference == 0.0, 0.0, share)
-
-
-def _statistics(
-    values: np.ndarray, reference: np.ndarray, units: Sequence[int], level: float, relative: bool
-) -> np.ndarray:
-    """Return all statistics, (cells, len(STATISTICS)).
-
-    values, reference: (cells, *over), NaN if failed, inf if censored; units: the axes of ``over`` with independent
-    labels.
-    """
-    shape = values.shape
-    values, reference = values.reshape(shape[0], -1), reference.reshape(shape[0], -1)
-    pair = ~np.isnan(values) & ~np.isnan(reference)
-    values, reference = np.where(pair, values, np.nan), np.where(pair, reference, np.nan)
-    n_pairs = pair.sum(axis=1)
-    both_censored = np.isinf(values) & np.isinf(reference)
-    difference = np.zeros(values.shape)
-    np.subtract(values, reference, out=difference, where=~both_censored)
-    if relative:
-        difference = _shares(difference, reference)
-    found = {
-        "baseline": _quantile(reference, n_pairs, 0.5),
-        "value": _quantile(values, n_pairs, 0.5),
-        "n_pairs": n_pairs,
-        "n_censored": np.isinf(values).sum(axis=1),
-    }
-    found |= {name: _quantile(difference, n_pairs, q) for name, q in QUANTILES.items()}
-    lower = np.where(pair, (difference < 0.0) + 0.5 * (difference == 0.0), 0.0)
-    with np.errstate(invalid="ignore"):  # a cell without pairs has no share and no mean
-        found["share_lower"] = lower.sum(axis=1) / n_pairs
-        known = ~(np.isinf(difference) | both_censored).any(axis=1) & (n_pairs > 0)
-        finite = np.where(pair & known[:, None], difference, 0.0)
-        found["mean"] = np.where(known, finite.sum(axis=1) / n_pairs, np.nan)
-    half = _half_width(
-        np.where(pair, finite - found["mean"][:, None], 0.0).reshape(shape), pair.reshape(shape), units, level
-    )
-    found |= {"low": found["mean"] - half, "high": found["mean"] + half}
-    return np.stack([found[s] for s in STATISTICS], axis=-1)
-
-
-def _quantile(rows: np.ndarray, n: np.ndarray, q: float) -> np.ndarray:
-    """Quantile of the first ``n`` sorted values of each row: the least value that a share q does not exceed.
-
-    It needs no arithmetic, so values may be infinite.
-    """
-    place = np.clip(np.ceil(q * n - 1e-9).astype(int) - 1, 0, None)
-    return np.take_along_axis(np.sort(rows, axis=1), place[:, None], axis=1)[:, 0]
-
-
-def _half_width(deviation: np.ndarray, pair: np.ndarray, units: Sequence[int], level: float) -> np.ndarray:
-    """Half the interval of the mean of each cell, from deviations (cells, *over) that are 0 where there is no pair."""
-    from scipy.stats import t
-
-    variance, fewest = np.zeros(pair.shape[0]), np.full(pair.shape[0], np.inf)
-    n_pairs = pair.reshape(pair.shape[0], -1).sum(axis=1)
-    for unit in units:
-        within = tuple(axis + 1 for axis in range(pair.ndim - 1) if axis != unit)
-        n = pair.any(axis=within).sum(axis=1)
-        fewest = np.minimum(fewest, n)
-        with np.errstate(invalid="ignore", divide="ignore"):  # a single label has no scatter
-            variance += n / (n - 1) * (deviation.sum(axis=within) ** 2).sum(axis=1) / n_pairs**2
-    quantile: np.ndarray = t.ppf(0.5 + 0.5 * level, np.where(fewest > 1, fewest - 1, np.nan))
-    return quantile * np.sqrt(variance)
+def _check_one_unit(ds: xr.Dataset, names: list[str]) -> None:
+    """Refuse a threshold that would count in several units."""
+    units = sorted({str(ds[name].attrs.get("units", "1")) for name in names})
+    if len(units) > 1:
+        raise InputError(
+            f"threshold counts in the unit of the metrics, and these have {', '.join(units)}: name metrics of one "
+            "unit, such as metrics='rmse', or compare with relative=True"
+        )
 
 
 def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from fastcoil.errors import InputError, shown
 
@@ -15,6 +16,23 @@ def labels_of(at: str) -> dict[str, str]:
     InputError
         For an item without ``=``, one that is longer than any name, or a dimension that is given twice.
     """
+    pairs = _pairs(at)
+    dims = [dim for dim, _ in pairs]
+    twice = [f"--at: {shown(dim)} is given twice: give it once" for k, dim in enumerate(dims) if dim in dims[:k]]
+    if twice:
+        raise InputError(twice)
+    return dict(pairs)
+
+
+def all_labels_of(at: Sequence[str]) -> dict[str, list[str]]:
+    """Name → all the labels that are given for it; raises as ``labels_of``, but for names given twice."""
+    found: dict[str, list[str]] = {}
+    for name, label in _pairs(",".join(at)):
+        found.setdefault(name, []).append(label)
+    return found
+
+
+def _pairs(at: str) -> list[tuple[str, str]]:
     from fastcoil.study.file.toml import LONGEST_KEY
 
     pairs = [item.split("=", 1) for item in re.split(",(?=[^,=]+=)", at) if item]
@@ -25,8 +43,4 @@ def labels_of(at: str) -> dict[str, str]:
     ]
     if long:
         raise InputError(long)
-    dims = [dim.strip() for dim, _ in pairs]
-    twice = [f"--at: {shown(dim)} is given twice: give it once" for k, dim in enumerate(dims) if dim in dims[:k]]
-    if twice:
-        raise InputError(twice)
-    return {dim.strip(): label.strip() for dim, label in pairs}
+    return [(dim.strip(), label.strip()) for dim, label in pairs]

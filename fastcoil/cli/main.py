@@ -154,22 +154,9 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
 
 
-for command in (  # fmt: skip
-    archive,
-    cite,
-    diagnose,
-    explain,
-    explore,
-    export,
-    fit,
-    init,
-    join,
-    parameters,
-    plot,
-    presets,
-    report,
-    schema,
-    tune,
+for command in (
+    *(archive, cite, diagnose, explain, explore, export, fit, init, join),
+    *(parameters, plot, presets, report, schema, tune),
 ):
     main.add_command(command)
 

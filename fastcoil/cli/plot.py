@@ -2,69 +2,184 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from fastcoil.cli.labels import all_labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError
-from fastcoil.files import make_folder, storage_errors
+from fastcoil.errors import InputError, nearest
+from fastcoil.files import file_name, make_folder, storage_errors
+from fastcoil.look import is_folder
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
+
+_INCHES = {"mm": 1 / 25.4, "cm": 1 / 2.54, "in": 1.0}
+_WIDTHS = 1.5, 20.0
+"""Inches."""
+
+
+class _Asked(NamedTuple):
+    """What a figure is to show.  width: inches; None: as wide as its panels want."""
+
+    metrics: tuple[str, ...]
+    x: str | None
+    y: str | None
+    by: str | None
+    at: Mapping[str, Sequence[str]]
+    relative_to: Mapping[str, Sequence[str]]
+    width: float | None
+
+    @property
+    def name(self) -> str:
+        """Of the file."""
+        axes = [*self.metrics, *(n for n in (self.y, self.by, self.x) if n)]
+        at = [f"{name}={'+'.join(labels)}" for name, labels in self.at.items()]
+        to = [f"to-{name}={'+'.join(labels)}" for name, labels in self.relative_to.items()]
+        return file_name("_".join([*axes, *at, *to]))
 
 
 @click.command()
 @click.argument("folder", type=PATH)
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
-@click.option("-x", help="Swept parameter along the x axis.")
-@click.option("-y", help="Second swept parameter: a map instead of a curve.")
-@click.option("--by", help="Second swept parameter: a row of panels for each of some of its values.")
-@click.option("--format", default="png", show_default=True, help="png, pdf or svg.")
+@click.option("-x", help="Swept or drawn parameter along the x axis; drawn ones in groups of equal counts.")
+@click.option("-y", help="Second parameter: a map instead of a curve.")
+@click.option("--by", help="Further dimension: a row of panels for each of some of its values.")
+@click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
+@click.option(
+    "--relative-to", multiple=True, metavar="NAME=LABEL", help="Draw changes against this case, pair by pair, in %."
+)
+@click.option("-o", "--out", type=PATH, help="File or folder to write; the figures of FOLDER by default.")
+@click.option("--format", help="png, pdf or svg.  [default: png, or that of the file]")
 @click.option("--dpi", default="200", show_default=True, help="Dots per inch, 50 to 1200.")
+@click.option("--width", metavar="LENGTH", help="Width of the figure, such as 84mm; letters keep their size.")
 def plot(
-    folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, by: str | None, format: str, dpi: str
+    folder: Path,
+    metrics: tuple[str, ...],
+    x: str | None,
+    y: str | None,
+    by: str | None,
+    at: tuple[str, ...],
+    relative_to: tuple[str, ...],
+    out: Path | None,
+    format: str | None,
+    dpi: str,
+    width: str | None,
 ) -> None:
     """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
-    from fastcoil.plots.files import check_format
+    from fastcoil.plots.files import FIGURES, check_format, write
     from fastcoil.study.folder.folder import StudyFolder
+    from fastcoil.study.folder.results import open_study
 
+    target, chosen = _target(out, format)
     dots = int(dpi) if dpi.isdecimal() else dpi
-    check_format(format, dots)
+    check_format(chosen, dots)
     store = StudyFolder(folder)
     store.require_manifest()  # so that nothing is left in a folder that is none of a study
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
     if y and by:
         raise InputError(f"-y {y} and --by {by}: give one of them, -y for a map or --by for curves")
-    with store.hold():
-        for path in _draw(folder, metrics, x, y, by, format, int(dots)):
-            say(path)
-
-
-def _draw(
-    folder: Path, metrics: tuple[str, ...], x: str | None, y: str | None, by: str | None, format: str, dpi: int
-) -> list[Path]:
-    """Draw figures of the study in a folder that is held.  Returns their paths."""
-    from fastcoil.plots import study as plots
-    from fastcoil.plots.files import FIGURES, write
-    from fastcoil.study.folder.results import open_study
-
+    asked = _Asked(metrics, x, y, by, all_labels_of(at), all_labels_of(relative_to), _inches(width))
     ds = open_study(folder)
-    if x is None:
-        figures = {name: draw() for name, draw in plots.standard_figures(ds).items()}
-    else:
-        wanted = metrics or plots.STANDARD_METRICS
-        name = "_".join([*metrics, *(n for n in (y, by) if n), x])
-        figures = {name: plots.maps(ds, x, y, wanted) if y else plots.bands(ds, x, by, wanted)}
+    figures = _figures(ds, asked)
     if not figures:
         say("Nothing is swept in this study: there is nothing to draw.")
-    drawn_from = ds.attrs.get("content_sha256")  # an unfinished study has none
-    if figures:
-        _make_figures_folder(folder / FIGURES)
-    return write(figures, folder / FIGURES, format=format, dpi=dpi, drawn_from=drawn_from)
+        return
+    options: Any = {"format": chosen, "dpi": dots, "drawn_from": ds.attrs.get("content_sha256")}
+    if target is None:
+        with store.hold():
+            _make_figures_folder(folder / FIGURES)
+            paths = write(figures, folder / FIGURES, **options)
+    elif target.suffix and not is_folder(target):
+        first, *others = figures
+        paths = write({target.stem: figures[first]}, target.parent, **options)
+        if others:
+            say(f"{target} has the figure {first}; for {', '.join(others)} too, give a folder.", err=True)
+    else:
+        paths = write(figures, target, **options)
+    say(*paths)
+
+
+def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
+    """The figures by file name; empty where nothing is swept."""
+    from fastcoil.plots import study as plots
+    from fastcoil.plots.page import Page, control_dims, rows_of
+
+    part = _part(ds, asked)
+    if asked.x is None:
+        more = f"_{asked.name}" if asked.at or asked.relative_to else ""
+        return {f"{name}{more}": draw() for name, draw in plots.standard_figures(part, asked.width).items()}
+    metrics, by = asked.metrics or plots.STANDARD_METRICS, asked.by
+    rows_of(part, by)  # refused if there is no such dimension
+    unlike = [d for d in control_dims(part) if d not in (asked.x, asked.y, by)]
+    if by is None and unlike:
+        by, *unlike = unlike
+    if unlike:
+        raise InputError(
+            f"{unlike[0]}: a plain PI and other controllers would be pooled in one median: fix it with --at "
+            f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
+        )
+    if by and not asked.metrics:
+        metrics = metrics[: Page(asked.width).abreast]
+    if asked.y:
+        return {asked.name: plots.maps(part, asked.x, asked.y, metrics, by, asked.width)}
+    return {asked.name: plots.bands(part, asked.x, by, metrics, asked.width)}
+
+
+def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
+    """What is drawn of a result, with a title that says so."""
+    from fastcoil.analysis.binned import binned, drawn_parameters
+    from fastcoil.analysis.relative import relative_to
+    from fastcoil.analysis.selected import case_of, in_words, selected
+    from fastcoil.plots.panels import numeric_dims
+
+    part, words = selected(ds, asked.at), [str(ds.attrs.get("title", ""))]
+    if asked.at:
+        words.append(f"at {in_words(part, asked.at)}")
+    if asked.relative_to:
+        case, named = case_of(part, asked.relative_to)
+        part = relative_to(part, case, named)
+        words.append(f"against {named}")
+    known, axes = drawn_parameters(part), [str(n) for n in (asked.x, asked.y, asked.by) if n]
+    if len(set(axes)) < len(axes):
+        raise InputError(f"{axes[0]} is named twice: choose two different axes")
+    swept = [*numeric_dims(part["status"]), *(str(d) for d in part["status"].dims if d == asked.by)]
+    wrong = [n for n in axes if n not in known and n not in swept]
+    if known and wrong:
+        has = f"swept are {', '.join(swept) or 'none'}, drawn {', '.join(known)}"
+        raise InputError([f"{n} is no number of this study{nearest(n, [*swept, *known])}: {has}" for n in wrong])
+    drawn = [n for n in axes if n in known]
+    if drawn:
+        part = binned(part, drawn)
+    return part.assign_attrs(title=", ".join(filter(None, words)))
+
+
+def _target(out: Path | None, format: str | None) -> tuple[Path | None, str]:
+    """Where to, and the format."""
+    suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
+    if suffix and format and format.lower() != suffix:
+        raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
+    return out, format or suffix or "png"
+
+
+def _inches(width: str | None) -> float | None:
+    if width is None:
+        return None
+    found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|in)\s*", width)
+    if found is None:
+        raise InputError(f"--width {width}: give a length with its unit, such as 84mm, 17.4cm or 6.8in")
+    inches = float(found[1]) * _INCHES[found[2]]
+    if not _WIDTHS[0] <= inches <= _WIDTHS[1]:
+        low, high = (f"{limit / _INCHES[found[2]]:.3g}" for limit in _WIDTHS)
+        raise InputError(f"--width {width}: give {low} to {high} {found[2]}")
+    return inches
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:

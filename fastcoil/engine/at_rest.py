@@ -50,9 +50,10 @@ def settle(S, V, n_volumes, leaks, entering, openings, rests):
     for j in range(LANES):
         C_flow = S[R.C_flow + j] if S[R.C_flow + j] > _LEAST_FLOW else _LEAST_FLOW
         S[R.dt_C_w + j] = 0.0 if rests[j] else 1.0 / C_flow
+    everywhere = np.ones(n_volumes + 1, np.bool_)
     for _ in range(_MOST_SWEEPS):
         enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes, False)
+        march_water(S, V, n_volumes, False, everywhere)
         march_air_each(S, V, n_volumes, False, entering, True)
         # one sweep more after the last, so that the air is that of the coil as it stands
         all_rest = True

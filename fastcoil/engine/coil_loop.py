@@ -36,6 +36,7 @@ def march_coil(rows, common, series, at, S, V, T_sup, T_w_out, wet):
 
     first, last = VOLUME_STRIDE, n_volumes * VOLUME_STRIDE
     m_a_known, m_w_known = np.nan, np.nan
+    everywhere = np.ones(n_volumes + 1, np.bool_)
     k = 0
     for t in range(n_steps):
         m_a, T_a_in, W_a_in = series[t, C.m_a], series[t, C.T_a_in], series[t, C.W_a_in]
@@ -57,10 +58,10 @@ def march_coil(rows, common, series, at, S, V, T_sup, T_w_out, wet):
             m_w_known = m_w
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
         for part in range(common.substeps):
-            march_water(S, V, n_volumes, False)
+            march_water(S, V, n_volumes, False, everywhere)
             if recorded and part == 0 and common.lagged_air:
                 count_wet(S, V, n_volumes)
-            march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, 0.0)
+            march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, 0.0, np.inf, everywhere)
             if recorded and part == 0 and not common.lagged_air:
                 count_wet(S, V, n_volumes)
         if recorded:

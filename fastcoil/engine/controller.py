@@ -36,6 +36,8 @@ class Control(NamedTuple):
 
     is_watched: bool = False
     """An estimator wants to know what was measured."""
+    has_resolution: bool = False
+    """What the sensor says is rounded."""
     has_law: bool = False
     """Another law than the PI decides u; it has no integral."""
     has_dead_band: bool = False
@@ -50,6 +52,7 @@ class Control(NamedTuple):
         """For a block whose lanes have this estimator, this law, ``None`` for the PI, and these parameters."""
         return cls(
             is_watched=estimator is not None and estimator.is_watching(row),
+            has_resolution=bool(np.any(row["sensor_resolution"] > 0.0)),
             has_law=law is not None,
             has_dead_band=bool(np.any(row["error_dead_band"] > 0.0)),
             is_additive=bool(np.any(row["compensation"] == ADDITIVE)),
@@ -88,7 +91,8 @@ def control(S, t, T_set, noise, enabled, counts_switches, parts):
     parts: a Control.
     """
     for j in range(LANES):
-        y = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
+        resolution = S[R.sensor_resolution + j] if parts.has_resolution else 0.0
+        y = measured(S[R.y_s + j], S[R.noise + j] + noise, resolution)
         e = S[R.sign + j] * (y - T_set)
         due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
         integral = integrated(S[R.integral + j], e, S[R.ki + j])

@@ -7,6 +7,8 @@ volume is wet to the share that keeps it in between.  Every other volume is as i
 
 from __future__ import annotations
 
+import numpy as np
+
 from fastcoil.engine.plant import march_water
 from fastcoil.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, positions
 from fastcoil.numerics.jit import section
@@ -46,8 +48,9 @@ def air_side_each(S, entering):
 def second_each(S, V, common, entering):
     """March the coil of each lane through a second, in the substeps of the block."""
     enter_each(V, common.n_volumes, entering)
+    everywhere = np.ones(common.n_volumes + 1, np.bool_)
     for _ in range(common.substeps):
-        march_water(S, V, common.n_volumes, False)
+        march_water(S, V, common.n_volumes, False, everywhere)
         march_air_each(S, V, common.n_volumes, common.lagged_air, entering, False)
 
 

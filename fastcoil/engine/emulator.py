@@ -24,6 +24,7 @@ from fastcoil.engine.plant import (
     air_side,
     count_wet,
     deliver,
+    dry_from,
     enter,
     extremes,
     march_air,
@@ -64,7 +65,9 @@ def record(S, V, rows, traces):
     """Copy rows into ``traces``, (n_rows, LANES); ``rows`` are offsets of S, or -1 - offset for those of V."""
     for k in range(rows.size):
         row = rows[k]
-        traces[k] = S[row : row + LANES] if row >= 0 else V[-1 - row : -1 - row + LANES]
+        held = S[row : row + LANES] if row >= 0 else V[-1 - row : -1 - row + LANES]
+        for j in range(LANES):  # an assignment of arrays would check their shapes, and compile its messages for 2 s
+            traces[k, j] = held[j]
 
 
 @kernel
@@ -95,6 +98,9 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
     eps = np.empty((2, n_steps if shared else 0))
     shared_air_side(S, day.series[:, C.m_a], eps)
     coldest, dampest = extremes(V, n_volumes)
+    highest_pressure = S[R.pressure : R.pressure + LANES].max()
+    T_dry, dampest_known = 15.0, np.nan
+    damp = np.ones(n_volumes + 1, np.bool_)
     m_a_known, scale_known = np.nan, np.nan
     was_enabled = day.was_enabled
     running = False
@@ -113,9 +119,11 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
             scale_gap(S, scale)
             scale_known = scale
             running = True
-        for j in range(LANES):
-            S[R.y_s + j] = lagged(S[R.y_s + j], V[VOLUME_STRIDE + T_A + j], S[R.sensor_decay + j])
         samples = clock % common.control_period == 0
+        traced = traces.shape[0] > 0 and t % trace_interval == 0
+        if common.has_lag or samples or traced or was_enabled != enabled:
+            for j in range(LANES):
+                S[R.y_s + j] = lagged(S[R.y_s + j], V[VOLUME_STRIDE + T_A + j], S[R.sensor_decay + j])
         if samples and common.has_noise:
             draw_noise(S, clock, clock // common.control_period, common, day)
         if open_loop:
@@ -136,7 +144,7 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
             was_enabled = enabled
         if open_loop or running:
             plain = common.stem == BUILT_IN
-            found = actuate(S, counted, False, False, False) if plain else call_stem(common.stem, (S, counted))
+            found = actuate(S, counted, False, False, False, False) if plain else call_stem(common.stem, (S, counted))
             running = found & RUNNING != 0
             if found & MOVED != 0 or t == 0:
                 deliver(S, common.leaks)
@@ -146,7 +154,6 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
         if counted:
             account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes)
 
-        traced = traces.shape[0] > 0 and t % trace_interval == 0
         if traced:
             for j in range(LANES):
                 S[R.measured + j] = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
@@ -154,20 +161,23 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
             record(S, V, traced_rows, traces[t // trace_interval])
         enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
-        coldest, dampest = min(coldest, T_a_in, T_w_in), max(dampest, W_a_in)
+        coldest = min(coldest, T_a_in, T_w_in)
+        dampest = max(dampest, W_a_in, day.series[min(t + 1, n_steps - 1), C.W_a_in])  # damp is for the next march
+        if dampest != dampest_known:
+            T_dry = dry_from(T_dry, dampest, highest_pressure)
+            dampest_known = dampest
+        if traced:
+            damp[:] = True  # who counts wet volumes wants saturation everywhere
         is_mild = coldest > MILD_T and dampest < MILD_W
         dt_counted = dt if counted else 0.0
         for part in range(common.substeps):
-            if is_mild:
-                march_water(S, V, n_volumes, True)
-            else:
-                march_water(S, V, n_volumes, False)
+            march_water(S, V, n_volumes, is_mild, damp)
             if traced and part == 0 and common.lagged_air:
                 count_wet(S, V, n_volumes)
             if shared:
-                march_air(S, V, n_volumes, common.lagged_air, True, eps[0, t], eps[1, t], m_a, dt_counted)
+                march_air(S, V, n_volumes, common.lagged_air, True, eps[0, t], eps[1, t], m_a, dt_counted, T_dry, damp)
             else:
-                march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, dt_counted)
+                march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, dt_counted, T_dry, damp)
             if traced and part == 0 and not common.lagged_air:
                 count_wet(S, V, n_volumes)
         if traced:
@@ -178,5 +188,6 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
             if not is_mild:
                 watch_frost(S, V, n_volumes, t + 1 - looked)
             looked = t + 1
+            coldest, dampest = extremes(V, n_volumes)
 
     summarise(S, V, n_volumes, day.schedule, metrics, status)

@@ -62,6 +62,7 @@ class Common(NamedTuple):
     samples_together: bool
     estimating_period: int
     has_noise: bool
+    has_lag: bool
     shares_air_side: bool
     leaks: bool
     estimate: Any
@@ -152,6 +153,7 @@ def _block(rows: np.ndarray, rules: Rules) -> Block:
         samples_together=bool(np.ptp(row["sample_time"]) == 0.0),
         estimating_period=_estimating_period(row, estimator),
         has_noise=bool(np.any(row["noise_std"] > 0.0)),
+        has_lag=bool(np.any(row["sensor_time_constant"] > 0.0)),
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
         leaks=bool(np.any(row["leakage"] >= 0.0)),
         estimate=BUILT_IN if estimator is None else estimator_stage(estimator),

@@ -23,14 +23,15 @@ MOVED, RUNNING = 1, 2
 
 
 @section
-def actuate(S, counted, has_zones, slips, wears):
+def actuate(S, counted, has_resolution, has_zones, slips, wears):
     """Move motor and gearbox, Eq (1).  Returns MOVED if any valve moved, plus RUNNING if any motor still runs.
 
-    has_zones, slips, wears: whether any lane has a neutral zone or a slip jump, or wears, see ``Stem``.
+    has_resolution, has_zones, slips, wears: whether any lane's motor rounds its commands, has a neutral zone or a slip
+    jump, or wears, see ``Stem``.
     """
     moved, running = False, False
     for j in range(LANES):
-        target = accepted(S[R.command + j], S[R.command_resolution + j])
+        target = accepted(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
         previous, x_bl = S[R.position + j], S[R.gap + j]
         if has_zones:
             runs = S[R.motor_runs + j] != 0.0
@@ -74,6 +75,7 @@ def scale_gap(S, scale):
 class Stem(NamedTuple):
     """What the motors and valves of a block have in common: which parts of ``actuate`` are compiled for it."""
 
+    has_resolution: bool = False
     has_zones: bool = False
     slips: bool = False
     wears: bool = False
@@ -82,6 +84,7 @@ class Stem(NamedTuple):
     def of(cls, row: Mapping[str, np.ndarray]) -> Stem:
         """For a block with these parameters, each (LANES,)."""
         return cls(
+            has_resolution=bool(np.any(row["command_resolution"] > 0.0)),
             has_zones=bool(np.any(row["neutral_zone"] > 0.0)),
             slips=bool(np.any(row["slip_jump"] > 0.0)),
             wears=bool(np.any(row["wear_rate"] > 0.0)),
@@ -94,9 +97,9 @@ def stem_stage(parts: Stem) -> Any:
     if parts == Stem():
         return BUILT_IN
 
-    has_zones, slips, wears = parts
+    has_resolution, has_zones, slips, wears = parts
 
     def stem(S, counted):
-        return actuate(S, counted, has_zones, slips, wears)
+        return actuate(S, counted, has_resolution, has_zones, slips, wears)
 
     return STEM.compiled(stem, repr(parts))

@@ -108,7 +108,10 @@ class InC:
             lines += [f"{indent}/* {said} */" for said in self.laws.above(node.lineno)]
             said = self.laws.comment(node.lineno)
             first, *rest = self._statement(node, depth, known, once)
-            lines += [*broken(first + (f"  /* {said} */" if said else ""), WIDTH, _BREAKS), *rest]
+            beside = f"{first}  {_comment(said)}" if said else first
+            if len(beside) > WIDTH:
+                lines, beside = [*lines, *([indent + _comment(said)] if said else [])], first
+            lines += [*broken(beside, WIDTH, _BREAKS), *rest]
         return lines
 
     def _statement(  # noqa: PLR0911 — one for each kind

@@ -128,7 +128,10 @@ class InST:
                 break  # the output is the command
             first, *rest = self._statement(node, own)
             said = self.laws.comment(node.lineno)
-            lines += [*broken(first + (f"  {_comment(said)}" if said else ""), WIDTH, _BREAKS), *rest]
+            beside = f"{first}  {_comment(said)}" if said else first
+            if len(beside) > WIDTH:
+                lines, beside = [*lines, *([_comment(said)] if said else [])], first
+            lines += [*broken(beside, WIDTH, _BREAKS), *rest]
             lines += [""] if section and k + 1 < len(body) else []
         return lines
 

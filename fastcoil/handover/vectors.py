@@ -58,7 +58,7 @@ class Vectors:
             f"# Vectors for {code}, written by fastcoil {package_version()}: a row for each {sample_time:g} s cycle.",
             f"# Given: {', '.join(self.inputs)}; the start command is 0.  A row with reset = 1 begins a run.",
             f"# Expected after the cycle, to 1e-12: {', '.join(self.outputs)}.",
-            "# The last run is the loop on a simulated day, those before are made-up records, replayed.",
+            "# The first runs are made-up records, replayed; then comes the loop on a simulated day.",
             f"# In them: {self.exercised()}.",
             ",".join(self.columns),
         ]
@@ -69,8 +69,10 @@ class Vectors:
 def vectors_of(loop: Loop, settings: Settings) -> Vectors:
     """Replay made-up records through the loop's controller, and simulate the loop on a day."""
     runs = [*(_replayed(loop, settings, seen) for seen in made_records(settings)), _simulated(loop, settings)]
+    if settings.estimator == "identify":
+        runs.append(_simulated(loop, settings, disturbed=True))
     inputs = ("T_sup", "T_set", *(["m_a"] if settings.sees_air else []), "enabled", "reset")
-    outputs = [name for name in OUTPUTS if name != "estimate" or settings.has_estimate]
+    outputs = [name for name in (*OUTPUTS, "switches") if name != "estimate" or settings.has_estimate]
     columns = {name: np.concatenate([run[name] for run in runs]) for name in (*inputs, *outputs)}
     return Vectors(columns, inputs, runs[0]["T_sup"].size)
 
@@ -87,15 +89,24 @@ def _replayed(loop: Loop, settings: Settings, seen: Inputs) -> dict[str, Array]:
     return _rows(ds, {"T_sup": seen.T_sup, "T_set": seen.T_set, "m_a": air, "enabled": seen.enabled})
 
 
-def _simulated(loop: Loop, settings: Settings) -> dict[str, Array]:
+def _simulated(loop: Loop, settings: Settings, *, disturbed: bool = False) -> dict[str, Array]:
+    """The loop on its generic day, with gusts and some time off if it is to be disturbed."""
     hours = _HOURS_TO_IDENTIFY if settings.estimator == "identify" else _HOURS
     day = heating_day(hours) if settings.heats else paper_day(hours)
-    sample_time = int(settings.number["sample_time"])
+    sample_time, band = int(settings.number["sample_time"]), settings.number["error_dead_band"]
+    if band > 0.0:  # steps that it would not answer are refused
+        T_set = day.series["T_set"][0]
+        day = day.assign(T_set=T_set[0] + (1.0 + 2.0 * band) * (T_set - T_set[0]))
+    enabled = np.ones(day.series["T_set"].shape[1])
+    if disturbed:
+        second = np.arange(enabled.size)
+        enabled[(second // sample_time >= 3900 // sample_time) & (second // sample_time < 4500 // sample_time)] = 0.0
+        day = day.assign(m_a=day.series["m_a"][0] * np.where(second % 3000 < 2400, 1.0, 0.8), enabled=enabled)
     traces = ["T_measured", *OUTPUTS.values()]
     ds = simulate(loop, day, traces=traces, trace_interval=sample_time, warm_up=0, n_jobs=1)
     series = {name: np.asarray(day.series[name][0])[::sample_time] for name in ("T_set", "m_a")}
     T_sup = ds["T_measured"].values
-    rows = _rows(ds, {"T_sup": T_sup, **series, "enabled": np.ones(T_sup.size)})
+    rows = _rows(ds, {"T_sup": T_sup, **series, "enabled": enabled[::sample_time]})
     good = (T_sup > _LIMITS[0]) & (T_sup < _LIMITS[1])
     end = T_sup.size if bool(good.all()) else int(np.argmin(good))
     return {name: values[:end] for name, values in rows.items()}
@@ -105,4 +116,6 @@ def _rows(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
     reset = np.zeros(inputs["T_sup"].size)
     reset[0] = 1.0
     outputs = {name: ds[trace].values for name, trace in OUTPUTS.items()}
-    return inputs | {"reset": reset} | outputs | {"rising": (outputs["rising"] > 0.0).astype(float)}
+    rising = (outputs["rising"] > 0.0).astype(float)
+    switches = np.cumsum(np.abs(np.diff(rising, prepend=0.0)))
+    return inputs | {"reset": reset} | outputs | {"rising": rising, "switches": switches}

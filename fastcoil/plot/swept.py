@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.analysis.binned import binned, drawn_parameters
 from fastcoil.arguments import checking, text_of
 from fastcoil.arrays import Array
 from fastcoil.errors import InputError, WrongType, nearest, shown
@@ -64,7 +65,8 @@ def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | 
     metric
         Name of a variable of the Dataset; ``rmse`` if left out.
     x, y
-        Swept parameters; if left out, the two that the result has.
+        Swept parameters; if left out, the two that the result has.  Drawn ones, of a Dataset, are put in groups of
+        equal counts.
     ax
         Axes to draw into; a new figure if left out.
 
@@ -73,7 +75,7 @@ def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | 
     InputError
         With one sentence for each mistake.
     """
-    drawn = _values_of(data, metric)
+    drawn = _values_of(_grouped(data, x, y), metric)
     y, x = _axes_of(drawn.values, y=y, x=x)
     axes = one_place(ax, _HEIGHT)
     width = width_of(axes, ax)
@@ -101,7 +103,8 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     metric
         Name of a variable of the Dataset; ``rmse`` if left out.
     x
-        Swept parameter; if left out, the one that the result has.
+        Swept parameter; if left out, the one that the result has.  A drawn one, of a Dataset, is put in groups of equal
+        counts.
     by
         A second dim, of numbers or names: a curve for each, or for the first, the middle and the last of more than
         three.
@@ -113,7 +116,7 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     InputError
         With one sentence for each mistake.
     """
-    drawn = _values_of(data, metric)
+    drawn = _values_of(_grouped(data, x, by), metric)
     values, shown_as = drawn.values, drawn.shown
     if by is not None:
         dims = [str(d) for d in values.dims]
@@ -142,6 +145,14 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     words = describe(values, pooled, "Line", "band", "thin lines")
     _caption(axes, words + exact_in_words(x) + drawn.failed, width)
     return axes
+
+
+def _grouped(data: Any, *axes: Any) -> Any:
+    """A result with the drawn parameters among its axes in groups, as they are no dims."""
+    if not isinstance(data, xr.Dataset) or "status" not in data:
+        return data
+    names = [name for name in drawn_parameters(data) if name in [a for a in axes if isinstance(a, str)]]
+    return binned(data, names) if names else data
 
 
 def _words(values: xr.DataArray, dim: str, k: int) -> str:

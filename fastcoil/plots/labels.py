@@ -98,9 +98,9 @@ def quantity_of_values(values: xr.DataArray) -> Quantity:
     name, attrs = str(values.name or ""), values.attrs
     entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)
     unit = attrs.get("units")
+    if entry is not None and "relative_to" in attrs:
+        return Quantity(f"change of {entry.label}", "%", 100.0)
     if entry is not None and unit in (None, entry.unit):
         return quantity(name)
-    if entry is not None and unit == "1":
-        return Quantity(f"change of {entry.label}", "%", 100.0)
     text = str(attrs.get("long_name", name.replace("_", " "))) or "value"
     return Quantity(text, "" if unit in (None, "1") else _UNITS.get(str(unit), str(unit)), 1.0)

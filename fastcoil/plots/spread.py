@@ -65,7 +65,7 @@ def describe(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any], median: str, 
         return f"{median}: a single scenario"
     n = count(ds, pooled)
     over = " × ".join(_in_words(ds, str(d)) for d in pooled)
-    if len(pooled) > 1:
+    if len(pooled) > 1 and not any(d in ds.coords and "pooled_as" in ds[d].attrs for d in pooled):
         over += f" = {n:,} scenarios"
     if not band:
         return f"{median}: median of {over}"
@@ -77,6 +77,8 @@ def describe(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any], median: str, 
 def _in_words(ds: xr.Dataset | xr.DataArray, dim: str) -> str:
     """A pooled dim: how many of what, from where to where, and that the plain PI is among them."""
     size = ds.sizes[dim]
+    if dim in ds.coords and "pooled_as" in ds[dim].attrs:  # groups differ in size
+        return str(ds[dim].attrs["pooled_as"])
     if dim in RESERVED_DIMS:
         return f"{size} {dim}s"
     if not is_parameter(ds, dim) or dim not in ds.coords or ds[dim].dtype.kind not in "if":

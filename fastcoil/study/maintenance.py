@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -12,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from fastcoil.analysis.selected import is_label
 from fastcoil.engine.host import TraceRequest, compile_kernel
 from fastcoil.errors import InputError, IntegrityError, nearest
-from fastcoil.files import make_folder, storage_errors
+from fastcoil.files import file_name, make_folder, storage_errors
 from fastcoil.look import is_file
 from fastcoil.numerics.jit import is_model
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
@@ -34,8 +33,6 @@ from fastcoil.study.folder.verify import find_problems
 from fastcoil.study.workers.own_code import load
 
 RERUNS = "reruns"
-_LONGEST_FILE_NAME = 200
-"""Bytes."""
 
 
 def status(folder: Path) -> list[str]:
@@ -103,7 +100,7 @@ def rerun(
     flat = int(np.ravel_multi_index(tuple(position.values()), tuple(layout.sizes.values()))) if position else 0
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
     name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
-    path = folder / RERUNS / f"{_file_name(name)}.nc"
+    path = folder / RERUNS / f"{file_name(name)}.nc"
     with storage_errors(path.parent, "made"):
         make_folder(path.parent)
     with hold(path.parent):  # not the study, which may be running; a folder that cannot be written is refused now
@@ -137,14 +134,6 @@ def _run_one(plan: Plan, flat: int) -> xr.Dataset:
     return run_shard(plan, last)
 
 
-def _file_name(name: str) -> str:
-    """A name that every file system takes, another one for every other name."""
-    plain = re.sub(r"[^\w.=+-]", "-", name)
-    if plain == name and len(name.encode()) <= _LONGEST_FILE_NAME:
-        return name
-    return f"{plain[:60]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-
-
 def find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:
     """Position of the labels ``at``, as the command line gives them, along each dimension; one of length 1 needs none.
 
@@ -165,22 +154,13 @@ def find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> di
         elif dim not in at:
             problems.append(f"--at: {dim} is missing, choose one of {shown}")
         else:
-            found = [k for k, v in enumerate(values) if _matches(v, at[dim])]
+            found = [k for k, v in enumerate(values) if is_label(v, at[dim])]
             position[dim] = found[0] if found else 0
             if not found:
                 problems.append(f"--at {dim}={at[dim]}: choose one of {shown}")
     if problems:
         raise InputError(problems)
     return position
-
-
-def _matches(label: object, text: str) -> bool:
-    if isinstance(label, str):
-        return label == text
-    try:
-        return bool(np.isclose(float(label), float(text), rtol=1e-9, atol=0.0))  # type: ignore[arg-type]
-    except ValueError:
-        return False
 
 
 def _compare_with_stored(

@@ -6,7 +6,7 @@ import xarray as xr
 from scipy import stats
 
 import fastcoil as fc
-from fastcoil.analysis.compare import STATISTICS
+from fastcoil.analysis.paired import STATISTICS
 from fastcoil.outputs import STATUS_NON_FINITE
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
@@ -56,6 +58,16 @@ def test_dots_per_inch_are_those_asked_for(folder):
         (("--dpi", "20"), "dpi = 20: give a whole number from 50 to 1200"),
         (("--dpi", "fine"), "dpi = 'fine': give a whole number from 50 to 1200"),
         (("--by", "backlash"), "--metric, -y and --by need -x: name the swept parameter along the x axis"),
+        (("--width", "84"), "--width 84: give a length with its unit, such as 84mm, 17.4cm or 6.8in"),
+        (("--width", "2cm"), "--width 2cm: give 3.81 to 50.8 cm"),
+        (("-o", "figure.pdf", "--format", "png"), "-o figure.pdf and --format png: they differ, give one of them"),
+        (("-o", "figure.jpg"), "format = 'jpg', did you mean 'png'?: choose 'png', 'pdf' or 'svg'"),
+        (("--at", "backlash=0.05"), "--at backlash=0.05: choose one of 0.02, 0.07"),
+        (("--relative-to", "backlash=0"), "--relative-to backlash=0: choose one of 0.02, 0.07"),
+        (
+            ("-x", "backlash", "--by", "day"),
+            "by = 'day' is no dimension of this study; it has backlash, estimate_ratio",
+        ),
     ],
 )
 def test_a_mistake_is_one_sentence_and_draws_nothing(folder, words, sentence):
@@ -64,3 +76,40 @@ def test_a_mistake_is_one_sentence_and_draws_nothing(folder, words, sentence):
     assert result.exit_code == 2
     assert result.output == f"fastcoil: {sentence}\n"
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_a_figure_goes_where_it_is_sent_in_the_format_of_its_name(folder, tmp_path):
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    result = plot(folder, "-x", "backlash", "--metric", "rmse", "-o", tmp_path / "one.pdf", "--width", "84mm")
+    assert result.exit_code == 0, result.output
+    assert [path.name for path in tmp_path.iterdir()] == ["one.pdf"]
+    width = re.search(rb"/MediaBox \[ 0 0 ([\d.]+)", (tmp_path / "one.pdf").read_bytes())
+    assert float(width[1]) == pytest.approx(84 / 25.4 * 72, abs=0.01)
+    assert plot(folder, "--at", "backlash=0.02", "-o", tmp_path / "many").exit_code == 0
+    assert [path.name for path in (tmp_path / "many").iterdir()] == ["bands_backlash=0.02.png"]
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_of_several_figures_a_file_takes_the_first_and_the_others_are_named(folder, tmp_path):
+    result = plot(folder, "-o", tmp_path / "one.svg")
+    assert result.exit_code == 0
+    assert "one.svg has the figure maps; for bands too, give a folder" in result.output
+
+
+def test_labels_are_fixed_and_changes_are_told_in_the_name_and_in_the_heading(folder):
+    words = ["--at", "backlash=0.07", "--relative-to", "estimate_ratio=0", "--format", "svg"]
+    result = plot(folder, *words)
+    assert result.exit_code == 0, result.output
+    path = folder / "figures" / "bands_backlash=0.07_to-estimate_ratio=0.svg"
+    assert result.output == f"{path}\n"
+    shown = re.sub(r"\s+", " ", " ".join(re.findall(r">([^<>]+)</text>", path.read_text())))
+    assert "small, at backlash = 7 %, against estimate / backlash = 0 %" in shown
+    assert "change of RMS error [%]" in shown
+
+
+def test_a_plain_pi_and_an_inverse_have_rows_of_their_own(folder, tmp_path):
+    assert plot(folder, "-x", "backlash", "--metric", "rmse", "-o", tmp_path / "rows.svg").exit_code == 0
+    text = (tmp_path / "rows.svg").read_text()
+    for words in ("estimate / backlash = 0 %, plain PI", "estimate / backlash = 50 %", "estimate / backlash = 120 %"):
+        assert words in text
+    assert "0 being the plain PI" not in text

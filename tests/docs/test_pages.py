@@ -37,7 +37,7 @@ MADE = {
     *("learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"),
     *("scorecard.md", "scorecard.json"),
     *("controller.toml", "controller.c", "controller.py", "controller_vectors.csv", "inverse.c", "inverse_vectors.csv"),
-    *("run.json", "mine.py", "module.py", "days.png", "two.png"),
+    *("run.json", "mine.py", "mine.csv", "module.py", "days.png", "two.png"),
 }
 """Files that the reader makes, or that a command of the page writes."""
 TOOLS = {"pip", "dask", "."}

@@ -130,6 +130,7 @@ def control_of(**parameters):
 def test_a_block_has_compiled_what_its_lanes_need_and_no_more():
     assert control_of() == control_of(buffer_ratio=6.0, noise_std=0.1) == control_stage(PLAIN) == BUILT_IN
     assert control_of(**PARTS["smooth with a dead band"]) == control_stage(Control(has_dead_band=True, is_smooth=True))
+    assert control_of(sensor_resolution=0.1) == control_stage(Control(has_resolution=True))
     assert control_of(**MEASURED, compensation="additive") == control_stage(
         Control(is_additive=True, measures_noise=True)
     )

@@ -27,15 +27,16 @@ def over(openings, **parameters):
 @pytest.mark.parametrize(
     ("parameters", "parts"),
     [
-        ({}, (False, False, False)),
-        ({"neutral_zone": 0.01}, (True, False, False)),
-        ({"slip_jump": 0.01}, (False, True, False)),
-        ({"slip_jump": 0.01, "neutral_zone": 0.01}, (True, True, False)),
-        ({"wear_rate": 0.001}, (False, False, True)),
+        ({}, (False, False, False, False)),
+        ({"command_resolution": 0.01}, (True, False, False, False)),
+        ({"neutral_zone": 0.01}, (False, True, False, False)),
+        ({"slip_jump": 0.01}, (False, False, True, False)),
+        ({"slip_jump": 0.01, "neutral_zone": 0.01}, (False, True, True, False)),
+        ({"wear_rate": 0.001}, (False, False, False, True)),
     ],
 )
 def test_a_block_compiles_the_parts_that_a_lane_of_it_needs(parameters, parts):
-    names = ("neutral_zone", "slip_jump", "wear_rate")
+    names = ("command_resolution", "neutral_zone", "slip_jump", "wear_rate")
     lanes = {name: np.array([0.0, parameters.get(name, 0.0), 0.0]) for name in names}
     assert Stem.of(lanes) == parts
 

@@ -145,7 +145,7 @@ def base_calls(tmp_path_factory):
         "Loop.assign": (fc.Loop(kp=[0.01, 0.02]).assign, {}),
         "Loop.from_dataset": (fc.Loop.from_dataset, {"ds": ds}),
         "Loop.preset": (fc.Loop.preset, {"name": "lbnl"}),
-        "alternatives": (study.alternatives, {"ds": named, "dim": "strategy", "metrics": ["rmse"]}),
+        "alternatives": (study.alternatives, {"ds": named, "dim": "strategy", "metrics": ["rmse"], "width": 4.0}),
         "bands": (study.bands, {"ds": ds, "x": "backlash", "by": "kp", "metrics": ["rmse"]}),
         "bode": (fc.bode, {"loop": loop, "boundary": day, "at": 10}),
         "check_rule": (fc.check_rule, {"rule": by_error, "boundary": day}),

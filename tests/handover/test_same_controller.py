@@ -168,6 +168,8 @@ MUTATIONS = [
     ("identify", "- r_10 * r_20 * s_00", "- 0.0"),
     ("identify", "if size <= GOOD_VALVE", "if size <= 0.2"),
     ("identify", "        band = 0.0", "        band = BUFFER"),
+    ("identify", "s.has_begun = False\n    ends", "pass\n    ends"),
+    ("identify", "s.resumes = s.clock + DISTURBED", "pass"),
     ("identify", "1.0 / math.sqrt(rest)", "1.001 / math.sqrt(rest)"),
 ]
 

@@ -28,6 +28,7 @@ LAYERS = [
     {"moist_air"},
     {"logs"},
     {"plots"},
+    {"tables"},
     {"boundary"},
     {"simulation"},
     {"theory"},

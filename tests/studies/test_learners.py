@@ -14,7 +14,6 @@ import learners_run
 import learners_tables
 import numpy as np
 import pytest
-import shares
 import xarray as xr
 from learners_conditions import Condition
 from learners_run import Run
@@ -195,24 +194,6 @@ def test_the_table_of_costs_holds_what_plain_python_finds(runs, written):
                     for t in run.ds.time_identified.sel(controller=name).values.ravel()
                 )
                 assert cells["right since, median"] == f"{since[(len(since) - 1) // 2]:.1f} h"
-
-
-def test_a_share_has_the_interval_of_wilson_where_cases_are_independent_and_a_wider_one_where_days_are_alike():
-    draw = np.random.default_rng(3)
-    alone = xr.DataArray(draw.random(50) < 0.2, dims="sample")
-    p = float(alone.mean())
-    low, high = (
-        (p + 1.96**2 / 100 + s * 1.96 * math.sqrt(p * (1 - p) / 50 + 1.96**2 / 10000)) / (1 + 1.96**2 / 50)
-        for s in (-1, 1)
-    )
-    assert shares.share_of(alone) == pytest.approx((p, low, high), abs=0.003)
-    of_valve = np.repeat(draw.random((50, 1)) < 0.2, 20, axis=1)
-    alike = shares.share_of(xr.DataArray(of_valve, dims=("sample", "day")))
-    free = shares.share_of(xr.DataArray(draw.random((50, 20)) < 0.2, dims=("sample", "day")))
-    assert alike.high - alike.low > 3 * (free.high - free.low)
-    never = shares.share_of(xr.DataArray(np.zeros((50, 20)), dims=("sample", "day")))
-    assert (never.value, never.low) == (0.0, 0.0)
-    assert str(never) == "0 % (0 to 7)"
 
 
 def test_the_figure_is_drawn(runs, monkeypatch, tmp_path):

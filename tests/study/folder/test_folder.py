@@ -13,7 +13,7 @@ from helpers.studies import PLAIN, TRACED, contents, copied, golden, resume, run
 
 from fastcoil.cli.main import main
 from fastcoil.errors import FastcoilError, InputError, IntegrityError, LockedError, StorageError
-from fastcoil.files import make_folder
+from fastcoil.files import file_name, make_folder
 from fastcoil.study import maintenance, runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.folder import StudyFolder
@@ -183,7 +183,7 @@ def test_a_link_in_the_place_of_a_folder_of_its_own_is_refused(tmp_path, name):
 
 def test_names_of_reruns_differ_where_labels_do():
     names = ["tuning=a b", "tuning=a-b", "tuning=a/b", "tuning=" + "x" * 300, "tuning=" + "x" * 301]
-    files = [maintenance._file_name(name) for name in names]
+    files = [file_name(name) for name in names]
     assert len(set(files)) == len(names)
     assert all(len(file) <= 200 and "/" not in file for file in files)
-    assert maintenance._file_name("backlash=0.07_tuning=fast") == "backlash=0.07_tuning=fast"
+    assert file_name("backlash=0.07_tuning=fast") == "backlash=0.07_tuning=fast"

@@ -1,0 +1,91 @@
+"""``fastcoil export`` of results: the table of a study as CSV, Parquet or LaTeX."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fastcoil.arguments import checking
+from fastcoil.cli.labels import all_labels_of
+from fastcoil.cli.terminal import say
+from fastcoil.errors import InputError
+from fastcoil.look import is_folder
+from fastcoil.outputs import STATUS_NOT_RUN
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SUFFIXES = {"csv": ".csv", "latex": ".tex", "parquet": ".parquet"}
+
+
+def export_table(
+    path: Path,
+    formats: Sequence[str],
+    metrics: tuple[str, ...],
+    at: Sequence[str],
+    by: tuple[str, ...],
+    out: Path | None,
+) -> None:
+    """Write the results at ``path``, the folder of a study or a NetCDF file, in the one format that is asked for.
+
+    by: drawn parameters whose groups are the rows of a LaTeX table.
+    """
+    from fastcoil.analysis.binned import binned
+    from fastcoil.analysis.selected import in_words, selected
+    from fastcoil.study.folder.one_file import open_results
+    from fastcoil.tables.tidy import check_metrics
+
+    format, labels = _format(formats, by), all_labels_of(at)
+    target = _target(path, format, out)
+    ds = open_results(path)
+    with checking() as check:
+        check(check_metrics, ds, metrics)
+        part = check(selected, ds, labels)
+    if labels:
+        part = part.assign_attrs(title=f"{ds.attrs.get('title', '')} at {in_words(part, labels)}".strip())
+    left = int((part["status"].values == STATUS_NOT_RUN).sum())
+    if left:
+        say(f"Unfinished: {left:,} of {part['status'].size:,} scenarios have not run; their status says so.", err=True)
+    say(f"Written: {target} ({_write(format, binned(part, by) if by else part, target, metrics)})")
+
+
+def _target(path: Path, format: str, out: Path | None) -> Path:
+    """The file to write: here, in the folder, or the one that is named."""
+    suffix = SUFFIXES[format]
+    if out is None or is_folder(out):
+        name = path.resolve().name
+        return (out or Path()) / ((name.removesuffix(".nc") or "results") + suffix)
+    if out.suffix.lower() != suffix or not is_folder(out.absolute().parent):
+        raise InputError(f"-o {out}: give a file NAME{suffix} in a folder that exists, or such a folder")
+    return out
+
+
+def _format(formats: Sequence[str], by: Sequence[str]) -> str:
+    """The one format."""
+    if len(formats) != 1:
+        given = " and ".join(f"--{format}" for format in formats)
+        raise InputError(
+            f"{given + ' are given' if given else 'no format is given'}: give one of --csv, --latex, --parquet"
+        )
+    (format,) = formats
+    if by and format != "latex":
+        raise InputError(
+            f"--by groups the rows of a LaTeX table; --{format} has {' and '.join(by)} as a column: leave it out"
+        )
+    return format
+
+
+def _write(format: str, ds: xr.Dataset, target: Path, metrics: tuple[str, ...]) -> str:
+    """Write the file; what is in it, in words."""
+    from fastcoil.tables.csv import write_csv
+    from fastcoil.tables.latex import write_latex
+    from fastcoil.tables.parquet import write_parquet
+    from fastcoil.tables.tidy import Tidy
+
+    if format == "latex":
+        write_latex(ds, target, metrics)
+        return "medians and their scatter; a comment in it says over what"
+    table = Tidy(ds, metrics)
+    (write_csv if format == "csv" else write_parquet)(table, target)
+    return f"{table.n_rows:,} scenario-day{'s' * (table.n_rows != 1)}, {len(table.columns)} columns"

@@ -1,0 +1,49 @@
+"""Numbers as people write them: as many digits as are known, a minus sign that is one, words for what is no number."""
+
+from __future__ import annotations
+
+import math
+
+MINUS = "\N{MINUS SIGN}"
+NONE = "\N{EN DASH}"
+"""Where there is no value."""
+_TWO_DIGITS = 35
+"""An uncertainty that begins with at most this has two digits, another one: the rule of the Particle Data Group."""
+_MOST_DECIMALS = 6
+_THOUSANDS = 999.5, 1e7
+"""Numbers that are written out, with a comma between their thousands."""
+
+
+def decimals_of(uncertainty: float) -> int | None:
+    """Decimals that a value with this uncertainty has; None where it says nothing.
+
+    Source: Particle Data Group, Review of Particle Physics (2024), doi:10.1103/PhysRevD.110.030001, section 5.3.
+    """
+    if not math.isfinite(uncertainty) or uncertainty <= 0.0:
+        return None
+    place = math.floor(math.log10(uncertainty))
+    leading = round(uncertainty / 10.0 ** (place - 1), 6)
+    return max(0, (1 if leading <= _TWO_DIGITS else 0) - place)
+
+
+def written(value: float, decimals: int | None = None, *, sign: bool = False) -> str:
+    """A number with so many decimals, or with three digits.
+
+    sign: whether a positive one gets its plus.
+    """
+    if math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        text = "∞"
+    elif decimals is None or decimals > _MOST_DECIMALS:
+        text = _three_digits(abs(value))
+    else:
+        text = f"{abs(value):.{decimals}f}"
+    is_zero = not text.strip("0.")
+    if is_zero:
+        return text
+    return (MINUS if value < 0.0 else "+" if sign else "") + text
+
+
+def _three_digits(size: float) -> str:
+    return f"{float(f'{size:.3g}'):,.0f}" if _THOUSANDS[0] <= size < _THOUSANDS[1] else f"{size:.3g}"

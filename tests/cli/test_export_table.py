@@ -1,0 +1,149 @@
+"""``fastcoil export`` of results: files that others read, and mistakes in a sentence."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from helpers.results import drawn
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+
+STUDY = """
+[loop]
+preset = "lbnl"
+[sweep]
+estimate_ratio = [0.0, 1.0]
+[sample]
+method = "sobol"
+size = 32
+kp = { loguniform = [0.005, 0.05] }
+[boundary]
+hours = 1
+seed = [1, 2]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A finished study of 128 scenario-days."""
+    path = tmp_path_factory.mktemp("exported") / "study.toml"
+    path.write_text(STUDY)
+    fc.run_study(path, path.with_name("small"), n_jobs=1)
+    return path.with_name("small")
+
+
+@pytest.fixture
+def export(tmp_path, monkeypatch):
+    """Return a function that runs the command in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: CliRunner().invoke(main, ["export", *map(str, words)])
+
+
+@pytest.mark.kernel
+def test_a_folder_its_file_and_a_saved_result_give_the_same_table(folder, export, tmp_path):
+    ds = fc.open_study(folder)
+    ds.to_netcdf(tmp_path / "mine.nc")
+    assert export(folder, "--csv").output == "Written: small.csv (128 scenario-days, 36 columns)\n"
+    assert export(folder / "results.nc", "--csv").exit_code == export(tmp_path / "mine.nc", "--csv").exit_code == 0
+    whole = (tmp_path / "small.csv").read_bytes()
+    assert whole == (tmp_path / "results.csv").read_bytes() == (tmp_path / "mine.csv").read_bytes()
+    found = pd.read_csv(tmp_path / "small.csv", comment="#").set_index(["day", "estimate_ratio [1]", "sample"])
+    expected = ds[["rmse", "motor_travel"]].to_dataframe()
+    np.testing.assert_array_equal(found["rmse [K]"], expected.rmse)
+    np.testing.assert_array_equal(found["kp [K-1]"], expected.kp)
+    assert f"# content_sha256: {ds.attrs['content_sha256']}" in whole.decode()
+
+
+@pytest.mark.kernel
+def test_parquet_and_latex_have_what_is_asked_for(folder, export, tmp_path):
+    result = export(folder, "--parquet", "--metric", "rmse", "--at", "day=2", "-o", tmp_path / "part.parquet")
+    assert result.exit_code == 0, result.output
+    part = pd.read_parquet(tmp_path / "part.parquet")
+    assert list(part) == ["estimate_ratio", "sample", "kp", "day", "rmse", "status"]
+    np.testing.assert_array_equal(part.rmse, fc.open_study(folder).rmse.sel(day=2).values.ravel())
+    assert export(folder, "--latex", "--by", "kp", "--metric", "rmse", "-o", tmp_path).exit_code == 0
+    text = (tmp_path / "small.tex").read_text()
+    assert text.count(r" \\") == 1 + 2 * 6
+    assert "% title: study" in text
+    assert "samples in each of 6 groups of proportional gain Kp" in text
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ((), "no format is given: give one of --csv, --latex, --parquet"),
+        (("--csv", "--latex"), "--csv and --latex are given: give one of --csv, --latex, --parquet"),
+        (("--csv", "--by", "kp"), "--by groups the rows of a LaTeX table; --csv has kp as a column: leave it out"),
+        (
+            ("--csv", "-o", "results.nc"),
+            "-o results.nc: give a file NAME.csv in a folder that exists, or such a folder",
+        ),
+        (("--csv", "--at", "day=3"), "--at day=3: choose one of 1, 2"),
+        (("--csv", "--metric", "rmsee"), "--metric 'rmsee' is not in this result, did you mean 'rmse'?"),
+        (("--latex", "--by", "ti"), "ti is no drawn parameter: drawn are kp"),
+        (("--csv", "--language", "c"), "--language: for the controller of a TOML file, and "),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_writes_nothing(folder, export, tmp_path, words, sentence):
+    result = export(folder, *words)
+    assert result.exit_code == 2
+    assert result.output.startswith(f"fastcoil: {sentence}")
+    assert result.output.count("\n") == 1
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (None, "table.nc does not exist: give the folder of a study"),
+        ("a,b\n1,2\n", "table.nc is no NetCDF file, or it is damaged: give the folder of a study"),
+        (drawn(3).drop_vars("status"), "table.nc holds no result of fastcoil: give the folder of a study"),
+    ],
+)
+def test_what_is_no_result_is_refused(export, tmp_path, content, sentence):
+    path = tmp_path / "table.nc"
+    if isinstance(content, str):
+        path.write_text(content)
+    elif content is not None:
+        content.to_netcdf(path)
+    result = export("table.nc", "--csv")
+    assert result.exit_code == 2
+    assert result.output.startswith(f"fastcoil: {sentence}")
+
+
+def test_options_of_tables_say_nothing_of_a_controller(export, tmp_path):
+    (tmp_path / "controller.toml").write_text("[loop]\n")
+    result = export("controller.toml", "--csv", "--at", "day=1")
+    assert result.exit_code == 2
+    assert "--csv, --at: for tables of results, and controller.toml is a TOML file" in result.output
+
+
+@pytest.mark.kernel
+def test_an_unfinished_study_says_how_much_is_missing(export, tmp_path, broken_off):
+    result = export(broken_off, "--csv", "-o", tmp_path / "part.csv")
+    assert result.exit_code == 0
+    assert "scenarios have not run; their status says so" in result.output
+    found = pd.read_csv(tmp_path / "part.csv", comment="#")
+    assert 0 < (found.status == "not_run").sum() < len(found)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("format", ["csv", "parquet", "latex"])
+def test_a_million_rows_need_less_than_a_gibibyte(tmp_path, format):
+    ds = drawn(500_000)
+    for k in range(28):
+        ds[f"more_{k}"] = ds.rmse + k
+    ds.to_netcdf(tmp_path / "large.nc")
+    code = "import sys; from fastcoil.cli.main import main; main(sys.argv[1:])"
+    words = ["export", str(tmp_path / "large.nc"), f"--{format}", "-o", str(tmp_path)]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    subprocess.run([sys.executable, "-c", code, *words], check=True, cwd=tmp_path)
+    assert before <= resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < 2**20
