@@ -27,6 +27,8 @@ from fastcoil.simulation.loop import Loop, words_used
 from fastcoil.simulation.scenarios import columns_of
 
 _NEEDED = ("T_sup", "T_set")
+_SEE_AIR = {"gradient", "identify"}
+"""Estimators that rest after a step of the air flow."""
 _ROUND_OFF = 1e-6
 """Of the times of a log, s."""
 
@@ -53,7 +55,8 @@ def replay(
         One loop or a sweep of them: PI, inverse and estimator.
     log
         Path of a CSV file, or a Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
-        ``elapsed_time`` or ``timestamp``; optional: ``enabled``, and ``m_a``, after whose steps ``gradient`` rests.
+        ``elapsed_time`` or ``timestamp``; optional: ``enabled``, and ``m_a``, after whose steps ``gradient`` and
+        ``identify`` rest.
         Samples are 1 s apart or more.  A value holds until the next.
     units, columns, constants
         As in ``fc.Boundary.from_csv``.
@@ -91,9 +94,10 @@ def replay(
         check(require_mappings, columns=columns, units=units, constants=constants)
     if missing := missing_parameters(loop):
         raise InputError(missing)
+    sees_air = not _SEE_AIR.isdisjoint(words_used(loop, "estimator"))
     data = read_log(
         log,
-        Wanted(_NEEDED, optional=("enabled", "m_a") if "gradient" in words_used(loop, "estimator") else ("enabled",)),
+        Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)),
         units=units,
         columns=columns,
         constants={} if constants is None else constants,

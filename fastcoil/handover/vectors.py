@@ -81,12 +81,11 @@ def _replayed(loop: Loop, settings: Settings, seen: Inputs) -> dict[str, Array]:
     sample_time = int(settings.number["sample_time"])
     time = {"elapsed_time": ("elapsed_time", sample_time * np.arange(seen.T_sup.size), {"units": "s"})}
     units = {"T_sup": "degC", "T_set": "degC", "enabled": "1"}
-    air = np.full(seen.m_a.size, -1.0)  # what replay does not look at is not known
-    if settings.estimator == "gradient":
-        units["m_a"], air = "kg s-1", seen.m_a
+    if settings.sees_air:
+        units["m_a"] = "kg s-1"
     log = xr.Dataset({name: ("elapsed_time", getattr(seen, name), {"units": u}) for name, u in units.items()}, time)
     ds = replay(loop, log, trace_interval=sample_time)
-    return _rows(ds, {"T_sup": seen.T_sup, "T_set": seen.T_set, "m_a": air, "enabled": seen.enabled})
+    return _rows(ds, {"T_sup": seen.T_sup, "T_set": seen.T_set, "m_a": seen.m_a, "enabled": seen.enabled})
 
 
 def _simulated(loop: Loop, settings: Settings, *, disturbed: bool = False) -> dict[str, Array]:

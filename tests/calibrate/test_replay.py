@@ -38,11 +38,11 @@ def test_a_simulation_fed_back_gives_its_commands_to_the_bit(hour, settings):
     assert float(found["command"].std()) > 0.0
 
 
-def test_an_estimator_is_replayed_too_and_sees_steps_of_an_air_flow_in_the_log():
-    second = np.arange(3600)
-    still = {"T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.where(second < 900, 15.0, 14.0)}
-    loop = fc.Loop(estimator="gradient", backlash_estimate=0.03, noise_std=0.1, sample_time=5.0)
-    day = fc.Boundary(m_a=np.where(second < 2400, 1.2, 0.9), **still)
+@pytest.mark.parametrize("rest", [{"estimator": "gradient", "backlash_estimate": 0.03}, {"estimator": "identify"}])
+def test_an_estimator_is_replayed_too_and_sees_steps_of_an_air_flow_in_the_log(rest):
+    day = fc.paper_day(hours=2, seed=1)
+    day = day.assign(m_a=day.series["m_a"][0] * np.where(np.arange(7200) % 2000 < 1200, 1.0, 0.8))
+    loop = fc.Loop.preset("lbnl").assign(backlash=0.1, noise_std=0.02, **rest)
     ds = fc.simulate(loop, day, traces=["T_measured", "estimate"], warm_up=0)
     assert float(ds["estimate"].std()) > 0.0
     log = recorded(ds, day)
