@@ -13,7 +13,7 @@ from fastcoil.reports.numbers import NOTHING, number
 from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.reports.pictures import picture
 from fastcoil.reports.study import cited
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
 
 if TYPE_CHECKING:
     from fastcoil.calibrate.result import Fit
