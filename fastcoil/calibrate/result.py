@@ -13,13 +13,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.arguments import path_of
 from fastcoil.calibrate.split import FITTING, VALIDATION
-from fastcoil.card import Told
-from fastcoil.errors import InputError
-from fastcoil.files import commit, read_bytes
-from fastcoil.look import is_folder
+from fastcoil.files import read_bytes
 from fastcoil.parameter_table import PARAMETERS
+from fastcoil.told import Told, as_toml
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -154,13 +151,7 @@ class Fit(Told):
         for name, row in zip(names, self.correlation.values, strict=True):
             cells = (f"{other} = {value:.4f}" for other, value in zip(names, row, strict=True))
             lines.append(f"{name} = {{ {', '.join(cells)} }}")
-        text = "\n".join(lines) + "\n"
-        if path is not None:
-            path = path_of("path", path)
-            if is_folder(path) or not is_folder(path.parent):
-                raise InputError(f"{path} cannot be written: give a file in a folder that exists")
-            commit(path, text.encode())
-        return text
+        return as_toml(lines, path)
 
 
 def is_fit(path: Path) -> bool:

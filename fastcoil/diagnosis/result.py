@@ -11,13 +11,9 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.arguments import path_of
-from fastcoil.card import Told
 from fastcoil.diagnosis.findings import Findings
 from fastcoil.diagnosis.words import in_words
-from fastcoil.errors import InputError
-from fastcoil.files import commit
-from fastcoil.look import is_folder
+from fastcoil.told import Told, as_toml
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,13 +68,7 @@ class Diagnosis(Told, Findings):
 
         ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
         """
-        text = "\n".join(_toml(self)) + "\n"
-        if path is not None:
-            path = path_of("path", path)
-            if is_folder(path) or not is_folder(path.parent):
-                raise InputError(f"{path} cannot be written: give a file in a folder that exists")
-            commit(path, text.encode())
-        return text
+        return as_toml(_toml(self), path)
 
 
 def _toml(d: Findings) -> list[str]:

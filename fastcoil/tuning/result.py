@@ -10,11 +10,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.arguments import path_of
-from fastcoil.card import Told
-from fastcoil.errors import InputError
-from fastcoil.files import commit
-from fastcoil.look import is_folder
+from fastcoil.told import Told, as_toml
 from fastcoil.tuning.measures import Limit, Measure
 from fastcoil.tuning.words import Findings, in_words, value_of
 
@@ -83,13 +79,7 @@ class Tuning(Told):
 
         ``[loop]`` has nothing where no tuning keeps the limits; ``[fit]`` is for readers.
         """
-        text = "\n".join(self._toml()) + "\n"
-        if path is not None:
-            path = path_of("path", path)
-            if is_folder(path) or not is_folder(path.parent):
-                raise InputError(f"{path} cannot be written: give a file in a folder that exists")
-            commit(path, text.encode())
-        return text
+        return as_toml(self._toml(), path)
 
     def _toml(self) -> list[str]:
         lines = ["# settings chosen by fastcoil tune", *(f"# {line}".rstrip() for line in self.summary())]
