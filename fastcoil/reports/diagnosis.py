@@ -11,11 +11,12 @@ from fastcoil.diagnosis.remedies import WORDS
 from fastcoil.diagnosis.words import in_words
 from fastcoil.plots.labels import quantity
 from fastcoil.reports.computed import here
-from fastcoil.reports.numbers import NOTHING, number, share
+from fastcoil.reports.numbers import number, share
 from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.reports.pictures import picture
 from fastcoil.reports.study import cited
 from fastcoil.simulation.content import content_sha256
+from fastcoil.tables.numbers import NONE
 
 if TYPE_CHECKING:
     from fastcoil.diagnosis.result import Diagnosis
@@ -62,7 +63,7 @@ def _predictions(d: Diagnosis) -> list[Block]:
         doubt = str(one["doubt"].values)
         cells = [f"{number(float(one['rmse']))} K", number(float(one["travel_per_day"])),
                  number(float(one["reversals_per_day"])), "yes" if float(one["hunts"]) > 0 else "no"]  # fmt: skip
-        rows.append([WORDS[str(case)], *([NOTHING] * 4 if doubt else cells), doubt])
+        rows.append([WORDS[str(case)], *([NONE] * 4 if doubt else cells), doubt])
     head = ["", "RMS error", "motor, strokes a day", "stem, turns a day", "hunts", "doubt"]
     if not any(row[-1] for row in rows):
         head, rows = head[:-1], [row[:-1] for row in rows]
@@ -76,7 +77,7 @@ def _indices(ds: xr.Dataset) -> Table:
         unit = str(value.attrs.get("units", "1"))
         shown, size = quantity(str(name)), float(value)
         if not np.isfinite(size):
-            text = NOTHING
+            text = NONE
         elif "backlash" in str(name) and unit == "1":
             text = share(size) if size >= 0.995 else f"{number(100 * size)} %"
         else:

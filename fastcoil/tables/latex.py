@@ -16,7 +16,8 @@ from fastcoil.files import commit
 from fastcoil.outputs import METRICS, STATUS_OK
 from fastcoil.plots.labels import quantity, quantity_of
 from fastcoil.plots.spread import BAND, FEWEST_FOR_A_BAND
-from fastcoil.tables.numbers import MINUS, NONE, written
+from fastcoil.tables.numbers import written
+from fastcoil.tables.tex import escaped
 from fastcoil.tables.tidy import check_metrics, facts_of
 
 STANDARD = ("rmse", "rmse_settled", "switch_frequency", "motor_travel")
@@ -28,12 +29,6 @@ _HEADER = 18
 """Letters of a line in the header."""
 _SHARES = ("hunts", "predicted_hunts")
 """0 or 1, so that the mean is a share."""
-_ESCAPED = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "_": r"\_", "%": r"\%",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"$<$", ">": r"$>$", "|": r"$|$",
-    MINUS: "$-$", NONE: "--", "∞": r"$\infty$", "°": r"$^{\circ}$", "³": "$^3$", "²": "$^2$", "×": r"$\times$",
-    "β": r"$\beta$", "\"": "''",
-}  # fmt: skip
 
 
 def write_latex(ds: xr.Dataset, path: Path, metrics: Sequence[str] = ()) -> None:
@@ -76,11 +71,6 @@ def latex_of(ds: xr.Dataset, metrics: Sequence[str] = ()) -> str:
         lines.append(" & ".join([*cells, *(column[k] for column in columns)]) + r" \\")
         before = row
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
-
-
-def escaped(text: str) -> str:
-    """Text that LaTeX shows as it is."""
-    return "".join(_ESCAPED.get(letter, letter) for letter in text)
 
 
 def _check_size(ds: xr.Dataset, shown: Sequence[str], metrics: Sequence[str]) -> None:
