@@ -9,7 +9,7 @@ from fastcoil.arguments import path_of
 from fastcoil.card import Section, card
 from fastcoil.errors import InputError
 from fastcoil.files import commit
-from fastcoil.look import is_folder
+from fastcoil.look import may_be_file
 
 
 class Told:
@@ -45,7 +45,7 @@ def as_toml(lines: Iterable[str], path: str | Path | None) -> str:
     text = "\n".join(lines) + "\n"
     if path is not None:
         path = path_of("path", path)
-        if is_folder(path) or not is_folder(path.parent):
+        if not may_be_file(path):
             raise InputError(f"{path} cannot be written: give a file in a folder that exists")
         commit(path, text.encode())
     return text
