@@ -19,6 +19,11 @@ FORMAT = 1
 """Of results on disk; a file of a later one is refused."""
 
 
+PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")
+"""Whose versions a result keeps."""
+ABSENT = "absent"
+
+
 def provenance() -> dict[str, Any]:
     """Attributes that say what made a result: versions and machine, no user and no path."""
     now, own = datetime.now(UTC).isoformat(timespec="seconds"), _own_version()
@@ -32,7 +37,7 @@ def provenance() -> dict[str, Any]:
         "date_created": now,
         "history": f"{now} made by fastcoil {own}",
         "python_version": platform.python_version(),
-        "package_versions": json.dumps(_package_versions()),
+        "package_versions": json.dumps(package_versions()),
         "platform": f"{sys.platform} {platform.machine()}",
         "computed_on": json.dumps([compiled_for()]),
     }
@@ -42,13 +47,14 @@ _own_version = cache(package_version)
 
 
 @cache
-def _package_versions() -> dict[str, str]:
+def package_versions() -> dict[str, str]:
+    """Versions of this installation by package."""
     packages = {}
-    for package in ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4"):
+    for package in PACKAGES:
         try:
             packages[package] = version(package)
         except PackageNotFoundError:  # the package runs without this one
-            packages[package] = "absent"
+            packages[package] = ABSENT
     return packages
 
 

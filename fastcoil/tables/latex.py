@@ -14,6 +14,7 @@ import xarray as xr
 from fastcoil.errors import InputError
 from fastcoil.files import commit
 from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.parameter_table import CHANCE_DIMS
 from fastcoil.plots.labels import quantity, quantity_of
 from fastcoil.plots.spread import BAND, FEWEST_FOR_A_BAND
 from fastcoil.tables.numbers import written
@@ -21,8 +22,6 @@ from fastcoil.tables.tex import escaped
 from fastcoil.tables.tidy import check_metrics, facts_of
 
 STANDARD = ("rmse", "rmse_settled", "switch_frequency", "motor_travel")
-POOLED = ("sample", "design", "day", "replicate")
-"""Dimensions of which a table shows the scatter."""
 _MOST_ROWS, _MOST_METRICS = 60, 6
 """Of a page."""
 _HEADER = 18
@@ -51,7 +50,7 @@ def latex_of(ds: xr.Dataset, metrics: Sequence[str] = ()) -> str:
     """The table as text; raises as ``write_latex``."""
     chosen = list(metrics) or [name for name in STANDARD if name in ds]
     check_metrics(ds, tuple(chosen))
-    shown = [str(d) for d in ds["status"].dims if d not in POOLED and ds.sizes[d] > 1]
+    shown = [str(d) for d in ds["status"].dims if d not in CHANCE_DIMS and ds.sizes[d] > 1]
     _check_size(ds, shown, chosen)
     pooled = [d for d in ds["status"].dims if d not in shown]
     columns = [_column(ds, name, shown, pooled) for name in chosen]
