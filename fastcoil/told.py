@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -49,3 +50,16 @@ def as_toml(lines: Iterable[str], path: str | Path | None) -> str:
             raise InputError(f"{path} cannot be written: give a file in a folder that exists")
         commit(path, text.encode())
     return text
+
+
+def in_toml(value: object) -> str:
+    """A text, a number, a truth, or a list of such, as TOML writes it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, (int, float)):
+        return repr(float(value)) if isinstance(value, float) else repr(value)
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(in_toml, value))}]"
+    raise TypeError(f"{type(value).__name__} in TOML")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.told import Told, as_toml
+from fastcoil.told import Told, as_toml, in_toml
 from fastcoil.tuning.measures import Limit, Measure
 from fastcoil.tuning.words import Findings, in_words, value_of
 
@@ -85,11 +84,11 @@ class Tuning(Told):
         lines = ["# settings chosen by fastcoil tune", *(f"# {line}".rstrip() for line in self.summary())]
         chosen = self.parameters if self.meets_limits else {}
         lines += ["", "[loop]", *(f"{name} = {value_of(name, value)}" for name, value in chosen.items())]
-        lines += ["", "[fit]", 'kind = "tuning"', f"objective = {json.dumps(self.objective.name)}"]
-        lines += [f"meets_limits = {'true' if self.meets_limits else 'false'}"]
-        lines += [f"notes = [{', '.join(json.dumps(note, ensure_ascii=False) for note in self.notes)}]"]
+        lines += ["", "[fit]", 'kind = "tuning"', f"objective = {in_toml(self.objective.name)}"]
+        lines += [f"meets_limits = {in_toml(self.meets_limits)}"]
+        lines += [f"notes = {in_toml(self.notes)}"]
         for name, ds in (("held_out", self.held_out), ("trained", self.trained)):
             chosen_there = ds.sel(tuning="chosen")
             lines += ["", f"[fit.{name}]"]
-            lines += [f"{variable} = {chosen_there[variable].values.tolist()!r}" for variable in ds.data_vars]
+            lines += [f"{variable} = {in_toml(chosen_there[variable].values.tolist())}" for variable in ds.data_vars]
         return lines
