@@ -36,6 +36,16 @@ def open_study(folder: str | Path) -> xr.Dataset:
     An unfinished study can be opened too: scenarios that are not finished yet have the status ``not_run``.  Traces of
     a finished one stay on the disk until they are asked for.  Metrics of an earlier version have their names of today.
 
+    Parameters
+    ----------
+    folder
+        What ``fastcoil run`` wrote, such as ``results/robustness``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Metrics and ``status`` over the dims of the study, and its traces.
+
     Raises
     ------
     InputError
