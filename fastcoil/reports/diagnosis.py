@@ -9,7 +9,7 @@ import xarray as xr
 
 from fastcoil.diagnosis.remedies import WORDS
 from fastcoil.diagnosis.words import in_words
-from fastcoil.plots.labels import quantity
+from fastcoil.plots.labels import quantity, unit_in_words
 from fastcoil.reports.computed import here
 from fastcoil.reports.numbers import number, share
 from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
@@ -21,7 +21,7 @@ from fastcoil.tables.numbers import NONE
 if TYPE_CHECKING:
     from fastcoil.diagnosis.result import Diagnosis
 
-_SPOKEN = {"d-1": "a day", "K-1": "1/K", "s-1": "1/s"}
+_SPOKEN = {"d-1": "a day"}
 _CAPTION = (
     "From the top: supply air (line) and its set-point (dashed) in the two hours in which the motor moves most; the "
     "command of the controller; the opening of the valve over the position of its motor as the model has it, where the "
@@ -81,7 +81,7 @@ def _indices(ds: xr.Dataset) -> Table:
         elif "backlash" in str(name) and unit == "1":
             text = share(size) if size >= 0.995 else f"{number(100 * size)} %"
         else:
-            text = f"{number(size)} {'' if unit == '1' else _SPOKEN.get(unit, unit)}".rstrip()
+            text = f"{number(size)} {_SPOKEN.get(unit) or unit_in_words(unit)}".rstrip()
         rows.append([str(value.attrs.get("long_name", shown.text)), text])
     return Table("Single numbers", ["index", "value"], rows, "A dash: it cannot be told from this log.")
 
