@@ -41,7 +41,7 @@ def compile_meanwhile() -> None:
         subprocess.Popen(
             [sys.executable, "-P", "-c", COMPILE], stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
         )
-        say("Meanwhile the kernels are compiled in the background, once per installation.", err=True)
+        say("Compiling the kernels in the background, once per installation.", err=True)
 
 
 def run_own_code(what: str, source: Source) -> object:
