@@ -1,10 +1,10 @@
-# `make study` runs the main study, `make paper` the paper's figures, `make test` the tests; all set up what they need
-# in .venv.
+# `make study` runs the main study, `make paper` the paper's figures, `make test` the tests, `make docs` the site; all set
+# up what they need in .venv.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: study paper test test-full lint clean
+.PHONY: study paper test test-full lint docs clean
 study: $(VENV)/.installed
 	$(BIN)/fastcoil run studies/robustness.toml -o results/robustness
 
@@ -23,6 +23,15 @@ lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# the site, build/docs/site/index.html, always from the beginning: its examples show what the program does now.  Every
+# warning is an error, and so is a link that leads nowhere
+DOCS := build/docs
+docs: $(VENV)/.installed-docs
+	rm -rf $(DOCS) && mkdir -p $(DOCS)/pages
+	$(BIN)/python -m sphinx -W --keep-going -q -c docs -d $(DOCS)/doctrees $(DOCS)/pages $(DOCS)/site
+	$(BIN)/python docs/builder/links.py $(DOCS)/site
+	@echo "Open $(DOCS)/site/index.html"
 
 # RESULTS.md of this machine; JAX joins if it is in .venv, C if there is a gcc
 BENCH = $(BIN)/python -m pytest benchmarks -q -p no:cacheprovider -o python_files='bench_*.py'
@@ -45,7 +54,7 @@ against: $(VENV)/.installed-test
 	$(BIN)/python benchmarks/against.py $(OTHER)
 
 clean:
-	rm -rf $(VENV) results
+	rm -rf $(VENV) results build
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -63,6 +72,10 @@ $(VENV)/.installed-test: $(VENV)/.installed
 
 $(VENV)/.installed-lint: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --group lint
+	@touch $@
+
+$(VENV)/.installed-docs: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --group docs
 	@touch $@
 
 # the oldest versions pyproject.toml allows, in an environment of their own

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -102,26 +101,6 @@ def card(kind: str, heading: str, lines: Sequence[str] = (), sections: Sequence[
     """HTML of a card: what the object is, a heading, lines below it, and what folds."""
     shown: dict[str, Any] = {"kind": kind, "heading": heading, "lines": lines, "sections": sections}
     return _template().render(**shown, width=f"{_CURVE[0]:g}", height=f"{_CURVE[1]:g}")
-
-
-class Told:
-    """A result that tells itself in lines, shown as these and in a notebook with its TOML."""
-
-    def summary(self) -> list[str]:
-        """The result in words, line by line."""
-        raise NotImplementedError
-
-    def to_toml(self, path: str | Path | None = None) -> str:
-        """The result as TOML, written to ``path`` if one is given."""
-        raise NotImplementedError
-
-    def __repr__(self) -> str:
-        return "\n".join([f"<fastcoil {type(self).__name__}>", *self.summary()])
-
-    def _repr_html_(self) -> str:
-        first, *others = self.summary()
-        toml = Section("for a study file", text=self.to_toml())
-        return card(f"fastcoil {type(self).__name__}", first, others, [toml])
 
 
 @cache

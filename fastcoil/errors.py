@@ -112,6 +112,12 @@ class IntegrityError(FastcoilError):
     exit_code = EXIT_INTEGRITY
 
 
+def missing_extra(what: str, packages: str, extra: str) -> InputError:
+    """The error for packages that are not installed: what needs them, and the extra of fastcoil that has them."""
+    some = "packages" if " and " in packages else "package"
+    return InputError(f"{what} needs the {some} {packages}: pip install 'fastcoil[{extra}]'")
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """A clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if none is similar."""
     by_folded = {k.casefold(): k for k in known}

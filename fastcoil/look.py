@@ -36,6 +36,11 @@ def is_file(path: Path) -> bool:
     return found is not None and stat.S_ISREG(found.st_mode)
 
 
+def may_be_file(path: Path) -> bool:
+    """Whether a file can have this name: the folder that it would be in exists, and no folder has the name."""
+    return not is_folder(path) and is_folder(path.absolute().parent)
+
+
 def _status(path: Path) -> os.stat_result | None:
     with storage_errors(path, "read"):
         try:

@@ -280,6 +280,8 @@ COUNTS = ("n_volumes", "substeps")
 INSTALLED_VALVE = ("rangeability", "authority", "m_full")
 
 RESERVED_DIMS = ("sample", "replicate", "day", "controller", "tuning", "volume", "elapsed_time")
+CHANCE_DIMS = ("sample", "design", "day", "replicate")
+"""Of a result: which valve, which day and which noise it met; what a table or figure shows is pooled over them."""
 
 
 def check_name(name: str, known: Mapping[str, Parameter] = PARAMETERS) -> str:

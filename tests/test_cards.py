@@ -11,9 +11,10 @@ import pytest
 import fastcoil as fc
 from fastcoil.calibrate.loop_result import LoopFit
 from fastcoil.calibrate.result import Fit
-from fastcoil.card import Section, Told, card
+from fastcoil.card import Section, card
 from fastcoil.diagnosis.result import Diagnosis
 from fastcoil.parameter_table import ESTIMATOR_GROUPS
+from fastcoil.told import Told
 from fastcoil.tuning.result import Tuning
 
 VOID = {"br", "hr", "img", "polyline"}

@@ -128,7 +128,7 @@ def compare(
     labels = {d: ds[d] for d in ds.dims if d in kept}
     found = Comparison(results, coords={**labels, "statistic": list(asked)})
     found.attrs = {
-        "baseline": str({dim: plain(label) for dim, label in baseline.items()}),
+        "baseline": words,
         "over": ", ".join(over),
         "level": level,
     }

@@ -14,7 +14,7 @@ from fastcoil.arguments import plain
 from fastcoil.errors import InputError
 from fastcoil.outputs import METRICS, PREDICTIONS
 from fastcoil.plots.labels import Quantity, quantity, quantity_of, quantity_of_values
-from fastcoil.tables.numbers import NONE, decimals_of, written
+from fastcoil.tables.numbers import NONE, decimals_of, percent, written
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,17 +82,17 @@ class Comparison(xr.Dataset):  # type: ignore[no-untyped-call]
     def _row(self, metric: str, found: dict[str, float]) -> dict[str, str]:
         """The cells of a row from all statistics."""
         of, n = _quantity(self[metric]), int(found["n_pairs"])
-        percent = f"{self.attrs['level']:.3g}".removeprefix("0.").ljust(2, "0")
+        level = f"{self.attrs['level']:.3g}".removeprefix("0.").ljust(2, "0")
         row = {
             "baseline": _value(of, metric, found["baseline"]),
             "value": _value(of, metric, found["value"]),
-            f"difference ({percent} %)": self._difference(of, found),
-            "lower in": _share(found["share_lower"]),
+            f"difference ({level} %)": self._difference(of, found),
+            "lower in": percent(found["share_lower"]),
         }
         if "threshold" in self.attrs:
             for side, word in (("below", "lower"), ("above", "higher")):
                 edges = [found[f"share_{side}{edge}"] for edge in ("", "_low", "_high")]
-                row[f"{word}{self._by(of)} in ({percent} %)"] = _share(*edges)
+                row[f"{word}{self._by(of)} in ({level} %)"] = percent(*edges)
         return row | {"pairs": f"{n:,}", "never": str(int(found["n_censored"]))}
 
     def _by(self, of: Quantity) -> str:
@@ -124,13 +124,6 @@ def _value(of: Quantity, metric: str, value: float) -> str:
     if np.isinf(value) and metric in METRICS and METRICS[metric].censored:
         return "never"
     return written(of.factor * value)
-
-
-def _share(value: float, low: float = np.nan, high: float = np.nan) -> str:
-    value, low, high = (100.0 * each for each in (value, low, high))
-    if np.isnan(value):
-        return NONE
-    return f"{value:.0f} %" if np.isnan(low) else f"{value:.0f} % ({low:.0f} to {high:.0f})"
 
 
 def _label(ds: xr.Dataset, dim: str, label: Any) -> str:

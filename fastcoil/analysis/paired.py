@@ -75,9 +75,8 @@ def statistics_of(
     names = STATISTICS
     if threshold is not None:
         names += OF_THRESHOLD
-        below, above = (
-            (sign * difference > 0.0) & (sign * difference >= threshold) for sign in (-1, 1)
-        )  # at a threshold of 0 an equal value is neither
+        # at a threshold of 0 an equal value is neither
+        below, above = ((sign * difference > 0.0) & (sign * difference >= threshold) for sign in (-1, 1))
         for side, holds in (("below", below), ("above", above)):
             edges = _share(np.where(pair, holds, False).reshape(shape), pair.reshape(shape), units, level)
             found |= zip((f"share_{side}", f"share_{side}_low", f"share_{side}_high"), edges, strict=True)

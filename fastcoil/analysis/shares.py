@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.tables.numbers import percent
+
 Z = 1.96
 CROSSED = ("sample", "day")
 """Every valve meets every day."""
@@ -24,8 +26,7 @@ class Share(NamedTuple):
 
     def written(self, decimals: int) -> str:
         """In per cent."""
-        value, low, high = (f"{100 * x:.{decimals}f}" for x in self)
-        return f"{value} % ({low} to {high})"
+        return percent(*self, decimals=decimals)
 
 
 def share_of(holds: xr.DataArray, among: xr.DataArray | None = None) -> Share:

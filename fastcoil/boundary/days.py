@@ -123,8 +123,17 @@ def constant_day(
 ) -> Boundary:
     """A day on which nothing happens; the defaults are the centre of `paper_day`.
 
-    The humidity is ``W_a_in`` [kg/kg] or ``relative_humidity`` at ``pressure`` [Pa], else 0.56.
-    ``m_a`` [kg/s], ``W_a_in``, ``T_w_in`` and ``T_set`` [degC] may also be series of 1-s samples.
+    Parameters
+    ----------
+    hours
+        Length [h].
+    m_a, T_w_in, T_set
+        Air flow [kg/s], entering water [degC] and set-point [degC]: numbers or series of 1-s samples.
+    T_a_in
+        Temperature of the entering air [degC].
+    W_a_in, relative_humidity, pressure
+        Its humidity ratio [kg/kg], a number or a series, or its relative humidity at a barometric pressure [Pa];
+        without both the relative humidity is 0.56.
     """
     with checking() as check:
         n_steps = check(whole_seconds, hours)

@@ -22,8 +22,9 @@ from fastcoil.logs.timestamps import time_format_of
 from fastcoil.memory import available_memory, gib
 from fastcoil.outputs import TRACES
 from fastcoil.simulation.clashes import controller_clashes, missing_parameters
-from fastcoil.simulation.dataset import attributes, coordinate_attrs, provenance
+from fastcoil.simulation.dataset import attributes, coordinate_attrs
 from fastcoil.simulation.loop import Loop, words_used
+from fastcoil.simulation.provenance import provenance
 from fastcoil.simulation.scenarios import columns_of
 
 _NEEDED = ("T_sup", "T_set")

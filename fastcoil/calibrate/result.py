@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,13 +12,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.arguments import path_of
 from fastcoil.calibrate.split import FITTING, VALIDATION
-from fastcoil.card import Told
-from fastcoil.errors import InputError
-from fastcoil.files import commit, read_bytes
-from fastcoil.look import is_folder
+from fastcoil.files import read_bytes
 from fastcoil.parameter_table import PARAMETERS
+from fastcoil.told import Told, as_toml, in_toml
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,27 +136,21 @@ class Fit(Told):
         lines = [f"# {self.kind} fitted to {self.source} by fastcoil"]
         lines += [f"# {line}" for line in self.summary()[1:]]
         lines += ["", "[loop]"] + [f"{name} = {value!r}" for name, value in self.parameters.items()]
-        lines += ["", "[fit]", f"kind = {_text(self.kind)}", f"source = {_text(self.source)}"]
+        lines += ["", "[fit]", f"kind = {in_toml(self.kind)}", f"source = {in_toml(self.source)}"]
         lines += [f"samples = {self.n_used}", f"effective_samples = {self.n_effective:.1f}"]
-        lines += [f"held = {_list(f'{name}: {why}' for name, why in self.held.items())}"]
-        lines += [f"notes = {_list(self.notes)}", "", f"[fit.rmse]  # {self.unit}"]
-        lines += [f"{name} = {_number(value)}" for name, value in self.rmse.items()]
+        lines += [f"held = {in_toml([f'{name}: {why}' for name, why in self.held.items()])}"]
+        lines += [f"notes = {in_toml(list(self.notes))}", "", f"[fit.rmse]  # {self.unit}"]
+        lines += [f"{name} = {in_toml(value)}" for name, value in self.rmse.items()]
         lines += ["", "[fit.standard_error]"]
-        lines += [f"{name} = {_number(value)}" for name, value in self.standard_errors.items()]
+        lines += [f"{name} = {in_toml(value)}" for name, value in self.standard_errors.items()]
         lines += ["", "[fit.interval_95]"]
-        lines += [f"{name} = [{_number(low)}, {_number(high)}]" for name, (low, high) in self.intervals.items()]
+        lines += [f"{name} = {in_toml([low, high])}" for name, (low, high) in self.intervals.items()]
         lines += ["", "[fit.correlation]"]
         names = [str(name) for name in self.covariance["parameter"].values]
         for name, row in zip(names, self.correlation.values, strict=True):
             cells = (f"{other} = {value:.4f}" for other, value in zip(names, row, strict=True))
             lines.append(f"{name} = {{ {', '.join(cells)} }}")
-        text = "\n".join(lines) + "\n"
-        if path is not None:
-            path = path_of("path", path)
-            if is_folder(path) or not is_folder(path.parent):
-                raise InputError(f"{path} cannot be written: give a file in a folder that exists")
-            commit(path, text.encode())
-        return text
+        return as_toml(lines, path)
 
 
 def is_fit(path: Path) -> bool:
@@ -169,18 +159,6 @@ def is_fit(path: Path) -> bool:
         return b" fitted to " in read_bytes(path, _LARGEST).partition(b"\n")[0]
     except (OSError, ValueError):
         return False
-
-
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
-
-
-def _list(texts: object) -> str:
-    return "[" + ", ".join(map(_text, texts)) + "]"  # type: ignore[call-overload]
-
-
-def _number(value: float) -> str:
-    return repr(float(value)) if math.isfinite(value) else ("nan" if math.isnan(value) else "inf")
 
 
 def labelled(covariance: Array, names: list[str]) -> xr.DataArray:

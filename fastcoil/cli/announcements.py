@@ -22,7 +22,7 @@ def announce_compilation(kernel: str = "emulate") -> None:
     from fastcoil.numerics.jit import is_compiled
 
     if not is_compiled(kernel):
-        say("Compiling the kernels, once per installation: about 10 s …", err=True)
+        say("Compiling the kernels, once per installation: about 20 s …", err=True)
 
 
 COMPILE = "import os, fastcoil as fc; os.nice(10); fc.simulate(fc.Loop(), fc.paper_day(hours=1), n_jobs=1)"
@@ -31,7 +31,9 @@ COMPILE = "import os, fastcoil as fc; os.nice(10); fc.simulate(fc.Loop(), fc.pap
 
 def compile_meanwhile() -> None:
     """Compile the kernels while the user edits a first study, in a process that outlives this command."""
-    if click.get_current_context().obj != OWN_PROCESS:
+    from fastcoil.numerics.jit import is_compiled
+
+    if click.get_current_context().obj != OWN_PROCESS or is_compiled("emulate"):
         return
     quiet = subprocess.DEVNULL
     with contextlib.suppress(OSError):  # the first run then compiles them
@@ -39,7 +41,7 @@ def compile_meanwhile() -> None:
         subprocess.Popen(
             [sys.executable, "-P", "-c", COMPILE], stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
         )
-        say("Meanwhile the kernels are compiled in the background, once per installation.", err=True)
+        say("Compiling the kernels in the background, once per installation.", err=True)
 
 
 def run_own_code(what: str, source: Source) -> object:

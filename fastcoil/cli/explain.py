@@ -14,7 +14,7 @@ from fastcoil.cli.paths import PATH
 from fastcoil.cli.report import with_report, write_report
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError, shown
-from fastcoil.look import is_folder
+from fastcoil.look import may_be_file
 
 
 @click.command()
@@ -67,6 +67,6 @@ def _form_of(out: Path | None) -> str:
     if out is None:
         return FORMATS[0]
     form = out.suffix.removeprefix(".")
-    if form not in FORMATS or is_folder(out) or not is_folder(out.absolute().parent):
+    if form not in FORMATS or not may_be_file(out):
         raise InputError(f"-o {out}: give a file NAME.png, NAME.pdf or NAME.svg in a folder that exists")
     return form

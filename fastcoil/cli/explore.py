@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import sys
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError
+from fastcoil.errors import missing_extra
 
 PORT = 5010
 
@@ -38,7 +39,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
       fastcoil explore results/study --at backlash=0.07 --at day=3
     """  # noqa: D301 — click reads the backspace
     if importlib.util.find_spec("bokeh") is None:
-        raise InputError("explore needs bokeh, which is not installed: pip install 'fastcoil[explore]'")
+        raise missing_extra("explore", "bokeh", "explore")
     from fastcoil.explore.model.model import Model
     from fastcoil.explore.server import serve
     from fastcoil.simulation.presets import PRESETS
@@ -60,8 +61,6 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
 
 def _open(address: str) -> None:
     """Open the page, if there is a browser that shows it."""
-    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or os.name == "nt" or hasattr(os, "startfile"):
-        webbrowser.open(address)
-        return
-    if os.uname().sysname == "Darwin":
+    has_screen = sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if has_screen:
         webbrowser.open(address)

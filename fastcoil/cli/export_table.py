@@ -10,7 +10,7 @@ from fastcoil.arguments import checking
 from fastcoil.cli.labels import all_labels_of
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
-from fastcoil.look import is_folder
+from fastcoil.look import is_folder, may_be_file
 from fastcoil.outputs import STATUS_NOT_RUN
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def _target(path: Path, format: str, out: Path | None) -> Path:
     if out is None or is_folder(out):
         name = path.resolve().name
         return (out or Path()) / ((name.removesuffix(".nc") or "results") + suffix)
-    if out.suffix.lower() != suffix or not is_folder(out.absolute().parent):
+    if out.suffix.lower() != suffix or not may_be_file(out):
         raise InputError(f"-o {out}: give a file NAME{suffix} in a folder that exists, or such a folder")
     return out
 

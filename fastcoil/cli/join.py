@@ -12,7 +12,7 @@ from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
 from fastcoil.files import commit
-from fastcoil.look import exists, is_folder
+from fastcoil.look import exists, may_be_file
 
 
 @click.command()
@@ -71,7 +71,7 @@ def join(
 
 def _require_new(out: Path) -> None:
     """Refuse a path that cannot be written, or that holds anything."""
-    if is_folder(out) or not is_folder(out.absolute().parent) or out.suffix != ".csv":
+    if out.suffix != ".csv" or not may_be_file(out):
         raise InputError(f"-o {out}: give a file NAME.csv in a folder that exists")
     if exists(out):
         raise InputError(f"-o {out}: this file exists, choose another name or delete it")

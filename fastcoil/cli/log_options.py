@@ -9,7 +9,7 @@ import click
 
 from fastcoil.cli.paths import PATH
 from fastcoil.errors import InputError
-from fastcoil.look import exists, is_file, is_folder
+from fastcoil.look import exists, is_file, is_folder, may_be_file
 
 
 def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -55,7 +55,7 @@ def require_writable(out: Path) -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier fit."""
     from fastcoil.calibrate.result import is_fit
 
-    if is_folder(out) or not is_folder(out.absolute().parent) or out.suffix != ".toml":
+    if out.suffix != ".toml" or not may_be_file(out):
         raise InputError(f"-o {out}: give a file NAME.toml in a folder that exists")
     if exists(out) and not is_fit(out):
         raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +9,9 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.arguments import path_of
-from fastcoil.card import Told
 from fastcoil.diagnosis.findings import Findings
 from fastcoil.diagnosis.words import in_words
-from fastcoil.errors import InputError
-from fastcoil.files import commit
-from fastcoil.look import is_folder
+from fastcoil.told import Told, as_toml, in_toml
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,41 +66,27 @@ class Diagnosis(Told, Findings):
 
         ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
         """
-        text = "\n".join(_toml(self)) + "\n"
-        if path is not None:
-            path = path_of("path", path)
-            if is_folder(path) or not is_folder(path.parent):
-                raise InputError(f"{path} cannot be written: give a file in a folder that exists")
-            commit(path, text.encode())
-        return text
+        return as_toml(_toml(self), path)
 
 
 def _toml(d: Findings) -> list[str]:
     lines = [f"# backlash fitted to {d.source} by fastcoil diagnose"]
     lines += [f"# {line}" for line in in_words(d)[1:]]
     lines += ["", "[loop]"] + ([f"backlash = {d.backlash!r}"] if d.identified else [])
-    lines += ["", "[fit]", 'kind = "diagnosis"', f"source = {_text(d.source)}"]
-    lines += [f"identified = {'true' if d.identified else 'false'}", f"reason = {_text(d.reason)}"]
-    lines += [f"cause = {_text(d.cause)}", f"because = {_text(d.because)}"]
-    lines += [f"notes = [{', '.join(map(_text, d.notes))}]"]
+    lines += ["", "[fit]", 'kind = "diagnosis"', f"source = {in_toml(d.source)}"]
+    lines += [f"identified = {in_toml(d.identified)}", f"reason = {in_toml(d.reason)}"]
+    lines += [f"cause = {in_toml(d.cause)}", f"because = {in_toml(d.because)}"]
+    lines += [f"notes = {in_toml(list(d.notes))}"]
     low, high = d.interval
-    lines += ["", "[fit.interval_95]", f"backlash = [{low!r}, {high!r}]"]
-    lines += ["", "[fit.indices]"] + [f"{name} = {_number(float(value))}" for name, value in d.indices.items()]
+    lines += ["", "[fit.interval_95]", f"backlash = {in_toml([low, high])}"]
+    lines += ["", "[fit.indices]"] + [f"{name} = {in_toml(float(value))}" for name, value in d.indices.items()]
     if d.predictions is not None:
         for case in d.predictions["case"].values:
             one = d.predictions.sel(case=case)
-            lines += ["", f"[fit.predictions.{case}]", f"doubt = {_text(str(one['doubt'].values))}"]
+            lines += ["", f"[fit.predictions.{case}]", f"doubt = {in_toml(str(one['doubt'].values))}"]
             numbers = one.drop_vars("doubt").data_vars.items()
-            lines += [f"{name} = {_number(float(value))}" for name, value in numbers]
+            lines += [f"{name} = {in_toml(float(value))}" for name, value in numbers]
     return lines
-
-
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
-
-
-def _number(value: float) -> str:
-    return repr(value) if math.isfinite(value) else ("nan" if math.isnan(value) else "inf")
 
 
 def scalars(values: Mapping[str, tuple[float, str, str]]) -> xr.Dataset:

@@ -27,6 +27,7 @@ from fastcoil.engine.plant import (
     dry_from,
     enter,
     extremes,
+    highest_pressure,
     march_air,
     march_water,
     shared_air_side,
@@ -98,7 +99,7 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
     eps = np.empty((2, n_steps if shared else 0))
     shared_air_side(S, day.series[:, C.m_a], eps)
     coldest, dampest = extremes(V, n_volumes)
-    highest_pressure = S[R.pressure : R.pressure + LANES].max()
+    pressure = highest_pressure(S)
     T_dry, dampest_known = 15.0, np.nan
     damp = np.ones(n_volumes + 1, np.bool_)
     m_a_known, scale_known = np.nan, np.nan
@@ -164,7 +165,7 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
         coldest = min(coldest, T_a_in, T_w_in)
         dampest = max(dampest, W_a_in, day.series[min(t + 1, n_steps - 1), C.W_a_in])  # damp is for the next march
         if dampest != dampest_known:
-            T_dry = dry_from(T_dry, dampest, highest_pressure)
+            T_dry = dry_from(T_dry, dampest, pressure)
             dampest_known = dampest
         if traced:
             damp[:] = True  # who counts wet volumes wants saturation everywhere

@@ -119,6 +119,15 @@ def extremes(V, n_volumes):
     return coldest, dampest
 
 
+@section
+def highest_pressure(S):
+    """Of the lanes of a block, Pa."""
+    highest = S[R.pressure]
+    for j in range(1, LANES):  # the method of arrays would load numba's linear algebra with the kernel
+        highest = max(highest, S[R.pressure + j])
+    return highest
+
+
 @scalar
 def dry_from(T, W, pressure):
     """A temperature, °C, from which up no air as damp as W condenses on metal: the one from before, moved as needed.

@@ -16,7 +16,7 @@ from fastcoil.handover.source import Laws
 from fastcoil.handover.st import InST, st_number
 from fastcoil.handover.template import laws_of, templates
 from fastcoil.handover.vectors import Vectors, vectors_of
-from fastcoil.look import exists, is_folder
+from fastcoil.look import exists, may_be_file
 from fastcoil.simulation.loop import Loop
 from fastcoil.version import package_version
 
@@ -78,7 +78,7 @@ def language_of(language: object) -> str:
 
 def _require_file(path: Path, language: str) -> None:
     suffix = SUFFIXES[language]
-    if path.suffix != suffix or is_folder(path) or not is_folder(path.absolute().parent):
+    if path.suffix != suffix or not may_be_file(path):
         raise InputError(f"path = {path}: give a file NAME{suffix} in a folder that exists, or another language")
     if not _name_of(path):
         raise InputError(f"path = {path}: give it a name of letters a to z, which the code's own names begin with")

@@ -11,12 +11,14 @@ import jinja2
 
 from fastcoil.handover.settings import Settings
 from fastcoil.parameter_table import PARAMETERS
+from fastcoil.plots.labels import unit_in_words
 from fastcoil.version import package_version
 
 LAWS = Path(__file__).parent / "laws"
 WIDTH = 100
 """Characters of a line of code."""
-_UNITS = {"K-1": "1/K", "K-1 s-1": "1/(K s)", "s-1": "1/s", "1": "", "": ""}
+_COMPOUND = {"K-1 s-1": "1/(K s)"}
+"""Units that figures leave as they are."""
 
 
 @cache
@@ -68,7 +70,8 @@ def words_of(settings: Settings) -> str:
 
 def _constant(name: str, value: float) -> str:
     """A parameter as a constant, with its unit and meaning."""
-    unit = _UNITS.get(PARAMETERS[name].unit, PARAMETERS[name].unit)
+    unit = PARAMETERS[name].unit
+    unit = _COMPOUND.get(unit) or unit_in_words(unit)
     meaning = f"{unit}: {PARAMETERS[name].text}" if unit else PARAMETERS[name].text
     line = f"{name.upper()} = {number(value)}"
     if max(len(line), 33) + len(meaning) < WIDTH - 18:

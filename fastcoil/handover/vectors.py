@@ -102,7 +102,7 @@ def _simulated(loop: Loop, settings: Settings, *, disturbed: bool = False) -> di
         enabled[(second // sample_time >= 3900 // sample_time) & (second // sample_time < 4500 // sample_time)] = 0.0
         day = day.assign(m_a=day.series["m_a"][0] * np.where(second % 3000 < 2400, 1.0, 0.8), enabled=enabled)
     traces = ["T_measured", *OUTPUTS.values()]
-    ds = simulate(loop, day, traces=traces, trace_interval=sample_time, warm_up=0, n_jobs=1)
+    ds = simulate(loop, day, traces=traces, trace_interval=sample_time, warm_up=0, n_jobs=1, progress=False)
     series = {name: np.asarray(day.series[name][0])[::sample_time] for name in ("T_set", "m_a")}
     T_sup = ds["T_measured"].values
     rows = _rows(ds, {"T_sup": T_sup, **series, "enabled": enabled[::sample_time]})

@@ -17,9 +17,9 @@ from fastcoil.boundary.days import constant_day, paper_day
 from fastcoil.paper.kinds import KINDS, Days
 from fastcoil.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, buffers, percent, rehashed
 from fastcoil.physics.valve import water_flow
-from fastcoil.simulation.dataset import provenance
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.presets import COOLING
+from fastcoil.simulation.provenance import provenance
 from fastcoil.simulation.simulate import simulate
 from fastcoil.simulation.stability import stable
 

@@ -14,7 +14,7 @@ import xarray as xr
 
 from fastcoil.boundary.days import constant_day, paper_day
 from fastcoil.parameter_table import PARAMETERS
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.simulate import simulate
 

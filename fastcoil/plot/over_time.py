@@ -88,10 +88,9 @@ def _names(ds: xr.Dataset, show: Any) -> list[str]:
     if show is None:
         usual = [n for n in _USUAL if n in there and (n != "estimate" or bool((ds[n] > 0.0).any()))]
         if any(size > 1 for dim, size in ds[there[0]].sizes.items() if dim != "elapsed_time"):
+            # of several scenarios the last of them is enough: the opening, if it is there
             valve = [n for n in usual if n in _VALVE]
-            usual = [
-                n for n in usual if n not in valve[:-1]
-            ]  # of several scenarios the last: the opening, if it is there
+            usual = [n for n in usual if n not in valve[:-1]]
         return usual or there
     names = names_of("show", show)
     problems = [

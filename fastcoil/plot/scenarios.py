@@ -14,7 +14,7 @@ from fastcoil.arguments import instance_of
 from fastcoil.errors import InputError, WrongType, shown
 from fastcoil.outputs import TRACES
 from fastcoil.parameter_table import PARAMETERS
-from fastcoil.plots.labels import is_parameter, quantity_of
+from fastcoil.plots.labels import is_parameter, label_in_words, quantity_of
 from fastcoil.plots.style import COLOURS
 
 _CURE = "give a Dataset of fastcoil.simulate with traces, or one of them such as ds.T_sup"
@@ -76,15 +76,12 @@ def scenarios_of(ds: xr.Dataset, names: Collection[str]) -> list[Scenario]:
 
 
 def _words(ds: xr.Dataset, dim: str, k: int) -> str:
-    """One label of a dim: that of a parameter with its unit; of numbered ones the parameters that go along with it."""
-    labels = ds[dim] if dim in ds.coords else None
-    if labels is not None and is_parameter(ds, dim):
-        return _value(ds, dim, labels.values[k])
+    """One label of a dim; of a dim that only numbers scenarios, the parameters that go along with it."""
     along = [str(n) for n in ds.coords if n != dim and ds[n].dims == (dim,) and is_parameter(ds, n)]
-    if labels is None or labels.dtype.kind in "iu" and along and dim not in ("day", "replicate"):
-        return ", ".join(_value(ds, n, ds[n].values[k]) for n in along) or f"{dim} {k}"
-    value = labels.values[k]
-    return str(value) if isinstance(value, str) else f"{dim} {value}"
+    numbered = dim not in ds.coords or (ds[dim].dtype.kind in "iu" and dim not in ("day", "replicate"))
+    if numbered and along and not is_parameter(ds, dim):
+        return ", ".join(_value(ds, n, ds[n].values[k]) for n in along)
+    return label_in_words(ds, dim, k)
 
 
 def _value(ds: xr.Dataset, name: str, value: Any) -> str:

@@ -13,7 +13,7 @@ from fastcoil.arrays import Array
 from fastcoil.errors import InputError, WrongType, nearest, shown
 from fastcoil.outputs import METRICS, metric_meant
 from fastcoil.plot.place import in_style, one_place, width_of
-from fastcoil.plots.labels import Quantity, is_parameter, quantity_of, quantity_of_values
+from fastcoil.plots.labels import Quantity, label_in_words, quantity_of, quantity_of_values
 from fastcoil.plots.panels import (
     draw_map,
     exact_in_words,
@@ -133,7 +133,7 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
         draw_curve(axes, along, scaled, color=BLUE)
     else:
         for k, index in enumerate(picked(values.sizes[by])):
-            words = _words(values, by, index)
+            words = label_in_words(values, by, index)
             draw_curve(axes, along, scaled.isel({by: index}), label=words, color=COLOURS[k], ls=LINE_STYLES[k])
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
     label(axes, of_x.axis, shown_as.axis, width)
@@ -153,15 +153,6 @@ def _grouped(data: Any, *axes: Any) -> Any:
         return data
     names = [name for name in drawn_parameters(data) if name in [a for a in axes if isinstance(a, str)]]
     return binned(data, names) if names else data
-
-
-def _words(values: xr.DataArray, dim: str, k: int) -> str:
-    if dim not in values.coords:
-        return f"{dim} {k}"
-    one = values[dim].values[k]
-    if isinstance(one, str) or not is_parameter(values, dim):
-        return str(one) if isinstance(one, str) else f"{dim} {one}"
-    return quantity_of(values, dim).equals(float(one))
 
 
 def _values_of(data: Any, metric: Any) -> _Values:

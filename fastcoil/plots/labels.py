@@ -90,6 +90,16 @@ def quantity_of(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
     return Quantity(str(attrs.get("long_name", dim)), _UNITS.get(unit, unit), 1.0, str(attrs["comment"]))
 
 
+def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:
+    """A label along a dimension: a name as it is, a parameter as ``backlash = 7 %``, any other as ``day 3``."""
+    if dim not in ds.coords:
+        return f"{dim} {k}"
+    value = ds[dim].values[k]
+    if isinstance(value, str):
+        return str(value)
+    return quantity_of(ds, dim).equals(float(value)) if is_parameter(ds, dim) else f"{dim} {value}"
+
+
 def quantity_of_values(values: xr.DataArray) -> Quantity:
     """How values are shown: those of our tables as usual, others by their own name, ``long_name`` and ``units``.
 

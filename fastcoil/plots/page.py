@@ -9,6 +9,7 @@ import xarray as xr
 
 from fastcoil.arguments import number_of
 from fastcoil.errors import InputError, nearest, shown
+from fastcoil.parameter_table import CHANCE_DIMS
 from fastcoil.plots.labels import is_parameter, quantity_of
 from fastcoil.plots.panels import picked
 
@@ -30,7 +31,6 @@ _CONTROL = {
     "law": "pi",
 }
 """What a plain PI has: it assumes no backlash, and learns none."""
-_SCATTER = ("sample", "design", "day", "replicate")
 
 
 class Page(NamedTuple):
@@ -116,7 +116,7 @@ def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
 
 def control_dims(ds: xr.Dataset) -> list[str]:
     """Dimensions along which a plain PI is one of several controllers: a median over them would be of unlike things."""
-    dims = [str(d) for d in ds["status"].dims if ds.sizes[d] > 1 and d not in _SCATTER]
+    dims = [str(d) for d in ds["status"].dims if ds.sizes[d] > 1 and d not in CHANCE_DIMS]
     return [d for d in dims if d == "controller" or _has_plain_pi(ds, d)]
 
 

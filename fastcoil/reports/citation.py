@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fastcoil.tables.tex import escaped
 from fastcoil.version import package_version
 
 TITLE = "fastcoil: closed-loop emulation of HVAC coil valves with backlash"
@@ -20,9 +21,6 @@ PAPER: Mapping[str, str] = {
     "url": "https://docs.lib.purdue.edu/iracc/1801",
 }
 """CITATION.cff has the same; a test compares them."""
-_UNSAFE = str.maketrans({"\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "%": r"\%", "#": r"\#", "&": r"\&",
-                         "$": r"\$", "_": r"\_", "~": r"\~{}", "^": r"\^{}"})  # fmt: skip
-"""What TeX would take for itself in a title of the user's."""
 
 
 def citation(results: Mapping[str, Any] | None = None) -> list[str]:
@@ -57,7 +55,7 @@ def bibtex(results: Mapping[str, Any] | None = None) -> list[str]:
         ),
     ]  # fmt: skip
     if results is not None:
-        title = " ".join(str(results["title"]).split()).translate(_UNSAFE)
+        title = escaped(" ".join(str(results["title"]).split()))
         entries.append(
             _entry(
                 "misc", f"results{results['content_sha256'][:8]}",

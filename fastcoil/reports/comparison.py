@@ -8,14 +8,15 @@ instead.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
 import xarray as xr
 
 from fastcoil.analysis.baselines import without_dead_band
 from fastcoil.analysis.pairs import Middle, middle_of
-from fastcoil.outputs import STATUS_OK
+from fastcoil.outputs import STATUS_MEANINGS, STATUS_OK
 from fastcoil.plots.labels import is_parameter, quantity_of
 from fastcoil.reports.numbers import change, left_out, number, picked, share, span
 from fastcoil.reports.page import Table
@@ -30,7 +31,7 @@ _HEADS = {
     "switch_frequency": "mode switches per 10 min",
 }
 _SHOWN = ("rmse", *_HEADS)
-_MOST_NAMES = 40
+_MOST_NAMES, _MOST_FAILED = 40, 10
 
 
 class _Baseline(NamedTuple):
@@ -54,20 +55,17 @@ def comparisons(ds: xr.Dataset) -> list[Comparison]:
     ds = ds[[name for name in (*_SHOWN, "status") if name in ds]].where(ds["status"] == STATUS_OK).drop_vars("status")
     found, dims = [], [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
     ratio = next((d for d in _RATIOS if d in dims and bool((ds[d] == 0.0).any())), None)
+    plain, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), " with the plain PI")
     for dim in dims:
         if dim == ratio:
             seen = without_dead_band(ds.where(ds["backlash"] > 0.0) if "backlash" in ds.coords else ds)
             found.append(_against(seen, _Baseline(dim, _zero(ds, dim), "the plain PI of the same loop")))
         elif dim == "backlash" and bool((ds[dim] == 0.0).any()):
-            seen = ds if ratio is None else ds.sel({ratio: 0.0}, drop=True)
-            only = "" if ratio is None else " with the plain PI"
-            found.append(_against(seen, _Baseline(dim, _zero(ds, dim), "the sound valve", only)))
+            found.append(_against(plain, _Baseline(dim, _zero(ds, dim), "the sound valve", only)))
         elif ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _MOST_NAMES:
-            seen, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), " with the plain PI")
-            found.append(_against(seen, _Baseline(dim, 0, f"{ds[dim].values[0]}, the first", only)))
+            found.append(_against(plain, _Baseline(dim, 0, f"{ds[dim].values[0]}, the first", only)))
         elif is_parameter(ds, dim):
-            seen, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), " with the plain PI")
-            found.append(Comparison(_along(seen, dim, only)))
+            found.append(Comparison(_along(plain, dim, only)))
     return found
 
 
@@ -168,18 +166,16 @@ def _label(ds: xr.Dataset, dim: str, k: int) -> str:
     return str(value) if isinstance(value, str) else quantity_of(ds, dim).number(float(value))
 
 
-def failures(ds: xr.Dataset, meanings: Sequence[str], most: int = 10) -> Table | None:
+def failures(ds: xr.Dataset) -> Table | None:
     """The scenarios that failed, the first of them by their labels; None if there is none."""
-    import numpy as np
-
     status = ds["status"]
     failed = np.argwhere(status.values != STATUS_OK)
     if not len(failed):
         return None
     dims = [str(d) for d in status.dims]
     rows = []
-    for place in failed[:most]:
+    for place in failed[:_MOST_FAILED]:
         labels = [_label(ds, d, k) if d in ds.coords else str(k) for d, k in zip(dims, place, strict=True)]
-        rows.append([*labels, meanings[int(status.values[tuple(place)])]])
+        rows.append([*labels, STATUS_MEANINGS[int(status.values[tuple(place)])]])
     note = f"{len(rows)} of {len(failed):,} are shown." if len(rows) < len(failed) else ""
     return Table("Scenarios that failed", [*dims, "status"], rows, note)

@@ -6,7 +6,6 @@ import json
 import platform
 import re
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import xarray as xr
@@ -16,12 +15,12 @@ from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
 from fastcoil.plots.labels import is_parameter, quantity, quantity_of
 from fastcoil.reports.numbers import setting
 from fastcoil.reports.page import Block, Facts, Section, Table
-from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.presets import NOT_THE_FIT, PRESETS
+from fastcoil.simulation.provenance import ABSENT, package_versions
 from fastcoil.study.file.toml import parse_toml
+from fastcoil.tables.numbers import NONE
 from fastcoil.version import package_version
 
-_PACKAGES = ("numpy", "numba", "scipy", "xarray")
 _CHANCE = ("sample", "day", "replicate")
 """Labels that are no values."""
 _SERIES = {
@@ -66,7 +65,7 @@ def how(ds: xr.Dataset) -> Section:
         ("Scenarios", f"{n:,} = {_sizes(ds)}" if ds["status"].dims else "1"),
         ("Days", _days(ds, tables)),
         *([("Between days", _CARRIED)] if ds.attrs.get("carry_over") else []),
-        ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', '–')} s"),
+        ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', NONE)} s"),
         ("Noise", _noise(ds, constants)),
     ]  # fmt: skip
     blocks: list[Block] = [Facts(facts)]
@@ -76,14 +75,13 @@ def how(ds: xr.Dataset) -> Section:
 
 def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") -> Table:
     """The parameters that a loop gives other values than its preset; ``against``: what to call it."""
-    base = Loop.preset(preset if preset in PRESETS else "paper_like").constants
+    base = PRESETS[preset if preset in PRESETS else "paper_like"]
+    given = {name: value for name, value in constants.items() if value is not None}
     rows = []
-    for name, value in constants.items():
-        before = base.get(name)
-        if value == before or value is None:
-            continue
+    for name in base.changed(given):
+        before = base.value(PARAMETERS[name]) if name in PARAMETERS else None
         what = PARAMETERS[name].text if name in PARAMETERS else "of its own rule"
-        rows.append([name, setting(name, value), "–" if before is None else setting(name, before), what])
+        rows.append([name, setting(name, given[name]), NONE if before is None else setting(name, before), what])
     return Table(f"Parameters that differ from the {against}", ["name", "value", against, "meaning"], rows)
 
 
@@ -104,12 +102,7 @@ def versions(ds: xr.Dataset) -> Section:
 
 def here() -> Section:
     """The versions of this installation, for a result that was not read from a file."""
-    found = []
-    for package in _PACKAGES:
-        try:
-            found.append(f"{package} {version(package)}")
-        except PackageNotFoundError:  # the package runs without this one
-            continue
+    found = [f"{package} {number}" for package, number in package_versions().items() if number != ABSENT]
     facts = [("fastcoil", package_version()), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
     return Section("Versions", [Facts(facts)])
 
@@ -189,7 +182,7 @@ def _noise(ds: xr.Dataset, constants: Mapping[str, Any]) -> str:
     said = "none" if strength == 0 else "swept" if strength is None else "standard deviation "
     said += setting("noise_std", strength) if strength else ""
     n = ds.sizes.get("replicate", 1)
-    return f"{said}; seed {ds.attrs.get('seed', '–')}, {n} realisation{'s' if n > 1 else ''}"
+    return f"{said}; seed {ds.attrs.get('seed', NONE)}, {n} realisation{'s' if n > 1 else ''}"
 
 
 def _mapping(text: object) -> Mapping[str, Any]:

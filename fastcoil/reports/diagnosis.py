@@ -9,18 +9,19 @@ import xarray as xr
 
 from fastcoil.diagnosis.remedies import WORDS
 from fastcoil.diagnosis.words import in_words
-from fastcoil.plots.labels import quantity
+from fastcoil.plots.labels import quantity, unit_in_words
 from fastcoil.reports.computed import here
-from fastcoil.reports.numbers import NOTHING, number, share
+from fastcoil.reports.numbers import number, share
 from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.reports.pictures import picture
 from fastcoil.reports.study import cited
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
+from fastcoil.tables.numbers import NONE
 
 if TYPE_CHECKING:
     from fastcoil.diagnosis.result import Diagnosis
 
-_SPOKEN = {"d-1": "a day", "K-1": "1/K", "s-1": "1/s"}
+_SPOKEN = {"d-1": "a day"}
 _CAPTION = (
     "From the top: supply air (line) and its set-point (dashed) in the two hours in which the motor moves most; the "
     "command of the controller; the opening of the valve over the position of its motor as the model has it, where the "
@@ -62,7 +63,7 @@ def _predictions(d: Diagnosis) -> list[Block]:
         doubt = str(one["doubt"].values)
         cells = [f"{number(float(one['rmse']))} K", number(float(one["travel_per_day"])),
                  number(float(one["reversals_per_day"])), "yes" if float(one["hunts"]) > 0 else "no"]  # fmt: skip
-        rows.append([WORDS[str(case)], *([NOTHING] * 4 if doubt else cells), doubt])
+        rows.append([WORDS[str(case)], *([NONE] * 4 if doubt else cells), doubt])
     head = ["", "RMS error", "motor, strokes a day", "stem, turns a day", "hunts", "doubt"]
     if not any(row[-1] for row in rows):
         head, rows = head[:-1], [row[:-1] for row in rows]
@@ -76,11 +77,11 @@ def _indices(ds: xr.Dataset) -> Table:
         unit = str(value.attrs.get("units", "1"))
         shown, size = quantity(str(name)), float(value)
         if not np.isfinite(size):
-            text = NOTHING
+            text = NONE
         elif "backlash" in str(name) and unit == "1":
             text = share(size) if size >= 0.995 else f"{number(100 * size)} %"
         else:
-            text = f"{number(size)} {'' if unit == '1' else _SPOKEN.get(unit, unit)}".rstrip()
+            text = f"{number(size)} {_SPOKEN.get(unit) or unit_in_words(unit)}".rstrip()
         rows.append([str(value.attrs.get("long_name", shown.text)), text])
     return Table("Single numbers", ["index", "value"], rows, "A dash: it cannot be told from this log.")
 

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import xarray as xr
 
 from fastcoil.reports.computed import changed, here
-from fastcoil.reports.numbers import NOTHING, change, number, setting
+from fastcoil.reports.numbers import change, number, setting
 from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.reports.pictures import picture
 from fastcoil.reports.study import cited
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
+from fastcoil.tables.numbers import NONE
 
 if TYPE_CHECKING:
     from fastcoil.explanation.result import Explanation
@@ -76,7 +77,7 @@ def _cures(ds: xr.Dataset) -> Table:
     head = ["", "margin", "RMS error", "change", "swing", "motor travel", "change", "verdict"]
     note = (
         "Each cure alone, on the same day.  Margin: above 0.85 a loop hunts.  Swing: peak to peak, settled.  Motor "
-        f"travel: strokes.  {NOTHING}: cannot be told."
+        f"travel: strokes.  {NONE}: cannot be told."
     )
     return Table("The loop as it is and with each cure", head, rows, note)
 

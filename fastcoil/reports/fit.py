@@ -9,11 +9,12 @@ from fastcoil.calibrate.split import FITTING, VALIDATION
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.plots.labels import quantity
 from fastcoil.reports.computed import here
-from fastcoil.reports.numbers import NOTHING, number
+from fastcoil.reports.numbers import number
 from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.reports.pictures import picture
 from fastcoil.reports.study import cited
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
+from fastcoil.tables.numbers import NONE
 
 if TYPE_CHECKING:
     from fastcoil.calibrate.result import Fit
@@ -89,7 +90,7 @@ def _parameters(fit: Fit) -> Table:
             low, high = (f"{number(bound * shown.factor, 4)}" for bound in fit.intervals[name])
             cells += [number(fit.standard_errors[name] * shown.factor, 2), f"{low} to {high}"]
         else:
-            cells += [NOTHING, fit.held[name]]
+            cells += [NONE, fit.held[name]]
         rows.append([name, *cells, PARAMETERS[name].text])
     return Table("Parameters", ["name", "value", "standard error", "95 % interval", "meaning"], rows)
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from fastcoil.parameter_table import PARAMETERS
 from fastcoil.plots.labels import quantity
+from fastcoil.tables.numbers import MINUS, NONE, written
 
-NOTHING = "–"
 MOST_ROWS, _A_FEW_MORE = 12, 4
 """Of a table along a swept parameter; whoever wants all of them opens the results."""
 
@@ -17,15 +17,15 @@ MOST_ROWS, _A_FEW_MORE = 12, 4
 def number(value: float, digits: int = 3) -> str:
     """A measured number of so many digits, zeros at its end too, without an exponent as far as it can be read."""
     if not math.isfinite(value):
-        return NOTHING
+        return NONE
     if value == 0.0:
         return "0"
     rounded = float(f"{value:.{digits - 1}e}")
     if abs(rounded) >= 1e7 or abs(rounded) < 1e-4:
         return f"{value:.{digits - 1}e}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
-    text = f"{rounded:.{places}f}".replace("-", "−")
-    return f"{rounded:,.0f}".replace("-", "−") if abs(rounded) >= 1e4 else text
+    text = f"{rounded:.{places}f}".replace("-", MINUS)
+    return f"{rounded:,.0f}".replace("-", MINUS) if abs(rounded) >= 1e4 else text
 
 
 def exact(value: float) -> str:
@@ -34,24 +34,23 @@ def exact(value: float) -> str:
 
 
 def change(share: float) -> str:
-    """A difference as a share of what it is compared with: ``-43 %``."""
+    """A difference as a share of what it is compared with: ``−43 %``."""
     if not math.isfinite(share):
-        return NOTHING
-    text = f"{100 * share:+.0f}"
-    return ("0 %" if text in ("+0", "-0") else f"{text} %").replace("-", "−")
+        return NONE
+    return f"{written(100.0 * share, 0, sign=True)} %"
 
 
 def span(low: float, high: float) -> str:
     """An interval of such shares."""
     if not (math.isfinite(low) and math.isfinite(high)):
-        return NOTHING
+        return NONE
     return f"{change(low).removesuffix(' %')} to {change(high)}"
 
 
 def share(value: float) -> str:
     """``12 %``; neither 0 nor 100 unless it is all or nothing."""
     if not math.isfinite(value):
-        return NOTHING
+        return NONE
     if 0.0 < value < 0.005:
         return "< 1 %"
     return "> 99 %" if 0.995 < value < 1.0 else f"{100 * value:.0f} %"
@@ -65,8 +64,7 @@ def setting(name: str, value: object) -> str:
     entry = PARAMETERS.get(name)
     if shown.factor == 1.0 and entry is not None and entry.whole:
         return str(int(value))
-    unit = "" if shown.unit == "1" else shown.unit
-    return f"{exact(value * shown.factor)} {unit}".rstrip()
+    return f"{exact(value * shown.factor)} {shown.unit}".rstrip()
 
 
 def picked(n: int, keep: tuple[int, ...] = (), most: int = MOST_ROWS) -> list[int]:

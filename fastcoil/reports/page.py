@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from fastcoil.errors import InputError
 from fastcoil.files import commit, read_bytes
-from fastcoil.look import entries, exists, is_folder
+from fastcoil.look import exists, may_be_file
 from fastcoil.printable import printable
 from fastcoil.version import package_version
 
@@ -159,7 +159,7 @@ def require_page(path: Path, option: str = "path") -> None:
     InputError
         With the name of the ``option`` that gave it.
     """
-    if path.suffix.lower() not in (".html", ".htm") or is_folder(path) or not is_folder(path.absolute().parent):
+    if path.suffix.lower() not in (".html", ".htm") or not may_be_file(path):
         raise InputError(f"{option} {path}: give a file NAME.html in a folder that exists")
     if exists(path) and not _is_page(path):
         raise InputError(f"{option} {path}: this file exists and is no report, choose another name or delete it")
@@ -170,8 +170,3 @@ def _is_page(path: Path) -> bool:
         return _MARK in read_bytes(path, _LARGEST)[:_MARK_WITHIN]
     except (OSError, ValueError):
         return False
-
-
-def folder_holds(folder: Path, name: str) -> bool:
-    """Whether a folder has a file of this name."""
-    return any(path.name == name for path in entries(folder))

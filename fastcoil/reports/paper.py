@@ -13,9 +13,10 @@ from fastcoil.look import exists
 from fastcoil.paper.regenerate import captions
 from fastcoil.paper.verdicts import SURELY
 from fastcoil.reports.computed import here
-from fastcoil.reports.numbers import NOTHING, number, share
+from fastcoil.reports.numbers import number, share
 from fastcoil.reports.page import Block, Code, Facts, Page, Picture, Section, Table, Words
 from fastcoil.reports.study import cited
+from fastcoil.tables.numbers import NONE
 
 _LARGEST = 2**25
 """Bytes of the scorecard, and of a figure."""
@@ -101,7 +102,7 @@ def _share(found: Mapping[str, Any] | None) -> str:
         return ""
     limits = found["share_interval"]
     within = f" ({100 * limits[0]:.0f} to {100 * limits[1]:.0f})" if limits else ""
-    return NOTHING if found["share"] is None else share(found["share"]) + within
+    return NONE if found["share"] is None else share(found["share"]) + within
 
 
 def _figures(folder: Path, *, quick: bool) -> list[Block]:

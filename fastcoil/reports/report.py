@@ -9,8 +9,9 @@ from typing import Any
 
 from fastcoil.arguments import checking, path_of
 from fastcoil.errors import InputError, WrongType
-from fastcoil.look import is_folder
-from fastcoil.reports.page import Page, folder_holds, require_page
+from fastcoil.look import exists, is_folder
+from fastcoil.reports.page import Page, require_page
+from fastcoil.study.folder.final import RESULTS
 from fastcoil.study.folder.folder import require_no_archive
 from fastcoil.study.folder.manifest import MANIFEST
 from fastcoil.tuning.archive import KEPT
@@ -78,9 +79,9 @@ def require_folder(folder: Path) -> None:
     require_no_archive(folder)
     if not is_folder(folder):
         raise InputError(f"{folder} is no folder: {_CURE}")
-    if any(folder_holds(folder, name) for name in (MANIFEST, "results.nc", SCORECARD)):
+    if any(exists(folder / name) for name in (MANIFEST, RESULTS, SCORECARD)):
         return
-    if folder_holds(folder, KEPT):
+    if exists(folder / KEPT):
         raise InputError(
             f"{folder} holds a tuning: `fastcoil tune STUDY.toml -o {folder} --report tuning.html` reports it without "
             "trying anything again"
@@ -90,7 +91,7 @@ def require_folder(folder: Path) -> None:
 
 def page_of_folder(folder: Path) -> Page:
     """The page of what a folder holds."""
-    if folder_holds(folder, SCORECARD) and not folder_holds(folder, MANIFEST):
+    if exists(folder / SCORECARD) and not exists(folder / MANIFEST):
         from fastcoil.reports.paper import paper_page
 
         return paper_page(folder / SCORECARD)

@@ -10,7 +10,7 @@ import xarray as xr
 from fastcoil.analysis.cost_summary import Billing
 from fastcoil.analysis.summary import cautions, findings
 from fastcoil.errors import FastcoilError
-from fastcoil.outputs import STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
+from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
 from fastcoil.plots.study import standard_figures
 from fastcoil.reports.citation import bibtex, citation
 from fastcoil.reports.comparison import comparisons, failures
@@ -27,7 +27,7 @@ def study_page(folder: Path) -> Page:
     """The report of the finished study in a folder; raises as ``open_finished``."""
     ds = open_finished(folder)
     billing, unread = _billing(folder, ds)
-    failed = failures(ds, STATUS_MEANINGS)
+    failed = failures(ds)
     n_failed = int((ds["status"].values != STATUS_OK).sum())
     warnings = [unread] if unread else []
     if n_failed:

@@ -13,10 +13,11 @@ from fastcoil.reports.numbers import number, picked
 from fastcoil.reports.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.reports.pictures import picture
 from fastcoil.reports.study import cited
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
 from fastcoil.tuning.words import table_rows
 
 if TYPE_CHECKING:
+    from fastcoil.tuning.measures import Limit
     from fastcoil.tuning.result import Tuning
 
 _CAPTION = (
@@ -61,10 +62,9 @@ def tuning_page(t: Tuning) -> Page:
     return Page("Tuning", title, question, warnings, answer, sections, content_sha256(t.evaluations))
 
 
-def _limit(t: Tuning, each: object) -> str:
-    name = each.measure.name  # type: ignore[attr-defined]
-    words = t.held_out[name].attrs["long_name"]
-    return f"{words}: {'as now' if each.as_now else each.measure.shown(each.most)}"  # type: ignore[attr-defined]
+def _limit(t: Tuning, each: Limit) -> str:
+    words = t.held_out[each.measure.name].attrs["long_name"]
+    return f"{words}: {'as now' if each.as_now else each.measure.shown(each.most)}"
 
 
 def _table(title: str, ds: xr.Dataset, t: Tuning) -> Table:

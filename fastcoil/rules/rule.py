@@ -153,9 +153,17 @@ def estimator(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N
     It is called at every controller sample but the first, before the control law.  Its estimate, a fraction of stroke,
     is limited to 0–1 and is what the inverse assumes from then on.
 
-    ``Parameters`` is a ``typing.NamedTuple`` of floats: names of parameters of the loop, such as ``sample_time``, and
-    parameters of your own, with ``fc.parameter(…)`` as default.  ``Memory`` is another one: what one call leaves to the
-    next; its defaults are where it starts.
+    Parameters
+    ----------
+    Parameters, Memory
+        Two classes, each a ``typing.NamedTuple`` of floats.  ``Parameters`` has names of parameters of the loop, such
+        as ``sample_time``, and parameters of your own, with ``fc.parameter(…)`` as default.  ``Memory`` is what one
+        call leaves to the next; its defaults are where it starts.
+
+    Returns
+    -------
+    callable
+        A decorator for the function.  What it makes of it stands for the estimator in ``fc.Loop(estimator=…)``.
 
     Examples
     --------
@@ -186,7 +194,20 @@ def law(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 �
     It is called at every controller sample; in ``now``, ``T`` and ``e`` are of this sample, ``u`` and what follows of
     the one before.  Its u, the opening it asks for, is limited to 0–1; the inverse stays behind it.
 
-    Parameters and errors are as of ``fc.estimator``.
+    Parameters
+    ----------
+    Parameters, Memory
+        As for ``fc.estimator``.
+
+    Returns
+    -------
+    callable
+        A decorator for the function.  What it makes of it stands for the law in ``fc.Loop(law=…)``.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the classes or the function.
     """
     return _decorator("law", Parameters, Memory)
 

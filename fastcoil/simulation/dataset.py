@@ -1,37 +1,18 @@
-"""Results as an xarray Dataset: names, units, provenance, one hash of the content."""
+"""Results as an xarray Dataset: names, units, dims."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import platform
-import sys
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
-from datetime import UTC, datetime
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.errors import InputError, IntegrityError, shown
-from fastcoil.numerics.jit import compiled_for
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.parameter_table import PARAMETERS, Parameter
-from fastcoil.simulation.clock import clock_coordinates, encoded
+from fastcoil.simulation.clock import clock_coordinates
 from fastcoil.simulation.scenarios import Layout
-from fastcoil.version import package_version
-
-FORMAT = 1
-"""Of results on disk; a file of a later one is refused."""
-VOLATILE = (
-    "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",
-    "package_versions", "platform", "content_sha256", "model_sha256", "fastcoil_version",
-    "trace_sha256", "trace_file", "trace_layout", "computed_on", "engine",
-    "own_code",
-)  # fmt: skip
-"""Attributes that may differ between two runs with the same content."""
 
 _DIM_ATTRS = {
     "day": {"long_name": "label of the day", "units": "1"},
@@ -40,8 +21,6 @@ _DIM_ATTRS = {
     "volume": {"long_name": "control volume, numbered along the water", "units": "1"},
     "elapsed_time": {"long_name": "elapsed time", "units": "s"},
 }
-_HASHED_AT_ONCE = 2**20
-"""Values; bounds the memory that hashing takes."""
 
 
 def flat_dataset(
@@ -212,88 +191,3 @@ def coordinate_attrs(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> 
         units = {"units": parameter.unit} if parameter.unit else {}
         return {"long_name": parameter.label, **units, "comment": parameter.text}
     return dict(_DIM_ATTRS.get(name, {"long_name": name}))
-
-
-def provenance() -> dict[str, Any]:
-    """Attributes that say what made a result: versions and machine, no user and no path."""
-    now, own = datetime.now(UTC).isoformat(timespec="seconds"), _own_version()
-    return {
-        "Conventions": "CF-1.11",
-        "fastcoil_format": FORMAT,
-        "source": "fastcoil: closed-loop emulation of a coil valve with backlash",
-        "references": "Cai, J. and Braun, J. E. (2016), Int. Refrigeration and Air Conditioning Conference, Purdue, "
-        "paper 1801, https://docs.lib.purdue.edu/iracc/1801",
-        "fastcoil_version": own,
-        "date_created": now,
-        "history": f"{now} made by fastcoil {own}",
-        "python_version": platform.python_version(),
-        "package_versions": json.dumps(_package_versions()),
-        "platform": f"{sys.platform} {platform.machine()}",
-        "computed_on": json.dumps([compiled_for()]),
-    }
-
-
-_own_version = cache(package_version)
-
-
-@cache
-def _package_versions() -> dict[str, str]:
-    packages = {}
-    for package in ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4"):
-        try:
-            packages[package] = version(package)
-        except PackageNotFoundError:  # the package runs without this one
-            packages[package] = "absent"
-    return packages
-
-
-def environments_of(ds: xr.Dataset) -> list[dict[str, str]]:
-    """The environments that computed a result, see ``compiled_for``; an empty one if it does not say."""
-    try:
-        found = json.loads(ds.attrs.get("computed_on", "[{}]"))
-        return [{str(k): str(v) for k, v in each.items()} for each in found]
-    except (ValueError, TypeError, AttributeError):  # nothing that fastcoil wrote
-        return [{}]
-
-
-def content_sha256(ds: xr.Dataset) -> str:
-    """Hash of names, dims, values and all attributes but the volatile ones: equal for equal results.
-
-    It survives a round trip through NetCDF, where strings and attributes change their types.
-    """
-    return combined_sha256(ds, {str(n): variable_sha256(v) for n, v in ds.variables.items()})
-
-
-def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) -> str:
-    """``content_sha256`` from the hashes of variables, by default those of ``ds`` and of its traces in other files."""
-    if variables is None:
-        elsewhere = json.loads(ds.attrs.get("trace_sha256", "{}"))
-        variables = elsewhere | {str(n): variable_sha256(v) for n, v in ds.variables.items()}
-    digest = hashlib.sha256()
-    for name in sorted(variables):
-        digest.update(f"{name} {variables[name]}\n".encode())
-    _hash_attrs(digest, {k: v for k, v in ds.attrs.items() if k not in VOLATILE})
-    return digest.hexdigest()
-
-
-def variable_sha256(variable: xr.Variable) -> str:
-    """Hash of a variable's dims, values and attributes; a variable on disk is read piece by piece."""
-    digest = hashlib.sha256(f"{variable.dims} {variable.shape}\n".encode())
-    rows = variable.shape[0] if variable.ndim else 1
-    step = max(1, _HASHED_AT_ONCE * rows // max(1, variable.size))
-    for start in range(0, rows, step):
-        values = encoded(variable if step >= rows else variable[start : start + step]).values
-        if values.dtype.kind in "OUS":
-            digest.update("".join(f"{v}\0" for v in values.ravel()).encode())
-        else:
-            # one NaN is as good as another, and integers may come back in another width
-            digest.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
-    _hash_attrs(digest, variable.attrs)
-    return digest.hexdigest()
-
-
-def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
-    for key in sorted(attrs):
-        value = attrs[key]
-        text = str(np.asarray(value).tolist()) if not isinstance(value, str) else value
-        digest.update(f"{key}={text}\n".encode())

@@ -53,7 +53,7 @@ def html_of(loop: Parts) -> str:
     sizes = ", ".join(f"{dim}: {size}" for dim, size in loop.sizes.items())
     n = int(np.prod(list(loop.sizes.values()), dtype=int))
     lines = [f"{n:,} scenarios ({sizes})"] if sizes else []
-    changed = [_row(table[name], loop.values[name], _usual(preset, table[name])) for name in differing]
+    changed = [_row(table[name], loop.values[name], preset.value(table[name])) for name in differing]
     sections = [Section(f"Differs from {preset.name}", changed, is_open=True)] if changed else []
     groups: dict[str, list[Parameter]] = {}
     for parameter in table.values():
@@ -69,15 +69,8 @@ def html_of(loop: Parts) -> str:
 def _differing(loop: Parts, preset: Preset) -> list[str]:
     """Parameters of another value than in a preset: those swept, then constants, in the order of the table."""
     swept = [name for name, value in loop.values.items() if isinstance(value, xr.DataArray)]
-    constants = [name for name in loop.table if name in loop.values and name not in swept]
-    return swept + [name for name in constants if loop.values[name] != _usual(preset, loop.table[name])]
-
-
-def _usual(preset: Preset, parameter: Parameter) -> Scalar | None:
-    """The value of a parameter in a preset; None where others take its place."""
-    if "rangeability" in preset.values and parameter.name in ("m_max", "valve_a", "valve_b", "valve_c"):
-        return None
-    return preset.values.get(parameter.name, parameter.default)
+    constants = {name: loop.values[name] for name in loop.table if name in loop.values and name not in swept}
+    return swept + preset.changed(constants, loop.table)
 
 
 _NOT_COMPARED = object()

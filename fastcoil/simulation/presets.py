@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from fastcoil.parameter_table import PARAMETERS, Scalar
+from fastcoil.parameter_table import PARAMETERS, Parameter, Scalar
 
 NOT_THE_FIT = "None of them is the fit of the paper, which was not published."
+_POLYNOMIAL = ("m_max", "valve_a", "valve_b", "valve_c")
+"""The curve of a valve that has no rangeability."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,16 @@ class Preset:
     def heats(self) -> bool:
         """Whether it is a heating coil."""
         return self.values.get("action") == "heating"
+
+    def value(self, parameter: Parameter) -> Scalar | None:
+        """Its value of a parameter; None where others take the place of it."""
+        if "rangeability" in self.values and parameter.name in _POLYNOMIAL:
+            return None
+        return self.values.get(parameter.name, parameter.default)
+
+    def changed(self, values: Mapping[str, Any], table: Mapping[str, Parameter] = PARAMETERS) -> list[str]:
+        """Names of the values that are not its own; ``table`` has the parameters of rules, too."""
+        return [name for name, value in values.items() if name not in table or value != self.value(table[name])]
 
     def __str__(self) -> str:
         """What it stands for and, on a second line, what differs."""

@@ -18,11 +18,13 @@ from fastcoil.arguments import checking, flag_of, whole_of
 from fastcoil.boundary import Boundary
 from fastcoil.outputs import WARM_UP
 from fastcoil.progress.shown import Advance, progress_of_call
+from fastcoil.simulation.content import content_sha256
 from fastcoil.simulation.cut import first_shards
-from fastcoil.simulation.dataset import content_sha256, provenance, shaped, trace_coordinates, variables_of
+from fastcoil.simulation.dataset import shaped, trace_coordinates, variables_of
 from fastcoil.simulation.in_thread import on_threads
 from fastcoil.simulation.loop import Loop
 from fastcoil.simulation.plan import Plan, plan_simulation, simulation_attributes
+from fastcoil.simulation.provenance import provenance
 from fastcoil.simulation.running import Results, run_into
 from fastcoil.simulation.shards import Shard, Stretch
 

@@ -19,9 +19,10 @@ from fastcoil.numerics.jit import is_model
 from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.rules.same_code import own_code_of, refuse_other_code
 from fastcoil.simulation.clock import clock_coordinates
-from fastcoil.simulation.dataset import coordinate_attrs, provenance
+from fastcoil.simulation.dataset import coordinate_attrs
 from fastcoil.simulation.netcdf import save
 from fastcoil.simulation.plan import Plan, simulation_attributes
+from fastcoil.simulation.provenance import provenance
 from fastcoil.simulation.running import run_shard
 from fastcoil.simulation.shards import Chain, Shard
 from fastcoil.study.archive.check import archive_problems

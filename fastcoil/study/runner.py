@@ -20,7 +20,8 @@ from fastcoil.numerics.jit import same_model
 from fastcoil.progress.shown import Advance, progress_of_call
 from fastcoil.rules.same_code import refuse_other_code
 from fastcoil.simulation.cut import first_shards
-from fastcoil.simulation.dataset import check_same_form, environments_of
+from fastcoil.simulation.dataset import check_same_form
+from fastcoil.simulation.provenance import environments_of
 from fastcoil.simulation.resources import check_disk, check_workers
 from fastcoil.simulation.shards import END_STATE
 from fastcoil.simulation.simulate import workers

@@ -14,26 +14,20 @@ import xarray as xr
 from fastcoil.errors import InputError
 from fastcoil.files import commit
 from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.parameter_table import CHANCE_DIMS
 from fastcoil.plots.labels import quantity, quantity_of
 from fastcoil.plots.spread import BAND, FEWEST_FOR_A_BAND
-from fastcoil.tables.numbers import MINUS, NONE, written
+from fastcoil.tables.numbers import written
+from fastcoil.tables.tex import escaped
 from fastcoil.tables.tidy import check_metrics, facts_of
 
 STANDARD = ("rmse", "rmse_settled", "switch_frequency", "motor_travel")
-POOLED = ("sample", "design", "day", "replicate")
-"""Dimensions of which a table shows the scatter."""
 _MOST_ROWS, _MOST_METRICS = 60, 6
 """Of a page."""
 _HEADER = 18
 """Letters of a line in the header."""
 _SHARES = ("hunts", "predicted_hunts")
 """0 or 1, so that the mean is a share."""
-_ESCAPED = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "_": r"\_", "%": r"\%",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"$<$", ">": r"$>$", "|": r"$|$",
-    MINUS: "$-$", NONE: "--", "∞": r"$\infty$", "°": r"$^{\circ}$", "³": "$^3$", "²": "$^2$", "×": r"$\times$",
-    "β": r"$\beta$", "\"": "''",
-}  # fmt: skip
 
 
 def write_latex(ds: xr.Dataset, path: Path, metrics: Sequence[str] = ()) -> None:
@@ -56,7 +50,7 @@ def latex_of(ds: xr.Dataset, metrics: Sequence[str] = ()) -> str:
     """The table as text; raises as ``write_latex``."""
     chosen = list(metrics) or [name for name in STANDARD if name in ds]
     check_metrics(ds, tuple(chosen))
-    shown = [str(d) for d in ds["status"].dims if d not in POOLED and ds.sizes[d] > 1]
+    shown = [str(d) for d in ds["status"].dims if d not in CHANCE_DIMS and ds.sizes[d] > 1]
     _check_size(ds, shown, chosen)
     pooled = [d for d in ds["status"].dims if d not in shown]
     columns = [_column(ds, name, shown, pooled) for name in chosen]
@@ -76,11 +70,6 @@ def latex_of(ds: xr.Dataset, metrics: Sequence[str] = ()) -> str:
         lines.append(" & ".join([*cells, *(column[k] for column in columns)]) + r" \\")
         before = row
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
-
-
-def escaped(text: str) -> str:
-    """Text that LaTeX shows as it is."""
-    return "".join(_ESCAPED.get(letter, letter) for letter in text)
 
 
 def _check_size(ds: xr.Dataset, shown: Sequence[str], metrics: Sequence[str]) -> None:

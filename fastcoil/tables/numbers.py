@@ -45,5 +45,13 @@ def written(value: float, decimals: int | None = None, *, sign: bool = False) ->
     return (MINUS if value < 0.0 else "+" if sign else "") + text
 
 
+def percent(share: float, low: float = math.nan, high: float = math.nan, *, decimals: int = 0) -> str:
+    """A share, with its interval if it has one: ``12 % (10 to 15)``."""
+    value, *ends = (f"{100.0 * each:.{decimals}f}" for each in (share, low, high))
+    if math.isnan(share):
+        return NONE
+    return f"{value} %" if math.isnan(low) else f"{value} % ({' to '.join(ends)})"
+
+
 def _three_digits(size: float) -> str:
     return f"{float(f'{size:.3g}'):,.0f}" if _THOUSANDS[0] <= size < _THOUSANDS[1] else f"{size:.3g}"

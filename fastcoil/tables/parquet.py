@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from fastcoil.errors import InputError
+from fastcoil.errors import missing_extra
 from fastcoil.files import commit_written
 from fastcoil.tables.tidy import Tidy, facts_of
 
@@ -27,7 +27,7 @@ def write_parquet(table: Tidy, path: Path) -> None:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError:
-        raise InputError("Parquet needs the package pyarrow: pip install 'fastcoil[parquet]'") from None
+        raise missing_extra("Parquet", "pyarrow", "parquet") from None
 
     more = {name: str(table.ds.attrs[name]) for name in _MORE if name in table.ds.attrs}
 

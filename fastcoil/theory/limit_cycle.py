@@ -11,8 +11,8 @@ import xarray as xr
 
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError
-from fastcoil.simulation.dataset import provenance
 from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.provenance import provenance
 from fastcoil.simulation.resources import check_memory
 from fastcoil.theory.cycles import DISTURBANCE, HUNTS_ABOVE, Cycles, cycles_of
 from fastcoil.theory.elements import unknown

@@ -12,8 +12,8 @@ from fastcoil.arguments import checking, flag_of
 from fastcoil.arrays import Array, array_of
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError, WrongType, shown
-from fastcoil.simulation.dataset import provenance
 from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.provenance import provenance
 from fastcoil.simulation.resources import check_memory
 from fastcoil.theory.margins import margins_of
 from fastcoil.theory.operating_points import OperatingPoints, require_pi

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +9,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.arguments import path_of
-from fastcoil.card import Told
-from fastcoil.errors import InputError
-from fastcoil.files import commit
-from fastcoil.look import is_folder
+from fastcoil.told import Told, as_toml, in_toml
 from fastcoil.tuning.measures import Limit, Measure
 from fastcoil.tuning.words import Findings, in_words, value_of
 
@@ -83,23 +78,17 @@ class Tuning(Told):
 
         ``[loop]`` has nothing where no tuning keeps the limits; ``[fit]`` is for readers.
         """
-        text = "\n".join(self._toml()) + "\n"
-        if path is not None:
-            path = path_of("path", path)
-            if is_folder(path) or not is_folder(path.parent):
-                raise InputError(f"{path} cannot be written: give a file in a folder that exists")
-            commit(path, text.encode())
-        return text
+        return as_toml(self._toml(), path)
 
     def _toml(self) -> list[str]:
         lines = ["# settings chosen by fastcoil tune", *(f"# {line}".rstrip() for line in self.summary())]
         chosen = self.parameters if self.meets_limits else {}
         lines += ["", "[loop]", *(f"{name} = {value_of(name, value)}" for name, value in chosen.items())]
-        lines += ["", "[fit]", 'kind = "tuning"', f"objective = {json.dumps(self.objective.name)}"]
-        lines += [f"meets_limits = {'true' if self.meets_limits else 'false'}"]
-        lines += [f"notes = [{', '.join(json.dumps(note, ensure_ascii=False) for note in self.notes)}]"]
+        lines += ["", "[fit]", 'kind = "tuning"', f"objective = {in_toml(self.objective.name)}"]
+        lines += [f"meets_limits = {in_toml(self.meets_limits)}"]
+        lines += [f"notes = {in_toml(self.notes)}"]
         for name, ds in (("held_out", self.held_out), ("trained", self.trained)):
             chosen_there = ds.sel(tuning="chosen")
             lines += ["", f"[fit.{name}]"]
-            lines += [f"{variable} = {chosen_there[variable].values.tolist()!r}" for variable in ds.data_vars]
+            lines += [f"{variable} = {in_toml(chosen_there[variable].values.tolist())}" for variable in ds.data_vars]
         return lines

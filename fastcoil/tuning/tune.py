@@ -14,7 +14,7 @@ from fastcoil.arguments import checking, path_of, plain
 from fastcoil.arrays import Array
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError, WrongType, shown
-from fastcoil.look import is_folder
+from fastcoil.look import may_be_file
 from fastcoil.outputs import WARM_UP
 from fastcoil.progress.shown import Shown, progress_of_call
 from fastcoil.simulation.loop import Loop
@@ -110,7 +110,7 @@ def tune(
             plan_tuning, loop, boundary, search=search, objective=objective, quantile=quantile, limits=limits,
             holdout=holdout, evaluations=evaluations, warm_up=warm_up, seed=seed, replicates=replicates,
         )  # fmt: skip
-        if path is not None and (is_folder(path) or not is_folder(path.parent)):
+        if path is not None and not may_be_file(path):
             check.problems.append(f"kept = {shown(str(path))}: give a file in a folder that exists")
     if callable(progress):
         return run_tuning(asked, n_threads, path, progress)

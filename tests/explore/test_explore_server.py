@@ -76,7 +76,7 @@ def test_without_the_extra_there_is_the_command_that_installs_it(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "bokeh" else find(name, *more))
     found = CliRunner().invoke(main, ["explore"])
     assert found.exit_code == 2
-    assert found.output == "fastcoil: explore needs bokeh, which is not installed: pip install 'fastcoil[explore]'\n"
+    assert found.output == "fastcoil: explore needs the package bokeh: pip install 'fastcoil[explore]'\n"
 
 
 def test_what_cannot_be_explored_is_refused_before_a_page_is_there(tmp_path):

@@ -19,7 +19,7 @@ LAYERS = [
     {"errors"},
     {"parameter_table", "outputs", "files", "version"},
     {"arguments", "card", "memory", "look", "progress"},
-    {"listing", "numerics"},
+    {"listing", "numerics", "told"},
     {"physics", "control"},
     {"estimators"},
     {"engine"},

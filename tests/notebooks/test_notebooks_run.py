@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -50,10 +51,11 @@ def executed(tmp_path_factory):
     whole.cells += [nbformat.v4.new_code_cell(source) for source in (QUIETLY, *LOOKS)]
     folder = tmp_path_factory.mktemp("notebooks")
     nbformat.write(whole, folder / "before.ipynb")
-    # in a process of its own, with whatever the client leaves behind
+    # in a process of its own, with whatever the client leaves behind; a command tested before has named a backend
+    here = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}
     ran = subprocess.run(
         [sys.executable, "-c", RUN, "before.ipynb", "after.ipynb"],
-        cwd=folder, capture_output=True, text=True, timeout=250, check=False,
+        cwd=folder, env=here, capture_output=True, text=True, timeout=250, check=False,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
     shown = [(cell.source, cell.outputs) for cell in nbformat.read(folder / "after.ipynb", as_version=4).cells]

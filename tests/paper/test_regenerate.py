@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from fastcoil.cli.main import main
 from fastcoil.paper import figures
 from fastcoil.plots.files import encode
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
 from fastcoil.simulation.netcdf import load
 
 pytestmark = pytest.mark.kernel

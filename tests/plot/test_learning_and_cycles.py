@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
@@ -11,12 +10,6 @@ import fastcoil as fc
 from fastcoil.plot.learned import switches
 
 pytestmark = pytest.mark.kernel
-
-
-@pytest.fixture(autouse=True)
-def _no_figure_stays():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

@@ -15,12 +15,6 @@ from fastcoil.plots.style import COLOURS
 pytestmark = pytest.mark.kernel
 
 
-@pytest.fixture(autouse=True)
-def _no_figure_stays():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def ds():
     loop = fc.Loop(backlash=[0.02, 0.05, 0.08, 0.11], estimate_ratio=[0.0, 0.5, 1.0, 1.5])

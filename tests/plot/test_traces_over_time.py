@@ -14,12 +14,6 @@ pytestmark = pytest.mark.kernel
 SEEN = ["T_sup", "command", "opening", "estimate"]
 
 
-@pytest.fixture(autouse=True)
-def _no_figure_stays():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def day():
     return fc.paper_day(hours=1)

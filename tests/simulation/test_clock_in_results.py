@@ -7,7 +7,7 @@ from helpers.refusals import only_problem
 
 import fastcoil as fc
 from fastcoil.simulation.clock import with_numbers, with_times
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
 from fastcoil.simulation.plan import plan_simulation
 
 pytestmark = pytest.mark.kernel

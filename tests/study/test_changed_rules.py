@@ -13,7 +13,7 @@ from helpers.rules import HEAD
 
 import fastcoil as fc
 from fastcoil.errors import InputError, IntegrityError
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
 from fastcoil.simulation.netcdf import save
 from fastcoil.study import maintenance
 from fastcoil.study.file.spec import read_study

@@ -14,7 +14,7 @@ from filelock import FileLock
 
 import fastcoil as fc
 from fastcoil.errors import InputError, IntegrityError, LockedError, StorageError
-from fastcoil.simulation.dataset import content_sha256
+from fastcoil.simulation.content import content_sha256
 from fastcoil.study import runner
 from fastcoil.study.file import spec
 from fastcoil.study.file.spec import read_study

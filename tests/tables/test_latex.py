@@ -8,7 +8,8 @@ from helpers.results import drawn, result
 
 from fastcoil.analysis.binned import binned
 from fastcoil.errors import InputError
-from fastcoil.tables.latex import escaped, latex_of
+from fastcoil.tables.latex import latex_of
+from fastcoil.tables.tex import escaped
 
 
 def rows_of(text):

@@ -11,6 +11,7 @@ import xarray as xr
 from fastcoil.arrays import Array
 from fastcoil.errors import InputError
 from fastcoil.explore.model.scene import Scene
+from fastcoil.explore.model.start import estimator_of
 from fastcoil.outputs import STATUS_OK
 from fastcoil.parameter_table import Scalar
 from fastcoil.simulation.loop import Loop
@@ -92,14 +93,6 @@ def run(scene: Scene) -> Run:
     traces = {name: now[name].values for name in TRACES} | {"T_set": T_set}
     metrics = ds.drop_vars(TRACES)
     return Run(scene, ds["elapsed_time"].values / 3600.0, traces, metrics, foretell(scene))
-
-
-def estimator_of(loop: Loop) -> str:
-    """The word of a loop's estimator."""
-    word = loop["estimator"]
-    if word is None:
-        return "learner" if float(loop["learning_step"]) > 0.0 else "none"  # type: ignore[arg-type]
-    return str(word)
 
 
 def _cases(loop: Loop) -> dict[str, tuple[str, list[Scalar]]]:

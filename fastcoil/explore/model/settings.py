@@ -9,7 +9,7 @@ from typing import NamedTuple
 from urllib.parse import urlencode
 
 from fastcoil.errors import InputError, nearest, shown
-from fastcoil.explore.model.start import GIVEN, Start
+from fastcoil.explore.model.start import GIVEN, Start, estimator_of
 
 Value = float | str
 
@@ -127,8 +127,7 @@ def settings_of(name: str, start: Start) -> Settings:
 
 def learns(start: Start) -> bool:
     """Whether a loop has an estimator of its own."""
-    word = start.loop["estimator"]
-    return word not in (None, "none") or (word is None and float(start.loop["learning_step"]) > 0.0)  # type: ignore[arg-type]
+    return estimator_of(start.loop) != "none"
 
 
 def words_of(choice: Choice, start: Start) -> Mapping[str, str]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from fastcoil.boundary import Boundary
 from fastcoil.errors import InputError
 from fastcoil.outputs import WARM_UP
-from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.loop import Loop, words_used
 from fastcoil.simulation.presets import PRESETS
 from fastcoil.study.one_scenario import Scenario
 
@@ -55,6 +55,12 @@ def starts(given: Scenario | None = None) -> Mapping[str, Start]:
         loop = _with_estimate(given.loop)
         found[GIVEN] = Start(given.title, loop, given.boundary, warm_up=given.warm_up, seed=given.seed)
     return found | {name: Start(name, Loop.preset(name), T_w_in=preset.T_w_in) for name, preset in PRESETS.items()}
+
+
+def estimator_of(loop: Loop) -> str:
+    """The word of a single loop's estimator."""
+    (word,) = words_used(loop, "estimator")
+    return word
 
 
 def _with_estimate(loop: Loop) -> Loop:

@@ -9,7 +9,7 @@ from fastcoil.explore.model.scene import day_of, loop_of
 from fastcoil.explore.model.settings import Settings
 from fastcoil.explore.model.start import GIVEN, Start
 from fastcoil.parameter_table import Scalar
-from fastcoil.simulation.loop import Loop
+from fastcoil.simulation.presets import PRESETS
 
 _BASE = "paper_like"
 """The preset that a loop which is none is told by."""
@@ -44,9 +44,9 @@ def study_file(settings: Settings, start: Start) -> str:
 def _told_by(settings: Settings, start: Start) -> tuple[str, dict[str, Scalar]]:
     """A preset, and what differs from it."""
     preset = _BASE if settings.loop == GIVEN else settings.loop
-    base, loop = Loop.preset(preset), loop_of(settings, start)
-    changed = {name: value for name, value in loop.constants.items() if base[name] != value}
-    if changed.get("estimator") == "none" and base["estimator"] is None:
+    constants = loop_of(settings, start).constants
+    changed = {name: constants[name] for name in PRESETS[preset].changed(constants)}
+    if changed.get("estimator") == "none" and "estimator" not in PRESETS[preset].values:
         del changed["estimator"]
     return preset, changed
 

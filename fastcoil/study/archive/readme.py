@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from fastcoil.printable import printable
+from fastcoil.simulation.provenance import ABSENT, PACKAGES
 from fastcoil.study.archive.listing import HERE, Listing
 from fastcoil.study.folder.folder import STUDY
-
-_PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")
 
 
 def readme(name: str, attrs: Mapping[Any, Any], listing: Listing, base: str) -> str:
@@ -17,7 +16,7 @@ def readme(name: str, attrs: Mapping[Any, Any], listing: Listing, base: str) -> 
     made = listing.made_with
     packages = made.get("package_versions")
     known = packages if isinstance(packages, dict) else {}
-    pinned = " ".join(f"{each}=={known[each]}" for each in _PACKAGES if known.get(each, "absent") != "absent")
+    pinned = " ".join(f"{each}=={known[each]}" for each in PACKAGES if known.get(each, ABSENT) != ABSENT)
     study = f"{name}/{STUDY}" if base == HERE else f"{name}/{base}/{STUDY}"
     lines = [
         printable(str(attrs["title"])),

@@ -19,8 +19,9 @@ from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageEr
 from fastcoil.files import commit_written
 from fastcoil.look import exists
 from fastcoil.outputs import TRACES
-from fastcoil.simulation.dataset import FORMAT, combined_sha256, environments_of, variable_sha256
+from fastcoil.simulation.content import combined_sha256, variable_sha256
 from fastcoil.simulation.netcdf import write
+from fastcoil.simulation.provenance import FORMAT, environments_of
 from fastcoil.simulation.stored_file import StoredFile, file_sha256
 from fastcoil.simulation.stored_traces import layout_of, open_lazily
 from fastcoil.simulation.trial import try_reading

@@ -15,9 +15,11 @@ import xarray as xr
 from fastcoil.errors import IntegrityError
 from fastcoil.files import storage_errors
 from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
-from fastcoil.simulation.dataset import combined_sha256, join_flat, provenance, unflatten, variable_sha256
+from fastcoil.simulation.content import combined_sha256, variable_sha256
+from fastcoil.simulation.dataset import join_flat, unflatten
 from fastcoil.simulation.netcdf import write
 from fastcoil.simulation.plan import simulation_attributes
+from fastcoil.simulation.provenance import provenance
 from fastcoil.simulation.stored_traces import layout_of
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.final import add_traces, finished_manifest, publish

@@ -18,7 +18,8 @@ from fastcoil.errors import InputError, IntegrityError
 from fastcoil.numerics.jit import same_model
 from fastcoil.outputs import FORMER_METRICS, METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.simulation.cut import Reached
-from fastcoil.simulation.dataset import environments_of, join_flat, unflatten
+from fastcoil.simulation.dataset import join_flat, unflatten
+from fastcoil.simulation.provenance import environments_of
 from fastcoil.simulation.shards import END_STATE
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.extend import Match, as_part, match_scenarios
@@ -34,6 +35,16 @@ def open_study(folder: str | Path) -> xr.Dataset:
 
     An unfinished study can be opened too: scenarios that are not finished yet have the status ``not_run``.  Traces of
     a finished one stay on the disk until they are asked for.  Metrics of an earlier version have their names of today.
+
+    Parameters
+    ----------
+    folder
+        What ``fastcoil run`` wrote, such as ``results/robustness``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Metrics and ``status`` over the dims of the study, and its traces.
 
     Raises
     ------

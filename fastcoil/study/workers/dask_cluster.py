@@ -11,7 +11,7 @@ from collections.abc import Collection, Sequence
 from functools import partial
 from typing import Any
 
-from fastcoil.errors import FastcoilError, InputError
+from fastcoil.errors import FastcoilError, InputError, missing_extra
 from fastcoil.numerics.jit import model_sha256
 from fastcoil.simulation.in_thread import within
 from fastcoil.simulation.shards import Shard, Stretch
@@ -32,9 +32,7 @@ class Dask:
         try:
             import distributed
         except ImportError:
-            raise InputError(
-                "the backend dask needs the packages dask and distributed: pip install 'fastcoil[dask]'"
-            ) from None
+            raise missing_extra("the backend dask", "dask and distributed", "dask") from None
         # when the scheduler is lost, futures are cancelled
         self.deaths: tuple[type[BaseException], ...] = (distributed.KilledWorker, cf.CancelledError, MemoryError)
         self._job = job._replace(key=f"{job.key}-{uuid.uuid4().hex}")  # two runs of a study may share a cluster

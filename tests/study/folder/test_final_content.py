@@ -12,7 +12,7 @@ import fastcoil as fc
 from fastcoil.errors import IntegrityError, StorageError
 from fastcoil.outputs import METRICS
 from fastcoil.simulation import netcdf, stored_file
-from fastcoil.simulation.dataset import combined_sha256
+from fastcoil.simulation.content import combined_sha256
 from fastcoil.study.folder.final import open_final
 from fastcoil.study.folder.form import malformed
 from fastcoil.study.folder.manifest import Manifest

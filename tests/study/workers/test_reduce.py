@@ -208,8 +208,10 @@ def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
                 f"return xr.Dataset({{'x': t.kp.expand_dims(y=[{label}])}})",
                 "returned labels of y that are neither numbers nor words: give it others, or drop them",
             )
-            for label in ("'\\ud800'", "'a\\0b'", "np.longdouble(1)")
+            for label in ("'a\\0b'", "np.longdouble(1)")
         ),
+        # with pyarrow, pandas itself refuses such a label
+        ("return xr.Dataset({'x': t.kp.expand_dims(y=['\\ud800'])})", "returned "),
         ("raise ValueError('x' * 1000)", "raised ValueError: " + 300 * "x" + " …"),
     ],
 )

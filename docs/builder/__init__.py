@@ -1,0 +1,1 @@
+"""Makes the site out of the pages of the repository."""

@@ -1,0 +1,103 @@
+"""Pages that show files of the repository, and the lists of parameters, metrics and signals."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fastcoil.cli.main import main
+from fastcoil.outputs import METRICS, TRACES
+from fastcoil.parameter_table import PARAMETERS
+
+LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cff": "yaml", ".json": "json"}
+HEAD = "---\norphan: true\nnosearch: true\n---\n\n"
+
+
+def file_page(root: Path, path: str) -> str:
+    """A page that shows a file, or lists the files of a folder."""
+    title = f"{HEAD}# `{path}`\n\n"
+    if not (root / path).is_dir():
+        language = LANGUAGES.get(Path(path).suffix, "text")
+        text = (root / path).read_text()
+        if path.endswith(".ipynb"):
+            return title + "\n\n".join(_cells(json.loads(text)))
+        return f"{title}``````{{code-block}} {language}\n:linenos:\n\n{text.rstrip()}\n``````\n"
+    files = sorted((root / path).glob("*.py"))
+    return title + "\n".join(f"* [`{f.name}`]({Path(path).name}/{f.name}.md)" for f in files) + "\n"
+
+
+def _cells(notebook: dict[str, Any]) -> Iterator[str]:
+    """The cells of a notebook, its headings one level down."""
+    for cell in notebook["cells"]:
+        text = "".join(cell["source"])
+        yield f"```python\n{text}\n```" if cell["cell_type"] == "code" else re.sub(r"(?m)^#", "##", text)
+
+
+def with_members(root: Path, paths: Iterable[str]) -> set[str]:
+    """``paths`` and the Python files of the folders among them."""
+    paths = set(paths)
+    members = {str(f.relative_to(root)) for path in paths if (root / path).is_dir() for f in (root / path).glob("*.py")}
+    return paths | members
+
+
+def _cell(text: object) -> str:
+    return str(text).replace("|", "\\|").replace("*", "\\*").replace("<", "\\<")
+
+
+def _rows(head: str, rows: Iterable[Iterable[object]]) -> str:
+    lines = [head, "|" + " --- |" * head.count(" | ") + " --- |"]
+    return "\n".join([*lines, *("| " + " | ".join(map(_cell, row)) + " |" for row in rows)]) + "\n"
+
+
+def _unit(unit: str) -> str:
+    """A fraction or a count has none."""
+    return "" if unit == "1" else unit
+
+
+def parameter_page() -> str:
+    """Every parameter of a loop, by group."""
+    groups: dict[str, list] = {}
+    for p in PARAMETERS.values():
+        groups.setdefault(p.group, []).append(p)
+    text = "# Parameters of a loop\n\nThe same names are used in Python, in study files and in results.  "
+    text += "The defaults are those of the preset `paper_like`.\n"
+    for group, members in groups.items():
+        rows = (
+            (f"`{p.name}`", _unit(p.unit), "" if p.default is None else p.default, p.bounds, p.text) for p in members
+        )
+        text += f"\n## {group[0].upper()}{group[1:]}\n\n"
+        text += _rows("| name | unit | default | values | meaning |", rows)
+    return text
+
+
+def output_page() -> str:
+    """Every metric and every signal of a result."""
+    head = "| name | unit | meaning | how it is found |"
+    text = "# Metrics and signals\n\nA result has the metrics always, one number for each scenario, and the signals"
+    text += " that you ask for with `traces=[…]`.  Where no unit is given it is a fraction or a count.  An empty cell"
+    text += " (NaN) is never a zero.\n"
+    for title, outputs in (("Metrics", METRICS), ("Signals", TRACES)):
+        rows = ((f"`{o.name}`", _unit(o.unit), o.long_name, o.comment) for o in outputs.values())
+        text += f"\n## {title}\n\n" + _rows(head, rows)
+    return text
+
+
+def _helps(command: click.Command, name: str, parent: click.Context | None = None):
+    context = click.Context(command, info_name=name, parent=parent, max_content_width=100)
+    yield context.command_path, command.get_help(context)
+    if isinstance(command, click.Group):
+        for member in sorted(command.commands):
+            yield from _helps(command.commands[member], member, context)
+
+
+def command_page() -> str:
+    """What ``--help`` says of every command."""
+    text = "# Commands\n\nWhat `--help` says of each command.\n"
+    for path, shown in _helps(main, "fastcoil"):
+        text += f"\n## {path}\n\n```text\n{shown}\n```\n"
+    return text

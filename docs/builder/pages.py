@@ -1,0 +1,144 @@
+"""The pages as Sphinx wants them, in a folder of their own, from the pages as a code host shows them.
+
+The sources stay plain Markdown with links to files.  Here links between pages get the names that the pages have on the
+site, links to other files of the repository lead to a page that shows that file, and the lists of ``docs/index.md``
+become the sections of the site.
+"""
+
+from __future__ import annotations
+
+import ast
+import posixpath
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from builder.terms import linked, terms
+
+RENAMED = {
+    "README.md": "overview.md",
+    "CHANGELOG.md": "changelog.md",
+    "studies/README.md": "answers.md",
+    "benchmarks/README.md": "benchmarks.md",
+    "benchmarks/RESULTS.md": "benchmark-results.md",
+}
+"""Pages that lie outside ``docs/``, or would have the name of another there."""
+TABLES = {
+    "fastcoil/parameter_table.py": "parameters.md",
+    "fastcoil/outputs.py": "outputs.md",
+    "fastcoil/cli/main.py": "commands.md",
+}
+"""What the page of reference shows as a table instead of the file."""
+GALLERY = "docs/gallery"
+GLOSSARY = "glossary.md"
+WITHOUT_TERMS = {"docs/glossary.md", "docs/index.md", "docs/reference.md", "CHANGELOG.md"}
+"""Pages that are lists, where a link to the glossary at each word would only distract."""
+FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"(?<=\]\()[^)\s]+(?=\))|(?<=\]: )\S+$", re.MULTILINE)
+SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.DOTALL | re.MULTILINE)
+LINKED = re.compile(r"\[([^\]]+)\]\(([^)]+)\)")
+ITEM = re.compile(r"^\* \[([^\]]+)\]\(([^)#\s]+)\)", re.MULTILINE)
+CODE = re.compile(r"^<!-- code ([\w/.]+): ([\w., ]+) -->$", re.MULTILINE)
+NAMES = re.compile(r"^(?:`(?:fc|fastcoil)\.[\w.]+`[,\s]*)+$", re.MULTILINE)
+
+
+def sources(root: Path) -> dict[str, str]:
+    """Page of the site → page of the repository."""
+    pages = {f"docs/{path.name}": path.name for path in sorted((root / "docs").glob("*.md"))}
+    return {there: here for here, there in (pages | RENAMED).items()}
+
+
+def outside_fences(text: str, change) -> str:
+    """``text`` with ``change`` made to all that is not a fenced block."""
+    ends = [0, *(edge for found in FENCE.finditer(text) for edge in found.span()), len(text)]
+    parts = [text[a:b] for a, b in zip(ends, ends[1:], strict=False)]
+    return "".join(part if i % 2 else change(part) for i, part in enumerate(parts))
+
+
+def shown_file(path: str) -> str:
+    """Page of the site that shows a file or folder of the repository."""
+    return f"files/{path}"
+
+
+def source_of(module: str, name: str) -> str:
+    """The source of a function in the text of a module, from its decorator on."""
+    lines = module.splitlines()
+    (node,) = (n for n in ast.parse(module).body if isinstance(n, ast.FunctionDef) and n.name == name)
+    return "\n".join(lines[node.decorator_list[0].lineno - 1 : node.end_lineno])
+
+
+class Staging:
+    """Pages of the site from those below ``root``; remembers which other files they link to."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.pages = {here: there for there, here in sources(root).items()}
+        self.files: set[str] = set()
+        self.figures: set[str] = set()
+        self.terms = terms((root / "docs" / GLOSSARY).read_text()) if (root / "docs" / GLOSSARY).is_file() else {}
+
+    def target(self, link: str, page: str) -> str:
+        """Where a link of ``page`` leads on the site."""
+        path, mark, anchor = link.partition("#")
+        if not path or ":" in link:
+            return link
+        here = posixpath.normpath(posixpath.join(posixpath.dirname(page), path))
+        if here in self.pages:
+            return self.pages[here] + mark + anchor
+        if page == "docs/reference.md" and here in TABLES:
+            return TABLES[here]
+        if here.startswith(GALLERY):
+            return f"examples/{Path(here).stem if here != GALLERY else 'index'}.rst"
+        if not (self.root / here).exists():
+            raise ValueError(f"{page} links to {link}, which does not exist")
+        if here.endswith(".png"):
+            self.figures.add(here)
+            return here
+        self.files.add(here)
+        return shown_file(here) + ".md"
+
+    def text(self, page: str) -> str:
+        """A page as the site has it, with the headings of its fenced blocks and its links changed."""
+        text = (self.root / page).read_text()
+        text = text.replace("\n```math\n", "\n```{math}\n")
+        text = outside_fences(text, lambda part: LINK.sub(lambda link: self.target(link[0], page), part))
+        known = {term: anchor for term, anchor in self.terms.items() if f"{GLOSSARY}#{anchor})" not in text}
+        known = {} if page in WITHOUT_TERMS else known
+        text = outside_fences(text, lambda part: linked(part, known, GLOSSARY))
+        return NAMES.sub(_summaries, CODE.sub(self._listing, text))
+
+    def _listing(self, marker: re.Match[str]) -> str:
+        path, names = marker[1], [name.strip() for name in marker[2].split(",")]
+        self.files.add(path)
+        return "\n\n".join(f"```python\n{source_of((self.root / path).read_text(), name)}\n```" for name in names)
+
+    def sections(self) -> Iterator[tuple[str, str]]:
+        """(page, text) of the front page, of each of its sections that is no page itself, and of the reference."""
+        front, top = self.text("docs/index.md"), []
+        for title, body in SECTION.findall(front):
+            if link := LINKED.fullmatch(title):
+                top.append(link.groups())
+            else:
+                top.append((title, re.sub(r"\W+", "-", title.lower()).strip("-") + ".md"))
+                yield top[-1][1], f"# {title}\n{body}" + _tree(ITEM.findall(body))
+        yield "index.md", front + _tree(top)
+        reference = self.text("docs/reference.md")
+        yield "reference.md", reference + _tree(ITEM.findall(reference))
+
+
+def _tree(pages: Iterable[tuple[str, str]]) -> str:
+    """The order of ``pages``, (title, file), for Sphinx, which shows it at the side."""
+    lines = "\n".join(f"{title} <{page.rpartition('.')[0]}>" for title, page in pages)
+    return f"\n```{{toctree}}\n:hidden:\n\n{lines}\n```\n"
+
+
+def public(text: str) -> list[str]:
+    """Dotted names of the functions and classes that a page of reference describes."""
+    named = (name for names in NAMES.findall(text) for name in re.findall(r"`([\w.]+)`", names))
+    return [re.sub(r"^fc\.", "fastcoil.", name) for name in named]
+
+
+def _summaries(names: re.Match[str]) -> str:
+    """A table of the named functions and classes, each with a page of its own."""
+    rows = "\n".join(f"   {name}" for name in public(names[0]))
+    return f"```{{eval-rst}}\n.. autosummary::\n   :toctree: api\n   :nosignatures:\n\n{rows}\n```\n"

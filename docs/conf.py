@@ -1,0 +1,105 @@
+"""How Sphinx builds the site: ``make docs``.
+
+The pages are those of the repository, put in order for the site by ``builder``.  Nothing of the site is loaded from the
+internet: equations are MathML, icons and fonts are those of the theme.
+"""
+
+import importlib.metadata
+import re
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+ROOT = Path(__file__).resolve().parents[1]
+MADE = ROOT / "build" / "docs"
+sys.path.insert(0, str(ROOT / "docs"))
+
+from builder.pages import shown_file  # noqa: E402
+from builder.stage import home, stage, stage_scripts  # noqa: E402
+
+stage(ROOT, MADE / "pages")
+stage_scripts(ROOT / "docs" / "gallery", MADE / "scripts")
+
+project = "fastcoil"
+author = "The fastcoil authors"
+copyright = author
+version = release = importlib.metadata.version("fastcoil")
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.linkcode",
+    "numpydoc",
+    "myst_parser",
+    "sphinx_gallery.gen_gallery",
+    "builder.mathml",
+]
+nitpicky = True
+source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
+templates_path = [str(ROOT / "docs" / "builder" / "templates")]
+suppress_warnings = ["config.cache"]
+
+myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath"]
+
+add_module_names = False
+autodoc_typehints = "none"
+default_role = "literal"
+autodoc_member_order = "bysource"
+autosummary_generate = ["reference.md"]
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": str(MADE / "scripts"),
+    "gallery_dirs": "examples",
+    "filename_pattern": r"\.py",
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "remove_config_comments": True,
+    "image_scrapers": ("matplotlib", "builder.figures.returned_figures"),
+    "ignore_repr_types": r"matplotlib\.",
+    "show_memory": False,
+    "min_reported_time": 5,
+    "abort_on_example_error": False,
+    "write_computation_times": False,
+    "doc_module": ("fastcoil",),
+    "backreferences_dir": None,
+    "show_signature": False,
+}
+
+html_theme = "pydata_sphinx_theme"
+html_title = "fastcoil"
+html_static_path = [str(ROOT / "docs" / "builder" / "static")]
+html_css_files = ["site.css"]
+html_math_renderer = "mathml"
+html_copy_source = html_show_sourcelink = False
+html_show_search_summary = False  # pages that are opened from a disk may not read one another
+html_theme_options = {
+    "navbar_align": "left",
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "show_prev_next": True,
+    "navigation_with_keys": False,
+    "header_links_before_dropdown": 7,
+    "pygments_light_style": "tango",
+    "pygments_dark_style": "github-dark",
+}
+
+
+def linkcode_resolve(domain: str, info: dict[str, str]) -> str:
+    """Page that shows the file of a public function or class; for a method that of its class."""
+    outermost = info["fullname"].partition(".")[0]
+    path = Path(home(f"{info['module']}.{outermost}")).relative_to(ROOT)
+    return f"../{shown_file(str(path))}.html"
+
+
+def without_signature(app: Sphinx, what: str, name: str, thing: object, options: object, *said: str) -> tuple | None:
+    """No arguments for a result, which a function makes and nobody else."""
+    return ("", None) if what == "class" and re.search(r"[._]result[.]", name) else None
+
+
+def setup(app: Sphinx) -> None:
+    """Besides the settings above."""
+    app.connect("autodoc-process-signature", without_signature)

@@ -1,0 +1,56 @@
+"""
+Will this loop hunt?
+====================
+
+Before anything is simulated: linearise the loop where it rests, and let the describing function say whether the
+gap closes it into a limit cycle.  Then simulate, and see whether that was right.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import fastcoil as fc
+
+# %%
+# What a step of the command does at this operating point: gain, time constant and dead time.
+
+day = fc.constant_day(hours=8)
+loop = fc.Loop.preset("lbnl").assign(backlash=0.07, kp=0.03)
+m = fc.linearise(loop, day)
+print(f"gain {float(m.gain):.0f} K per stroke, time constant {float(m.lag):.0f} s, dead time {float(m.delay):.0f} s")
+
+# %%
+# The open loop beside -1/N of the gap.  The loop hunts where the two curves meet:
+
+fc.nyquist(loop.assign(ti=[10.0, 30.0]), day)
+
+# %%
+# What that looks like: the opening over the command, once round in each swing.  The width of the figure is the
+# gap.
+
+hunting = loop.assign(ti=10.0)
+swing = fc.simulate(hunting, day, traces=["command", "opening"], warm_up=3 * 3600, n_jobs=1)
+fc.plot.limit_cycle(swing, fc.limit_cycle(hunting, day))
+
+# %%
+# 300 tunings foretold, and simulated:
+
+map_of = loop.assign(kp=np.geomspace(0.005, 0.08, 15).round(5), ti=np.geomspace(6, 120, 20).round(3))
+told = fc.limit_cycle(map_of, day)
+seen = fc.simulate(map_of, day, warm_up=3 * 3600, n_jobs=1)
+
+figure, axes = plt.subplots(figsize=(6.4, 4), layout="constrained")
+mesh = axes.pcolormesh(seen.ti, seen.kp, seen.hunting_swing, cmap="viridis", shading="nearest")
+axes.contour(told.ti, told.kp, told.margin.transpose("kp", "ti"), levels=[0.85], colors="#BB5566")
+axes.set(
+    xscale="log", yscale="log", xlabel="ti [s]", ylabel="kp [1/K]", title="red: where hunting is foretold to begin"
+)
+figure.colorbar(mesh, label="simulated swing, peak to peak [K]")
+
+# %%
+# The answer:
+
+right = int((told.hunts == seen.hunts).sum())
+one = fc.limit_cycle(hunting, day)
+print(f"With ti = 10 s it hunts by {2 * float(one.amplitude):.1f} K peak to peak every {float(one.period):.0f} s.")
+print(f"Theory and simulation agree on {right} of {told.hunts.size} tunings.")

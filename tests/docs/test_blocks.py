@@ -1,0 +1,101 @@
+"""Every block of code on a page is run, or is named here with what is checked instead."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+
+import click
+import pytest
+from click.testing import CliRunner
+from test_pages import PAGES, blocks, commands, is_named
+
+from fastcoil.cli.main import main
+
+RUN_IN_ORDER = {"python", "toml", "sh", "text"}
+"""Kinds of blocks that ``test_pages`` runs, or compares with what is printed, on every page with Python."""
+ELSEWHERE = {
+    ("README.md", "console"): "what it prints is compared with the page on diagnosis, in test_pages",
+    (
+        "docs/clusters.md",
+        "sh",
+    ): "starts clusters for a long study: names and options are checked, here and in test_pages",
+    ("docs/equations.md", "math"): "drawn when the site is built",
+    ("docs/explore.md", "sh"): "opens a page and waits: tests/explore do that; options are checked in test_pages",
+    ("docs/extending.md", "diff"): "applied and tried in test_extending",
+    ("docs/hand-over.md", "console"): "run below, with a compiler",
+    ("docs/paper.md", "sh"): "minutes of simulation: tests/paper runs it in parts",
+    ("docs/trust.md", "sh"): "needs certificates and a network: names and options are checked, here and in test_pages",
+    ("docs/trust.md", "text"): "compared below",
+    ("docs/trust.md", "yaml"): "its settings are looked up below",
+}
+
+
+def test_every_block_is_run_or_named():
+    alone = set()
+    for page in PAGES:
+        kinds = {kind for kind, _ in blocks(page)}
+        alone |= {(is_named(page), kind) for kind in kinds - (RUN_IN_ORDER if "python" in kinds else set())}
+    assert alone == set(ELSEWHERE)
+
+
+def named(page, kind):
+    """The blocks of a kind on a page of ``docs/``."""
+    (path,) = (path for path in PAGES if is_named(path) == f"docs/{page}")
+    return [text for _, text in blocks(path, kind)]
+
+
+@pytest.mark.parametrize("page", ["clusters.md", "trust.md"])
+def test_the_options_of_dask_exist(page):
+    cli = pytest.importorskip("distributed.cli", reason="dask is an extra")
+    from distributed.cli import dask_scheduler, dask_worker
+
+    assert cli
+    given = [words for text in named(page, "sh") for words in commands(text) if words[0] == "dask"]
+    assert {words[1] for words in given} == {"scheduler", "worker"}
+    for _, name, *words in given:
+        command = dask_scheduler.main if name == "scheduler" else dask_worker.main
+        assert isinstance(command, click.Command)
+        known = {option for p in command.params for option in p.opts}
+        assert {word for word in words if word.startswith("--")} <= known
+
+
+def paths(settings, above=""):
+    """Dotted names of all settings that have a value."""
+    for name, value in settings.items():
+        yield from paths(value, f"{above}{name}.") if isinstance(value, dict) else [above + name]
+
+
+def test_the_settings_of_dask_exist():
+    yaml = pytest.importorskip("yaml", reason="dask is an extra")
+    dask = pytest.importorskip("dask", reason="dask is an extra")
+    pytest.importorskip("distributed", reason="dask is an extra")
+    (text,) = named("trust.md", "yaml")
+    known = {path for settings in dask.config.defaults for path in paths(settings)}
+    assert set(paths(yaml.safe_load(text))) <= known
+
+
+def test_a_study_says_whose_code_it_runs(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text("def overshoot(traces):\n    return traces.max('elapsed_time')\n")
+    (tmp_path / "mine.toml").write_text('[loop]\n[run]\ntraces = ["T_sup"]\nreduce = "mine:overshoot"\n')
+    monkeypatch.chdir(tmp_path)
+    (shown,) = named("trust.md", "text")
+    said = CliRunner().invoke(main, ["plan", "mine.toml"]).output
+    assert shown.strip().replace("/home/you/studies", str(tmp_path)) in said
+
+
+@pytest.mark.kernel
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here")
+def test_exported_code_is_proven_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    study = named("hand-over.md", "toml")[0]
+    (tmp_path / re.match(r"# (\S+)", study)[1]).write_text(study)
+    for _, *words in commands(named("hand-over.md", "sh")[0]):
+        assert CliRunner().invoke(main, words).exit_code == 0
+    for block in named("hand-over.md", "console"):
+        for line in block.splitlines():
+            program, *words = shlex.split(line.removeprefix("$ "))
+            subprocess.run([sys.executable if program == "python" else program, *words], check=True, timeout=60)
