@@ -20,12 +20,13 @@ Flags:
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import platform
 import sys
 from collections.abc import Callable
-from functools import cache
+from functools import cache, wraps
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ import llvmlite.binding
 import numba
 import numpy as np
 from numba.core import config
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 
 from fastcoil.numerics.kernel_cache import KernelCache, has_kernel, kernel_folder
@@ -48,6 +50,7 @@ _SETTINGS = (
 """Settings of Numba, from the environment or its configuration file, that decide what is compiled."""
 SHIPPED = PARAMETERS["estimator"].choices
 """Estimators of the package: each has a file of its name, or several that begin with it, but for the word none."""
+_OBJECTS_BETWEEN_LOOKS = 20_000
 JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
@@ -68,9 +71,31 @@ section = scalar
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a loop, cached on disk under the fingerprint of everything it was compiled from."""
     compiled = numba.njit(**FLAGS, fastmath=False)(function)
-    folder = kernel_folder(fingerprint()) if JIT_ENABLED else None
-    if folder is not None:
-        compiled._cache = KernelCache(function, folder)
+    if JIT_ENABLED:
+        compiled._compiler.compile = rarely_collected(compiled._compiler.compile)
+        folder = kernel_folder(fingerprint())
+        if folder is not None:
+            compiled._cache = KernelCache(function, folder)
+    return compiled
+
+
+def rarely_collected(compile: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that compiles, without Python looking for garbage all the time: a quarter of a compilation.
+
+    The compiler makes millions of objects, and nearly all of them live until it ends.
+    """
+
+    @wraps(compile)
+    def compiled(*arguments: Any) -> Any:
+        with global_compiler_lock:  # one after another, so that each puts back what the user has set
+            before = gc.get_threshold()
+            if before[0]:
+                gc.set_threshold(max(_OBJECTS_BETWEEN_LOOKS, before[0]), *before[1:])
+            try:
+                return compile(*arguments)
+            finally:
+                gc.set_threshold(*before)
+
     return compiled
 
 

@@ -22,7 +22,7 @@ from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from fastcoil.numerics.jit import FLAGS, JIT_ENABLED, exact, fingerprint
+from fastcoil.numerics.jit import FLAGS, JIT_ENABLED, exact, fingerprint, rarely_collected
 from fastcoil.numerics.kernel_cache import KernelCache, kernel_folder
 
 NUMBER, FLAG, ROWS, WHOLE = types.float64, types.boolean, types.CPointer(types.float64), types.int64
@@ -56,7 +56,7 @@ class Kind:
         if folder is not None:
             stage._cache = KernelCache(function, folder, identity)
         with _LOCK:
-            stage.compile()
+            rarely_collected(stage.compile)()
             _STAGES.append(stage)
         return np.intp(stage.address)
 
