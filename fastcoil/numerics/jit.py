@@ -26,7 +26,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -85,7 +85,6 @@ def rarely_collected(compile: Callable[..., Any]) -> Callable[..., Any]:
     The compiler makes millions of objects, and nearly all of them live until it ends.
     """
 
-    @wraps(compile)
     def compiled(*arguments: Any) -> Any:
         with global_compiler_lock:  # one after another, so that each puts back what the user has set
             before = gc.get_threshold()
