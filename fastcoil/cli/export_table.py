@@ -10,13 +10,15 @@ from fastcoil.arguments import checking
 from fastcoil.cli.labels import all_labels_of
 from fastcoil.cli.terminal import say
 from fastcoil.errors import InputError
-from fastcoil.look import is_folder, may_be_file
+from fastcoil.look import exists, is_folder, may_be_file
 from fastcoil.outputs import STATUS_NOT_RUN
 
 if TYPE_CHECKING:
     import xarray as xr
 
 SUFFIXES = {"csv": ".csv", "latex": ".tex", "parquet": ".parquet"}
+_SAID_WITHIN = 2**16
+"""Bytes of the beginning of a text, and of the end of a Parquet file, that say what it is of."""
 
 
 def export_table(
@@ -55,10 +57,24 @@ def _target(path: Path, format: str, out: Path | None) -> Path:
     suffix = SUFFIXES[format]
     if out is None or is_folder(out):
         name = path.resolve().name
-        return (out or Path()) / ((name.removesuffix(".nc") or "results") + suffix)
+        target = (out or Path()) / ((name.removesuffix(".nc") or "results") + suffix)
+        if exists(target) and not _is_table_of_ours(target):
+            raise InputError(f"{target} exists, and fastcoil did not write it: name another file with -o, or delete it")
+        return target
     if out.suffix.lower() != suffix or not may_be_file(out):
         raise InputError(f"-o {out}: give a file NAME{suffix} in a folder that exists, or such a folder")
     return out
+
+
+def _is_table_of_ours(path: Path) -> bool:
+    """Whether a file says by which version of fastcoil it was written; what cannot be read does not."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_SAID_WITHIN)
+            file.seek(max(0, file.seek(0, 2) - _SAID_WITHIN))
+            return b"fastcoil_version" in head + file.read()
+    except OSError:
+        return False
 
 
 def _format(formats: Sequence[str], by: Sequence[str]) -> str:

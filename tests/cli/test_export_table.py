@@ -47,6 +47,20 @@ def export(tmp_path, monkeypatch):
 
 
 @pytest.mark.kernel
+@pytest.mark.parametrize("format", ["csv", "latex", "parquet"])
+def test_a_name_of_ours_replaces_our_own_file_and_no_other(folder, export, tmp_path, format):
+    words = (folder, f"--{format}", "--metric", "rmse")
+    for _ in range(2):
+        assert export(*words).exit_code == 0
+    (table,) = tmp_path.iterdir()
+    table.write_bytes(b"elapsed_time,T_sup\n0,14.2\n")
+    found = export(*words)
+    assert found.exit_code == 2
+    assert found.output.startswith(f"fastcoil: {table.name} exists, and fastcoil did not write it: name another file")
+    assert table.read_bytes() == b"elapsed_time,T_sup\n0,14.2\n"
+
+
+@pytest.mark.kernel
 def test_a_folder_its_file_and_a_saved_result_give_the_same_table(folder, export, tmp_path):
     ds = fc.open_study(folder)
     ds.to_netcdf(tmp_path / "mine.nc")

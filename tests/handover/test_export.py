@@ -3,6 +3,8 @@
 import importlib.util
 import math
 import re
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -238,3 +240,15 @@ def test_a_file_that_fastcoil_did_not_write_is_never_replaced(tmp_path, name, la
     with pytest.raises(fc.InputError, match=rf"{name} exists, and fastcoil did not write it: choose another name"):
         fc.export_controller(fc.Loop(kp=0.03), path, language)
     assert {each: (tmp_path / each).read_bytes() for each in before} == others
+
+
+def test_the_check_in_python_says_what_it_cannot_read(tmp_path):
+    code = export(tmp_path, "python", backlash_estimate=0.05)
+    for content in (None, "", "T_sup;T_set\n14;14\n", "T_sup,T_set,enabled,reset,command\n14,14,1\n"):
+        other = tmp_path / "other.csv"
+        if content is not None:
+            other.write_text(content)
+        ran = subprocess.run([sys.executable, code, other], capture_output=True, text=True, timeout=60, check=False)
+        assert ran.returncode == 1
+        assert "cannot be read as vectors of this controller" in ran.stderr
+        assert "Traceback" not in ran.stderr
