@@ -125,7 +125,7 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
     better = _share(ds["rmse"].sel({ratio: best}) < plain, plain)
     lines = [
         f"Lowest error at {name} {best:g}: RMSE is {_percent(middle.sel({ratio: best}) - 1)} against the plain PI "
-        f"(median), and lower in {better:.0%} of the loops."
+        f"(median), and lower in {100 * better:.0f} % of the loops."
     ]
     settled = ds["rmse_settled"].sel({ratio: 0.0})
     if settled.notnull().any():
@@ -143,7 +143,7 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
     lines.append(f"The motor then travels {float(travel):.1f} times as far as with the plain PI (median).")
     if ratio == "estimate_ratio" and last > 1.0:
         worse = _share(ds["rmse"].sel({ratio: last}) > ds["rmse"].sel({ratio: 1.0}, method="nearest"), plain)
-        lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {worse:.0%} of the loops.")
+        lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {100 * worse:.0f} % of the loops.")
     return lines + _against_best_pi(ds, ratio, best) + _against_dead_bands(with_dead_bands, ratio, best)
 
 
@@ -161,7 +161,7 @@ def _against_best_pi(ds: xr.Dataset, ratio: str, best: float) -> list[str]:
     travel = float((inverse["motor_travel"] / plain["motor_travel"]).isel(at, drop=True).median())
     return [
         f"The best plain PI of {n} tunings ({_label(ds, at)}): RMSE is {alone} than with the plain PI of the same loop "
-        f"(median); the inverse is lower than that in {lower:.0%} of the loops.",
+        f"(median); the inverse is lower than that in {100 * lower:.0f} % of the loops.",
         f"An inverse on top of the best plain PI: RMSE is {with_it} (median), at {travel:.1f} times the motor travel.",
     ]
 

@@ -55,7 +55,7 @@ def coil_fit(problem: CoilProblem, solution: CoilSolution, started: float) -> Fi
     residuals, rmse = _residuals(problem, x)
     fitted = problem.compared["T_sup"] & problem.fitting
     notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns, and how the inputs run between samples")
-    notes.append(f"{(wet > 0).mean():.0%} of the fitted samples have wet volumes, {wet.mean():.1f} on average")
+    notes.append(f"{100 * (wet > 0).mean():.0f} % of the fitted samples have wet volumes, {wet.mean():.1f} on average")
     most = record.limits.m_w_max
     notes.append(f"stable up to the {most:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion")
     marched = {n: record.loop[n] for n in _MARCH if record.loop[n] != PARAMETERS[n].default}

@@ -113,8 +113,8 @@ def why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:
         )
     elif not solution.explained > LEAST_EXPLAINED:
         why = (
-            f"the model explains {max(solution.explained, 0.0):.0%} of the changes of T_sup: fit the coil first, or "
-            "check units and columns"
+            f"the model explains {100 * max(solution.explained, 0.0):.0f} % of the changes of T_sup: fit the coil "
+            "first, or check units and columns"
         )
     elif high >= LARGEST:
         why = f"the gap is {low:.3g} or more, and {LARGEST:g} is the largest that is tried"

@@ -111,8 +111,8 @@ def why_unidentified(
     low, high = interval
     if n_reversals < _FEWEST_REVERSALS:
         return (
-            f"not identified: the command turns {n_reversals} times by more than {_TURN:.0%} of stroke, and only "
-            "reversals show backlash; give a log in which it goes up and down"
+            f"not identified: the command turns {n_reversals} times by more than {100 * _TURN:.0f} % of stroke, and "
+            "only reversals show backlash; give a log in which it goes up and down"
             + _MANY_PIECES.format(n=n_pieces)
             * (n_pieces > 1)
         )

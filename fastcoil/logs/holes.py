@@ -65,8 +65,8 @@ def _sparse(readings: Readings) -> list[str]:
     if shares[worst] <= _SPARSE or readings.missing[worst].sum() < _FEWEST_HOLES:
         return []
     return [
-        f"{worst} is missing in {shares[worst]:.0%} of the rows: if each point is logged at its own times, put them on "
-        "one clock first, with fastcoil join"
+        f"{worst} is missing in {100 * shares[worst]:.0f} % of the rows: if each point is logged at its own times, put "
+        "them on one clock first, with fastcoil join"
     ]
 
 

@@ -97,7 +97,7 @@ def test_the_summary_of_a_run_says_what_plain_python_finds(tmp_path):
     under = [rmse[t, x, 0.95] < rmse[best, x, 0.0] for t in tunings for x in sizes]
     assert (
         f"The best plain PI of 2 tunings ({best}): RMSE is {lower(alone)} than with the plain PI of the same loop "
-        f"(median); the inverse is lower than that in {sum(under) / 6:.0%} of the loops." in said
+        f"(median); the inverse is lower than that in {100 * sum(under) / 6:.0f} % of the loops." in said
     )
     on_top = median(rmse[best, x, 0.95] / rmse[best, x, 0.0] for x in sizes)
     cost = median(travel[best, x, 0.95] / travel[best, x, 0.0] for x in sizes)

@@ -34,10 +34,13 @@ def test_init_writes_a_study_that_plans_and_never_overwrites(fastcoil):
 
 def test_init_compiles_in_the_background_what_a_first_study_needs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    begun = []
+    begun, there = [], [False, True]
+    monkeypatch.setattr("fastcoil.numerics.jit.is_compiled", lambda kernel: there.pop(0))
     monkeypatch.setattr(subprocess, "Popen", lambda words, **options: begun.append((words, options)))
     assert CliRunner().invoke(main, ["init"], obj=OWN_PROCESS).exit_code == 0
     assert CliRunner().invoke(main, ["init"], obj=OWN_PROCESS).exit_code == 2  # nothing written, nothing begun
+    assert CliRunner().invoke(main, ["init", "compiled.toml"], obj=OWN_PROCESS).exit_code == 0
+    assert there == []
     assert CliRunner().invoke(main, ["init", "other.toml"]).exit_code == 0  # more than a command: a notebook, a test
     ((words, options),) = begun
     assert options["start_new_session"]

@@ -122,5 +122,5 @@ def test_a_table_of_points_with_times_of_their_own_is_sent_to_join(tmp_path):
     rows = [list(row) for row in zip(ISO, odd, even, strict=True)]
     assert len(rows) == ROWS
     found = problems(read_text, tmp_path, text_of(rows))
-    assert "is missing in 50% of the rows" in found[-1]
+    assert "is missing in 50 % of the rows" in found[-1]
     assert "fastcoil join" in found[-1]
