@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,16 +14,16 @@ from fastcoil.files import commit
 from fastcoil.look import may_be_file
 
 
-class Told:
+class Told(ABC):
     """A result that tells itself in lines, shown as these and in a notebook with its TOML."""
 
+    @abstractmethod
     def summary(self) -> list[str]:
         """The result in words, line by line."""
-        raise NotImplementedError
 
+    @abstractmethod
     def to_toml(self, path: str | Path | None = None) -> str:
         """The result as TOML, written to ``path`` if one is given."""
-        raise NotImplementedError
 
     def __repr__(self) -> str:
         return "\n".join([f"<fastcoil {type(self).__name__}>", *self.summary()])
