@@ -197,7 +197,7 @@ def compare_numbers(ours: Checkout, theirs: Checkout) -> int:
 
 def _named_as_today(found: dict[str, str]) -> dict[str, str]:
     """Digests by the names that metrics have now: the other checkout may be older."""
-    from fastcoil.outputs import FORMER_METRICS
+    from fastcoil.model.metric_table import FORMER_METRICS
 
     return {FORMER_METRICS.get(name, (name, ""))[0]: digest for name, digest in found.items()}
 

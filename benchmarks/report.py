@@ -23,7 +23,7 @@ from peers import common
 from suite import LANES, OPTIONS, QUICK, SAMPLE_TIMES, contenders, kernel, plan
 from waits import waits
 
-from fastcoil.numerics.jit import fingerprint
+from fastcoil.model.numerics.jit import fingerprint
 
 LANES_IN_ALL, SECONDS, ROUNDS = (2 * LANES, 2400, 1) if QUICK else (1024, 7200, 9)
 WARM_UP_ROUNDS = 1

@@ -15,11 +15,11 @@ import numpy as np
 from peers import c_peer, common, numpy_lanes, scalar_numba
 
 import fastcoil as fc
-from fastcoil.engine.host import run_block
-from fastcoil.engine.lanes import blocks, parameter_matrix
-from fastcoil.engine.rows import LANES
-from fastcoil.outputs import METRICS
-from fastcoil.simulation.plan import Plan, plan_simulation
+from fastcoil.loops.plan import Plan, plan_simulation
+from fastcoil.model.engine.host import run_block
+from fastcoil.model.engine.lanes import blocks, parameter_matrix
+from fastcoil.model.engine.rows import LANES
+from fastcoil.model.metric_table import METRICS
 
 MODE = os.environ.get("FASTCOIL_BENCH", "")
 """``quick``: everything once and tiny, to see that it runs; ``full``: also 10⁶ scenarios."""

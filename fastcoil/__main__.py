@@ -6,11 +6,11 @@ import sys
 import threading
 import traceback
 
+from fastcoil.base.errors import EXIT_BUG, EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED
 from fastcoil.cli.main import main
 from fastcoil.cli.quick_start import OWN_PROCESS
 from fastcoil.cli.streams import guard_streams
 from fastcoil.cli.terminal import say
-from fastcoil.errors import EXIT_BUG, EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED
 
 
 def run() -> None:
@@ -22,7 +22,7 @@ def run() -> None:
         say(f"fastcoil: not all lines could be printed ({lost}); files were written as usual", err=True)
     if code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
         _end_at_once(code)
-    netcdf = sys.modules.get("fastcoil.simulation.netcdf")
+    netcdf = sys.modules.get("fastcoil.loops.netcdf")
     if netcdf is not None and netcdf.abandoned:  # at the end of the process, the library would crash on them
         _exit(code)
     sys.exit(code or (EXIT_STORAGE if lost is not None else 0))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import xarray as xr
 from report import results, write_table
 
-from fastcoil.analysis.baselines import best_plain_pi
+from fastcoil.study.analysis.baselines import best_plain_pi
 
 
 def change(values: xr.DataArray, reference: xr.DataArray) -> str:

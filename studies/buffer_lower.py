@@ -12,7 +12,7 @@ from buffer_run import ALLOWED, SIZES, Runs, Valves
 from remedies_tables import pooled
 from report import write_table
 
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 BLOCKS_PER_HOUR = 6.0
 """``switch_frequency`` counts in 10 min."""

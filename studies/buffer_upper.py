@@ -12,7 +12,7 @@ from buffer_run import SHARES, SWINGS, Runs, Valves
 from kinds import CONSTANT
 from report import write_table
 
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 HALF_MISSED = 0.5
 """Share of the play that is left which takes off the buffer; the formula is better by it."""

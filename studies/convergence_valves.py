@@ -14,8 +14,8 @@ from kinds import HEATING, WEATHER_FILE, kinds, of_kind, settings
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.analysis.shares import share_of
-from fastcoil.moist_air import humidity_ratio
+from fastcoil.model.moist_air import humidity_ratio
+from fastcoil.study.analysis.shares import share_of
 
 SEED, VALVES, REMEDIED = 9420, 384, 192
 DAYS = range(94201, 94205)

@@ -1,8 +1,8 @@
 """Does a trend log of command and supply temperature tell the backlash?  Measured on valves and days never seen before.
 
-Run with ``python studies/diagnosis.py``.  It asks ``fastcoil.diagnosis`` about the logs of ``diagnosis_logs.py``.  The
-thresholds there were chosen on valves and days of seeds 301 to 503; those here share none of them.  Right means: within
-20 % of the true backlash or 1 % of the stroke.
+Run with ``python studies/diagnosis.py``.  It asks ``fastcoil.measured.diagnosis`` about the logs of
+``diagnosis_logs.py``.  The thresholds there were chosen on valves and days of seeds 301 to 503; those here share none
+of them.  Right means: within 20 % of the true backlash or 1 % of the stroke.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from diagnosis_logs import DAYS_OF_KINDS, GOOD_VALVES, OTHERS, SIMULATED, STEPPE
 from kinds import STEPPED
 from report import write_table
 
-from fastcoil.analysis.shares import share_of
-from fastcoil.diagnosis.identify import GOOD, TOLERANCE, identify_backlash
+from fastcoil.measured.diagnosis.identify import GOOD, TOLERANCE, identify_backlash
+from fastcoil.study.analysis.shares import share_of
 
 SEED = 9211
 VALVES, DAYS = 128, 3

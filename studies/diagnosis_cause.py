@@ -16,7 +16,7 @@ from kinds import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.diagnosis.identify import GOOD, TOLERANCE
+from fastcoil.measured.diagnosis.identify import GOOD, TOLERANCE
 
 SEED, VALVES, DAY = 7411, 96, 74111
 SWINGING = "swinging"

@@ -1,7 +1,7 @@
 """Does the loop fitted to a trend log foretell what another valve or controller would do?  Foretold against simulated.
 
 Run with ``python studies/diagnosis_predictions.py``.  It simulates loops drawn over wide ranges, and loops
- tuned so fast that many hunt, and asks the fitted loop of ``fastcoil.diagnosis`` what each log would have been
+ tuned so fast that many hunt, and asks the fitted loop of ``fastcoil.measured.diagnosis`` what each log would have been
 without the gap, with half the gain, and with an inverse of 95 % of the size found.  Then it simulates just that.  Only
 logs whose backlash is identified are asked.  The thresholds of the fit were chosen on loops of the seeds 501 and 601;
 the days here share none with those, and the fast tunings are of a seed of their own.
@@ -18,9 +18,9 @@ from kinds import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.diagnosis.fitted_loop import fit_loop_model, what_if
-from fastcoil.diagnosis.identify import identify_backlash
-from fastcoil.diagnosis.outcome import Outcome
+from fastcoil.measured.diagnosis.fitted_loop import fit_loop_model, what_if
+from fastcoil.measured.diagnosis.identify import identify_backlash
+from fastcoil.measured.diagnosis.outcome import Outcome
 
 SEED, VALVES_SEED, VALVES = 7703, 9107, 128
 SIMULATED, LOGGED = 5, (10, 15, 30)

@@ -25,7 +25,7 @@ from energy_cost_bills import (
 from kinds import HEATING
 from report import write_table
 
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 GAP = 0.07
 """Of the paper."""

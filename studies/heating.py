@@ -17,7 +17,7 @@ from heating_figure import draw
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 SEARCH_SEED, FRESH_SEED = 16001, 16002
 SEARCH_SIZE, FRESH_SIZE = 200, 400

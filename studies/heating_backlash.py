@@ -17,7 +17,7 @@ from kinds import HEATING, OUTDOOR_AIR, WEATHER_FILE, of_kind
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 PRESETS = ("heating", "heating_45")
 VALVES, GOOD, LARGEST = 60, 5, 0.15

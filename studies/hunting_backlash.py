@@ -13,7 +13,7 @@ from hunting_plants import foreseen
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.analysis.shares import mean_of, share_of
+from fastcoil.study.analysis.shares import mean_of, share_of
 
 SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SEEN, HOURS = 20, 8

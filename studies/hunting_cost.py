@@ -13,7 +13,7 @@ from kinds import CONSTANT, DESIGN, HEATING, kinds, of_kind
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.analysis.shares import mean_of, share_of
+from fastcoil.study.analysis.shares import mean_of, share_of
 
 KP = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0)
 TI = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)

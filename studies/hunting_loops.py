@@ -12,8 +12,8 @@ from hunting_plants import foreseen
 from kinds import HEATING, of_kind, settings
 
 import fastcoil as fc
-from fastcoil.moist_air import humidity_ratio
-from fastcoil.outputs import HUNTING_PERIODS, HUNTING_SWING
+from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SWING
+from fastcoil.model.moist_air import humidity_ratio
 
 WET, DRY = "wet cooling", "dry cooling"
 OPERATING = (WET, DRY, HEATING)

@@ -9,7 +9,7 @@ from hunting_plants import foreseen
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.analysis.shares import mean_of
+from fastcoil.study.analysis.shares import mean_of
 
 BASE = {"sensor_time_constant": 30.0, "stroke_time": 90.0, "sample_time": 10.0, "backlash": 0.05, "noise_std": 0.0}
 CHANGES: dict[str, dict[str, float]] = {

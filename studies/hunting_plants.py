@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.theory.describing_function import describing_function
-from fastcoil.theory.operating_points import OperatingPoints
-from fastcoil.theory.plants import loop_response, plants_of
+from fastcoil.design.theory.describing_function import describing_function
+from fastcoil.design.theory.operating_points import OperatingPoints
+from fastcoil.design.theory.plants import loop_response, plants_of
 
 LEAST_GAIN = 0.2
 """K per stroke: with less a valve changes nothing."""

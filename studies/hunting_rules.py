@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from kinds import HEATING
 
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 POWERS, DELAYS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0), (0.0, 1.0, 2.0, 3.0, 4.0)
 """Powers of kp K and multiples of theta that are tried."""

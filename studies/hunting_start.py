@@ -11,7 +11,7 @@ from kinds import HEATING
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 RAMP, HOLD, KICK, AFTER = 6, 2, 1, 6
 """Hours: the set-point comes slowly from the temperature of the air, stands still, is elsewhere, and back."""

@@ -9,7 +9,7 @@ import xarray as xr
 from hunting_rules import MISREAD, Rule, able, any_place, by_one_step, counted, errors, misread, smallest, written
 from report import write_table
 
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 SHOWN = ("margin", "formula", "`fc.limit_cycle`")
 

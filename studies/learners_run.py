@@ -13,7 +13,7 @@ from kinds import HEATING, STEPPED
 from learners_conditions import GOOD, STUDY, Condition, conditions
 
 import fastcoil as fc
-from fastcoil.analysis.shares import Share, share_of
+from fastcoil.study.analysis.shares import Share, share_of
 from fastcoil.study.file.spec import read_study
 
 PI, KNOWN, KNOWN_STROKE = "pi", "fixed_95", "identify_stroke"

@@ -10,7 +10,7 @@ from learners_run import KNOWN, ONE, PI, ROUND_OFF, Run, change, controllers, fa
 from remedies_tables import cell, pooled
 from report import write_table
 
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 LABELS = {
     PI: "plain PI",

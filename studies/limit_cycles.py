@@ -21,11 +21,11 @@ from limit_cycles_drawn import POPULATIONS, constant_days, drawn, textbook
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.analysis.shares import share_of
-from fastcoil.theory import cycles
-from fastcoil.theory.cycles import Cycles, cycles_of
-from fastcoil.theory.operating_points import OperatingPoints
-from fastcoil.theory.plants import OPENINGS, Plants, plants_of
+from fastcoil.design.theory import cycles
+from fastcoil.design.theory.cycles import Cycles, cycles_of
+from fastcoil.design.theory.operating_points import OperatingPoints
+from fastcoil.design.theory.plants import OPENINGS, Plants, plants_of
+from fastcoil.study.analysis.shares import share_of
 
 SEARCH, FRESH = 901, 1201
 LOOPS, POINTS = 400, 12

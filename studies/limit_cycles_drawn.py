@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 import fastcoil as fc
-from fastcoil.moist_air import humidity_ratio
-from fastcoil.theory.cycles import HUNTS_ABOVE, Cycles
-from fastcoil.theory.describing_function import describing_function
-from fastcoil.theory.harmonic_balance import balance, frequency
-from fastcoil.theory.plants import Plants, frequency_response, loop_response
+from fastcoil.design.theory.cycles import HUNTS_ABOVE, Cycles
+from fastcoil.design.theory.describing_function import describing_function
+from fastcoil.design.theory.harmonic_balance import balance, frequency
+from fastcoil.design.theory.plants import Plants, frequency_response, loop_response
+from fastcoil.model.moist_air import humidity_ratio
 
 HOURS, STEP_AT, STEP = 16, 2 * 3600, 1.5
 """Length of a constant day, h; when its set-point steps, s, and by how much, K."""

@@ -15,8 +15,8 @@ from kinds import SUMMER
 from report import HERE, write_table
 
 import fastcoil as fc
-from fastcoil.paper.kinds import KINDS, T_SET, Days, replaced, stepped
-from fastcoil.paper.regenerate import regenerate
+from fastcoil.study.paper.kinds import KINDS, T_SET, Days, replaced, stepped
+from fastcoil.study.paper.regenerate import regenerate
 
 TITLES = {
     "scorecard_changes": "What changes with the kind of day: claims that hold more often on one kind than on another",

@@ -18,14 +18,14 @@ from kinds import HEATING, kinds, of_kind, settings
 from report import write_table
 
 import fastcoil as fc
-from fastcoil.analysis.shares import share_of
-from fastcoil.outputs import WARM_UP
-from fastcoil.tuning.intervals import with_intervals
-from fastcoil.tuning.measures import Measure
-from fastcoil.tuning.result import Tuning
-from fastcoil.tuning.simc import own_gains
-from fastcoil.tuning.space import space_of
-from fastcoil.tuning.split import Group
+from fastcoil.design.tuning.intervals import with_intervals
+from fastcoil.design.tuning.measures import Measure
+from fastcoil.design.tuning.result import Tuning
+from fastcoil.design.tuning.simc import own_gains
+from fastcoil.design.tuning.space import space_of
+from fastcoil.design.tuning.split import Group
+from fastcoil.model.metric_table import WARM_UP
+from fastcoil.study.analysis.shares import share_of
 
 VALVES, FRESH_VALVES = 180, 96
 GOOD = 12

@@ -11,7 +11,7 @@ from wear_detect import AT_ONCE, GOOD, KINDS, SLOWLY, STEADY, Estimates, alarms,
 from wear_valves import DAYS, DAYS_OF_YEAR, KNOWN, PI
 from wear_year import Run, change, grown, of_year, wrong
 
-from fastcoil.analysis.shares import share_of
+from fastcoil.study.analysis.shares import share_of
 
 LABELS = {
     PI: "plain PI",

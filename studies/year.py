@@ -13,9 +13,9 @@ from matplotlib.dates import DateFormatter, MonthLocator
 from report import HERE, results, write_table
 
 import fastcoil as fc
-from fastcoil.analysis.pairs import Middle, middle_of
-from fastcoil.analysis.shares import share_of
-from fastcoil.plots.style import COLOURS, apply_style
+from fastcoil.base.figure_style import COLOURS, apply_style
+from fastcoil.study.analysis.pairs import Middle, middle_of
+from fastcoil.study.analysis.shares import share_of
 
 PI, SOUND = "pi", "sound"
 NAMES = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}

@@ -43,7 +43,7 @@ def pytest_collection():
 
 
 def pytest_collection_modifyitems(config, items):
-    from fastcoil.numerics.jit import JIT_ENABLED
+    from fastcoil.model.numerics.jit import JIT_ENABLED
 
     # while one process compiles the kernel, the others have tests without it; what many tests share is started once
     shared = ("forked", "two_workers")
@@ -74,7 +74,7 @@ def pytest_runtest_protocol(item):
 
 @cache
 def compile_once(folder):
-    from fastcoil.engine.host import compile_kernel
+    from fastcoil.model.engine.host import compile_kernel
 
     with FileLock(folder / "kernel.lock"):
         compile_kernel()
@@ -126,7 +126,7 @@ def run_reference():
 
     ``exact`` takes the reference's own Hyland-Wexler saturation instead of the package's.
     """
-    from fastcoil.physics.psychrometrics import saturation_humidity_ratio
+    from fastcoil.model.physics.psychrometrics import saturation_humidity_ratio
 
     def run(loop, boundary, *, exact=False, **options):
         given = {"plant_gain": None, "estimator": None} | loop.constants
@@ -149,7 +149,7 @@ def run_reference():
 @pytest.fixture(scope="module")
 def psychrolib():
     """PsychroLib in SI units."""
-    from fastcoil.numerics.jit import JIT_ENABLED
+    from fastcoil.model.numerics.jit import JIT_ENABLED
 
     if not JIT_ENABLED:
         pytest.skip("PsychroLib, where it finds Numba, needs the compiler to change its units")

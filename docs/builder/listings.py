@@ -11,8 +11,8 @@ from typing import Any
 import click
 
 from fastcoil.cli.main import main
-from fastcoil.outputs import METRICS, TRACES
-from fastcoil.parameter_table import PARAMETERS
+from fastcoil.model.metric_table import METRICS, TRACES
+from fastcoil.model.parameter_table import PARAMETERS
 
 LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cff": "yaml", ".json": "json"}
 HEAD = "---\norphan: true\nnosearch: true\n---\n\n"

@@ -24,8 +24,8 @@ RENAMED = {
 }
 """Pages that lie outside ``docs/``, or would have the name of another there."""
 TABLES = {
-    "fastcoil/parameter_table.py": "parameters.md",
-    "fastcoil/outputs.py": "outputs.md",
+    "fastcoil/model/parameter_table.py": "parameters.md",
+    "fastcoil/model/metric_table.py": "outputs.md",
     "fastcoil/cli/main.py": "commands.md",
 }
 """What the page of reference shows as a table instead of the file."""

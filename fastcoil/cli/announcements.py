@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def announce_compilation(kernel: str = "emulate") -> None:
     """Announce the wait if a kernel is not compiled yet."""
-    from fastcoil.numerics.jit import is_compiled
+    from fastcoil.model.numerics.jit import is_compiled
 
     if not is_compiled(kernel):
         say("Compiling the kernels, once per installation: about 20 s …", err=True)
@@ -31,7 +31,7 @@ COMPILE = "import os, fastcoil as fc; os.nice(10); fc.simulate(fc.Loop(), fc.pap
 
 def compile_meanwhile() -> None:
     """Compile the kernels while the user edits a first study, in a process that outlives this command."""
-    from fastcoil.numerics.jit import is_compiled
+    from fastcoil.model.numerics.jit import is_compiled
 
     if click.get_current_context().obj != OWN_PROCESS or is_compiled("emulate"):
         return
@@ -46,7 +46,7 @@ def compile_meanwhile() -> None:
 
 def run_own_code(what: str, source: Source) -> object:
     """Run the module of a study's own function, and say so before."""
-    from fastcoil.study.workers.own_code import load
+    from fastcoil.study.workers.load_user_module import load
 
     function = source.name.partition(":")[2]
     say(f"This study runs code of its own: {function} from {source.path.absolute()}.", err=True)

@@ -15,7 +15,7 @@ from fastcoil.cli.terminal import say
 @click.option("--bibtex", "as_bibtex", is_flag=True, help="BibTeX instead of plain text.")
 def cite(folder: Path | None, as_bibtex: bool) -> None:
     """Say how to cite fastcoil and the paper; with a FOLDER, its results and the version that made them, too."""
-    from fastcoil.reports.citation import bibtex, citation
+    from fastcoil.deliver.report.citation import bibtex, citation
 
     results = None
     if folder is not None:

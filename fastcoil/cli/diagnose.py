@@ -38,7 +38,7 @@ def diagnose(
     DATA is a CSV file with the columns command and T_sup, and T_set, m_a, T_a_in, enabled if it has them.  Time is
     elapsed_time or timestamp.  Two hours or more, a row every 30 s or faster, with changes of the set-point.
     """
-    from fastcoil.diagnosis.diagnose import diagnose as diagnosed
+    from fastcoil.measured.diagnosis.diagnose import diagnose as diagnosed
 
     if out is not None:
         require_writable(out)
@@ -56,7 +56,7 @@ def diagnose(
     )
     say(*found.summary())
     if out is not None:
-        from fastcoil.plots.files import write
+        from fastcoil.base.figure_files import write
 
         found.to_toml(out)
         say(f'Written: {out} (in a study: [loop] include = ["{out.name}"])')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from fastcoil.errors import InputError, shown
+from fastcoil.base.errors import InputError, shown
 
 _RANGES = {"NUMBA_NUM_THREADS": (1, 2**16), "SOURCE_DATE_EPOCH": (0, 253_402_300_799)}
 """Least and largest of whole numbers that Numba and matplotlib read; the last is the end of the year 9999."""

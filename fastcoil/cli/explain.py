@@ -7,14 +7,14 @@ from pathlib import Path
 
 import click
 
+from fastcoil.base.errors import InputError, shown
+from fastcoil.base.look import may_be_file
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.log_options import pairs
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.report import with_report, write_report
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError, shown
-from fastcoil.look import may_be_file
 
 
 @click.command()
@@ -36,7 +36,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
       fastcoil explain lbnl --set kp=0.03 --set ti=5
       fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
     """  # noqa: D301 — click reads the backspace
-    from fastcoil.explanation.explain import explain as explained
+    from fastcoil.design.explanation.explain import explain as explained
     from fastcoil.study.one_scenario import one_scenario
 
     form = _form_of(out)
@@ -45,7 +45,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
     found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
     if out is not None:
-        from fastcoil.plots.files import write
+        from fastcoil.base.figure_files import write
 
         for path in write({out.stem: found.plot()}, out.parent, format=form):
             say(f"Figure:  {path}")
@@ -62,7 +62,7 @@ def _changes(given: Sequence[str]) -> dict[str, str]:
 
 def _form_of(out: Path | None) -> str:
     """The format of a figure, by its name."""
-    from fastcoil.plots.files import FORMATS
+    from fastcoil.base.figure_files import FORMATS
 
     if out is None:
         return FORMATS[0]

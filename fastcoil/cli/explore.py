@@ -11,11 +11,11 @@ from pathlib import Path
 
 import click
 
+from fastcoil.base.errors import missing_extra
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
-from fastcoil.errors import missing_extra
 
 PORT = 5010
 
@@ -40,9 +40,9 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     """  # noqa: D301 — click reads the backspace
     if importlib.util.find_spec("bokeh") is None:
         raise missing_extra("explore", "bokeh", "explore")
-    from fastcoil.explore.model.model import Model
-    from fastcoil.explore.server import serve
-    from fastcoil.simulation.presets import PRESETS
+    from fastcoil.deliver.explore.model.model import Model
+    from fastcoil.deliver.explore.server import serve
+    from fastcoil.loops.presets import PRESETS
     from fastcoil.study.one_scenario import one_scenario
 
     name, labels = str(target), labels_of(",".join(at))

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
+from fastcoil.base.errors import InputError
+from fastcoil.base.look import is_folder
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError
-from fastcoil.look import is_folder
 
 
 @click.command()
@@ -62,7 +62,7 @@ def export(
 
 def export_code(path: Path, language: str | None, out: Path | None) -> None:
     """Write the code of the controller in a study file; its sweep, boundary and run play no part."""
-    from fastcoil.handover.export import SUFFIXES, export_controller, language_of
+    from fastcoil.deliver.export.export import SUFFIXES, export_controller, language_of
     from fastcoil.study.file.spec import read_study
 
     word = language_of(language or "c")

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fastcoil.arguments import checking
+from fastcoil.base.arguments import checking
+from fastcoil.base.errors import InputError
+from fastcoil.base.look import exists, is_folder, may_be_file
 from fastcoil.cli.labels import all_labels_of
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError
-from fastcoil.look import exists, is_folder, may_be_file
-from fastcoil.outputs import STATUS_NOT_RUN
+from fastcoil.model.metric_table import STATUS_NOT_RUN
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,10 +33,10 @@ def export_table(
 
     by: drawn parameters whose groups are the rows of a LaTeX table.
     """
-    from fastcoil.analysis.binned import binned
-    from fastcoil.analysis.selected import in_words, selected
+    from fastcoil.deliver.tables.tidy import check_metrics
+    from fastcoil.study.analysis.binned import binned
+    from fastcoil.study.analysis.selected import in_words, selected
     from fastcoil.study.folder.one_file import open_results
-    from fastcoil.tables.tidy import check_metrics
 
     format, labels = _format(formats, by), all_labels_of(at)
     target = _target(path, format, out)
@@ -94,10 +94,10 @@ def _format(formats: Sequence[str], by: Sequence[str]) -> str:
 
 def _write(format: str, ds: xr.Dataset, target: Path, metrics: tuple[str, ...]) -> str:
     """Write the file; what is in it, in words."""
-    from fastcoil.tables.csv import write_csv
-    from fastcoil.tables.latex import write_latex
-    from fastcoil.tables.parquet import write_parquet
-    from fastcoil.tables.tidy import Tidy
+    from fastcoil.deliver.tables.csv import write_csv
+    from fastcoil.deliver.tables.latex import write_latex
+    from fastcoil.deliver.tables.parquet import write_parquet
+    from fastcoil.deliver.tables.tidy import Tidy
 
     if format == "latex":
         write_latex(ds, target, metrics)

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.base.errors import InputError
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.fit_progress import fit_progress
 from fastcoil.cli.log_options import pairs, require_writable, with_reading_options
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.report import with_report, write_report
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError
 
 if TYPE_CHECKING:
-    from fastcoil.calibrate.result import Fit
+    from fastcoil.measured.fit.result import Fit
 
 
 @click.group()
@@ -85,7 +85,7 @@ def fit_valve_command(
     Time is elapsed_time or timestamp.  An optional column batch numbers the experiments of a log; an optional
     column enabled is 0 while the pump is off.
     """
-    from fastcoil.calibrate.valve import fit_valve
+    from fastcoil.measured.fit.valve import fit_valve
 
     require_writable(out)
     announce_compilation("valve_flows")
@@ -151,7 +151,7 @@ def fit_coil_command(
     T_w_out is compared if the log has it.  Time is elapsed_time or timestamp.  After a gap, and after a time without
     air flow (or with 0 in an optional column enabled), the model starts again.
     """
-    from fastcoil.calibrate.coil import fit_coil
+    from fastcoil.measured.fit.coil import fit_coil
 
     require_writable(out)
     announce_compilation("march_coil")
@@ -203,7 +203,7 @@ def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
 
 def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
     """Write the TOML of a fit, its figure and the report that was asked for, and print its summary."""
-    from fastcoil.plots.files import write
+    from fastcoil.base.figure_files import write
 
     found.to_toml(out)
     figures = write({out.stem: found.plot()}, out.parent)

@@ -14,7 +14,7 @@ from fastcoil.cli.log_options import pairs, require_writable
 from fastcoil.cli.paths import PATH
 
 if TYPE_CHECKING:
-    from fastcoil.simulation.loop import Loop
+    from fastcoil.loops.loop import Loop
 
 
 @fit.command("loop")
@@ -46,7 +46,7 @@ def fit_loop_command(
     The emulator runs behind the logged command with each candidate.  A coil and a valve curve that are not quite right
     do little harm; a log with a sample a minute or more often is needed.
     """
-    from fastcoil.calibrate.loop import fit_loop
+    from fastcoil.measured.fit.loop import fit_loop
 
     require_writable(out)
     loop = _loop_of(parts)
@@ -65,9 +65,9 @@ def fit_loop_command(
 
 def _loop_of(parts: Sequence[str]) -> Loop:
     """The loop of a preset, with what the files have put in its place; ``paper_like`` without a preset."""
-    from fastcoil.errors import InputError, shown
-    from fastcoil.simulation.loop import Loop
-    from fastcoil.simulation.presets import PRESETS
+    from fastcoil.base.errors import InputError, shown
+    from fastcoil.loops.loop import Loop
+    from fastcoil.loops.presets import PRESETS
     from fastcoil.study.file.include import read_includes
 
     names = [part for part in parts if part in PRESETS]

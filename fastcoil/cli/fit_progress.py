@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from fastcoil.base.progress.shown import PATIENCE
+from fastcoil.base.progress.views import SECONDS_BETWEEN_LINES, duration, is_terminal, terminal_bar
 from fastcoil.cli.terminal import say
-from fastcoil.progress.shown import PATIENCE
-from fastcoil.progress.views import SECONDS_BETWEEN_LINES, duration, is_terminal, terminal_bar
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @contextmanager
 def fit_progress() -> Iterator[None]:
     """Show the progress of the fits inside."""
-    from fastcoil.calibrate.work import told
+    from fastcoil.measured.fit.work import told
 
     shown = _Bar() if is_terminal() else _Lines()
     with told(shown):

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
+from fastcoil.base.errors import InputError
 from fastcoil.cli.announcements import compile_meanwhile
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError
 
 
 @click.command()
@@ -18,7 +18,7 @@ from fastcoil.errors import InputError
 @click.option("--list", "only_list", is_flag=True, help="List the studies that come with fastcoil; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
     """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME."""
-    from fastcoil.study.shipped import shipped_studies, shipped_study
+    from fastcoil.study.examples import shipped_studies, shipped_study
 
     if only_list:
         for each in shipped_studies():

@@ -15,9 +15,9 @@ from typing import Any, NoReturn
 
 import click
 
+from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
 from fastcoil.cli.environment import check_environment
 from fastcoil.cli.terminal import complain, say
-from fastcoil.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
 
 _PATIENCE = 4.0
 """Seconds from an interruption to the end, whatever hangs."""

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import click
 
+from fastcoil.base.errors import InputError
+from fastcoil.base.files import commit
+from fastcoil.base.look import exists, may_be_file
 from fastcoil.cli.log_options import pairs
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError
-from fastcoil.files import commit
-from fastcoil.look import exists, may_be_file
 
 
 @click.command()
@@ -43,7 +43,7 @@ def join(
     A file has a column of times and a column of values, whose header names the point and its unit (command [%]), or
     else the file's name does (command.csv).
     """
-    from fastcoil.arguments import checking, number_of
+    from fastcoil.base.arguments import checking, number_of
     from fastcoil.logs.arguments import max_gap_of
     from fastcoil.logs.join import join_points
     from fastcoil.logs.timestamps import time_format_of

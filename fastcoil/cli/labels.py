@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from fastcoil.errors import InputError, shown
+from fastcoil.base.errors import InputError, shown
 
 
 def labels_of(at: str) -> dict[str, str]:

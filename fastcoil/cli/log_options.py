@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
+from fastcoil.base.errors import InputError
+from fastcoil.base.look import exists, is_file, is_folder, may_be_file
 from fastcoil.cli.paths import PATH
-from fastcoil.errors import InputError
-from fastcoil.look import exists, is_file, is_folder, may_be_file
 
 
 def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -53,7 +53,7 @@ def pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
 
 def require_writable(out: Path) -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier fit."""
-    from fastcoil.calibrate.result import is_fit
+    from fastcoil.measured.fit.result import is_fit
 
     if out.suffix != ".toml" or not may_be_file(out):
         raise InputError(f"-o {out}: give a file NAME.toml in a folder that exists")

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, IntegrityError
+from fastcoil.base.progress.views import duration
 from fastcoil.cli.announcements import announce_compilation, run_own_code
 from fastcoil.cli.archive import archive
 from fastcoil.cli.cite import cite
@@ -30,11 +32,9 @@ from fastcoil.cli.reference import parameters, presets, schema
 from fastcoil.cli.report import report
 from fastcoil.cli.terminal import say
 from fastcoil.cli.tune import tune
-from fastcoil.errors import EXIT_FAILED_SCENARIOS, IntegrityError
-from fastcoil.progress.views import duration
 
 if TYPE_CHECKING:
-    from fastcoil.progress.shown import Advance
+    from fastcoil.base.progress.shown import Advance
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -74,11 +74,11 @@ def run(
     An interrupted study is resumed; a finished one is not run again.
     """
     with quick_start():
-        from fastcoil.analysis.summary import summary
-        from fastcoil.outputs import STATUS_OK
-        from fastcoil.progress.shown import progress_of_command
+        from fastcoil.base.progress.shown import progress_of_command
+        from fastcoil.model.metric_table import STATUS_OK
+        from fastcoil.study.analysis.summary import summary
         from fastcoil.study.file.spec import read_study
-        from fastcoil.study.folder.final import RESULTS
+        from fastcoil.study.folder.result_files import RESULTS
         from fastcoil.study.runner import Finished, default_folder, execute
         from fastcoil.study.workers.pools import resolve_backend
 
@@ -123,12 +123,12 @@ def run(
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
     with quick_start():
-        from fastcoil.engine.host import compile_kernel
-        from fastcoil.memory import available_memory, gib
-        from fastcoil.simulation.cut import first_shards
-        from fastcoil.simulation.duration import count_shards, estimate_seconds
-        from fastcoil.simulation.resources import check_disk
-        from fastcoil.simulation.simulate import workers
+        from fastcoil.base.memory import available_memory, gib
+        from fastcoil.loops.cut import first_shards
+        from fastcoil.loops.duration import count_shards, estimate_seconds
+        from fastcoil.loops.resources import check_disk
+        from fastcoil.loops.simulate import workers
+        from fastcoil.model.engine.host import compile_kernel
         from fastcoil.study.file.spec import read_study
         from fastcoil.study.runner import default_folder
 
@@ -210,7 +210,7 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
 @click.option("--quick", is_flag=True, help="A few tunings and days only: to try it out, not to quote.")
 def paper(out: Path, jobs: int | None, quick: bool) -> None:
     """Regenerate the paper's simulated figures, and a scorecard of where its claims hold."""
-    from fastcoil.paper.regenerate import regenerate
+    from fastcoil.study.paper.regenerate import regenerate
 
     announce_compilation()
     verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, report=lambda line: say(line, err=True))

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from fastcoil.errors import InputError
-from fastcoil.files import require_usable
+from fastcoil.base.errors import InputError
+from fastcoil.base.files import require_usable
 
 
 class UsablePath(click.ParamType):  # type: ignore[type-arg]

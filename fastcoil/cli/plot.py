@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from fastcoil.base.errors import InputError, nearest
+from fastcoil.base.files import file_name, make_folder, storage_errors
+from fastcoil.base.look import is_folder
 from fastcoil.cli.labels import all_labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError, nearest
-from fastcoil.files import file_name, make_folder, storage_errors
-from fastcoil.look import is_folder
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -73,7 +73,7 @@ def plot(
     width: str | None,
 ) -> None:
     """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
-    from fastcoil.plots.files import FIGURES, check_format, write
+    from fastcoil.base.figure_files import FIGURES, check_format, write
     from fastcoil.study.folder.folder import StudyFolder
     from fastcoil.study.folder.results import open_study
 
@@ -109,8 +109,8 @@ def plot(
 
 def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
     """The figures by file name; empty where nothing is swept."""
-    from fastcoil.plots import study as plots
-    from fastcoil.plots.page import Page, control_dims, rows_of
+    from fastcoil.deliver.figures import study as plots
+    from fastcoil.deliver.figures.page import Page, control_dims, rows_of
 
     part = _part(ds, asked)
     if asked.x is None:
@@ -135,10 +135,10 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
 
 def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
     """What is drawn of a result, with a title that says so."""
-    from fastcoil.analysis.binned import binned, drawn_parameters
-    from fastcoil.analysis.relative import relative_to
-    from fastcoil.analysis.selected import case_of, in_words, selected
-    from fastcoil.plots.panels import numeric_dims
+    from fastcoil.study.analysis.binned import binned, drawn_parameters
+    from fastcoil.study.analysis.panels import numeric_dims
+    from fastcoil.study.analysis.relative import relative_to
+    from fastcoil.study.analysis.selected import case_of, in_words, selected
 
     part, words = selected(ds, asked.at), [str(ds.attrs.get("title", ""))]
     if asked.at:
@@ -187,8 +187,8 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
 
     The folder is held.  Returns the PNG figures there that show these results.
     """
-    from fastcoil.plots import study as plots
-    from fastcoil.plots.files import FIGURES, current_figures, write
+    from fastcoil.base.figure_files import FIGURES, current_figures, write
+    from fastcoil.deliver.figures import study as plots
 
     drawn_from = ds.attrs["content_sha256"]
     there = {path.name for path in current_figures(folder, drawn_from)}

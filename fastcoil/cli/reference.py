@@ -11,8 +11,8 @@ from fastcoil.cli.terminal import say
 @click.argument("names", nargs=-1)
 def parameters(names: tuple[str, ...]) -> None:
     """List the parameters of a loop (or only NAMES): default, unit, meaning, allowed values."""
-    from fastcoil.listing import lines_of
-    from fastcoil.parameter_table import PARAMETERS, check_name
+    from fastcoil.model.listing import lines_of
+    from fastcoil.model.parameter_table import PARAMETERS, check_name
 
     say(*lines_of([PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values()))
 
@@ -20,7 +20,7 @@ def parameters(names: tuple[str, ...]) -> None:
 @click.command()
 def presets() -> None:
     """List the named loops that a study can start from, and how they differ from the defaults."""
-    from fastcoil.simulation.presets import PRESETS
+    from fastcoil.loops.presets import PRESETS
 
     say(*repr(PRESETS).split("\n"))
 

@@ -22,8 +22,8 @@ def report(folder: Path, out: Path | None) -> None:
 
     It needs no other file and no network.  diagnose, explain, fit and tune have an option --report instead.
     """
-    from fastcoil.reports.page import require_page
-    from fastcoil.reports.report import REPORT, page_of_folder, require_folder
+    from fastcoil.deliver.report.page import require_page
+    from fastcoil.deliver.report.report import REPORT, page_of_folder, require_folder
 
     require_folder(folder)
     path = out or folder / REPORT
@@ -41,13 +41,13 @@ def with_report(command: Callable[..., None]) -> Callable[..., None]:
 def write_report(result: Any, path: Path | None) -> None:
     """Write the page of a result, if one was asked for, and say so."""
     if path is not None:
-        from fastcoil.reports.report import page_of_result
+        from fastcoil.deliver.report.report import page_of_result
 
         say(f"Report:  {page_of_result(result).write(path)}")
 
 
 def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
-    from fastcoil.reports.page import require_page
+    from fastcoil.deliver.report.page import require_page
 
     if value is not None:
         require_page(value, OPTION)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
-from fastcoil.errors import FastcoilError
-from fastcoil.printable import printable
+from fastcoil.base.errors import FastcoilError
+from fastcoil.base.printable import printable
 
 _LONGEST_LINE = 4000
 """Characters."""

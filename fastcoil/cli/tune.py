@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
+from fastcoil.base.errors import InputError
 from fastcoil.cli.announcements import announce_compilation, run_own_code
 from fastcoil.cli.interrupts import interruptible
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.report import with_report, write_report
 from fastcoil.cli.terminal import say
-from fastcoil.errors import InputError
 
 CHOSEN, FIGURE = "tuning.toml", "tuning"
 
@@ -27,15 +27,15 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     The table [tune] of the study says what may be chosen, for what and within which limits.  An interrupted search is
     resumed.
     """
-    from fastcoil.look import exists
-    from fastcoil.plots.files import write
-    from fastcoil.progress.shown import progress_of_command
-    from fastcoil.simulation.simulate import workers
+    from fastcoil.base.figure_files import write
+    from fastcoil.base.look import exists
+    from fastcoil.base.progress.shown import progress_of_command
+    from fastcoil.design.tuning.archive import KEPT
+    from fastcoil.design.tuning.tune import in_scenario_days, run_tuning
+    from fastcoil.loops.simulate import workers
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.lock import hold
     from fastcoil.study.runner import default_folder
-    from fastcoil.tuning.archive import KEPT
-    from fastcoil.tuning.tune import in_scenario_days, run_tuning
 
     n_jobs, folder = workers(jobs), out or default_folder(study)
     asked = read_study(study, prepare=run_own_code).tuning

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from fastcoil.arguments import checking, mapping_of, path_of, plain
-from fastcoil.errors import InputError
-from fastcoil.parameter_table import Parameter
+from fastcoil.base.arguments import checking, mapping_of, path_of, plain
+from fastcoil.base.errors import InputError
+from fastcoil.model.parameter_table import Parameter
 
 MAX_GAP = Parameter("max_gap", "boundary", "s", None, "longest step of a log that is bridged", 1.0)
 _EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}

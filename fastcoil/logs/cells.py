@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array, Mask
+from fastcoil.base.arrays import Array, Mask
 from fastcoil.logs.units import is_unit
 from fastcoil.logs.written_dates import MOST_LETTERS
 

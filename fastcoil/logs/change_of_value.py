@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fastcoil.arrays import Array, Mask
+from fastcoil.base.arrays import Array, Mask
 
 LONG_STEP = 3.0
 """Steps longer than this many median steps are gaps, but in a log of changes."""

@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
-from fastcoil.arguments import is_number
-from fastcoil.errors import collecting, nearest, shown
+from fastcoil.base.arguments import is_number
+from fastcoil.base.errors import collecting, nearest, shown
 from fastcoil.logs.arguments import Declared, Wanted
 from fastcoil.logs.series import COLUMNS, TIMES, Series
 from fastcoil.logs.status import status_columns

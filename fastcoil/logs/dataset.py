@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fastcoil.errors import InputError
+from fastcoil.base.errors import InputError
 from fastcoil.logs.table import Table
 
 if TYPE_CHECKING:

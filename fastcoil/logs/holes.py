@@ -6,8 +6,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from fastcoil.arrays import Array, Mask
-from fastcoil.errors import InputError
+from fastcoil.base.arrays import Array, Mask
+from fastcoil.base.errors import InputError
 from fastcoil.logs.arguments import Declared, Wanted
 from fastcoil.logs.notes import counted, first_row
 from fastcoil.logs.readings import Readings

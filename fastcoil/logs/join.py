@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array, Index, Mask
-from fastcoil.errors import InputError
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.errors import InputError
 from fastcoil.logs.change_of_value import LONG_STEP, may_be_of_changes
 from fastcoil.logs.notes import counted
 from fastcoil.logs.points import Files, Point

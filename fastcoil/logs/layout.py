@@ -9,8 +9,8 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from fastcoil.errors import InputError, shown
-from fastcoil.files import read_text
+from fastcoil.base.errors import InputError, shown
+from fastcoil.base.files import read_text
 from fastcoil.logs.cells import is_datum, is_missing
 from fastcoil.logs.timestamps import is_time
 from fastcoil.logs.units import is_unit

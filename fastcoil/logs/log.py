@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil import moist_air
-from fastcoil.arrays import Array, Index, Mask
-from fastcoil.errors import InputError
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.errors import InputError
 from fastcoil.logs.arguments import Declared, Wanted, max_gap_of, require_mappings
 from fastcoil.logs.columns import find_columns
 from fastcoil.logs.dataset import table_of
@@ -21,6 +20,7 @@ from fastcoil.logs.series import COLUMNS
 from fastcoil.logs.table import Table
 from fastcoil.logs.time import RowTimes, TimeRules, longest_bridged, number_pieces, rows_at
 from fastcoil.logs.timestamps import time_format_of
+from fastcoil.model import moist_air
 
 
 @dataclass(kw_only=True)

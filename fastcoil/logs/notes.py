@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fastcoil.arrays import Mask
+from fastcoil.base.arrays import Mask
 
 
 def counted(what: Mask | int, noun: str) -> str:

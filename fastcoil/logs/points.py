@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array, Index
-from fastcoil.errors import InputError, collecting, nearest, shown
+from fastcoil.base.arrays import Array, Index
+from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.logs.arguments import Declared, Wanted
 from fastcoil.logs.cells import is_datum
 from fastcoil.logs.notes import counted

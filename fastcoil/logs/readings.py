@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fastcoil.arrays import Array, Mask
-from fastcoil.errors import collecting, shown
+from fastcoil.base.arrays import Array, Mask
+from fastcoil.base.errors import collecting, shown
 from fastcoil.logs.arguments import Declared, Wanted
 from fastcoil.logs.cells import Cells, Writing, cells_of, is_missing, writing_of
 from fastcoil.logs.columns import find_unit

@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from fastcoil.arrays import Array
-from fastcoil.errors import InputError
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError
 
 _LEAST_STEP = 0.999
 MOST_SECONDS = 50_000_000

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fastcoil.arrays import Array, Mask
-from fastcoil.errors import InputError
+from fastcoil.base.arrays import Array, Mask
+from fastcoil.base.errors import InputError
 from fastcoil.logs.units import (
     AIR_FLOW,
     DIFFERENCE,

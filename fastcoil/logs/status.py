@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fastcoil.arrays import Mask
+from fastcoil.base.arrays import Mask
 from fastcoil.logs.notes import counted, first_row
 from fastcoil.logs.table import STATUS, Table, label_and_unit
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fastcoil.arrays import Mask
-from fastcoil.errors import InputError, nearest, shown
+from fastcoil.base.arrays import Mask
+from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.logs.clock_columns import find_clock_columns, join_cells
 from fastcoil.logs.layout import read_layout
 from fastcoil.logs.notes import counted

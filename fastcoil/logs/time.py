@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.arrays import Array, Index, Mask
-from fastcoil.errors import collecting, shown
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.errors import collecting, shown
 from fastcoil.logs.arguments import Declared
 from fastcoil.logs.change_of_value import LONG_STEP, longest_step
 from fastcoil.logs.notes import counted

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.arguments import text_of
-from fastcoil.arrays import Array, Index, Mask
-from fastcoil.errors import InputError, shown
+from fastcoil.base.arguments import text_of
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.written_dates import MICROSECONDS, MOST_LETTERS, Parts, parts_of, read_dates
 
 SERIAL, EPOCH = "excel", "epoch"

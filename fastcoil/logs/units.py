@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeAlias
 
-from fastcoil.errors import InputError, nearest, shown
+from fastcoil.base.errors import InputError, nearest, shown
 
 Units: TypeAlias = Mapping[str, tuple[float, float]]
 """Each unit's (scale, offset) into the first of its family, which is the unit used inside fastcoil."""

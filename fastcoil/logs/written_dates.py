@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.arrays import Index, Mask
-from fastcoil.errors import InputError, shown
+from fastcoil.base.arrays import Index, Mask
+from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.notes import counted
 
 MOST_LETTERS = 64

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from fastcoil.errors import InputError, IntegrityError
+from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Environment

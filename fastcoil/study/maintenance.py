@@ -10,28 +10,28 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from fastcoil.analysis.selected import is_label
-from fastcoil.engine.host import TraceRequest, compile_kernel
-from fastcoil.errors import InputError, IntegrityError, nearest
-from fastcoil.files import file_name, make_folder, storage_errors
-from fastcoil.look import is_file
-from fastcoil.numerics.jit import is_model
-from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
-from fastcoil.rules.same_code import own_code_of, refuse_other_code
-from fastcoil.simulation.clock import clock_coordinates
-from fastcoil.simulation.dataset import coordinate_attrs
-from fastcoil.simulation.netcdf import save
-from fastcoil.simulation.plan import Plan, simulation_attributes
-from fastcoil.simulation.provenance import provenance
-from fastcoil.simulation.running import run_shard
-from fastcoil.simulation.shards import Chain, Shard
+from fastcoil.base.errors import InputError, IntegrityError, nearest
+from fastcoil.base.files import file_name, make_folder, storage_errors
+from fastcoil.base.look import is_file
+from fastcoil.loops.clock import clock_coordinates
+from fastcoil.loops.dataset import coordinate_attrs
+from fastcoil.loops.netcdf import save
+from fastcoil.loops.plan import Plan, simulation_attributes
+from fastcoil.loops.provenance import provenance
+from fastcoil.loops.running import run_shard
+from fastcoil.loops.shards import Chain, Shard
+from fastcoil.model.engine.host import TraceRequest, compile_kernel
+from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
+from fastcoil.model.numerics.jit import is_model
+from fastcoil.model.user_rules.same_code import own_code_of, refuse_other_code
+from fastcoil.study.analysis.selected import is_label
 from fastcoil.study.archive.check import archive_problems
 from fastcoil.study.file.source import Source
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.lock import hold
 from fastcoil.study.folder.results import is_current, open_study
 from fastcoil.study.folder.verify import find_problems
-from fastcoil.study.workers.own_code import load
+from fastcoil.study.workers.load_user_module import load
 
 RERUNS = "reruns"
 

@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from fastcoil.boundary import Boundary
-from fastcoil.boundary.days import paper_day
-from fastcoil.boundary.heating_day import heating_day
-from fastcoil.errors import InputError, collecting, nearest
-from fastcoil.look import is_file, is_folder
-from fastcoil.outputs import WARM_UP
-from fastcoil.parameter_table import PARAMETERS, check_name
-from fastcoil.simulation.clashes import unread_values
-from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.presets import PRESETS
-from fastcoil.simulation.scenarios import Layout
+from fastcoil.base.errors import InputError, collecting, nearest
+from fastcoil.base.look import is_file, is_folder
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary.days import paper_day
+from fastcoil.loops.boundary.heating_day import heating_day
+from fastcoil.loops.clashes import unread_values
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.presets import PRESETS
+from fastcoil.loops.scenarios import Layout
+from fastcoil.model.metric_table import WARM_UP
+from fastcoil.model.parameter_table import PARAMETERS, check_name
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.maintenance import find_position

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import xarray as xr
 
-from fastcoil.outputs import PREDICTIONS
-from fastcoil.simulation.dataset import attributes
-from fastcoil.simulation.plan import Plan
-from fastcoil.simulation.scenarios import columns_of
+from fastcoil.loops.dataset import attributes
+from fastcoil.loops.plan import Plan
+from fastcoil.loops.scenarios import columns_of
+from fastcoil.model.metric_table import PREDICTIONS
 
 _AT_ONCE = 2048
 """Scenarios; their responses take up to 60 MB."""
@@ -31,10 +31,10 @@ def predictions(plan: Plan) -> xr.Dataset:
         ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN, if they
         are.
     """
-    from fastcoil.theory.cycles import cycles_of
-    from fastcoil.theory.elements import unknown
-    from fastcoil.theory.operating_points import mean_conditions
-    from fastcoil.theory.plants import plants_of
+    from fastcoil.design.theory.cycles import cycles_of
+    from fastcoil.design.theory.elements import unknown
+    from fastcoil.design.theory.operating_points import mean_conditions
+    from fastcoil.design.theory.plants import plants_of
 
     loop, sizes = plan.layout.loop, plan.layout.sizes
     alike = {dim: n for dim, n in sizes.items() if dim != "replicate"}

@@ -12,29 +12,29 @@ from pathlib import Path
 
 import xarray as xr
 
-from fastcoil.arguments import checking, choice_of, flag_of, path_of, text_of
-from fastcoil.engine.host import compile_kernel
-from fastcoil.errors import InputError, StorageError
-from fastcoil.files import storage_errors
-from fastcoil.numerics.jit import same_model
-from fastcoil.progress.shown import Advance, progress_of_call
-from fastcoil.rules.same_code import refuse_other_code
-from fastcoil.simulation.cut import first_shards
-from fastcoil.simulation.dataset import check_same_form
-from fastcoil.simulation.provenance import environments_of
-from fastcoil.simulation.resources import check_disk, check_workers
-from fastcoil.simulation.shards import END_STATE
-from fastcoil.simulation.simulate import workers
+from fastcoil.base.arguments import checking, choice_of, flag_of, path_of, text_of
+from fastcoil.base.errors import InputError, StorageError
+from fastcoil.base.files import storage_errors
+from fastcoil.base.progress.shown import Advance, progress_of_call
+from fastcoil.loops.cut import first_shards
+from fastcoil.loops.dataset import check_same_form
+from fastcoil.loops.provenance import environments_of
+from fastcoil.loops.resources import check_disk, check_workers
+from fastcoil.loops.shards import END_STATE
+from fastcoil.loops.simulate import workers
+from fastcoil.model.engine.host import compile_kernel
+from fastcoil.model.numerics.jit import same_model
+from fastcoil.model.user_rules.same_code import refuse_other_code
 from fastcoil.study.differences import refuse_other_study, warn_of_difference
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.extend import match_scenarios
-from fastcoil.study.folder.final import WORDS, finished_manifest, reworded
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
+from fastcoil.study.folder.result_files import WORDS, finished_manifest, reworded
 from fastcoil.study.folder.results import Computed, is_current, is_of, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
-from fastcoil.study.workers.own_code import load, load_rules
+from fastcoil.study.workers.load_user_module import load, load_rules
 from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, resolve_backend
 from fastcoil.study.workers.worker import Job
 

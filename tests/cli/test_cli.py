@@ -41,7 +41,7 @@ def test_run_again_says_that_there_is_nothing_to_do(fastcoil):
 
 def test_the_summary_names_the_backend(fastcoil):
     import fastcoil as fc
-    from fastcoil.analysis.summary import summary
+    from fastcoil.study.analysis.summary import summary
 
     assert " s on 2 threads: " in fastcoil("run", "small.toml", "--no-figures", "-j", "2").output
     with fc.open_study("results/small") as ds:
@@ -50,7 +50,7 @@ def test_the_summary_names_the_backend(fastcoil):
 
 def test_the_summary_of_a_resumed_run_does_not_time_what_an_earlier_one_did(fastcoil):
     import fastcoil as fc
-    from fastcoil.analysis.summary import summary
+    from fastcoil.study.analysis.summary import summary
 
     fastcoil("run", "small.toml", "--no-figures")
     with fc.open_study("results/small") as found:
@@ -162,7 +162,7 @@ def test_a_setting_that_a_library_would_fail_at_is_a_mistake(fastcoil, monkeypat
 
 
 def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
-    from fastcoil.simulation import in_thread as simulation
+    from fastcoil.loops import threads as simulation
 
     original = simulation.run_block
 

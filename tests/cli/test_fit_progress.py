@@ -15,9 +15,9 @@ from click.testing import CliRunner
 from helpers.log_files import VALVE_HEADER, valve_rows, write_csv
 from helpers.processes import environment
 
-from fastcoil.calibrate import work
 from fastcoil.cli import fit_progress
 from fastcoil.cli.main import main
+from fastcoil.measured.fit import work
 
 
 @pytest.fixture

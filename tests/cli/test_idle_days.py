@@ -6,7 +6,7 @@ import pytest
 from helpers.commands import fastcoil
 from helpers.made_weather import made_weather
 
-from fastcoil.simulation import netcdf
+from fastcoil.loops import netcdf
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from fastcoil.base.errors import StorageError
 from fastcoil.cli.main import main
 from fastcoil.cli.quick_start import OWN_PROCESS
-from fastcoil.errors import StorageError
-from fastcoil.study import shipped
+from fastcoil.study import examples as shipped
 
 ROOT = Path(__file__).parents[2]
 STUDIES = {path.stem: path for path in (ROOT / "studies").glob("*.toml")}
@@ -35,7 +35,7 @@ def test_init_writes_a_study_that_plans_and_never_overwrites(fastcoil):
 def test_init_compiles_in_the_background_what_a_first_study_needs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     begun, there = [], [False, True]
-    monkeypatch.setattr("fastcoil.numerics.jit.is_compiled", lambda kernel: there.pop(0))
+    monkeypatch.setattr("fastcoil.model.numerics.jit.is_compiled", lambda kernel: there.pop(0))
     monkeypatch.setattr(subprocess, "Popen", lambda words, **options: begun.append((words, options)))
     assert CliRunner().invoke(main, ["init"], obj=OWN_PROCESS).exit_code == 0
     assert CliRunner().invoke(main, ["init"], obj=OWN_PROCESS).exit_code == 2  # nothing written, nothing begun

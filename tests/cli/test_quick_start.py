@@ -19,8 +19,8 @@ warm_up = 60
 """
 UNUSED = (
     "matplotlib", "PIL", "dask", "distributed", "scipy.signal", "scipy.stats", "scipy.optimize", "scipy.special",
-    "scipy.linalg", "IPython", "jinja2", "panel", "bokeh", "fastcoil.diagnosis",
-    "fastcoil.calibrate", "fastcoil.report", "fastcoil.handover",
+    "scipy.linalg", "IPython", "jinja2", "panel", "bokeh", "fastcoil.measured.diagnosis",
+    "fastcoil.measured.fit", "fastcoil.deliver.report", "fastcoil.deliver.export",
 )  # fmt: skip
 COMPILER = ("numba.np.arraymath", "numba.cpython.listobj", "numba.typed.typeddict")
 """Parts of Numba that compile, and that nothing needs that is compiled already."""

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 import fastcoil as fc
 from fastcoil.cli.main import main
-from fastcoil.parameter_table import PARAMETERS
+from fastcoil.model.parameter_table import PARAMETERS
 
 
 @pytest.fixture

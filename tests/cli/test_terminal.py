@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 import fastcoil
+from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.base.printable import printable
 from fastcoil.cli.main import main
 from fastcoil.cli.terminal import complain, say
-from fastcoil.errors import InputError, IntegrityError
-from fastcoil.printable import printable
 
 NASTY = "\x1b[2J\x1b]0;x\x07\r\n\x00\x7f\x85\x9b\u202e\u2066\u2028\ud800"
 TITLE = NASTY.replace("\x00", "").replace("\ud800", "")

@@ -8,8 +8,8 @@ from helpers.commands import fastcoil
 from helpers.refusals import refusal
 
 import fastcoil as fc
+from fastcoil.design.tuning import tune as module
 from fastcoil.study.file.spec import read_study
-from fastcoil.tuning import tune as module
 
 STUDY = """
 title = "Tune me"

@@ -11,7 +11,7 @@ import pytest
 from helpers import every_feature
 from helpers.processes import environment
 
-from fastcoil.outputs import STATUS_OK
+from fastcoil.model.metric_table import STATUS_OK
 
 pytestmark = pytest.mark.kernel
 

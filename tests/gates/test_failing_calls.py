@@ -12,7 +12,7 @@ import pytest
 from helpers.calls import CHANGES, EVERY_NTH, FROM_THEN_ON, SHORT, Call
 from helpers.studies import TRACED, golden, run, unfinished
 
-from fastcoil.errors import EXIT_INPUT, EXIT_INTEGRITY, EXIT_STORAGE
+from fastcoil.base.errors import EXIT_INPUT, EXIT_INTEGRITY, EXIT_STORAGE
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel

@@ -17,8 +17,8 @@ from helpers import power_loss
 from helpers.calls import Call, read_records
 from helpers.studies import SITUATIONS, TRACED, golden, larger, run_until_interrupted, unfinished, write_study
 
-from fastcoil.errors import FastcoilError
-from fastcoil.outputs import METRICS, STATUS_OK
+from fastcoil.base.errors import FastcoilError
+from fastcoil.model.metric_table import METRICS, STATUS_OK
 from fastcoil.study import maintenance, runner
 from fastcoil.study.folder.results import open_study
 

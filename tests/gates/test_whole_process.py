@@ -15,7 +15,7 @@ from helpers.processes import kill_group, started, wait_for
 from helpers.studies import PLAIN, TRACED, copied, golden, run
 
 import fastcoil as fc
-from fastcoil.errors import EXIT_INPUT, EXIT_INTEGRITY, EXIT_STORAGE
+from fastcoil.base.errors import EXIT_INPUT, EXIT_INTEGRITY, EXIT_STORAGE
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel

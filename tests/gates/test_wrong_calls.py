@@ -16,7 +16,8 @@ from helpers.trend_logs import HEADER, ROWS
 from matplotlib.figure import Figure
 
 import fastcoil as fc
-from fastcoil.plots import files, study
+from fastcoil.base import figure_files as files
+from fastcoil.deliver.figures import study
 
 pytestmark = pytest.mark.kernel
 
@@ -53,19 +54,19 @@ def public_calls():
 
 
 def type_of_fit():
-    from fastcoil.calibrate.result import Fit
+    from fastcoil.measured.fit.result import Fit
 
     return Fit
 
 
 def type_of_diagnosis():
-    from fastcoil.diagnosis.result import Diagnosis
+    from fastcoil.measured.diagnosis.result import Diagnosis
 
     return Diagnosis
 
 
 def type_of_tuning():
-    from fastcoil.tuning.result import Tuning
+    from fastcoil.design.tuning.result import Tuning
 
     return Tuning
 
@@ -190,7 +191,7 @@ def base_calls(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def _cheap_and_in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("fastcoil.calibrate.coil_problem._N_STARTS", 2)
+    monkeypatch.setattr("fastcoil.measured.fit.coil_problem._N_STARTS", 2)
     yield
     plt.close("all")
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fastcoil.outputs import STATUS_OK
-from fastcoil.simulation.shards import END_STATE, Shard, Stretch
+from fastcoil.loops.shards import END_STATE, Shard, Stretch
+from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.study.workers import dispatch
 from fastcoil.study.workers.dispatch import Dispatcher
 from helpers.processes import N_SCENARIOS

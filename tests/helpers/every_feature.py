@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.outputs import TRACES
+from fastcoil.model.metric_table import TRACES
 from helpers.simulated_logs import coil_log, flows, log_of, walk
 
 WAYS: dict[str, dict[str, object]] = {

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fastcoil.errors import InputError
-from fastcoil.simulation.scenarios import Layout
+from fastcoil.base.errors import InputError
+from fastcoil.loops.scenarios import Layout
 
 
 def killed():

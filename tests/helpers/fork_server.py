@@ -22,8 +22,8 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from pathlib import Path
 
-from fastcoil.errors import FastcoilError
-from fastcoil.simulation.shards import Shard, Stretch
+from fastcoil.base.errors import FastcoilError
+from fastcoil.loops.shards import Shard, Stretch
 from fastcoil.study import runner
 from fastcoil.study.workers.worker import Job, run_scenarios
 from helpers import calls

@@ -12,7 +12,8 @@ from typing import Any
 
 from helpers.processes import environment
 
-COMMANDS = ("fastcoil.cli.main", "fastcoil.analysis.summary", "fastcoil.study.maintenance", "fastcoil.plots.study",
+COMMANDS = ("fastcoil.cli.main", "fastcoil.study.analysis.summary", "fastcoil.study.maintenance",
+            "fastcoil.deliver.figures.study",
             "matplotlib.figure")  # fmt: skip
 """What commands import."""
 SERVER = Path(__file__).with_name("fork_server.py")

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fastcoil.outputs import METRICS, STATUS_CRASHED, STATUS_OK
-from fastcoil.simulation.plan import Plan
+from fastcoil.loops.plan import Plan
+from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_OK
 
 ROOT = Path(__file__).parents[2]
 

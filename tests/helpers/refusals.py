@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fastcoil.errors import InputError
+from fastcoil.base.errors import InputError
 
 
 def problems(function: Callable[..., Any], *args: Any, **options: Any) -> list[str]:

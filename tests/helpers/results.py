@@ -3,8 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from fastcoil.outputs import METRICS, STATUS_MEANINGS
-from fastcoil.simulation.dataset import attributes, coordinate_attrs
+from fastcoil.loops.dataset import attributes, coordinate_attrs
+from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS
 
 
 def result(dims, coords=None, attrs=None, **metrics):

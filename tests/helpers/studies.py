@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from fastcoil.simulation import netcdf
+from fastcoil.loops import netcdf
 from fastcoil.study import maintenance, runner
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.manifest import Manifest

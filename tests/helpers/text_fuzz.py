@@ -164,7 +164,7 @@ def damaged(data: bytes, r: random.Random, tokens: Callable[[bytes, random.Rando
 
 def complaint(read: Callable[[], object]) -> str | None:
     """What is wrong with how a file was read, or refused; ``None`` if nothing is."""
-    from fastcoil.errors import InputError
+    from fastcoil.base.errors import InputError
 
     start = time.monotonic()
     try:
@@ -192,12 +192,12 @@ def limit_memory() -> None:
 
 def main(seed: int, count: int, folder: Path) -> None:
     """Damage and read ``count`` files of each kind."""
-    from fastcoil.boundary import Boundary
-    from fastcoil.boundary.weather import weather_day
-    from fastcoil.calibrate import coil_record, valve_record  # noqa: F401 — so that the limit counts no library
     from fastcoil.logs import read_log
     from fastcoil.logs.arguments import Wanted
     from fastcoil.logs.join import join_points
+    from fastcoil.loops.boundary import Boundary
+    from fastcoil.loops.boundary.weather import weather_day
+    from fastcoil.measured.fit import coil_record, valve_record  # noqa: F401 — so that the limit counts no library
     from fastcoil.study.file.spec import read_study
 
     whole = {"valve.toml": VALVE, "log.csv": LOG, "weather.csv": WEATHER}

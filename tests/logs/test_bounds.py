@@ -115,7 +115,7 @@ def test_label_and_unit_of_a_header(header, label, unit):
 def test_a_year_of_days_that_start_each_day_does_not_fill_the_memory(write):
     hours = np.arange(1, 8785)
     path = write(["hour_of_year", "T_drybulb_C", "T_dewpoint_C"], [[h, 20, 10] for h in hours])
-    from fastcoil.boundary.weather import weather_day
+    from fastcoil.loops.boundary.weather import weather_day
 
     day = {"m_a": 1, "T_w_in": 7, "T_set": 14, "outdoor_fraction": 0.3, "T_return": 24, "RH_return": 0.5}
     problem = only_problem(weather_day, path, **day, hours=2000, days=list(range(1, 201)), hour=1)

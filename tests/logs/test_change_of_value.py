@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.calibrate.coil_record import record_of
-from fastcoil.calibrate.valve_record import why_unidentified
 from fastcoil.logs import read_log
 from fastcoil.logs.arguments import Wanted
+from fastcoil.measured.fit.coil_record import record_of
+from fastcoil.measured.fit.valve_record import why_unidentified
 
 WANTED = Wanted(needed=("command", "m_w"), measured=("m_w",))
 HEADER = ["elapsed_time [s]", "command [%]", "m_w [kg/s]"]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from helpers.refusals import only_problem, problems
 
-from fastcoil import moist_air
 from fastcoil.logs import read_log
 from fastcoil.logs.arguments import Wanted
 from fastcoil.logs.series import HUMIDITIES
+from fastcoil.model import moist_air
 
 HEADER = ["elapsed_time [s]", "m_a [kg/s]", "T_a_in [degC]"]
 ROWS = [[0, 1.0, 25.0], [60, 1.2, 25.5], [120, 1.1, 26.0], [180, 1.3, 25.5]]

@@ -9,7 +9,7 @@ from helpers.commands import fastcoil
 from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
 
 import fastcoil as fc
-from fastcoil.errors import IntegrityError
+from fastcoil.base.errors import IntegrityError
 from fastcoil.study import maintenance
 from fastcoil.study.archive.pack import pack
 

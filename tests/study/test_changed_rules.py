@@ -12,16 +12,16 @@ from helpers.processes import cut
 from helpers.rules import HEAD
 
 import fastcoil as fc
-from fastcoil.errors import InputError, IntegrityError
-from fastcoil.simulation.content import content_sha256
-from fastcoil.simulation.netcdf import save
+from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.loops.content import content_sha256
+from fastcoil.loops.netcdf import save
 from fastcoil.study import maintenance
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.form import malformed
 from fastcoil.study.folder.manifest import Manifest, _checksum
+from fastcoil.study.folder.validation import malformed
 from fastcoil.study.runner import execute
 from fastcoil.study.workers import worker
-from fastcoil.study.workers.own_code import _load
+from fastcoil.study.workers.load_user_module import _load
 
 STUDY = """
 [loop]

@@ -4,8 +4,8 @@ import pytest
 from helpers.studies import PLAIN, run
 
 import fastcoil as fc
-from fastcoil.errors import InputError
-from fastcoil.plots.study import bands
+from fastcoil.base.errors import InputError
+from fastcoil.deliver.figures.study import bands
 from fastcoil.study import maintenance
 from fastcoil.study.folder import merge
 

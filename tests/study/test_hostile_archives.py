@@ -12,7 +12,7 @@ from helpers.commands import fastcoil
 from helpers.damage import damaged
 from helpers.studies import PLAIN, copied
 
-from fastcoil.errors import IntegrityError
+from fastcoil.base.errors import IntegrityError
 from fastcoil.study import maintenance
 from fastcoil.study.archive import check
 from fastcoil.study.archive.listing import Entry, Listing, is_safe

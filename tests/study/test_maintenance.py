@@ -9,7 +9,7 @@ import shlex
 import pytest
 from helpers.studies import PLAIN, copied, run_until_interrupted
 
-from fastcoil.errors import StorageError
+from fastcoil.base.errors import StorageError
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel

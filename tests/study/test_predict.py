@@ -11,11 +11,11 @@ from helpers.refusals import problems
 from helpers.studies import run, run_until_interrupted, write_study
 
 import fastcoil as fc
-from fastcoil.analysis.summary import summary
-from fastcoil.outputs import PREDICTIONS
-from fastcoil.plots.study import bands
-from fastcoil.simulation.plan import plan_simulation
+from fastcoil.deliver.figures.study import bands
+from fastcoil.loops.plan import plan_simulation
+from fastcoil.model.metric_table import PREDICTIONS
 from fastcoil.study import maintenance
+from fastcoil.study.analysis.summary import summary
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.predict import predictions
 from fastcoil.study.runner import execute

@@ -13,8 +13,8 @@ import pytest
 from filelock import FileLock
 
 import fastcoil as fc
-from fastcoil.errors import InputError, IntegrityError, LockedError, StorageError
-from fastcoil.simulation.content import content_sha256
+from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError
+from fastcoil.loops.content import content_sha256
 from fastcoil.study import runner
 from fastcoil.study.file import spec
 from fastcoil.study.file.spec import read_study

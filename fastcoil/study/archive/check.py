@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
-from fastcoil.errors import FastcoilError, shown
-from fastcoil.files import make_folder, storage_errors
+from fastcoil.base.errors import FastcoilError, shown
+from fastcoil.base.files import make_folder, storage_errors
 from fastcoil.study.archive.listing import HERE, LISTING, Listing, is_safe
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import MANIFEST, Manifest

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fastcoil.errors import InputError, shown
+from fastcoil.base.errors import InputError, shown
 from fastcoil.study.archive.listing import HERE, INPUTS, is_safe
 from fastcoil.study.file.source import Source
 from fastcoil.study.file.spec import Study

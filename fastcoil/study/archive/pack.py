@@ -16,15 +16,15 @@ from typing import NamedTuple
 
 import xarray as xr
 
-from fastcoil.errors import InputError, IntegrityError
-from fastcoil.files import commit_written, storage_errors
-from fastcoil.look import exists, is_folder
+from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.base.files import commit_written, storage_errors
+from fastcoil.base.look import exists, is_folder
 from fastcoil.study.archive.inputs import Inputs, inputs_of
 from fastcoil.study.archive.listing import LISTING, README, Entry, Listing, is_safe
 from fastcoil.study.archive.readme import readme
-from fastcoil.study.folder.final import RESULTS
 from fastcoil.study.folder.folder import STUDY, StudyFolder
 from fastcoil.study.folder.manifest import MANIFEST, Manifest
+from fastcoil.study.folder.result_files import RESULTS
 from fastcoil.study.folder.results import open_finished
 from fastcoil.study.folder.verify import find_problems
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fastcoil.printable import printable
-from fastcoil.simulation.provenance import ABSENT, PACKAGES
+from fastcoil.base.printable import printable
+from fastcoil.loops.provenance import ABSENT, PACKAGES
 from fastcoil.study.archive.listing import HERE, Listing
 from fastcoil.study.folder.folder import STUDY
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from fastcoil.analysis.cost import TAKEN
-from fastcoil.analysis.cost_summary import Billing
-from fastcoil.analysis.tariff import tariff_of
-from fastcoil.errors import InputError, nearest, shown
-from fastcoil.simulation.scenarios import Layout
+from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.loops.scenarios import Layout
+from fastcoil.study.analysis.cost import TAKEN
+from fastcoil.study.analysis.cost_summary import Billing
+from fastcoil.study.analysis.tariff import tariff_of
 from fastcoil.study.file.tables import TariffTable
 
 _MOST_LABELS = 10

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from fastcoil.boundary import Boundary
-from fastcoil.boundary.days import constant_day, design_day, paper_day
-from fastcoil.boundary.heating_day import heating_day
-from fastcoil.boundary.operation.year import weather_year
-from fastcoil.boundary.weather import weather_day
-from fastcoil.errors import InputError, nearest, shown
+from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary.days import constant_day, design_day, paper_day
+from fastcoil.loops.boundary.heating_day import heating_day
+from fastcoil.loops.boundary.operation.year import weather_year
+from fastcoil.loops.boundary.weather import weather_day
 from fastcoil.study.file.tables import with_hints
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fastcoil.errors import InputError, shown
-from fastcoil.files import read_text
-from fastcoil.parameter_table import PARAMETERS
+from fastcoil.base.errors import InputError, shown
+from fastcoil.base.files import read_text
+from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.file.tables import known_parameters
 from fastcoil.study.file.toml import parse_toml
 

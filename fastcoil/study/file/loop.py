@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import InputError, collecting, shown
-from fastcoil.parameter_table import INSTALLED_VALVE
-from fastcoil.rules.rule import Rule
-from fastcoil.rules.table import table_of
-from fastcoil.simulation.converged import WORD, expanded
-from fastcoil.simulation.loop import Loop, knowing
+from fastcoil.base.errors import InputError, collecting, shown
+from fastcoil.loops.converged import WORD, expanded
+from fastcoil.loops.loop import Loop, knowing
+from fastcoil.loops.rule_table import table_of
+from fastcoil.model.parameter_table import INSTALLED_VALVE
+from fastcoil.model.user_rules.rule import Rule
 from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, sampled_names
 from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters
 

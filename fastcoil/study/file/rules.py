@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from fastcoil.errors import InputError, collecting
-from fastcoil.rules.parameter import own_parameters, parameter
-from fastcoil.rules.rule import KINDS, Rule, is_word
+from fastcoil.base.errors import InputError, collecting
+from fastcoil.model.user_rules.parameter import own_parameters, parameter
+from fastcoil.model.user_rules.rule import KINDS, Rule, is_word
 from fastcoil.study.file.source import Source, find_source
 from fastcoil.study.file.tables import StudyFile
 

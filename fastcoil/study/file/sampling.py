@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import whole_number_problems
-from fastcoil.errors import InputError, collecting, nearest, shown
-from fastcoil.parameter_table import PARAMETERS, Parameter
-from fastcoil.simulation.plan import RUN_LIMITS
+from fastcoil.base.arguments import whole_number_problems
+from fastcoil.base.errors import InputError, collecting, nearest, shown
+from fastcoil.loops.plan import RUN_LIMITS
+from fastcoil.model.parameter_table import PARAMETERS, Parameter
 from fastcoil.study.file.tables import are_numbers, first_of, known_parameters
 
 SAMPLE_DIM, DESIGN_DIM = "sample", "design"

@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fastcoil.analysis.tariff import COP, COP_LIMITS, CURRENCY, DEAREST, LONGEST_CURRENCY, PRICES
-from fastcoil.outputs import TRACES
-from fastcoil.parameter_table import PARAMETERS, Parameter
-from fastcoil.rules.rule import KINDS
-from fastcoil.simulation.converged import MEANING, WORD
-from fastcoil.simulation.parameter_values import FORBIDDEN_DIMS
-from fastcoil.simulation.plan import RUN_LIMITS
-from fastcoil.simulation.presets import PRESETS
+from fastcoil.design.tuning.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
+from fastcoil.design.tuning.plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
+from fastcoil.design.tuning.space import may_be_searched
+from fastcoil.loops.converged import MEANING, WORD
+from fastcoil.loops.parameter_values import FORBIDDEN_DIMS
+from fastcoil.loops.plan import RUN_LIMITS
+from fastcoil.loops.presets import PRESETS
+from fastcoil.model.metric_table import TRACES
+from fastcoil.model.parameter_table import PARAMETERS, Parameter
+from fastcoil.model.user_rules.rule import KINDS
+from fastcoil.study.analysis.tariff import COP, COP_LIMITS, CURRENCY, DEAREST, LONGEST_CURRENCY, PRICES
 from fastcoil.study.file.loop import LONGEST_AXIS
 from fastcoil.study.file.sampling import (
     CHOICE,
@@ -39,9 +42,6 @@ from fastcoil.study.file.schema_parts import (
     table_of,
 )
 from fastcoil.study.file.tables import RunTable, StudyFile, TariffTable, TuneTable
-from fastcoil.tuning.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
-from fastcoil.tuning.plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
-from fastcoil.tuning.space import may_be_searched
 
 _OWN = "own parameter"
 """Not the name of a parameter."""

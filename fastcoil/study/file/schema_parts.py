@@ -9,11 +9,11 @@ from typing import Any, get_args, get_type_hints
 
 from pydantic import TypeAdapter
 
-from fastcoil.boundary import Boundary
-from fastcoil.boundary.conditions import CONDITIONS
-from fastcoil.boundary.days import DESIGNS
-from fastcoil.parameter_table import Parameter
-from fastcoil.rules.rule import KINDS
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary.conditions import CONDITIONS
+from fastcoil.loops.boundary.days import DESIGNS
+from fastcoil.model.parameter_table import Parameter
+from fastcoil.model.user_rules.rule import KINDS
 from fastcoil.study.file.boundary import BOUNDARY_KINDS
 
 Schema = dict[str, Any]

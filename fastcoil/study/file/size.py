@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from fastcoil.outputs import METRICS
-from fastcoil.simulation.resources import check_memory
+from fastcoil.loops.resources import check_memory
+from fastcoil.model.metric_table import METRICS
 from fastcoil.study.file.loop import axis_size
 from fastcoil.study.file.sampling import design_size
 from fastcoil.study.file.tables import StudyFile

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-from fastcoil.errors import InputError, shown
-from fastcoil.files import TooLargeError, read_bytes, require_usable
-from fastcoil.look import is_file
+from fastcoil.base.errors import InputError, shown
+from fastcoil.base.files import TooLargeError, read_bytes, require_usable
+from fastcoil.base.look import is_file
 
 _LARGEST = 2**18
 """Bytes of source: to read one as Python takes 500 times its memory."""

@@ -14,12 +14,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fastcoil.analysis.cost_summary import Billing
-from fastcoil.errors import InputError, collecting
-from fastcoil.files import read_text
-from fastcoil.numerics.jit import model_sha256
-from fastcoil.simulation.loop import words_used
-from fastcoil.simulation.plan import Plan, plan_simulation
+from fastcoil.base.errors import InputError, collecting
+from fastcoil.base.files import read_text
+from fastcoil.design.theory.operating_points import require_one_gap
+from fastcoil.design.tuning.plan import Asked
+from fastcoil.loops.loop import words_used
+from fastcoil.loops.plan import Plan, plan_simulation
+from fastcoil.model.numerics.jit import model_sha256
+from fastcoil.study.analysis.cost_summary import Billing
 from fastcoil.study.file.billing import billing_of
 from fastcoil.study.file.boundary import build_boundary
 from fastcoil.study.file.include import read_includes
@@ -30,8 +32,6 @@ from fastcoil.study.file.source import Source, find_source
 from fastcoil.study.file.tables import parse_tables
 from fastcoil.study.file.toml import parse_toml
 from fastcoil.study.file.tune import asked_of_tuning
-from fastcoil.theory.operating_points import require_one_gap
-from fastcoil.tuning.plan import Asked
 
 LARGEST_FILE = 2**20
 """Bytes; no study written by hand is larger."""

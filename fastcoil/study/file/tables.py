@@ -7,11 +7,11 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastcoil.analysis.tariff import COP, CURRENCY, PRICES
-from fastcoil.errors import collecting, nearest, shown
-from fastcoil.outputs import TRACES, WARM_UP
-from fastcoil.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
-from fastcoil.tuning.plan import EVALUATIONS, OBJECTIVE, QUANTILE
+from fastcoil.base.errors import collecting, nearest, shown
+from fastcoil.design.tuning.plan import EVALUATIONS, OBJECTIVE, QUANTILE
+from fastcoil.model.metric_table import TRACES, WARM_UP
+from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
+from fastcoil.study.analysis.tariff import COP, CURRENCY, PRICES
 
 Value = TypeVar("Value")
 

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Iterator
 from typing import Any
 
-from fastcoil.errors import InputError, shown
+from fastcoil.base.errors import InputError, shown
 
 _MOST_PARTS = 20
 """Parts of a dotted key: a study needs four.  The time to parse one rises with their square."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fastcoil.boundary import Boundary
-from fastcoil.errors import InputError, shown
-from fastcoil.simulation.loop import Loop
+from fastcoil.base.errors import InputError, shown
+from fastcoil.design.tuning.plan import Asked, plan_tuning
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.loop import Loop
 from fastcoil.study.file.boundary import build_boundary
 from fastcoil.study.file.tables import RunTable, TuneTable
-from fastcoil.tuning.plan import Asked, plan_tuning
 
 
 def asked_of_tuning(table: TuneTable, run: RunTable, loop: Loop, boundary: Boundary, folder: Path) -> Asked:

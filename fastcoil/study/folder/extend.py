@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.engine.lanes import parameter_matrix
-from fastcoil.errors import InputError
-from fastcoil.numerics.jit import same_model
-from fastcoil.outputs import STATUS_NOT_RUN
-from fastcoil.rules.rule import KINDS
-from fastcoil.rules.same_code import refuse_other_code
-from fastcoil.simulation.loop import Loop
-from fastcoil.simulation.plan import Plan
-from fastcoil.simulation.scenarios import columns_of
+from fastcoil.base.errors import InputError
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.plan import Plan
+from fastcoil.loops.scenarios import columns_of
+from fastcoil.model.engine.lanes import parameter_matrix
+from fastcoil.model.metric_table import STATUS_NOT_RUN
+from fastcoil.model.numerics.jit import same_model
+from fastcoil.model.user_rules.rule import KINDS
+from fastcoil.model.user_rules.same_code import refuse_other_code
 
 _AT_ONCE = 10_000
 _MUST_AGREE = {

@@ -22,14 +22,14 @@ from typing import TypeVar
 
 import xarray as xr
 
-from fastcoil.errors import InputError, IntegrityError, StorageError
-from fastcoil.files import commit, read_bytes, remove_unfinished, storage_errors
-from fastcoil.look import entries, exists, is_file, is_folder
-from fastcoil.plots.files import FIGURES
+from fastcoil.base.errors import InputError, IntegrityError, StorageError
+from fastcoil.base.figure_files import FIGURES
+from fastcoil.base.files import commit, read_bytes, remove_unfinished, storage_errors
+from fastcoil.base.look import entries, exists, is_file, is_folder
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
-from fastcoil.study.folder.final import RESULTS, TRACE_FILES, open_final
 from fastcoil.study.folder.lock import find_holder, hold
 from fastcoil.study.folder.manifest import MANIFEST, Manifest
+from fastcoil.study.folder.result_files import RESULTS, TRACE_FILES, open_final
 from fastcoil.study.folder.shards import Shards
 
 STUDY = "study.toml"

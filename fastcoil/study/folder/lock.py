@@ -13,9 +13,9 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from fastcoil.errors import InputError, LockedError, StorageError, shown
-from fastcoil.files import commit, make_folder, read_bytes, remove_unfinished, require_usable, storage_errors
-from fastcoil.printable import printable
+from fastcoil.base.errors import InputError, LockedError, StorageError, shown
+from fastcoil.base.files import commit, make_folder, read_bytes, remove_unfinished, require_usable, storage_errors
+from fastcoil.base.printable import printable
 
 _LOCK, _HOLDER = ".lock", ".holder"
 _LONGEST_HOLDER = 4096

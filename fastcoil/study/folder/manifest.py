@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from fastcoil.errors import IntegrityError
-from fastcoil.files import commit, read_bytes, storage_errors
-from fastcoil.look import exists
-from fastcoil.rules.same_code import OwnCode, joined, own_code_of
+from fastcoil.base.errors import IntegrityError
+from fastcoil.base.files import commit, read_bytes, storage_errors
+from fastcoil.base.look import exists
+from fastcoil.model.user_rules.same_code import OwnCode, joined, own_code_of
 from fastcoil.study.file.spec import Study
 
 MANIFEST = "run.json"

@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import IntegrityError
-from fastcoil.files import storage_errors
-from fastcoil.outputs import METRICS, STATUS_NOT_RUN, TRACES
-from fastcoil.simulation.content import combined_sha256, variable_sha256
-from fastcoil.simulation.dataset import join_flat, unflatten
-from fastcoil.simulation.netcdf import write
-from fastcoil.simulation.plan import simulation_attributes
-from fastcoil.simulation.provenance import provenance
-from fastcoil.simulation.stored_traces import layout_of
+from fastcoil.base.errors import IntegrityError
+from fastcoil.base.files import storage_errors
+from fastcoil.loops.content import combined_sha256, variable_sha256
+from fastcoil.loops.dataset import join_flat, unflatten
+from fastcoil.loops.netcdf import write
+from fastcoil.loops.plan import simulation_attributes
+from fastcoil.loops.provenance import provenance
+from fastcoil.loops.stored_traces import layout_of
+from fastcoil.model.metric_table import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.study.file.spec import Study
-from fastcoil.study.folder.final import add_traces, finished_manifest, publish
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.result_files import add_traces, finished_manifest, publish
 from fastcoil.study.predict import predictions
 
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]

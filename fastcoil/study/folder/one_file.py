@@ -6,13 +6,13 @@ from pathlib import Path
 
 import xarray as xr
 
-from fastcoil.errors import InputError, IntegrityError
-from fastcoil.look import exists, is_file, is_folder
-from fastcoil.result import check_result
-from fastcoil.simulation.trial import try_reading
-from fastcoil.study.folder.final import RESULTS
+from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.base.look import exists, is_file, is_folder
+from fastcoil.loops.check_result import check_result
+from fastcoil.loops.netcdf_probe import try_reading
 from fastcoil.study.folder.folder import require_no_archive
 from fastcoil.study.folder.manifest import MANIFEST
+from fastcoil.study.folder.result_files import RESULTS
 from fastcoil.study.folder.results import open_study
 
 _CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"

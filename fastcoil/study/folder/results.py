@@ -13,20 +13,20 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import path_of
-from fastcoil.errors import InputError, IntegrityError
-from fastcoil.numerics.jit import same_model
-from fastcoil.outputs import FORMER_METRICS, METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
-from fastcoil.simulation.cut import Reached
-from fastcoil.simulation.dataset import join_flat, unflatten
-from fastcoil.simulation.provenance import environments_of
-from fastcoil.simulation.shards import END_STATE
+from fastcoil.base.arguments import path_of
+from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.loops.cut import Reached
+from fastcoil.loops.dataset import join_flat, unflatten
+from fastcoil.loops.provenance import environments_of
+from fastcoil.loops.shards import END_STATE
+from fastcoil.model.metric_table import FORMER_METRICS, METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
+from fastcoil.model.numerics.jit import same_model
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.extend import Match, as_part, match_scenarios
-from fastcoil.study.folder.final import find_problems
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.merge import study_attributes
+from fastcoil.study.folder.result_files import find_problems
 from fastcoil.study.folder.shards import Shards
 
 

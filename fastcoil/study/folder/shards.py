@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import IntegrityError, StorageError, out_of_memory
-from fastcoil.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
-from fastcoil.look import entries, exists, is_folder
-from fastcoil.outputs import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN
-from fastcoil.simulation.netcdf import load, netcdf_bytes
+from fastcoil.base.errors import IntegrityError, StorageError, out_of_memory
+from fastcoil.base.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
+from fastcoil.base.look import entries, exists, is_folder
+from fastcoil.loops.netcdf import load, netcdf_bytes
+from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN
 
 SHARDS, QUARANTINE = "shards", "quarantine"
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"

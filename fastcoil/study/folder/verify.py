@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fastcoil.errors import FastcoilError, InputError, IntegrityError, StorageError
-from fastcoil.look import is_folder
-from fastcoil.plots.files import stale_figures
-from fastcoil.simulation.dataset import check_same_form
-from fastcoil.simulation.shards import END_STATE
-from fastcoil.study.folder import final
+from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
+from fastcoil.base.figure_files import stale_figures
+from fastcoil.base.look import is_folder
+from fastcoil.loops.dataset import check_same_form
+from fastcoil.loops.shards import END_STATE
+from fastcoil.study.folder import result_files as final
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.results import is_current

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.arguments import is_text
-from fastcoil.errors import shown
-from fastcoil.outputs import METRICS, PREDICTIONS, TRACES
-from fastcoil.parameter_table import PARAMETERS, RESERVED_DIMS
-from fastcoil.simulation.clock import CLOCK
+from fastcoil.base.arguments import is_text
+from fastcoil.base.errors import shown
+from fastcoil.loops.clock import CLOCK
+from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
+from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
 SCENARIO = "scenario"
 """The dimension along which the function gets the traces of a shard."""

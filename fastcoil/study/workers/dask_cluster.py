@@ -11,10 +11,10 @@ from collections.abc import Collection, Sequence
 from functools import partial
 from typing import Any
 
-from fastcoil.errors import FastcoilError, InputError, missing_extra
-from fastcoil.numerics.jit import model_sha256
-from fastcoil.simulation.in_thread import within
-from fastcoil.simulation.shards import Shard, Stretch
+from fastcoil.base.errors import FastcoilError, InputError, missing_extra
+from fastcoil.loops.shards import Shard, Stretch
+from fastcoil.loops.threads import within
+from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.workers.dask_connection import connect, start_local_cluster, workers_missing
 from fastcoil.study.workers.worker import Job, forget, identity, leave_interrupts, receive, run_received
 

@@ -14,8 +14,8 @@ import warnings
 from multiprocessing import resource_tracker
 from typing import Any
 
-from fastcoil.errors import FastcoilError, InputError
-from fastcoil.simulation.in_thread import within
+from fastcoil.base.errors import FastcoilError, InputError
+from fastcoil.loops.threads import within
 
 _WAIT_FOR_SCHEDULER = 10.0
 """Seconds."""

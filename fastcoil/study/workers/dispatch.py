@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import FastcoilError, out_of_memory
-from fastcoil.simulation.shards import Shard, Stretch
+from fastcoil.base.errors import FastcoilError, out_of_memory
+from fastcoil.loops.shards import Shard, Stretch
 from fastcoil.study.workers.pools import Pool
 from fastcoil.study.workers.worker import Interrupt, Job, crashed_part
 

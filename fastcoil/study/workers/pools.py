@@ -18,9 +18,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fastcoil.errors import InputError, shown
-from fastcoil.files import storage_errors
-from fastcoil.simulation.shards import Shard, Stretch
+from fastcoil.base.errors import InputError, shown
+from fastcoil.base.files import storage_errors
+from fastcoil.loops.shards import Shard, Stretch
 from fastcoil.study.workers.dask_cluster import Dask
 from fastcoil.study.workers.worker import Job, receive_in_child, run_from_file, run_received, run_scenarios
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import InputError
+from fastcoil.base.errors import InputError
 from fastcoil.study.file.source import Source
 from fastcoil.study.workers.answer import SCENARIO, take_answer
-from fastcoil.study.workers.own_code import its_errors, load
-from fastcoil.study.workers.surroundings import surroundings_restored
+from fastcoil.study.workers.load_user_module import its_errors, load
+from fastcoil.study.workers.process_state import surroundings_restored
 
 
 def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:

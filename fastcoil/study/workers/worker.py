@@ -16,16 +16,16 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.errors import InputError
-from fastcoil.numerics.jit import fingerprint, model_sha256
-from fastcoil.outputs import METRICS, STATUS_CRASHED, TRACES
-from fastcoil.rules.same_code import OwnCode, own_code_of, refuse_other_code
-from fastcoil.simulation.dataset import flat_dataset
-from fastcoil.simulation.plan import Plan
-from fastcoil.simulation.running import run_shard
-from fastcoil.simulation.shards import END_STATE, Shard, Stretch
+from fastcoil.base.errors import InputError
+from fastcoil.loops.dataset import flat_dataset
+from fastcoil.loops.plan import Plan
+from fastcoil.loops.running import run_shard
+from fastcoil.loops.shards import END_STATE, Shard, Stretch
+from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
+from fastcoil.model.numerics.jit import fingerprint, model_sha256
+from fastcoil.model.user_rules.same_code import OwnCode, own_code_of, refuse_other_code
 from fastcoil.study.file.source import Source
-from fastcoil.study.workers.own_code import load_rules
+from fastcoil.study.workers.load_user_module import load_rules
 from fastcoil.study.workers.reduce import reduce
 
 _jobs: dict[str, Job] = {}

@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 import fastcoil as fc
+from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
-from fastcoil.errors import InputError
 from fastcoil.study.file.spec import read_study
 
 VALVE = "[loop]\nbacklash = 0.1\nm_max = 1.5\n[fit]\nkind = 'valve'\n[fit.rmse]\nfit = nan\n"

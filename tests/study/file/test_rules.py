@@ -5,10 +5,10 @@ import ast
 import pytest
 from helpers.rules import HEAD
 
-from fastcoil.errors import InputError
+from fastcoil.base.errors import InputError
 from fastcoil.study.file import rules
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers.own_code import load
+from fastcoil.study.workers.load_user_module import load
 
 STUDY = """
 [loop]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.refusals import problems
 
-from fastcoil.errors import InputError
+from fastcoil.base.errors import InputError
 from fastcoil.study.file.sampling import sample_values
 from fastcoil.study.file.spec import read_study
 

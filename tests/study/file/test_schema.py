@@ -12,9 +12,9 @@ import pytest
 from click.testing import CliRunner
 from jsonschema import Draft202012Validator
 
+from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
-from fastcoil.errors import InputError
-from fastcoil.parameter_table import PARAMETERS
+from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.file.boundary import BOUNDARY_KINDS
 from fastcoil.study.file.schema import study_schema
 from fastcoil.study.file.spec import read_study

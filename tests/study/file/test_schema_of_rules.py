@@ -7,7 +7,7 @@ import tomllib
 import pytest
 from jsonschema import Draft202012Validator
 
-from fastcoil.errors import InputError
+from fastcoil.base.errors import InputError
 from fastcoil.study.file.schema import study_schema
 from fastcoil.study.file.spec import read_study
 

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from fastcoil.errors import InputError
+from fastcoil.base.errors import InputError
 from fastcoil.study.file.source import Source, find_source
 from fastcoil.study.file.spec import read_study
 

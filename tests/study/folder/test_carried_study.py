@@ -10,10 +10,10 @@ from helpers import failing_shards
 from helpers.studies import golden, quarantined, run, run_until_interrupted, shards, unfinished, verify, write_study
 
 import fastcoil as fc
-from fastcoil.errors import InputError
-from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
-from fastcoil.simulation import netcdf, plan
-from fastcoil.simulation.shards import END_STATE
+from fastcoil.base.errors import InputError
+from fastcoil.loops import netcdf, plan
+from fastcoil.loops.shards import END_STATE
+from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study import maintenance, runner
 
 pytestmark = pytest.mark.kernel

@@ -14,8 +14,8 @@ import pytest
 import xarray as xr
 from helpers.studies import DAYS, PLAIN, larger, quarantined, resume, run, run_until_interrupted, shards, verify
 
-from fastcoil.errors import IntegrityError, StorageError
-from fastcoil.simulation.netcdf import netcdf_bytes
+from fastcoil.base.errors import IntegrityError, StorageError
+from fastcoil.loops.netcdf import netcdf_bytes
 from fastcoil.study import maintenance
 from fastcoil.study.folder import shards as folder_shards
 from fastcoil.study.folder.folder import StudyFolder

@@ -11,9 +11,9 @@ from helpers.studies import copied, run_until_stopped
 from helpers.study_tables import fresh, run_shards, toml
 
 import fastcoil as fc
-from fastcoil import files
+from fastcoil.base import files
+from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
-from fastcoil.errors import InputError
 from fastcoil.study import runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder import folder, manifest

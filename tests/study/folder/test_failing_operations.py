@@ -22,7 +22,7 @@ from helpers.studies import (
     write_study,
 )
 
-from fastcoil.errors import IntegrityError, StorageError
+from fastcoil.base.errors import IntegrityError, StorageError
 from fastcoil.study import runner
 from fastcoil.study.folder.shards import SHARD_NAME
 

@@ -16,9 +16,10 @@ import xarray as xr
 from helpers.studies import TRACED, as_version_0_1, golden, larger, run, verify
 
 import fastcoil as fc
-from fastcoil.errors import IntegrityError, StorageError
-from fastcoil.simulation import netcdf, stored_file, trial
-from fastcoil.study.folder import final
+from fastcoil.base.errors import IntegrityError, StorageError
+from fastcoil.loops import netcdf, stored_file
+from fastcoil.loops import netcdf_probe as trial
+from fastcoil.study.folder import result_files as final
 from fastcoil.study.folder.manifest import Manifest
 
 pytestmark = pytest.mark.kernel

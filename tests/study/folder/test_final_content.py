@@ -9,13 +9,13 @@ import pytest
 from helpers.studies import PLAIN, copied, golden
 
 import fastcoil as fc
-from fastcoil.errors import IntegrityError, StorageError
-from fastcoil.outputs import METRICS
-from fastcoil.simulation import netcdf, stored_file
-from fastcoil.simulation.content import combined_sha256
-from fastcoil.study.folder.final import open_final
-from fastcoil.study.folder.form import malformed
+from fastcoil.base.errors import IntegrityError, StorageError
+from fastcoil.loops import netcdf, stored_file
+from fastcoil.loops.content import combined_sha256
+from fastcoil.model.metric_table import METRICS
 from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.result_files import open_final
+from fastcoil.study.folder.validation import malformed
 
 pytestmark = pytest.mark.kernel
 

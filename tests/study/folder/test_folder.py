@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner
 from helpers.studies import PLAIN, TRACED, contents, copied, golden, resume, run, run_until_interrupted, write_study
 
+from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, LockedError, StorageError
+from fastcoil.base.files import file_name, make_folder
 from fastcoil.cli.main import main
-from fastcoil.errors import FastcoilError, InputError, IntegrityError, LockedError, StorageError
-from fastcoil.files import file_name, make_folder
 from fastcoil.study import maintenance, runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.folder import StudyFolder

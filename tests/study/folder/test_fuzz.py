@@ -13,10 +13,12 @@ from helpers.damage import damaged, edited
 from helpers.studies import DAYS, TRACED, as_version_0_1, golden, run, run_until_interrupted
 
 import fastcoil as fc
-from fastcoil.errors import InputError, IntegrityError
-from fastcoil.simulation import stored_file, trial
+from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.loops import netcdf_probe as trial
+from fastcoil.loops import stored_file
 from fastcoil.study import maintenance
-from fastcoil.study.folder import final, manifest
+from fastcoil.study.folder import manifest
+from fastcoil.study.folder import result_files as final
 
 pytestmark = pytest.mark.kernel
 

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from fastcoil.errors import InputError, LockedError, StorageError
+from fastcoil.base.errors import InputError, LockedError, StorageError
 from fastcoil.study.folder.lock import find_holder, hold
 
 

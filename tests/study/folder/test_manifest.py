@@ -23,9 +23,9 @@ from helpers.studies import (
     write_study,
 )
 
-from fastcoil.errors import InputError, IntegrityError
-from fastcoil.numerics.jit import compiled_for
-from fastcoil.simulation import plan
+from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.loops import plan
+from fastcoil.model.numerics.jit import compiled_for
 from fastcoil.study import maintenance, runner
 from fastcoil.study.file import spec
 from fastcoil.study.folder import manifest
@@ -109,7 +109,7 @@ def test_a_boundary_file_that_changes_between_a_run_and_its_resume_is_refused(ou
     text = "\n".join(line for line in text.splitlines() if not line.startswith("seed"))
     text = text.replace("[run]", "[run]\nreplicates = 33")  # two blocks
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fastcoil.simulation.plan._LANE_STEPS_PER_SHARD", 1)
+        patch.setattr("fastcoil.loops.plan._LANE_STEPS_PER_SHARD", 1)
         run_until_interrupted(text, out, 1)
     before = [p.read_bytes() for p in shards(out)]
     log.write_text(good.replace(",25,", ",26,", 1))
@@ -215,7 +215,7 @@ def test_shards_that_span_days_go_on_where_shards_of_a_day_ended(out, text, monk
 def elsewhere(monkeypatch):
     """Another processor."""
     here = compiled_for()
-    monkeypatch.setattr("fastcoil.simulation.running.compiled_for", lambda: here | {"cpu": "another"})
+    monkeypatch.setattr("fastcoil.loops.running.compiled_for", lambda: here | {"cpu": "another"})
     return [here, here | {"cpu": "another"}]
 
 
@@ -234,7 +234,7 @@ def test_a_run_that_is_resumed_on_another_processor_says_so(broken_off, elsewher
 
 def test_a_study_that_is_extended_on_another_processor_says_so(out, elsewhere, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr("fastcoil.simulation.running.compiled_for", compiled_for)
+        patch.setattr("fastcoil.loops.running.compiled_for", compiled_for)
         run(PLAIN, out)
     (out / "run.json").unlink()  # the results know it, too
     (warned,) = resume(out, larger(PLAIN), extend=True)

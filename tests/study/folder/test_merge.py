@@ -11,7 +11,7 @@ import xarray as xr
 from helpers.studies import DAYS, PLAIN, TRACED, copied, golden, larger, resume, run, shards, unfinished
 
 import fastcoil as fc
-from fastcoil.errors import IntegrityError, StorageError
+from fastcoil.base.errors import IntegrityError, StorageError
 from fastcoil.study import runner
 from fastcoil.study.folder import merge
 

@@ -14,8 +14,8 @@ from click.testing import CliRunner
 from helpers.studies import DAYS, PLAIN, TRACED, as_version_0_1, contents, copied, larger, resume, run, verify
 
 import fastcoil as fc
+from fastcoil.base.errors import IntegrityError
 from fastcoil.cli.main import main
-from fastcoil.errors import IntegrityError
 from fastcoil.study import maintenance
 from fastcoil.study.folder.results import open_study
 from fastcoil.study.folder.shards import Shards

@@ -9,7 +9,7 @@ from helpers.processes import N_SCENARIOS, cut, ended, started, wait_for
 
 import fastcoil as fc
 from fastcoil.cli.main import main
-from fastcoil.simulation import plan
+from fastcoil.loops import plan
 from fastcoil.study import runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.runner import execute

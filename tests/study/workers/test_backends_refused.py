@@ -12,9 +12,9 @@ import pytest
 from click.testing import CliRunner
 from helpers.processes import STUDY, cluster, wait_for
 
+from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
-from fastcoil.errors import InputError
-from fastcoil.simulation.shards import Shard
+from fastcoil.loops.shards import Shard
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.workers import dask_cluster, dask_connection
 from fastcoil.study.workers.worker import Job, forget, identity, receive, run_received

@@ -10,8 +10,8 @@ from helpers.dying_pool import Pool, found
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
-from fastcoil.simulation.shards import Chain
+from fastcoil.loops.shards import Chain
+from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 
 pytestmark = pytest.mark.timeout(60)
 

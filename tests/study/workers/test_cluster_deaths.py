@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from helpers import failing_shards
 from helpers.processes import N_SCENARIOS, check_crashed, cluster, cut
 
+from fastcoil.base.errors import FastcoilError
 from fastcoil.cli.main import main
-from fastcoil.errors import FastcoilError
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.runner import execute
 from fastcoil.study.workers import dispatch
@@ -59,7 +59,7 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(small_study, go
 
         start = time.monotonic()
         with monkeypatch.context() as patch:
-            patch.setattr("fastcoil.progress.shown.Shown.start", lambda _, n, before=0: kill_later(n))
+            patch.setattr("fastcoil.base.progress.shown.Shown.start", lambda _, n, before=0: kill_later(n))
             failing_shards.harms(patch, failing_shards.works_slowly, range(152, 160))
             result = CliRunner().invoke(main, [*words, "--scheduler", found.address, "--no-figures"])
         assert time.monotonic() - start < 60

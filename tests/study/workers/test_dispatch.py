@@ -13,9 +13,9 @@ from helpers.processes import N_SCENARIOS as N
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastcoil.errors import FastcoilError, InputError, StorageError
-from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
-from fastcoil.simulation.shards import Shard
+from fastcoil.base.errors import FastcoilError, InputError, StorageError
+from fastcoil.loops.shards import Shard
+from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study.workers.worker import Interrupt
 
 pytestmark = pytest.mark.timeout(60)

@@ -10,7 +10,7 @@ import pytest
 from helpers.dying_pool import Pool, found, healthy, in_shards
 from helpers.processes import N_SCENARIOS as N
 
-from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
+from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study.workers.dispatch import Dispatcher
 
 pytestmark = pytest.mark.timeout(60)

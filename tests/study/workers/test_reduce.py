@@ -10,9 +10,9 @@ import pytest
 import xarray as xr
 from helpers.refusals import only_problem, problems
 
-from fastcoil.errors import InputError
+from fastcoil.base.errors import InputError
 from fastcoil.study.file.source import Source
-from fastcoil.study.workers.own_code import load
+from fastcoil.study.workers.load_user_module import load
 from fastcoil.study.workers.reduce import reduce
 
 SOURCE = """

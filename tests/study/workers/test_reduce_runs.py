@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 from click.testing import CliRunner
 
+from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
-from fastcoil.errors import InputError
 from fastcoil.study.file.source import Source
 from fastcoil.study.workers.reduce import reduce
 

@@ -19,10 +19,10 @@ from helpers.processes import N_SCENARIOS, check_crashed, children, cut
 from joblib.externals.loky.backend import resource_tracker
 
 import fastcoil as fc
+from fastcoil.base.errors import FastcoilError, InputError
 from fastcoil.cli.main import main
-from fastcoil.errors import FastcoilError, InputError
-from fastcoil.outputs import STATUS_CRASHED, STATUS_OK
-from fastcoil.simulation.shards import Shard
+from fastcoil.loops.shards import Shard
+from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.shards import SHARDS
 from fastcoil.study.runner import execute

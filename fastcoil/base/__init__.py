@@ -1,0 +1,1 @@
+"""Errors, arguments, files, text, figure style."""

@@ -1,0 +1,225 @@
+"""Checks of the arguments of public functions.
+
+A check named ``…_of`` takes the name of an argument and what the caller gave, and returns it in one type of Python, or
+raises an `InputError` of one sentence: field, value, cure.  ``checking`` runs several and raises all mistakes together.
+A check named ``…_problems`` returns the sentences.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from itertools import islice
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
+
+from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
+from fastcoil.base.files import require_usable
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T = TypeVar("T")
+
+_LARGEST = sys.float_info.max
+_MOST_NAMES = 1000
+_AS_PYTHON: Mapping[type, Callable[[Any], object]] = {
+    float: float.__float__,
+    int: int.__int__,
+    str: str.__str__,
+}
+"""Past what a user's class makes of itself."""
+_OF_NUMPY: Mapping[str, Callable[[Any], object]] = {"b": bool, "i": int, "u": int, "f": float, "U": str}
+"""By the kinds of its types."""
+
+
+class Checks:
+    """Runs checks one after the other and keeps the sentences of those that fail."""
+
+    def __init__(self) -> None:
+        self.problems: list[str] = []
+
+    def __call__(self, check: Callable[P, R], *args: P.args, **options: P.kwargs) -> R:
+        """What ``check`` returns; nothing of use where it fails, since the whole call is then refused."""
+        with collecting(self.problems):
+            return check(*args, **options)
+        return cast(R, None)
+
+    def unless_none(self, check: Callable[..., R], name: str, value: object, *args: Any, **options: Any) -> R | None:
+        """As a call, but None passes."""
+        return None if value is None else self(check, name, value, *args, **options)
+
+
+@contextmanager
+def checking() -> Iterator[Checks]:
+    """Checks whose mistakes are raised together, as one `InputError`, at the end of the block."""
+    checks = Checks()
+    yield checks
+    if checks.problems:
+        raise InputError(checks.problems)
+
+
+def plain(value: Any) -> Any:
+    """A number, flag or word of numpy or of a user's class as one of Python; all else as it is.
+
+    An array of no dimensions counts as its value; a duration of numpy is no number.
+    """
+    for kind, as_python in _AS_PYTHON.items():
+        if isinstance(value, kind):
+            return value if type(value) in (kind, bool) else as_python(value)
+    numpy = sys.modules.get("numpy")
+    if numpy is None:
+        return value
+    if type(value) is numpy.ndarray and value.ndim == 0:
+        value = value[()]
+    of_numpy = value.dtype.kind if isinstance(value, numpy.generic) else ""
+    return _OF_NUMPY[of_numpy](value) if of_numpy in _OF_NUMPY else value
+
+
+def is_number(value: Any) -> bool:
+    """Whether ``value`` is one real number, of Python or numpy; True and False are not numbers."""
+    value = plain(value)
+    if isinstance(value, bool) or not isinstance(value, Real) or hasattr(value, "dtype"):  # a duration of numpy
+        return False
+    try:
+        float(value)
+    except Exception:  # too many digits; a user's class may raise anything
+        return False
+    return True
+
+
+def number_of(name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _LARGEST) -> float:
+    """A finite number from ``least`` to ``most``; to leave out ``least`` itself, give the next number."""
+    if not is_number(value):
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
+    number = float(plain(value))
+    if not max(least, -_LARGEST) <= number <= most:
+        raise InputError(f"{name} = {shown(value)}: {cure}")
+    return number
+
+
+def whole_of(name: str, value: object, least: int, most: int | None = None, cure: str | None = None) -> int:
+    """A whole number from ``least`` to ``most``."""
+    number = plain(value)
+    if isinstance(number, bool) or not isinstance(number, Integral) or hasattr(number, "dtype"):
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure or 'give a whole number'}"))
+    if int(number) < least or (most is not None and int(number) > most):
+        limits = f"must be at least {least}" + (f" and at most {most}" if most is not None else "")
+        raise InputError(f"{name} = {shown(number)}: {cure or limits}")
+    return int(number)
+
+
+def flag_of(name: str, value: object) -> bool:
+    """True or False, of Python or numpy."""
+    flag = plain(value)
+    if not isinstance(flag, bool):
+        raise InputError(WrongType(f"{name} = {shown(value)}: give True or False"))
+    return flag
+
+
+def choice_of(name: str, value: object, choices: Collection[str]) -> str:
+    """One of some words."""
+    word = plain(value)
+    if not isinstance(word, str):
+        raise InputError(WrongType(f"{name} = {shown(value)}: choose {_alternatives(choices)}"))
+    if word not in choices:
+        raise InputError(f"{name} = {shown(word)}{nearest(word, choices)}: choose {_alternatives(choices)}")
+    return word
+
+
+def path_of(name: str, value: object, cure: str = "give a path") -> Path:
+    """The path of a file or folder: text that the file system can take."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise InputError(WrongType(f"{name} is a {type(value).__name__}: {cure}"))
+    try:
+        text: object = os.fspath(value)
+    except Exception:  # a user's class may raise anything
+        text = None
+    if not isinstance(text, str):
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure} as text"))
+    if not text:
+        raise InputError(f"{name} is empty: {cure}")
+    require_usable(Path(text), cure)
+    return Path(text)
+
+
+def text_of(name: str, value: object) -> str:
+    """A text that a file can hold."""
+    text = plain(value)
+    if not isinstance(text, str):
+        raise InputError(WrongType(f"{name} = {shown(value)}: give a text"))
+    if not is_text(text):
+        raise InputError(f"{name} = {shown(text)}: it has characters that no file can hold, leave them out")
+    return text
+
+
+def is_text(text: str) -> bool:
+    """Whether a file gives the text back as it was: UTF-8, without half of a surrogate pair, up to the first zero."""
+    try:
+        return b"\0" not in text.encode()
+    except UnicodeEncodeError:
+        return False
+
+
+def instance_of(name: str, value: object, kind: type[T], cure: str) -> T:
+    """An object of a class of ours or xarray's."""
+    if not isinstance(value, kind):
+        raise InputError(WrongType(f"{name} is a {type(value).__name__}: {cure}"))
+    return value
+
+
+def mapping_of(name: str, value: object, cure: str, *, to_text: bool = False) -> Mapping[str, Any]:
+    """A mapping of names, ``to_text`` if its values must be text too."""
+    try:
+        items = list(value.items()) if isinstance(value, Mapping) else [(None, None)]
+        texts: list[Any] = [text for key, of_key in items for text in ((key, of_key) if to_text else (key,))]
+    except Exception:  # a user's class may raise anything
+        texts = [None]
+    if not all(isinstance(text, str) for text in texts):
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
+    if not all(map(is_text, texts)):
+        raise InputError(f"{name} = {shown(value)}: it has characters that no file can hold, leave them out")
+    return cast("Mapping[str, Any]", value)
+
+
+def names_of(argument: str, given: object) -> list[str]:
+    """One name or several, all different, as a list."""
+    given = plain(given)
+    try:
+        # an endless generator of names has to end
+        names = [given] if isinstance(given, str) else list(islice(cast("Iterable[Any]", given), _MOST_NAMES + 1))
+    except Exception:  # nothing to iterate over; a user's class may raise anything
+        names = [None]
+    names = [plain(name) for name in names]
+    if not all(isinstance(name, str) for name in names):
+        raise InputError(WrongType(f"{argument} = {shown(given)}: must be a name or a list of names"))
+    if not names:
+        raise InputError(f"{argument} is empty: give at least one name")
+    if len(names) > _MOST_NAMES:
+        raise InputError(f"{argument} has more than {_MOST_NAMES} names: give fewer")
+    twice = sorted({str(name) for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError([f"{argument}: {shown(name)} is given more than once: give it once" for name in twice])
+    return [str(name) for name in names]
+
+
+def whole_number_problems(name: str, value: object, least: int, most: int | None = None) -> list[str]:
+    """Return a sentence if ``value`` is not a whole number from ``least`` to ``most``, else nothing."""
+    problems: list[str] = []
+    with collecting(problems):
+        whole_of(name, value, least, most)
+    return problems
+
+
+def level_of(level: object) -> float:
+    """The level of an interval."""
+    cure = "must be a number between 0 and 1, such as 0.95"
+    return number_of("level", level, cure, least=math.nextafter(0.0, 1.0), most=math.nextafter(1.0, 0.0))
+
+
+def _alternatives(choices: Iterable[str]) -> str:
+    *others, last = map(repr, choices)
+    return f"{', '.join(others)} or {last}" if others else last

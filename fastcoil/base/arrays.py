@@ -1,0 +1,45 @@
+"""Names for the arrays that the host layers hand on: float64 numbers, masks, and index numbers; what counts as one."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcoil.base.errors import InputError, WrongType, shown
+
+Array: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
+Index: TypeAlias = NDArray[np.int64]
+
+MOST_VALUES = 50_000_000
+"""Most values that are made into an array: of 1-s samples over all days, of a sweep."""
+
+
+def array_of(name: str, value: Any, cure: str, kinds: str = "iuf") -> NDArray[Any]:
+    """An array-like as an array of one of the ``kinds`` of numpy; masked values become NaN.
+
+    Raises
+    ------
+    InputError
+        If it is none, or would be made into one of more than ``MOST_VALUES`` values.
+    """
+    if isinstance(value, range) and len(value) > MOST_VALUES:
+        raise InputError(f"{name} = {shown(value)}: more than {MOST_VALUES:,} values, give fewer")
+    try:
+        if isinstance(value, np.ma.MaskedArray):
+            value = np.ma.filled(value.astype(np.float64), np.nan)
+        array = np.asarray(value)
+    except Exception as error:  # a user's class may raise anything
+        if isinstance(error, ValueError) and isinstance(value, (list, tuple)):
+            raise InputError(f"{name} has rows of different length: give one length") from None
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}")) from None
+    if array.dtype.kind not in kinds:
+        raise InputError(WrongType(f"{name} = {shown(value)} is of type {_word(array.dtype)}: {cure}"))
+    return array
+
+
+def _word(dtype: np.dtype[Any]) -> str:
+    """What a user calls the type: that of texts is named after their length in bits."""
+    return "text" if dtype.kind in "US" else dtype.name

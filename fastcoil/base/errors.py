@@ -1,0 +1,146 @@
+"""The errors that a user sees, and the exit codes of the command line."""
+
+from __future__ import annotations
+
+import difflib
+import errno
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+
+from fastcoil.base.printable import printable
+
+EXIT_BUG = 1
+EXIT_INPUT = 2
+EXIT_FAILED_SCENARIOS = 3
+EXIT_STORAGE = 4
+EXIT_LOCKED = 5
+EXIT_INTEGRITY = 6
+EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
+
+_LONGEST = 60
+"""Letters of a value in a message."""
+_MOST_SENTENCES, _LONGEST_SENTENCE = 20, 2000
+"""A reader mends these first, the rest are counted; letters of each."""
+
+
+class FastcoilError(Exception):
+    """Base of every error fastcoil raises on purpose; its text is meant for the user.
+
+    As text it is printable, and long lists in it are cut; ``args`` has all of it.
+    """
+
+    exit_code = EXIT_BUG
+    _noun = "line"
+
+    def __str__(self) -> str:
+        sentences = self._sentences()
+        more = len(sentences) - _MOST_SENTENCES
+        cut = [f"… and {more:,} more {self._noun}{'s' if more > 1 else ''}"] if more > 0 else []
+        return "\n".join([*map(_abridged, sentences[:_MOST_SENTENCES]), *cut])
+
+    def _sentences(self) -> list[str]:
+        return str(self.args[0]).split("\n") if self.args else []
+
+
+def _abridged(sentence: str) -> str:
+    text = printable(sentence[:_LONGEST_SENTENCE])
+    if len(sentence) <= _LONGEST_SENTENCE and len(text) <= _LONGEST_SENTENCE:
+        return text
+    return f"{text[:_LONGEST_SENTENCE]}… ({len(sentence):,} characters)"
+
+
+class WrongType(str):
+    """A sentence on an argument of the wrong type."""
+
+    __slots__ = ()
+
+
+class InputError(FastcoilError, ValueError):
+    """Bad input.  ``problems`` holds one sentence for each mistake: field, value and cure.
+
+    With a sentence of ``WrongType`` among them it is an ``InputTypeError``, as an ``OSError`` is a
+    ``FileNotFoundError`` by its number.
+    """
+
+    exit_code = EXIT_INPUT
+    _noun = "mistake"
+
+    def __new__(cls, problems: str | Collection[str] = ()) -> InputError:
+        # some libraries that carry errors between processes make them without arguments
+        sentences = [problems] if isinstance(problems, str) else problems
+        of_type = cls is InputError and any(isinstance(one, WrongType) for one in sentences)
+        return super().__new__(InputTypeError if of_type else cls)
+
+    def __init__(self, problems: str | Collection[str]) -> None:
+        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        super().__init__("\n".join(self.problems))
+
+    def _sentences(self) -> list[str]:
+        return self.problems
+
+
+class InputTypeError(InputError, TypeError):
+    """An argument of the wrong type, perhaps besides other mistakes of the call."""
+
+
+class StorageError(FastcoilError, OSError):
+    """A result could not be read or written.  ``errno`` says why, where the operating system did."""
+
+    exit_code = EXIT_STORAGE
+
+
+def out_of_memory(what: str) -> StorageError:
+    """The error for work that has too little memory; ``what``: what cannot be done."""
+    found = StorageError(
+        f"{what}: the memory ran out; finished scenarios are kept: use fewer workers with -j, --backend loky, or fewer "
+        "traces, and run the same command again"
+    )
+    found.errno = errno.ENOMEM
+    return found
+
+
+class LockedError(FastcoilError):
+    """Another run is writing to the same folder."""
+
+    exit_code = EXIT_LOCKED
+
+
+class IntegrityError(FastcoilError):
+    """Files on the disk are not as they were written, or do not belong together."""
+
+    exit_code = EXIT_INTEGRITY
+
+
+def missing_extra(what: str, packages: str, extra: str) -> InputError:
+    """The error for packages that are not installed: what needs them, and the extra of fastcoil that has them."""
+    some = "packages" if " and " in packages else "package"
+    return InputError(f"{what} needs the {some} {packages}: pip install 'fastcoil[{extra}]'")
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if none is similar."""
+    by_folded = {k.casefold(): k for k in known}
+    match = difflib.get_close_matches(name.casefold(), list(by_folded), n=1, cutoff=0.6)
+    return f", did you mean {by_folded[match[0]]!r}?" if match else ""
+
+
+@contextmanager
+def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
+    """Add the sentences of an ``InputError`` to ``problems`` and continue."""
+    try:
+        yield
+    except InputError as error:
+        problems += [prefix + p for p in error.problems] if prefix else error.problems
+
+
+def shown(value: object) -> str:
+    """A value as a message repeats it: on one line, cut short if it is long; a word on its type if it has no text."""
+    try:
+        # a longer one is cut anyway
+        text = repr(value[:_LONGEST] if isinstance(value, (str, bytes, list, tuple)) else value)
+    except Exception:  # a user's class may raise anything, and so do numbers of too many digits and lists of lists
+        text = "a number of too many digits" if isinstance(value, int) else f"<{type(value).__name__}>"
+    if not text.isprintable():
+        text = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."

@@ -1,0 +1,151 @@
+"""Figures as files: PNG, PDF or SVG, whole or not at all, and the same bytes every time.
+
+A figure of a study carries in its metadata the ``content_sha256`` of the results it was drawn from, so that a figure of
+earlier results is never taken for one of these.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fastcoil.base.arguments import checking, choice_of, mapping_of, path_of, text_of, whole_of
+from fastcoil.base.errors import InputError, WrongType
+from fastcoil.base.files import commit, make_folder, read_bytes, storage_errors
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIGURES = "figures"
+"""Folder of the figures in the folder of a study."""
+FORMATS = ("png", "pdf", "svg")
+DPI = 200
+"""Dots per inch of a PNG, and of the maps inside a PDF or SVG."""
+_DPI_RANGE = (50, 1200)
+_METADATA: Mapping[str, dict[str, Any]] = {
+    "png": {"Software": "fastcoil"},
+    "pdf": {"Creator": "fastcoil", "CreationDate": None},
+    "svg": {"Creator": "fastcoil", "Date": None},
+}
+_CARRIER = {"png": "Source", "pdf": "Keywords", "svg": "Source"}
+"""Field of the metadata that says from which results a figure was drawn: these formats know no name of ours."""
+_ORIGIN = "content_sha256 "
+_HASH = _ORIGIN.encode() + rb"([0-9a-f]{64})"
+_CARRIED = {
+    "png": re.compile(rb"\0\0\0VtEXtSource\0" + _HASH),  # V: the length of this text, 86
+    "pdf": re.compile(rb"/Keywords \(" + _HASH + rb"\)"),
+    "svg": re.compile(rb"<dc:source>" + _HASH + rb"</dc:source>"),
+}
+_LARGEST = 2**26
+"""Bytes of a figure file."""
+_SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fonttype": 42}
+"""Texts stay texts, to be searched and edited."""
+
+
+def check_format(format: str, dpi: object) -> None:
+    """Refuse a format or a resolution that cannot be written.
+
+    Raises
+    ------
+    InputError
+        If ``format`` is none of ``FORMATS`` or ``dpi`` no whole number from 50 to 1200.
+    """
+    low, high = _DPI_RANGE
+    with checking() as check:
+        check(choice_of, "format", format, FORMATS)
+        check(whole_of, "dpi", dpi, low, high, f"give a whole number from {low} to {high}")
+
+
+def _check_figures(figures: Mapping[str, Figure]) -> None:
+    """Refuse anything but figures by file name."""
+    cure = "give figures by file name, such as {'rmse': figure}"
+    for name, figure in mapping_of("figures", figures, cure).items():
+        path_of("figures", name, cure)
+        if not hasattr(type(figure), "savefig"):
+            raise InputError(WrongType(f"figures has a {type(figure).__name__}: {cure}"))
+
+
+def encode(figure: Figure, format: str = "png", dpi: int = DPI, drawn_from: str | None = None) -> bytes:
+    """Encode a figure as the bytes of a file; ``drawn_from``: ``content_sha256`` of the results it shows, if any."""
+    from matplotlib import rc_context
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        # a label of the user's is no formula; those on logarithmic axes are
+        if isinstance(text, Text) and "$" in text.get_text() and "mathdefault" not in text.get_text():
+            text.set_parse_math(False)
+    origin = {} if drawn_from is None else {_CARRIER[format]: _ORIGIN + drawn_from}
+    data = io.BytesIO()
+    with rc_context(_SETTINGS):
+        figure.savefig(data, format=format, dpi=dpi, metadata={**_METADATA[format], **origin})
+    return data.getvalue()
+
+
+def write(
+    figures: Mapping[str, Figure], folder: Path, *, format: str = "png", dpi: int = DPI, drawn_from: str | None = None
+) -> list[Path]:
+    """Write figures into a folder, made if need be; returns their paths.
+
+    Parameters
+    ----------
+    figures
+        Figures by file name without suffix.
+    format
+        ``png``, ``pdf`` or ``svg``.
+    dpi
+        Dots per inch of a PNG, and of the maps inside a PDF or SVG; 50 to 1200.
+    drawn_from
+        ``content_sha256`` of the results that the figures show; they then carry it, see ``origin``.
+
+    Raises
+    ------
+    InputError
+        If ``format`` or ``dpi`` is not one of these.
+    StorageError
+        If a file cannot be written; nothing half-written is left behind.
+    """
+    with checking() as check:
+        check(check_format, format, dpi)
+        folder = check(path_of, "folder", folder, "give the path of a folder")
+        check(_check_figures, figures)
+        check.unless_none(text_of, "drawn_from", drawn_from)
+    with storage_errors(folder, "made"):
+        make_folder(folder, parents=True)
+    paths = []
+    for name, figure in figures.items():
+        paths.append(folder / f"{name}.{format}")
+        commit(paths[-1], encode(figure, format, dpi, drawn_from))
+    return paths
+
+
+def origin(path: Path) -> str | None:
+    """The ``content_sha256`` of the results that a PNG, PDF or SVG file was drawn from; ``None`` if it carries none.
+
+    Only the bytes are searched: no library decodes the file, whoever wrote it.
+    """
+    try:
+        data = read_bytes(path, _LARGEST) if path.is_file() else b""
+    except (OSError, ValueError):  # no file, or none of ours
+        return None
+    found = _CARRIED[path.suffix[1:]].search(data)
+    return found[1].decode() if found else None
+
+
+def current_figures(folder: Path, content_sha256: str) -> list[Path]:
+    """The figures in the folder of a study that were drawn from these results."""
+    return [path for path in _figure_files(folder) if origin(path) == content_sha256]
+
+
+def stale_figures(folder: Path, content_sha256: str) -> list[Path]:
+    """The figures in the folder of a study that were drawn from other results than these.
+
+    A figure that does not say so, such as one of fastcoil 0.1 or of your own, is none of them.
+    """
+    return [path for path in _figure_files(folder) if origin(path) not in (content_sha256, None)]
+
+
+def _figure_files(folder: Path) -> list[Path]:
+    return sorted(path for format in FORMATS for path in (folder / FIGURES).glob(f"*.{format}"))

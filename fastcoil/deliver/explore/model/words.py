@@ -1,0 +1,134 @@
+"""What is seen, in sentences for a lecture hall."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from fastcoil.deliver.explore.model.run import NO_GAP, NOW, PLAIN, Run
+from fastcoil.design.explanation.answer import kelvin, number, per_cent, seconds
+from fastcoil.design.theory.cycles import HUNTS_ABOVE
+from fastcoil.model.metric_table import HUNTING_SWING, OFF
+
+_LOST = 0.5
+"""Share of the time off the set-point from which a loop does not control."""
+_MORE = 1.5
+"""So many times the motor travel of the plain PI is chatter."""
+_ABOVE = 1.02
+"""So many times the gap is an estimate that is too large: an estimator finds it to a few thousandths."""
+_FEW_TURNS = 2.0
+"""Turns in 10 min that nobody calls chatter."""
+_CALM = 0.25
+"""Settled swing from peak to peak up to which nobody would call a loop restless, K."""
+_SEEN = 0.01
+"""K."""
+_HALF = 0.5
+
+
+def headline(run: Run) -> str:
+    """What the loop does, and whether the gap is to blame, in one sentence."""
+    if run.failed:
+        return "This loop cannot be simulated: its temperatures leave the range of the model."
+    if chatters(run):
+        return f"{_chatter(run)}."
+    if run.value("hunts") > 0:
+        learns = " while it learns" if run.learns else ""
+        return f"The loop hunts{learns}: {_swing(run, NOW)}; {_blame(run)}."
+    if run.value("share_off") > _LOST:
+        return f"The loop does not hold its set-point: for most of the time it is more than {OFF:g} K off."
+    if run.value("hunting_swing") > _CALM:
+        return f"The loop does not hunt, but swings by {_half_swing(run, NOW)}; {_thanks(run, _half_swing)}."
+    return f"The loop is calm, RMS error {_error(run, NOW)}; {_thanks(run, _error)}."
+
+
+def _error(run: Run, case: int) -> str:
+    """A control error that anybody can see."""
+    error = run.value("rmse", case)
+    return kelvin(error) if error >= _SEEN else f"below {_SEEN:g} K"
+
+
+def chatters(run: Run) -> bool:
+    """Whether the motor turns again and again because the estimate is larger than the gap.
+
+    Its travel is then more than ``_MORE`` times that of the plain PI, and of the PI behind a perfect valve.
+    """
+    estimate = run.value("estimate_settled")
+    travel, others = run.value("motor_travel"), max(run.value("motor_travel", k) for k in (NO_GAP, PLAIN))
+    too_large = estimate > _ABOVE * run.value("backlash_final") and run.compensates
+    return too_large and travel > _MORE * others and run.value("switch_frequency") > _FEW_TURNS
+
+
+def _chatter(run: Run) -> str:
+    estimate, gap = run.value("estimate_settled"), run.value("backlash_final")
+    swing = f", and the temperature swings by {_half_swing(run, NOW)}"
+    return (
+        f"The motor chatters, {6.0 * run.value('switch_frequency'):.0f} turns an hour: the estimate, "
+        f"{per_cent(estimate)}, is larger than the gap, {per_cent(gap)}"
+        f"{swing if run.value('hunting_swing') > HUNTING_SWING else ''}"
+    )
+
+
+def _swing(run: Run, case: int) -> str:
+    return f"{_half_swing(run, case)} every {seconds(run.value('hunting_period', case))}"
+
+
+def _half_swing(run: Run, case: int) -> str:
+    half = _HALF * run.value("hunting_swing", case)
+    return f"±{kelvin(half)}" if half >= _SEEN else f"less than ±{_SEEN:g} K"
+
+
+def _blame(run: Run) -> str:
+    """Whether it would hunt without the gap."""
+    if not run.parameter("backlash"):
+        return "the valve has no gap, so the tuning is to blame"
+    if run.value("hunts", NO_GAP) > 0:
+        return "without the gap it would hunt, too"
+    if run.compensates and not run.value("hunts", PLAIN) > 0:
+        return "without the inverse it would not"
+    return "without the gap it would not"
+
+
+def _thanks(run: Run, told: Callable[[Run, int], str]) -> str:
+    """What a loop that does not hunt owes to what.  told: the number that the sentence is about."""
+    if run.compensates and run.value("hunts", PLAIN) > 0:
+        return f"without the inverse it would hunt, {_swing(run, PLAIN)}"
+    if run.compensates:
+        return f"without the inverse: {told(run, PLAIN)}"
+    if not run.parameter("backlash"):
+        return "the valve has no gap"
+    return f"without the gap: {told(run, NO_GAP)}"
+
+
+def learning(run: Run) -> str:
+    """What an estimator has found; empty without one."""
+    if not run.learns or run.failed:
+        return ""
+    found, gap = run.value("estimate_final"), run.value("backlash_final")
+    hours = run.value("time_identified") / 3600.0
+    since = f", right since hour {hours:.1f}" if math.isfinite(hours) else ", which is not right yet"
+    return f"The estimate ends at {per_cent(round(found, 3))} for a gap of {per_cent(gap)}{since}."
+
+
+def prediction(run: Run) -> str:
+    """What theory foretells without simulating."""
+    told = run.foretold
+    if told.doubt:
+        return f"Theory cannot tell: {told.doubt}."
+    margin, limit = number(told.margin), f"a gap keeps a loop swinging from {HUNTS_ABOVE:g}"
+    if not told.hunts and told.margin > HUNTS_ABOVE:
+        return f"Theory: hardly hunts.  Margin {margin}; {limit}, but no swing that counts is foretold."
+    if not told.hunts:
+        return f"Theory: will not hunt.  Margin {margin}; {limit}."
+    swing = f"±{kelvin(_HALF * told.swing)}" if math.isfinite(told.swing) else "by an unknown swing"
+    return f"Theory: will hunt, {swing} every {seconds(told.period)}.  Margin {margin}; {limit}."
+
+
+def outcome(run: Run) -> str:
+    """What the simulation shows, to be compared with ``prediction``."""
+    if run.failed:
+        return "Simulated: failed."
+    hunts, told = run.value("hunts") > 0, run.foretold
+    apart = "" if told.doubt or told.hunts == hunts else "  The two disagree: go by the simulation."
+    if hunts:
+        return f"Simulated: hunts, {_swing(run, NOW)}.{apart}"
+    return f"Simulated: does not hunt, swing {_half_swing(run, NOW)}.{apart}"

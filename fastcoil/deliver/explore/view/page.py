@@ -1,0 +1,187 @@
+"""What a session shows: figures, controls and texts, put together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from importlib.resources import files
+
+from bokeh.document import Document
+from bokeh.events import ConnectionLost, DocumentReady
+from bokeh.models import Button, Column, ColumnDataSource, CustomJS, InlineStyleSheet, Row
+
+from fastcoil.deliver.explore.model import words
+from fastcoil.deliver.explore.model.map import AXES, Map
+from fastcoil.deliver.explore.model.model import Model
+from fastcoil.deliver.explore.model.run import Run
+from fastcoil.deliver.explore.model.settings import Settings, query_of
+from fastcoil.deliver.explore.model.stories import STORIES
+from fastcoil.deliver.explore.model.take_home import python_lines, study_file
+from fastcoil.deliver.explore.view.controls import SHEET, Controls, Turn
+from fastcoil.deliver.explore.view.figures import figures
+from fastcoil.deliver.explore.view.looks import LETTERS, letters
+from fastcoil.deliver.explore.view.map import map_figure
+
+TITLE = "fastcoil: a valve with a gap"
+_TEXTS = ("headline", "learning", "prediction", "outcome", "map-note", "problems")
+"""Elements of the template that hold a sentence."""
+_SHOW = """
+const now = texts.data
+for (const id of ids) document.getElementById(id).textContent = now[id][0]
+document.body.dataset.phase = now.phase[0]
+document.body.dataset.turn = now.turn[0]
+document.body.dataset.learns = now.learning[0] ? 'yes' : ''
+const search = now.query[0] ? '?' + now.query[0] : ''
+if (search !== location.search) history.replaceState(null, '', location.pathname + search)
+"""
+_AT_ONCE = "document.body.dataset.phase = 'loop'"
+_COPY = """
+const of = {link: () => location.href, python: () => texts.data.python[0]}
+navigator.clipboard.writeText(of[what]()).then(
+    () => { document.getElementById('told').textContent = said },
+    () => { document.getElementById('told').textContent = 'The browser does not let this page copy.' })
+"""
+_DOWNLOAD = """
+const link = document.createElement('a')
+link.href = URL.createObjectURL(new Blob([texts.data.toml[0]], {type: 'text/plain'}))
+link.download = 'loop.toml'
+link.click()
+URL.revokeObjectURL(link.href)
+document.getElementById('told').textContent = 'Saved as loop.toml: fastcoil run loop.toml'
+"""
+_LOST = """
+document.getElementById('headline').textContent =
+    'The program behind this page has ended: start fastcoil explore again.'
+document.body.dataset.phase = 'refused'
+"""
+
+
+class Page:
+    """The figures, the controls and the texts of one session.
+
+    first_words: the sentence until there is anything to see.  turn: what to do with a new value.  tell: a story, by
+    its number.  reset: back to the link.  go: to a cell of the map.
+    """
+
+    def __init__(
+        self,
+        doc: Document,
+        model: Model,
+        first_words: str,
+        turn: Turn,
+        tell: Callable[[int], None],
+        reset: Callable[[], None],
+        go: Callable[[int, int], None],
+    ) -> None:
+        self._model = model
+        self._map: tuple[Map, str] | None = None
+        self._turns = 0
+        self._texts = ColumnDataSource(
+            {name: [""] for name in (*_TEXTS, "phase", "query", "python", "toml", "turn")}, name="texts"
+        )
+        self.figures, self.map = figures(), map_figure(go)
+        self.controls = Controls(model.starts, turn)
+        self._put_together(doc, tell, reset)
+        doc.template_variables["first_words"] = first_words
+        self._say(headline=first_words)
+
+    def waits(self, settings: Settings) -> None:
+        """Say at once that what is shown is no longer what the controls say."""
+        self.controls.show(settings)
+        self._say(phase="loop", problems="")
+
+    def show_run(self, settings: Settings, run: Run) -> None:
+        """Show a loop."""
+        self.figures.show(run, settings.window)
+        start = self._model.starts[settings.loop]
+        self._say(
+            headline=words.headline(run),
+            learning=words.learning(run),
+            prediction=words.prediction(run),
+            outcome=words.outcome(run),
+            query=query_of(settings, self._model.starts, self._model.first),
+            python=python_lines(settings, start),
+            toml=study_file(settings, start),
+            phase="map",
+        )
+
+    def show_map(self, settings: Settings, found: Map) -> None:
+        """Show the map around it: the view is up to date."""
+        if self._map is None or self._map[0] is not found or self._map[1] != settings.colour:
+            self.map.show(found, settings)
+            self._map = found, settings.colour
+        on_map = self.map.mark(AXES[settings.axes], settings)
+        self._end("" if on_map else "This loop lies outside the map.")
+
+    def refuse_map(self, sentences: list[str]) -> None:
+        """Say why there is no map."""
+        self.map.clear()
+        self._map = None
+        self._end(_joined(["No map", *sentences]))
+
+    def _end(self, note: str) -> None:
+        """What is shown is what the controls say."""
+        self._turns += 1
+        self._say(phase="", turn=str(self._turns), **{"map-note": note})
+
+    def refuse(self, headline: str, sentences: list[str]) -> None:
+        """Say why there is nothing to see."""
+        self._say(headline=headline, problems=_joined(sentences), phase="refused")
+
+    def complain(self, sentences: list[str]) -> None:
+        """Say what was wrong with the link."""
+        self._say(problems=_joined(sentences))
+
+    def _say(self, **texts: str) -> None:
+        self._texts.data = dict(self._texts.data) | {name: [text] for name, text in texts.items()}
+
+    def _put_together(self, doc: Document, tell: Callable[[int], None], reset: Callable[[], None]) -> None:
+        show = CustomJS(code=_SHOW, args={"texts": self._texts, "ids": list(_TEXTS)})
+        self._texts.js_on_change("data", show)
+        at_once = CustomJS(code=_AT_ONCE)
+        dials = [dial.widget for dial in self.controls.dials.values()]
+        choices = {name: control.widget for name, control in self.controls.choices.items()}
+        for widget in (*dials, *choices.values()):
+            widget.js_on_change("value", at_once)
+        drawn = (*self.figures.all, self.map.fig)
+        for figure in drawn:
+            doc.add_root(figure)
+        pairs = [Row(choices[one], choices[other], sizing_mode="stretch_width") for one, other in _PAIRS]
+        doc.add_root(Column(choices["loop"], *dials, *pairs, name="controls", sizing_mode="stretch_width"))
+        doc.add_root(Row(choices["axes"], choices["colour"], name="map-choices", sizing_mode="stretch_width"))
+        stories = [_button(story.title, partial(tell, k)) for k, story in enumerate(STORIES)]
+        doc.add_root(Row(*stories, name="stories", styles={"flex-wrap": "wrap", "gap": "4px"}))
+        taken = [_button("Reset", reset), *self._take_home()]
+        doc.add_root(Row(*taken, name="tools", styles={"flex-wrap": "wrap", "gap": "4px"}))
+        # a session may have worked before the page is there: what it said then is no change any more
+        doc.js_on_event(DocumentReady, CustomJS(code=LETTERS, args={"letters": letters(*drawn)}), show)
+        doc.js_on_event(ConnectionLost, CustomJS(code=_LOST))
+        doc.title = TITLE
+        doc.template = files("fastcoil.deliver.explore.view").joinpath("page.html").read_text(encoding="utf-8")
+
+    def _take_home(self) -> list[Button]:
+        found = []
+        for what, title, said in (
+            ("link", "Copy link", "The link is copied."),
+            ("python", "Copy Python", "The lines are copied."),
+        ):
+            button = _button(title)
+            button.js_on_click(CustomJS(code=_COPY, args={"texts": self._texts, "what": what, "said": said}))
+            found.append(button)
+        button = _button("Save TOML")
+        button.js_on_click(CustomJS(code=_DOWNLOAD, args={"texts": self._texts}))
+        return [*found, button]
+
+
+def _joined(sentences: list[str]) -> str:
+    return "  ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
+
+
+_PAIRS = (("valve", "estimator"), ("day", "window"))
+
+
+def _button(title: str, act: Callable[[], None] | None = None) -> Button:
+    button = Button(label=title, name=title, stylesheets=[InlineStyleSheet(css=SHEET)], width_policy="min", margin=0)
+    if act is not None:
+        button.on_click(lambda *_: act())
+    return button

@@ -1,0 +1,146 @@
+"""``export_controller``: the controller of a loop as code for the field, with vectors that prove a port of it."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from textwrap import wrap
+
+from fastcoil.base.arguments import checking, choice_of, instance_of, path_of
+from fastcoil.base.errors import InputError
+from fastcoil.base.files import commit, read_bytes
+from fastcoil.base.look import exists, may_be_file
+from fastcoil.base.version import package_version
+from fastcoil.deliver.export.c import InC
+from fastcoil.deliver.export.settings import Settings
+from fastcoil.deliver.export.source import Laws
+from fastcoil.deliver.export.st import InST, st_number
+from fastcoil.deliver.export.template import laws_of, templates
+from fastcoil.deliver.export.vectors import Vectors, vectors_of
+from fastcoil.loops.loop import Loop
+
+SUFFIXES = {"c": ".c", "st": ".st", "python": ".py"}
+"""Of the files, by language."""
+FIRST_VECTORS = 200
+"""Vectors that a program in Structured Text holds, which cannot read files."""
+_MARK = b"ritten by fastcoil "
+"""In the head of every file."""
+_LARGEST = 2**26
+"""Bytes of a file."""
+
+
+def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = "c") -> list[Path]:
+    """Write the controller of a loop as code for the field: PI, backlash inverse and estimator.
+
+    Beside the code, ``NAME_vectors.csv`` gives what it must answer, cycle by cycle, as fastcoil's own kernel does; with
+    Structured Text, ``NAME_check.st`` is a program that holds the first of them.  Earlier files of these names are
+    replaced, files that fastcoil did not write are not.
+
+    Parameters
+    ----------
+    loop
+        One loop, no sweep: parameters of its controller, inverse and estimator are in the code.  Its plant is only that
+        of the simulated day among the vectors.
+    path
+        File of the code: ``NAME.c``, ``NAME.st`` or ``NAME.py``.  NAME is in the names that other code sees.
+    language
+        ``"c"`` (C99), ``"st"`` (Structured Text of IEC 61131-3) or ``"python"``.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files, the code first.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake, before anything is written.
+    """
+    with checking() as check:
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        path = check(path_of, "path", path, "give a file such as inverse.c")
+        language = check(language_of, language)
+    _require_file(path, language)
+    settings = Settings.of(loop)
+    _require_ours(path, language)
+    vectors = vectors_of(loop, settings)
+    files = _files(path, language, settings, vectors)
+    for name, text in files.items():
+        commit(path.with_name(name), text.encode())
+    return [path.with_name(name) for name in files]
+
+
+def language_of(language: object) -> str:
+    """One of the languages."""
+    return choice_of("language", language, SUFFIXES)
+
+
+def _require_file(path: Path, language: str) -> None:
+    suffix = SUFFIXES[language]
+    if path.suffix != suffix or not may_be_file(path):
+        raise InputError(f"path = {path}: give a file NAME{suffix} in a folder that exists, or another language")
+    if not _name_of(path):
+        raise InputError(f"path = {path}: give it a name of letters a to z, which the code's own names begin with")
+
+
+def _require_ours(path: Path, language: str) -> None:
+    """Refuse to replace what somebody else wrote, such as a rule in ``mine.py`` by the controller of ``mine.toml``."""
+    beside = [f"{path.stem}_vectors.csv", *([f"{path.stem}_check.st"] if language == "st" else [])]
+    others = [each for name in (path.name, *beside) if exists(each := path.with_name(name)) and not _is_ours(each)]
+    if others:
+        raise InputError(
+            [f"{each} exists, and fastcoil did not write it: choose another name, or delete it" for each in others]
+        )
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return _MARK in read_bytes(path, _LARGEST)[:2000]
+    except (OSError, ValueError):
+        return False
+
+
+def _name_of(path: Path) -> str:
+    """The file's name as part of names in a program."""
+    name = re.sub(r"[^A-Za-z0-9]+", "_", path.stem).strip("_")
+    return f"c_{name}" if name[:1].isdigit() else name
+
+
+def _files(path: Path, language: str, settings: Settings, vectors: Vectors) -> dict[str, str]:
+    """Text of each file by its name."""
+    name, stored = _name_of(path), f"{path.stem}_vectors.csv"
+    text = laws_of(settings)
+    words = {"name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs}
+    files = {stored: vectors.csv(path.name, settings.number["sample_time"])}
+    if language == "c":
+        code = InC(Laws(text), name).text()
+        given = ", ".join(f"v[{k}]{_flag(one, ' > 0.5')}" for k, one in enumerate(vectors.inputs))
+        found = ", ".join(f"s.{one}" for one in vectors.outputs)
+        code += _check("c", words | {"given": given, "found": found, "columns": len(vectors.columns)})
+    elif language == "python":
+        given = ", ".join(f'given["{one}"]{_flag(one, " > 0.5")}' for one in vectors.inputs)
+        imports = ["csv", *(["math"] if "import math" in text else []), "sys"]
+        code = re.sub(r"\n*(import math\n)?\n*# Parameters", _imports(imports), text, count=1).rstrip() + "\n"
+        code += _check("py", words | {"given": given, "zeros": "zeros(" in text})
+    else:
+        code = InST(Laws(text), name).text()
+        n = min(FIRST_VECTORS, vectors.n_made)
+        columns = {
+            one: "\n        ".join(wrap(", ".join(map(st_number, values[:n])), 92))
+            for one, values in vectors.columns.items()
+        }
+        files[f"{path.stem}_check.st"] = _check("st", words | {"n": n, "columns": columns})
+    return {path.name: code, **files}
+
+
+def _flag(name: str, test: str) -> str:
+    return test if name in ("enabled", "reset") else ""
+
+
+def _imports(names: list[str]) -> str:
+    return "\n\n" + "\n".join(f"import {name}" for name in names) + "\n\n# Parameters"
+
+
+def _check(kind: str, words: dict[str, object]) -> str:
+    return templates().get_template(f"check.{kind}.jinja").render(words, version=package_version())

@@ -1,0 +1,193 @@
+"""How results were computed, from what is written in them: model, preset, sweep, days; versions and hashes."""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import xarray as xr
+
+from fastcoil.base.errors import InputError
+from fastcoil.base.numbers import NONE
+from fastcoil.base.version import package_version
+from fastcoil.deliver.report.numbers import setting
+from fastcoil.deliver.report.page import Block, Facts, Section, Table
+from fastcoil.loops.labels import is_parameter, quantity, quantity_of
+from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
+from fastcoil.loops.provenance import ABSENT, package_versions
+from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
+from fastcoil.study.file.toml import parse_toml
+
+_CHANCE = ("sample", "day", "replicate")
+"""Labels that are no values."""
+_SERIES = {
+    "m_a": "air flow",
+    "T_a_in": "entering air",
+    "W_a_in": "its humidity ratio",
+    "T_w_in": "entering water",
+    "T_set": "set-point",
+}
+"""What a reader calls the series that every boundary has."""
+_CARRIED = (
+    "each begins as the one before ended, with coil, valve, controller and estimator (carry_over).  Intervals over "
+    "days take them as independent, which days in a row are not quite"
+)
+_FEW = 6
+"""Labels that are listed one by one, and hashes of days."""
+
+
+def study_tables(ds: xr.Dataset) -> Mapping[str, Any]:
+    """The tables of the study file that results carry; nothing where they carry none that can be read."""
+    try:
+        return parse_toml(str(ds.attrs.get("study_toml", "")), "study.toml")
+    except InputError:
+        return {}
+
+
+def how(ds: xr.Dataset) -> Section:
+    """The section on how a study was computed."""
+    tables = study_tables(ds)
+    constants = _mapping(ds.attrs.get("parameters"))
+    loop = tables.get("loop")
+    preset = str(loop.get("preset", "paper_like")) if isinstance(loop, dict) else "paper_like"
+    substeps = constants.get("substeps", 1)
+    step = "1 s" if substeps == 1 else f"1 s, the coil in {substeps} substeps"
+    n = ds["status"].size
+    facts = [
+        ("Model", "closed loop of sensor, PI, backlash inverse, motor, valve with backlash and coil, after Cai and "
+                  "Braun (2016); every scenario is a day of the loop"),
+        ("Control volumes of the coil", str(constants.get("n_volumes", "see the sweep"))),
+        ("Time step", step),
+        ("Preset", f"{preset}: {PRESETS[preset].text}. {NOT_THE_FIT}" if preset in PRESETS else preset),
+        ("Scenarios", f"{n:,} = {_sizes(ds)}" if ds["status"].dims else "1"),
+        ("Days", _days(ds, tables)),
+        *([("Between days", _CARRIED)] if ds.attrs.get("carry_over") else []),
+        ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', NONE)} s"),
+        ("Noise", _noise(ds, constants)),
+    ]  # fmt: skip
+    blocks: list[Block] = [Facts(facts)]
+    blocks += [table for table in (_swept(ds), changed(constants, preset)) if table.rows]
+    return Section("How it was computed", blocks)
+
+
+def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") -> Table:
+    """The parameters that a loop gives other values than its preset; ``against``: what to call it."""
+    base = PRESETS[preset if preset in PRESETS else "paper_like"]
+    given = {name: value for name, value in constants.items() if value is not None}
+    rows = []
+    for name in base.changed(given):
+        before = base.value(PARAMETERS[name]) if name in PARAMETERS else None
+        what = PARAMETERS[name].text if name in PARAMETERS else "of its own rule"
+        rows.append([name, setting(name, given[name]), NONE if before is None else setting(name, before), what])
+    return Table(f"Parameters that differ from the {against}", ["name", "value", against, "meaning"], rows)
+
+
+def versions(ds: xr.Dataset) -> Section:
+    """What made results, and the hashes that tell them from all others."""
+    packages = _mapping(ds.attrs.get("package_versions"))
+    made = [
+        ("fastcoil", str(ds.attrs.get("fastcoil_version", "unknown"))),
+        ("Python", str(ds.attrs.get("python_version", "unknown"))),
+        ("Packages", ", ".join(f"{name} {number}" for name, number in packages.items()) or "unknown"),
+        ("Machine", str(ds.attrs.get("platform", "unknown"))),
+        ("Run on", str(ds.attrs.get("date_created", "unknown"))),
+    ]
+    hashes = [(f"{name}_sha256", str(ds.attrs[f"{name}_sha256"])) for name in ("content", "study", "model", "boundary")
+              if f"{name}_sha256" in ds.attrs]  # fmt: skip
+    return Section("Versions and hashes", [Facts(made + hashes)])
+
+
+def here() -> Section:
+    """The versions of this installation, for a result that was not read from a file."""
+    found = [f"{package} {number}" for package, number in package_versions().items() if number != ABSENT]
+    facts = [("fastcoil", package_version()), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
+    return Section("Versions", [Facts(facts)])
+
+
+def question(ds: xr.Dataset) -> str:
+    """The question that a study asks itself, or a sentence of what it sweeps."""
+    asked = str(ds.attrs.get("summary", "")).strip()
+    if asked:
+        return asked
+    varied = [_varied(ds, str(dim)) for dim in ds["status"].dims if ds.sizes[dim] > 1]
+    if not varied:
+        return "How does this one loop behave on this one day?"
+    *others, last = varied
+    listed = f"{', '.join(others)} and {last}" if others else last
+    return f"How large are control error, hunting and motor travel over {listed}?"
+
+
+def _varied(ds: xr.Dataset, dim: str) -> str:
+    size = ds.sizes[dim]
+    if dim in RESERVED_DIMS:
+        return f"{size:,} {'drawn valves' if dim == 'sample' else dim + 's'}"
+    if dim in ds.coords and is_parameter(ds, dim) and ds[dim].dtype.kind in "if":
+        return f"{quantity_of(ds, dim).text} from {_range(ds, dim)}"
+    return f"{size:,} alternatives of {dim.replace('_', ' ')}"
+
+
+def _range(ds: xr.Dataset, name: str) -> str:
+    shown, values = quantity_of(ds, name), ds[name]
+    return f"{float(values.min()) * shown.factor:.3g} to {shown.number(float(values.max()))}"
+
+
+def _swept(ds: xr.Dataset) -> Table:
+    """What differs between scenarios: a row for each swept or drawn parameter, and for each dim of names."""
+    rows = []
+    for name, values in ds.coords.items():
+        dims = [str(d) for d in values.dims]
+        if not dims or not set(dims) <= set(map(str, ds["status"].dims)) or values.dtype.kind == "M":
+            continue
+        label = str(name)
+        if label in _CHANCE:
+            continue
+        if values.dtype.kind in "if":
+            rows.append([label, quantity_of(ds, label).text, _range(ds, label), _along(ds, label, dims)])
+        else:
+            words = sorted({str(v) for v in values.values.ravel()})
+            listed = ", ".join(words[:_FEW]) + (", …" if len(words) > _FEW else "")
+            rows.append([label, quantity(label).text, listed, _along(ds, label, dims)])
+    return Table("What differs between scenarios", ["name", "what", "values", "along"], rows)
+
+
+def _along(ds: xr.Dataset, name: str, dims: list[str]) -> str:
+    size = " × ".join(f"{ds.sizes[d]:,}" for d in dims)
+    return f"{size} values" if dims == [name] else f"{' × '.join(dims)} ({size})"
+
+
+def _sizes(ds: xr.Dataset) -> str:
+    return " × ".join(f"{size:,} {dim}" for dim, size in ds["status"].sizes.items())
+
+
+def _days(ds: xr.Dataset, tables: Mapping[str, Any]) -> str:
+    table = tables.get("boundary")
+    given = {"kind": "paper_day", "seed": 1} if not isinstance(table, dict) else {"kind": "paper_day"} | table
+    words = ", ".join(f"{name} {_short(value)}" for name, value in given.items())
+    extent = str(ds.attrs.get("boundary", "")).replace(" x ", " × ").replace("degC", "°C").replace("kg s-1", "kg/s")
+    return f"{words}. {re.sub('|'.join(_SERIES), lambda found: _SERIES[found[0]], extent)}"
+
+
+def _short(value: object) -> str:
+    if isinstance(value, list):
+        listed = ", ".join(map(str, value[:_FEW]))
+        return f"[{listed}, … {len(value):,} in all]" if len(value) > _FEW else f"[{listed}]"
+    return str(value)
+
+
+def _noise(ds: xr.Dataset, constants: Mapping[str, Any]) -> str:
+    strength = constants.get("noise_std")
+    said = "none" if strength == 0 else "swept" if strength is None else "standard deviation "
+    said += setting("noise_std", strength) if strength else ""
+    n = ds.sizes.get("replicate", 1)
+    return f"{said}; seed {ds.attrs.get('seed', NONE)}, {n} realisation{'s' if n > 1 else ''}"
+
+
+def _mapping(text: object) -> Mapping[str, Any]:
+    try:
+        found = json.loads(str(text))
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,1 @@
+"""Linearise, limit cycles, explain, tune."""

@@ -1,0 +1,152 @@
+"""Differential evolution: whole generations at once, limits first, then the goal; then along the front.
+
+Storn and Price (1997), doi:10.1023/A:1008202821328: a trial point is the best one plus a scaled difference of two
+others, mixed with the point that it may replace.  Of two points the one that breaks the limits less is better, then the
+one with the lower goal: Deb (2000), doi:10.1016/S0045-7825(99)00389-8.  SciPy's has the same idea; here the way taken
+depends on numpy's random numbers alone, so that a search resumed with another SciPy repeats it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arrays import Array
+
+Measured = Callable[[Array], "Scores"]
+"""From points (n, d) of the unit cube to their scores."""
+
+_SCALE = (0.3, 0.8)
+"""Factor of a difference, drawn anew for each trial."""
+_LEAST = 8
+"""Points of the smallest generation."""
+_MIXED = 0.8
+"""Share of the axes that a trial takes from the new point."""
+_SMALL, _BEYOND = 0.02, 0.5
+"""Spread of the trials around the front, share of an axis; how far they go beyond two neighbours, of their distance."""
+_TINY = 1e-300
+
+
+class Scores(NamedTuple):
+    """What is compared, (n,) each.
+
+    By how much the limits are broken, and those but that of the travel; the goal; error and travel of the front.
+    """
+
+    violation: Array
+    other_violation: Array
+    goal: Array
+    error: Array
+    travel: Array
+
+    def joined(self, other: Scores) -> Scores:
+        return Scores(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+    def at(self, index: np.ndarray) -> Scores:
+        return Scores(*(values[index] for values in self))
+
+
+class Effort(NamedTuple):
+    """Points of a generation; generations that seek the goal, the first one among them, and that go along the front."""
+
+    size: int
+    for_goal: int
+    for_front: int
+
+    @property
+    def points(self) -> int:
+        return self.size * (self.for_goal + self.for_front)
+
+
+def effort(d: int, evaluations: int) -> Effort:
+    """What ``evaluations`` points of ``d`` axes are spent on: a quarter of them on the front."""
+    size = max(_LEAST, 4 * d)
+    generations = max(1, round(evaluations / size))
+    for_front = generations // 4
+    return Effort(size, generations - for_front, for_front)
+
+
+def evolve(measured: Measured, first: Array, d: int, evaluations: int, seed: int) -> None:
+    """Search the unit cube; what is found is kept by whoever measures.
+
+    first: points (n, d) to begin with, besides those that fill the cube.  evaluations: see ``effort``.
+    """
+    rng = np.random.default_rng([seed, 2])
+    spent = effort(d, evaluations)
+    points = np.concatenate([first, _filling(rng, spent.size - len(first), d)])[: spent.size]
+    scores = measured(points)
+    everything, all_scores = points, scores
+    for _ in range(spent.for_goal - 1):
+        trials = _trials(rng, points, best(scores))
+        found = measured(trials)
+        better = _better(found, scores)
+        points = np.where(better[:, None], trials, points)
+        scores = Scores(*(np.where(better, new, old) for new, old in zip(found, scores, strict=True)))
+        everything, all_scores = np.concatenate([everything, trials]), all_scores.joined(found)
+    for _ in range(spent.for_front):
+        front = on_front(all_scores)
+        trials = _along(rng, everything[front], all_scores.at(front), spent.size)
+        found = measured(trials)
+        everything, all_scores = np.concatenate([everything, trials]), all_scores.joined(found)
+
+
+def best(scores: Scores) -> int:
+    """The place of the best point."""
+    return int(_order(scores)[0])
+
+
+def on_front(scores: Scores) -> np.ndarray:
+    """Places of the points of which no other has both less travel and a lower error, in the order of the travel.
+
+    Of the limits, that of the travel does not count.  Where no point keeps the others, those that break them least.
+    """
+    kept = np.flatnonzero(scores.other_violation == scores.other_violation.min())
+    order = kept[np.lexsort((scores.error[kept], scores.travel[kept]))]
+    lowest = np.minimum.accumulate(np.concatenate([[np.inf], scores.error[order][:-1]]))
+    return np.asarray(order[(scores.error[order] < lowest) & np.isfinite(scores.travel[order])])
+
+
+def _order(scores: Scores) -> np.ndarray:
+    return np.asarray(np.lexsort((scores.travel, scores.goal, scores.violation)))
+
+
+def _better(new: Scores, old: Scores) -> np.ndarray:
+    less = new.violation < old.violation
+    return np.asarray(less | ((new.violation == old.violation) & (new.goal <= old.goal)))
+
+
+def _filling(rng: np.random.Generator, n: int, d: int) -> Array:
+    """A Latin hypercube: each axis is cut into n parts with a point in each."""
+    parts = np.stack([rng.permutation(n) for _ in range(d)], axis=1) if n > 0 else np.empty((0, d))
+    return (parts + rng.random(parts.shape)) / max(n, 1)
+
+
+def _trials(rng: np.random.Generator, points: Array, best_at: int) -> Array:
+    n, d = points.shape
+    pairs = np.argsort(rng.random((n, n)), axis=1)[:, :2]
+    scale = rng.uniform(*_SCALE, (n, 1))
+    new = points[best_at] + scale * (points[pairs[:, 0]] - points[pairs[:, 1]])
+    mixed = rng.random((n, d)) < _MIXED
+    mixed[np.arange(n), rng.integers(0, d, n)] = True
+    return _inside(np.where(mixed, new, points))
+
+
+def _along(rng: np.random.Generator, front: Array, scores: Scores, n: int) -> Array:
+    """Points between neighbours on the front, most where these lie far apart, a little beyond them and some way off."""
+    if len(front) > 1:
+        gaps = sum(
+            np.abs(np.diff(values)) / max(float(np.ptp(values)), _TINY) for values in (scores.error, scores.travel)
+        )
+        at = np.minimum(np.searchsorted(np.cumsum(gaps) / np.sum(gaps), rng.random(n)), len(front) - 2)
+        step = front[at + 1] - front[at]
+    else:
+        at, step = np.zeros(n, dtype=int), np.zeros((n, front.shape[1]))
+    way = rng.uniform(-_BEYOND, 1.0 + _BEYOND, (n, 1))
+    return _inside(front[at] + way * step + _SMALL * rng.standard_normal((n, front.shape[1])))
+
+
+def _inside(points: Array) -> Array:
+    """Points that left the cube come back to its border."""
+    return np.clip(points, 0.0, 1.0)

@@ -1,0 +1,1 @@
+"""Loop, boundary, simulate, NetCDF."""

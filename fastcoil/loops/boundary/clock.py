@@ -1,0 +1,160 @@
+"""Date and time of the first sample of each day, and the time zone that they are in."""
+
+from __future__ import annotations
+
+import re
+import zoneinfo
+from collections.abc import Iterable
+from datetime import UTC, date, datetime, timedelta
+from itertools import islice
+from typing import Any, NamedTuple, TypeAlias, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcoil.base.arguments import text_of
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.logs.timestamps import offset_text
+
+Times: TypeAlias = NDArray[np.datetime64]
+
+SECONDS = np.dtype("datetime64[s]")
+DAY = np.timedelta64(86400, "s")
+YEARS = (1700, 2200)
+"""Every file of results can hold the dates between."""
+_CURE = "give a date and time such as '2024-07-01T08:00', one for each day or one for the first"
+_ZONE_CURE = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
+_OFFSET = re.compile(r"UTC(?:([+-])(\d{2}):(\d{2}))?", re.ASCII)
+_NAME = re.compile(r"[A-Za-z_]+(?:/[A-Za-z0-9_+-]+)*", re.ASCII)
+
+
+class Clock(NamedTuple):
+    """When days start, (n_days,), on the clock of a time zone; None and blank if unknown."""
+
+    start: Times | None = None
+    time_zone: str = ""
+
+
+def clock_of(start: Any, time_zone: Any, n_days: int, n_steps: int) -> Clock:
+    """The clock of a boundary; one start is that of the first of consecutive days of 24 h.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake.
+    """
+    zone = time_zone_of("time_zone", time_zone)
+    if start is None:
+        return Clock(None, zone)
+    given = _one_or_several(start)
+    times = [_time_of(one) for one in (given if isinstance(given, list) else [given])]
+    if len(times) not in (1, n_days):
+        raise InputError(f"start has {len(times)} times for {n_days} days: {_CURE}")
+    zone = _zone_of(times, zone)
+    found = np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]")
+    found = (found + np.timedelta64(500_000, "us")).astype(SECONDS)
+    if len(times) < n_days:
+        if n_steps > 86400:
+            raise InputError(f"start = {shown(start)}: days of {n_steps / 3600:g} h overlap, give one start for each")
+        found = found[0] + np.arange(n_days) * DAY
+    return Clock(found, zone)
+
+
+def time_zone_of(name: str, value: Any) -> str:
+    """The name of a time zone or an offset from UTC; blank if it is None or blank."""
+    text = "" if value is None else text_of(name, value).strip()
+    if not text or text == "UTC" or (_OFFSET.fullmatch(text) and offset_of(text, datetime(2000, 1, 1)) is not None):
+        return text
+    known = zoneinfo.available_timezones()
+    if text in known or (not known and _NAME.fullmatch(text)):  # some machines have no list of zones
+        return text
+    raise InputError(f"{name} = {shown(text)}{nearest(text, known)}: {_ZONE_CURE}")
+
+
+def offset_of(time_zone: str, at: datetime) -> timedelta | None:
+    """How far a clock of the zone is ahead of UTC ``at`` a local time; None if nobody knows."""
+    if match := _OFFSET.fullmatch(time_zone):
+        sign, hours, minutes = match.groups(default="0")
+        offset = timedelta(hours=int(hours), minutes=int(minutes))
+        return None if offset > timedelta(hours=15) else -offset if sign == "-" else offset
+    try:
+        return at.replace(tzinfo=zoneinfo.ZoneInfo(time_zone)).utcoffset() if time_zone else None
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError):
+        return None
+
+
+def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
+    """Whether clocks of the zone are changed within ``n_steps`` s of ``start``, or may show it twice."""
+    first = cast(datetime, start.astype(SECONDS).item())
+    try:
+        zone = zoneinfo.ZoneInfo(time_zone) if time_zone and not _OFFSET.fullmatch(time_zone) else None
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError):
+        return False
+    if zone is None:
+        return False
+    there = first.replace(tzinfo=zone)
+    last = (there.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
+    return len({there.utcoffset(), there.replace(fold=1).utcoffset(), last.utcoffset()}) > 1
+
+
+def _one_or_several(start: Any) -> Any:
+    try:
+        if type(start).__module__.partition(".")[0] in ("xarray", "pandas") and not isinstance(start, datetime):
+            start = start.values
+    except Exception:  # a user's class may raise anything
+        raise InputError(WrongType(f"start = {shown(start)}: {_CURE}")) from None
+    if isinstance(start, np.ndarray):
+        start = start.item() if start.ndim == 0 and start.dtype.kind != "M" else start
+        if isinstance(start, np.ndarray):
+            return list(start) if start.ndim else start[()]
+    if isinstance(start, (str, bytes, date, np.datetime64)):
+        return start
+    try:
+        several = list(islice(cast("Iterable[object]", start), 100_000))
+    except Exception:  # nothing to iterate over; a user's class may raise anything
+        raise InputError(WrongType(f"start = {shown(start)}: {_CURE}")) from None
+    if not several:
+        raise InputError(f"start is empty: {_CURE}")
+    return several
+
+
+def _time_of(value: Any) -> datetime:
+    found = None
+    if isinstance(value, np.datetime64) and not np.isnat(value):
+        found = value.astype("datetime64[us]").item()
+    elif isinstance(value, str):
+        try:
+            found = datetime.fromisoformat(value.strip())
+        except ValueError:
+            found = None
+    elif isinstance(value, datetime):
+        found = value
+    elif isinstance(value, date):
+        found = datetime(value.year, value.month, value.day)
+    elif not isinstance(value, np.datetime64):
+        raise InputError(WrongType(f"start = {shown(value)}: {_CURE}"))
+    if not isinstance(found, datetime) or not YEARS[0] <= found.year <= YEARS[1]:
+        raise InputError(f"start = {shown(value)}: {_CURE}, of the years {YEARS[0]} to {YEARS[1]}")
+    return found
+
+
+def _zone_of(times: list[datetime], zone: str) -> str:
+    """The zone, from the offsets that the times themselves have if it is not given."""
+    offsets = [time.utcoffset() for time in times]
+    if all(offset is None for offset in offsets):
+        return zone
+    if any(offset is None for offset in offsets):
+        raise InputError("start: some times have a UTC offset and some have none: write all alike")
+    if zone:
+        for time, offset in zip(times, offsets, strict=True):
+            if offset_of(zone, time.replace(tzinfo=None)) not in (None, offset):
+                raise InputError(
+                    f"start = {shown(str(time))} has another UTC offset than {zone} at that time: give local times"
+                )
+        return zone
+    names = {getattr(time.tzinfo, "key", None) for time in times}
+    if len(names) == 1 and (name := names.pop()):
+        return time_zone_of("the time zone of start", name)
+    if len(set(offsets)) > 1:
+        raise InputError("start has times of different UTC offsets: give local times, and time_zone")
+    return offset_text(round(cast(timedelta, offsets[0]).total_seconds() / 60))

@@ -1,0 +1,259 @@
+"""Ready-made days: the paper's kind of day, a constant day, and an ASHRAE design day."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arguments import checking, choice_of, plain, whole_of
+from fastcoil.base.arrays import MOST_VALUES, Array
+from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.base.memory import available_memory, gib
+from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
+from fastcoil.loops.boundary.drift import Drift, drifts_of
+from fastcoil.loops.boundary.record import Boundary
+from fastcoil.loops.boundary.series import BOUNDARY_SERIES, LARGEST_DAY_LABEL, Values
+from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
+
+# -------------------------------------------------------------------------------------------- the paper's day
+
+SET_POINTS = (14.0, 13.0, 15.0, 14.0, 12.5, 13.5, 15.5, 14.5, 13.0, 12.0, 14.0, 16.0, 15.0, 13.5, 12.5, 14.0)
+"""Set-points of `paper_day`, degC, each held for `SET_POINT_HOLD`, repeated."""
+SET_POINT_HOLD = 1800
+"""Seconds."""
+
+DRIFTS = {
+    "m_a": Drift(0.015, 60),
+    "T_a_in": Drift(0.10, 120),
+    "RH": Drift(0.005, 300),
+    "T_w_in": Drift(0.05, 120),
+}
+"""Noise of `paper_day`.  The order numbers the random streams: add at the end only."""
+
+
+def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
+    """A cooling day like those of the paper: set-point steps every half hour, slow swings, smooth noise.
+
+    Air 1.15 + 0.18 D kg/s, 25 + 1.5 D degC, relative humidity 0.56 - 0.05 D, with D(h) = sin(pi (h - 1)/9) up
+    to h = 8 hours from the start, mirrored there and at every further multiple of 8 h; water
+    7 + 0.4 sin(2 pi h/1.5) degC.  Each carries noise as in `DRIFTS`; the humidity ratio is that at 101325 Pa.
+    The paper publishes no series: this is a generic day.
+
+    Parameters
+    ----------
+    hours
+        Length, a whole number of seconds.  A shorter day is the beginning of a longer one, to the bit.
+    seed
+        Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
+    """
+    seed = plain(seed)
+    with checking() as check:
+        n_steps = check(whole_seconds, hours)
+        seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+    require_memory(len(seeds), n_steps)
+    h = np.arange(n_steps) / 3600
+    D, noise = swing(h), drifts_of(DRIFTS, seeds, n_steps)
+    T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
+    several = not isinstance(seed, int)
+    rows = slice(None) if several else 0
+    return Boundary(
+        m_a=(1.15 + 0.18 * D + noise["m_a"])[rows],
+        T_a_in=T_a_in[rows],
+        W_a_in=humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"])[rows],
+        T_w_in=(7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"])[rows],
+        T_set=stepped_set_point(n_steps),
+        day=seeds if several else seeds[0],
+    )
+
+
+def swing(h: Array) -> Array:
+    """The slow swing D of a day at hours from its start, (n_steps,): a sine up to hour 8, mirrored every 8 h."""
+    return np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0))
+
+
+def stepped_set_point(n_steps: int) -> Array:
+    """The set-points of `SET_POINTS` one after the other [degC], (n_steps,)."""
+    return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)]
+
+
+def require_memory(n_days: int, n_steps: int) -> None:
+    """Refuse days that do not fit into memory while they are made, three times what they take in the end."""
+    needed, available = 3 * n_days * n_steps * 8 * len(BOUNDARY_SERIES), available_memory()
+    if needed > available:
+        raise InputError(
+            f"seed has {n_days:,} values: days of {n_steps:,} s for all of them need {gib(needed)} of memory while "
+            f"they are made, {gib(available)} are available: give fewer, or shorter days"
+        )
+
+
+def distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
+    """The seeds of days of ``n_steps``: whole numbers, each once, an `InputError` for anything else."""
+    wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
+    most = MOST_VALUES // n_steps
+    try:
+        given = [seed] if isinstance(seed, int | str | bytes) else list(islice(seed, most + 1))
+    except Exception:  # nothing to iterate over; a user's class may raise anything
+        raise InputError(WrongType(f"seed = {shown(seed)}: {wanted}")) from None
+    if len(given) > most:
+        raise InputError(f"seed gives more than {most} days of {n_steps} s: give fewer, or fewer hours")
+    seeds = [whole_of("seed", one, 0, LARGEST_DAY_LABEL, wanted) for one in given]
+    if not seeds or len(set(seeds)) < len(seeds):
+        twice = next((s for s, count in Counter(seeds).items() if count > 1), None)
+        raise InputError(f"seed {f'has {twice} twice' if seeds else 'is empty'}: {wanted}")
+    return seeds
+
+
+# --------------------------------------------------------------------------------------------- a constant day
+
+
+def constant_day(
+    hours: float = 8.0,
+    *,
+    m_a: Values = 1.15,
+    T_a_in: float = 25.0,
+    W_a_in: Values = None,
+    relative_humidity: float | None = None,
+    T_w_in: Values = 7.0,
+    T_set: Values = 14.0,
+    pressure: float = 101325.0,
+) -> Boundary:
+    """A day on which nothing happens; the defaults are the centre of `paper_day`.
+
+    Parameters
+    ----------
+    hours
+        Length [h].
+    m_a, T_w_in, T_set
+        Air flow [kg/s], entering water [degC] and set-point [degC]: numbers or series of 1-s samples.
+    T_a_in
+        Temperature of the entering air [degC].
+    W_a_in, relative_humidity, pressure
+        Its humidity ratio [kg/kg], a number or a series, or its relative humidity at a barometric pressure [Pa];
+        without both the relative humidity is 0.56.
+    """
+    with checking() as check:
+        n_steps = check(whole_seconds, hours)
+        if W_a_in is None:
+            T_a_in = check(condition_of, "T_a_in", T_a_in)
+            given = 0.56 if relative_humidity is None else relative_humidity
+            humidity = check(condition_of, "relative_humidity", given)
+            pressure = check(condition_of, "pressure", pressure)
+    if W_a_in is None:
+        W_a_in = humidity_ratio(T_a_in, humidity, pressure)
+    elif relative_humidity is not None:
+        raise InputError("W_a_in and relative_humidity are both given: give one of them")
+    # The one series; it sets the length.
+    noise = np.zeros(n_steps)
+    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, noise=noise)
+
+
+# ----------------------------------------------------------------------------------------------- a design day
+
+# fmt: off
+RANGE_FRACTIONS = (
+    0.88, 0.92, 0.95, 0.98, 1.00, 0.98, 0.91, 0.74, 0.55, 0.38, 0.23, 0.13,
+    0.05, 0.00, 0.00, 0.06, 0.14, 0.24, 0.39, 0.50, 0.59, 0.68, 0.75, 0.82,
+)
+# fmt: on
+"""How far below the day's maximum the temperature lies at hours 1 ... 24, as a fraction of the daily range.
+
+ASHRAE Handbook - Fundamentals (2009), chapter 14, table 6 (from research project RP-1363).
+"""
+
+
+class Design(NamedTuple):
+    """Outdoor air (degC, K, degC), return air (degC, 1), entering water and set-point (degC)."""
+
+    T_design: float
+    T_daily_range: float
+    T_wet_bulb: float | None
+    T_return: float
+    RH_return: float
+    T_w_in: Values
+    T_set: Values
+
+
+DESIGNS = {
+    "cooling": Design(33.3, 10.5, 23.7, 24.0, 0.50, 7.0, 13.0),
+    "heating": Design(-20.0, 0.0, None, 21.0, 0.30, 60.0, 25.0),
+}
+"""Outdoor air of Chicago O'Hare (WMO 725300): annual design conditions, ASHRAE Fundamentals (2009).
+
+Cooling: 0.4 % dry bulb, mean coincident wet bulb, daily range of the hottest month.  Heating: 99.6 % dry
+bulb, all day, as is the convention for sizing.  Return air, water and set-points are usual values, not
+published ones.
+"""
+DESIGN_PRESSURE = 98934.0
+"""Standard pressure at the station, 201 m, Pa."""
+
+
+def design_day(
+    hours: float = 8.0,
+    mode: str = "cooling",
+    *,
+    start_hour: float = 9.0,
+    T_design: float | None = None,
+    T_daily_range: float | None = None,
+    T_wet_bulb: float | None = None,
+    outdoor_fraction: float = 0.3,
+    T_return: float | None = None,
+    RH_return: float | None = None,
+    m_a: Values = 1.15,
+    T_w_in: Values = None,
+    T_set: Values = None,
+    pressure: float = DESIGN_PRESSURE,
+) -> Boundary:
+    """A design day: outdoor air on ASHRAE's diurnal profile, mixed with return air.
+
+    The outdoor temperature follows `RANGE_FRACTIONS`, straight between the hours.  In cooling ``T_design`` is
+    its maximum (hours 14 and 15), in heating its minimum (hour 5).  The humidity ratio is constant, that of
+    ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but at most saturated.  The
+    defaults are in `DESIGNS`; heating has no daily range there: give one for a day that varies, or take
+    `heating_day`, on which set-point, air and water move.
+    Nothing here is faster than the hourly profile.
+
+    Parameters
+    ----------
+    hours, mode, start_hour
+        Length [h]; ``cooling`` or ``heating``; hour of the day (0 to 24, solar time) of the first sample.
+    T_design, T_daily_range, T_wet_bulb
+        Outdoor air: design temperature [degC], daily range [K], wet bulb at the design temperature [degC].
+    outdoor_fraction, T_return, RH_return
+        Share of outdoor air in the dry air of the mixture; return air [degC, 1].
+    m_a, T_w_in, T_set
+        Air flow [kg/s], entering water [degC] and set-point [degC]: numbers or series of 1-s samples.
+    pressure
+        Barometric pressure [Pa].
+    """
+    given = {
+        "T_design": T_design,
+        "T_daily_range": T_daily_range,
+        "T_wet_bulb": T_wet_bulb,
+        "T_return": T_return,
+        "RH_return": RH_return,
+    }
+    with checking() as check:
+        mode = check(choice_of, "mode", mode, DESIGNS)
+        n_steps = check(whole_seconds, hours)
+        start_hour = check(condition_of, "start_hour", start_hour)
+        given = {name: check.unless_none(condition_of, name, value) for name, value in given.items()}
+        outdoor_fraction = check(condition_of, "outdoor_fraction", outdoor_fraction)
+        pressure = check(condition_of, "pressure", pressure)
+    series = {"T_w_in": T_w_in, "T_set": T_set}
+    d = DESIGNS[mode]._replace(**{name: value for name, value in (given | series).items() if value is not None})
+    wet_bulb = d.T_design if d.T_wet_bulb is None else d.T_wet_bulb
+    if wet_bulb > d.T_design:
+        raise InputError(f"T_wet_bulb = {wet_bulb:g} degC is above T_design = {d.T_design:g} degC: lower it")
+    clock = (start_hour + np.arange(n_steps) / 3600) % 24.0
+    below = np.interp(clock, np.arange(25), (RANGE_FRACTIONS[-1], *RANGE_FRACTIONS))
+    T_max = d.T_design if mode == "cooling" else d.T_design + d.T_daily_range
+    T_out = T_max - below * d.T_daily_range
+    W_design = humidity_ratio_from_wet_bulb(d.T_design, wet_bulb, pressure)
+    W_out = np.minimum(W_design, humidity_ratio(T_out, 1.0, pressure))
+    W_return = humidity_ratio(d.T_return, d.RH_return, pressure)
+    T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, d.T_return, W_return)
+    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=d.T_w_in, T_set=d.T_set)

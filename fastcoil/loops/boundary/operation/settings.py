@@ -1,0 +1,218 @@
+"""How an air handler is run: what may be chosen, the defaults of cooling and heating, and what fits together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arguments import checking, choice_of, whole_of
+from fastcoil.base.errors import InputError
+from fastcoil.loops.boundary.conditions import condition_of
+from fastcoil.loops.boundary.operation.set_point import Trim
+from fastcoil.loops.boundary.operation.weather import Outdoors
+from fastcoil.model.moist_air import humidity_ratio
+
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "cooling": {
+        "economiser": "differential",
+        "economiser_limit": 24.0,
+        "T_return": 24.0,
+        "RH_return": 0.5,
+        "T_balance": 12.0,
+        "internal_load": 0.5,
+        "set_point": "outdoor_reset",
+        "T_set": 13.0,
+        "T_set_min": 13.0,
+        "T_set_max": 18.0,
+        "T_out_min": 16.0,
+        "T_out_max": 21.0,
+        "T_w_in": 7.0,
+        "T_w_min": 7.0,
+        "T_w_max": 12.0,
+        "T_out_w_min": 16.0,
+        "T_out_w_max": 27.0,
+    },
+    "heating": {
+        "economiser": "none",
+        "economiser_limit": 24.0,
+        "T_return": 21.0,
+        "RH_return": 0.3,
+        "T_balance": 15.0,
+        "internal_load": 0.0,
+        "set_point": "outdoor_reset",
+        "T_set": 25.0,
+        "T_set_min": 18.0,
+        "T_set_max": 30.0,
+        "T_out_min": -10.0,
+        "T_out_max": 15.0,
+        "T_w_in": 60.0,
+        "T_w_min": 40.0,
+        "T_w_max": 60.0,
+        "T_out_w_min": -7.0,
+        "T_out_w_max": 10.0,
+    },
+}
+"""What `weather_year` takes where an argument is left out, by mode; the module `operation` names the sources."""
+CHOICES = {
+    "economiser": ("differential", "fixed", "none"),
+    "set_point": ("fixed", "outdoor_reset", "trim_and_respond"),
+    "water": ("fixed", "load", "outdoor"),
+}
+_NUMBERS = (
+    *("m_a_design", "m_a_min", "outdoor_air_min", "economiser_limit", "T_return", "RH_return", "T_balance", "T_design"),
+    *("internal_load", "zone_spread", "T_set", "T_set_min", "T_set_max", "T_out_min", "T_out_max"),
+    *("trim", "respond", "respond_max", "T_w_in", "T_w_min", "T_w_max", "T_out_w_min", "T_out_w_max", "disturbances"),
+)
+_WHOLE = {
+    "zones": (1, 1000),
+    "ignored_requests": (0, 3000),
+    "trim_delay": (0, 86_400),
+    "trim_interval": (1, 86_400),
+    "seed": (0, 2**32 - 1),
+}
+_USED_WITH = {
+    "economiser_limit": ("economiser", ("fixed",)),
+    "T_set": ("set_point", ("fixed",)),
+    **dict.fromkeys(
+        ("T_set_min", "T_set_max", "T_out_min", "T_out_max"), ("set_point", ("outdoor_reset", "trim_and_respond"))
+    ),
+    "T_w_in": ("water", ("fixed",)),
+    **dict.fromkeys(("T_w_min", "T_w_max"), ("water", ("load", "outdoor"))),
+    **dict.fromkeys(("T_out_w_min", "T_out_w_max"), ("water", ("outdoor",))),
+}
+"""Arguments that only some choices read: which, and with what."""
+_ORDERED = (
+    ("m_a_min", "m_a_design"),
+    ("outdoor_air_min", "m_a_design"),
+    ("T_set_min", "T_set_max"),
+    ("T_out_min", "T_out_max"),
+    ("T_w_min", "T_w_max"),
+    ("T_out_w_min", "T_out_w_max"),
+)
+LEAST_COOLING = 2.0
+"""Kelvins by which the supply air must be cooler than the zones, which would take endless air otherwise."""
+
+
+class Settings(NamedTuple):
+    """How the air handler is run; names and units as the arguments of `weather_year`.
+
+    fan: first and last hour of the fan by day label; on days without it stands.
+    """
+
+    mode: str
+    fan: Mapping[int, tuple[float, float]]
+    outdoor_air_min: float
+    economiser: str
+    economiser_limit: float
+    T_return: float
+    W_return: float
+    m_a_design: float
+    m_a_min: float
+    T_balance: float
+    T_design: float
+    internal_load: float
+    zones: int
+    zone_spread: float
+    set_point: str
+    T_set: float
+    T_set_min: float
+    T_set_max: float
+    T_out_min: float
+    T_out_max: float
+    trim: Trim
+    water: str
+    T_w_in: float
+    T_w_min: float
+    T_w_max: float
+    T_out_w_min: float
+    T_out_w_max: float
+    disturbances: float
+    seed: int
+
+    @property
+    def cools(self) -> bool:
+        return self.mode == "cooling"
+
+    @property
+    def high_limit(self) -> float:
+        """Outdoor temperature from which the economiser is locked out [degC]."""
+        return {"differential": self.T_return, "fixed": self.economiser_limit, "none": -np.inf}[self.economiser]
+
+
+def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
+    """What a user chose, by argument, checked and filled with the defaults of the mode.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake.
+    """
+    with checking() as check:
+        mode = check(choice_of, "mode", given["mode"], DEFAULTS)
+        chosen: dict[str, Any] = {
+            name: check.unless_none(choice_of, name, given[name], choices) for name, choices in CHOICES.items()
+        }
+        for name in _NUMBERS:
+            left_out = given[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
+            chosen[name] = None if left_out else check(condition_of, name, given[name])
+        chosen |= {name: check(whole_of, name, given[name], *bounds) for name, bounds in _WHOLE.items()}
+    told = {name for name, value in chosen.items() if value is not None}
+    chosen |= {name: value for name, value in DEFAULTS[mode].items() if name not in told}
+    chosen["mode"] = mode
+    if problems := _clashes(chosen, told):
+        raise InputError(problems)
+    return chosen
+
+
+def settings_of(
+    chosen: Mapping[str, Any], outdoors: Outdoors, fan: Mapping[int, tuple[float, float]], file: str
+) -> Settings:
+    """The settings at a site."""
+    own = {name: chosen[name] for name in Settings._fields if name in chosen and name != "trim"}
+    warmest = chosen["mode"] == "cooling"
+    if own["T_design"] is None:
+        own["T_design"] = float(np.quantile(outdoors.T, 0.996 if warmest else 0.004))
+    low, high = ("T_balance", "T_design") if warmest else ("T_design", "T_balance")
+    if own[high] - own[low] < 1.0:
+        raise InputError(
+            f"T_balance = {own['T_balance']:g} degC, T_design = {own['T_design']:.4g} degC in {file}: give a "
+            f"{low} at least 1 K below {high}"
+        )
+    if own["set_point"] == "fixed":
+        own["T_set_min"] = own["T_set"]
+    return Settings(
+        **own,
+        fan=dict(fan),
+        W_return=float(humidity_ratio(own["T_return"], chosen["RH_return"], outdoors.pressure)),
+        trim=Trim(**{name: chosen[name] for name in Trim._fields}),
+    )
+
+
+def _clashes(chosen: Mapping[str, Any], told: set[str]) -> list[str]:
+    """Sentences on what does not fit together."""
+    problems = [
+        f"{name} = {chosen[name]:g} has no effect with {word} = {chosen[word]!r}: leave it out, or choose "
+        + " or ".join(map(repr, choices))
+        for name, (word, choices) in _USED_WITH.items()
+        if name in told and chosen[word] not in choices
+    ]
+    problems += [
+        f"{low} = {chosen[low]:g} is not below {high} = {chosen[high]:g}: exchange or change them"
+        for low, high in _ORDERED
+        if not chosen[low] < chosen[high]
+    ]
+    if chosen["mode"] == "heating":
+        if chosen["economiser"] != "none":
+            problems.append(f"economiser = {chosen['economiser']!r}: only cooling has one, choose 'none'")
+        if chosen["set_point"] == "trim_and_respond":
+            problems.append("set_point = 'trim_and_respond': only cooling has it, choose 'outdoor_reset' or 'fixed'")
+        return problems
+    top = "T_set" if chosen["set_point"] == "fixed" else "T_set_max"
+    if chosen[top] > chosen["T_return"] - LEAST_COOLING:
+        problems.append(
+            f"{top} = {chosen[top]:g} degC: the zones need air at least {LEAST_COOLING:g} K cooler than T_return = "
+            f"{chosen['T_return']:g} degC, lower it"
+        )
+    return problems

@@ -1,0 +1,175 @@
+"""A year of weather with the real operation of an air handler: schedule, economiser, resets, flows by load.
+
+Sources of the defaults.  ASHRAE Guideline 36-2021, section 5.16.2.2: set-point from 13 to 18 degC (55 to 65 degF) over
+outdoor temperatures of 16 and 21 degC (60 and 70 degF); trim and respond from 10 min after the start, every 2 min, by
+0.1, 0.2 and at most 0.6 K, 2 requests ignored.  ANSI/ASHRAE/IES 90.1: table 6.5.1.1.3, the fixed limit of an economiser
+(24 degC where it is dry); appendix G, sections G3.1.3.4 and G3.1.3.9, outdoor temperatures between which water is reset
+(hot 20 and 50 degF, chilled 60 and 80 degF).  Return air and water are those of `design_day`; flows suit the presets.
+The rest are guesses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+from fastcoil.base.arguments import checking, path_of
+from fastcoil.logs.arguments import require_mappings
+from fastcoil.logs.notes import warn_of_reading
+from fastcoil.loops.boundary.conditions import condition_of
+from fastcoil.loops.boundary.operation.calendar import (
+    calendar_of,
+    days_of,
+    fan_days,
+    hours_of,
+    month_day_of,
+    month_days_of,
+    require_days,
+    year_of,
+)
+from fastcoil.loops.boundary.operation.day import series_of_day
+from fastcoil.loops.boundary.operation.settings import chosen_settings, settings_of
+from fastcoil.loops.boundary.operation.weather import DAY, outdoors_of
+from fastcoil.loops.boundary.record import Boundary
+from fastcoil.loops.boundary.weather_files import read_weather_csv, warn_of_hours
+from fastcoil.loops.boundary.weather_formats import read_weather_year
+
+
+def weather_year(
+    path: str | Path,
+    *,
+    mode: str = "cooling",
+    year: int | None = None,
+    days: Sequence[int] | None = None,
+    first_date: str | None = None,
+    last_date: str | None = None,
+    fan_hours: Sequence[float] = (6.0, 20.0),
+    weekend_fan_hours: Sequence[float] | None = None,
+    holidays: Sequence[str] | None = None,
+    m_a_design: float = 1.3,
+    m_a_min: float = 0.5,
+    outdoor_air_min: float = 0.25,
+    economiser: Literal["differential", "fixed", "none"] | None = None,
+    economiser_limit: float | None = None,
+    T_return: float | None = None,
+    RH_return: float | None = None,
+    T_balance: float | None = None,
+    T_design: float | None = None,
+    internal_load: float | None = None,
+    zones: int = 20,
+    zone_spread: float = 0.3,
+    set_point: Literal["fixed", "outdoor_reset", "trim_and_respond"] | None = None,
+    T_set: float | None = None,
+    T_set_min: float | None = None,
+    T_set_max: float | None = None,
+    T_out_min: float | None = None,
+    T_out_max: float | None = None,
+    trim: float = 0.1,
+    respond: float = 0.2,
+    respond_max: float = 0.6,
+    ignored_requests: int = 2,
+    trim_delay: int = 600,
+    trim_interval: int = 120,
+    water: Literal["fixed", "load", "outdoor"] = "fixed",
+    T_w_in: float | None = None,
+    T_w_min: float | None = None,
+    T_w_max: float | None = None,
+    T_out_w_min: float | None = None,
+    T_out_w_max: float | None = None,
+    disturbances: float = 1.0,
+    seed: int = 1,
+    pressure: float | None = None,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Boundary:
+    """Days of a weather year, of 24 h each, as an air handler sees them: a stream, made day by day.
+
+    The weather is read as by `weather_day`; before the first row its values hold.  A day runs from midnight to midnight
+    in the standard time of the site, its label is the day of the year.  Outside its hours the fan stands (``m_a`` = 0)
+    and the loop is off (``enabled`` = 0); so it is where the mixture needs nothing of the coil: from less than 0.2 K
+    beyond the set-point on until it is more than 0.5 K.  The load, the zones and their requests are a stand-in for a
+    building, described with all formulas in docs/operation.md.  What is left out is that of
+    the mode in `DEFAULTS`.
+
+    Parameters
+    ----------
+    path, pressure, columns, units
+        The file, as for `weather_day`; ``pressure`` [Pa].
+    mode
+        ``cooling`` or ``heating``: of the coil.
+    year
+        Whose days of the week and dates count.  If left out, the first from 2001 on that fits the day of the week in an
+        EPW file; other files do not have one.
+    days
+        Days of the year, from 1; all if left out.  A day before the one in front of it is one of the next year.
+    first_date, last_date
+        Or month and day of the first and the last one, ``"06-01"``; also across the end of the year.
+    fan_hours, weekend_fan_hours, holidays
+        Hours of start and stop of the fan, Monday to Friday, and Saturday and Sunday (it stands if left out); dates
+        such as ``"12-25"`` that are run like a Saturday or Sunday.
+    m_a_design, m_a_min
+        Air flow at full load and least air flow [kg/s].
+    outdoor_air_min
+        Least flow of outdoor air while the fan runs [kg/s].
+    economiser, economiser_limit
+        ``differential`` (more outdoor air where it is cooler than the return air), ``fixed`` (where it is cooler than
+        ``economiser_limit`` [degC]) or ``none``; heating has none.
+    T_return, RH_return
+        Return air [degC, 1]; the zones have its temperature.
+    T_balance, T_design
+        Outdoor temperatures [degC] at which the building's shell has no load and its full one.  Without ``T_design``
+        the one that 0.4 % of the hours of the file exceed, in heating fall below.
+    internal_load
+        Load by people and devices as a share of the design load; in heating it is taken off.
+    zones, zone_spread
+        Number of zones, and how far their loads lie apart, as a share of their mean.
+    set_point
+        ``fixed`` (``T_set``), ``outdoor_reset`` (``T_set_max`` up to the outdoor temperature ``T_out_min``,
+        ``T_set_min`` from ``T_out_max`` on, straight between) or ``trim_and_respond`` (the same, its ``T_set_max``
+        lowered by requests of the zones; cooling only).  Temperatures [degC].
+    trim, respond, respond_max
+        Steps of trim and respond [K]: up each time, down for each request that counts, down at most.
+    ignored_requests, trim_delay, trim_interval
+        Requests that do not count; seconds from the start of the fan to the first step, and from step to step.
+    water, T_w_in, T_w_min, T_w_max, T_out_w_min, T_out_w_max
+        Entering water: ``fixed`` (``T_w_in``), ``load`` (from ``T_w_max`` without load to ``T_w_min`` at full load; in
+        heating the other way round) or ``outdoor`` (``T_w_max`` up to the outdoor temperature ``T_out_w_min``,
+        ``T_w_min`` from ``T_out_w_max`` on) [degC].
+    disturbances, seed
+        Noise that is faster than hours, over that of `paper_day` (0: none); a whole number from 0 to 2**32 - 1 for it.
+    """
+    given = dict(locals())
+    with checking() as check:
+        path = check(path_of, "path", path, "give the path of an EPW, TMY3 or CSV file")
+        check(require_mappings, columns=columns, units=units)
+        pressure = check.unless_none(condition_of, "pressure", pressure)
+        year = check.unless_none(year_of, "year", year)
+        labels = check.unless_none(days_of, "days", days)
+        first = check.unless_none(month_day_of, "first_date", first_date)
+        last = check.unless_none(month_day_of, "last_date", last_date)
+        weekday = check(hours_of, "fan_hours", fan_hours)
+        weekend = check.unless_none(hours_of, "weekend_fan_hours", weekend_fan_hours)
+        free = check.unless_none(month_days_of, "holidays", holidays)
+        chosen = check(chosen_settings, given)
+        if days is not None and not (first_date is None and last_date is None):
+            check.problems.append("days and first_date, last_date are both given: give one of them")
+    weather = read_weather_year(path, columns, units, pressure) or read_weather_csv(path, columns, units)
+    warn_of_reading(path.name, weather.notes)
+    outdoors = outdoors_of(weather, pressure, path.name)
+    calendar = calendar_of(year, weather, path.name)
+    if labels is None:
+        labels = calendar.labels(first, last, outdoors.days) if first or last else list(outdoors.days)
+    dates = calendar.dates(labels)
+    require_days(labels, outdoors.days, path.name)
+    settings = settings_of(chosen, outdoors, fan_days(labels, dates, weekday, weekend, free or []), path.name)
+    if settings.disturbances == 0.0:
+        warn_of_hours(weather)
+    return Boundary.from_days(
+        partial(series_of_day, settings, outdoors),
+        day=labels,
+        n_steps=DAY,
+        start=[day.isoformat() for day in dates],
+        time_zone=weather.time_zone,
+    )

@@ -1,0 +1,171 @@
+"""The series of a boundary, and the checks of the values that a user gives for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcoil.base.arrays import Array, array_of
+from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.logs.series import COLUMNS, Series
+
+Values: TypeAlias = Any
+"""What a user may give for a series: a number, array-like or DataArray; examined at run time."""
+
+ADDED_SERIES = ("backlash_scale",)
+"""Series that boundaries once did not have."""
+_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
+BOUNDARY_SERIES = {name: COLUMNS[name] for name in _NAMES}
+"""Every series of a `Boundary` by name."""
+LARGEST_DAY_LABEL = 2**32 - 1
+
+
+class Given(NamedTuple):
+    """One series as read: dims (of ``day``, ``elapsed_time``), values, and day labels if it has them."""
+
+    dims: tuple[str, ...]
+    values: Array
+    day: NDArray[Any] | None = None
+
+    def spread(self, n_days: int, n_steps: int) -> Array:
+        shape = (n_days if "day" in self.dims else 1, n_steps if "elapsed_time" in self.dims else 1)
+        # Adding 0.0 makes -0.0 a 0.0: equal series have equal bytes, hence equal digests.
+        return np.broadcast_to(self.values.reshape(shape), (n_days, n_steps)) + 0.0
+
+
+def read(series: Series, value: Values) -> Given:
+    """``value`` as numbers in our unit, with its dims; values are not yet checked against the bounds."""
+    if value is None:
+        if series.default is None:
+            raise InputError(f"{series.name} is missing: give the {series.long_name} ({series.known_units})")
+        value = series.default
+    if is_labelled(value):
+        return _read_labelled(series, value)
+    values = _numbers(series, value)
+    if values.ndim > 2:
+        raise InputError(f"{series.name} has {values.ndim} dimensions: give (seconds) or (days, seconds)")
+    return Given(("day", "elapsed_time")[2 - values.ndim :], values)
+
+
+def common_size(dim: str, word: str, given: dict[str, Given], problems: list[str]) -> int | None:
+    """Size of ``dim``, None if no series has it; series that differ from the first are problems."""
+    having = {name: one for name, one in given.items() if dim in one.dims}
+    sizes: dict[str, int] = {name: one.values.shape[one.dims.index(dim)] for name, one in having.items()}
+    if not sizes:
+        return None
+    first, size = next(iter(sizes.items()))
+    problems += [
+        f"{name} has {other} {word} where {first} has {size}: give every series the same number"
+        for name, other in sizes.items()
+        if other != size
+    ]
+    return size
+
+
+def carried_labels(given: dict[str, Given], problems: list[str]) -> NDArray[Any] | None:
+    """The day labels that the series themselves carry as a coordinate, None if none does."""
+    carried = {name: one.day for name, one in given.items() if one.day is not None}
+    carried = {name: day for name, day in carried.items() if day.ndim} or carried
+    if not carried:
+        return None
+    first, labels = next(iter(carried.items()))
+    problems += [
+        f"{name} has day {day!s:.40} where {first} has {labels!s:.40}: align them, or give day=..."
+        for name, day in carried.items()
+        if not np.array_equal(day, labels)
+    ]
+    return label_array(labels, problems)
+
+
+def require_aligned(changes: Mapping[str, Values], day: NDArray[Any]) -> None:
+    """Refuse series with labels of other days than those that they are to join."""
+    problems = []
+    for name in BOUNDARY_SERIES:
+        coordinates = getattr(changes.get(name), "coords", {}) if is_labelled(changes.get(name)) else {}
+        labels = coordinates["day"].values if "day" in coordinates else day
+        if labels.ndim and not np.array_equal(labels, day):
+            problems.append(f"{name} has day {labels!s:.40} where the boundary has {day!s:.40}: align them")
+    if problems:
+        raise InputError(problems)
+
+
+def is_labelled(value: Values) -> bool:
+    """Whether it is a DataArray, or something like it."""
+    return hasattr(type(value), "dims")
+
+
+def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
+    """Day labels as an array; None, and a problem, if they are not distinct whole numbers."""
+    cure = f"give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day"
+    try:
+        labels = array_of("day", day, cure)
+        if labels.ndim > 1 or not labels.size or np.any(_no_label(labels)):
+            raise InputError(f"day = {shown(day)}: {cure}")
+    except InputError as error:
+        problems += error.problems
+        return None
+    values, counts = np.unique(labels, return_counts=True)
+    if counts.max() > 1:
+        problems.append(f"day label {values[counts.argmax()]} appears twice: give each day its own label")
+        return None
+    return labels
+
+
+def _no_label(labels: NDArray[Any]) -> NDArray[np.bool_]:
+    with np.errstate(over="ignore"):  # what does not fit is infinite
+        wide = labels.astype(np.float64)
+    return np.asarray((wide != np.rint(wide)) | (wide < 0) | (wide > LARGEST_DAY_LABEL))
+
+
+def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
+    """A sentence on the first bad value of a series, if it has one."""
+    bad = series.is_bad(given.values)
+    if not bad.any():
+        return []
+    first = np.unravel_index(int(np.argmax(bad)), bad.shape)
+    where = dict(zip(given.dims, first, strict=True))
+    text = f" at second {where['elapsed_time']}" if "elapsed_time" in where else ""
+    if "day" in where:
+        i = where["day"]
+        text += f" of day {labels[i] if labels.ndim and i < labels.size else i}"
+    return [series.sentence(float(given.values[first]), text, int(bad.sum()))]
+
+
+def _read_labelled(series: Series, value: Any) -> Given:
+    import xarray as xr
+
+    if not isinstance(value, xr.DataArray):
+        raise InputError(
+            WrongType(f"{series.name} is a {type(value).__name__}: give a number, an array or a DataArray")
+        )
+    dims = tuple(dim for dim in ("day", "elapsed_time") if dim in value.dims)
+    if len(dims) != value.ndim:
+        raise InputError(f"{series.name} has dims {value.dims}: name them elapsed_time and, for several days, day")
+    if "elapsed_time" in dims and "elapsed_time" in value.coords:
+        seconds = value.coords["elapsed_time"].values
+        if seconds.dtype.kind not in "iufm":
+            raise InputError(f"elapsed_time is of type {seconds.dtype}: give the seconds 0, 1, ...")
+        steps = np.diff(seconds) / (np.timedelta64(1, "s") if seconds.dtype.kind == "m" else 1.0)
+        wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
+        if wrong.size:
+            raise InputError(
+                f"elapsed_time has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: "
+                "give 1-s steps (interpolate first)"
+            )
+    values = _numbers(series, value.transpose(*dims).values)
+    unit = value.attrs.get("units", series.unit)
+    if not isinstance(unit, str):
+        raise InputError(WrongType(f"{series.name} has units = {shown(unit)}: give a text ({series.known_units})"))
+    values = series.convert(values, unit)
+    return Given(dims, values, value.coords["day"].values if "day" in value.coords else None)
+
+
+def _numbers(series: Series, value: Values) -> Array:
+    values = array_of(series.name, value, "give numbers", "iufb" if series.whole else "iuf")
+    if values.size == 0:
+        raise InputError(f"{series.name} is empty: give at least one 1-s sample")
+    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+        return values.astype(np.float64)

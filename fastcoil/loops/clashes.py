@@ -1,0 +1,215 @@
+"""What clashes in a loop: parameters that one another rule out or need, each with a sentence that says the cure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError
+from fastcoil.loops.loop import Loop, words_used
+from fastcoil.model.estimators.registry import ESTIMATORS
+from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS
+
+ONE_SET_POINT = 1.0
+"""Set-points that lie closer together than this count as one, K: a record of a constant one drifts and has steps."""
+_CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
+"""The parameter that limits the estimate of an estimator."""
+
+
+def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
+    """Refuse values that only clash together.
+
+    T_set: all the set-points that the loop will see, °C.  least_scale: the least that the boundary multiplies the
+    backlash by.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each clash.
+    """
+    problems = _estimate_clashes(loop) + _stem_clashes(loop, least_scale)
+    problems += _unread_parameters(loop) + missing_parameters(loop) + controller_clashes(loop, T_set)
+    if problems:
+        raise InputError(problems)
+
+
+def missing_parameters(loop: Loop) -> list[str]:
+    """Parameters that an estimator or a rule reads and that the loop does not give, a sentence each."""
+    used = words_used(loop, "estimator")
+    problems = [
+        f"estimator = {estimator.name!r} without {name}: give the {PARAMETERS[name].text} "
+        f"({PARAMETERS[name].unit}, {PARAMETERS[name].bounds})"
+        for estimator in ESTIMATORS
+        if estimator is not None and estimator.name in used
+        for name in estimator.Parameters._fields
+        if name not in STAND_INS and PARAMETERS[name].default is None and loop[name] is None
+    ]
+    return problems + [
+        f"{rule.name} reads {name}, which the loop does not give: give {name}"
+        for rule in loop.rules.values()
+        for name in rule.reads
+        if loop[name] is None
+    ]
+
+
+def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
+    """What clashes in the controller alone, a sentence each.  T_set: all the set-points that it will see, °C."""
+    return list(_unread_by_controller(loop).values()) + _buffer_clashes(loop) + _dead_band_clashes(loop, T_set)
+
+
+def _estimate_clashes(loop: Loop) -> list[str]:
+    """An estimate of 1 or more, an estimator that starts above its cap, a learner without a step."""
+    problems = []
+    estimate: Any = loop["backlash_estimate"]
+    ratio: Any = loop["estimate_ratio"]
+    if ratio is not None:
+        estimate = ratio * loop["backlash"]
+    largest = float(np.max(np.asarray(estimate)))
+    if largest >= 1.0:
+        problems.append(
+            f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
+            "lower estimate_ratio or backlash"
+        )
+    used = words_used(loop, "estimator")
+    for name, cap in _CAPS.items():
+        if name in used and bool((_has(loop, name) & (xr.DataArray(estimate) > xr.DataArray(loop[cap]))).any()):
+            problems.append(
+                f"backlash_estimate up to {largest:g} with the estimator {name}: it cannot start above {cap}, "
+                "lower the estimate or raise the cap"
+            )
+    if "learner" in used and bool((_has(loop, "learner") & (xr.DataArray(loop["learning_step"]) == 0.0)).any()):
+        problems.append("estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate")
+    if _is_positive(loop, "learning_error_ratio") and bool(
+        ((xr.DataArray(loop["learning_error_ratio"]) > 0.0) & (xr.DataArray(loop["learning_reference"]) == 0.0)).any()
+    ):
+        problems.append(
+            "learning_error_ratio without learning_reference: the error of the first interval is that of the start-up, "
+            "give the number of intervals that the reference is the mean of"
+        )
+    return problems
+
+
+def _has(loop: Loop, estimator: str) -> xr.DataArray:
+    """Which scenarios have an estimator; without a word it is the learner where it has a step."""
+    if loop["estimator"] is None:
+        return (xr.DataArray(loop["learning_step"]) > 0.0) & (estimator == "learner")
+    return xr.DataArray(loop["estimator"]) == estimator
+
+
+def _stem_clashes(loop: Loop, least_scale: float) -> list[str]:
+    if not _is_positive(loop, "slip_jump"):
+        return []
+    least = min(least_scale, 1.0)
+    jump, backlash = xr.DataArray(loop["slip_jump"]), xr.DataArray(loop["backlash"])
+    excess = float((jump - least * backlash).where(jump > 0.0, 0.0).max())
+    if excess > 0.0:
+        scaled = "" if least == 1.0 else f", which backlash_scale makes {least:g} times as large"
+        return [
+            f"slip_jump is up to {excess:g} above the backlash{scaled}: a stem jumps at most by the band in which it "
+            "sticks, lower slip_jump or raise backlash"
+        ]
+    return []
+
+
+def _unread_parameters(loop: Loop) -> list[str]:
+    """Parameters of estimators and rules that no scenario has, a sentence each: most likely it was forgotten."""
+    rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
+    return list(_unread_by_estimators(loop).values()) + [
+        f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, "
+        "or leave them out"
+        for rule in rules
+    ]
+
+
+def unread_values(loop: Loop) -> dict[str, str]:
+    """Parameters that differ from their defaults and that no scenario reads, each with the sentence that refuses it.
+
+    A loop taken out of a sweep may have some that only its neighbours read.
+    """
+    return _unread_by_estimators(loop) | _unread_by_controller(loop)
+
+
+def _unread_by_estimators(loop: Loop) -> dict[str, str]:
+    used = {"learner"} if loop["estimator"] is None else words_used(loop, "estimator")
+    unread = {
+        p.name: f"{p.name} belongs to the estimator {p.group}, which no scenario has: give estimator = {p.group!r}, or "
+        f"leave {p.name} out"
+        for p in PARAMETERS.values()
+        if p.group in ESTIMATOR_GROUPS and p.group not in used and _is_changed(loop, p.name)
+    }
+    if _is_changed(loop, "estimate_share") and used <= {"none"}:
+        unread["estimate_share"] = "estimate_share without an estimator: give estimator, or leave estimate_share out"
+    return unread
+
+
+def _unread_by_controller(loop: Loop) -> dict[str, str]:
+    unread = {}
+    for name, words, when_on in (
+        ("buffer_noise", "buffer_noise = 'measured'", "measured"), ("buffer_swing", "buffer_swing", None)
+    ):  # fmt: skip
+        if not _is_changed(loop, name):
+            continue
+        value, buffered = xr.DataArray(loop[name]), xr.DataArray(loop["buffer_ratio"]) > 0.0
+        is_on = value > 0.0 if when_on is None else value == when_on
+        if bool(is_on.any()) and not bool((is_on & buffered).any()):
+            unread[name] = f"{words} without buffer_ratio: give buffer_ratio, or leave {name} out"
+    if _is_changed(loop, "smooth_rate") and not bool(np.any(np.asarray(loop["compensation"]) == "smooth")):
+        unread["smooth_rate"] = "smooth_rate without compensation = 'smooth': give that word, or leave smooth_rate out"
+    return unread
+
+
+def _buffer_clashes(loop: Loop) -> list[str]:
+    if not _is_positive(loop, "buffer_ratio") and not _is_positive(loop, "buffer_swing"):
+        return []
+    problems = []
+    ratio, swing = xr.DataArray(loop["buffer_ratio"]), xr.DataArray(loop["buffer_swing"])
+    measures = xr.DataArray(loop["buffer_noise"]) == "measured"
+    if bool((measures & (ratio > 0.0) & (swing == 0.0)).any()):
+        problems.append(
+            "buffer_noise = 'measured' without buffer_swing: a loop that rings looks like noise and would widen its "
+            "own buffer, give buffer_swing and plant_gain"
+        )
+    gain = loop["plant_gain"]
+    if gain is None and bool((swing > 0.0).any()):
+        problems.append("buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer")
+    if problems:
+        return problems
+    # what is measured may be anything, up to what the swing allows
+    noise = xr.DataArray(loop["noise_std"]).where(~measures, np.inf)
+    buffer = (ratio * abs(xr.DataArray(loop["kp"])) * noise).where(ratio > 0.0, 0.0)
+    if gain is not None:
+        highest = xr.DataArray(swing / xr.DataArray(gain))
+        buffer = buffer.where((swing == 0.0) | (buffer < highest), highest)
+        if bool((measures & (buffer >= 1.0)).any()):
+            largest = float(highest.where(measures).max())
+            return [f"buffer_swing / plant_gain reaches {largest:g}: a buffer must stay below 1, lower buffer_swing"]
+    largest = float(buffer.max())
+    if largest >= 1.0:
+        return [f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"]
+    return []
+
+
+def _dead_band_clashes(loop: Loop, T_set: Array) -> list[str]:
+    """Refuse a dead band in which every change of the set-point would be too small to act on."""
+    widest = float(np.max(np.asarray(loop["error_dead_band"])))
+    width = float(np.max(T_set) - np.min(T_set))
+    if ONE_SET_POINT <= width <= widest:
+        return [
+            f"error_dead_band = {widest:g} K: the set-points lie within {width:g} K, so none of their changes would "
+            "move the valve, give less"
+        ]
+    return []
+
+
+def _is_positive(loop: Loop, name: str) -> bool:
+    """Whether some scenario has a value above 0."""
+    return bool(np.any(np.asarray(loop[name]) > 0.0))
+
+
+def _is_changed(loop: Loop, name: str) -> bool:
+    """Whether some scenario has another value than the default."""
+    value = loop[name]
+    return value is not None and bool(np.any(np.asarray(value) != PARAMETERS[name].default))

@@ -1,0 +1,116 @@
+"""Words for axes and legends: a short name, the unit a reader expects, the factor to it."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import NamedTuple
+
+import xarray as xr
+
+from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
+from fastcoil.model.parameter_table import PARAMETERS
+
+_UNITS = {
+    "1": "",
+    "K-1": "1/K",
+    "s-1": "1/s",
+    "kg s-1": "kg/s",
+    "kJ K-1": "kJ/K",
+    "kW h": "kWh",
+    "degC": "°C",
+    "m3": "m³",
+    "kJ kg-1 K-1": "kJ/(kg K)",
+}
+_PERCENT = frozenset(
+    (
+        "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
+        "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "size_error",
+        "estimate_first_down", "share_off", "hunts",
+        "u", "integral", "command", "position", "opening", "estimate",
+    )
+)  # fmt: skip
+"""Shares that are read in per cent."""
+_HOURS = frozenset(("learn_time_reached", "learn_time_confirmed", "learn_time_first_down"))
+_MINUTES = frozenset(("learning_interval",))
+
+
+class Quantity(NamedTuple):
+    """``value × factor`` is in ``unit``.  meaning: of a rule's own parameter, which no reader has met before."""
+
+    text: str
+    unit: str
+    factor: float
+    meaning: str = ""
+
+    @property
+    def axis(self) -> str:
+        """Label of an axis."""
+        named = f"{self.text} [{self.unit}]" if self.unit else self.text
+        return f"{named}: {self.meaning}" if self.meaning else named
+
+    def equals(self, value: float) -> str:
+        """``backlash = 7 %``, for legends and headings."""
+        return f"{self.text} = {self.number(value)}"
+
+    def number(self, value: float) -> str:
+        """``7 %``."""
+        return f"{value * self.factor:.3g} {self.unit}".rstrip()
+
+
+def quantity(name: str) -> Quantity:
+    """How a parameter, metric or trace is shown; another name is its own label."""
+    entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
+    if entry is None:
+        return Quantity(name.replace("_", " "), "", 1.0)
+    if name in _PERCENT:
+        return Quantity(entry.label, "%", 100.0)
+    if name in _HOURS:
+        return Quantity(entry.label, "h", 1 / 3600)
+    if name in _MINUTES:
+        return Quantity(entry.label, "min", 1 / 60)
+    return Quantity(entry.label, _UNITS.get(entry.unit, entry.unit), 1.0)
+
+
+def unit_in_words(unit: str) -> str:
+    """A unit of the tables as a reader expects it; empty for a plain number."""
+    return _UNITS.get(unit, unit)
+
+
+def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
+    """Whether a coordinate of a result is a parameter: one of the table, or one that a rule declares."""
+    return dim in PARAMETERS or (dim in ds.coords and "comment" in ds[dim].attrs)
+
+
+def quantity_of(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
+    """How a coordinate of a result is shown; that of a rule with the unit and words that it declares."""
+    if dim in PARAMETERS or not is_parameter(ds, dim):
+        return quantity(dim)
+    attrs = ds[dim].attrs
+    unit = str(attrs.get("units", ""))
+    return Quantity(str(attrs.get("long_name", dim)), _UNITS.get(unit, unit), 1.0, str(attrs["comment"]))
+
+
+def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:
+    """A label along a dimension: a name as it is, a parameter as ``backlash = 7 %``, any other as ``day 3``."""
+    if dim not in ds.coords:
+        return f"{dim} {k}"
+    value = ds[dim].values[k]
+    if isinstance(value, str):
+        return str(value)
+    return quantity_of(ds, dim).equals(float(value)) if is_parameter(ds, dim) else f"{dim} {value}"
+
+
+def quantity_of_values(values: xr.DataArray) -> Quantity:
+    """How values are shown: those of our tables as usual, others by their own name, ``long_name`` and ``units``.
+
+    Shares of a baseline, as ``compare`` gives them, are changes in per cent.
+    """
+    name, attrs = str(values.name or ""), values.attrs
+    entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)
+    unit = attrs.get("units")
+    if entry is not None and "relative_to" in attrs:
+        return Quantity(f"change of {entry.label}", "%", 100.0)
+    if entry is not None and unit in (None, entry.unit):
+        return quantity(name)
+    text = str(attrs.get("long_name", name.replace("_", " "))) or "value"
+    return Quantity(text, "" if unit in (None, "1") else _UNITS.get(str(unit), str(unit)), 1.0)

@@ -1,0 +1,268 @@
+"""``Loop``: the parameters of one valve loop, or of a whole sweep of them.
+
+Any parameter may be a number, a list (its own dimension), ``(dim, values)`` (zipped along a shared
+dimension) or an ``xarray.DataArray``.  The union of the dimensions is the shape of the study.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, Unpack, overload
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import instance_of
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.loops.assignment import assigned, words_of
+from fastcoil.loops.converged import WORD
+from fastcoil.loops.keywords import Keywords, PresetName
+from fastcoil.loops.loop_in_words import Parts, html_of, text_of
+from fastcoil.loops.parameter_values import checked_value
+from fastcoil.loops.presets import PRESETS
+from fastcoil.loops.rule_table import NO_RULES, table_of, taken, with_defaults
+from fastcoil.loops.signature import UNCHANGED, describe_parameters, take_parameters
+from fastcoil.model.metric_table import METRICS
+from fastcoil.model.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar, check_name
+from fastcoil.model.user_rules.rule import KINDS, Rule
+
+_DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
+
+
+@describe_parameters
+class Loop:
+    """An immutable set of loop parameters, each a number, a word or an ``xarray.DataArray``.
+
+    ``fc.Loop()`` is the preset ``paper_like``.  A parameter may be a number or word, a list (a dimension of its own),
+    ``(dim, values)`` (zipped with others along a shared dimension) or a DataArray.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> fc.Loop.preset("lbnl").assign(backlash=[0.02, 0.07, 0.15], kp=("tuning", [0.01, 0.02])).sizes
+    {'backlash': 3, 'tuning': 2}
+    """
+
+    __slots__ = ("_rules", "_values")
+    _values: dict[str, Scalar | xr.DataArray]
+    _rules: Mapping[str, Rule]
+
+    @overload
+    def __init__(self, **values: Unpack[Keywords]) -> None: ...
+    @overload
+    def __init__(self, **values: Any) -> None: ...  # with parameters that a rule brings
+    @take_parameters(_DEFAULTS | {WORD: False})
+    def __init__(self, **values: Any) -> None:
+        self._values, self._rules = assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values)
+
+    @classmethod
+    def preset(cls, name: PresetName | str, *, converged: bool = False) -> Loop:
+        """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl``, ``g36``, ``heating`` or ``heating_45``.
+
+        ``fc.presets()`` says what each stands for.  converged: as in ``Loop``.
+        """
+        known = f"choose one of {', '.join(PRESETS)}"
+        if not isinstance(name, str):
+            raise InputError(WrongType(f"preset = {shown(name)}: {known}"))
+        if name not in PRESETS:
+            raise InputError(f"preset = {shown(name)}: unknown{nearest(name, PRESETS)}; {known}")
+        return cls(**PRESETS[name].values, converged=converged)
+
+    @classmethod
+    def from_dataset(cls, ds: xr.Dataset, rules: Sequence[Rule] = ()) -> Loop:
+        """Rebuild the loop behind a result, or behind a part of it such as ``ds.isel(backlash=3)``.
+
+        A parameter that the result does not hold takes its default, with a warning: either it was added after the
+        result was made, or its coordinate was dropped, as by ``ds.isel(backlash=3, drop=True)``.  A result holds the
+        names of rules of your own, not their code: give ``rules=[my_rule]``.
+
+        Raises
+        ------
+        InputError
+            If ``ds`` was not made by fastcoil, or has no labels along a dimension named after a parameter.
+        """
+        instance_of("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
+        if not isinstance(rules, (list, tuple)) or not all(isinstance(rule, Rule) for rule in rules):
+            raise InputError(WrongType(f"rules = {shown(rules)}: give a list of what @fc.estimator or @fc.law made"))
+        known = taken(NO_RULES, rules, ())
+        table = table_of(known)
+        constants = _stored_constants(ds, table)
+        dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
+        unlabelled = [d for d in dims if d in table and d not in ds.coords]
+        if unlabelled:
+            raise InputError(
+                [f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled]
+            )
+        names = [n for n in ds.coords if n in table]
+        stray = [n for n in names if not set(ds[n].dims) <= set(dims)]
+        if stray:
+            raise InputError(
+                [f"{n} lies along a dimension that no result of the Dataset has: leave it out" for n in stray]
+            )
+        names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
+        swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
+        loop = knowing(cls(), rules)
+        loop._values = constants | _defaults_of_missing(constants, swept, table)
+        return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
+
+    @overload
+    def assign(self, **values: Unpack[Keywords]) -> Loop: ...
+    @overload
+    def assign(self, **values: Any) -> Loop: ...
+    @take_parameters(dict.fromkeys((*PARAMETERS, WORD), UNCHANGED))
+    def assign(self, **values: Any) -> Loop:
+        """Return a copy with parameters changed.
+
+        Raises
+        ------
+        InputError
+            With one sentence for each unknown name, wrong type, value out of bounds, empty or duplicated axis, or
+            zipped parameter of another length.
+        """
+        changed = Loop.__new__(Loop)
+        changed._values, changed._rules = assigned(self._values, self._rules, values)
+        return changed
+
+    @property
+    def rules(self) -> Mapping[str, Rule]:
+        """The rules of the user's own by name, those that are no longer used included."""
+        return self._rules
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Every parameter that this loop may have: those of ``fc.parameters()``, then its rules' own."""
+        return table_of(self._rules)
+
+    def __getitem__(self, name: str) -> Scalar | xr.DataArray | None:
+        """Value of a parameter; ``None`` for one that is not given."""
+        return self._values.get(check_name(name, self.parameters))
+
+    def __getattr__(self, name: str) -> Scalar | xr.DataArray | None:
+        if name.startswith("_") or name not in self.parameters:
+            near = "" if name.startswith("_") else nearest(name, dir(self))
+            # of None, so that Python adds no guess of its own to a traceback
+            raise AttributeError(f"a Loop has no {name}{near}", name=name, obj=None)
+        return self[name]
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name not in Loop.__slots__:
+            raise AttributeError(f"a Loop does not change: take a copy, loop.assign({name}=…)")
+        object.__setattr__(self, name, value)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self.parameters})
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.parameters)
+
+    def items(self) -> Iterable[tuple[str, Scalar | xr.DataArray]]:
+        """(name, value) of every parameter that is given."""
+        return self._values.items()
+
+    @property
+    def swept(self) -> dict[str, xr.DataArray]:
+        """The parameters that have dimensions, in the order in which they were assigned."""
+        return {n: v for n, v in self._values.items() if isinstance(v, xr.DataArray)}
+
+    @property
+    def constants(self) -> dict[str, Scalar]:
+        """The parameters that have no dimensions."""
+        return {n: v for n, v in self._values.items() if not isinstance(v, xr.DataArray)}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Dimension → length, in the order in which the dimensions were first assigned."""
+        return {str(dim): size for value in self.swept.values() for dim, size in value.sizes.items()}
+
+    def coordinates(self) -> dict[str, xr.DataArray]:
+        """Labels of every dimension, and the swept parameters along them."""
+        labels: dict[str, xr.DataArray] = {}
+        for name, value in self.swept.items():
+            for dim in value.dims:
+                if dim in value.coords and name != dim:
+                    index = value.coords[dim].reset_coords(drop=True)
+                    if not labels.setdefault(str(dim), index).identical(index):
+                        raise InputError(
+                            f"dimension {dim!r} has other labels with {name} than with the parameters before it"
+                        )
+        for dim, size in self.sizes.items():
+            own = self._values.get(dim)
+            if own is not None and not (isinstance(own, xr.DataArray) and own.dims == (dim,)):
+                raise InputError(f"{dim} is a parameter but not swept: give the dimension another name, such as tuning")
+            if isinstance(own, xr.DataArray):
+                if dim in labels and not np.array_equal(labels[dim].values, own.values):
+                    raise InputError(f"the labels of dimension {dim!r} differ from the values of the parameter {dim}")
+                labels[dim] = xr.DataArray(own.values, dims=dim)
+            labels.setdefault(dim, xr.DataArray(np.arange(size), dims=dim))
+        for name, value in self.swept.items():
+            labels.setdefault(name, value.drop_vars(list(value.coords)))
+        return labels
+
+    def __repr__(self) -> str:
+        return text_of(self._parts)
+
+    def _repr_html_(self) -> str:
+        return html_of(self._parts)
+
+    @property
+    def _parts(self) -> Parts:
+        return Parts(self._values, self.parameters, self.sizes)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Loop) or self._values.keys() != other._values.keys() or self._rules != other._rules:
+            return False
+        return all(xr.DataArray(v).identical(xr.DataArray(other._values[n])) for n, v in self._values.items())
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def knowing(loop: Loop, rules: Iterable[Rule]) -> Loop:
+    """A loop that knows rules of the user's own by their names, and has their parameters."""
+    return _with_rules(loop, taken(loop.rules, list(rules), loop.rules))
+
+
+def forgetting(loop: Loop, names: Collection[str]) -> Loop:
+    """A loop that does not know the rules of these names, and has none of their parameters."""
+    return _with_rules(loop, {n: rule for n, rule in loop.rules.items() if n not in names})
+
+
+def words_used(loop: Loop, kind: str) -> set[str]:
+    """The estimators, or the laws, that some scenario has."""
+    return words_of(dict(loop.items()), kind)
+
+
+def _with_rules(loop: Loop, rules: Mapping[str, Rule]) -> Loop:
+    changed = Loop.__new__(Loop)
+    changed._rules, changed._values = rules, with_defaults(dict(loop.items()), loop.rules, rules)
+    return changed
+
+
+def _stored_constants(ds: xr.Dataset, table: Mapping[str, Parameter]) -> dict[str, Any]:
+    """The constants that a result holds in its attributes."""
+    if "parameters" not in ds.attrs:
+        raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil")
+    try:
+        stored = dict(json.loads(ds.attrs["parameters"]))
+    except (TypeError, ValueError, RecursionError):
+        raise InputError("the attribute 'parameters' of this Dataset is not as fastcoil made it") from None
+    for kind in KINDS:
+        words = {str(word) for word in [stored.get(kind), *np.ravel(ds[kind].values if kind in ds.coords else [])]}
+        unknown = sorted(words - {"None", *table[kind].choices})
+        if unknown:
+            raise InputError(f"the result has the {kind} {unknown[0]}: give its rule, from_dataset(ds, rules=[…])")
+    return {name: checked_value(table[check_name(name, table)], value) for name, value in stored.items()}
+
+
+def _defaults_of_missing(
+    constants: Mapping[str, Scalar], swept: Mapping[str, xr.DataArray], table: Mapping[str, Parameter]
+) -> dict[str, Scalar]:
+    """Defaults of the parameters that a result has neither as constant nor as coordinate, with a warning."""
+    known = constants.keys() | swept.keys()
+    replaced = {name for stand_in, names in STAND_INS.items() if stand_in in known for name in names}
+    missing = {p.name: p.default for p in table.values() if p.default is not None and p.name not in known | replaced}
+    if missing:
+        used = ", ".join(table[name].equation(value) for name, value in missing.items())
+        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {used}", stacklevel=3)
+    return missing

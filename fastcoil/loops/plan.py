@@ -1,0 +1,290 @@
+"""A validated simulation: its scenarios, its size, and the shards it is cut into."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import joblib
+import numpy as np
+
+from fastcoil.base.arguments import checking, flag_of, instance_of, whole_of
+from fastcoil.base.errors import WrongType, nearest, shown
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary.series import BOUNDARY_SERIES
+from fastcoil.loops.clashes import check_clashes
+from fastcoil.loops.days import Days, commands_of
+from fastcoil.loops.doubts import tell_doubts
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.parameter_values import SERIES_HINT, SHORTEST_SERIES
+from fastcoil.loops.resources import check_memory
+from fastcoil.loops.scenarios import Layout
+from fastcoil.loops.stability import check_stability
+from fastcoil.model.engine.emulator import DAY_COLUMNS
+from fastcoil.model.engine.host import TraceRequest
+from fastcoil.model.engine.rows import LANES
+from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
+from fastcoil.model.numerics.noise import RNG
+
+
+class Limits(NamedTuple):
+    """Bounds of a whole number; ``None``: no upper one."""
+
+    least: int
+    most: int | None = None
+
+
+RUN_LIMITS = {
+    "trace_interval": Limits(1),
+    "warm_up": Limits(0),
+    "seed": Limits(0, 2**64 - 1),
+    "replicates": Limits(1, 2**32),
+}
+"""Limits of the whole numbers that say how to run; a boundary may limit them further."""
+
+_LANE_STEPS_PER_SHARD = 60e6
+"""About 1 to 2 s of work on one core."""
+_SHARDS_PER_WORKER = 4
+_BYTES_PER_SHARD = 64 * 2**20
+_LANE_STEPS_PER_STRETCH = 1e9
+"""About 5 to 10 s: its end is kept with the state, which takes the room of some days."""
+_STRETCHES = 4
+"""Of a chain, at least."""
+_BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
+"""Each group makes its days itself, which fewer blocks do not repay; more groups even out what workers have to do."""
+_MOST_BLOCKS_PER_GROUP = 64
+_OF_KERNELS = 64 * 2**20
+_OF_PROCESS = {"loky": 140 * 2**20, "dask": 170 * 2**20}
+"""Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
+
+
+class MemoryOfRun(NamedTuple):
+    """Bytes that a run takes besides what this process has: the run itself, and each of its workers."""
+
+    alone: int
+    each: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A validated simulation: everything a shard needs, and the size of the result."""
+
+    layout: Layout
+    traces: TraceRequest
+    warm_up: int
+    seed: int
+    command: np.ndarray | None
+    days: Days = field(repr=False)
+
+    @property
+    def n_scenarios(self) -> int:
+        return self.layout.size
+
+    @property
+    def n_steps(self) -> int:
+        return self.layout.boundary.n_steps
+
+    @property
+    def n_volumes(self) -> int:
+        """Largest number of control volumes."""
+        return int(np.max(self.layout.loop["n_volumes"]))  # type: ignore[arg-type]
+
+    @property
+    def lane_steps(self) -> int:
+        return self.n_scenarios * self.n_steps
+
+    @property
+    def carry_over(self) -> bool:
+        """Whether its days are a sequence."""
+        return self.days.carry_over
+
+    @property
+    def metric_bytes(self) -> int:
+        """Size of metrics and status of all scenarios."""
+        return self.n_scenarios * 8 * (len(METRICS) + 1)
+
+    @property
+    def trace_bytes(self) -> int:
+        """Size of the traces of all scenarios."""
+        return sum(map(self._trace_bytes, self.traces.names))
+
+    def _trace_bytes(self, name: str) -> int:
+        rows = self.n_volumes if TRACES[name].per_volume else 1
+        return self.n_scenarios * 8 * rows * self.traces.n_points(self.n_steps)
+
+    @property
+    def boundary_bytes(self) -> int:
+        return len(self.days) * self.n_steps * 8 * len(DAY_COLUMNS)
+
+    def memory_bytes(self) -> int:
+        """Most memory that ``simulate`` takes: measured, five times the metrics and twice the traces."""
+        return 5 * self.metric_bytes + 3 * self.trace_bytes
+
+    def memory_of_run(self, n_jobs: int, backend: str) -> MemoryOfRun:
+        """Most memory that a run with traces on disk takes.
+
+        Itself: the kernels, the results, a shard on its way to the disk; or in the merge, when the workers are done,
+        the largest trace.  A worker: a shard, another on its way, a block and a day; one that is a process has Python,
+        its libraries and the boundary too.
+        """
+        of_scenario = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios)
+        of_shard = of_scenario * self._largest_shard(n_jobs)
+        each = 2 * of_shard + of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
+        if backend in _OF_PROCESS:
+            each += (
+                _OF_PROCESS[backend] + of_shard + (0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes)
+            )
+        largest = max((self._trace_bytes(name) for name in self.traces.names), default=0)
+        alone = _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest - n_jobs * each)
+        return MemoryOfRun(alone, each)
+
+    def disk_bytes(self, *, traces_kept: bool = True) -> int:
+        """Most room that a study takes on disk, while it is merged."""
+        return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept
+
+    def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
+        """Cut the scenarios ``todo``, all by default, into shards: enough of them to keep all workers busy.
+
+        A shard is a contiguous range of ``todo`` of whole blocks.  It may span days, a block does not: a day with one
+        scenario is a block too.  Returns flat indices, ascending.
+        """
+        todo = np.arange(self.n_scenarios) if todo is None else todo
+        edges = self._block_edges(todo)
+        most_blocks, most_scenarios = self.shard_limits(n_jobs, edges.size - 1)
+        shards, first = [], 0
+        while first < edges.size - 1:
+            within = int(np.searchsorted(edges, edges[first] + most_scenarios, side="right")) - 1
+            end = max(first + 1, min(first + most_blocks, within, edges.size - 1))
+            shards.append(todo[edges[first] : edges[end]])
+            first = end
+        return shards
+
+    def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
+        """Most blocks and most scenarios of a shard, if ``n_blocks`` are to be run."""
+        by_work = _LANE_STEPS_PER_SHARD / (self.n_steps * LANES)
+        by_workers = n_blocks / (n_jobs * _SHARDS_PER_WORKER)
+        by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
+        return max(1, round(min(by_work, by_workers))), max(LANES, by_size)
+
+    def chain_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
+        """Most lanes of a group and most days of a stretch, if ``n_blocks`` a day are to be run."""
+        by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
+        n_groups = 1
+        if n_jobs > 1:
+            n_groups = max(n_jobs, min(n_blocks // _BLOCKS_PER_GROUP, n_jobs * _GROUPS_PER_WORKER))
+        blocks = min(-(-n_blocks // n_groups), _MOST_BLOCKS_PER_GROUP)
+        lanes = max(LANES, min(blocks * LANES, by_size // LANES * LANES))
+        by_work = round(_LANE_STEPS_PER_STRETCH / (self.n_steps * lanes))
+        return lanes, max(1, min(by_work, by_size // lanes, len(self.days) // _STRETCHES))
+
+    def _largest_shard(self, n_jobs: int) -> int:
+        """Number of scenarios."""
+        n_blocks = -(-self.n_scenarios // len(self.days) // LANES)
+        if self.carry_over:
+            lanes, days = self.chain_limits(n_jobs, n_blocks)
+            return min(lanes * days, self.n_scenarios)
+        blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * n_blocks)
+        return min(blocks * LANES, scenarios, self.n_scenarios)
+
+    def _block_edges(self, todo: np.ndarray) -> np.ndarray:
+        """Where in ``todo`` a block of LANES scenarios of a day starts, and the end of ``todo``."""
+        day = todo // (self.n_scenarios // len(self.days))
+        in_day = np.arange(todo.size) - np.searchsorted(day, day)
+        return np.append(np.flatnonzero(in_day % LANES == 0), todo.size)
+
+
+def plan_simulation(
+    loop: Loop,
+    boundary: Boundary,
+    *,
+    command: Any = None,
+    traces: Sequence[str] = (),
+    trace_interval: int = 1,
+    warm_up: int = WARM_UP,
+    seed: int = 0,
+    replicates: int = 1,
+    carry_over: bool = False,
+    traces_on_disk: bool = False,
+) -> Plan:
+    """Validate the arguments of ``simulate``: nothing is allocated and nothing runs.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake.
+    """
+    with checking() as check:
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
+    with checking() as check:
+        trace_interval = check(whole_of, "trace_interval", trace_interval, 1, boundary.n_steps)
+        warm_up = check(whole_of, "warm_up", warm_up, *RUN_LIMITS["warm_up"])
+        seed = check(whole_of, "seed", seed, *RUN_LIMITS["seed"])
+        replicates = check(whole_of, "replicates", replicates, *RUN_LIMITS["replicates"])
+        carry_over = check(flag_of, "carry_over", carry_over)
+        check.problems += _trace_problems(traces) + _series_problems(loop, boundary)
+        if not check.problems and boundary.n_steps <= warm_up:
+            check.problems.append(
+                f"the {'first day' if carry_over else 'boundary'} lasts {boundary.n_steps} s, the warm-up "
+                f"{shown(warm_up)} s: nothing is left to count, give a longer {'day' if carry_over else 'boundary'}"
+            )
+    layout = Layout(loop, boundary, replicates)
+    with checking() as check:
+        for rule in layout.loop.rules.values():
+            if rule.is_loaded:
+                check(rule.check)
+    commands = commands_of(command, boundary)
+    days = Days(boundary, commands, warm_up, seed, carry_over=carry_over)
+    plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
+    check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
+    check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
+    check_stability(layout)
+    tell_doubts(layout.loop, boundary, closed=commands is None)
+    return plan
+
+
+def simulation_attributes(plan: Plan) -> dict[str, Any]:
+    """Attributes of a result that, with its coordinates, say what was simulated."""
+    attrs = {
+        "parameters": json.dumps(plan.layout.loop.constants),
+        "boundary": plan.layout.boundary.describe(),
+        "boundary_sha256": plan.layout.boundary.sha256,
+        "day_sha256": json.dumps(plan.days.sha256),
+        "warm_up_s": plan.warm_up,
+        "seed": str(plan.seed),
+        "rng": RNG,
+    }
+    if plan.carry_over:
+        attrs["carry_over"] = 1
+    if plan.command is not None:
+        attrs["command_sha256"] = joblib.hash(plan.command, hash_name="sha1")
+    return attrs
+
+
+def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
+    """Lists of values that are as long as the boundary: most likely series, and not sweeps."""
+    if boundary.n_steps < SHORTEST_SERIES:
+        return []
+    return [
+        f"{name} has {value.size:,} values, one for each second of the boundary: {SERIES_HINT}; "
+        f'to sweep it, name the dimension: {name}=("sample", values)'
+        for name, value in loop.swept.items()
+        if value.dims == (name,) and value.size == boundary.n_steps
+    ]
+
+
+def _trace_problems(traces: object) -> list[str]:
+    if not isinstance(traces, (list, tuple)):
+        return [WrongType(f"traces = {shown(traces)}: give a list of names")]
+    known = [n for n in traces if isinstance(n, str) and n in TRACES]
+    problems: list[str] = []
+    for name in traces:
+        if not isinstance(name, str):
+            problems.append(WrongType(f"traces: {shown(name)} is not a trace; known: {', '.join(TRACES)}"))
+        elif name in BOUNDARY_SERIES:
+            problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
+        elif name not in TRACES:
+            problems.append(f"traces: {shown(name)} is not a trace{nearest(name, TRACES)}; known: {', '.join(TRACES)}")
+    return problems + [f"traces: {n} is listed twice" for n in sorted(set(known)) if known.count(n) > 1]

@@ -1,0 +1,1 @@
+"""Fits and diagnosis of measured logs."""

@@ -1,0 +1,174 @@
+"""A diagnosis on one page: two telling hours, the opening behind the command, the profile, predictions and indices."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fastcoil.base.arrays import Array
+from fastcoil.base.figure_style import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
+from fastcoil.measured.diagnosis.motion import openings
+from fastcoil.measured.diagnosis.remedies import WORDS
+from fastcoil.measured.diagnosis.words import in_words
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from fastcoil.measured.diagnosis.findings import Findings
+
+_TELLING = 7200.0
+"""Seconds that are drawn."""
+_SIZE = (7.5, 9.0)
+_ROOM = 160.0
+"""Per cent of the longest bar, for the words behind it."""
+_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
+_TABLE = (
+    ("error_rms", "error, RMS", "K"),
+    ("error_rms_settled", "error, settled", "K"),
+    ("peak_to_peak", "swing, peak to peak", "K"),
+    ("period", "period", "s"),
+    ("regularity", "regularity (Thornhill)", ""),
+    ("oscillation", "oscillation (Hägglund)", ""),
+    ("harris", "Harris index, normalised", ""),
+    ("hagglund_backlash", "backlash (Hägglund)", "%"),
+    ("motor_travel", "motor, strokes a day", ""),
+    ("reversals", "motor, turns a day", ""),
+    ("kp", "controller gain", "1/K"),
+    ("ti", "integral time", "s"),
+    ("margin", "margin (hunts above 0.8)", ""),
+)
+
+
+@apply_style()
+def page(d: Findings) -> Figure:
+    """The diagnosis as a page."""
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=_SIZE, layout="constrained")
+    grid = fig.add_gridspec(4, 2, height_ratios=(1.0, 0.8, 1.25, 1.35))
+    temperature = fig.add_subplot(grid[0, :])
+    command = fig.add_subplot(grid[1, :], sharex=temperature)
+    seen = d.signals.isel(elapsed_time=telling(d.signals))
+    _temperature(temperature, seen)
+    _command(command, seen)
+    _opening(fig.add_subplot(grid[2, 0]), d, seen)
+    _profile(fig.add_subplot(grid[2, 1]), d)
+    _predictions(fig.add_subplot(grid[3, 0]), d)
+    _indices(fig.add_subplot(grid[3, 1]), d)
+    headline = in_words(d)[:3]
+    fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
+    return fig
+
+
+def telling(signals: xr.Dataset) -> slice:
+    """The two hours in which the motor travels most while nothing is missing: settled, where the loop ever is."""
+    interval, n = signals.attrs["interval"], signals.sizes["elapsed_time"]
+    width = min(n, max(2, round(_TELLING / interval)))
+    moves = np.abs(np.diff(signals["position"].values, prepend=signals["position"].values[0]))
+    there = np.isfinite(signals["T_sup"].values) & np.isfinite(signals["command"].values)
+    calm = signals["calm"].values
+    moves = np.where(calm, moves, 0.0) if calm.any() else moves
+    worth = np.cumsum(np.concatenate([[0.0], np.where(there, moves, 0.0)]))
+    seen = np.cumsum(np.concatenate([[0.0], there]))
+    score = (worth[width:] - worth[:-width]) * ((seen[width:] - seen[:-width]) / width) ** 4
+    start = int(np.argmax(score))
+    return slice(start, start + width)
+
+
+def _hours(seen: xr.Dataset) -> Array:
+    return np.asarray(seen["elapsed_time"].values / 3600.0)
+
+
+def _temperature(axes: Axes, seen: xr.Dataset) -> None:
+    axes.plot(_hours(seen), seen["T_sup"], color=BLUE, lw=1.0, label="supply air")
+    if "T_set" in seen:
+        axes.step(_hours(seen), seen["T_set"], color=YELLOW, ls="--", where="post", label="set-point")
+    axes.set_ylabel("temperature [°C]")
+    axes.tick_params(labelbottom=False)
+    axes.set_title("Two telling hours", loc="left")
+    axes.legend(ncols=2, **_ABOVE)
+
+
+def _command(axes: Axes, seen: xr.Dataset) -> None:
+    axes.step(_hours(seen), 100 * seen["command"], color=RED, lw=1.0, where="post", label="command")
+    axes.set(xlabel="time [h]", ylabel="command [%]")
+    axes.margins(x=0.01)
+
+
+def _opening(axes: Axes, d: Findings, seen: xr.Dataset) -> None:
+    """The opening behind the motor with the most probable gap: the wider the loop, the larger the gap."""
+    axes.set(xlabel="motor position [%]", ylabel="opening [%]")
+    axes.set_title("Valve behind the motor, modelled", loc="left")
+    if not np.isfinite(d.backlash):
+        _says(axes, "no size could be compared")
+        return
+    position = seen["position"].values
+    opening = openings(position, np.array([d.backlash]))[:, 0]
+    look = BLUE if d.identified else GREY
+    axes.plot(100 * position, 100 * opening, color=look, lw=0.9)
+    ends = np.array([position.min(), position.max()])
+    alpha = 1.0 / (1.0 - d.backlash)
+    for shift in (0.0, d.backlash):
+        axes.plot(100 * ends, 100 * alpha * (ends - shift), color="black", lw=0.8, ls=DOTTED)
+    low, high = 100 * opening.min(), 100 * opening.max()
+    axes.set_ylim(low - 0.1 * (high - low) - 0.5, high + 0.1 * (high - low) + 0.5)
+
+
+def _profile(axes: Axes, d: Findings) -> None:
+    sizes, probability = 100 * d.profile["backlash"].values, 100 * d.profile["probability"].values
+    low, high = d.interval
+    axes.axvspan(100 * low, 100 * high, color=FAINT, lw=0, label="95 % interval")
+    axes.bar(sizes, probability, width=0.8 * (sizes[1] - sizes[0]), color=BLUE if d.identified else GREY)
+    axes.set(xlabel="backlash [% of stroke]", ylabel="probability [%]")
+    axes.set_xlim(-0.5, max(100 * high, 8.0) * 1.15)
+    axes.set_title("Identified" if d.identified else "Not identified", loc="left")
+    axes.legend(**_ABOVE)
+
+
+def _predictions(axes: Axes, d: Findings) -> None:
+    """Error and travel in every case, as shares of what the model does as found."""
+    axes.set_title("What the fitted loop would do", loc="left")
+    if d.predictions is None:
+        _says(axes, "no prediction: see the notes")
+        return
+    found = d.predictions
+    cases = list(found["case"].values)
+    places = np.arange(len(cases))[::-1]
+    error, travel = found["rmse"].values, found["travel_per_day"].values
+    for values, shift, colour, form in ((error, 0.2, BLUE, "{:.2g} K"), (travel, -0.2, YELLOW, "{:.0f} strokes a day")):
+        share = np.nan_to_num(100 * values / values[0])
+        axes.barh(places + shift, share, height=0.38, color=colour)
+        for place, value, end in zip(places + shift, values, share, strict=True):
+            if np.isfinite(value):
+                axes.text(end + 2, place, form.format(value), va="center", fontsize=7)
+    for place in places[~np.isfinite(error)]:
+        axes.text(2, place, "cannot tell", va="center", fontsize=7)
+    axes.set_xlim(0, _ROOM * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
+    axes.axvline(100, color="black", lw=0.8, ls=DOTTED)
+    hunting = found["hunts"].values > 0
+    axes.set_yticks(places, [WORDS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, hunting, strict=True)])
+    axes.set_xlabel("RMS error and motor travel, as found = 100 %")
+    axes.grid(visible=False, axis="y")
+
+
+def _indices(axes: Axes, d: Findings) -> None:
+    axes.axis("off")
+    axes.set_title("Indices", loc="left")
+    cells = []
+    for name, words, unit in _TABLE:
+        value = float(d.indices[name]) * (100 if unit == "%" else 1)
+        cells.append([words, f"{value:.3g} {unit}".rstrip() if np.isfinite(value) else "–"])
+    table = axes.table(cells, colWidths=(0.68, 0.32), loc="upper left", cellLoc="left", edges="horizontal")
+    table.auto_set_font_size(False)
+    table.set_fontsize(8)
+    for cell in table.get_celld().values():
+        cell.set_linewidth(0.3)
+        cell.set_height(1.0 / len(cells))
+
+
+def _says(axes: Axes, text: str) -> None:
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=8)
+    axes.set(xticks=[], yticks=[])

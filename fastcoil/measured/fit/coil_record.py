@@ -1,0 +1,215 @@
+"""A log of a coil as 1-s series, and the model run over it with many parameter sets at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from threading import current_thread, main_thread
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.errors import InputError
+from fastcoil.logs import Log
+from fastcoil.logs.notes import counted, first_row
+from fastcoil.logs.seconds import at_seconds, require_whole_seconds
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.scenarios import columns_of
+from fastcoil.loops.threads import within
+from fastcoil.measured.fit.least_squares import FORBIDDEN
+from fastcoil.model import moist_air
+from fastcoil.model.engine.coil_loop import COIL_COLUMNS, run_coil
+from fastcoil.model.engine.lanes import parameter_matrix
+from fastcoil.model.engine.rows import PARAMETER_ROWS
+from fastcoil.model.engine.step_numbers import worst_numbers
+
+COIL = ("C_w", "C_c", "beta1", "beta2", "beta3", "beta4", "beta5", "beta6")
+LOGS = np.array([True, True, True, False, True, False, True, False])
+"""Which of ``COIL`` are searched by their logarithm."""
+LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
+"""The searched parameters: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
+_ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
+_AIR_FLOWS = 9
+_LONGEST = 60 * 86400
+_SHORT = 4_000_000
+"""Steps of parameter sets that take about a second."""
+_STILL, _MOSTLY = 0.05, 0.95
+"""Air stands still below the first share of the flow that it stays below for the second share of the time."""
+_ROUND_OFF = 1e-6
+"""Of times counted from the start of a piece, s."""
+
+
+class Piece(NamedTuple):
+    """An unbroken piece of a record: series (n_steps, 5) as ``COIL_COLUMNS``; ``at`` (n,), second of each sample."""
+
+    series: Array
+    at: Index
+
+
+class CoilRun(NamedTuple):
+    """Output of the model at each sample for each parameter set, (n, sets): °C, °C, number of wet volumes."""
+
+    T_sup: Array
+    T_w_out: Array
+    wet_volumes: Array
+
+
+class Limits(NamedTuple):
+    """What decides whether a coil is stable: largest water flow, least and largest air flow, kg/s, largest dh_s/dT."""
+
+    m_w_max: float
+    m_a_span: tuple[float, float]
+    wet_slope: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """The series that enter the coil second by second, and the seconds of the samples.
+
+    pieces: the unbroken pieces of the log; each starts from ``T_initial``.  m_w, m_a: typical flows of the part to fit,
+    kg/s.  limits, limits_of_all: of stability, in the part to fit and in all of the log.
+    """
+
+    pieces: tuple[Piece, ...]
+    loop: Loop
+    m_w: float
+    m_a: float
+    limits: Limits
+    limits_of_all: Limits
+
+    def until(self, n_samples: int) -> Record:
+        """The record up to its first samples."""
+        kept = []
+        for piece in self.pieces:
+            if n_samples > 0:
+                here = piece.at[:n_samples]
+                kept.append(Piece(piece.series[: int(here[-1]) + 1], here))
+            n_samples -= piece.at.size
+        return replace(self, pieces=tuple(kept))
+
+    def named(self) -> Array:
+        """Matrix from the searched parameters to (the logarithms of) ``COIL``: ln β = ln NTU - β' ln m."""
+        A = np.eye(8)
+        A[LN_NTU_W, BETA2] = -math.log(self.m_w)
+        A[LN_NTU_A, BETA4] = A[LN_NTU_STAR, BETA6] = -math.log(self.m_a)
+        return A
+
+    def values(self, sets: Array) -> Array:
+        """``COIL`` of parameter sets as searched, (8, sets)."""
+        y = self.named() @ sets
+        return np.where(LOGS[:, None], np.exp(np.minimum(y, 50.0)), y)
+
+    def run(self, sets: Array) -> CoilRun:
+        """The model over the record with each parameter set (8, sets); NaN for sets that are unstable."""
+        matrix = self._matrix(sets)
+        of_pieces = [_run(matrix, piece) for piece in self.pieces]
+        found = CoilRun(*(np.concatenate(parts) for parts in zip(*of_pieces, strict=True)))
+        unstable = self._unstable(sets)
+        for whole in found:
+            whole[:, unstable] = np.nan
+        return found
+
+    def is_stable(self, x: Array) -> bool:
+        """Whether a parameter set (8, 1) is stable over all of the log, the held-back part included."""
+        return not replace(self, limits=self.limits_of_all)._unstable(x)[0]
+
+    def _unstable(self, sets: Array) -> Mask:
+        """Sets (8, sets) with γ or λ above 1 at the flows of ``limits``, (sets,)."""
+        matrix = self._matrix(sets)
+        # a valve that delivers just that at full opening
+        most = {"m_max": self.limits.m_w_max, "valve_a": 1.0, "valve_b": 100.0, "valve_c": -5.0, "rangeability": np.nan}
+        for name, value in most.items():
+            matrix[PARAMETER_ROWS.index(name)] = value
+        air_flows = np.linspace(*self.limits.m_a_span, _AIR_FLOWS)
+        gamma, lam = worst_numbers(matrix, air_flows, self.limits.wet_slope)
+        return np.asarray(~((gamma <= 1.0) & (lam <= 1.0)))
+
+    def _matrix(self, sets: Array) -> Array:
+        base = parameter_matrix(columns_of(self.loop, {}, np.array([0])))
+        matrix = np.repeat(base, sets.shape[1], axis=1)
+        matrix[_ROWS] = self.values(sets)
+        return matrix
+
+
+def _run(matrix: Array, piece: Piece) -> tuple[Array, ...]:
+    """The model over one piece; Ctrl-C is heard while a long one runs."""
+    if piece.series.shape[0] * matrix.shape[1] < _SHORT or current_thread() is not main_thread():
+        return run_coil(matrix, piece.series, piece.at)
+    return within(None, lambda: run_coil(matrix, piece.series, piece.at))
+
+
+def residual_rows(found: Array, measured: Array, used: Mask) -> Array:
+    """Modelled less measured, (n, sets): 0 where not compared, ``FORBIDDEN`` where the model could not be run."""
+    r = np.where(used[:, None], found - np.where(used, measured, 0.0)[:, None], 0.0)
+    return np.where(np.isfinite(r), r, FORBIDDEN)
+
+
+def in_operation(log: Log) -> Log:
+    """The log without the times at which no air flows or ``enabled`` is 0: the sensors then say nothing of the coil.
+
+    A batch ends at each of them, as it does at a gap.
+    """
+    m_a, enabled = log.values["m_a"], log.values.pop("enabled", np.ones(log.time.size))
+    on = (m_a > _STILL * np.quantile(m_a, _MOSTLY)) & (enabled != 0.0)
+    if not on.any():
+        raise InputError(f"{log.name}: m_a is 0 throughout: give a log with air flow")
+    if on.all():
+        return log
+    spells = int(on[0] == 0) + int(np.sum(np.diff(on.astype(int)) < 0))
+    log.notes.append(
+        f"{counted(~on, 'sample')} in {counted(spells, 'spell')} left out, no air flows "
+        f"({first_row(log.rows.tolist(), ~on)}): the record starts again after each"
+    )
+    return log.where(on)
+
+
+def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Record:
+    """The log on 1-s steps: straight lines between samples, or held where ``holds`` names the series.
+
+    fitting: (n,), samples of the part to fit; the others have no influence on its scales and limits.
+    """
+    require_whole_seconds(log.name, log.step)
+    pressure = float(loop["pressure"])  # type: ignore[arg-type]
+    values = log.values | {"W_a_in": log.humidity_ratio(pressure)}
+    if not values["m_w"][fitting].any():
+        raise InputError(f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow")
+    if log.change_of_value:
+        holds = COIL_COLUMNS
+    unbroken = np.split(np.arange(log.time.size), np.flatnonzero(np.diff(log.batch)) + 1)
+    seconds_in_all = sum(log.time[samples[-1]] - log.time[samples[0]] for samples in unbroken)
+    if seconds_in_all > _LONGEST:
+        days = f"{seconds_in_all / 86400:.0f} days: cut it to {_LONGEST // 86400} at most"
+        raise InputError(f"{log.name}: the log lasts {days}, a fit of more takes many minutes")
+    coldest = float(loop["T_initial"])  # type: ignore[arg-type]
+    return Record(
+        pieces=tuple(_piece(log.time[i], {name: values[name][i] for name in COIL_COLUMNS}, holds) for i in unbroken),
+        loop=loop,
+        m_w=_typical(values["m_w"][fitting]),
+        m_a=_typical(values["m_a"][fitting]),
+        limits=_limits({name: series[fitting] for name, series in values.items()}, coldest, pressure),
+        limits_of_all=_limits(values, coldest, pressure),
+    )
+
+
+def _limits(values: Mapping[str, Array], T_initial: float, pressure: float) -> Limits:
+    dew_point = float(moist_air.wetting_point(values["W_a_in"].max(), pressure))
+    coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), T_initial)
+    return Limits(
+        m_w_max=float(values["m_w"].max()),
+        m_a_span=(float(values["m_a"].min()), float(values["m_a"].max())),
+        wet_slope=0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure)),
+    )
+
+
+def _piece(time: Array, values: dict[str, Array], holds: tuple[str, ...]) -> Piece:
+    time = time - time[0]
+    seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
+    series = at_seconds(time, values, seconds, holds, slack=_ROUND_OFF)
+    return Piece(series=np.stack(list(series.values()), axis=1), at=np.floor(time + 0.5).astype(np.int64))
+
+
+def _typical(flow: Array) -> float:
+    """Geometric mean of a flow where it flows, kg/s."""
+    return float(np.exp(np.mean(np.log(flow[flow > 0.01 * flow.max()]))))

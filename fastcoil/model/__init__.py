@@ -1,0 +1,1 @@
+"""The model: parameters, metrics, equations, kernels."""

@@ -1,0 +1,162 @@
+"""The controller of Fig 8 over a block of lanes: noise on the sensor, PI, inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fastcoil.model.control.buffer import median_difference, noise_buffer, noise_level
+from fastcoil.model.control.compensation import additive, smooth
+from fastcoil.model.control.interface import Law
+from fastcoil.model.control.inverse import direction, extreme, inverse
+from fastcoil.model.control.pi import desired_opening, holds, integrated, sample_number
+from fastcoil.model.engine.rows import LANES, R
+from fastcoil.model.estimators.interface import Estimator
+from fastcoil.model.numerics.jit import section
+from fastcoil.model.numerics.noise import MEASUREMENT, normal_pair
+from fastcoil.model.numerics.stages import BUILT_IN, FLAG, NUMBER, ROWS, WHOLE, Kind
+from fastcoil.model.parameter_table import PARAMETERS
+from fastcoil.model.physics.sensor import measured
+
+CONTROL = Kind(ROWS, WHOLE, NUMBER, NUMBER, FLAG, NUMBER)
+"""Stages that decide u and the command, see ``control_stage``."""
+call_control = CONTROL.call
+ADDITIVE, SMOOTH = (float(PARAMETERS["compensation"].choices.index(word)) for word in ("additive", "smooth"))
+MEASURED = float(PARAMETERS["buffer_noise"].choices.index("measured"))
+
+
+class Control(NamedTuple):
+    """What the controllers of a block have in common: which parts of ``control`` are compiled for it.
+
+    A lane that needs a part less than its neighbours keeps its bits.
+    """
+
+    is_watched: bool = False
+    """An estimator wants to know what was measured."""
+    has_resolution: bool = False
+    """What the sensor says is rounded."""
+    has_law: bool = False
+    """Another law than the PI decides u; it has no integral."""
+    has_dead_band: bool = False
+    is_additive: bool = False
+    is_smooth: bool = False
+    measures_noise: bool = False
+    waives_buffer: bool = False
+    """Lanes without an estimate need none: a good valve is left alone."""
+
+    @classmethod
+    def of(cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]) -> Control:
+        """For a block whose lanes have this estimator, this law, ``None`` for the PI, and these parameters."""
+        return cls(
+            is_watched=estimator is not None and estimator.is_watching(row),
+            has_resolution=bool(np.any(row["sensor_resolution"] > 0.0)),
+            has_law=law is not None,
+            has_dead_band=bool(np.any(row["error_dead_band"] > 0.0)),
+            is_additive=bool(np.any(row["compensation"] == ADDITIVE)),
+            is_smooth=bool(np.any(row["compensation"] == SMOOTH)),
+            measures_noise=bool(np.any(row["buffer_noise"] == MEASURED)),
+            waives_buffer=estimator is not None and estimator.waives_buffer,
+        )
+
+
+PLAIN = Control()
+"""What the kernel has built in."""
+
+
+@section
+def draw_noise(S, t, k, common, day):
+    """Draw a normal number for the lanes that sample now.  k: number of the sample, where all lanes sample together."""
+    if common.samples_together and k % 2 == 1:
+        for j in range(LANES):
+            S[R.noise + j] = S[R.noise_next + j]
+        return
+    k0, k1, label = np.uint64(day.seed[0]), np.uint64(day.seed[1]), np.uint64(day.label)
+    for j in range(LANES):
+        last = sample_number(t, S[R.sample_time + j])
+        sample, replicate = np.int64(last), np.uint64(S[R.replicate + j])
+        even, odd = normal_pair(np.uint64(sample >> 1), np.uint64(MEASUREMENT), replicate, label, k0, k1)
+        due = last * S[R.sample_time + j] == t
+        z = odd if sample & 1 else even
+        S[R.noise + j] = S[R.noise_std + j] * z if due else S[R.noise + j]
+        S[R.noise_next + j] = S[R.noise_std + j] * odd
+
+
+@section
+def control(S, t, T_set, noise, enabled, counts_switches, parts):
+    """Run PI and inverse of the lanes that sample now; the others hold u, and so their command.
+
+    parts: a Control.
+    """
+    for j in range(LANES):
+        resolution = S[R.sensor_resolution + j] if parts.has_resolution else 0.0
+        y = measured(S[R.y_s + j], S[R.noise + j] + noise, resolution)
+        e = S[R.sign + j] * (y - T_set)
+        due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
+        integral = integrated(S[R.integral + j], e, S[R.ki + j])
+        u = S[R.decided + j] if parts.has_law else desired_opening(e, integral, S[R.kp + j])
+        integral = 0.0 if parts.has_law else integral
+        acts = due
+        if parts.has_dead_band:
+            acts = due and not holds(e, S[R.error_dead_band + j])
+        integral = integral if acts else S[R.integral + j]
+        u = u if acts else S[R.u + j]
+        integral = integral if enabled else 0.0
+        u = u if enabled else 0.0
+        if parts.is_watched:
+            S[R.T_seen + j] = y if due else S[R.T_seen + j]
+            S[R.e_seen + j] = e if due else S[R.e_seen + j]
+        buffer = S[R.buffer + j]
+        if parts.measures_noise:
+            buffer = measured_buffer(S, j, e, due)
+        if parts.waives_buffer:
+            buffer = buffer if S[R.assumed + j] > 0.0 else 0.0
+
+        mode = direction(u, S[R.mode + j], S[R.u_ext + j], buffer)
+        turned = mode != S[R.mode + j]
+        u_ext = extreme(u, mode, S[R.u_ext + j], turned)
+        command = inverse(u_ext, mode, S[R.assumed + j])
+        moves = u_ext != S[R.u_ext + j]
+        if parts.is_additive:
+            command = additive(u_ext, mode, S[R.assumed + j]) if S[R.compensation + j] == ADDITIVE else command
+        if parts.is_smooth:
+            is_smooth = S[R.compensation + j] == SMOOTH
+            command = smooth(u, S[R.u + j], S[R.assumed + j], S[R.steepness + j]) if is_smooth else command
+            moves = (due or u != S[R.u + j]) if is_smooth else moves
+        S[R.integral + j] = integral
+        S[R.u + j] = u
+        S[R.command + j] = command if moves else S[R.command + j]
+        S[R.u_ext + j] = u_ext
+        S[R.mode + j] = mode
+        S[R.switches + j] += 1.0 if turned else 0.0
+        S[R.sum_switches + j] += counts_switches if turned else 0.0
+
+
+@section
+def measured_buffer(S, j, e, due):
+    """Buffer of lane j, from the noise that it measures if it is to, after its reading e."""
+    readings = S[R.readings + j] + (1.0 if due else 0.0)
+    median = median_difference(S[R.difference + j], readings, e, S[R.e_1 + j], S[R.e_2 + j])
+    median = median if due else S[R.difference + j]
+    S[R.readings + j] = readings
+    S[R.difference + j] = median
+    S[R.e_2 + j] = S[R.e_1 + j] if due else S[R.e_2 + j]
+    S[R.e_1 + j] = e if due else S[R.e_1 + j]
+    buffer = noise_buffer(
+        S[R.buffer + j], S[R.buffer_ratio + j], S[R.kp + j], noise_level(median), S[R.largest_buffer + j]
+    )
+    return buffer if S[R.buffer_noise + j] == MEASURED else S[R.buffer + j]
+
+
+@cache
+def control_stage(parts: Control) -> Any:
+    """Where ``control`` is, compiled for these parts: (S, t, T_set, noise, enabled, counts_switches) → nothing."""
+    if parts == PLAIN:
+        return BUILT_IN
+
+    def controller(S, t, T_set, noise, enabled, counts_switches):
+        control(S, t, T_set, noise, enabled, counts_switches, parts)
+
+    return CONTROL.compiled(controller, repr(parts))

@@ -1,0 +1,238 @@
+"""Blocks of lanes, seen from the host: scenarios cut into blocks, and the work space of one block."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fastcoil.model.control.interface import Law
+from fastcoil.model.engine.controller import Control, control_stage
+from fastcoil.model.engine.estimator_stage import estimator_stage
+from fastcoil.model.engine.law_stage import law_stage
+from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
+from fastcoil.model.engine.stem import Stem, stem_stage
+from fastcoil.model.estimators.interface import Estimator
+from fastcoil.model.estimators.registry import ESTIMATORS
+from fastcoil.model.numerics.stages import BUILT_IN
+from fastcoil.model.parameter_table import PARAMETERS
+
+Columns = Mapping[str, np.ndarray]
+"""Parameter name → one value per scenario; words as words, NaN where a stand-in is not given."""
+KIND = ("law", "estimator", "air_march", "n_volumes", "substeps")
+"""Parameters of which a block has one value.  Lanes of different estimators or laws never share a block."""
+_CACHE_LINE = 8
+"""Doubles in a cache line of 64 bytes."""
+
+
+class Rules(NamedTuple):
+    """Rules of the user's own: their number as an estimator, or a law, follows those of the package."""
+
+    estimators: tuple[Estimator, ...] = ()
+    laws: tuple[Law, ...] = ()
+
+    def words(self, name: str) -> tuple[str, ...]:
+        """The words for the parameter ``estimator`` or ``law``, by number; for another, its choices."""
+        more: dict[str, tuple[Estimator | Law, ...]] = {"estimator": self.estimators, "law": self.laws}
+        return (*PARAMETERS[name].choices, *(rule.name for rule in more.get(name, ())))
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Names of the parameters that no loop has without these rules: the last rows of a matrix."""
+        rules: tuple[Estimator | Law, ...] = (*self.estimators, *self.laws)
+        names = [n for rule in rules for n in rule.Parameters._fields if n not in PARAMETERS]
+        return tuple(dict.fromkeys(names))
+
+
+NO_RULES = Rules()
+
+
+class Common(NamedTuple):
+    """What the lanes of a block have in common, for the kernel.
+
+    Periods are common divisors of the lanes' own, s (0 = nothing is estimated).  Flags say what the whole block may
+    skip or share; they change no lane's bits.  The last four are stages.
+    """
+
+    n_volumes: int
+    substeps: int
+    lagged_air: bool
+    control_period: int
+    samples_together: bool
+    estimating_period: int
+    has_noise: bool
+    has_lag: bool
+    shares_air_side: bool
+    leaks: bool
+    estimate: Any
+    law: Any
+    control: Any
+    stem: Any
+
+
+class Block(NamedTuple):
+    """LANES scenarios that share a day and all of KIND.
+
+    rows: (len(PARAMETER_ROWS), LANES), below them the rules' own parameters.  for_estimator, for_law: the parameters
+    that these read.
+    """
+
+    rows: np.ndarray
+    common: Common
+    estimator: Estimator | None
+    law: Law | None
+    for_estimator: np.ndarray
+    for_law: np.ndarray
+
+
+def blocks(matrix: np.ndarray, rules: Rules = NO_RULES) -> list[tuple[np.ndarray, Block]]:
+    """Cut scenarios of one day into blocks: (index of the scenario in each used lane, block).
+
+    matrix, rules: see ``parameter_matrix``.  Scenarios that share all of KIND are sorted by
+    sample time, so that most blocks sample in step; the last block of each kind is padded with copies of its last
+    scenario.
+    """
+    row = _by_name(matrix, rules)
+    order = np.lexsort([row[name] for name in ("learning_interval", "sample_time", *KIND)])
+    kind = np.stack([row[name] for name in KIND])[:, order]
+    starts = np.flatnonzero(np.any(np.diff(kind, axis=1, prepend=-1.0) != 0.0, axis=0))
+    cut = []
+    for group in np.split(order, starts[1:]):
+        for start in range(0, group.size, LANES):
+            members = group[start : start + LANES]
+            padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
+            cut.append((members, _block(np.ascontiguousarray(matrix[:, padded]), rules)))
+    return cut
+
+
+def run_sets(matrix: np.ndarray, run: Callable[[Block], Sequence[np.ndarray]]) -> tuple[np.ndarray, ...]:
+    """Run many parameter sets over one record, block by block.
+
+    matrix: (len(PARAMETER_ROWS), n_sets).  run: takes a block, returns arrays (…, LANES).  Returns the same arrays for
+    all sets, (…, n_sets), in their order.
+    """
+    found: tuple[np.ndarray, ...] = ()
+    for members, block in blocks(matrix):
+        parts = run(block)
+        found = found or tuple(np.empty((*part.shape[:-1], matrix.shape[1])) for part in parts)
+        for whole, part in zip(found, parts, strict=True):
+            whole[..., members] = part[..., : members.size]
+    return found
+
+
+def parameter_matrix(columns: Columns, rules: Rules = NO_RULES) -> np.ndarray:
+    """The columns as numbers, (len(PARAMETER_ROWS), n), a word as the index of its choice; the rules' own below."""
+    matrix = np.stack([_numbers(name, columns[name], rules) for name in (*PARAMETER_ROWS, *rules.own)])
+    row = _by_name(matrix, rules)
+    given = row["estimate_ratio"] >= 0.0
+    np.copyto(row["backlash_estimate"], row["estimate_ratio"] * row["backlash"], where=given)
+    return matrix
+
+
+def _numbers(name: str, values: np.ndarray, rules: Rules) -> np.ndarray:
+    if name in PARAMETERS and PARAMETERS[name].is_word:
+        choices = np.array(rules.words(name))
+        return np.asarray((values[:, None] == choices) @ np.arange(choices.size), dtype=float)
+    return np.asarray(values, dtype=float)
+
+
+def _by_name(matrix: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
+    return dict(zip((*PARAMETER_ROWS, *rules.own), matrix, strict=True))
+
+
+def _block(rows: np.ndarray, rules: Rules) -> Block:
+    row = _by_name(rows, rules)
+    estimator = (*ESTIMATORS, *rules.estimators)[int(row["estimator"][0])]
+    law = (None, *rules.laws)[int(row["law"][0])]
+    common = Common(
+        n_volumes=int(row["n_volumes"][0]),
+        substeps=int(row["substeps"][0]),
+        lagged_air=bool(row["air_march"][0] == 0.0),
+        control_period=int(np.gcd.reduce(row["sample_time"].astype(np.int64))),
+        samples_together=bool(np.ptp(row["sample_time"]) == 0.0),
+        estimating_period=_estimating_period(row, estimator),
+        has_noise=bool(np.any(row["noise_std"] > 0.0)),
+        has_lag=bool(np.any(row["sensor_time_constant"] > 0.0)),
+        shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
+        leaks=bool(np.any(row["leakage"] >= 0.0)),
+        estimate=BUILT_IN if estimator is None else estimator_stage(estimator),
+        law=BUILT_IN if law is None else law_stage(law),
+        control=control_stage(Control.of(estimator, law, row)),
+        stem=stem_stage(Stem.of(row)),
+    )
+    return Block(rows, common, estimator, law, _read_by(estimator, row), _read_by(law, row))
+
+
+def _read_by(rule: Estimator | Law | None, row: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The parameters that a rule reads, (n, LANES)."""
+    names = () if rule is None else rule.Parameters._fields
+    return np.array([row[name] for name in names]).reshape(len(names), LANES)
+
+
+def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | None) -> int:
+    """Seconds between calls of the estimator: a common divisor of when the lanes' own act."""
+    if estimator is None:
+        return 0
+    seconds = row["sample_time"] if estimator.periods is None else estimator.periods(row)
+    return int(np.gcd.reduce(seconds.astype(np.int64)))
+
+
+class WorkSpace(NamedTuple):
+    """The flat states of one block: S and V, what its estimator and its law remember behind their parameters."""
+
+    S: np.ndarray
+    V: np.ndarray
+    own: np.ndarray
+    own_law: np.ndarray
+
+
+def work_space(block: Block) -> WorkSpace:
+    """Room for the states of a block: uninitialised, but for the parameters of its estimator and its law."""
+    return WorkSpace(
+        _aligned(len(R) * LANES),
+        _aligned((block.common.n_volumes + 2) * VOLUME_STRIDE),
+        room_for(block.estimator, block.for_estimator),
+        room_for(block.law, block.for_law),
+    )
+
+
+def room_for(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
+    """The parameters of a rule and, behind them, room for its memory and an estimator's arrays."""
+    words = rule.words if isinstance(rule, Estimator) else 0
+    own = _aligned(parameters.size + (0 if rule is None else LANES * (len(rule.Memory._fields) + words)))
+    own[: parameters.size] = parameters.ravel()
+    own[parameters.size :] = 0.0
+    return own
+
+
+def memory_of(block: Block, own: np.ndarray) -> Any:
+    """What the estimator of a block remembers, as its named tuple of arrays (LANES,)."""
+    estimator = block.estimator
+    assert estimator is not None
+    first, n = len(estimator.Parameters._fields), len(estimator.Memory._fields)
+    return estimator.Memory(*own.reshape(-1, LANES)[first : first + n])
+
+
+def _aligned(size: int) -> np.ndarray:
+    """Allocate from the edge of a cache line on: a vector across two lines costs twice."""
+    space = np.empty(size + _CACHE_LINE)
+    start = -space.ctypes.data // space.itemsize % _CACHE_LINE
+    return space[start : start + size]
+
+
+def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
+    """Offsets of the named traces, (n_rows,), volume by volume where they have volumes.
+
+    Offsets of S are given as they are, offsets of V as -1 - offset.
+    """
+    volume = {"T_w": T_W, "T_c": T_C, "T_a": T_A, "W_a": W_A}
+    ends = {"T_sup": T_A + VOLUME_STRIDE, "W_sup": W_A + VOLUME_STRIDE, "T_w_out": T_W + n_volumes * VOLUME_STRIDE}
+    signal = R._asdict() | {"T_measured": R.measured}
+    rows: list[int] = []
+    for name in names:
+        if name in volume:
+            rows += [-1 - (volume[name] + i * VOLUME_STRIDE) for i in range(1, n_volumes + 1)]
+        else:
+            rows.append(-1 - ends[name] if name in ends else signal[name])
+    return np.array(rows, dtype=np.int64)

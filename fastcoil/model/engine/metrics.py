@@ -1,0 +1,222 @@
+"""The metrics of a run, accumulated in the loop: one number per scenario and metric, no traces needed.
+
+``account_*`` add one event or second to the sums; ``summarise`` turns the sums into the rows of ``METRICS``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R, positions
+from fastcoil.model.engine.schedule import (
+    HUNTING_SEEN,
+    IN_ESTIMATE_WINDOW,
+    IN_PEAK_BLOCK,
+    PEAK_BLOCK_ENDS,
+    SETTLED,
+    WINDOW_ENDS,
+    WINDOW_STARTS,
+)
+from fastcoil.model.metric_table import (
+    HUNTING_PERIODS,
+    HUNTING_SWING,
+    METRICS,
+    OFF,
+    PEAK_BLOCK,
+    STATUS_NON_FINITE,
+    STATUS_OK,
+    STATUS_OUT_OF_RANGE,
+)
+from fastcoil.model.numerics.jit import scalar, section
+from fastcoil.model.physics.coil import NO_FLOW
+from fastcoil.model.physics.psychrometrics import frost_pressure, humidity_ratio
+
+N_METRICS = len(METRICS)
+M = positions(METRICS)
+"""Row of each metric in the kernel's output."""
+OF_ESTIMATORS = (
+    "learn_time_first_down", "estimate_first_down", "learning_status", "half_periods", "half_period_spread",
+)  # fmt: skip
+"""Metrics that one kind of estimator brings, see ``Estimator.results``."""
+
+WATCH_INTERVAL = 60
+"""Seconds between looks at the coil: a temperature that leaves its range does not come back, and frost stays long."""
+MOVED = 1e-9
+"""Change of opening, fraction, that counts as a movement of the stem."""
+T_CENTRE, T_HALF_RANGE = 50.0, 100.0
+"""Temperatures outside -50…150 °C are out of range."""
+_WATER_DENSITY = 1000.0
+
+
+@section
+def account_travel(S, j, d_opening, d_position):
+    """Add one second's movements of lane j, fractions of stroke, to stem and motor travel and reversals."""
+    S[R.stem_travel + j] += abs(d_opening)
+    S[R.motor_travel + j] += abs(d_position)
+    moved = abs(d_opening) > MOVED
+    turn = 1.0 if d_opening > 0.0 else -1.0
+    S[R.reversals + j] += 1.0 if moved and turn * S[R.last_turn + j] < 0.0 else 0.0
+    S[R.last_turn + j] = turn if moved else S[R.last_turn + j]
+
+
+@scalar
+def alike(period, before):
+    """Whether two periods, s, are equally long to 20 % of the longer one."""
+    longer = period if period > before else before
+    return 5.0 * abs(period - before) <= longer
+
+
+@section
+def account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
+    """Add one counted second to control error, hunting and energy."""
+    first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
+    for j in range(LANES):
+        e = first[T_A + j] - T_set
+        S[R.sum_e2 + j] += e * e
+        S[R.sum_abs_e + j] += abs(e)
+        S[R.off + j] += 1.0 if abs(e) > OFF else 0.0
+        S[R.reheat + j] += m_a * (e if e < 0.0 else 0.0)
+        S[R.recool + j] += m_a * (e if e > 0.0 else 0.0)
+        S[R.sum_m_w + j] += S[R.m_w + j]
+        S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (last[T_W + j] - T_w_in))
+        S[R.sum_power + j] += S[R.power + j]
+    if flags & WINDOW_STARTS:
+        for j in range(LANES):
+            S[R.T_set_from + j] = T_set
+            S[R.highest + j] = first[T_A + j]
+            S[R.lowest + j] = first[T_A + j]
+            S[R.e_previous + j] = 0.0
+            S[R.e_sampled + j] = 0.0
+            S[R.up_at + j] = np.nan
+    if flags & SETTLED:
+        for j in range(LANES):
+            e = first[T_A + j] - T_set
+            T = first[T_A + j] - (T_set - S[R.T_set_from + j])
+            S[R.sum_e2_settled + j] += e * e
+            # & in place of `and`, which would branch
+            S[R.crossings + j] += 1.0 if (S[R.e_previous + j] < 0.0) & (e >= 0.0) else 0.0
+            S[R.e_previous + j] = e
+            S[R.highest + j] = T if T > S[R.highest + j] else S[R.highest + j]
+            S[R.lowest + j] = T if T < S[R.lowest + j] else S[R.lowest + j]
+    if flags & HUNTING_SEEN:
+        rises = False
+        for j in range(LANES):
+            rises |= (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
+        if rises:
+            for j in range(LANES):
+                period, last = t - S[R.up_at + j], S[R.last_period + j]
+                up = (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
+                whole = up & (period > 0.0)  # not at the first crossing of a window
+                S[R.periods + j] += 1.0 if whole else 0.0
+                S[R.alike + j] += 1.0 if whole & alike(period, last) else 0.0
+                S[R.last_period + j] = period if whole else last
+                S[R.up_at + j] = t if up else S[R.up_at + j]
+        for j in range(LANES):
+            S[R.e_sampled + j] = first[T_A + j] - T_set
+    if flags & WINDOW_ENDS:
+        for j in range(LANES):
+            S[R.sum_swing + j] += S[R.highest + j] - S[R.lowest + j]
+    if flags & IN_PEAK_BLOCK:
+        for j in range(LANES):
+            S[R.sum_power_block + j] += S[R.power + j]
+    if flags & PEAK_BLOCK_ENDS:
+        for j in range(LANES):
+            mean = S[R.sum_power_block + j] / PEAK_BLOCK
+            S[R.peak_power + j] = mean if mean > S[R.peak_power + j] else S[R.peak_power + j]
+            S[R.sum_power_block + j] = 0.0
+    if flags & IN_ESTIMATE_WINDOW:
+        for j in range(LANES):
+            S[R.sum_estimate + j] += S[R.estimate + j]
+
+
+@section
+def watch(S, V, n_volumes):
+    """Keep how far the metal has ever been from the middle of the temperature range.
+
+    Water and air are weighted means of the metal and of what enters, so neither leaves the range before it does.
+    """
+    for i in range(1, n_volumes + 1):
+        cv = V[i * VOLUME_STRIDE :]
+        for j in range(LANES):
+            far = abs(cv[T_C + j] - T_CENTRE)
+            S[R.farthest_T_c + j] = far if far > S[R.farthest_T_c + j] else S[R.farthest_T_c + j]
+
+
+@section
+def watch_frost(S, V, n_volumes, seconds):
+    """Add the seconds since the look before to the lanes in which water freezes on the metal or in the tubes.
+
+    Water that stands still counts with the temperature of its metal: Eq (3) leaves it as it was.
+    """
+    for j in range(LANES):
+        S[R.coldest_wet + j] = np.inf
+        S[R.coldest_water + j] = np.inf
+    for i in range(1, n_volumes + 1):
+        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+        for j in range(LANES):
+            T_c = pair[T_C + j]
+            W_ice = humidity_ratio(frost_pressure(T_c), S[R.pressure + j])
+            T_wet = T_c if pair[VOLUME_STRIDE + W_A + j] > W_ice else np.inf
+            T_water = pair[T_W + j] if S[R.m_w + j] > NO_FLOW else T_c
+            S[R.coldest_wet + j] = T_wet if T_wet < S[R.coldest_wet + j] else S[R.coldest_wet + j]
+            S[R.coldest_water + j] = T_water if T_water < S[R.coldest_water + j] else S[R.coldest_water + j]
+    for j in range(LANES):
+        S[R.frost_time + j] += seconds if S[R.coldest_wet + j] < 0.0 else 0.0
+        S[R.freeze_time + j] += seconds if S[R.coldest_water + j] <= 0.0 else 0.0
+
+
+@scalar
+def status_of(S, V, j, n_volumes):
+    """0 ok, 1 non-finite, 2 out of range.  A lane that was once inf or NaN never becomes finite again."""
+    total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j] + S[R.command + j]
+    # an open loop has none of these
+    total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j] + S[R.u + j] + S[R.estimate + j]
+    for i in range(1, n_volumes + 1):
+        v = i * VOLUME_STRIDE + j
+        total += V[v + T_W] + V[v + T_C] + V[v + T_A] + V[v + W_A]
+    if not np.isfinite(total):
+        return STATUS_NON_FINITE
+    return STATUS_OUT_OF_RANGE if S[R.farthest_T_c + j] > T_HALF_RANGE else STATUS_OK
+
+
+@section
+def summarise(S, V, n_volumes, schedule, metrics, status):
+    """Fill ``metrics``, (N_METRICS, LANES), and ``status``, (LANES,), at the end of a run.
+
+    Failed lanes are NaN.  The metrics that an estimator brings itself are not touched.
+    """
+    seconds, settled, blocks = schedule.n_counted, schedule.n_settled, schedule.n_switch_blocks
+    for j in range(LANES):
+        status[j] = status_of(S, V, j, n_volumes)
+        m = metrics[:, j]
+        m[M.rmse] = np.sqrt(S[R.sum_e2 + j] / seconds)
+        m[M.rmse_settled] = np.sqrt(S[R.sum_e2_settled + j] / settled)
+        m[M.iae] = S[R.sum_abs_e + j] / 3600.0
+        m[M.share_off] = S[R.off + j] / seconds
+        m[M.hunting_swing] = S[R.sum_swing + j] / schedule.n_windows
+        m[M.hunting_period] = settled / S[R.crossings + j] if S[R.crossings + j] >= 2.0 else np.nan
+        swings = m[M.hunting_swing] > HUNTING_SWING
+        hunts = swings and S[R.periods + j] >= HUNTING_PERIODS and 3.0 * S[R.alike + j] >= 2.0 * S[R.periods + j]
+        m[M.hunts] = np.nan if schedule.n_windows == 0 else (1.0 if hunts else 0.0)
+        m[M.switch_frequency] = S[R.sum_switches + j] / blocks
+        m[M.stem_travel] = S[R.stem_travel + j]
+        m[M.motor_travel] = S[R.motor_travel + j]
+        m[M.reversals] = S[R.reversals + j]
+        m[M.estimate_final] = S[R.estimate + j]
+        m[M.estimate_settled] = S[R.sum_estimate + j] / schedule.n_estimate
+        assumes = S[R.estimator + j] > 0.0 or S[R.backlash_estimate + j] > 0.0
+        m[M.size_error] = m[M.estimate_settled] - S[R.gap + j] if assumes else np.nan
+        m[M.backlash_final] = S[R.gap + j]
+        m[M.learn_time_reached] = S[R.time_reached + j]
+        m[M.learn_time_confirmed] = S[R.time_confirmed + j]
+        m[M.time_identified] = S[R.time_identified + j]
+        m[M.coil_energy] = S[R.sum_power + j] / 3600.0
+        m[M.coil_peak_power] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
+        m[M.reheat_energy] = -S[R.reheat + j] * S[R.cp_a + j] / 3600.0
+        m[M.recool_energy] = S[R.recool + j] * S[R.cp_a + j] / 3600.0
+        m[M.water_volume] = S[R.sum_m_w + j] / _WATER_DENSITY
+        m[M.condensate] = S[R.condensate + j]
+        m[M.frost_time] = S[R.frost_time + j]
+        m[M.freeze_time] = S[R.freeze_time + j]
+        if status[j] != STATUS_OK:
+            m[:] = np.nan

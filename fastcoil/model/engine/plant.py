@@ -1,0 +1,268 @@
+"""The plant of Fig 6 behind the stem, over a block of lanes: water flow and coil."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
+from fastcoil.model.numerics.elementary import exp, log
+from fastcoil.model.numerics.jit import scalar, section
+from fastcoil.model.physics.coil import (
+    NO_FLOW,
+    air_heat,
+    condensed,
+    effectiveness,
+    exchanged,
+    metal,
+    transfer_units,
+    water,
+    water_heat,
+)
+from fastcoil.model.physics.psychrometrics import (
+    T_FROST,
+    T_HOT,
+    T_SATURATION_MAX,
+    T_SATURATION_MIN,
+    enthalpy_difference,
+    frost_pressure,
+    hot_pressure,
+    humidity_ratio,
+    mild_pressure,
+    saturation_humidity_ratio,
+)
+from fastcoil.model.physics.valve import growth, leaking, log_flow
+
+MILD_T, MILD_W = 1.0, 0.07
+"""While all is warmer, °C, and drier, kg/kg, no metal is near freezing, and none above 50 °C gets wet."""
+_DEW_STEP, _SURELY = 0.0625, 1.000001
+"""K; and a factor, as saturation is in pieces that meet to some 1e-9 of it."""
+
+
+@section
+def deliver(S, leaks):
+    """Water flow, Eq (2), and water-side conductance, Eq (4): a short loop for each exponential and logarithm.
+
+    leaks: whether any lane has its leakage given.
+    """
+    for j in range(LANES):
+        S[R.growth + j] = growth(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
+    for j in range(LANES):
+        S[R.log_m_w + j] = log_flow(S[R.log_m_max + j], S[R.valve_a + j], S[R.growth + j])
+    for j in range(LANES):
+        S[R.m_w + j] = exp(S[R.log_m_w + j])
+        S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
+    if leaks:
+        leak(S)
+    water_side(S)
+
+
+@section
+def leak(S):
+    """Water flow of the lanes whose leakage is given; the others keep that of Eq (2)."""
+    for j in range(LANES):
+        m_w = leaking(S[R.m_w + j], S[R.m_0 + j], S[R.m_1 + j], S[R.leakage + j])
+        S[R.m_w + j] = m_w if S[R.leakage + j] >= 0.0 else S[R.m_w + j]
+        S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
+    for j in range(LANES):
+        log_m_w = log(S[R.m_w + j] if S[R.m_w + j] > NO_FLOW else NO_FLOW)
+        S[R.log_m_w + j] = log_m_w if S[R.leakage + j] >= 0.0 else S[R.log_m_w + j]
+
+
+@section
+def water_side(S):
+    """Water-side conductance of every lane, Eq (4)."""
+    for j in range(LANES):
+        S[R.ntu_w + j] = transfer_units(S[R.ntu_w_factor + j], S[R.beta2 + j], S[R.log_m_w + j])
+    for j in range(LANES):
+        S[R.G_w + j] = exchanged(S[R.ntu_w + j]) * S[R.C_flow + j]
+
+
+@section
+def air_side(S, m_a):
+    """Air-side effectiveness of every lane, Eq (4)."""
+    for j in range(LANES):
+        S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], m_a)
+        S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], m_a)
+
+
+@section
+def shared_air_side(S, m_a, eps):
+    """Air-side effectiveness of the whole day, where all lanes share β3…β6; eps: out, ε_a and ε_a*, (2, n_steps)."""
+    for t in range(eps.shape[1]):
+        eps[0, t] = effectiveness(S[R.ntu_a_factor], S[R.beta4], m_a[t])
+        eps[1, t] = effectiveness(S[R.ntu_star_factor], S[R.beta6], m_a[t])
+
+
+@section
+def enter(V, n_volumes, T_a_in, W_a_in, T_w_in):
+    """Set the air and the water that enter the coil in this step."""
+    air = V[(n_volumes + 1) * VOLUME_STRIDE :]
+    for j in range(LANES):
+        air[T_A + j] = T_a_in
+        air[W_A + j] = W_a_in
+        V[T_W + j] = T_w_in
+
+
+@section
+def extremes(V, n_volumes):
+    """Lowest temperature, °C, and highest humidity ratio, kg/kg, in the coils of a block.
+
+    Eqs (3) and (4) take weighted means, at dt within the stability limits, and nothing but a loss of humidity: until
+    something colder or damper enters, no volume goes beyond.
+    """
+    coldest, dampest = np.inf, -np.inf
+    for i in range(1, n_volumes + 1):
+        cv = V[i * VOLUME_STRIDE :]
+        for j in range(LANES):
+            coldest = min(coldest, cv[T_W + j], cv[T_C + j], cv[T_A + j])
+            dampest = max(dampest, cv[W_A + j])
+    return coldest, dampest
+
+
+@section
+def highest_pressure(S):
+    """Of the lanes of a block, Pa."""
+    highest = S[R.pressure]
+    for j in range(1, LANES):  # the method of arrays would load numba's linear algebra with the kernel
+        highest = max(highest, S[R.pressure + j])
+    return highest
+
+
+@scalar
+def dry_from(T, W, pressure):
+    """A temperature, °C, from which up no air as damp as W condenses on metal: the one from before, moved as needed.
+
+    It is up to ``_DEW_STEP`` above the dew point, and the search is short where W has hardly changed.  inf: there is
+    none.
+    """
+    W *= _SURELY
+    T = T_SATURATION_MIN if T == np.inf else T
+    while T < T_SATURATION_MAX and saturation_humidity_ratio(T, pressure) < W:
+        T += _DEW_STEP
+    while T > T_SATURATION_MIN and saturation_humidity_ratio(T - _DEW_STEP, pressure) >= W:
+        T -= _DEW_STEP
+    return T if T < T_SATURATION_MAX else np.inf
+
+
+@section
+def march_water(S, V, n_volumes, is_mild, damp):
+    """Eq (3) for the water of every volume, and what the air march reads: heat into the water, saturation.
+
+    It runs from the water's outlet to its inlet, so that the water entering a volume is still in state [t].  It is
+    separate from the air march because two short chains of arithmetic overlap better than a long one.
+    is_mild: no metal is near freezing, and no air so moist that it condenses above 50 °C.
+    damp: (at least n_volumes + 1,), whether air may condense in a volume in some lane; elsewhere nobody asks for
+    saturation.
+    """
+    for k in range(n_volumes):
+        i = n_volumes - k
+        if damp[i]:
+            warm_water(S, V, i, True)
+            if not is_mild:
+                saturate_extremes(S, V, i)
+        else:
+            warm_water(S, V, i, False)
+
+
+@section
+def warm_water(S, V, i, saturates):
+    """Eq (3) for the water of volume i, and the heat into it; with ``saturates`` also saturation at its metal."""
+    pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
+    for j in range(LANES):
+        own = VOLUME_STRIDE + j
+        T_w, T_w_in, T_c = pair[own + T_W], pair[T_W + j], pair[own + T_C]
+        Q_w = water_heat(S[R.G_w + j], T_c, T_w_in)
+        pair[own + T_W] = water(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.dt_C_w + j])
+        pair[own + Q_W] = Q_w
+        if saturates:
+            pair[own + W_S] = humidity_ratio(mild_pressure(T_c), S[R.pressure + j])
+
+
+@section
+def saturate_extremes(S, V, i):
+    """Saturation at the metal of volume i in the lanes in which it is near freezing, or above 50 °C."""
+    cv = V[i * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
+    cold, hot = False, False
+    for j in range(LANES):
+        cold |= cv[T_C + j] < T_FROST
+        hot |= cv[T_C + j] > T_HOT
+    if cold:
+        for j in range(LANES):
+            W_s = humidity_ratio(frost_pressure(cv[T_C + j]), S[R.pressure + j])
+            cv[W_S + j] = W_s if cv[T_C + j] < T_FROST else cv[W_S + j]
+    if hot:
+        for j in range(LANES):
+            W_s = humidity_ratio(hot_pressure(cv[T_C + j]), S[R.pressure + j])
+            cv[W_S + j] = W_s if cv[T_C + j] > T_HOT else cv[W_S + j]
+
+
+@section
+def march_air(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, dt_counted, T_dry, damp):
+    """Eq (3) for the air and the metal of every volume: states[t] become states[t + 1].
+
+    Air enters volume i from the row of volume i + 1.  In a march that starts at the water's inlet that row still
+    holds state [t] (lagged, as printed); in one that starts at the air's inlet, this step's outlet (quasistatic).
+    ``shared``: all lanes have the effectiveness eps_a, eps_star; otherwise it is in the rows of that name.
+    dt_counted: the time step, s, or 0 where condensate does not count.
+    T_dry: nothing condenses in the next march on metal from here up, °C; damp: of this march, and out, of the next.
+    """
+    m_a_dt = m_a * dt_counted
+    for k in range(n_volumes):
+        i = k + 1 if lagged_air else n_volumes - k
+        if damp[i]:
+            damp[i] = pass_damp(S, V, i, shared, eps_a, eps_star, m_a, m_a_dt, T_dry)
+        else:
+            damp[i] = pass_dry(S, V, i, shared, eps_a, m_a, T_dry)
+
+
+@section
+def pass_damp(S, V, i, shared, eps_a, eps_star, m_a, m_a_dt, T_dry):
+    """Let air pass volume i, where some of it may condense.  Returns whether some may again, see ``march_air``."""
+    pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+    is_damp = False
+    for j in range(LANES):
+        T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
+        T_c, W_s, Q_w = pair[T_C + j], pair[W_S + j], pair[Q_W + j]
+
+        wet = W_in > W_s
+        cooled = (eps_a if shared else S[R.eps_a + j]) * (T_in - T_c)
+        dried = (eps_star if shared else S[R.eps_star + j]) * enthalpy_difference(T_in, W_in, T_c, W_s)
+        T_out = T_in - cooled
+        dW = condensed(wet, W_in, cooled, dried, T_out)
+
+        Q_a = air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
+        T_next = metal(T_c, Q_a, Q_w, S[R.dt_C_c + j])
+        is_damp |= not T_next >= T_dry
+        pair[T_C + j] = T_next
+        pair[T_A + j] = T_out
+        pair[W_A + j] = W_in - dW
+        S[R.condensate + j] += m_a_dt * dW
+    return is_damp
+
+
+@section
+def pass_dry(S, V, i, shared, eps_a, m_a, T_dry):
+    """Let air pass volume i, where none condenses in any lane: the same numbers as ``pass_damp`` with less work."""
+    pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+    is_damp = False
+    for j in range(LANES):
+        T_in, T_c = pair[VOLUME_STRIDE + T_A + j], pair[T_C + j]
+        cooled = (eps_a if shared else S[R.eps_a + j]) * (T_in - T_c)
+        Q_a = air_heat(False, m_a, cooled, cooled, S[R.cp_a + j])
+        T_next = metal(T_c, Q_a, pair[Q_W + j], S[R.dt_C_c + j])
+        is_damp |= not T_next >= T_dry
+        pair[T_C + j] = T_next
+        pair[T_A + j] = T_in - cooled
+        pair[W_A + j] = pair[VOLUME_STRIDE + W_A + j]
+    return is_damp
+
+
+@section
+def count_wet(S, V, n_volumes):
+    """Count the wet volumes: the rows hold what a march compares before a lagged one, after a quasistatic one."""
+    for j in range(LANES):
+        S[R.wet_volumes + j] = 0.0
+    for i in range(1, n_volumes + 1):
+        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+        for j in range(LANES):
+            S[R.wet_volumes + j] += 1.0 if pair[VOLUME_STRIDE + W_A + j] > pair[W_S + j] else 0.0

@@ -1,0 +1,98 @@
+"""What an estimator is made of, and what it sees of its loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fastcoil.model.numerics.jit import exact
+
+
+@exact
+def weight_of_new(time_constant, sample_time):
+    """Weight of a new value in a first-order filter, times in s.
+
+    A backward difference: no overshoot however slow the samples are.
+    """
+    return sample_time / (time_constant + sample_time)
+
+
+@exact
+def low_passed(z, x, weight):
+    """z after one more value x of a first-order filter; NaN where x is the first."""
+    return x if np.isnan(z) else z + weight * (x - z)
+
+
+class Sample(NamedTuple):
+    """What an estimator sees when a controller sample begins: nothing that a controller in the field would not know.
+
+    ``e`` to ``switches`` are of the sample before: the new estimate acts from this sample on.
+    """
+
+    t: float
+    """Time since the start, s."""
+    T_set: float
+    """Set-point now, °C."""
+    m_a: float
+    """Air flow now, kg/s."""
+    T: float
+    """Measured supply temperature, °C."""
+    e: float
+    """Control error, K; positive where the valve should open."""
+    u: float
+    """Output of the control law, 0–1."""
+    command: float
+    """Command to the actuator, 0–1."""
+    mode: float
+    """Direction of the inverse: 1 rising, -1 falling."""
+    switches: float
+    """Mode switches since the start."""
+    estimate: float
+    """The estimate so far, fraction of stroke."""
+
+
+def defaults_of(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class
+    """Where a memory starts: the defaults of its fields, 0 for one without."""
+    return tuple(float(Memory._field_defaults.get(n, 0.0)) for n in Memory._fields)
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A rule that finds the backlash estimate.
+
+    name: the word in ``estimator = …``.
+    Parameters, Memory: named tuples of floats.  The fields of ``Parameters`` are names of loop parameters; ``Memory``
+    is what one call leaves to the next.
+    step: (Sample, Parameters, Memory) → (estimate, Memory), called at every controller sample but the first.
+    start: Parameters → Memory at the start; by default the defaults of Memory.
+    words: floats of an array that each lane has besides, from 0 on.  ``step`` then takes it, too, changes it in place,
+    and is called for no lane that does not sample or is off.
+    periods: rows of a block by name → seconds, all of whose multiples the rule may act at, where these are not the
+    controller samples; the rule then decides itself when to act.
+    confirms: (t, Parameters, Memory, true backlash, reached, confirmed) → (reached, confirmed), the times at which an
+    estimate that moves in steps reached the true backlash and stepped back from it.
+    watches: rows of a block by name → whether such a rule looks at T or e; one without periods always may.
+    results: Memory of arrays, one value per lane, at the end of a run → metrics by name.
+    waives_buffer: whether the loop is plain PI, without the buffer of the inverse, while its estimate is 0.
+    identity: all that decides what a user's own rule does, in words; empty for those of the package.
+    """
+
+    name: str
+    Parameters: Any
+    Memory: Any
+    step: Any
+    start: Any = None
+    periods: Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None
+    confirms: Any = None
+    results: Callable[[Any], dict[str, np.ndarray]] | None = None
+    words: int = 0
+    waives_buffer: bool = False
+    identity: str = ""
+    watches: Callable[[Mapping[str, np.ndarray]], bool] | None = None
+
+    def is_watching(self, rows: Mapping[str, np.ndarray]) -> bool:
+        """Whether T and e are kept for it in a block."""
+        return self.periods is None if self.watches is None else self.watches(rows)

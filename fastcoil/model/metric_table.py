@@ -1,0 +1,209 @@
+"""Every metric and trace once: name, unit, meaning.  The order is that of the kernel's output rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fastcoil.base.errors import nearest
+
+STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
+STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
+
+LEARNING_STATUS = ("off", "learning", "stepped_down", "stopped", "no_evidence", "not_identifiable")
+"""Flags of ``learning_status``."""
+
+WARM_UP = 1800
+"""Default of the seconds left out of every metric, as in section 2.2 of the paper."""
+SETTLING_TIME = 600
+"""Seconds after a step of the set-point, or a start of the loop, that the settled metrics leave out."""
+SET_POINT_STEP = 0.05
+"""Change of the set-point from one second to the next that is a step, K; less is a reset."""
+SWITCH_BLOCK = 600
+"""Block of the switch frequency (section 3.3 of the paper: 10-minute blocks), s."""
+PEAK_BLOCK = 900
+"""Averaging time of the peak power, s."""
+ESTIMATE_WINDOW = 7200
+"""Last part of a run over which the estimate is averaged, s."""
+OFF = 0.5
+"""Control error beyond which the supply temperature counts as off its set-point, K."""
+HUNTING_SWING = 0.1
+"""Mean peak-to-peak supply temperature above which a loop may hunt, K."""
+HUNTING_SAMPLE = 10
+"""Seconds between the control errors in which ``hunts`` seeks periods: it sees none shorter than two of them."""
+HUNTING_PERIODS = 10
+"""Least number of whole periods that a loop must show before it counts as hunting."""
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """One result variable.
+
+    ``long_name`` and ``comment`` are its attributes in a result, ``label`` is a few words for the axis of a figure.
+    ``difference`` marks temperature differences, ``per_volume`` a dim ``volume``, ``censored`` that NaN means "not
+    within the run"; ``flags`` are the meanings of a variable that is 0, 1, ….
+    """
+
+    name: str
+    unit: str
+    long_name: str
+    comment: str = ""
+    difference: bool = False
+    per_volume: bool = False
+    flags: tuple[str, ...] = ()
+    label: str = ""
+    censored: bool = False
+
+
+# fmt: off
+METRICS: dict[str, Output] = {
+    m.name: m
+    for m in (
+        Output("rmse", "K", "RMS control error", "sqrt of mean e^2, e = T_sup - T_set, true temperature",
+               difference=True, label="RMS error"),
+        Output("rmse_settled", "K", "RMS control error, settled",
+               "as rmse, where 600 s have passed since the last step of the set-point or start of the loop",
+               difference=True, label="settled RMS error"),
+        Output("iae", "K h", "integral of absolute control error", "sum of |e| dt / 3600",
+               label="integrated absolute error"),
+        Output("share_off", "1", "share of the time off the set-point", "share of the counted seconds with |e| > 0.5 K",
+               label="share of time with |e| > 0.5 K"),
+        Output("hunting_swing", "K", "peak-to-peak supply temperature, settled",
+               "mean over settled windows of max - min of T_sup less the moves of the set-point",
+               difference=True, label="hunting swing, peak to peak"),
+        Output("hunting_period", "s", "period of the control error",
+               "settled seconds per upward zero crossing of e; NaN below 2 crossings", label="hunting period"),
+        Output("hunts", "1", "whether the loop hunts",
+               "1 where the hunting swing exceeds 0.1 K and e shows at least 10 whole periods, two thirds of them "
+               "as long, to 20 %, as the one before; else 0.  A period lies between two upward zero crossings of e "
+               "within a settled window, e taken every 10 s", label="share that hunts"),
+        Output("switch_frequency", "1", "mode switches per 10 min",
+               "mean over whole 600-s blocks from the end of the warm-up", label="mode switches per 10 min"),
+        Output("stem_travel", "1", "travel of the valve stem", "sum of |change of opening|, strokes",
+               label="stem travel, strokes"),
+        Output("motor_travel", "1", "travel of the actuator motor", "sum of |change of position|, strokes",
+               label="motor travel, strokes"),
+        Output("reversals", "1", "reversals of the valve stem",
+               "sign changes of successive opening changes above 1e-9", label="stem reversals"),
+        Output("estimate_final", "1", "backlash estimate at the end", label="final estimate"),
+        Output("estimate_settled", "1", "mean backlash estimate of the last 7200 s", label="settled estimate"),
+        Output("size_error", "1", "error of the estimated backlash",
+               "estimate_settled - backlash_final; NaN for a plain PI, which assumes no backlash",
+               label="estimate - backlash"),
+        Output("backlash_final", "1", "true backlash at the end", "worn, and scaled by the boundary; at most 0.9",
+               label="true backlash"),
+        Output("learn_time_reached", "s", "time at which the estimate reached the backlash",
+               "first update with estimate >= backlash - step/2; NaN = never (censored)",
+               censored=True, label="time to reach the backlash"),
+        Output("learn_time_confirmed", "s", "time at which the learned backlash was confirmed",
+               "first step down at or after learn_time_reached; NaN = never (censored)",
+               censored=True, label="time to confirm the backlash"),
+        Output("time_identified", "s", "time from which the estimate was right",
+               "to 20 % of the backlash or 1 % of stroke, until the end; NaN = never (censored)",
+               censored=True, label="time to identify the backlash"),
+        Output("learn_time_first_down", "s", "time of the first step down", "NaN = never (censored)",
+               censored=True, label="time of the first step down"),
+        Output("estimate_first_down", "1", "backlash estimate after the first step down", "NaN = never (censored)",
+               censored=True, label="estimate after the first step down"),
+        Output("learning_status", "1", "how the learning went",
+               "no_evidence, not_identifiable: no interval could serve as reference; the last one had too few switches "
+               "or too many", flags=LEARNING_STATUS, label="learning status"),
+        Output("half_periods", "1", "half periods of the control error that counted",
+               "those that Hägglund's rules of acceptance let through, from the start of the run",
+               label="counted half periods"),
+        Output("half_period_spread", "1", "spread of the gaps of single half periods",
+               "largest - smallest of the last five that counted; NaN below five", label="spread of single gaps"),
+        Output("coil_energy", "kW h", "heat exchanged by the water",
+               "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating", label="coil energy"),
+        Output("coil_peak_power", "kW", "peak heat rate of the water", "largest mean over whole 900-s blocks",
+               label="peak coil power"),
+        Output("reheat_energy", "kW h", "heat that the supply air lacks of its set-point",
+               "sum of m_a cp_a (T_set - T_sup) dt where that is positive", label="reheat energy"),
+        Output("recool_energy", "kW h", "heat that the supply air has above its set-point",
+               "sum of m_a cp_a (T_sup - T_set) dt where that is positive", label="recool energy"),
+        Output("water_volume", "m3", "water through the coil", "at 1000 kg/m3", label="water volume"),
+        Output("condensate", "kg", "condensate", "sum over the volumes of m_a (W_in - W_out) dt", label="condensate"),
+        Output("frost_time", "s", "time in which frost forms on the coil",
+               "metal of a wet control volume below 0 degC, seen every 60 s of the whole run, counted or not; frost is "
+               "not simulated", label="time with frost"),
+        Output("freeze_time", "s", "time in which water freezes in the coil",
+               "water of a control volume, or its metal where the water stands still, at or below 0 degC, seen every "
+               "60 s of the whole run, counted or not; ice is not simulated", label="time with ice"),
+    )
+}
+
+PREDICTIONS: dict[str, Output] = {
+    p.name: p
+    for p in (
+        Output("predicted_margin", "1", "foretold margin of the loop",
+               "largest |L| |N| of the describing function, from about 0.85 on a gap keeps the loop swinging",
+               label="foretold margin"),
+        Output("predicted_hunts", "1", "whether the loop is foretold to hunt",
+               "to be compared with hunts; NaN where theory says nothing", label="share foretold to hunt"),
+        Output("predicted_period", "s", "foretold period of the hunting",
+               "NaN where the loop is not foretold to hunt", label="foretold period"),
+        Output("predicted_swing", "K", "foretold peak-to-peak supply temperature",
+               "to be compared with hunting_swing; NaN where the loop is not foretold to hunt",
+               difference=True, label="foretold swing, peak to peak"),
+    )
+}
+"""What ``[run] predict`` adds to a study: from theory, with the mean conditions of each day, without noise."""
+
+COSTS: dict[str, Output] = {
+    c.name: c
+    for c in (
+        Output("coil_cost", "currency", "cost of the coil's energy",
+               "chilled water at the price of electricity over the COP, hot water at the price of heat",
+               label="cost of the coil's energy"),
+        Output("demand", "kW", "billed demand",
+               "highest of the days' coil_peak_power over the COP; of hot water only where it is made by electricity",
+               label="billed demand"),
+        Output("demand_cost", "currency", "cost of the demand", "an incomplete month pays its share of the days",
+               label="cost of the demand"),
+        Output("reheat_cost", "currency", "cost of heating supply air that is too cold",
+               "reheat_energy at the price of heat", label="cost of reheat"),
+        Output("recool_cost", "currency", "cost of cooling supply air that is too warm",
+               "recool_energy at the price of electricity over the COP", label="cost of recooling"),
+        Output("cost", "currency", "cost of energy and demand", "sum of coil, demand, reheat and recooling",
+               label="cost"),
+    )
+}
+"""What ``fc.cost`` gives of every billing month; of a year the names begin with ``yearly_``."""
+YEARLY = "yearly_"
+
+FORMER_METRICS = {"hunting_amplitude": ("hunting_swing", "peak to peak, as before: an amplitude is half of it")}
+"""Names that metrics had in earlier versions: the name of today, and why."""
+
+TRACES: dict[str, Output] = {
+    t.name: t
+    for t in (
+        Output("T_sup", "degC", "supply air temperature", "leaves control volume 1", label="supply air"),
+        Output("T_measured", "degC", "measured supply air temperature", "sensor lag, noise and resolution applied",
+               label="measured supply air"),
+        Output("u", "1", "PI output, desired opening", label="desired opening u"),
+        Output("integral", "1", "integral part of the PI output", label="integral part of u"),
+        Output("command", "1", "command to the actuator", label="command"),
+        Output("position", "1", "motor position", label="motor position"),
+        Output("opening", "1", "valve opening, Eq (1)", label="opening"),
+        Output("m_w", "kg s-1", "water flow, Eq (2)", label="water flow"),
+        Output("estimate", "1", "backlash estimate of the inverse", label="backlash estimate"),
+        Output("mode", "1", "mode of the inverse", "-1 falling, +1 rising, 0 open loop or failed", label="mode"),
+        Output("T_w_out", "degC", "leaving water temperature", label="leaving water"),
+        Output("W_sup", "1", "humidity ratio of the supply air", "kg/kg dry air", label="supply humidity ratio"),
+        Output("wet_volumes", "1", "number of wet control volumes", label="wet volumes"),
+        Output("power", "kW", "heat rate of the water", label="coil power"),
+        Output("T_w", "degC", "water temperature", "leaving each control volume", per_volume=True, label="water"),
+        Output("T_c", "degC", "coil material temperature", per_volume=True, label="coil metal"),
+        Output("T_a", "degC", "air temperature", "leaving each control volume", per_volume=True, label="air"),
+        Output("W_a", "1", "humidity ratio of the air", "leaving each control volume, kg/kg dry air", per_volume=True,
+               label="humidity ratio"),
+    )
+}
+# fmt: on
+
+
+def metric_meant(name: str) -> str:
+    """A clause for a name that is no metric of a result: what it is called today, or the nearest; else empty."""
+    if name in FORMER_METRICS:
+        today, why = FORMER_METRICS[name]
+        return f", it is called {today!r} now ({why})"
+    return "" if name in METRICS else nearest(name, METRICS)

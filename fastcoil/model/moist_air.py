@@ -1,0 +1,169 @@
+"""Moist-air relations on NumPy arrays, for what the host does with days, weather and logs.
+
+Sources: ASHRAE Handbook - Fundamentals (2017), chapter 1 (equation numbers below); Hyland & Wexler (1983).
+Temperatures are in degC, pressures in Pa, humidity ratios W in kg/kg dry air, enthalpies in kJ/kg dry air.
+Every function broadcasts its arguments and returns float64.
+
+Air on a cold surface is saturated *over ice* below 0.01 degC, the triple point, where eqs (5) and (6) meet to 6e-9.
+Between 0 and 0.01 degC this differs by 1e-4 at most from the handbook, which changes at 0 degC, with a jump.
+
+Relative humidity, dew point and wet bulb are *over liquid water at every temperature*: weather files and sensors mean
+that by convention (WMO-No. 8).  Below 0.01 degC the liquid curve is continued, within 0.3 % of Murphy & Koop (2005) for
+supercooled water down to -30 degC, and within 0.8 % at -40 degC.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fastcoil.base.arrays import Array
+
+MASS_RATIO = 0.621945
+"""Molar mass of water over that of dry air, eq (20)."""
+LEAST_HUMIDITY_RATIO = 1e-7
+"""Dry air has no dew point; drier air than this is given the dew point of this (-92 degC)."""
+TRIPLE_POINT = 0.01
+"""Of water [degC]: it freezes below."""
+
+
+def saturation_pressure(T: ArrayLike) -> Array:
+    """Saturation pressure over ice below 0.01 degC, eq (5), and over liquid water above, eq (6) [Pa]."""
+    T = np.asarray(T, dtype=np.float64)
+    return np.where(T < TRIPLE_POINT, _ice_pressure(T), liquid_pressure(T))
+
+
+def _ice_pressure(T: Array) -> Array:
+    """Saturation pressure over ice, eq (5) [Pa]; stated for -100 to 0 degC."""
+    K = T + 273.15
+    log_p = (
+        -5.6745359e3 / K
+        + 6.3925247
+        - 9.677843e-3 * K
+        + 6.2215701e-7 * K**2
+        + 2.0747825e-9 * K**3
+        - 9.484024e-13 * K**4
+        + 4.1635019 * np.log(K)
+    )
+    return np.asarray(np.exp(log_p))
+
+
+def _log_ice_slope(T: Array) -> Array:
+    """Slope d(ln p_s)/dT of eq (5) [1/K]."""
+    K = T + 273.15
+    return np.asarray(
+        5.6745359e3 / K**2
+        - 9.677843e-3
+        + 2 * 6.2215701e-7 * K
+        + 3 * 2.0747825e-9 * K**2
+        - 4 * 9.484024e-13 * K**3
+        + 4.1635019 / K
+    )
+
+
+def liquid_pressure(T: ArrayLike) -> Array:
+    """Saturation pressure over liquid water, eq (6) [Pa]; stated for 0 to 200 degC, continued below."""
+    K = np.asarray(T, dtype=np.float64) + 273.15
+    log_p = (
+        -5.8002206e3 / K
+        + 1.3914993
+        - 4.8640239e-2 * K
+        + 4.1764768e-5 * K**2
+        - 1.4452093e-8 * K**3
+        + 6.5459673 * np.log(K)
+    )
+    return np.asarray(np.exp(log_p))
+
+
+def _log_liquid_slope(T: ArrayLike) -> Array:
+    """Slope d(ln p_s)/dT of eq (6) [1/K]."""
+    K = np.asarray(T, dtype=np.float64) + 273.15
+    return np.asarray(
+        5.8002206e3 / K**2 - 4.8640239e-2 + 2 * 4.1764768e-5 * K - 3 * 1.4452093e-8 * K**2 + 6.5459673 / K
+    )
+
+
+def _from_vapour_pressure(p_w: Array, pressure: ArrayLike) -> Array:
+    return np.asarray(MASS_RATIO * p_w / (np.asarray(pressure, dtype=np.float64) - p_w))
+
+
+def saturation_humidity_ratio(T: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
+    """Humidity ratio of saturated air, eq (21), over ice below 0.01 degC [kg/kg]."""
+    return _from_vapour_pressure(saturation_pressure(T), pressure)
+
+
+def humidity_ratio(T: ArrayLike, relative_humidity: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
+    """Humidity ratio from temperature and relative humidity (0 to 1), eqs (20) and (22) [kg/kg]."""
+    p_w = np.asarray(relative_humidity, dtype=np.float64) * liquid_pressure(T)
+    return _from_vapour_pressure(p_w, pressure)
+
+
+def humidity_ratio_from_dew_point(T_dew: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
+    """Humidity ratio from the dew point, eq (36) [kg/kg]."""
+    return _from_vapour_pressure(liquid_pressure(T_dew), pressure)
+
+
+def humidity_ratio_from_wet_bulb(T: ArrayLike, T_wet_bulb: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
+    """Humidity ratio from temperature and wet bulb (wick wet, not iced), eq (33); not below 0 [kg/kg]."""
+    T, T_wb = np.asarray(T, dtype=np.float64), np.asarray(T_wet_bulb, dtype=np.float64)
+    W_s = humidity_ratio_from_dew_point(T_wb, pressure)
+    W = ((2501.0 - 2.326 * T_wb) * W_s - 1.006 * (T - T_wb)) / (2501.0 + 1.86 * T - 4.186 * T_wb)
+    return np.asarray(np.maximum(W, 0.0))
+
+
+def dew_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
+    """Temperature at which air of humidity ratio ``W`` is saturated over liquid: the inverse of eq (6) [degC]."""
+    log_p_w = _log_vapour_pressure(W, pressure)
+    # The Magnus formula is within 0.5 K here, so four Newton steps on ln p_s reach round-off.
+    x = log_p_w - np.log(610.94)
+    T = np.asarray(243.04 * x / (17.625 - x))
+    for _ in range(4):
+        T = T - (np.log(liquid_pressure(T)) - log_p_w) / _log_liquid_slope(T)
+    return np.asarray(T)
+
+
+def wetting_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
+    """Temperature of a surface below which air of humidity ratio ``W`` wets or frosts it [degC].
+
+    The dew point or, below 0.01 degC, the frost point: the inverse of `saturation_humidity_ratio`.
+    """
+    T, log_p_w = dew_point(W, pressure), _log_vapour_pressure(W, pressure)
+    frost = T
+    for _ in range(5):  # from the dew point, at most 9 K away
+        frost = frost - (np.log(_ice_pressure(frost)) - log_p_w) / _log_ice_slope(frost)
+    return np.where(T < TRIPLE_POINT, frost, T)
+
+
+def _log_vapour_pressure(W: ArrayLike, pressure: ArrayLike) -> Array:
+    W = np.maximum(np.asarray(W, dtype=np.float64), LEAST_HUMIDITY_RATIO)
+    return np.asarray(np.log(W * np.asarray(pressure, dtype=np.float64) / (MASS_RATIO + W)))
+
+
+def enthalpy(T: ArrayLike, W: ArrayLike) -> Array:
+    """Specific enthalpy h = 1.006 T + W (2501 + 1.86 T), eq (30) [kJ/kg dry air]."""
+    T, W = np.asarray(T, dtype=np.float64), np.asarray(W, dtype=np.float64)
+    return np.asarray(1.006 * T + W * (2501.0 + 1.86 * T))
+
+
+def temperature(h: ArrayLike, W: ArrayLike) -> Array:
+    """Temperature from enthalpy and humidity ratio: the inverse of `enthalpy` [degC]."""
+    h, W = np.asarray(h, dtype=np.float64), np.asarray(W, dtype=np.float64)
+    return np.asarray((h - 2501.0 * W) / (1.006 + 1.86 * W))
+
+
+def saturation_enthalpy_slope(T: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
+    """dh_s/dT of saturated air [kJ/(kg K)]: the heat capacity that a wet coil sees."""
+    T, p = np.asarray(T, dtype=np.float64), np.asarray(pressure, dtype=np.float64)
+    p_s = saturation_pressure(T)
+    W_s = _from_vapour_pressure(p_s, p)
+    slope = np.where(T < TRIPLE_POINT, _log_ice_slope(T), _log_liquid_slope(T))
+    dW_s = MASS_RATIO * p * p_s * slope / (p - p_s) ** 2
+    return np.asarray(1.006 + 1.86 * W_s + (2501.0 + 1.86 * T) * dW_s)
+
+
+def mix(fraction: ArrayLike, T_1: ArrayLike, W_1: ArrayLike, T_2: ArrayLike, W_2: ArrayLike) -> tuple[Array, Array]:
+    """Adiabatic mixture of air 1 (share ``fraction`` of the dry air) and air 2: (T [degC], W [kg/kg])."""
+    x = np.asarray(fraction, dtype=np.float64)
+    W = x * np.asarray(W_1, dtype=np.float64) + (1.0 - x) * np.asarray(W_2, dtype=np.float64)
+    h = x * enthalpy(T_1, W_1) + (1.0 - x) * enthalpy(T_2, W_2)
+    return temperature(h, W), np.asarray(W)

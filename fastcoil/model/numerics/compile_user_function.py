@@ -1,0 +1,274 @@
+"""A user's own function, compiled: with the functions that it calls, and refused where it would not run like ours.
+
+What runs in the loop over lanes may neither allocate nor raise.  Both show in the machine code, so that nobody needs
+to guess from the source.  A table is a tuple: an index past its end raises an error, so that a rule that runs has none.
+Indices of arrays are not looked at, so that arrays are refused.
+"""
+
+from __future__ import annotations
+
+import dis
+import hashlib
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import CellType, CodeType, FunctionType
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from fastcoil.base.errors import InputError, shown
+from fastcoil.model.numerics.jit import JIT_ENABLED, exact
+
+_MODULES = (math, np)
+"""Modules that a function may use as they are: their attributes do not change."""
+_BUILTINS = (int, float, bool, abs, min, max, round, range, len)
+_HEADING = ("Failed in ", "During: ")
+_LEAST, _MOST = -(2**63), 2**64 - 1
+"""Whole numbers of the machine."""
+_LONGEST_TABLE = 256
+"""Numbers of a tuple: to compile 1000 takes a minute."""
+
+
+class OwnCode:
+    """A function of the user with all that it calls, ready to be compiled.
+
+    function: as the compiler takes it.  sha256: of all that decides what it does.
+    """
+
+    def __init__(self, name: str, function: Any, memory: Any) -> None:
+        self._name, self._memory = name, memory
+        self._found: dict[int, Any] = {}
+        self._kept: list[Any] = []  # what a number in _found stands for must live as long
+        self._digest = hashlib.sha256()
+        self._table = ""
+        self.function = exact(self._ready(function))
+        self.sha256 = self._digest.hexdigest()
+
+    def check(self, now: Any, parameters: Any) -> None:
+        """Compile the function for these classes of named tuples.
+
+        Raises
+        ------
+        InputError
+            If it does not compile, returns something else than (number, memory), allocates or may raise.
+        """
+        if not JIT_ENABLED:
+            return
+        arguments = tuple(
+            types.NamedUniTuple(types.float64, len(c._fields), c) for c in (now, parameters, self._memory)
+        )
+        try:
+            self.function.compile(arguments)
+        except Exception as error:  # most are of one class, but not all
+            raise InputError(self._sentence(error, (now, parameters))) from None
+        compiled = self.function.overloads[arguments]
+        returned = compiled.signature.return_type
+        found: Any = returned if isinstance(returned, types.BaseTuple) else None
+        of = self._memory.__name__
+        if found is None or len(found) != 2 or not _is_number(found[0]):
+            raise InputError(
+                f"{self._name} returns {_in_words(returned)}: return a number and {of}(…), with a comma between"
+            )
+        if found[1] != arguments[2]:
+            raise InputError(
+                f"{self._name} returns {_in_words(found[1])} as its memory: return {of}(…), a number for each field"
+            )
+        self._check_machine_code(compiled)
+
+    def _check_machine_code(self, compiled: Any) -> None:
+        name = re.escape(compiled.fndesc.mangled_name)
+        body = re.search(rf'define [^\n]*@"?{name}"?\(.*?\n}}', compiled.library.get_llvm_str(), re.DOTALL)
+        assert body is not None
+        if "NRT_" in body[0]:
+            raise InputError(
+                f"{self._name} makes an array, a list or a text in every call: use numbers, and fields of its memory"
+            )
+        if "random_state" in body[0]:
+            raise InputError(f"{self._name} draws random numbers: nobody could repeat its results, leave them out")
+        codes = re.findall(r"ret i32 (\S+)", body[0])
+        if not codes:
+            raise InputError(f"{self._name} never returns: let its loop end, or leave out what no number stands for")
+        if any(code != "0" for code in codes):
+            index = f"; limit an index in whole numbers, as in {self._table}" if self._table else ""
+            raise InputError(
+                f"{self._name} may raise an error or print: return a number instead, such as now.estimate{index}"
+            )
+
+    def _sentence(self, error: Exception, classes: tuple[Any, ...]) -> str:
+        """The useful line of the compiler's message."""
+        text = str(error)
+        lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(_HEADING)]
+        line = re.findall(r'[("]([^"\n(]+?)"?,? (?:line |\()(\d+)[):]', text)
+        where = f", line {line[-1][1]} of {Path(line[-1][0]).name}" if line else ""
+        unknown = re.search(r"Unknown attribute '(\w+)' of type (\w+)\(", text)
+        cls = next((c for c in (*classes, self._memory) if unknown and c.__name__ == unknown[2]), None)
+        if unknown and cls is not None:
+            cure = f"make a new {cls.__name__}(…)" if unknown[1] == "_replace" else f"it has {', '.join(cls._fields)}"
+            return f"{self._name} reads {unknown[1]} of a {cls.__name__}{where}: {cure}"
+        call = re.search(r">>> (.*)", text)
+        why = lines[0] if lines else type(error).__name__
+        if call and why.startswith("No implementation"):
+            why = f"there is no compiled form of {call[1]}"
+        return f"{self._name} does not compile{where}: {why}"
+
+    def _ready(self, function: Any) -> Any:
+        """The function with its helpers compiled, too, and with nothing else of its module."""
+        code = function.__code__
+        self._note(*_words(code))
+        given = function.__defaults__ or ()
+        named = code.co_varnames[code.co_argcount - len(given) : code.co_argcount]
+        defaults = {**dict(zip(named, given, strict=True)), **(function.__kwdefaults__ or {})}
+        for place, default in defaults.items():
+            self._note(place)
+            self._value(place, default)
+        if any(isinstance(constant, bytes) for constant in _constants(code)):
+            raise InputError(f"{self._name} uses bytes: use numbers, and a tuple of numbers for a table")
+        scope = {"__name__": __name__, "__builtins__": __builtins__}
+        for name in sorted(_names(code) & function.__globals__.keys()):
+            self._note(name)
+            scope[name] = self._value(name, function.__globals__[name])
+        cells = []
+        for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
+            self._note(name)
+            try:
+                content = cell.cell_contents
+            except ValueError:
+                raise InputError(f"{self._name} uses {name}, which has no value yet: give it one before") from None
+            cells.append(CellType(self._value(name, content)))
+        ready = FunctionType(code, scope, function.__name__, function.__defaults__, tuple(cells))
+        ready.__kwdefaults__ = function.__kwdefaults__
+        return ready
+
+    def _value(self, name: str, given: object) -> Any:
+        """What a name of the user's module stands for, as the compiler takes it."""
+        value: Any = given
+        if _is_constant(value):
+            self._note(_exactly(value))
+            if _size(value) > _LONGEST_TABLE:
+                raise InputError(
+                    f"{self._name} uses {name}, a tuple of {_size(value):,} numbers, which takes minutes to compile: "
+                    f"give it at most {_LONGEST_TABLE}"
+                )
+            if type(value) is tuple and value and not self._table:
+                self._table = f"{name}[min(max(k, 0), {len(value) - 1})]"
+            return value
+        if id(value) in self._found:
+            self._note(f"known {list(self._found).index(id(value))}")
+            if self._found[id(value)] is None:
+                raise InputError(f"{self._name} uses {name}, which calls itself: use a loop")
+            return self._found[id(value)]
+        python = _python_of(value)
+        if python is not None:
+            self._found[id(value)] = None
+            self._kept.append(value)
+            made = exact(self._ready(python))
+        elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_field_defaults"):
+            named: Any = value
+            defaults = (f"{n} {_exactly(default)}" for n, default in named._field_defaults.items())
+            self._note(named.__name__, *named._fields, *defaults)
+            made = _maker(value) if value is self._memory else value
+        elif any(value is module for module in _MODULES):
+            self._note(value.__name__)
+            made = value
+        elif isinstance(value, (np.ndarray, list)):
+            raise InputError(
+                f"{self._name} uses {name}, {shown(value)}: write a table as a tuple of numbers, (0.1, 0.2, 0.4), and "
+                "limit its index, TABLE[min(max(k, 0), 2)]"
+            )
+        elif any(value is builtin for builtin in _BUILTINS):
+            made = value
+        else:
+            raise InputError(
+                f"{self._name} uses {name}, {shown(value)}: use numbers, functions written in Python, math and numpy"
+            )
+        self._found[id(value)] = made
+        self._kept.append(value)
+        return made
+
+    def _note(self, *words: str) -> None:
+        for word in words:
+            self._digest.update(f"{len(word)} {word}\n".encode())
+
+
+def _names(code: CodeType) -> set[str]:
+    """Names that a function looks up in its module, its inner functions included; not the attributes of what it has."""
+    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    own = {str(i.argval) for i in dis.get_instructions(code) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    return own.union(*map(_names, inner))
+
+
+def _words(code: CodeType) -> Iterator[str]:
+    """All that a piece of code does, but not where it stands."""
+    yield from (code.co_code.hex(), repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)))
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _words(constant)
+        else:
+            yield _exactly(constant)
+
+
+def _constants(code: CodeType) -> Iterator[object]:
+    """Those of a function, its inner functions included."""
+    for constant in code.co_consts:
+        yield from _constants(constant) if isinstance(constant, CodeType) else [constant]
+
+
+def _exactly(constant: Any) -> str:
+    """A constant in words: the same in every process, others for every other constant."""
+    kind = type(constant).__name__
+    if isinstance(constant, (tuple, frozenset)):
+        parts = [_exactly(part) for part in constant]
+        return f"{kind} ({', '.join(parts if isinstance(constant, tuple) else sorted(parts))})"
+    if isinstance(constant, np.generic):
+        return f"{kind} {constant.item()!r}"
+    if isinstance(constant, int):  # in hexadecimal numbers, of which Python writes as many as there are
+        return f"{kind} {int(constant):x}"
+    return f"{kind} {float.__repr__(constant) if isinstance(constant, float) else repr(constant)}"
+
+
+def _python_of(value: Any) -> FunctionType | None:
+    """The Python of a function, compiled or not; ``None`` for anything else."""
+    try:
+        python = getattr(value, "py_func", value)
+    except Exception:  # an object of the user may raise anything
+        python = value
+    return python if isinstance(python, FunctionType) else None
+
+
+def _is_constant(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return all(map(_is_constant, value))
+    if isinstance(value, int):
+        return _LEAST <= value <= _MOST
+    return value is None or isinstance(value, (float, str, np.number, np.bool_))
+
+
+def _size(constant: Any) -> int:
+    return sum(map(_size, constant)) if isinstance(constant, tuple) else 1
+
+
+def _is_number(kind: Any) -> bool:
+    return isinstance(kind, (types.Float, types.Integer, types.Boolean))
+
+
+def _in_words(kind: Any) -> str:
+    if isinstance(kind, types.NoneType):
+        return "nothing"
+    if isinstance(kind, (types.Float, types.Integer, types.Boolean)):
+        return "a number alone"
+    if isinstance(kind, types.BaseNamedTuple):
+        return f"a {kind.instance_class.__name__}"  # type: ignore[attr-defined]
+    return f"{len(kind)} values" if isinstance(kind, types.BaseTuple) else f"a {kind}"
+
+
+def _maker(memory: Any) -> Any:
+    """What stands for the class of the memory: one type, whatever kind of numbers it is given."""
+    defaults = memory._field_defaults
+    takes = ", ".join(f"{n}={float(defaults[n])!r}" if n in defaults else n for n in memory._fields)
+    # no field begins like these
+    scope: dict[str, Any] = {"_memory": memory, "nan": math.nan, "inf": math.inf}
+    exec(f"def make({takes}):\n    return _memory({', '.join(f'1.0 * {n}' for n in memory._fields)})", scope)
+    return exact(scope["make"])

@@ -1,0 +1,179 @@
+"""Every compiler flag, with its reason, and what a compiled kernel depends on.  The only file that says njit.
+
+``scalar``  one formula: floats in, floats out, force-inlined into the loops that call it.
+``exact``   a scalar whose every rounding is as written: elementary functions, random numbers, and the controller,
+            whose decisions are the same in Python.
+``section`` a loop over the lanes of a block, force-inlined into its kernel.
+``kernel``  a loop over time and lanes: cached on disk, runs without the GIL.  The stages that it calls by their
+            address are in ``numerics/stages.py``.
+``fma``     a*b + c in one rounding, so that the order of roundings is ours and not the optimiser's.
+
+Flags:
+    error_model="numpy"  a division that checks for zero cannot be vectorised.
+    forceinline=True     a call in the loop over lanes keeps it scalar.
+    nogil=True           threads are the only parallelism: no ``parallel=True``, whose threading layers abort
+                         or oversubscribe inside a thread pool.
+    fastmath "contract"  a*b + c in one instruction: a third of the arithmetic of Eq (3).  All lanes run the same
+                         instructions, so they still get the same bits: see ``tests/model/engine/test_lanes.py``.
+    never more of it     it deletes NaN tests and lets a lane's bits depend on its neighbours.
+"""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import os
+import platform
+import sys
+from collections.abc import Callable
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import llvmlite.binding
+import numba
+import numpy as np
+from numba.core import config
+from numba.core.compiler_lock import global_compiler_lock
+from numba.extending import intrinsic
+
+from fastcoil.model.numerics.kernel_cache import KernelCache, has_kernel, kernel_folder
+from fastcoil.model.parameter_table import PARAMETERS
+
+FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+_SETTINGS = (
+    "BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "DISABLE_INTEL_SVML", "DISABLE_JIT", "ENABLE_AVX", "LOOP_VECTORIZE",
+    "OPT", "SLP_VECTORIZE",
+)  # fmt: skip
+"""Settings of Numba, from the environment or its configuration file, that decide what is compiled."""
+SHIPPED = PARAMETERS["estimator"].choices
+"""Estimators of the package: each has a file of its name, or several that begin with it, but for the word none."""
+_OBJECTS_BETWEEN_LOOKS = 20_000
+JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
+
+
+def scalar(function: Callable[..., Any]) -> Any:
+    """Compile one formula, inlined wherever a kernel calls it."""
+    return numba.njit(**FLAGS, forceinline=True, fastmath={"contract"})(function)
+
+
+def exact(function: Callable[..., Any]) -> Any:
+    """Compile one formula with its roundings as written."""
+    # explicit, because a function without flags takes those of the caller that compiles it first
+    return numba.njit(**FLAGS, forceinline=True, fastmath=False)(function)
+
+
+section = scalar
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a loop, cached on disk under the fingerprint of everything it was compiled from."""
+    compiled = numba.njit(**FLAGS, fastmath=False)(function)
+    if JIT_ENABLED:
+        compiled._compiler.compile = rarely_collected(compiled._compiler.compile)
+        folder = kernel_folder(fingerprint())
+        if folder is not None:
+            compiled._cache = KernelCache(function, folder)
+    return compiled
+
+
+def rarely_collected(compile: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that compiles, without Python looking for garbage all the time: a quarter of a compilation.
+
+    The compiler makes millions of objects, and nearly all of them live until it ends.
+    """
+
+    def compiled(*arguments: Any) -> Any:
+        with global_compiler_lock:  # one after another, so that each puts back what the user has set
+            before = gc.get_threshold()
+            if before[0]:
+                gc.set_threshold(max(_OBJECTS_BETWEEN_LOOKS, before[0]), *before[1:])
+            try:
+                return compile(*arguments)
+            finally:
+                gc.set_threshold(*before)
+
+    return compiled
+
+
+if JIT_ENABLED:
+
+    @intrinsic
+    def fma(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
+        """a*b + c, rounded once."""
+        float64 = numba.types.float64
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            args = [context.cast(builder, x, t, float64) for x, t in zip(args, signature.args, strict=True)]
+            return builder.fma(*args)
+
+        return float64(a, b, c), codegen
+
+else:
+
+    def fma(a: float, b: float, c: float) -> float:  # type: ignore[misc]
+        """a*b + c, rounded twice: close enough for the interpreter, where no bits are promised."""
+        return a * b + c
+
+
+@cache
+def model_sha256(estimators: frozenset[str] | None = None) -> str:
+    """Hash of the sources that decide the results of a simulation: not of the cache, which only keeps them.
+
+    estimators: those of the package that the simulation has, all by default; the file of another decides nothing.
+    """
+    digest = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    unused = set() if estimators is None else set(SHIPPED) - estimators
+    for part in ("parameter_table.py", "metric_table.py", "numerics", "physics", "control", "estimators", "engine"):
+        for source in sorted((package / part).rglob("*.py")) or [package / part]:
+            name = source.relative_to(package).as_posix()
+            of_unused = part == "estimators" and source.stem.partition("_")[0] in unused
+            if source.name != "kernel_cache.py" and not of_unused:
+                digest.update(name.encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()
+
+
+def is_model(sha256: str) -> bool:
+    """Whether a hash is that of these sources, with whichever estimators."""
+    some = (combinations(SHIPPED, n) for n in range(len(SHIPPED) + 1))
+    return any(model_sha256(frozenset(names)) == sha256 for of_size in some for names in of_size)
+
+
+def same_model(one: str, other: str) -> bool:
+    """Whether two hashes are of one model, perhaps with other estimators of it."""
+    return one == other or (is_model(one) and is_model(other))
+
+
+@cache
+def fingerprint() -> str:
+    """Hash of everything that decides what a compiled kernel does.
+
+    Numba invalidates a cached kernel when its own file changes, not when a formula it calls does; a folder
+    named by this hash cannot hold stale physics.
+    """
+    settings = [model_sha256(), sys.version, *(f"{name}={value}" for name, value in compiled_for().items())]
+    settings += [f"{k}={v}" for k, v in sorted(os.environ.items()) if k.startswith("NUMBA_") and k != "NUMBA_CACHE_DIR"]
+    return hashlib.sha256("\n".join(settings).encode()).hexdigest()[:16]
+
+
+def compiled_for() -> dict[str, str]:
+    """On what the bits of a result depend besides the sources: processor, libraries and settings of the compiler."""
+    features = llvmlite.binding.get_host_cpu_features().flatten()
+    return {
+        "machine": platform.machine(),
+        "cpu": llvmlite.binding.get_host_cpu_name(),
+        "cpu_features": hashlib.sha256(features.encode()).hexdigest()[:16],
+        "numba": numba.__version__,
+        "llvmlite": llvmlite.__version__,
+        "numpy": np.__version__,
+        **{f"numba_{name.lower()}": str(getattr(config, name, None)) for name in _SETTINGS},
+    }
+
+
+def is_compiled(kernel_name: str) -> bool:
+    """Whether the cache holds a kernel of this fingerprint, so that it need not be compiled."""
+    folder = kernel_folder(fingerprint())
+    return folder is not None and has_kernel(folder, kernel_name)

@@ -1,1 +1,0 @@
-"""Loops, scenarios and days as labelled Datasets: the parts of ``fc.simulate``."""

@@ -1,0 +1,189 @@
+"""``compare``: paired differences against a baseline, over the days and noise realisations that both share.
+
+All controllers of a study see the same days and the same noise (common random numbers), so the difference within a
+pair says more than two means with their spread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.loops.check_result import check_result
+from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
+from fastcoil.study.analysis.comparison import Comparison
+from fastcoil.study.analysis.paired import OF_THRESHOLD, STATISTICS, in_shares, statistics_of
+
+CENSORED = tuple(m.name for m in METRICS.values() if m.censored)
+"""Metrics in which NaN means that it did not happen within the run."""
+
+
+def compare(
+    ds: xr.Dataset,
+    *,
+    baseline: Mapping[str, Any],
+    over: str | Sequence[str],
+    metrics: str | Sequence[str] | None = None,
+    level: float = 0.95,
+    relative: bool = False,
+    threshold: float | None = None,
+) -> Comparison:
+    """Compare every scenario with its partner under a baseline.
+
+    Parameters
+    ----------
+    ds
+        A result with ``status``, or the costs of one, as of ``cost``.
+    baseline
+        Dim → label of the baseline, such as ``{"estimate_ratio": 0.0}`` for the plain PI; every label of these dims
+        is compared with it.
+    over
+        Dim or dims whose labels are the pairs, such as ``["day", "replicate"]``.
+    metrics
+        Name or names; all metrics of ``ds`` by default.
+    level
+        Level of the interval ``low``–``high``.
+    relative
+        Give the differences as shares of the partner's value under the baseline: -0.2 is a fifth lower.
+    threshold
+        Say in what share of the pairs the difference is at least so large, below the baseline and above it: 0.05 with
+        ``relative`` is 5 %; without, it counts in the unit of the metrics, which must have the same one.  0 asks for
+        any difference.
+
+    Returns
+    -------
+    Comparison
+        An ``xarray.Dataset`` with a method ``to_table``, which says the same to people: the metrics over the other
+        dims and a dim ``statistic``: median of the ``baseline`` and of the ``value``; ``mean`` of the paired
+        differences (value - baseline) with its interval ``low``–``high``; their quantiles ``q05`` to ``q95`` and
+        ``median``; ``share_lower``, the share of pairs below their baseline (ties count half, also if both are
+        censored); ``n_pairs``; ``n_censored``, the number of values that never came in this run.
+
+        The interval is Student's, from the scatter between the means of days (of each label of a dim ``over``):
+        replicates that share a day do not count as independent.  With several such dims, their variances add up and
+        the dim with the fewest labels gives the degrees of freedom; with ``day``, ``replicate`` does not count.  The
+        interval is NaN if one of these dims has a single label.
+
+        A time that never came counts as later than any that did: quantiles may then be ±inf (beyond the run), and the
+        mean is NaN.  Pairs with a failed scenario are left out.
+
+        With ``relative`` every difference is divided by the size of the baseline's value before anything else is done;
+        only ``baseline`` and ``value`` keep their unit.  Where the baseline is 0, an equal value differs by 0, and any
+        other by ±inf: quantiles may then be infinite, and the mean is NaN.  A time that came differs by -1 from a
+        baseline that never did.
+
+        With ``threshold`` there are six more: ``share_below`` of the pairs has a difference of at most -threshold,
+        ``share_above`` one of at least the threshold, each with the interval of its share, ``share_below_low`` to
+        ``share_below_high`` and so on.  That one holds, as that of the mean, over other labels of every dim ``over``:
+        other valves and other days, say.  It is Wilson's, for as many independent pairs as would scatter as the means
+        of the days, and of the valves, do.
+
+    Raises
+    ------
+    InputError
+        For a dim, label or metric that ``ds`` does not have, or an argument of the wrong kind.
+    """
+    with checking() as check:
+        check(check_result, ds)
+        over = check(names_of, "over", over)
+        given = check.unless_none(names_of, "metrics", metrics)
+        level = check(level_of, level)
+        relative = check(flag_of, "relative", relative)
+        threshold = check.unless_none(number_of, "threshold", threshold, "give a number of at least 0", least=0.0)
+        check(
+            mapping_of, "baseline", baseline, 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
+        )
+    compared = METRICS | COSTS
+    names = given or [n for n in map(str, ds.data_vars) if _base(n) in compared and not compared[_base(n)].flags]
+    _check(ds, baseline, over, names)
+    if threshold is not None and not relative:
+        _check_one_unit(ds, names)
+    ok = ds["status"] == STATUS_OK
+    shape = [ds.sizes[d] for d in over]
+    # noise is independent between days, but shared by everything else
+    units = [axis for axis, d in enumerate(over) if d != "replicate" or "day" not in over]
+    words = str({dim: plain(label) for dim, label in baseline.items()})
+    results, asked = {}, STATISTICS + (() if threshold is None else OF_THRESHOLD)
+    for name in names:
+        values = ds[name].where(ok)
+        if name in CENSORED:
+            values = values.where(values.notnull() | ~ok, np.inf)
+        values, reference = xr.broadcast(values, values.sel(dict(baseline), drop=True))
+        dims = [d for d in values.dims if d not in over]
+        own, partner = (v.transpose(*dims, *over).values.reshape(-1, *shape) for v in (values, reference))
+        statistics = statistics_of(own, partner, units, level, relative, threshold).reshape(
+            *(values.sizes[d] for d in dims), len(asked)
+        )
+        attrs = ds[name].attrs
+        if relative:
+            comment = f"shares of the baseline; the statistics baseline and value in {attrs.get('units', '1')}"
+            attrs = in_shares(attrs, words) | {"comment": comment}
+        results[name] = ((*dims, "statistic"), statistics, attrs)
+    kept = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
+    labels = {d: ds[d] for d in ds.dims if d in kept}
+    found = Comparison(results, coords={**labels, "statistic": list(asked)})
+    found.attrs = {
+        "baseline": words,
+        "over": ", ".join(over),
+        "level": level,
+    }
+    found.attrs |= {"relative": 1} if relative else {}
+    found.attrs |= {} if threshold is None else {"threshold": threshold}
+    return found
+
+
+def _base(name: str) -> str:
+    """The name of a metric or cost without what makes it one of a year."""
+    return name.removeprefix(YEARLY)
+
+
+def _check_one_unit(ds: xr.Dataset, names: list[str]) -> None:
+    """Refuse a threshold that would count in several units."""
+    units = sorted({str(ds[name].attrs.get("units", "1")) for name in names})
+    if len(units) > 1:
+        raise InputError(
+            f"threshold counts in the unit of the metrics, and these have {', '.join(units)}: name metrics of one "
+            "unit, such as metrics='rmse', or compare with relative=True"
+        )
+
+
+def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:
+    dims = [str(d) for d in ds["status"].dims]
+    if not dims:
+        raise InputError(
+            "ds is a single scenario without dimensions, so there is nothing to compare: give a sweep that holds the "
+            "baseline, on several days or replicates"
+        )
+    problems = [
+        f"{what}: {shown(dim)} is no dimension of the result{nearest(str(dim), dims)}; it has {', '.join(dims)}"
+        for what, given in (("baseline", list(baseline)), ("over", over))
+        for dim in given
+        if dim not in dims
+    ]
+    problems += [
+        f"over: {dim} is a dimension of the baseline: choose one or the other" for dim in over if dim in baseline
+    ]
+    for dim, label in baseline.items():
+        if dim not in dims:
+            continue
+        labels, single = ds[dim].values, plain(label)
+        if not isinstance(single, str | int | float | np.datetime64):
+            sentence = f"baseline: {dim} = {shown(label)} is not a single label; give one, such as {labels[0]}"
+            problems.append(WrongType(sentence))
+        elif single not in labels or isinstance(single, bool) and labels.dtype.kind != "b":
+            listed = ", ".join(map(str, labels[:10]))
+            problems.append(f"baseline: {dim} has no label {shown(label)}; choose one of {listed}")
+    for name in names:
+        if name not in ds.data_vars or _base(name) not in METRICS | PREDICTIONS | COSTS:
+            problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
+        elif name in METRICS and METRICS[name].flags:
+            problems.append(f"metrics: {name!r} is a flag, which has no differences: leave it out")
+    if not baseline:
+        problems.append("baseline is empty: give the dimension and label to compare with")
+    if problems:
+        raise InputError(problems)

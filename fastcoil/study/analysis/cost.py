@@ -1,0 +1,234 @@
+"""``cost``: what the energy of a result costs, month by month and in a year."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, instance_of
+from fastcoil.base.errors import InputError
+from fastcoil.loops.check_result import check_result
+from fastcoil.loops.dataset import attributes
+from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY, Output
+from fastcoil.study.analysis.tariff import MONTH, Months, Tariff, billing_months, tariff_of
+
+SUMS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")
+"""Metrics that are summed over the days of a month."""
+NEEDED = (*SUMS, "coil_peak_power")
+TAKEN = {
+    *("month", "n_days", "month_share"),
+    *SUMS,
+    *COSTS,
+    *(f"{YEARLY}{name}" for name in (*SUMS, *COSTS)),
+}
+"""Names in the answer that no dim of a result may have."""
+_NO_DATES = (
+    f"the results have no dates: {MONTH} days are taken for a month; give the boundary a start to have the months of "
+    "the calendar"
+)
+
+
+def cost(
+    ds: xr.Dataset,
+    *,
+    electricity: float | None = None,
+    demand: float | None = None,
+    heat: float | None = None,
+    cop: float | None = None,
+    electric_heat: bool | None = None,
+    currency: str | None = None,
+) -> xr.Dataset:
+    """Value energy, demand, and supply air off its set-point, per billing month and per year.
+
+    What is not given is taken from the table ``[tariff]`` of the study; without one the three prices are needed.
+
+    Parameters
+    ----------
+    ds
+        A result of ``simulate`` or ``open_study``; of each of its days the whole load counts, whatever its hours.
+    electricity
+        Price of a kWh of electricity.
+    demand
+        Price of a kW of the highest 15-min mean of a month, per month.
+    heat
+        Price of a kWh of heat, for reheat and for heating coils: that of gas over the efficiency of the boiler.
+    cop
+        Coefficient of performance of the chiller; 4 by default.
+    electric_heat
+        Whether an electric boiler makes the water of heating coils, so that they pay for demand; no by default.
+    currency
+        Unit of the prices; ``"USD"`` by default.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over the dims of ``ds`` without ``day``, and ``month``: ``coil_energy``, ``reheat_energy``, ``recool_energy``
+        (kWh) and ``motor_travel`` (strokes), summed; ``demand`` (kW); and ``coil_cost``, ``demand_cost``,
+        ``reheat_cost``, ``recool_cost`` and their sum ``cost``, in ``currency``.  The coordinates ``n_days`` and
+        ``month_share`` say how much of a month its days are.  The same names with ``yearly_`` before them, without
+        ``month``, are the whole sequence scaled to twelve months; ``yearly_demand`` is the highest, not scaled.
+        ``status`` is the worst of the days; where it is not 0, all is NaN.
+
+        The months are those of the calendar where ``ds`` has a coordinate ``start``, in its own time zone; a day
+        belongs to the month in which it starts.  Without one they are blocks of 30 days, with a warning.  An incomplete
+        month pays its share of the demand price, and its demand is the highest of the days that it has.
+
+    Raises
+    ------
+    InputError
+        If a price is missing or impossible, or ``ds`` lacks a metric.
+    """
+    given = {
+        "electricity": electricity,
+        "demand": demand,
+        "heat": heat,
+        "cop": cop,
+        "electric_heat": electric_heat,
+        "currency": currency,
+    }
+    check_result(ds)
+    with checking() as check:
+        check(_require_metrics, ds)
+        check(_require_names, ds)
+        check(_require_dates, ds)
+    asked = _asked_in_study(ds) | {name: value for name, value in given.items() if value is not None}
+    tariff = tariff_of(asked, "give it, or a table [tariff] in the study file")
+    if "start" not in ds.coords:
+        warnings.warn(_NO_DATES, stacklevel=2)
+    found = costs_of(ds, tariff)
+    gives = int((found["yearly_coil_energy"] < 0.0).sum())
+    if gives:
+        warnings.warn(
+            f"the coil energy of the year is negative in {gives:,} of {found['status'].size:,} loops: their valve acts "
+            "the wrong way and their bill is too small; check action and the entering water",
+            stacklevel=2,
+        )
+    return found
+
+
+def _require_metrics(ds: xr.Dataset) -> None:
+    """Refuse a result without the metrics that cost something."""
+    missing = [name for name in NEEDED if name not in ds]
+    if missing:
+        raise InputError(f"ds has no {', '.join(missing)}: keep all metrics, or simulate an older result again")
+    odd = [name for name in NEEDED if set(ds[name].dims) != set(ds["status"].dims)]
+    if odd:
+        raise InputError(f"ds has {', '.join(odd)} over other dims than status: give a whole result, with every day")
+
+
+def _require_names(ds: xr.Dataset) -> None:
+    """Refuse dims without labels, and dims and coordinates that are called like something in the answer."""
+    empty = [str(dim) for dim, size in ds.sizes.items() if not size]
+    if empty:
+        raise InputError(f"ds has nothing along {empty[0]}: choose a label at least")
+    taken = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in TAKEN)
+    if taken:
+        raise InputError(f"ds has a dimension or coordinate {taken[0]}, which the costs have, too: rename it")
+
+
+def _require_dates(ds: xr.Dataset) -> None:
+    """Refuse a coordinate ``start`` that is no date on each day."""
+    start = ds.coords.get("start")
+    if start is not None and (start.dtype.kind != "M" or not set(start.dims) <= {"day"} or bool(start.isnull().any())):
+        raise InputError("start has something else than a date for each day: drop it with ds.drop_vars('start')")
+
+
+def _asked_in_study(ds: xr.Dataset) -> dict[str, Any]:
+    """``[tariff]`` of the study that made the result; the reader of the study checked its form."""
+    import tomllib
+
+    try:
+        table = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
+        return {name: value for name, value in instance_of("tariff", table, dict, "").items() if name != "baseline"}
+    except ValueError:  # no study that fastcoil wrote
+        return {}
+
+
+def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
+    """The costs of a result; see ``cost``."""
+    status = ds["status"]
+    days = ds[list(NEEDED)].where(status == STATUS_OK).reset_coords(drop=True)
+    # a day on which nothing ran for 15 min has no peak
+    days["coil_peak_power"] = days["coil_peak_power"].fillna(0.0).where(status == STATUS_OK)
+    start = ds.coords.get("start")
+    if "day" not in days.dims:
+        days, status = days.expand_dims("day"), status.expand_dims("day")
+    months = billing_months(days.sizes["day"], None if start is None else np.atleast_1d(start.values))
+    heating = _heats(ds)
+    parts = [
+        _month(days.isel(day=at), share, tariff, heating) for at, share in zip(months.days, months.share, strict=True)
+    ]
+    monthly = xr.concat(parts, xr.DataArray(months.labels, dims="month", name="month"))
+    found = _described(monthly, {**METRICS, **COSTS}, tariff.currency)
+    yearly = monthly.sum("month", skipna=False) / months.years
+    yearly["demand"] = monthly["demand"].max("month", skipna=False)
+    yearly = _described(yearly, {**METRICS, **COSTS}, tariff.currency)
+    result = found.assign({f"{YEARLY}{name}": values for name, values in yearly.data_vars.items()})
+    result["status"] = status.max("day", keep_attrs=True).reset_coords(drop=True)
+    kept = {name: c for name, c in ds.coords.items() if set(c.dims) <= set(result["status"].dims) and name != "start"}
+    result = result.assign_coords(kept | _month_coordinates(months, start))
+    return result.drop_attrs(deep=False).assign_attrs(_said(months, start, tariff))
+
+
+def _heats(ds: xr.Dataset) -> xr.DataArray:
+    """1 for each loop with a heating coil, else 0."""
+    action = ds.coords.get("action", xr.DataArray(_constant_action(ds)))
+    return xr.DataArray(action == "heating").astype(float).reset_coords(drop=True)
+
+
+def _constant_action(ds: xr.Dataset) -> str:
+    """The action that all loops have in common."""
+    try:
+        return str(json.loads(ds.attrs.get("parameters", "{}")).get("action") or "cooling")
+    except (ValueError, TypeError, AttributeError):  # nothing that fastcoil wrote
+        return "cooling"
+
+
+def _month(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray) -> xr.Dataset:
+    """Energies and costs of the days of a month, which are a ``share`` of it."""
+    found = days[list(SUMS)].sum("day", skipna=False)
+    chilled = tariff.electricity / tariff.cop
+    peak = days["coil_peak_power"].max("day", skipna=False)
+    chills = 1.0 - heating
+    found["demand"] = peak * (chills / tariff.cop + heating * float(tariff.electric_heat))
+    found["coil_cost"] = found["coil_energy"] * (chills * chilled + heating * tariff.heat)
+    found["demand_cost"] = found["demand"] * tariff.demand * share
+    found["reheat_cost"] = found["reheat_energy"] * tariff.heat
+    found["recool_cost"] = found["recool_energy"] * chilled
+    found["cost"] = sum(found[name] for name in ("coil_cost", "demand_cost", "reheat_cost", "recool_cost"))
+    return found
+
+
+def _described(ds: xr.Dataset, table: Mapping[str, Output], currency: str) -> xr.Dataset:
+    """The variables with their attributes; what is money in its currency."""
+    for name in ds.data_vars:
+        attrs = attributes(table[str(name)])
+        ds[name].attrs = attrs | ({"units": currency} if attrs["units"] == "currency" else {})
+    return ds
+
+
+def _month_coordinates(months: Months, start: xr.DataArray | None) -> dict[str, Any]:
+    said = {"long_name": "billing month", **({} if start is None else {"time_zone": start.attrs.get("time_zone", "")})}
+    return {
+        "month": ("month", months.labels, said),
+        "n_days": ("month", months.n_days, {"long_name": "days of the month that count", "units": "1"}),
+        "month_share": ("month", months.share, {"long_name": "share of a whole month", "units": "1"}),
+    }
+
+
+def _said(months: Months, start: xr.DataArray | None, tariff: Tariff) -> dict[str, Any]:
+    """What a reader must know of the months and prices."""
+    incomplete = int((months.share < 1.0 - 1e-9).sum())
+    attrs = {
+        "billing": "months of the calendar" if start is not None else f"blocks of {MONTH} days: there are no dates",
+        "years": months.years,
+        "tariff": json.dumps(vars(tariff)),
+    }
+    if start is not None and incomplete:
+        attrs["incomplete_months"] = f"{incomplete} of {months.share.size}: they pay their share of the demand price"
+    return attrs

@@ -1,0 +1,116 @@
+"""``sobol_indices``: which parameters drive the spread of a result over a population."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, flag_of, level_of, names_of
+from fastcoil.base.errors import InputError, shown
+from fastcoil.loops.check_result import check_result
+from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_meant
+
+INDICES = ("first_order", "total")
+EDGES = ("value", "low", "high")
+_RESAMPLES = 1000
+
+
+def sobol_indices(
+    ds: xr.Dataset, metrics: str | Sequence[str] | None = None, *, drop_failed: bool = False, level: float = 0.95
+) -> xr.Dataset:
+    """First-order and total Sobol' indices of the sampled parameters, with bootstrap intervals.
+
+    Parameters
+    ----------
+    ds
+        The result of a study with ``[sample] method = "saltelli"``, with dims ``sample`` and ``design``.  ``design``
+        must have ``A``, ``B`` and the parameters whose indices you want.
+    metrics
+        Name or names of variables; ``rmse`` by default.
+    drop_failed
+        Leave out samples in which a scenario failed or has no such result; otherwise they are refused.
+    level
+        Level of the intervals.
+
+    Returns
+    -------
+    xarray.Dataset
+        Each metric over (other dims, ``parameter``, ``index``: first_order or total, ``edge``: value, low, high), and
+        ``METRIC_n_samples``, the number of base samples used.  Estimators of Saltelli et al. (2010) and Jansen (1999),
+        doi:10.1016/j.cpc.2009.09.018; NaN where the metric does not vary.
+
+    Raises
+    ------
+    InputError
+        For a result of another design, an unknown metric, or failed scenarios.
+    """
+    with checking() as check:
+        check(check_result, ds)
+        names = check(names_of, "metrics", "rmse" if metrics is None else metrics)
+        drop_failed = check(flag_of, "drop_failed", drop_failed)
+        level = check(level_of, level)
+    if not {"sample", "design"} <= set(ds.dims):
+        raise InputError('the result has no dims sample and design: run a study with [sample] method = "saltelli"')
+    labels = [str(label) for label in ds["design"].values]
+    parameters = [label for label in labels if label not in ("A", "B")]
+    if not parameters or sorted(labels) != sorted({"A", "B", *parameters}):
+        raise InputError(f"design = {', '.join(labels)}: must have A, B and at least one parameter, each of them once")
+    problems = []
+    for name in names:
+        if name not in ds.data_vars:
+            problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
+        elif not _is_metric(ds[name]):
+            problems.append(f"metrics: {name!r} is no quantity over sample and design: give a metric such as rmse")
+    if problems:
+        raise InputError(problems)
+    ok = ds["status"] == STATUS_OK
+    found = {}
+    for name in names:
+        values = ds[name].where(ok)
+        missing = int(values.isnull().any("design").sum())
+        if missing and not drop_failed:
+            raise InputError(
+                f"{name} is missing in {missing:,} of {values.isnull().any('design').size:,} samples, because a "
+                "scenario failed or has no such result: give drop_failed=True to leave these samples out"
+            )
+        others = [d for d in values.dims if d not in ("sample", "design")]
+        cells = (
+            values.sel(design=["A", "B", *parameters])
+            .transpose(*others, "sample", "design")
+            .values.reshape(-1, ds.sizes["sample"], len(labels))
+        )
+        shape = tuple(values.sizes[d] for d in others)
+        indices = np.stack([_indices(cell, level) for cell in cells]).reshape(*shape, len(parameters), 2, 3)
+        found[name] = ((*others, "parameter", "index", "edge"), indices)
+        found[f"{name}_n_samples"] = (tuple(others), np.isfinite(cells).all(axis=2).sum(axis=1).reshape(shape))
+    kept = {d: ds[d] for name in names for d in ds[name].dims if d not in ("sample", "design")}
+    return xr.Dataset(found, coords={**kept, "parameter": parameters, "index": list(INDICES), "edge": list(EDGES)})
+
+
+def _is_metric(values: xr.DataArray) -> bool:
+    """Whether these are numbers over the design, not flags."""
+    flags = values.name == "status" or values.name in METRICS and METRICS[str(values.name)].flags
+    return not flags and values.dtype.kind in "fiu" and {"sample", "design"} <= set(values.dims)
+
+
+def _indices(values: np.ndarray, level: float) -> np.ndarray:
+    """(parameters, 2, 3) from one cell's values (samples, design)."""
+    values = values[np.isfinite(values).all(axis=1)]
+    n = values.shape[0]
+    if n < 2:
+        return np.full((values.shape[1] - 2, 2, 3), np.nan)
+    # the mean does not change the estimators, but does change their scatter
+    values = values - values[:, :2].mean()
+    rng = np.random.default_rng(0)
+    weights = np.concatenate([np.ones((1, n)), rng.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES)]) / n
+    f_A, f_B, f_AB = values[:, 0], values[:, 1], values[:, 2:]
+    mean = weights @ (0.5 * (f_A + f_B))
+    variance = weights @ (0.5 * (f_A**2 + f_B**2)) - mean**2
+    first = weights @ (f_B[:, None] * (f_AB - f_A[:, None]))
+    total = weights @ (0.5 * (f_A[:, None] - f_AB) ** 2)
+    varies = variance[:, None] > 1e-24 * max(1.0, float(np.max(values**2)))
+    shares = np.stack([first, total], axis=-1) / np.where(varies, variance[:, None], np.nan)[..., None]
+    low, high = np.quantile(shares[1:], [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=0)
+    return np.stack([shares[0], low, high], axis=-1)

@@ -1,0 +1,216 @@
+"""The grid of tunings on which the paper's claims are judged: gains × sample times × ideal and real loops.
+
+Every simulation has the dim ``tuning``, with the presets first, by name, and those on days the dim ``kind``.  Nobody
+would accept a loop that hunts without any backlash: such tunings are tried and counted, but left out of the shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.loops.boundary.days import constant_day, paper_day
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.presets import COOLING
+from fastcoil.loops.provenance import provenance
+from fastcoil.loops.simulate import simulate
+from fastcoil.loops.stability import stable
+from fastcoil.model.physics.valve import water_flow
+from fastcoil.study.paper.kinds import KINDS, Days
+from fastcoil.study.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, buffers, percent, rehashed
+
+REAL_LOOP = {n: Loop.preset("lbnl")[n] for n in ("C_c", "sensor_time_constant", "stroke_time")}
+DAYS = range(2010, 2015)
+LONG_DAYS = range(2016, 2020)
+SEARCH_DAYS = range(2020, 2022)
+"""Seeds of the days of each kind; no other study of this repository uses them."""
+BEST_KP, BEST_TI = np.geomspace(0.002, 0.4, 12), np.geomspace(5.0, 600.0, 10)
+"""Gains among which the best ones are sought."""
+SEARCH_NOISE = 0.02
+"""Measurement noise of the search, K: without any, the fastest gains look better than they are."""
+DEAD_BAND = 0.2
+"""Error dead band of the PI that the inverse is compared with, K."""
+GAINS = ("kp", "ti")
+PLANT = ("C_c", "sensor_time_constant", "stroke_time", "sample_time")
+"""What differs between tunings: gains, and what they are gains for."""
+RATIOS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0, 1.1, 1.2, 1.5)
+"""Estimates relative to the backlash."""
+STARTS_AND_STEPS = ((0.001, 0.0035), (0.007, 0.007), (0.02, 0.007), (0.001, 0.014), (0.028, 0.028))
+"""Initial guess and step of the learner; the first pair needs 10 h to reach the backlash."""
+LONG_HOURS = 24
+QUIET_HOURS = 6
+STEP_AT = 3 * 3600
+T_BEFORE, T_AFTER = 14.0, 15.0
+"""Hours of the quiet day, and its only event: a set-point step at this second, from and to these temperatures (°C)."""
+HUNTS = 0.1
+"""Peak-to-peak supply temperature in the last hour of the quiet day above which a loop hunts, if it crosses the
+set-point, K."""
+MOST_VOLUMES = 30
+
+
+def tunings(*, quick: bool = False) -> Loop:
+    """Loops of the presets, then of the grid, along the dim ``tuning``."""
+    n = 2 if quick else 8
+    varied = sorted({name for preset in COOLING.values() for name in preset.values})
+    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in varied} for p in COOLING}
+    sample_times = (5.0, 30.0) if quick else (1.0, 5.0, 10.0, 15.0, 30.0, 60.0)
+    kp, ti = np.geomspace(0.005, 0.08, n), np.geomspace(5.0, 600.0, n)
+    for (kind, plant), Ts, K, T in product((("ideal", {}), ("real", REAL_LOOP)), sample_times, kp, ti):
+        values = {"sample_time": Ts, "kp": float(f"{K:.3g}"), "ti": float(f"{T:.3g}")}
+        name = f"{kind} loop, kp={values['kp']:g}, ti={values['ti']:g}, sample_time={Ts:g}"
+        cases[name] = values | plant
+    return Loop(**along("tuning", cases))
+
+
+def named(tuning: xr.DataArray) -> list[str]:
+    """Find the presets among the labels of ``tuning``."""
+    return [name for name in COOLING if name in tuning.values]
+
+
+def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
+    """Simulate the quiet day: overshoot without backlash, and whether the loop hunts by itself, without and with it."""
+    T_set = np.full(QUIET_HOURS * 3600, T_BEFORE)
+    T_set[STEP_AT:] = T_AFTER
+    day = constant_day(hours=QUIET_HOURS, T_set=T_set)
+    swept = loop.assign(**along("case", {"no backlash": {"backlash": 0.0}, "plain PI": {"backlash": BACKLASH}}))
+    ds = simulate(swept, day, traces=["T_sup"], trace_interval=5, n_jobs=n_jobs, progress=False)
+    peak = ds["T_sup"].sel(case="no backlash", elapsed_time=slice(STEP_AT, None)).max("elapsed_time")
+    late = ds["T_sup"].sel(elapsed_time=slice((QUIET_HOURS - 1) * 3600, None))
+    low, high = late.min("elapsed_time"), late.max("elapsed_time")
+    percent = {"long_name": "overshoot of a set-point step without backlash", "units": "1"}
+    ds["overshoot"] = ((peak - T_AFTER) / (T_AFTER - T_BEFORE)).drop_vars("case").assign_attrs(percent)
+    ds["swing"] = (high - low).assign_attrs(long_name="peak-to-peak T_sup in the last hour", units="K")
+    crosses = (low < T_AFTER) & (high > T_AFTER)
+    ds["hunts"] = ((high - low > HUNTS) & crosses).assign_attrs(
+        long_name="hunts by itself", units="1", comment=f"swing above {HUNTS} K across the set-point"
+    )
+    return rehashed(ds.drop_vars(["T_sup", "elapsed_time"]))
+
+
+def best_gains(
+    loop: Loop, kinds: Mapping[str, Days] = KINDS, *, quick: bool = False, n_jobs: int | None = None
+) -> dict[str, Loop]:
+    """The tunings with the best gains for the same plant and sample time: of the plain PI, and of the inverse of 95 %.
+
+    Best is the lowest mean, over the kinds of days, of the RMSE relative to the lowest one on that kind, of all gains
+    with which the loop does not hunt without backlash: nobody would leave a loop so that a new valve makes it hunt.
+    """
+    tuning = xr.DataArray(loop["kp"])["tuning"]
+    rows, which = np.unique([loop[n] for n in PLANT], axis=1, return_inverse=True)
+    plants = Loop(**{n: xr.DataArray(row, dims="plant") for n, row in zip(PLANT, rows, strict=True)})
+    kp, ti = (values[::4] if quick else values for values in (BEST_KP, BEST_TI))
+    cases = {"no backlash": (0.0, 0.0), "best PI": (BACKLASH, 0.0), "best inverse": (BACKLASH, 0.95 * BACKLASH)}
+    sizes = along("case", {n: {"backlash": x, "backlash_estimate": y} for n, (x, y) in cases.items()})
+    swept = plants.assign(noise_std=SEARCH_NOISE, kp=kp, ti=ti, **sizes)
+    is_inverse = xr.DataArray([float(n == "best inverse") for n in cases], coords={"case": list(cases)})
+    swept = swept.assign(buffer=buffers(is_inverse, swept, SEARCH_NOISE))
+    ds = on_every_kind(swept, kinds, 4 if quick else 8, SEARCH_DAYS, n_jobs)
+    rings = (ds["hunts"].sel(case="no backlash", drop=True) > 0.0).any(["kind", "day"])
+    cost = relative_cost(ds["rmse"].where(~rings)).stack(gains=GAINS).transpose("case", "plant", "gains")
+    best = {}
+    for name in list(cases)[1:]:
+        pairs = cost["gains"].values[cost.sel(case=name).argmin("gains").values[np.ravel(which)]]
+        gains = (xr.DataArray([pair[k] for pair in pairs], coords={"tuning": tuning}) for k in range(len(GAINS)))
+        best[name] = loop.assign(**dict(zip(GAINS, gains, strict=True)))
+    return best
+
+
+def relative_cost(error: xr.DataArray) -> xr.DataArray:
+    """Mean, over the kinds of days, of the error relative to that of the best gains on that kind; failed is worst."""
+    of_kind = error.fillna(np.inf).mean("day")
+    return (of_kind / of_kind.min(GAINS)).mean("kind")
+
+
+def on_every_kind(
+    loop: Loop, kinds: Mapping[str, Days], hours: float, seeds: Sequence[int], n_jobs: int | None = None
+) -> xr.Dataset:
+    """Simulate days of every kind, along a dim ``kind``; the kinds have the same seeds and the same noise."""
+    found = [simulate(loop, days(hours, seeds), seed=SEED, n_jobs=n_jobs, progress=False) for days in kinds.values()]
+    labels = xr.DataArray(list(kinds), dims="kind", name="kind")
+    return rehashed(xr.concat(found, labels, data_vars="all", coords="minimal", compat="override",
+                              combine_attrs="drop_conflicts"))  # fmt: skip
+
+
+def on_days(
+    loop: Loop,
+    best: Mapping[str, Loop],
+    kinds: Mapping[str, Days] = KINDS,
+    *,
+    quick: bool = False,
+    n_jobs: int | None = None,
+) -> xr.Dataset:
+    """Simulate days: no backlash, plain PIs and inverses of all estimates, without noise, with it, and with a buffer.
+
+    ``best``: loops with the best gains, for the cases whose names begin with theirs.
+    """
+    cases: dict[str, dict[str, float]] = {"no backlash": {"backlash": 0.0}}
+    cases |= {case(ratio): {"backlash_estimate": ratio * BACKLASH} for ratio in RATIOS}
+    cases |= {"plain PI, noise": {}, "dead band": {"error_dead_band": DEAD_BAND}, "best PI": {}, "best PI, noise": {}}
+    for name in ("95 %, noise", "95 %, noise, buffer", "best PI, 95 %", "best inverse", "best inverse, noise, buffer"):
+        cases[name] = {"backlash_estimate": 0.95 * BACKLASH}
+    for name, values in cases.items():
+        values.setdefault("backlash", BACKLASH)
+        values["noise_std"] = NOISE if "noise" in name else 0.0
+    names = xr.DataArray(list(cases), coords={"case": list(cases)})
+    gains = {n: xr.DataArray(loop[n]) for n in GAINS}
+    for name, of in best.items():
+        gains = {n: xr.DataArray(of[n]).where(names.str.startswith(name), gains[n]) for n in GAINS}
+    swept = loop.assign(**along("case", cases), **gains)
+    swept = swept.assign(buffer=_buffers(swept, cases))
+    return on_every_kind(swept, kinds, 8, DAYS[:2] if quick else DAYS, n_jobs)
+
+
+def case(ratio: float) -> str:
+    """Label of an estimate, relative to the backlash, without noise."""
+    return percent(ratio) if ratio else "plain PI"
+
+
+def learning(
+    loop: Loop, kinds: Mapping[str, Days] = KINDS, *, quick: bool = False, n_jobs: int | None = None
+) -> xr.Dataset:
+    """Simulate the learning rule as printed, faster variants, and the printed rule with noise and with a buffer."""
+    cases = {name: LITERAL | rule for name, rule in RULES.items()}
+    cases |= {name: LITERAL | {"noise_std": NOISE} for name in ("noise", "noise, buffer")}
+    swept = loop.assign(backlash=BACKLASH, **along("case", cases), buffer=_buffers(loop, cases))
+    return on_every_kind(swept, kinds, 8, DAYS[:2] if quick else DAYS, n_jobs)
+
+
+def starts(
+    loop: Loop, kinds: Mapping[str, Days] = KINDS, *, quick: bool = False, n_jobs: int | None = None
+) -> xr.Dataset:
+    """Simulate the printed rule from several initial guesses with several steps, on days long enough for all."""
+    pairs = STARTS_AND_STEPS[1:3] if quick else STARTS_AND_STEPS
+    cases = {
+        f"from {percent(start, 1)} by {percent(step, 2)}": LITERAL | {"backlash_estimate": start, "learning_step": step}
+        for start, step in pairs
+    }
+    swept = loop.assign(backlash=BACKLASH, **along("case", cases))
+    return on_every_kind(swept, kinds, 12 if quick else LONG_HOURS, LONG_DAYS[:2] if quick else LONG_DAYS, n_jobs)
+
+
+def _buffers(loop: Loop, cases: Mapping[str, Any]) -> xr.DataArray:
+    labels = {"case": np.array(list(cases))}
+    is_buffered = xr.DataArray([float(name.endswith("buffer")) for name in cases], dims="case", coords=labels)
+    return buffers(is_buffered, loop)
+
+
+def coils(*, quick: bool = False) -> xr.Dataset:
+    """Find the numbers of control volumes with which a coil is stable at 1 s: presets, then water contents × flows."""
+    n = 3 if quick else 24
+    names = ("C_w", "C_c", "m_max")
+    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in names} for p in COOLING}
+    for C_w, m_max in product(np.geomspace(4.0, 20.0, n), np.geomspace(1.0, 4.0, n)):
+        cases[f"C_w={C_w:.3g}, m_max={m_max:.3g}"] = {"C_w": float(C_w), "m_max": float(m_max)}
+    loop = Loop(**along("tuning", cases), n_volumes=list(range(1, MOST_VOLUMES + 1)))
+    ds = stable(loop, paper_day(hours=8, seed=DAYS[0])).to_dataset(name="stable")
+    ds["stable"].attrs = {"long_name": "γ ≤ 1 and λ ≤ 1 at dt = 1 s", "units": "1"}
+    largest = ds["n_volumes"].where(ds["stable"]).max("n_volumes")
+    a, b, c = (loop[n] for n in ("valve_a", "valve_b", "valve_c"))
+    flow = [water_flow(1.0, m_max, a, b, c) for m_max in ds["m_max"].values]
+    ds["full_flow"] = ("tuning", flow, {"long_name": "water flow of the open valve, Eq (2)", "units": "kg s-1"})
+    ds["largest"] = largest.assign_attrs(long_name="largest stable number of control volumes", units="1")
+    return rehashed(ds, title="largest stable numbers of control volumes", **provenance())

@@ -1,0 +1,207 @@
+"""Progress is shown where someone looks, of work that takes a while, and ends with a whole line."""
+
+from __future__ import annotations
+
+import builtins
+import io
+import multiprocessing
+import sys
+import threading
+import time
+import types
+
+import pytest
+from helpers.processes import wait_for
+
+from fastcoil.base.progress import shown, views
+from fastcoil.base.progress.shown import progress_of_call, progress_of_command
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def outside_of_tests(monkeypatch):
+    monkeypatch.setattr(shown, "_IN_TESTS", ())
+
+
+@pytest.fixture
+def look(outside_of_tests, monkeypatch):
+    """Makes stderr a terminal, in the test itself: pytest sets it anew when a test begins."""
+
+    def terminal():
+        stderr = Terminal()
+        monkeypatch.setattr(sys, "stderr", stderr)
+        return stderr
+
+    return terminal
+
+
+@pytest.fixture
+def notebook(outside_of_tests, monkeypatch):
+    """What a notebook without widgets shows, one after the other."""
+    seen = []
+
+    class ZMQInteractiveShell:
+        pass
+
+    class Handle:
+        def update(self, data, raw):
+            seen.append(data)
+
+    def display(data, raw, display_id):
+        assert raw
+        assert display_id
+        seen.append(data)
+        return Handle()
+
+    module = types.ModuleType("IPython.display")
+    module.display = display
+    monkeypatch.setattr(builtins, "get_ipython", ZMQInteractiveShell, raising=False)
+    monkeypatch.setitem(sys.modules, "IPython", types.ModuleType("IPython"))
+    monkeypatch.setitem(sys.modules, "IPython.display", module)
+    monkeypatch.setitem(sys.modules, "ipywidgets", None)
+    return seen
+
+
+@pytest.fixture
+def soon(monkeypatch):
+    """What takes long takes this test an instant."""
+    monkeypatch.setattr(shown, "PATIENCE", 0.02)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that a test sets."""
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_work_done_at_once_shows_nothing(look):
+    terminal = look()
+    for context in (progress_of_call(None), progress_of_command()):
+        with context as progress:
+            progress.start(3)(3)
+    assert terminal.getvalue() == ""
+    assert shown.PATIENCE == 2.0
+
+
+@pytest.mark.parametrize("start", [lambda: progress_of_call(None), progress_of_command])
+def test_a_bar_appears_before_anything_is_finished_and_says_what_is_done(look, soon, start):
+    terminal = look()
+    with start() as progress:
+        advance = progress.start(6_000, 1_000)
+        wait_for(lambda: "1000/6000" in terminal.getvalue())
+        assert "\x1b[?25l" in terminal.getvalue()  # the cursor is hidden
+        advance(2_000)
+        wait_for(lambda: "3000/6000" in terminal.getvalue())
+        advance(3_000)
+        assert terminal.getvalue().endswith("\n\x1b[?25h")  # it is back, on a new line, before anything else is said
+    assert "6000/6000" in terminal.getvalue()
+    assert "scenario-days" in terminal.getvalue()
+
+
+def test_ctrl_c_leaves_a_whole_line_and_the_cursor(look, soon):
+    terminal = look()
+
+    def interrupted():
+        with progress_of_call(None) as progress:
+            progress.start(10)(4)
+            wait_for(lambda: "4/10" in terminal.getvalue())
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert terminal.getvalue().endswith("\n\x1b[?25h")
+
+
+def test_a_notebook_shows_it_without_widgets_and_keeps_a_line(notebook, clock):
+    with progress_of_call(True) as progress:
+        advance = progress.start(6_000)
+        clock[0] += 0.4
+        advance(1_000)
+        clock[0] += 1.6
+        advance(1_000)
+        assert [data["text/plain"] for data in notebook] == [
+            "0 of 6,000 scenario-days",
+            "2,000 of 6,000 scenario-days, 1,000/s, 4.0 s to go",
+        ]
+        assert '<progress value="2000" max="6000">' in notebook[-1]["text/html"]
+        clock[0] += 4.0
+        advance(4_000)
+    assert notebook[-1] == dict.fromkeys(("text/plain", "text/html"), "6,000 scenario-days in 6.0 s")
+
+
+def test_an_interrupted_notebook_keeps_how_far_it_came(notebook, soon):
+    def interrupted():
+        with progress_of_call(None) as progress:
+            progress.start(10)(4)
+            wait_for(lambda: notebook)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert notebook[-1]["text/plain"] == "stopped at 4 of 10 scenario-days"
+
+
+def test_a_script_is_told_only_on_request_in_lines_of_ten_seconds(outside_of_tests, clock, capsys):
+    for progress, lines in ((None, []), (False, []), (True, ["4 of 8 scenario-days, 0/s, 11 s to go"])):
+        with progress_of_call(progress) as on_show:
+            advance = on_show.start(8)
+            clock[0] += 9.0
+            advance(2)
+            assert capsys.readouterr().err == ""
+            clock[0] += 2.0
+            advance(2)
+            assert capsys.readouterr().err.splitlines() == lines
+            clock[0] += 9.0
+            advance(4)
+        assert capsys.readouterr().err.splitlines() == ["8 scenario-days in 20 s"] * bool(lines)
+
+
+def shown_at_all():
+    """Whether a call that did not ask shows anything here."""
+    with progress_of_call(None) as progress:
+        return progress.start(1) is not shown._ignore
+
+
+def test_nobody_looks_at_a_test_a_worker_or_a_thread(look, monkeypatch):
+    look()
+    assert shown_at_all()
+    with monkeypatch.context() as patch:
+        patch.setattr(shown, "_IN_TESTS", ("PYTEST_CURRENT_TEST",))
+        assert not shown_at_all()
+    with monkeypatch.context() as patch:
+        patch.setattr(multiprocessing, "current_process", lambda: types.SimpleNamespace(name="LokyProcess-1"))
+        assert not shown_at_all()
+    found = []
+    thread = threading.Thread(target=lambda: found.append(shown_at_all()))
+    thread.start()
+    thread.join()
+    assert found == [False]
+    monkeypatch.setattr(sys, "stderr", None)
+    assert not shown_at_all()
+
+
+def test_no_progress_on_a_terminal_that_was_told_so(look):
+    terminal = look()
+    with progress_of_call(False) as progress:
+        progress.start(1)(1)
+    assert terminal.getvalue() == ""
+
+
+def test_a_stderr_that_nobody_reads_ends_no_run(outside_of_tests, monkeypatch):
+    class Gone(io.StringIO):
+        def write(self, text):
+            raise BrokenPipeError
+
+    monkeypatch.setattr(sys, "stderr", Gone())
+    with progress_of_call(True) as progress:
+        progress.start(1)(1)
+
+
+def test_durations_in_words():
+    assert [views.duration(s) for s in (0.04, 9.94, 99.4, 150, 7200)] == ["0.0 s", "9.9 s", "99 s", "2 min", "2.0 h"]

@@ -1,0 +1,190 @@
+"""Checks of arguments: numbers of Python and numpy, names, levels."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.base.arguments import flag_of, is_number, level_of, names_of, path_of, whole_number_problems, whole_of
+from fastcoil.base.errors import InputError, InputTypeError
+
+
+@pytest.mark.parametrize("value", [1, 2.5, np.float32(1), np.int8(3), Fraction(1, 3), float("nan")])
+def test_numbers(value):
+    assert is_number(value)
+
+
+@pytest.mark.parametrize(
+    "value", [True, np.True_, "1", None, 1j, [1], np.array([1.0]), np.timedelta64(1, "ns"), 10**400]
+)
+def test_what_is_not_a_number(value):
+    assert not is_number(value)
+
+
+@pytest.mark.parametrize("value", [1, 5, np.int64(5), np.uint8(1)])
+def test_whole_numbers_within_their_limits(value):
+    assert whole_number_problems("n", value, 1, 5) == []
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [
+        (0, "n = 0: must be at least 1 and at most 5"),
+        (np.int64(6), "n = 6: must be at least 1 and at most 5"),
+        (2.0, "n = 2.0: give a whole number"),
+        (True, "n = True: give a whole number"),
+        (np.True_, "n = np.True_: give a whole number"),
+        ("2", "n = '2': give a whole number"),
+        (None, "n = None: give a whole number"),
+    ],
+)
+def test_a_bad_whole_number_is_named_with_the_cure(value, sentence):
+    assert whole_number_problems("n", value, 1, 5) == [sentence]
+
+
+def test_a_whole_number_may_have_no_upper_limit():
+    assert whole_number_problems("n", 10**30, 1) == []
+    assert whole_number_problems("n", 0, 1) == ["n = 0: must be at least 1"]
+
+
+@pytest.mark.parametrize("level", [0, 1, 95, -0.1, float("nan"), "0.9", None, True])
+def test_a_level_is_between_0_and_1(level):
+    with pytest.raises(InputError) as caught:
+        level_of(level)
+    assert caught.value.problems == [f"level = {level!r}: must be a number between 0 and 1, such as 0.95"]
+    assert (level_of(0.95), level_of(np.float32(0.5))) == (0.95, 0.5)
+
+
+def test_names_are_one_or_several():
+    assert names_of("over", "day") == ["day"]
+    assert names_of("over", ("day", np.str_("replicate"))) == ["day", "replicate"]
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ([], "over is empty: give at least one name"),
+        (7, "over = 7: must be a name or a list of names"),
+        (["day", None], "over = ['day', None]: must be a name or a list of names"),
+        (["day", "day"], "over: 'day' is given more than once: give it once"),
+    ],
+)
+def test_bad_names_are_named_with_the_cure(given, sentence):
+    with pytest.raises(InputError) as caught:
+        names_of("over", given)
+    assert caught.value.problems == [sentence]
+
+
+# --------------------------------------------------------------------------------------------- one check of each kind
+
+
+@pytest.mark.parametrize("value", [True, np.True_, np.array(True)])
+def test_a_flag_is_one_of_python_or_numpy(value):
+    assert flag_of("drop", value) is True
+
+
+@pytest.mark.parametrize("value", [1, 0, None, "True", pd.NA, np.array([True])])
+def test_anything_else_is_no_flag(value):
+    with pytest.raises(InputTypeError, match="drop = .*: give True or False"):
+        flag_of("drop", value)
+
+
+@pytest.mark.parametrize("value", [3, np.int64(3), np.uint8(3), np.array(3)])
+def test_a_whole_number_comes_back_as_one_of_python(value):
+    found = whole_of("n", value, 1, 5)
+    assert (found, type(found)) == (3, int)
+
+
+@pytest.mark.parametrize("value", [np.timedelta64(3, "s"), np.array(3, dtype="m8[s]"), np.ma.masked, 3.0])
+def test_a_duration_is_no_number(value):
+    with pytest.raises(InputTypeError):
+        whole_of("n", value, 1, 5)
+
+
+def test_a_path_is_a_text_or_has_one():
+    assert path_of("out", "a/b") == path_of("out", Path("a/b")) == path_of("out", np.str_("a/b")) == Path("a/b")
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [
+        (b"a", "out is a bytes: give a path"),
+        (None, "out is a NoneType: give a path"),
+        ("", "out is empty: give a path"),
+        ("a\0b", r"'a\x00b' holds the character NUL, no path does: give a path"),
+        ("\ud800", r"'\ud800' holds half a character, no path does: give a path"),
+    ],
+)
+def test_a_bad_path_is_named_with_the_cure(value, sentence):
+    with pytest.raises(InputError) as caught:
+        path_of("out", value)
+    assert caught.value.problems == [sentence]
+
+
+def test_a_path_with_too_long_a_name_is_refused_before_anything_is_run():
+    with pytest.raises(InputError, match="file systems take 255"):
+        path_of("out", "a/" + "ä" * 128)
+
+
+def test_all_mistakes_of_a_call_come_together():
+    with pytest.raises(InputTypeError) as caught:
+        fc.run_study(5, out=b"x", n_jobs=0, backend="thread", extend="yes")
+    assert caught.value.problems == [
+        "path is a int: give the path of a study file",
+        "out is a bytes: give the path of a folder",
+        "n_jobs = 0: must be at least 1 and at most 1024",
+        "backend = 'thread', did you mean 'threads'?: choose 'threads', 'loky' or 'dask'",
+        "extend = 'yes': give True or False",
+    ]
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: fc.Loop.from_dataset(5),
+        lambda: fc.Boundary.from_dataset(5),
+        lambda: fc.Boundary(m_a=xr.Dataset(), T_a_in=25, W_a_in=0.01, T_w_in=7, T_set=[14.0]),
+        lambda: fc.design_day(mode=[]),
+        lambda: fc.run_study("x.toml", engine=np.array([1, 2])),
+        lambda: fc.fit_valve("x.csv", drop=pd.NA),
+        lambda: fc.open_study(None),
+    ],
+)
+def test_a_wrong_type_is_a_type_error_too(call):
+    with pytest.raises(TypeError) as caught:
+        call()
+    assert isinstance(caught.value, fc.InputError)
+
+
+def test_a_number_of_numpy_without_dims_is_a_number():
+    assert fc.paper_day(hours=0.1, seed=np.array(1)) == fc.paper_day(hours=0.1, seed=1)
+    assert fc.Loop(kp=np.array(0.05)) == fc.Loop(kp=0.05)
+
+
+def test_half_of_a_surrogate_pair_is_refused_before_anything_is_run():
+    labels = xr.DataArray([0.01, 0.02], {"tuning": ["a", "\ud800"]}, "tuning")
+    for call in (
+        lambda: fc.Loop(kp=labels),
+        lambda: fc.Loop(**{"\ud800": 1}),
+        lambda: fc.Loop(kp=("\ud800", [0.01])),
+        lambda: fc.run_study("\ud800.toml"),
+    ):
+        with pytest.raises(InputError) as caught:
+            call()
+        assert str(caught.value).isprintable()
+
+
+def test_sizes_that_a_value_asks_for_have_limits():
+    for call in (
+        lambda: fc.Loop(kp=range(10**9)),
+        lambda: fc.paper_day(hours=1, seed=range(10**9)),
+        lambda: fc.constant_day(hours=1e9),
+        lambda: fc.simulate(fc.Loop(), fc.paper_day(), replicates=10**9),
+        lambda: fc.Boundary(m_a=range(10**9), T_a_in=25, W_a_in=0.01, T_w_in=7, T_set=14),
+    ):
+        with pytest.raises(InputError, match="at most|fewer|more than|must be|are available"):
+            call()

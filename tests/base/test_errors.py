@@ -1,0 +1,118 @@
+"""The errors that a user catches, and values in their messages."""
+
+import pickle
+
+import pytest
+from helpers.hostile_values import LongText, RaisingText
+
+import fastcoil as fc
+from fastcoil.base.errors import WrongType, collecting, shown
+from fastcoil.base.files import storage_errors
+
+FAMILY = {
+    "InputError": ValueError,
+    "InputTypeError": TypeError,
+    "StorageError": OSError,
+    "LockedError": fc.FastcoilError,
+    "IntegrityError": fc.FastcoilError,
+}
+
+
+def test_the_whole_family_is_public():
+    assert set(FAMILY) | {"FastcoilError"} <= set(fc.__all__)
+    for name, also in FAMILY.items():
+        assert issubclass(getattr(fc, name), fc.FastcoilError)
+        assert issubclass(getattr(fc, name), also)
+
+
+def test_every_class_of_the_family_is_public():
+    found, seen = {fc.FastcoilError}, set()
+    while found - seen:
+        cls = (found - seen).pop()
+        seen.add(cls)
+        found |= set(cls.__subclasses__())
+    assert {cls.__name__ for cls in found if cls.__module__.startswith("fastcoil")} <= set(fc.__all__)
+
+
+def test_a_sentence_on_a_wrong_type_makes_a_type_error_of_the_whole_call():
+    assert type(fc.InputError("n = 3: lower it")) is fc.InputError
+    mixed = fc.InputError(["n = 3: lower it", WrongType("m = 'x': give a number")])
+    assert type(mixed) is fc.InputTypeError
+    assert mixed.exit_code == 2
+    assert str(mixed) == "n = 3: lower it\nm = 'x': give a number"
+    same = pickle.loads(pickle.dumps(mixed))
+    assert (type(same), str(same)) == (fc.InputTypeError, str(mixed))
+    assert type(fc.InputTypeError.__new__(fc.InputTypeError)) is fc.InputTypeError
+
+
+def test_a_sentence_collected_as_it_is_keeps_its_kind_and_one_of_a_file_does_not():
+    problems: list[str] = []
+    with collecting(problems):
+        raise fc.InputError(WrongType("m = 'x': give a number"))
+    assert isinstance(fc.InputError(problems), fc.InputTypeError)
+    of_file: list[str] = []
+    with collecting(of_file, "[loop] "):
+        raise fc.InputError(WrongType("m = 'x': give a number"))
+    assert not isinstance(fc.InputError(of_file), fc.InputTypeError)
+
+
+def test_a_full_disk_is_caught_as_any_error_of_the_system(tmp_path):
+    with (
+        pytest.raises(OSError, match="cannot be written: No space left") as caught,
+        storage_errors(tmp_path, "written"),
+    ):
+        raise OSError(28, "No space left on device")
+    assert isinstance(caught.value, fc.StorageError)
+    assert caught.value.errno == 28
+    assert pickle.loads(pickle.dumps(caught.value)).args == caught.value.args
+
+
+def test_a_storage_error_says_its_reason_once(tmp_path):
+    outer, inner = storage_errors(tmp_path, "made"), storage_errors(tmp_path / "inner", "written")
+    with pytest.raises(fc.StorageError) as caught, outer, inner:
+        raise OSError(28, "No space left on device")
+    assert "inner cannot be written" in str(caught.value)
+    assert "cannot be made" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1.5, "1.5"),
+        ("x" * 70, "'" + "x" * 56 + "..."),
+        ("\ud800", r"'\ud800'"),
+        (10**5000, "a number of too many digits"),
+        (RaisingText(), "<RaisingText>"),
+        (LongText(), ("[31mlong " * 10)[:57] + "..."),
+    ],
+    ids=["number", "long", "surrogate", "digits", "raising", "megabyte"],
+)
+def test_a_value_is_shown_on_one_line_cut_short(value, text):
+    assert shown(value) == text
+
+
+def test_a_list_in_itself_is_shown():
+    value = []
+    for _ in range(100_000):
+        value = [value]
+    assert shown(value) == "<list>"
+
+
+def test_the_text_of_an_error_is_printable_and_cut_and_the_error_has_all_of_it():
+    error = fc.InputError([f"key {k} \x1b[31m\nis unknown" for k in range(30_000)])
+    lines = str(error).split("\n")
+    assert lines[0] == "key 0 \\x1b[31m\\nis unknown"
+    assert lines[20:] == ["… and 29,980 more mistakes"]
+    assert len(error.problems) == 30_000
+    assert error.problems[0] in error.args[0]
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+    assert str(fc.InputError("\x07" * 10_000)).endswith("… (10,000 characters)")
+    assert len(str(fc.InputError("\x07" * 10_000))) < 3000
+    assert str(fc.IntegrityError("one\x1b\ntwo")) == "one\\x1b\ntwo"
+    assert str(fc.StorageError("full\x1b")) == "full\\x1b"
+
+
+def test_a_path_with_control_characters_is_repeated_without_them():
+    with pytest.raises(fc.InputError) as caught:
+        fc.open_study("\x1b[31m")
+    assert str(caught.value).startswith("\\x1b[31m holds no study")

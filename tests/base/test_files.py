@@ -1,0 +1,144 @@
+"""Text files that a user names: what they hold comes back, and what cannot be read is refused in one sentence."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+from pathlib import Path
+
+import pytest
+
+from fastcoil.base.errors import InputError
+from fastcoil.base.files import IrregularError, TooLargeError, read_bytes, read_text
+
+
+def test_a_byte_order_mark_is_dropped_and_line_ends_are_kept(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes("\ufeffGröße\r\nΔ\n".encode())
+    assert read_text(path, "a CSV file", limit=100) == "Größe\r\nΔ\n"
+
+
+def test_a_file_of_just_the_limit_is_read(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"12345")
+    assert read_text(path, "a CSV file", limit=5) == "12345"
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"123456", "has 6 bytes, more than 5: give a CSV file"),
+        (b"ab\xe9", r"is not UTF-8 \(byte 2\): save it as 'CSV UTF-8'"),
+        (None, "does not exist: give a CSV file"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused(tmp_path, data, sentence):
+    path = tmp_path / "log.csv"
+    if data is not None:
+        path.write_bytes(data)
+    with pytest.raises(InputError, match=f"^{path} {sentence}$"):
+        read_text(path, "a CSV file", limit=5)
+
+
+def test_a_folder_is_refused(tmp_path):
+    with pytest.raises(InputError, match=f"^{tmp_path} is a folder: give a CSV file$"):
+        read_text(tmp_path, "a CSV file", limit=5)
+
+
+def test_a_file_without_permission_is_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("1")
+    path.chmod(0)
+    if os.access(path, os.R_OK):
+        pytest.skip("root may read everything")
+    with pytest.raises(InputError, match=r"cannot be read \(Permission denied\): give a CSV file$"):
+        read_text(path, "a CSV file", limit=5)
+
+
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/full", "/dev/tty", "/dev/stdin"])
+def test_a_device_is_refused_at_once(device):
+    try:
+        status = os.stat(device)
+    except OSError:
+        pytest.skip(f"no {device} here")
+    if stat.S_ISREG(status.st_mode):
+        pytest.skip("stdin is a file")
+    with pytest.raises(InputError, match=f"^{device} is a (device|pipe), not a file: give a CSV file$"):
+        read_text(Path(device), "a CSV file", limit=1000)
+
+
+@pytest.mark.timeout(20)
+def test_a_pipe_that_nobody_writes_to_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "log.csv")
+    with pytest.raises(InputError, match=r"log.csv is a pipe, not a file: give a CSV file$"):
+        read_text(tmp_path / "log.csv", "a CSV file", limit=1000)
+
+
+@pytest.mark.timeout(20)
+def test_a_pipe_that_takes_the_place_of_a_file_is_not_waited_for(tmp_path, monkeypatch):
+    """It may do so between the look at it and its opening."""
+    pipe, file = tmp_path / "pipe", tmp_path / "file"
+    os.mkfifo(pipe)
+    file.write_text("a")
+    real = os.stat
+    monkeypatch.setattr(os, "stat", lambda path, **how: real(file if path == pipe else path, **how))
+    with pytest.raises(IrregularError, match="is a pipe"):
+        read_bytes(pipe, limit=1000)
+
+
+def test_a_socket_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the name of a socket must be short
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind("log.csv")
+        with pytest.raises(InputError, match=r"^log.csv is a socket, not a file: give a CSV file$"):
+            read_text(Path("log.csv"), "a CSV file", limit=1000)
+
+
+def test_too_large_a_file_is_refused_unread(tmp_path):
+    with (tmp_path / "log.csv").open("wb") as file:
+        file.truncate(2**40)
+    with pytest.raises(InputError, match=r"has 1,099,511,627,776 bytes, more than 1,000: give a CSV file$"):
+        read_text(tmp_path / "log.csv", "a CSV file", limit=1000)
+
+
+def test_a_file_without_a_size_is_read_up_to_the_limit():
+    """Files of the kernel say 0 bytes."""
+    if not Path("/proc/self/status").exists():
+        pytest.skip("no files of the kernel here")
+    with pytest.raises(TooLargeError, match="has more than 10 bytes"):
+        read_bytes(Path("/proc/self/status"), limit=10)
+
+
+def test_a_link_is_followed_only_where_it_may_be(tmp_path):
+    (tmp_path / "file").write_text("a")
+    (tmp_path / "link").symlink_to("file")
+    assert read_bytes(tmp_path / "link", limit=5) == b"a"
+    with pytest.raises(IrregularError, match="is a link"):
+        read_bytes(tmp_path / "link", limit=5, follow=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("a\0b", "'a\\x00b' holds the character NUL, no path does: give a CSV file"),
+        ("a\ud800", "'a\\ud800' holds half a character, no path does: give a CSV file"),
+        ("é" * 150, "has a name of 300 bytes, file systems take 255: give a CSV file"),
+        ("folder/" * 1000, "has 6,999 bytes, a path has at most 4,000: give a CSV file"),
+        ("loop", "'loop' is no usable path (Too many levels of symbolic links): give a CSV file"),
+    ],
+)
+def test_a_path_that_no_file_has_is_refused_in_one_short_sentence(tmp_path, monkeypatch, name, words):
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    with pytest.raises(InputError) as refused:
+        read_text(Path(name), "a CSV file", limit=1000)
+    (problem,) = refused.value.problems
+    assert problem.endswith(words)
+    assert len(problem) < 200
+
+
+def test_a_text_that_is_no_csv_file_is_to_be_saved_as_utf_8(tmp_path):
+    (tmp_path / "study.toml").write_bytes(b"\xe9")
+    with pytest.raises(InputError, match=r"is not UTF-8 \(byte 0\): save it as UTF-8$"):
+        read_text(tmp_path / "study.toml", "a study file", limit=5)

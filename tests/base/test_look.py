@@ -1,0 +1,65 @@
+"""What cannot be looked at is a sentence, and not an absent file."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from fastcoil.base.errors import InputError, StorageError
+from fastcoil.base.look import exists, is_file, is_folder
+from fastcoil.cli.log_options import require_writable
+from fastcoil.loops.resources import check_disk
+from fastcoil.study.file.source import find_source
+from fastcoil.study.paper.regenerate import _make_folder
+
+
+@pytest.fixture
+def closed(tmp_path, monkeypatch):
+    """A folder that may not be entered."""
+    folder, look = tmp_path / "closed", os.stat
+
+    def stat(path, *args, **options):
+        if not isinstance(path, int) and folder in Path(os.fsdecode(path)).parents:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        return look(path, *args, **options)
+
+    folder.mkdir()
+    monkeypatch.setattr(os, "stat", stat)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        exists,
+        is_file,
+        is_folder,
+        lambda path: require_writable(path / "valve.toml"),
+        lambda path: check_disk(1, path),
+        lambda path: find_source("reduce", "mine:f", path),
+        _make_folder,
+    ],
+)
+def test_what_is_in_a_closed_folder_cannot_be_seen(closed, ask):
+    with pytest.raises(StorageError, match=r"closed.* cannot be read: Permission denied"):
+        ask(closed / "inside")
+
+
+def test_what_is_there_and_what_is_not(tmp_path):
+    file = tmp_path / "file"
+    file.touch()
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    found = {path: (exists(path), is_file(path), is_folder(path)) for path in (tmp_path, file)}
+    assert found == {tmp_path: (True, False, True), file: (True, True, False)}
+    for absent in (tmp_path / "none", file / "below", tmp_path / "circle", tmp_path / "a\0b"):
+        assert not exists(absent)
+        assert not is_file(absent)
+        assert not is_folder(absent)
+
+
+def test_a_fit_into_a_missing_folder_is_still_a_mistake_of_the_user(tmp_path):
+    with pytest.raises(InputError, match="in a folder that exists"):
+        require_writable(tmp_path / "none" / "valve.toml")

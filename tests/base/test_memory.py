@@ -1,0 +1,133 @@
+"""Available memory: the least that the machine, control groups and limits of the process leave; odd files are none."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+
+import pytest
+from helpers.processes import environment
+
+from fastcoil.base import memory
+
+MIB = 2**20
+MACHINE = "MemTotal:  8000000 kB\nMemAvailable:  4096000 kB\n"
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """Return a function that writes files of a machine: path → text."""
+    monkeypatch.setattr(memory, "PROC", tmp_path / "proc")
+    monkeypatch.setattr(memory, "CGROUPS", tmp_path / "cgroup")
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+
+    def write(texts):
+        for name, text in ({"proc/meminfo": MACHINE} | texts).items():
+            path = tmp_path / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(text if isinstance(text, bytes) else str(text).encode())
+
+    write({})
+    return write
+
+
+def test_bytes_in_words():
+    assert memory.gib(1536 * MIB) == "1.5 GiB"
+    assert memory.gib(2**19) == "0.5 MiB"
+    assert memory.gib(50_000) == "48.8 KiB"
+    assert [memory.gib(n) for n in (1023, 0)] == ["1023 bytes", "0 bytes"]
+    assert memory.gib(3000 * 2**30) == "3,000.0 GiB"
+
+
+def test_available_memory_of_this_machine():
+    assert 2**20 < memory.available_memory() < 2**50
+
+
+def test_without_groups_and_limits_it_is_that_of_the_machine(files):
+    assert memory.available_memory() == 4096000 * 1024
+
+
+def test_a_control_group_of_version_2_counts_what_it_can_take_back(files):
+    group = "cgroup/user.slice/job"
+    files({
+        "proc/self/cgroup": "0::/user.slice/job\n",
+        f"{group}/memory.max": 700 * MIB, f"{group}/memory.current": 300 * MIB,
+        f"{group}/memory.stat": f"anon 5\ninactive_file {50 * MIB}\nactive_file 7\n",
+    })  # fmt: skip
+    assert memory.available_memory() == 450 * MIB
+    files({f"{group}/memory.high": 600 * MIB})
+    assert memory.available_memory() == 350 * MIB
+    files({f"{group}/memory.high": "max", f"{group}/memory.max": "max"})
+    assert memory.available_memory() == 4096000 * 1024
+
+
+@pytest.mark.parametrize("level", ["cgroup/a/b", "cgroup/a", "cgroup", "cgroup/unified/a"])
+def test_the_tightest_level_up_to_the_root_rules(files, level):
+    files({"proc/self/cgroup": "12:cpu:/x\n0::/a/b\n", "cgroup/a/b/memory.max": "max", "cgroup/a/b/memory.current": 1})
+    files({f"{level}/memory.max": 200 * MIB, f"{level}/memory.current": 150 * MIB})
+    assert memory.available_memory() == 50 * MIB
+
+
+def test_the_path_of_a_group_that_is_not_mounted_here_leads_to_the_root(files):
+    files({"proc/self/cgroup": "0::/../../pod/1\n", "cgroup/memory.max": 99 * MIB, "cgroup/memory.current": 0})
+    assert memory.available_memory() == 99 * MIB
+
+
+def test_a_control_group_of_version_1(files):
+    group = "cgroup/memory/docker/1"
+    files({
+        "proc/self/cgroup": "9:cpu,cpuacct:/\n4:memory:/docker/1\n0::/\n",
+        f"{group}/memory.limit_in_bytes": 500 * MIB, f"{group}/memory.usage_in_bytes": 480 * MIB,
+        f"{group}/memory.stat": f"cache 1\ntotal_inactive_file {30 * MIB}\n",
+        "cgroup/memory/memory.limit_in_bytes": 9223372036854771712, "cgroup/memory/memory.usage_in_bytes": 1,
+    })  # fmt: skip
+    assert memory.available_memory() == 50 * MIB
+    files({f"{group}/memory.usage_in_bytes": 600 * MIB})
+    assert memory.available_memory() == 0
+
+
+@pytest.mark.parametrize(("name", "field"), [("RLIMIT_AS", "VmSize:"), ("RLIMIT_DATA", "VmData:")])
+def test_limits_of_the_process_less_what_it_has(files, name, field, monkeypatch):
+    number = getattr(resource, name)
+    limits = {number: (800 * MIB, resource.RLIM_INFINITY)}
+    monkeypatch.setattr(resource, "getrlimit", lambda n: limits.get(n, (resource.RLIM_INFINITY,) * 2))
+    assert memory.available_memory() == 800 * MIB
+    files({"proc/self/status": f"Name:\tpython\n{field}\t {300 * 1024} kB\n"})
+    assert memory.available_memory() == 500 * MIB
+
+
+@pytest.mark.parametrize("odd", [b"", b"\xff\xfe", b"-5", b"9" * 500, b"1.5", b"max 3", b"x" * 2**21, b"\0"])
+def test_whatever_is_odd_is_no_limit(files, odd):
+    files({"proc/self/cgroup": "4:memory:/\n0::/\n:::\n0::\n"})
+    for name in ("cgroup/memory.max", "cgroup/memory/memory.limit_in_bytes"):
+        files({name: odd, "cgroup/memory.current": 1, "cgroup/memory/memory.usage_in_bytes": 1})
+    assert memory.available_memory() == 4096000 * 1024
+    files({"proc/self/cgroup": odd, "proc/meminfo": odd})
+    assert memory.available_memory() == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(files, tmp_path):
+    files({"proc/self/cgroup": "0::/\n", "cgroup/memory.current": 1})
+    os.mkfifo(tmp_path / "cgroup" / "memory.max")
+    assert memory.available_memory() == 4096000 * 1024
+
+
+@pytest.mark.alone
+@pytest.mark.kernel
+@pytest.mark.parametrize("mib", [600, 700])
+def test_at_a_limit_of_700_mb_a_user_gets_a_sentence(tmp_path, mib):
+    (tmp_path / "large.toml").write_text(
+        "[loop]\n[sweep]\nkp = { linspace = [0.01, 0.03, 1000] }\nti = { linspace = [5.0, 30.0, 900] }\n"
+    )
+    command = [sys.executable, "-m", "fastcoil", "run", "large.toml", "-j", "2"]
+    done = subprocess.run(
+        command, check=False, cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=120,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (mib * MIB, mib * MIB)),
+    )  # fmt: skip
+    assert done.returncode in (2, 4), done.stderr
+    assert done.stderr.startswith("fastcoil: "), done.stderr
+    assert "memory" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "results").exists()

@@ -1,0 +1,203 @@
+"""What ``fastcoil explore`` shows is what the library says of the same loop, put together by hand here."""
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.deliver.explore.model.map import AXES
+from fastcoil.deliver.explore.model.model import Model
+from fastcoil.deliver.explore.model.run import TRACES
+from fastcoil.deliver.explore.model.settings import settings_of
+from fastcoil.deliver.explore.model.stories import STORIES, told
+from fastcoil.deliver.explore.model.take_home import python_lines, study_file
+from fastcoil.deliver.explore.model.words import headline, learning, outcome, prediction
+from fastcoil.study.file.spec import read_study
+from fastcoil.study.one_scenario import one_scenario
+
+BY_HAND = {
+    "A good valve": fc.Loop(backlash=0.0),
+    "7 % gap, plain PI": fc.Loop(),
+    "With the inverse": fc.Loop(backlash_estimate=0.065),
+    "Estimate too large": fc.Loop(backlash_estimate=0.1),
+    "Learning": fc.Loop(estimator="identify", estimate_share=0.95, identify_stroke_time=0.0),
+    "Slower instead": fc.Loop(ti=40.0),
+}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Model()
+
+
+@pytest.fixture(scope="module")
+def tell(model):
+    """Return a function that gives the settings of a story, and what is shown of it."""
+
+    def show(title):
+        (story,) = [one for one in STORIES if one.title == title]
+        settings = told(story, model.starts)
+        return settings, model.run(settings)
+
+    return show
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("story", STORIES, ids=lambda story: story.title)
+def test_a_story_shows_what_simulate_gives_to_the_bit(tell, story, working_day):
+    _, run = tell(story.title)
+    ds = fc.simulate(BY_HAND[story.title], working_day, traces=TRACES, trace_interval=5, n_jobs=1)
+    for name in TRACES:
+        np.testing.assert_array_equal(run.traces[name], ds[name])
+    for name in ("rmse", "hunts", "hunting_swing", "hunting_period", "motor_travel", "estimate_final"):
+        np.testing.assert_array_equal(run.value(name), ds[name])
+    np.testing.assert_array_equal(run.traces["T_set"], working_day.series["T_set"][0][::5])
+
+
+@pytest.mark.kernel
+def test_the_other_cases_are_the_loop_without_its_gap_and_without_its_inverse(tell, working_day):
+    _, run = tell("Learning")
+    for case, loop in ((1, fc.Loop(backlash=0.0)), (2, fc.Loop())):
+        assert run.value("rmse", case) == fc.simulate(loop, working_day, n_jobs=1).rmse
+
+
+@pytest.mark.kernel
+def test_theory_is_that_of_limit_cycle(tell, working_day):
+    _, run = tell("7 % gap, plain PI")
+    c = fc.limit_cycle(fc.Loop(), working_day)
+    assert (run.foretold.margin, run.foretold.period) == (c.margin, c.period)
+    assert run.foretold.swing == 2.0 * c.amplitude
+    assert run.foretold.hunts
+    _, learner = tell("Learning")
+    assert prediction(learner) == "Theory cannot tell: an estimator changes the estimate as it goes."
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    ("title", "begins", "has"),
+    [
+        ("A good valve", "The loop is calm", "the valve has no gap"),
+        ("7 % gap, plain PI", "The loop hunts: ±", "; without the gap it would not."),
+        ("With the inverse", "The loop is calm", "; without the inverse it would hunt, ±"),
+        ("Estimate too large", "The motor chatters, ", "the estimate, 10 %, is larger than the gap, 7 %"),
+        ("Learning", "The loop is calm", "; without the inverse it would hunt, ±"),
+        ("Slower instead", "The loop does not hunt, but swings by ±", "; without the gap: ±0.0"),
+    ],
+)
+def test_the_sentence_says_what_is_seen(tell, title, begins, has):
+    _, run = tell(title)
+    assert headline(run).startswith(begins)
+    assert has in headline(run)
+    assert bool(learning(run)) == (title == "Learning")
+    assert outcome(run).startswith("Simulated: " + ("hunts" if run.value("hunts") else "does not hunt"))
+
+
+@pytest.mark.kernel
+def test_the_numbers_of_the_sentence_are_those_of_the_traces(tell):
+    """Half of peak to peak of T_sup in the last settled minutes, and the time between its maxima."""
+    _, run = tell("7 % gap, plain PI")
+    shown = float(headline(run).split("±")[1].split(" K")[0])
+    window = run.traces["T_sup"][(run.hours > 6.2) & (run.hours < 6.49)]
+    assert 0.5 * np.ptp(window) == pytest.approx(shown, rel=0.15)
+    minutes = float(headline(run).split("every ")[1].split(" min")[0])
+    crossings = np.flatnonzero((window[1:] > 15.0) & (window[:-1] <= 15.0))
+    assert np.diff(crossings).mean() * 5 / 60 == pytest.approx(minutes, rel=0.15)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("axes", AXES)
+def test_a_cell_of_the_map_is_its_loop_to_the_bit(model, axes, working_day):
+    found = model.map(model.usual.turned(axes=axes))
+    x, y = found.x, found.y
+    for i, j in ((3, 2), (len(x.values) - 1, len(y.values) - 1)):
+        loop = fc.Loop(**{x.name: x.values[i], y.name: y.values[j]})
+        ds = fc.simulate(loop, working_day, n_jobs=1)
+        assert found.values["rmse"][j, i] == ds.rmse
+        assert found.values["hunting_swing"][j, i] == ds.hunting_swing
+
+
+@pytest.mark.kernel
+def test_only_what_changes_is_computed_again(model):
+    here = model.usual
+    assert model.map(here) is model.map(here.turned(kp=0.05, ti=100.0, colour="hunting_swing", window="day"))
+    assert model.map(here) is not model.map(here.turned(noise_std=0.02))
+    assert model.run(here) is model.run(here.turned(axes="size", colour="hunting_swing", window="day"))
+    assert model.run(here) is not model.run(here.turned(kp=0.05))
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"backlash": 0.1, "noise_std": 0.02},
+        {"valve": "0.3", "day": "constant", "m_a": 0.8},
+        {"loop": "heating", "estimator": "learner", "valve": "0.1", "day": "design"},
+        {"loop": "heating_45", "day": "steps", "kp": 0.05},
+        {"loop": "lbnl", "estimator": "identify", "day": "constant"},
+    ],
+)
+def test_what_is_taken_home_is_what_was_shown(model, changes, tmp_path, monkeypatch):
+    name = changes.get("loop", "paper_like")
+    settings = settings_of(name, model.starts[name]).turned(**changes)
+    shown = model.run(settings)
+    path = tmp_path / "loop.toml"
+    path.write_text(study_file(settings, model.starts[name]), encoding="utf-8")
+    study = read_study(path)
+    ds = fc.simulate(study.plan.layout.loop, study.plan.layout.boundary, n_jobs=1)
+    names: dict = {}
+    monkeypatch.setitem(names, "print", lambda _: None)
+    exec(python_lines(settings, model.starts[name]), names)
+    assert shown.value("rmse") == ds.rmse == names["ds"].rmse
+    assert shown.value("estimate_final") == ds.estimate_final == names["ds"].estimate_final
+
+
+@pytest.mark.kernel
+def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('[loop]\npreset = "lbnl"\nkp = 0.4\nestimate_ratio = 0.5\n[boundary]\nhours = 1\nseed = 9\n')
+    given = one_scenario(path, {}, {})
+    model = Model(given)
+    assert model.usual.loop == "given"
+    run = model.run(model.usual)
+    ds = fc.simulate(fc.Loop.preset("lbnl").assign(kp=0.4, estimate_ratio=0.5), fc.paper_day(hours=1, seed=9), n_jobs=1)
+    assert run.value("rmse") == ds.rmse
+    assert model.usual.kp == 0.4
+    assert 'preset = "paper_like"' in study_file(model.usual, model.starts["given"])
+
+
+def test_a_day_that_is_too_long_is_refused(tmp_path):
+    path = tmp_path / "long.toml"
+    path.write_text('[loop]\npreset = "lbnl"\n[boundary]\nhours = 30\n')
+    with pytest.raises(fc.InputError, match="its day lasts 30 h: give at most 24 h"):
+        Model(one_scenario(path, {}, {}))
+
+
+@pytest.mark.kernel
+def test_the_experiments_of_the_page_show_what_it_says(model, tell):
+    """docs/explore.md, number by number."""
+    plain, _ = tell("7 % gap, plain PI")
+    still = plain.turned(day="constant")
+
+    def says(settings):
+        run = model.run(settings)
+        return f"{headline(run)} {learning(run)} {prediction(run)}"
+
+    assert "±0.48 K every 3 min" in says(still)
+    assert "±0.067 K every 3 min" in says(still.turned(backlash=0.01))
+    assert "is calm, RMS error below 0.01 K" in says(still.turned(backlash=0.0))
+    assert "is calm" in says(plain.turned(backlash_estimate=0.06))
+    assert "chatters, 113 turns an hour" in says(plain.turned(backlash_estimate=0.075))
+    assert "The loop hunts" in (at_12 := says(still.turned(ti=12.0)))
+    assert "Margin 0.93" in at_12
+    assert "The loop is calm" in (at_15 := says(still.turned(ti=15.0)))
+    assert "Margin 0.67" in at_15
+    found = model.map(plain)
+    j, i = np.unravel_index(np.argmin(found.values["rmse"]), found.values["rmse"].shape)
+    assert (found.y.values[j], found.x.values[i]) == (0.1, 64.0)
+    assert round(float(found.values["rmse"][j, i]), 2) == 0.16 == round(tell("With the inverse")[1].value("rmse"), 2)
+    learns, run = tell("Learning")
+    assert "right since hour 1.2" in learning(run)
+    assert "ends at 0 %" in says(learns.turned(day="constant"))
+    assert "right since hour 3.0" in says(learns.turned(day="constant", estimator="learner"))
+    lbnl = model.starts["lbnl"]
+    runs_away = settings_of("lbnl", lbnl).turned(day="constant", estimator="learner")
+    assert "chatters" in says(runs_away)

@@ -1,0 +1,131 @@
+"""The translation of the laws: expressions keep their grouping, names stay apart, and the interpreter is strict."""
+
+import ctypes
+import math
+import shutil
+import subprocess
+
+import pytest
+from helpers.structured_text import Project, parsed
+
+from fastcoil.deliver.export.c import InC
+from fastcoil.deliver.export.source import Laws
+from fastcoil.deliver.export.st import InST
+
+EXPRESSIONS = [
+    "a - (b - c)", "a - b - c", "a / (b * c)", "a / b / c", "a * (b + c) - c", "-(a + b) * c", "-a * b", "(a - b) * -c",
+    "a - (b + c) * (a - c)", "max(a, b - c) / min(c, -a)", "abs(-a - b)", "math.sqrt(abs(a)) * math.exp(-b)",
+    "math.log(c * c) - (a - (b - (c - a)))",
+]  # fmt: skip
+CONDITIONS = [
+    "not (a > b and b > c)", "not a > b or c >= a", "(a > b or b > c) and c > a", "a > b or b > c and c > a",
+    "not flag and (a <= b or not (b == c))",
+]  # fmt: skip
+LAWS = '''"""Laws for a test."""
+
+NUMBER = 2.5  # a constant
+COUNT = 3
+
+
+class State:
+    """What is found."""
+
+{fields}
+
+
+def start(s: State, start_command: float) -> None:
+    """Begin."""
+    s.r_0 = 0.0
+
+
+def step(
+    s: State,
+    a: float,  # a
+    b: float,  # b
+    c: float,  # c
+    flag: bool,  # a flag
+) -> float:
+    """Find."""
+{body}
+    return s.r_0
+'''
+
+
+def laws(body, n):
+    fields = "\n".join(f"    r_{k}: float  # result" for k in range(n))
+    return LAWS.format(fields=fields, body="\n".join(f"    {line}" for line in body))
+
+
+def expected(values):
+    names = dict(zip("abc", values, strict=True)) | {"math": math, "flag": True}
+    return [eval(text, names) for text in EXPRESSIONS] + [float(eval(text, names)) for text in CONDITIONS]
+
+
+def all_expressions():
+    body = [f"s.r_{k} = {text}" for k, text in enumerate(EXPRESSIONS)]
+    for k, text in enumerate(CONDITIONS, len(EXPRESSIONS)):
+        body += [f"s.r_{k} = 0.0", f"if {text}:", f"    s.r_{k} = 1.0"]
+    return Laws(laws(body, len(EXPRESSIONS) + len(CONDITIONS)))
+
+
+VALUES = [(0.3, 1.7, -0.9), (-2.0, 0.1, 0.1), (5.0, -3.0, 0.7), (1.0, 1.0, 1.0)]
+
+
+def test_structured_text_groups_expressions_as_they_were():
+    block = Project(InST(all_expressions(), "test").text()).block("FB_test")
+    for values in VALUES:
+        block(**dict(zip("abc", values, strict=True)), flag=True)
+        assert [getattr(block, f"r_{k}") for k in range(len(expected(values)))] == expected(values)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_c_groups_expressions_as_they_were(tmp_path):
+    (tmp_path / "test.c").write_text(InC(all_expressions(), "test").text())
+    flags = [
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-Wno-unused-parameter",
+        "-ffp-contract=off",
+        "-shared",
+        "-fPIC",
+    ]
+    subprocess.run(["gcc", *flags, "test.c", "-lm", "-o", "test.so"], cwd=tmp_path, check=True)
+    step = ctypes.CDLL(str(tmp_path / "test.so")).test_step
+    step.argtypes = [ctypes.c_void_p, *[ctypes.c_double] * 3, ctypes.c_bool]
+    for values in VALUES:
+        found = (ctypes.c_double * len(expected(values)))()
+        step(found, *values, True)
+        assert list(found) == pytest.approx(expected(values), rel=1e-15)
+
+
+def test_loops_and_comments_are_kept():
+    body = [
+        "common = 0.0", "# up", "for i in range(1, COUNT):", "    common += a  # each time",
+        "for i in range(COUNT - 1, 0, -1):", "    common -= b", "s.r_0 = common * NUMBER",
+    ]  # fmt: skip
+    found = Laws(laws(body, 1))
+    text = InST(found, "test").text()
+    block = Project(text).block("FB_test")
+    block(a=3.0, b=0.5, c=0.0, flag=False)
+    assert block.r_0 == (2 * 3.0 - 2 * 0.5) * 2.5
+    assert "FOR i := COUNT - 1 TO 1 BY -1 DO" in text
+    for written in (text, InC(found, "test").text()):
+        assert all(said in written for said in ("up", "each time", "a constant", "What is found."))
+
+
+@pytest.mark.parametrize("name", ["number", "R_0", "A"])
+def test_names_that_structured_text_cannot_tell_apart_are_found(name):
+    with pytest.raises(TypeError, match="does not tell them apart"):
+        InST(Laws(laws([f"{name} = a * b", f"s.r_0 = {name}"], 1)), "test").text()
+
+
+def test_the_interpreter_takes_no_mistakes():
+    block = "FUNCTION_BLOCK FB_x\nVAR\n  n : INT;\n  x : LREAL;\nEND_VAR\n{}\nEND_FUNCTION_BLOCK\n"
+    Project(block.format("x := x + 1.0;"))
+    for wrong in ("x := n;", "x := x + 1;", "x := x + n;", "IF x THEN n := 1; END_IF;"):
+        with pytest.raises(AssertionError):
+            Project(block.format(wrong))
+    with pytest.raises(AssertionError, match="line 6"):
+        parsed(block.format("IF x > 1.0 THEN x := ;"))

@@ -1,0 +1,133 @@
+"""Figures are written as PNG, PDF or SVG: whole or not at all, the same bytes every time."""
+
+from __future__ import annotations
+
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+
+import fastcoil as fc
+from fastcoil.base import figure_files as files
+from fastcoil.base.errors import StorageError
+
+STARTS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
+
+
+@pytest.fixture
+def figure():
+    drawn = Figure(figsize=(2.0, 1.5))
+    drawn.subplots().plot([1, 3, 2])
+    return drawn
+
+
+@pytest.mark.parametrize("format", files.FORMATS)
+def test_a_format_is_what_it_says_and_the_same_every_time(figure, tmp_path, format):
+    (path,) = files.write({"drawn": figure}, tmp_path / "new", format=format)
+    assert path == tmp_path / "new" / f"drawn.{format}"
+    assert path.read_bytes().startswith(STARTS[format])
+    assert path.read_bytes() == files.encode(figure, format)
+
+
+def test_dots_per_inch_are_those_asked_for_and_at_least_150(figure, tmp_path):
+    (path,) = files.write({"drawn": figure}, tmp_path)
+    assert imread(path).shape[:2] == (300, 400)
+    (path,) = files.write({"drawn": figure}, tmp_path, dpi=100)
+    assert imread(path).shape[:2] == (150, 200)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"format": "pgn"}, "format = 'pgn', did you mean 'png'?: choose 'png', 'pdf' or 'svg'"),
+        ({"format": "jpeg"}, "format = 'jpeg': choose 'png', 'pdf' or 'svg'"),
+        ({"dpi": 20}, "dpi = 20: give a whole number from 50 to 1200"),
+        ({"dpi": 150.5}, "dpi = 150.5: give a whole number from 50 to 1200"),
+        ({"dpi": True}, "dpi = True: give a whole number from 50 to 1200"),
+    ],
+)
+def test_another_format_or_resolution_is_refused_and_writes_nothing(figure, tmp_path, options, sentence):
+    with pytest.raises(fc.InputError) as caught:
+        files.write({"drawn": figure}, tmp_path / "new", **options)
+    assert caught.value.problems == [sentence]
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_figure_that_cannot_be_written_leaves_the_old_file(figure, tmp_path, monkeypatch):
+    (tmp_path / "drawn.png").write_text("old")
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(StorageError, match=r"drawn\.png cannot be written: No space left"):
+        files.write({"drawn": figure}, tmp_path)
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("drawn.png", "old")]
+
+
+# From which results
+
+
+ONE, OTHER = "1a" * 32, "2b" * 32
+
+
+@pytest.mark.parametrize("format", files.FORMATS)
+def test_a_figure_carries_the_hash_of_its_results_and_is_the_same_every_time(figure, tmp_path, format):
+    (path,) = files.write({"drawn": figure}, tmp_path, format=format, drawn_from=ONE)
+    assert path.read_bytes() == files.encode(figure, format, drawn_from=ONE)
+    assert files.origin(path) == ONE
+    (plain,) = files.write({"plain": figure}, tmp_path, format=format)
+    assert files.origin(plain) is None
+
+
+def test_whatever_bytes_follow_the_hash(tmp_path):
+    """A checksum does in a PNG; its first byte is any, also a hexadecimal digit."""
+    follow = set()
+    for k in range(24):
+        digest = f"{k:064x}"
+        (path,) = files.write({"drawn": Figure(figsize=(0.1, 0.1))}, tmp_path, dpi=50, drawn_from=digest)
+        assert files.origin(path) == digest
+        data = path.read_bytes()
+        follow.add(data[data.index(digest.encode()) + 64 :][:1])
+    assert follow & set(map(bytes, zip(b"0123456789abcdef", strict=True)))
+
+
+@pytest.mark.parametrize("format", files.FORMATS)
+def test_a_hash_in_a_title_is_not_that_of_the_results(figure, tmp_path, format):
+    figure.suptitle(f"content_sha256 {OTHER} /Keywords (content_sha256 {OTHER})")
+    (path,) = files.write({"drawn": figure}, tmp_path, format=format)
+    assert files.origin(path) is None
+    (path,) = files.write({"drawn": figure}, tmp_path, format=format, drawn_from=ONE)
+    assert files.origin(path) == ONE
+
+
+def test_figures_of_other_results_are_stale_and_those_that_do_not_say_are_neither(figure, tmp_path):
+    folder = tmp_path / "figures"
+    for name, drawn_from in (("mine", ONE), ("old", OTHER), ("unknown", None)):
+        files.write({name: figure}, folder, drawn_from=drawn_from)
+        files.write({name: figure}, folder, format="svg", drawn_from=drawn_from)
+    (folder / "notes.txt").write_text(f"content_sha256 {OTHER}")
+    (folder / "folder.png").mkdir()
+    assert files.current_figures(tmp_path, ONE) == [folder / "mine.png", folder / "mine.svg"]
+    assert files.stale_figures(tmp_path, ONE) == [folder / "old.png", folder / "old.svg"]
+    assert files.stale_figures(tmp_path / "none", ONE) == []
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x89PNG", b"\0\0\0VtEXtSource\0content_sha256 " + b"1a" * 31, b"\xff" * 5000]
+)
+def test_any_bytes_may_be_in_a_figure_file(tmp_path, content):
+    (tmp_path / "bad.png").write_bytes(content)
+    assert files.origin(tmp_path / "bad.png") is None
+    assert files.origin(tmp_path / "missing.png") is None
+
+
+def test_a_file_larger_than_any_figure_is_not_read_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_LARGEST", 1000)
+    (tmp_path / "large.png").write_bytes(b"\0\0\0VtEXtSource\0content_sha256 " + ONE.encode() + bytes(1000))
+    assert files.origin(tmp_path / "large.png") is None
+
+
+def test_a_label_with_dollars_is_no_formula():
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    axes = figure.subplots()
+    axes.set_title("Saving $5 or $x^$")
+    axes.set_xticks([0.0], ["$x^$"])
+    assert files.encode(figure).startswith(b"\x89PNG")

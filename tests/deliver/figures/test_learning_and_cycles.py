@@ -1,0 +1,154 @@
+"""``fc.plot.learning`` and ``fc.plot.limit_cycle``: estimates against the true gap, swings against those foretold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.figure_looks import assert_palette, assert_texts_fit
+
+import fastcoil as fc
+from fastcoil.deliver.figures.learned import switches
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.fixture(scope="module")
+def learned():
+    loop = fc.Loop(learning_step=[0.0117, 0.02])
+    return fc.simulate(loop, fc.paper_day(), traces=["estimate", "mode"], trace_interval=30, n_jobs=1)
+
+
+@pytest.fixture(scope="module")
+def day():
+    return fc.paper_day(hours=2)
+
+
+@pytest.fixture(scope="module")
+def swinging(day):
+    loop = fc.Loop(backlash=[0.0, 0.07])
+    return fc.simulate(loop, day, traces=["command", "opening"], trace_interval=5, n_jobs=1), fc.limit_cycle(loop, day)
+
+
+def labelled(axes):
+    return {line.get_label(): line for line in axes.lines}
+
+
+def test_an_estimate_climbs_to_the_true_gap_and_marks_where_it_got_there(learned):
+    one = learned.isel(learning_step=0)
+    axes = fc.plot.learning(one)
+    lines = labelled(axes)
+    np.testing.assert_array_equal(lines["estimate"].get_ydata(), 100 * one.estimate)
+    assert lines["estimate"].get_drawstyle() == "steps-post"
+    np.testing.assert_allclose(lines["true backlash"].get_ydata(), 7.0)
+    reached, confirmed = (line for line in axes.lines if line.get_marker() in "os")
+    assert reached.get_xdata()[0] == float(one.learn_time_reached) / 3600
+    assert confirmed.get_xdata()[0] == float(one.learn_time_confirmed) / 3600
+    assert reached.get_ydata()[0] == pytest.approx(6.99, abs=0.6)
+    assert axes.get_ylabel() == "backlash estimate [%]"
+
+
+def test_chatter_is_counted_in_blocks_of_ten_minutes_as_the_metric_does(learned):
+    one = learned.isel(learning_step=0)
+    axes = fc.plot.learning(one)
+    behind = next(other for other in axes.figure.axes if other is not axes)
+    heights = [bar.get_height() for bar in behind.patches]
+    assert np.mean(heights[3:]) == pytest.approx(float(one.switch_frequency))
+    assert behind.get_ylabel() == "mode switches per 10 min"
+    counts, hours = switches(np.array([1, 1, -1, 1] * 30), 10.0)
+    assert counts.tolist() == [30, 30]
+    assert hours.tolist() == [0.0, 1 / 6]
+
+
+def test_traces_that_miss_samples_of_the_controller_show_no_chatter(learned):
+    axes = fc.plot.learning(learned.isel(learning_step=0, elapsed_time=slice(None, None, 2)))
+    assert len(axes.figure.axes) == 1
+
+
+def test_several_learners_share_the_line_of_one_gap(learned):
+    axes = fc.plot.learning(learned)
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert names == ["learning step = 1.17 %", "learning step = 2 %", "true backlash"]
+    assert_texts_fit(axes.figure)
+    assert_palette(axes.figure)
+
+
+def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swinging):
+    ds, foretold = swinging
+    one = ds.isel(backlash=1)
+    axes = fc.plot.limit_cycle(one, foretold)
+    (loop,) = (line for line in axes.lines if line.get_color() == "#004488")
+    command, opening = loop.get_xdata() / 100, loop.get_ydata() / 100
+    assert command.size == pytest.approx(4 * float(one.hunting_period) / 5, abs=2)
+    low, high = (command - 0.07) / 0.93, command / 0.93
+    assert (low - 1e-9 <= opening).all()
+    assert (opening <= high + 1e-9).all()
+    edges = [line for line in axes.lines if line.get_color() == "black"]
+    assert sorted(float(line.get_ydata()[0] - 100 * command.min() / 0.93) for line in edges) == [
+        pytest.approx(-7 / 0.93),
+        pytest.approx(0.0, abs=1e-9),
+    ]
+    heading = axes.get_title(loc="left").replace("\n", " ")
+    swing, period = float(one.hunting_swing), float(one.hunting_period)
+    told = foretold.isel(backlash=1)
+    assert f"simulated {swing:.2g} K every {period:.0f} s" in heading
+    assert f"foretold {2 * float(told.amplitude):.2g} K every {float(told.period):.0f} s" in heading
+    assert f"margin {float(told.margin):.2g}" in heading
+
+
+def test_each_of_several_loops_is_compared_with_what_was_foretold_of_it(swinging):
+    axes = fc.plot.limit_cycle(*swinging)
+    first, second = axes.get_title(loc="left").replace("\n", " ").split("backlash = 7 %")
+    assert "backlash = 0 %: simulated" in first
+    assert "foretold no swing" in first
+    assert "foretold no swing" not in second
+    assert_texts_fit(axes.figure)
+    assert_palette(axes.figure)
+
+
+def test_a_sweep_without_traces_has_a_mark_for_every_loop_by_what_became_of_it(day):
+    loop = fc.Loop(kp=("valve", [0.01, 0.03, 0.05, 0.05]), backlash=("valve", [0.0, 0.07, 0.1, 0.0]))
+    ds, foretold = fc.simulate(loop, day, n_jobs=1), fc.limit_cycle(loop, day)
+    axes = fc.plot.limit_cycle(ds, foretold)
+    found = {text.get_text() for text in axes.get_legend().get_texts()}
+    both = int(((ds.hunts > 0) & (foretold.hunts > 0)).sum())
+    assert f"foretold and seen: {both}" in found
+    assert both
+    marks = [line for line in axes.lines if line.get_linestyle() == "None"]
+    drawn = np.concatenate([[line.get_xdata(), line.get_ydata()] for line in marks], axis=1)
+    expected = [2 * foretold.amplitude.fillna(0.0).values, ds.hunting_swing.values]
+    np.testing.assert_allclose(np.sort(drawn, axis=1), np.sort(expected, axis=1))
+    assert_texts_fit(axes.figure)
+    assert_palette(axes.figure)
+    study = ds.assign(
+        predicted_margin=foretold.margin,
+        predicted_hunts=foretold.hunts,
+        predicted_period=foretold.period,
+        predicted_swing=2 * foretold.amplitude,
+    )
+    again = fc.plot.limit_cycle(study)
+    assert {text.get_text() for text in again.get_legend().get_texts()} == found
+
+
+def test_a_loop_that_failed_has_no_plane(swinging):
+    ds, _ = swinging
+    axes = fc.plot.limit_cycle(ds * np.nan)
+    assert [text.get_text() for text in axes.texts] == ["no finite value"]
+    half = ds.where(ds.backlash > 0.0)
+    assert np.isfinite(fc.plot.limit_cycle(half.assign_attrs(ds.attrs)).get_ylim()).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda ds, told: fc.plot.limit_cycle(ds.isel(elapsed_time=[])), "data has no point along elapsed_time"),
+        (lambda ds, told: fc.plot.limit_cycle(ds.drop_vars("command")), "data has neither the traces command and "),
+        (lambda ds, told: fc.plot.limit_cycle(ds, ds), "foretold has no margin, period, amplitude: give what "),
+        (lambda ds, told: fc.plot.limit_cycle(ds, told.assign_coords(backlash=[1, 2])), "foretold has other labels "),
+        (lambda ds, told: fc.plot.learning(ds), "data has no trace estimate: simulate with "),
+    ],
+)
+def test_what_is_missing_gets_a_sentence(swinging, call, words):
+    with pytest.raises(fc.InputError) as caught:
+        call(*swinging)
+    (sentence,) = caught.value.problems
+    assert sentence.startswith(words)

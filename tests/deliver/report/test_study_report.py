@@ -1,0 +1,201 @@
+"""The report of a study: what is on the page, that nothing else is needed, and that nothing of a stranger runs."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.commands import fastcoil
+from helpers.pages import Page
+from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
+
+import fastcoil as fc
+from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.deliver.report import pictures
+from fastcoil.deliver.report import study as module
+from fastcoil.deliver.report.comparison import comparisons
+from fastcoil.deliver.report.page import Code, Section, Table
+from fastcoil.deliver.report.page import Page as Made
+
+pytestmark = pytest.mark.kernel
+
+HOSTILE = "</title></style><script>alert(1)</script><img src=x onerror=alert(2)>\u202etxt"
+
+
+@pytest.fixture(autouse=True)
+def _few_coarse_pictures(request, monkeypatch):
+    """What is drawn matters to one test only, and takes most of the time."""
+    monkeypatch.setattr(pictures, "DPI", 40)
+    if "page" not in request.fixturenames:
+        draw = module.standard_figures
+        monkeypatch.setattr(module, "standard_figures", lambda ds: dict(list(draw(ds).items())[-1:]))
+
+
+@pytest.fixture
+def page(out):
+    """The report of a study of three days."""
+    copied(PLAIN, out)
+    return Page(fc.report(out))
+
+
+def test_it_has_question_answer_figures_numbers_settings_hash_file_and_citation_and_needs_nothing_else(page, out):
+    page.require_alone()
+    ds = fc.open_study(out)
+    assert len(page.pictures) == 2
+    for words in (
+        "How large are control error, hunting and motor travel over 3 days, backlash from 2 to 7 %",
+        "Lowest error at estimate ratio 0.9",
+        "Figure 1. Colour: median of 3 days",
+        "95 % interval: of the median change, over 3 days",
+        "standard deviation 0.02 K",
+        f"content_sha256 {golden(PLAIN)}",
+        f"model_sha256 {ds.attrs['model_sha256']}",
+        f"fastcoil run study.toml -o results/{out.name}",
+        "Cai, Jie and Braun, James E. (2016)",
+        " ".join(PLAIN.split()),
+    ):
+        assert words in page.text, words
+    assert "Read this first" not in page.text
+
+
+def test_the_same_results_give_the_same_bytes_and_the_folder_stays_sound(out, tmp_path):
+    copied(TRACED, out)
+    first = fc.report(out, tmp_path / "one.html").read_bytes()
+    assert fastcoil("report", out).output == f"Report:  {out / 'report.html'}\n"
+    assert (out / "report.html").read_bytes() == first
+    assert fastcoil("verify", out).exit_code == 0
+
+
+def test_an_unfinished_study_is_not_reported(out):
+    copied(PLAIN, out, DAYS - 1)
+    before = contents(out)
+    done = fastcoil("report", out)
+    assert done.exit_code == 2
+    assert f"{out} is unfinished: 8 of 12 scenarios are done; finish it with `fastcoil run" in done.stderr
+    assert contents(out) == before
+
+
+def test_a_damaged_study_is_not_reported(out):
+    copied(PLAIN, out)
+    data = bytearray((out / "results.nc").read_bytes())
+    data[len(data) // 2] ^= 1
+    (out / "results.nc").write_bytes(data)
+    before = contents(out)
+    done = fastcoil("report", out)
+    assert done.exit_code == IntegrityError.exit_code
+    assert "results.nc is damaged" in done.stderr
+    assert contents(out) == before
+
+
+def test_what_a_stranger_wrote_is_shown_and_nothing_of_it_runs(out):
+    text = PLAIN.replace('"small"', repr(HOSTILE).replace("\\u202e", "\u202e")) + '[cases.odd]\n' + (
+        "\"<img src='https://example.org/x.png'>\" = { kp = 0.03 }\nplain = { kp = 0.02 }\n"
+    )  # fmt: skip
+    run(f'question = """{HOSTILE}"""\n' + text, out)
+    page = Page(fc.report(out))
+    page.require_alone()
+    assert page.text.count("<script>alert(1)</script>") >= 3
+    assert "<img src='https://example.org/x.png'>" in page.text
+    assert "\u202e" not in page.source
+    assert r"\u202etxt" in page.text
+
+
+def test_what_failed_comes_first_and_is_in_no_number(out, monkeypatch):
+    copied(PLAIN, out)
+    ds = fc.open_study(out)
+    failed = ds.copy(deep=True)
+    metrics = [n for n in ds.data_vars if n != "status"]
+    failed["status"][0, 0, :] = 2
+    for name in metrics:
+        failed[name][0, 0, :] = np.nan
+    failed["share_off"][1] = 0.9
+    monkeypatch.setattr(module, "open_finished", lambda folder: failed)
+    text = Page(fc.report(out)).text
+    n_off = failed["share_off"][1].size
+    assert text.index(f"{n_off} of 12 are more than 0.5 K off their set-point") < text.index("Answer")
+    assert text.index("2 of 12 scenarios failed") < text.index("Answer")
+    assert "out_of_range" in text
+    monkeypatch.setattr(module, "standard_figures", lambda ds: pytest.fail("nothing is there to draw"))
+    failed["status"][:] = 4
+    for name in metrics:
+        failed[name][:] = np.nan
+    text = Page(fc.report(out)).text
+    assert "12 of 12 scenarios failed, 12 of them for their worker crashed" in text
+    assert "Every scenario failed: there is no answer." in text
+
+
+def cells(table: Table):
+    return {row[0]: dict(zip(table.head[1:], row[1:], strict=True)) for row in table.rows}
+
+
+def test_changes_are_those_within_pairs():
+    rng = np.random.default_rng(1)
+    rmse = xr.DataArray(rng.uniform(0.1, 0.5, (3, 4, 9)), dims=("controller", "backlash", "day"))
+    rmse["controller"], rmse["backlash"] = ["pi", "half", "full"], [0.0, 0.02, 0.07, 0.1]
+    ds = xr.Dataset({"rmse": rmse, "status": xr.zeros_like(rmse, dtype=np.int8), "motor_travel": 40 * rmse})
+    ds["status"][2, 1, 3] = 1
+    rmse[1, 0] = rmse[0, 0]  # ties
+    found = {one.table.caption: one for one in comparisons(ds)}
+    named = cells(found["Controller: against pi, the first"].table)
+    relative = (rmse[2] / rmse[0]).where(ds["status"][2] == 0).values.ravel()
+    relative = relative[np.isfinite(relative)] - 1
+    assert named["full"]["change"] == f"{100 * np.median(relative):+.0f} %".replace("-", "−")
+    assert named["full"]["lower in"] == f"{100 * np.mean(relative < 0):.0f} %"
+    low, high = np.quantile(relative, [0.05, 0.95])
+    assert named["full"]["5 to 95 % of pairs"] == f"{100 * low:+.0f} to {100 * high:+.0f} %".replace("-", "−")
+    assert named["pi"]["change"] == "baseline"
+    lower = (rmse[1] < rmse[0]).values.sum() + 0.5 * 9
+    assert named["half"]["lower in"] == f"{100 * lower / 36:.0f} %"
+    sound = found["Backlash: against the sound valve"]
+    worst = float((rmse[:, 3] / rmse[:, 0] - 1).where((ds["status"][:, 3] == 0) & (ds["status"][:, 0] == 0)).median())
+    shown = f"{100 * worst:+.0f} %".replace("-", "−")
+    assert sound.sentence.startswith(f"Backlash 10 %: RMS error {shown} against the sound valve")
+    assert "over 9 days" in sound.sentence
+
+
+def test_a_single_scenario_has_a_page_with_every_metric(out):
+    run("[boundary]\nhours = 0.25\n[run]\nwarm_up = 100\n[loop]\n", out)
+    page = Page(fc.report(out))
+    page.require_alone()
+    assert "How does this one loop behave on this one day?" in page.text
+    ds = fc.open_study(out)
+    assert f"Answer RMS error {float(ds['rmse']):#.3g} K." in page.text
+    assert all(ds[name].attrs["long_name"] in page.text for name in ("rmse", "reversals", "condensate"))
+    assert page.pictures == []
+
+
+def test_a_file_that_is_no_report_is_not_replaced(out, tmp_path):
+    copied(PLAIN, out)
+    mine = tmp_path / "mine.html"
+    mine.write_text("<p>mine</p>")
+    with pytest.raises(InputError, match=r"mine\.html: this file exists and is no report"):
+        fc.report(out, mine)
+    done = fastcoil("report", out, "-o", tmp_path / "page.pdf")
+    assert done.exit_code == 2
+    assert "give a file NAME.html in a folder that exists" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("holds", "said"),
+    [("", "holds no study and no figures of the paper"), ("tune.json", "holds a tuning: `fastcoil tune STUDY.toml")],
+)
+def test_another_folder_is_refused_in_a_sentence(tmp_path, holds, said):
+    if holds:
+        (tmp_path / holds).write_text("{}")
+    done = fastcoil("report", tmp_path)
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_text_without_end_is_cut_and_code_keeps_its_lines(tmp_path):
+    made = Made("Study", "t" * 5000, "", [], [], [Section("Code", [Code("a = 1\r\n\n  b = '<x>'\x1b[31m\n")])])
+    page = Page(made.write(tmp_path / "x.html"))
+    assert "t" * 2000 + "… (5,000 characters)" in page.text
+    assert "<pre>a = 1\n\n  b = &#39;&lt;x&gt;&#39;\\x1b[31m\n</pre>" in page.source
+
+
+def test_days_that_follow_each_other_are_said_to(out):
+    words = "each begins as the one before ended"
+    copied(PLAIN, out)
+    assert words not in Page(fc.report(out)).text
+    run(PLAIN + "carry_over = true\n", out.with_name("carried"))
+    assert words in Page(fc.report(out.with_name("carried"))).text

@@ -1,0 +1,60 @@
+"""The names of ``fastcoil`` itself."""
+
+import importlib.metadata
+import subprocess
+import sys
+
+import fastcoil as fc
+
+
+def test_the_version_is_that_of_the_installed_package():
+    assert fc.__version__ == importlib.metadata.version("fastcoil")
+    assert "__version__" in dir(fc)
+
+
+def test_a_source_tree_that_is_not_installed_has_an_unknown_version(monkeypatch):
+    from fastcoil.base import version
+
+    def absent(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(version, "version", absent)
+    assert version.package_version() == "unknown"
+
+
+def test_presets_and_parameters_load_nothing_heavy():
+    code = (
+        "import sys, fastcoil as fc; fc.presets(); fc.parameters(); fc.__version__; "
+        "sys.exit(str({'numba', 'numpy', 'xarray', 'scipy', 'matplotlib'} & set(sys.modules) or ''))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert done.stderr.strip() == ""
+
+
+LOADING = """
+import os, signal, sys, threading, time
+import fastcoil as fc
+
+loading = threading.Event()
+
+class Slow:
+    def find_spec(self, name, path=None, target=None):
+        if name == "fastcoil.base.errors":
+            loading.set()
+            time.sleep(0.3)
+
+sys.meta_path.insert(0, Slow())
+threading.Thread(target=lambda: fc.InputError).start()
+loading.wait()
+child = os.fork()
+if child == 0:
+    signal.alarm(20)
+    fc.InputError
+    os._exit(0)
+sys.exit(os.waitpid(child, 0)[1])
+"""
+
+
+def test_a_child_of_a_fork_can_load_what_another_thread_was_loading():
+    ended = subprocess.run([sys.executable, "-W", "ignore", "-c", LOADING], check=False, timeout=60)
+    assert ended.returncode == 0

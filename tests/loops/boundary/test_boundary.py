@@ -1,0 +1,216 @@
+"""What a boundary promises: shapes, immutability, digests, and messages that name field, value, cure."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.refusals import assert_only_problem, only_problem, problems
+
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary.days import paper_day
+from fastcoil.loops.boundary.series import BOUNDARY_SERIES
+
+DIGEST = "833d7cdae034ccc50d8af7c8ae5fe9cbcbc3e6d90c9daa8a685df525d604295a"
+GOOD = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.full(60, 14.0)}
+
+
+# ------------------------------------------------------------------------------------------------------ shapes
+
+
+def test_every_series_is_float64_days_by_steps_and_read_only():
+    boundary = Boundary(**GOOD)
+    assert list(boundary.series) == list(BOUNDARY_SERIES)
+    for values in boundary.series.values():
+        assert values.shape == (1, 60)
+        assert values.dtype == np.float64
+        assert values.flags.c_contiguous
+        with pytest.raises(ValueError, match="read-only"):
+            values[0, 0] = 1.0
+    assert (boundary.series["noise"] == 0.0).all()
+    assert (boundary.series["enabled"] == 1.0).all()
+    assert (boundary.n_days, boundary.n_steps, boundary.hours) == (1, 60, 60 / 3600)
+    assert boundary.has_day_dim is False
+    np.testing.assert_array_equal(boundary.day, [0])
+
+
+def test_a_boundary_cannot_be_changed():
+    boundary = Boundary(**GOOD)
+    with pytest.raises(AttributeError):
+        boundary.day = [3]
+    boundary.series["m_a"] = np.zeros((1, 60))
+    assert (boundary.series["m_a"] == 1.0).all()
+
+
+def test_the_users_array_stays_his_own():
+    T_set = np.full(60, 14.0)
+    boundary = Boundary(**GOOD | {"T_set": T_set})
+    T_set[:] = 99.0
+    assert (boundary.series["T_set"] == 14.0).all()
+
+
+def test_numbers_series_and_days_broadcast_together():
+    T_w_in = xr.DataArray([6.0, 8.0], dims="day", coords={"day": [4, 2]})
+    T_a_in = xr.DataArray(np.arange(60.0) / 10, dims="elapsed_time")
+    m_a = np.array([[1.0] * 60, [2.0] * 60])
+    boundary = Boundary(**GOOD | {"T_w_in": T_w_in, "T_a_in": T_a_in, "m_a": m_a})
+    assert boundary.has_day_dim
+    np.testing.assert_array_equal(boundary.day, [4, 2])
+    np.testing.assert_array_equal(boundary.series["T_w_in"][:, 7], [6.0, 8.0])
+    np.testing.assert_array_equal(boundary.series["T_a_in"][1], np.arange(60.0) / 10)
+    np.testing.assert_array_equal(boundary.series["m_a"][:, 59], [1.0, 2.0])
+
+
+def test_a_transposed_dataarray_means_the_same():
+    values = xr.DataArray(np.random.default_rng(0).uniform(0, 5, (3, 60)), dims=("day", "elapsed_time"))
+    assert Boundary(**GOOD | {"m_a": values}) == Boundary(**GOOD | {"m_a": values.T})
+
+
+def test_labels_alone_make_a_day_dim_and_one_number_does_not():
+    assert Boundary(**GOOD, day=[9]).has_day_dim
+    assert Boundary(**GOOD, day=[9, 1]).series["m_a"].shape == (2, 60)
+    alone = Boundary(**GOOD, day=9)
+    assert not alone.has_day_dim
+    np.testing.assert_array_equal(alone.day, [9])
+
+
+def test_a_dataarrays_declared_unit_is_honoured():
+    fahrenheit = xr.DataArray(np.full(60, 77.0), dims="elapsed_time", attrs={"units": "degF"})
+    np.testing.assert_allclose(Boundary(**GOOD | {"T_a_in": fahrenheit}).series["T_a_in"], 25.0, rtol=1e-14)
+    wrong = fahrenheit.assign_attrs(units="Fahrenheit")
+    message = only_problem(Boundary, **GOOD | {"T_a_in": wrong})
+    assert "T_a_in" in message
+    assert "'Fahrenheit'" in message
+    assert "degF" in message
+
+
+def test_mist_is_legal():
+    assert Boundary(**GOOD | {"T_a_in": 5.0, "W_a_in": 0.02}).n_steps == 60
+
+
+# ------------------------------------------------------------------------------------------------------- sameness
+
+
+def test_equality_and_digest_follow_names_labels_and_samples():
+    boundary = Boundary(**GOOD)
+    assert boundary == Boundary(**GOOD)
+    assert hash(boundary) == hash(Boundary(**GOOD))
+    assert boundary != "boundary"
+    others = [
+        Boundary(**GOOD | {"T_a_in": np.nextafter(25.0, 26.0)}),
+        Boundary(**GOOD | {"m_a": 7.0, "T_w_in": 1.0}),
+        Boundary(**GOOD, day=1),
+        Boundary(**GOOD, day=[0]),
+        Boundary(**GOOD | {"T_set": np.full(61, 14.0)}),
+    ]
+    assert len({boundary.sha256, *(other.sha256 for other in others)}) == 6
+    assert Boundary(**GOOD, noise=-0.0) == boundary
+
+
+def test_the_digest_is_the_same_in_another_process():
+    """A constant: change it only together with the version in the digest, because results carry it."""
+    code = (
+        "import numpy as np; from fastcoil.loops.boundary import Boundary;"
+        "print(Boundary(m_a=1, T_a_in=25, W_a_in=.0078125, T_w_in=7, T_set=np.arange(60) // 30 + 13., day=[3]).sha256)"
+    )
+    root = str(Path(__file__).parents[3])
+    env = os.environ | {"PYTHONHASHSEED": "7", "PYTHONPATH": root}
+    out = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == DIGEST
+
+
+def test_describe_is_one_short_line_and_repr_one_for_each_series():
+    boundary = paper_day(0.5, range(3))
+    assert boundary.describe().startswith("0.5 h x 3 days: m_a 1.0")
+    assert "T_set 14 degC" in boundary.describe()
+    assert "noise" not in boundary.describe()
+    assert "\n" not in boundary.describe()
+    first, *others = repr(boundary).splitlines()
+    assert first == f"<fastcoil.Boundary 0.5 h x 3 days, sha256 {boundary.sha256[:8]}>"
+    assert [line.split()[0] for line in others] == ["m_a", "T_a_in", "W_a_in", "T_w_in", "T_set"]
+    assert others[-1].split(maxsplit=3) == ["T_set", "14", "°C", "set-point of the supply air temperature"]
+
+
+# --------------------------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("m_a", -0.1, ["m_a = -0.1 kg s-1", "from 0 to 200"]),
+        ("m_a", 1200.0, ["m_a = 1200 kg s-1", "unit"]),
+        ("T_a_in", 77.0, ["T_a_in = 77 degC", "from -40 to 60", "unit"]),
+        ("T_a_in", 298.15, ["T_a_in = 298.15 degC", "unit"]),
+        ("W_a_in", 9.3, ["W_a_in = 9.3", "from 0 to 0.1"]),
+        ("T_w_in", 0.0, ["T_w_in = 0 degC", "from 0.5 to 120"]),
+        ("T_set", np.full(60, 95.0), ["T_set = 95 degC at second 0", "from -20 to 80"]),
+        ("noise", -51.0, ["noise = -51 K", "from -50 to 50"]),
+        ("enabled", 0.5, ["enabled = 0.5", "whole, from 0 to 1"]),
+        ("T_a_in", float("nan"), ["T_a_in is nan", "fill or cut"]),
+        ("T_w_in", float("inf"), ["T_w_in is inf", "fill or cut"]),
+        ("T_w_in", -999.0, ["T_w_in = -999 degC", "missing value"]),
+        ("T_a_in", "25", ["T_a_in = '25'", "give numbers"]),
+        ("m_a", [[1.0], [1.0, 2.0]], ["m_a", "different length"]),
+        ("m_a", True, ["m_a = True", "bool", "give numbers"]),
+        ("m_a", [], ["m_a is empty", "at least one"]),
+        ("m_a", np.ones((1, 1, 60)), ["m_a has 3 dimensions", "(days, seconds)"]),
+        ("m_a", None, ["m_a is missing", "air flow", "kg s-1"]),
+        ("m_a", xr.DataArray(np.ones(60), dims="time"), ["m_a", "('time',)", "elapsed_time"]),
+        ("m_a", np.ones(59), ["T_set has 60 samples where m_a has 59", "the same number"]),
+    ],
+)
+def test_a_bad_series_is_named_with_its_value_and_the_cure(name, value, words):
+    assert_only_problem(words, Boundary, **GOOD | {name: value})
+
+
+def test_the_first_offending_second_and_day_are_named():
+    T_a_in = np.full((3, 60), 25.0)
+    T_a_in[1, 40:43] = 61.0
+    message = only_problem(Boundary, **GOOD | {"T_a_in": T_a_in}, day=[10, 20, 30])
+    assert "T_a_in = 61 degC at second 40 of day 20" in message
+    assert "(3 samples in total)" in message
+    masked = np.ma.masked_equal(T_a_in[1], 61.0)
+    assert "T_a_in is nan at second 40" in only_problem(Boundary, **GOOD | {"T_a_in": masked})
+
+
+def test_all_mistakes_are_raised_at_once():
+    found = problems(
+        Boundary, m_a=-1.0, T_a_in=np.full(60, np.nan), W_a_in=0.01, T_w_in=np.full(61, 7.0), T_set="x", day=[1, 1]
+    )
+    assert len(found) == 5
+    for name, text in zip(("T_set", "T_w_in", "day label 1", "m_a", "T_a_in"), found, strict=True):
+        assert name in text
+
+
+def test_numbers_alone_are_refused():
+    assert "constant_day" in only_problem(Boundary, **GOOD | {"T_set": 14.0})
+
+
+@pytest.mark.parametrize(
+    ("day", "words"),
+    [
+        ([1, 1], ["day label 1", "twice"]),
+        ([-1, 2], ["day = [-1, 2]", "from 0 to 4294967295"]),
+        ([2**32, 2], ["4294967296", "from 0 to 4294967295"]),
+        ([0.5, 2], ["day = [0.5, 2]", "whole"]),
+        (["mon", "tue"], ["day = ['mon', 'tue']", "whole"]),
+        ([True, False], ["day = [True, False]", "whole"]),
+        ([1, 2, 3], ["3 labels for 2 days", "one label for each"]),
+        ([], ["day = []", "one a day"]),
+    ],
+)
+def test_bad_day_labels(day, words):
+    assert_only_problem(words, Boundary, **GOOD | {"m_a": np.ones((2, 60))}, day=day)
+
+
+def test_days_that_disagree():
+    two, three = np.ones((2, 60)), np.full((3, 60), 7.0)
+    message = only_problem(Boundary, **GOOD | {"m_a": two, "T_w_in": three})
+    assert "T_w_in has 3 days where m_a has 2" in message
+    a = xr.DataArray([1.0, 2.0], dims="day", coords={"day": [1, 2]})
+    b = xr.DataArray([7.0, 8.0], dims="day", coords={"day": [2, 1]})
+    message = only_problem(Boundary, **GOOD | {"m_a": a, "T_w_in": b})
+    assert "T_w_in has day [2 1] where m_a has [1 2]" in message

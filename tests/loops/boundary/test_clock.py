@@ -1,0 +1,131 @@
+"""Date, time and zone of a boundary: what may be given, what follows from it, what is refused."""
+
+from datetime import date, datetime, timedelta, timezone
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.refusals import assert_only_problem
+
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary.clock import is_changed
+
+ONE = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.full(3600, 14.0)}
+EIGHT = np.datetime64("2024-07-01T08:00:00")
+THREE_HOURS_LATER = timezone(timedelta(hours=3, minutes=30))
+
+
+@pytest.mark.parametrize(
+    ("start", "zone"),
+    [
+        ("2024-07-01T08:00", ""),
+        ("2024-07-01 08:00:00", ""),
+        (datetime(2024, 7, 1, 8), ""),
+        (EIGHT, ""),
+        (np.array([EIGHT]), ""),
+        (xr.DataArray(EIGHT.astype("datetime64[ns]")), ""),
+        ("2024-07-01T08:00-07:00", "UTC-07:00"),
+        ("2024-07-01T08:00Z", "UTC"),
+        (datetime(2024, 7, 1, 8, tzinfo=THREE_HOURS_LATER), "UTC+03:30"),
+        (datetime(2024, 7, 1, 8, tzinfo=ZoneInfo("Europe/Berlin")), "Europe/Berlin"),
+    ],
+)
+def test_a_start_is_the_time_on_the_clock_and_its_offset_the_zone(start, zone):
+    boundary = Boundary(**ONE, start=start)
+    assert boundary.start.dtype == np.dtype("datetime64[s]")
+    np.testing.assert_array_equal(boundary.start, [EIGHT])
+    assert boundary.time_zone == zone
+
+
+def test_without_a_start_nothing_is_known_and_nothing_else_changes():
+    plain, known = Boundary(**ONE), Boundary(**ONE, start=EIGHT, time_zone="UTC-08:00")
+    assert plain.start is None
+    assert plain.time_zone == ""
+    assert known == plain
+    assert known.sha256 == plain.sha256
+    assert repr(known).startswith("<fastcoil.Boundary 1 h from 2024-07-01 08:00:00 (UTC-08:00), sha256")
+
+
+def test_one_start_is_that_of_consecutive_days_and_several_are_those_of_each():
+    days = Boundary(**ONE, day=[5, 6, 7], start="2024-02-28T08:00")
+    np.testing.assert_array_equal(days.start, np.array(["2024-02-28T08", "2024-02-29T08", "2024-03-01T08"], "M8[s]"))
+    days = Boundary(**ONE, day=[5, 6], start=[date(2024, 5, 1), "2023-01-01T12:00"])
+    np.testing.assert_array_equal(days.start, np.array(["2024-05-01", "2023-01-01T12"], "M8[s]"))
+    days.start[0] = EIGHT
+    assert days.start[0] != EIGHT
+
+
+def test_local_times_either_side_of_a_clock_change_may_name_their_zone():
+    starts = [datetime(2024, 3, 9, tzinfo=ZoneInfo("America/Los_Angeles")) + timedelta(days=k) for k in range(3)]
+    assert len({one.utcoffset() for one in starts}) == 2
+    assert Boundary(**ONE, day=[1, 2, 3], start=starts).time_zone == "America/Los_Angeles"
+
+
+@pytest.mark.parametrize(
+    ("start", "changed"),
+    [
+        ("2024-03-10T00:00", True),
+        ("2024-03-09T00:00", False),
+        ("2024-11-03T00:00", True),
+        ("2024-11-03T03:00", False),
+        ("2024-11-03T01:30", True),
+        ("2024-03-09T18:00", False),
+        ("2024-03-09T18:01", True),
+    ],
+)
+def test_a_change_of_clocks_is_found(start, changed):
+    assert is_changed("America/Los_Angeles", np.datetime64(start, "s"), 8 * 3600) is changed
+    assert not is_changed("UTC-08:00", np.datetime64(start, "s"), 8 * 3600)
+    assert not is_changed("", np.datetime64(start, "s"), 8 * 3600)
+    # an hour that comes twice
+    assert is_changed("America/Los_Angeles", np.datetime64("2024-11-03T01:30", "s"), 600)
+    assert not is_changed("America/Los_Angeles", np.datetime64("2024-11-03T02:30", "s"), 600)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"start": "yesterday"}, ["start = 'yesterday'", "2024-07-01T08:00"]),
+        ({"start": 7}, ["start = 7", "date and time"]),
+        ({"start": np.datetime64("NaT")}, ["start = ", "date and time"]),
+        ({"start": "1066-10-14"}, ["'1066-10-14'", "1700 to 2200"]),
+        ({"start": ["2024-01-01"] * 2, "day": [1, 2, 3]}, ["2 times for 3 days"]),
+        ({"start": ["2024-01-01", "2024-01-02T00:00Z"], "day": [1, 2]}, ["some have none"]),
+        ({"start": ["2024-03-09T00:00-08:00", "2024-03-11T00:00-07:00"], "day": [1, 2]}, ["different UTC offsets"]),
+        ({"start": "2024-07-01T08:00-08:00", "time_zone": "America/Los_Angeles"}, ["another UTC offset", "local"]),
+        ({"time_zone": "America/Los_Angelos"}, ["time_zone = ", "did you mean 'America/Los_Angeles'?", "UTC-08:00"]),
+        ({"time_zone": "UTC-8"}, ["'UTC-8'", "'UTC-08:00'"]),
+        ({"time_zone": "UTC+99:00"}, ["'UTC+99:00'"]),
+    ],
+)
+def test_a_bad_clock_gets_a_sentence(options, words):
+    assert_only_problem(words, Boundary, **ONE, **options)
+
+
+def test_days_longer_than_a_day_need_a_start_each():
+    long = ONE | {"T_set": np.full(90000, 14.0)}
+    assert_only_problem(["25 h overlap", "one start for each"], Boundary, **long, day=[1, 2], start="2024-01-01")
+    assert Boundary(**long, day=[1, 2], start=["2024-01-01", "2024-01-03"]).start.size == 2
+
+
+def test_the_clock_comes_back_from_a_dataset_and_a_file(tmp_path):
+    pytest.importorskip("netCDF4")
+    for day in (3, [3, 4]):
+        boundary = Boundary(**ONE, day=day, start=EIGHT, time_zone="America/Los_Angeles")
+        ds = boundary.to_dataset()
+        assert ds.start.dims == (("day",) if boundary.has_day_dim else ())
+        assert ds.start.attrs["time_zone"] == "America/Los_Angeles"
+        ds.to_netcdf(tmp_path / "days.nc")
+        with xr.open_dataset(tmp_path / "days.nc") as stored:
+            back = Boundary.from_dataset(stored)
+        assert back == boundary
+        np.testing.assert_array_equal(back.start, boundary.start)
+        assert back.time_zone == boundary.time_zone
+
+
+def test_a_later_part_of_a_dataset_starts_later():
+    ds = Boundary(**ONE, start=EIGHT).to_dataset()
+    later = Boundary.from_dataset(ds.isel(elapsed_time=slice(90, None)))
+    assert later.start[0] == np.datetime64("2024-07-01T08:01:30")
+    assert_only_problem(["start", "datetime64"], Boundary.from_dataset, ds.assign_coords(start=5.0))

@@ -1,0 +1,129 @@
+"""The paper's kind of day: its formula, its set-points, its noise, and what is refused."""
+
+import numpy as np
+import pytest
+from helpers.refusals import assert_only_problem
+from scipy.signal import lfilter
+
+from fastcoil.loops.boundary import days
+from fastcoil.loops.boundary.days import paper_day
+from fastcoil.loops.boundary.drift import Drift, smooth_noise
+from fastcoil.model import moist_air
+
+
+def test_paper_day_follows_its_formula():
+    """Away from the noise: the mean over many seeds, whose standard error is known."""
+    n = 40
+    boundary = paper_day(16.0, range(n))
+    h = np.arange(16 * 3600) / 3600
+    D = np.array([np.sin(np.pi * ((x if x <= 8 else 16 - x) - 1) / 9) for x in h])
+    expected = {
+        "m_a": (1.15 + 0.18 * D, 0.015),
+        "T_a_in": (25 + 1.5 * D, 0.10),
+        "T_w_in": (7 + 0.4 * np.sin(2 * np.pi * h / 1.5), 0.05),
+    }
+    for name, (formula, std) in expected.items():
+        error = np.abs(boundary.series[name].mean(axis=0) - formula)
+        assert error.max() < 5.5 * std / np.sqrt(n)
+    rh = boundary.series["W_a_in"] / moist_air.saturation_humidity_ratio(boundary.series["T_a_in"])
+    # W/W_s differs from the relative humidity by the factor (p - p_s)/(p - p_w), 1.5 % here.
+    assert np.abs(rh.mean(axis=0) - (0.56 - 0.05 * D)).max() < 0.012
+
+
+def test_paper_day_mirrors_about_8_hours_and_repeats_after_16(monkeypatch):
+    monkeypatch.setattr(days, "DRIFTS", {name: Drift(0.0, drift.tau) for name, drift in days.DRIFTS.items()})
+    m_a = paper_day(40.0).series["m_a"][0]
+    t = np.arange(0, 8 * 3600, 97)
+    np.testing.assert_allclose(m_a[8 * 3600 + t], m_a[8 * 3600 - t], atol=1e-12)
+    np.testing.assert_allclose(m_a[16 * 3600 + t], m_a[t], atol=1e-12)
+    assert m_a[3600] == pytest.approx(1.15, abs=1e-15)
+    assert m_a[5 * 3600 + 1800] == pytest.approx(1.15 + 0.18, abs=1e-12)
+
+
+def test_paper_day_set_points_hold_30_minutes_and_repeat():
+    T_set = paper_day(17.0).series["T_set"][0].reshape(-1, 1800)
+    assert (T_set == T_set[:, :1]).all()
+    holds = [14, 13, 15, 14, 12.5, 13.5, 15.5, 14.5, 13, 12, 14, 16, 15, 13.5, 12.5, 14]
+    np.testing.assert_array_equal(T_set[:, 0], [*holds, *holds, 14, 13])
+
+
+@pytest.mark.parametrize("hours", [1 / 3600, 0.01, 1.0, 7.5, 8.0 - 1 / 3600])
+def test_a_shorter_day_is_the_beginning_of_a_longer_one(hours):
+    short, long = paper_day(hours, [1, 77]), paper_day(8.0, [77, 5, 1])
+    assert short.n_steps == round(hours * 3600)
+    for name, values in short.series.items():
+        np.testing.assert_array_equal(values[0], long.series[name][2, : short.n_steps])
+        np.testing.assert_array_equal(values[1], long.series[name][0, : short.n_steps])
+
+
+def test_a_seed_gives_the_same_day_alone_and_among_others():
+    several = paper_day(0.5, range(10, 13))
+    np.testing.assert_array_equal(several.day, [10, 11, 12])
+    np.testing.assert_array_equal(paper_day(0.5, 11).series["T_w_in"][0], several.series["T_w_in"][1])
+    assert paper_day(0.5, np.int64(11)) == paper_day(0.5, 11) != paper_day(0.5, 12)
+    assert paper_day(0.5, [11]).has_day_dim
+    assert not paper_day(0.5, 11).has_day_dim
+
+
+@pytest.mark.parametrize("drift", days.DRIFTS.values(), ids=days.DRIFTS)
+def test_noise_has_the_stated_deviation_from_the_first_second_on(drift):
+    """Over 3000 seeds the standard error of a standard deviation is 1.3 %."""
+    samples = np.array([smooth_noise(1, drift, (seed, 0))[0] for seed in range(3000)])
+    assert samples.std() == pytest.approx(drift.std, rel=0.055)
+    assert abs(samples.mean()) < 4 * drift.std / np.sqrt(3000)
+
+
+def test_noise_has_the_autocorrelation_of_two_equal_filters():
+    """In continuous time it is (1 + s/tau) exp(-s/tau)."""
+    tau = 60
+    x = smooth_noise(400_000, Drift(1.0, tau), (0, 0))
+    for lag in (30, 60, 120):
+        expected = (1 + lag / tau) * np.exp(-lag / tau)
+        assert np.mean(x[lag:] * x[:-lag]) == pytest.approx(expected, abs=0.05)
+
+
+def test_stationary_deviation_is_that_of_the_filters_impulse_response():
+    k = 1 - np.exp(-1 / 60)
+    impulse = lfilter([k], [1, k - 1], lfilter([k], [1, k - 1], np.eye(1, 4000)[0]))
+    raw = np.random.default_rng(np.random.SeedSequence(3, spawn_key=(2,))).standard_normal(601)
+    for_hand = 0.0, 0.0
+    for x in raw:
+        first = for_hand[0] + k * (x - for_hand[0])
+        for_hand = first, for_hand[1] + k * (first - for_hand[1])
+    expected = for_hand[1] / np.sqrt(np.sum(impulse**2))
+    assert smooth_noise(1, Drift(1.0, 60), (3, 2))[0] == pytest.approx(expected, rel=1e-10)
+
+
+def test_noise_of_two_series_and_of_two_seeds_is_uncorrelated():
+    drift = Drift(1.0, 5)
+    a, b, c = (smooth_noise(100_000, drift, stream) for stream in ((1, 0), (1, 1), (2, 0)))
+    assert abs(np.mean(a * b)) < 0.04
+    assert abs(np.mean(a * c)) < 0.04
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"hours": 0}, ["hours = 0 h", "above 0"]),
+        ({"hours": -8}, ["hours = -8 h", "above 0"]),
+        ({"hours": float("nan")}, ["hours = nan", "finite"]),
+        ({"hours": "8"}, ["hours = '8'", "number"]),
+        ({"hours": True}, ["hours = True", "number"]),
+        ({"hours": None}, ["hours is missing"]),
+        ({"hours": 1e-5}, ["hours = 1e-05", "whole number of seconds"]),
+        ({"hours": 1 / 7000}, ["whole number of seconds"]),
+        ({"hours": 1e6}, ["hours = 1e+06 h", "8760"]),
+        ({"seed": -1}, ["seed = -1", "from 0 to 4294967295"]),
+        ({"seed": 2**32}, ["seed = 4294967296", "from 0 to 4294967295"]),
+        ({"seed": True}, ["seed = True", "whole number"]),
+        ({"seed": "1"}, ["seed = '1'", "whole number"]),
+        ({"seed": 1.0}, ["seed = 1.0", "whole number"]),
+        ({"seed": None}, ["seed = None", "whole number"]),
+        ({"seed": [1, 2.5]}, ["seed = 2.5", "whole number"]),
+        ({"seed": [4, 1, 4]}, ["seed", "4 twice", "distinct"]),
+        ({"seed": []}, ["seed is empty"]),
+        ({"seed": range(10**12)}, ["seed", "more than 1736 days", "give fewer"]),
+    ],
+)
+def test_paper_day_refuses(arguments, words):
+    assert_only_problem(words, paper_day, **arguments)

@@ -1,0 +1,176 @@
+"""assign, sel, isel and concat: what changes and what stays, in memory and as streams, and what is refused."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.refusals import assert_only_problem, problems
+
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary.days import constant_day, paper_day
+
+DAYS = paper_day(0.25, [5, 3, 8]).assign(start="2024-01-30T06:00", time_zone="UTC-08:00")
+N = DAYS.n_steps
+
+
+def of_label(label):
+    return {name: values[0] for name, values in DAYS.sel([label]).series.items()}
+
+
+STREAM = Boundary.from_days(of_label, day=[5, 3, 8], n_steps=N, start="2024-01-30T06:00", time_zone="UTC-08:00")
+both = pytest.mark.parametrize("days", [DAYS, STREAM], ids=["held", "streamed"])
+
+
+def same(one, other):
+    return one == other and np.array_equal(one.start, other.start) and one.time_zone == other.time_zone
+
+
+def test_the_two_are_the_same_days():
+    assert same(DAYS, STREAM)
+
+
+@both
+def test_assign_replaces_what_is_given_and_keeps_the_rest(days):
+    T_set = np.linspace(12.0, 16.0, N)
+    changed = days.assign(T_set=T_set, T_w_in=xr.DataArray([6.0, 7.0, 8.0], dims="day"))
+    assert changed.is_streamed == days.is_streamed
+    for k in range(3):
+        before, after = DAYS.of_day(k), changed.of_day(k)
+        np.testing.assert_array_equal(after["T_set"], T_set)
+        np.testing.assert_array_equal(after["T_w_in"], 6.0 + k)
+        np.testing.assert_array_equal(after["m_a"], before["m_a"])
+    assert np.array_equal(changed.start, days.start)
+    assert same(changed.assign(T_set=DAYS.series["T_set"], T_w_in=DAYS.series["T_w_in"]), DAYS)
+
+
+@both
+def test_assign_changes_labels_and_clock(days):
+    changed = days.assign(day=[1, 2, 3], start=None)
+    np.testing.assert_array_equal(changed.day, [1, 2, 3])
+    assert changed.start is None
+    np.testing.assert_array_equal(changed.of_day(2)["m_a"], DAYS.of_day(2)["m_a"])
+    assert days.assign(time_zone="Europe/Berlin").time_zone == "Europe/Berlin"
+
+
+@both
+def test_none_takes_a_series_back_to_its_default(days):
+    noisy = days.assign(noise=0.5, backlash_scale=2.0)
+    assert noisy.extremes["noise"] == (0.5, 0.5)
+    assert noisy.extremes["backlash_scale"] == (2.0, 2.0)
+    assert noisy.assign(noise=None, backlash_scale=None) == days
+
+
+@both
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"T_set": np.ones(7)}, ["T_set", "7"]),
+        ({"T_set": 99.0}, ["T_set = 99 degC"]),
+        ({"m_a": None}, ["m_a is missing"]),
+        ({"day": [1, 2]}, ["2 labels for 3 days"]),
+        ({"start": ["2024-01-01"] * 2}, ["2 times for 3 days"]),
+        (
+            {"m_a": xr.DataArray([1.0, 2.0, 3.0], dims="day", coords={"day": [1, 2, 4]})},
+            ["m_a has day [1 2 4] where the boundary has [5 3 8]", "align"],
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused(days, changes, words):
+    text = "\n".join(problems(days.assign, **changes))
+    for word in words:
+        assert word in text
+
+
+def test_enabled_follows_a_new_air_flow_unless_it_was_given():
+    stop = np.where(np.arange(N) < 90, 0.0, 1.0)
+    with pytest.warns(UserWarning, match=r"m_a is 0 during 0\.025 h"):
+        stopped = paper_day(0.25).assign(m_a=stop)
+    np.testing.assert_array_equal(stopped.series["enabled"][0], stop)
+    assert (stopped.assign(m_a=1.0).series["enabled"] == 1.0).all()
+    given = paper_day(0.25).assign(enabled=1.0).assign(m_a=stop)
+    assert (given.series["enabled"] == 1.0).all()
+    with pytest.warns(UserWarning, match="m_a is 0"):
+        assert given.assign(enabled=None) == stopped
+
+
+@both
+@pytest.mark.parametrize("day", [[2, 0], slice(1, None), np.array([False, True, True]), [-1]])
+def test_isel_chooses_days_as_numpy_does(days, day):
+    rows = np.arange(3)[day]
+    chosen = days.isel(day)
+    np.testing.assert_array_equal(chosen.day, DAYS.day[rows])
+    np.testing.assert_array_equal(chosen.start, DAYS.start[rows])
+    np.testing.assert_array_equal(chosen.series["T_a_in"], DAYS.series["T_a_in"][rows])
+    assert chosen.has_day_dim
+    assert chosen.is_streamed == days.is_streamed
+
+
+@both
+def test_one_day_has_no_dim_and_is_held(days):
+    one = days.isel(1)
+    assert not one.has_day_dim
+    assert not one.is_streamed
+    assert one == paper_day(0.25, 3) == days.sel(3)
+    assert one.start[0] == np.datetime64("2024-01-31T06:00")
+
+
+@both
+def test_sel_chooses_by_label(days):
+    np.testing.assert_array_equal(days.sel([8, 5]).day, [8, 5])
+    np.testing.assert_array_equal(days.sel(slice(3, 8)).day, [3, 8])
+    np.testing.assert_array_equal(days.sel(slice(None, 3)).day, [5, 3])
+    assert_only_problem(["day = 4", "[5, 3, 8]"], days.sel, 4)
+    assert_only_problem(["chooses no day"], days.sel, slice(8, 5))
+    assert_only_problem(["chooses a day twice"], days.isel, [0, -3])
+    assert_only_problem(["day has 3", "0 to 2"], days.isel, [0, 3])
+
+
+@pytest.mark.parametrize("parts", [(DAYS, DAYS), (STREAM, STREAM), (DAYS, STREAM)], ids=["held", "streamed", "mixed"])
+def test_days_put_together_are_the_days_that_were_taken_apart(parts):
+    first, second = parts[0].isel([0]), parts[1].isel([1, 2])
+    joined = Boundary.concat([first, second])
+    assert same(joined, DAYS)
+    assert joined.is_streamed == any(part.is_streamed for part in parts)
+
+
+def test_days_without_a_dim_get_one():
+    joined = Boundary.concat([DAYS.isel(0), DAYS.isel(2)])
+    assert same(joined, DAYS.isel([0, 2]))
+
+
+@both
+def test_hours_put_together_are_the_hours_that_were_taken_apart(days):
+    ds = DAYS.to_dataset()
+    pieces = [Boundary.from_dataset(ds.isel(elapsed_time=part)) for part in (slice(None, 400), slice(400, None))]
+    assert same(Boundary.concat(pieces, dim="elapsed_time"), DAYS)
+    later = days.assign(start=DAYS.start + np.timedelta64(N, "s"))
+    twice = Boundary.concat([days, later], dim="elapsed_time")
+    assert twice.n_steps == 2 * N
+    assert twice.is_streamed == days.is_streamed
+    np.testing.assert_array_equal(twice.of_day(1)["m_a"], np.tile(DAYS.of_day(1)["m_a"], 2))
+    np.testing.assert_array_equal(twice.start, DAYS.start)
+
+
+@pytest.mark.parametrize(
+    ("boundaries", "dim", "words"),
+    [
+        ([DAYS, DAYS], "day", ["day label 3 appears twice", "assign(day=7)"]),
+        ([DAYS, constant_day(0.5).assign(start="2024-05-01")], "day", ["boundary 1 lasts 1,800 s, the first 900 s"]),
+        ([DAYS, constant_day(0.25)], "day", ["boundary 0 has a start and boundary 1 has none", "assign(start=None)"]),
+        (
+            [DAYS, constant_day(0.25).assign(start="2024-05-01", time_zone="UTC")],
+            "day",
+            ["UTC and UTC-08:00"],
+        ),
+        ([DAYS, DAYS], "elapsed_time", ["boundary 1 starts at 2024-01-30T06:00:00", "ends at 2024-01-30T06:15:00"]),
+        ([DAYS, DAYS.isel(0)], "elapsed_time", ["boundary 1 has no dim day, the first 3 days"]),
+        ([DAYS, DAYS.isel([2, 1, 0])], "elapsed_time", ["boundary 1 has other days"]),
+        ([], "day", ["boundaries = []", "give a list"]),
+        (DAYS, "day", ["boundaries = ", "give a list"]),
+        ([DAYS, 3], "day", ["boundaries[1] is a int"]),
+        ([DAYS], "time", ["dim = 'time'", "'elapsed_time'"]),
+    ],
+)
+def test_what_cannot_be_put_together_is_refused(boundaries, dim, words):
+    text = "\n".join(problems(Boundary.concat, boundaries, dim))
+    for word in words:
+        assert word in text

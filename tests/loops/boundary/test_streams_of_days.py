@@ -1,0 +1,150 @@
+"""Streams of days: the same digest, ranges and samples as in memory, one pass, every mistake by its day."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from helpers.refusals import assert_only_problem, only_problem, problems
+
+from fastcoil.loops.boundary import Boundary, digest
+from fastcoil.loops.boundary.series import BOUNDARY_SERIES
+
+N = 900
+T_A_IN = np.linspace(20.0, 30.0, N)
+
+
+def made(label):
+    """A day that its label decides."""
+    rng = np.random.default_rng(label)
+    return {
+        "m_a": 1.0 + 0.1 * rng.random(N),
+        "T_a_in": T_A_IN + label,
+        "W_a_in": 0.01,
+        "T_w_in": 7.0,
+        "T_set": np.where(np.arange(N) < 450, 13.0, 14.0),
+    }
+
+
+def in_memory(labels, make=made):
+    days = [{n: np.broadcast_to(v, N) for n, v in make(label).items()} for label in labels]
+    return Boundary(**{name: np.stack([day[name] for day in days]) for name in days[0]}, day=labels)
+
+
+def streamed(labels=(3, 1, 2), make=made, **options):
+    return Boundary.from_days(make, day=list(labels), n_steps=N, **options)
+
+
+class Counting:
+    """As ``made``, counting its calls."""
+
+    def __init__(self, make=made):
+        self.make, self.calls = make, []
+
+    def __call__(self, label):
+        self.calls.append(label)
+        return self.make(label)
+
+
+def test_a_stream_is_the_same_boundary_as_its_days_in_memory():
+    stream, held = streamed(), in_memory([3, 1, 2])
+    assert stream.is_streamed
+    assert not held.is_streamed
+    assert (stream.n_days, stream.n_steps, stream.hours, stream.has_day_dim) == (3, N, 0.25, True)
+    assert stream == held
+    assert stream.sha256 == held.sha256
+    assert stream.day_sha256 == held.day_sha256
+    assert stream.extremes == held.extremes
+    assert stream.describe() == held.describe()
+    for k in range(3):
+        of_stream, of_held = stream.of_day(k), held.of_day(k)
+        assert list(of_stream) == list(BOUNDARY_SERIES)
+        for name, values in of_held.items():
+            assert values.shape == of_stream[name].shape == (N,)
+            np.testing.assert_array_equal(of_stream[name], values)
+            assert not of_stream[name].flags.writeable
+            np.testing.assert_array_equal(stream.series[name][k], values)
+
+
+def test_a_large_boundary_has_one_digest_too_streamed_or_not(monkeypatch):
+    small = in_memory([3, 1, 2]).sha256
+    monkeypatch.setattr(digest, "LARGE", 2 * N)
+    monkeypatch.setattr("fastcoil.loops.boundary.source.LARGE", 2 * N)
+    stream, held = streamed(), in_memory([3, 1, 2])
+    assert stream.sha256 == held.sha256 != small
+    changed = held.assign(T_w_in=np.where(np.arange(N) == 5, 7.5, 7.0))
+    assert len({stream.sha256, changed.sha256, streamed((3, 1, 4)).sha256}) == 3
+
+
+def test_days_are_made_once_to_be_looked_at_and_then_one_by_one():
+    make = Counting()
+    stream = streamed(make=make)
+    assert make.calls == [3]  # tried
+    stream.sha256, stream.extremes, stream.day_sha256, stream.describe()  # noqa: B018
+    assert make.calls == [3, 3, 1, 2]
+    stream.of_day(1)
+    assert make.calls[4:] == [1]
+    assert "sha256" in repr(stream)
+    assert "sha256" not in repr(streamed())
+
+
+def test_a_stream_goes_to_another_process_with_what_is_known_of_it():
+    stream = streamed(start="2024-01-01", time_zone="UTC")
+    for other in (pickle.loads(pickle.dumps(stream)), copy.deepcopy(stream)):
+        assert other == stream
+        np.testing.assert_array_equal(other.start, stream.start)
+    stream.sha256  # noqa: B018
+    again = pickle.loads(pickle.dumps(stream))
+    again.source.make = None  # nothing is made for what is known
+    assert again.sha256 == stream.sha256
+    held = pickle.loads(pickle.dumps(in_memory([1])))
+    assert not held.of_day(0)["m_a"].flags.writeable
+
+
+def test_a_function_that_gives_another_day_the_second_time_is_refused():
+    rng = np.random.default_rng(0)
+    stream = streamed(make=lambda label: made(label) | {"T_w_in": 7.0 + rng.random(N)})
+    stream.of_day(1)  # nothing to compare with yet
+    stream.sha256  # noqa: B018
+    assert_only_problem(["other samples for day 1 than before", "seeded"], stream.of_day, 1)
+
+
+def test_days_without_air_flow_are_told_once_with_their_hours(recwarn):
+    stream = streamed(make=lambda label: made(label) | {"m_a": np.where(np.arange(N) < 300, 0.0, 1.0)})
+    assert not recwarn
+    with pytest.warns(UserWarning, match=r"m_a is 0 during 0\.25 h and enabled is left out"):
+        assert stream.extremes["enabled"] == (0.0, 1.0)
+    np.testing.assert_array_equal(stream.of_day(0)["enabled"], np.arange(N) >= 300)
+    assert not recwarn
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"T_w_in": None}, ["day 1: T_w_in is missing"]),
+        ({"T_a_in": np.full(N, 99.0)}, ["day 1: T_a_in = 99 degC at second 0", "900 samples"]),
+        ({"T_a_in": np.ones(N - 1)}, ["day 1: T_a_in has 899 samples where the day has 900"]),
+        ({"T_w_in": "cold"}, ["day 1: T_w_in = 'cold' is of type text: give numbers"]),
+        ({"T_a_in": np.ones((2, N))}, ["day 1: T_a_in has a dim day"]),
+        ({"T_A_in": 3.0}, ["'T_A_in' for day 1", "did you mean 'T_a_in'?: use m_a, T_a_in"]),
+    ],
+)
+def test_a_bad_day_is_named_when_it_is_made(changes, words):
+    stream = streamed(make=lambda label: made(label) | (changes if label == 1 else {}))
+    assert_only_problem(words, lambda: stream.sha256)
+
+
+def test_bad_arguments_of_from_days():
+    found = problems(Boundary.from_days, "weather", day=[1, 1])
+    assert len(found) == 3
+    for one, word in zip(found, ("make = 'weather'", "n_steps and hours", "twice"), strict=True):
+        assert word in one
+    assert "give one of them" in only_problem(Boundary.from_days, made, day=[1], hours=1.0, n_steps=3600)
+    assert "a list for day 1" in only_problem(Boundary.from_days, lambda label: [label], day=[1], n_steps=N)
+    message = only_problem(Boundary.from_days, lambda label: 1 / 0, day=[1], n_steps=N)
+    assert "make fails for day 1, ZeroDivisionError" in message
+
+
+def test_series_of_a_stream_that_do_not_fit_are_refused(monkeypatch):
+    monkeypatch.setattr("fastcoil.loops.boundary.source.available_memory", lambda: 10000)
+    assert_only_problem(["3 days of 900 s", "of_day"], lambda: streamed().series)

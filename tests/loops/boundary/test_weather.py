@@ -1,0 +1,162 @@
+"""Hourly weather: exact at full hours, straight between, mixed with return air; every mistake; a measured year."""
+
+import warnings
+
+import numpy as np
+import pytest
+from helpers.refusals import problems
+from helpers.shared_data import measured
+from helpers.trend_logs import replaced
+
+from fastcoil.loops.boundary.weather import weather_day
+from fastcoil.model import moist_air
+
+PLANT = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.25, "T_return": 24.0, "RH_return": 0.5}
+WEATHER_HEADER = ["hour_of_year", "month", "day", "hour", "T_drybulb_C", "T_dewpoint_C", "RH_pct", "p_Pa"]
+WEATHER_ROWS = [
+    [h, 1, 1 + (h - 1) // 24, (h - 1) % 24 + 1, 10.0 + h % 24 / 2, 5.0 + h % 24 / 4, 60 + h % 24, 100e3 + h]
+    for h in range(1, 73)
+]
+
+
+def quiet_weather_day(*args, **kwargs):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return weather_day(*args, **kwargs)
+
+
+def test_weather_warns_that_hours_say_nothing_about_seconds(write):
+    with pytest.warns(UserWarning, match="faster than an hour"):
+        weather_day(write(WEATHER_HEADER, WEATHER_ROWS), start_hour=8, **PLANT)
+
+
+def test_weather_is_exact_at_full_hours_and_straight_between(write):
+    path = write(WEATHER_HEADER, WEATHER_ROWS)
+    series = quiet_weather_day(path, start_hour=30, hours=3, **PLANT | {"outdoor_fraction": 1.0}).series
+    for k, h in enumerate((30, 31, 32)):
+        T, T_dew, p = WEATHER_ROWS[h - 1][4], WEATHER_ROWS[h - 1][5], WEATHER_ROWS[h - 1][7]
+        assert series["T_a_in"][0, 3600 * k] == pytest.approx(T, abs=1e-10)
+        expected = moist_air.saturation_humidity_ratio(T_dew, p)
+        assert series["W_a_in"][0, 3600 * k] == pytest.approx(float(expected), rel=1e-10)
+    for name in ("T_a_in", "W_a_in"):
+        middle = (series[name][0, 0] + series[name][0, 3600]) / 2
+        assert series[name][0, 1800] == pytest.approx(middle, rel=1e-9)
+    assert (series["m_a"] == 1.2).all()
+    assert (series["T_set"] == 14.0).all()
+
+
+def test_weather_mixes_water_and_enthalpy_with_return_air(write):
+    path = write(WEATHER_HEADER, WEATHER_ROWS)
+    outdoors = quiet_weather_day(path, start_hour=12, hours=1, **PLANT | {"outdoor_fraction": 1.0}).series
+    indoors = quiet_weather_day(path, start_hour=12, hours=1, **PLANT | {"outdoor_fraction": 0.0}).series
+    mixed = quiet_weather_day(path, start_hour=12, hours=1, **PLANT).series
+    np.testing.assert_allclose(indoors["T_a_in"], 24.0, atol=1e-10)
+    p_start = 100e3 + 12
+    assert indoors["W_a_in"][0, 0] == pytest.approx(float(moist_air.humidity_ratio(24.0, 0.5, p_start)), rel=1e-10)
+    np.testing.assert_allclose(mixed["W_a_in"], 0.25 * outdoors["W_a_in"] + 0.75 * indoors["W_a_in"], rtol=1e-12)
+    h = [moist_air.enthalpy(x["T_a_in"], x["W_a_in"]) for x in (outdoors, indoors, mixed)]
+    np.testing.assert_allclose(h[2], 0.25 * h[0] + 0.75 * h[1], rtol=1e-12)
+    stated = {name: value for name, value in PLANT.items() if name != "RH_return"} | {"outdoor_fraction": 0.0}
+    dry = quiet_weather_day(path, start_hour=12, hours=1, W_return=0.004, **stated).series
+    np.testing.assert_allclose(dry["W_a_in"], 0.004, rtol=1e-12)
+
+
+def test_the_start_of_a_weather_day_in_three_ways(write):
+    path = write(WEATHER_HEADER, WEATHER_ROWS)
+    by_hour = quiet_weather_day(path, start_hour=34, **PLANT)
+    assert quiet_weather_day(path, month=1, day=2, hour=10, **PLANT) == by_hour
+    days = quiet_weather_day(path, days=[3, 2], hour=10, **PLANT)
+    assert days.has_day_dim
+    np.testing.assert_array_equal(days.day, [3, 2])
+    np.testing.assert_array_equal(days.series["T_a_in"][1], by_hour.series["T_a_in"][0])
+
+
+def test_weather_by_relative_humidity_other_headers_and_pressure(write):
+    header = ["hour_of_year", "a", "b", "c", "OAT [degF]", "d", "OA RH", "p_Pa"]
+    rows = [[*r[:4], r[4] * 1.8 + 32, "-", r[6] / 100, r[7]] for r in WEATHER_ROWS]
+    series = quiet_weather_day(
+        write(header, rows),
+        start_hour=30,
+        hours=1,
+        pressure=90e3,
+        columns={"T_drybulb": "OAT", "RH": "OA RH"},
+        units={"RH": "1"},
+        **PLANT | {"outdoor_fraction": 1.0},
+    ).series
+    T, rh = WEATHER_ROWS[29][4], WEATHER_ROWS[29][6] / 100
+    assert series["T_a_in"][0, 0] == pytest.approx(T, abs=1e-9)
+    assert series["W_a_in"][0, 0] == pytest.approx(float(moist_air.humidity_ratio(T, rh, 90e3)), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({}, ["the start is given as []", "start_hour"]),
+        ({"start_hour": 3, "days": [1]}, ["start_hour", "days"]),
+        ({"start_hour": 3, "hour": 4}, ["give start_hour, or"]),
+        ({"start_hour": 3.5}, ["start_hour = 3.5", "whole number from 1"]),
+        ({"start_hour": 0}, ["start_hour = 0"]),
+        ({"start_hour": 66}, ["hours of the year 1 to 72", "66 to 73.9997", "fewer hours"]),
+        ({"days": [1, 4], "hour": 8}, ["1 to 72", "80 to"]),
+        ({"days": [1, 1], "hour": 8}, ["day label 1 appears twice"]),
+        ({"days": 2, "hour": 8}, ["days = 2", "list"]),
+        ({"days": [2]}, ["hour = None", "from 0 to 24"]),
+        ({"month": 2, "day": 1, "hour": 8}, ["0 rows for month 2, day 1, hour 8", "file's own dates"]),
+        ({"month": 1, "day": 2}, ["hour = None"]),
+        ({"start_hour": 8, "outdoor_fraction": 1.5}, ["outdoor_fraction = 1.5", "from 0 to 1"]),
+        ({"start_hour": 8, "RH_return": 50}, ["RH_return = 50"]),
+        ({"start_hour": 8, "W_return": 0.008}, ["RH_return and W_return", "one of them"]),
+        ({"start_hour": 8, "T_w_in": 280}, ["T_w_in = 280 degC"]),
+        ({"start_hour": 8, "hours": -1}, ["hours = -1 h"]),
+        ({"start_hour": 8, "columns": {"T": "T_drybulb_C"}}, ["columns has unknown 'T'"]),
+        ({"start_hour": 8, "columns": {"RH": "humidity"}}, ["RH: there is no column 'humidity'"]),
+        ({"start_hour": 8, "units": {"T_drybulb": "Cel"}}, ["T_drybulb is in 'Cel'", "degC, degF, K"]),
+    ],
+)
+def test_weather_refuses(write, arguments, words):
+    path = write(WEATHER_HEADER, WEATHER_ROWS)
+    found = problems(quiet_weather_day, path, **PLANT | arguments)
+    for word in words:
+        assert word in found[0], found
+
+
+def test_bad_weather_files(write):
+    def message(header, rows):
+        return problems(quiet_weather_day, write(header, rows), start_hour=8, **PLANT)[0]
+
+    assert "T_drybulb is missing" in message(["hour_of_year", *"abcdefg"], WEATHER_ROWS)
+    assert "hour_of_year does not rise by 1 from row 6" in message(WEATHER_HEADER, WEATHER_ROWS[:5] + WEATHER_ROWS[6:])
+    fahrenheit = replaced(4, [50 + r[4] for r in WEATHER_ROWS], WEATHER_ROWS)
+    assert "T_drybulb = 60.5 degC in row 2: must be from -40 to 60 degC" in message(WEATHER_HEADER, fahrenheit)
+    missing = replaced(5, [-999 if i == 7 else r[5] for i, r in enumerate(WEATHER_ROWS)], WEATHER_ROWS)
+    assert "T_dewpoint = -999 degC in row 9" in message(WEATHER_HEADER, missing)
+    no_moisture = [[*r[:5], r[7]] for r in [WEATHER_HEADER, *WEATHER_ROWS]]
+    assert "T_dewpoint and RH are both missing" in message(no_moisture[0], no_moisture[1:])
+
+
+def test_a_june_day_in_san_francisco():
+    boundary = quiet_weather_day(
+        measured("san_francisco_tmy3_hourly.csv"), month=6, day=16, hour=15, **PLANT | {"outdoor_fraction": 1.0}
+    )
+    series = boundary.series
+    # The file's rows of hour_of_year 3999 and 4006: 13.3 and 11.1 degC, dew point 9.4 and 8.3 degC.
+    assert series["T_a_in"][0, 0] == pytest.approx(13.3, abs=1e-9)
+    assert series["T_a_in"][0, 7 * 3600] == pytest.approx(11.1, abs=1e-9)
+    np.testing.assert_allclose(
+        moist_air.dew_point(series["W_a_in"][0, [0, 7 * 3600]], [101500, 101600]), [9.4, 8.3], atol=1e-9
+    )
+
+
+def test_every_week_of_a_year_of_weather_is_admissible():
+    days = quiet_weather_day(measured("san_francisco_tmy3_hourly.csv"), days=range(1, 365, 7), hour=8, hours=1, **PLANT)
+    assert days.n_days == 52
+    assert 15.0 < days.series["T_a_in"].min() < days.series["T_a_in"].max() < 28.0
+
+
+@pytest.mark.filterwarnings("ignore:hourly weather")
+def test_how_a_weather_file_was_read_is_said(tmp_path):
+    path = tmp_path / "weather.csv"
+    text = "\n".join(";".join(map(str, row)).replace(".", ",") for row in [WEATHER_HEADER, *WEATHER_ROWS])
+    path.write_text("Station 7\n" + text, encoding="utf-8")
+    with pytest.warns(UserWarning, match=r"weather.csv: columns are separated by semicolons; .* 'Station 7'; .* comma"):
+        weather_day(path, start_hour=34, **PLANT)

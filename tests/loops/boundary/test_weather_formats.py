@@ -1,0 +1,169 @@
+"""EPW and TMY3 files as they are distributed: the same weather as in a CSV file, dates, gaps, every mistake."""
+
+import warnings
+
+import numpy as np
+import pytest
+from helpers.refusals import only_problem
+from helpers.shared_data import measured
+from helpers.weather_years import CSV_HEADER, epw, hours_from, tmy3
+
+from fastcoil.loops.boundary.weather import weather_day
+from fastcoil.study.file.boundary import build_boundary
+
+PLANT = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "T_return": 24.0, "RH_return": 0.5}
+OUTDOORS = PLANT | {"outdoor_fraction": 1.0}
+JUNE = hours_from(6, 14, 72)
+
+
+def day_of(path, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return weather_day(path, **OUTDOORS | options)
+
+
+@pytest.fixture
+def put(tmp_path):
+    """Return a function that writes a file of these lines; nothing in its name says what is in it."""
+
+    def put_lines(lines, encoding="utf-8", end="\n"):
+        path = tmp_path / "weather.csv"
+        path.write_bytes((end.join(lines) + end).encode(encoding))
+        return path
+
+    return put_lines
+
+
+@pytest.mark.parametrize("form", [epw, tmy3])
+def test_the_same_weather_in_another_format_is_the_same_day(put, write, form):
+    in_csv = write(CSV_HEADER, [row.values() for row in JUNE], "own.csv")
+    for start in ({"month": 6, "day": 15, "hour": 10}, {"start_hour": 3970}, {"days": [165, 166], "hour": 7}):
+        ours, theirs = day_of(in_csv, **start), day_of(put(form(JUNE)), **start)
+        assert ours.has_day_dim == theirs.has_day_dim
+        for name in ("T_a_in", "W_a_in"):
+            np.testing.assert_allclose(theirs.series[name], ours.series[name], rtol=1e-12)
+
+
+@pytest.mark.parametrize("form", [epw, tmy3])
+def test_a_row_holds_at_the_full_hour_that_ends_its_interval_with_the_humidity_of_psychrolib(put, psychrolib, form):
+    series = day_of(put(form(JUNE)), month=6, day=15, hour=23, hours=3).series
+    for k, row in enumerate(JUNE[46:49]):  # hours 23 and 24, and hour 1 of the next day
+        assert series["T_a_in"][0, 3600 * k : 3600 * k + 1] == pytest.approx([row["T"]], abs=1e-9)
+        p_w = psychrolib.GetSatVapPres(row["T_dew"])
+        assert series["W_a_in"][0, 3600 * k] == pytest.approx(0.621945 * p_w / (row["p"] - p_w), rel=2e-5)
+
+
+def test_a_study_file_takes_them_too(put):
+    path = put(epw(JUNE))
+    table = {"kind": "weather", "path": path.name, "days": [166], "hour": 10, **OUTDOORS}
+    with pytest.warns(UserWarning, match="hourly weather of 'Testville"):
+        assert build_boundary(table, path.parent) == day_of(path, days=[166], hour=10)
+
+
+def test_four_records_an_hour_stand_at_the_ends_of_their_quarters(put):
+    quarters = [row | {"T": row["T"] + 0.1 * q} for row in JUNE for q in range(4)]
+    path = put(epw(quarters, per_hour=4))
+    series = day_of(path, month=6, day=15, hour=10, hours=2).series
+    at_10, at_11 = JUNE[33]["T"] + 0.3, JUNE[34]["T"]
+    expected = [at_10, at_11, at_11 + 0.1, at_11 + 0.2, at_11 + 0.3]
+    np.testing.assert_allclose(series["T_a_in"][0, :3601:900], expected, rtol=1e-12)
+    with pytest.warns(UserWarning, match=r"^15-min weather of 'Testville, XX, ZZZ' is .* faster than 15 min"):
+        weather_day(path, month=6, day=15, hour=10, **OUTDOORS)
+
+
+def test_the_warning_names_the_station(put):
+    with pytest.warns(UserWarning, match="hourly weather of 'TESTVILLE, NORTH, XX' is interpolated"):
+        weather_day(put(tmy3(JUNE)), month=6, day=15, hour=10, **OUTDOORS)
+
+
+def test_march_begins_a_day_later_in_a_file_with_the_29th_of_february(put):
+    leap, usual = hours_from(2, 27, 96, leap=True), hours_from(2, 27, 96)
+    assert day_of(put(epw(leap)), start_hour=24 * 59 + 5).series["T_a_in"][0, 0] == leap[52]["T"]  # 29 February
+    assert day_of(put(epw(leap)), month=3, day=1, hour=5) == day_of(put(epw(leap)), start_hour=24 * 60 + 5)
+    assert day_of(put(epw(usual)), month=3, day=1, hour=5) == day_of(put(epw(usual)), start_hour=24 * 59 + 5)
+
+
+def test_letters_of_another_code_page_line_ends_of_windows_and_quotes_in_remarks_do_no_harm(put):
+    lines = epw(JUNE)
+    lines[0] = lines[0].replace("Testville", "Montréal")
+    lines[5] = 'COMMENTS 1,"Custom – a quote that nothing ends…'
+    plain = day_of(put(epw(JUNE)), month=6, day=15, hour=10)
+    assert day_of(put(lines, "cp1252", "\r\n"), month=6, day=15, hour=10) == plain
+    lines[13] = lines[13].replace(f",{JUNE[5]['T']},", ",99.9,")
+    assert "missing, '99.9', in row 14" in only_problem(day_of, put(lines, "cp1252", "\r\n"), start_hour=3970)
+
+
+@pytest.mark.parametrize(("form", "missing"), [(epw, "99.9"), (tmy3, "-9900.0")])
+def test_where_only_the_dew_point_has_gaps_the_relative_humidity_serves(put, psychrolib, form, missing):
+    rows = [row | {"T_dew": missing} if k in (3, 50) else row for k, row in enumerate(JUNE)]
+    with (
+        pytest.warns(UserWarning, match="hourly"),
+        pytest.warns(UserWarning, match=r"dew point is missing in row \d+ \(2 samples in total\): the relative"),
+    ):
+        day = weather_day(put(form(rows)), month=6, day=15, hour=10, **OUTDOORS)
+    row = JUNE[33]
+    p_w = psychrolib.GetSatVapPres(row["T"]) * row["RH"] / 100
+    assert day.series["W_a_in"][0, 0] == pytest.approx(0.621945 * p_w / (row["p"] - p_w), rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("form", "gaps", "words"),
+    [
+        (epw, {"T": "99.9"}, "T_drybulb (Dry Bulb Temperature) is missing, '99.9', in row 14: fill the gap"),
+        (tmy3, {"T": "-9900"}, "T_drybulb (Dry-bulb (C)) is missing, '-9900', in row 8: fill the gap"),
+        (epw, {"T_dew": "99.9", "RH": "999"}, "T_dewpoint (Dew Point Temperature) is missing, '99.9', in row 14: fill"),
+        (epw, {"p": "999999"}, "p (Atmospheric Station Pressure) is missing, '999999', in row 14: fill the gap, or"),
+        (epw, {"T": ""}, "T_drybulb (Dry Bulb Temperature) is missing, '', in row 14"),
+        (epw, {"T": "warm"}, "T_drybulb = 'warm' in row 14: give a number"),
+        (epw, {"T": "75"}, "T_drybulb = 75 degC in row 14: must be from -40 to 60 degC"),
+        (tmy3, {"p": "101325"}, "p = 101325 hPa in row 8: must be from 500 to 1100 hPa"),
+        (epw, {"month": "13"}, "row 14 has the date and hour '13 14 6': give month, day and a full hour from 1 to 24"),
+        (epw, {"day": "31"}, "row 14 has the date and hour '6 31 6'"),
+        (tmy3, {"hour": "0"}, "row 8 has the date and hour '06/14/1988 0:00'"),
+        (epw, {"hour": "7"}, "row 14, 6/14 hour 7, does not follow the one before: give one row for each hour"),
+    ],
+)
+def test_a_bad_row_is_named_with_its_cure(put, form, gaps, words):
+    rows = [row | gaps if k == 5 else row for k, row in enumerate(JUNE)]
+    assert words in only_problem(day_of, put(form(rows)), month=6, day=15, hour=10)
+
+
+def test_a_missing_pressure_is_replaced_by_one_that_is_given(put):
+    path = put(epw([row | {"p": "999999"} for row in JUNE]))
+    given = day_of(path, month=6, day=15, hour=10, pressure=95e3)
+    assert given == day_of(put(epw([row | {"p": 95000} for row in JUNE])), month=6, day=15, hour=10)
+
+
+def without(lines, word):
+    return [line for line in lines if word not in line]
+
+
+@pytest.mark.parametrize(
+    ("lines", "options", "words"),
+    [
+        (epw(JUNE[:1]), {}, "has 1 row of data: give at least two"),
+        (without(epw(JUNE), "DATA PERIODS"), {}, "has no line DATA PERIODS: give all eight lines"),
+        (epw(JUNE, per_hour=7), {}, "DATA PERIODS in row 8 tells '7' records per hour: give 1"),
+        (epw(JUNE, per_hour=2), {}, "row 10, 6/14 hour 2, does not follow the one before: give 2 rows for each hour"),
+        ([*epw(JUNE), "1999,6,17,1"], {}, "row 81 has 4 cells, an EPW file at least 10"),
+        ([line.replace("Pressure", "P") for line in tmy3(JUNE)], {}, "has no column Pressure (mbar): give the whole"),
+        (epw(JUNE), {"columns": {"p": "p"}}, "columns, units: weather.csv is an EPW file, which has its own: leave"),
+        (tmy3(JUNE), {"units": {"p": "Pa"}}, "is a TMY3 file, which has its own"),
+        (epw(hours_from(12, 31, 48)), {}, "row 33, 1/1 hour 1, does not follow the one before"),
+        (epw(JUNE), {"month": 7}, "has 0 rows for month 7, day 15, hour 10"),
+    ],
+)
+def test_a_file_that_is_not_as_it_was_distributed_is_refused(put, lines, options, words):
+    assert words in only_problem(day_of, put(lines), **{"month": 6, "day": 15, "hour": 10} | options)
+
+
+@pytest.mark.parametrize("form", [epw, tmy3])
+def test_a_measured_year_in_each_format_is_the_year_of_the_csv_file(put, form):
+    own = measured("san_francisco_tmy3_hourly.csv")
+    table = np.genfromtxt(own, delimiter=",", names=True)
+    rows = [dict(zip(JUNE[0], line, strict=True)) for line in table.tolist()]
+    rows = [row | {name: int(row[name]) for name in ("month", "day", "hour")} for row in rows]
+    days = {"days": [15, 166, 300], "hour": 8}
+    ours, theirs = day_of(own, **days), day_of(put(form(rows)), **days)
+    for name in ("T_a_in", "W_a_in"):
+        np.testing.assert_allclose(theirs.series[name], ours.series[name], rtol=1e-12)

@@ -1,0 +1,269 @@
+"""A year of weather with its operation: schedule, calendar, what acts on the coil on days with constant weather."""
+
+import pickle
+
+import numpy as np
+import pytest
+from helpers.made_weather import made_weather
+from helpers.refusals import only_problem, problems
+from helpers.shared_data import measured
+from helpers.weather_years import epw, hours_from, tmy3
+
+import fastcoil as fc
+from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
+from fastcoil.study.file.boundary import build_boundary
+
+pytestmark = pytest.mark.filterwarnings("ignore:hourly weather")
+CALM = {"disturbances": 0.0, "year": 2023, "zone_spread": 0.0}
+
+
+def on_a_day(path, k=2, **options):
+    """Series of a day of a calm year by position; the third of January 2023 is a Tuesday."""
+    return fc.weather_year(path, **CALM | options).of_day(k)
+
+
+def at_noon(series):
+    return {name: float(values[12 * 3600]) for name, values in series.items()}
+
+
+def test_the_fan_runs_in_its_hours_on_weekdays_and_the_loop_is_off_outside(tmp_path):
+    path = made_weather(tmp_path, 30.0, days=9)
+    year = fc.weather_year(
+        path, **CALM, fan_hours=[6.5, 18], weekend_fan_hours=[8, 12], holidays=["1-2"], set_point="fixed"
+    )
+    for k in range(9):  # 2023 begins with a Sunday
+        begin, end = (8, 12) if k in (0, 1, 6, 7) else (6.5, 18)
+        clock = np.arange(86400) / 3600
+        runs = (clock >= begin) & (clock < end)
+        series = year.of_day(k)
+        np.testing.assert_array_equal(series["m_a"] > 0, runs)
+        np.testing.assert_array_equal(series["enabled"], runs)  # 30 degC outdoors: the coil always has to cool
+    rests = fc.weather_year(path, **CALM).of_day(0)
+    assert not rests["m_a"].any()
+    assert not rests["enabled"].any()
+
+
+def test_days_have_dates_and_labels_and_can_be_chosen(tmp_path):
+    path = made_weather(tmp_path, 20.0, days=365)
+    year = fc.weather_year(path, **CALM)
+    assert year.is_streamed
+    assert (year.n_days, year.hours) == (365, 24.0)
+    np.testing.assert_array_equal(year.day, np.arange(1, 366))
+    assert (str(year.start[0]), str(year.start[-1])) == ("2023-01-01T00:00:00", "2023-12-31T00:00:00")
+    summer = fc.weather_year(path, **CALM, first_date="06-01", last_date="8-31")
+    assert (summer.n_days, summer.day[0], str(summer.start[-1])) == (92, 152, "2023-08-31T00:00:00")
+    winter = fc.weather_year(path, **CALM, first_date="12-30", last_date="01-02")
+    assert winter.day.tolist() == [364, 365, 1, 2]
+    assert [str(start)[:10] for start in winter.start] == ["2023-12-30", "2023-12-31", "2024-01-01", "2024-01-02"]
+    assert winter.of_day(2)["m_a"].any()  # a Monday in 2024
+    few = fc.weather_year(path, **CALM, days=[40, 200])
+    assert few.day.tolist() == [40, 200]
+    np.testing.assert_array_equal(few.of_day(1)["m_a"], year.of_day(199)["m_a"])
+
+
+def test_an_epw_file_knows_the_day_of_the_week_and_the_time_zone(tmp_path):
+    path = tmp_path / "site.epw"
+    lines = epw(hours_from(1, 1, 48))
+    path.write_text("\n".join(lines))
+    days = fc.weather_year(path)
+    assert (str(days.start[0])[:10], days.time_zone) == ("2006-01-01", "UTC-05:00")  # the first year with that Sunday
+    assert [bool(days.of_day(k)["m_a"].any()) for k in (0, 1)] == [False, True]
+    assert str(fc.weather_year(path, year=2019).start[0])[:10] == "2019-01-01"
+    path.write_text("\n".join(epw(hours_from(6, 14, 48))))  # its header names the day of the first of January
+    assert "year is missing" in only_problem(fc.weather_year, path)
+    path.write_text("\n".join(lines).replace("Sunday", " "))
+    assert "year is missing: site.epw does not tell the day of the week" in only_problem(fc.weather_year, path)
+    path.write_text("\n".join(tmy3(hours_from(1, 1, 48))))
+    assert fc.weather_year(path, year=2023).time_zone == "UTC-05:00"
+
+
+def test_a_leap_year_needs_a_leap_year(tmp_path):
+    path = tmp_path / "site.epw"
+    path.write_text("\n".join(epw(hours_from(2, 28, 72, leap=True))))
+    days = fc.weather_year(path, year=2024)
+    assert [str(start)[:10] for start in days.start] == ["2024-02-28", "2024-02-29", "2024-03-01"]
+    assert "site.epw has a 29 February, give a leap year" in only_problem(fc.weather_year, path, year=2023)
+    path = made_weather(tmp_path, 20.0, days=60)
+    assert "has no 29 February" in only_problem(fc.weather_year, path, year=2024)
+
+
+def test_the_year_of_a_leap_file_is_a_leap_year_even_where_it_is_found(tmp_path):
+    path = tmp_path / "site.epw"
+    lines = epw(hours_from(2, 28, 72, leap=True))
+    path.write_text("\n".join(lines).replace("Sunday,1/1", "Wednesday, 2/28"))
+    assert str(fc.weather_year(path).start[0])[:10] == "2024-02-28"  # in 2001 it was one, too
+    whole = fc.weather_year(made_weather(tmp_path, 20.0, days=366), **CALM | {"year": 2024})
+    assert (whole.n_days, str(whole.start[-1])[:10]) == (366, "2024-12-31")
+
+
+def test_each_day_has_its_own_weather_straight_between_the_hours(tmp_path):
+    path = made_weather(tmp_path, lambda h: h / 10, T_dew=-5.0)
+    days = fc.weather_year(path, **CALM, economiser="none", outdoor_air_min=1.2, m_a_min=1.2, T_design=35.0)
+    for k in (1, 2):
+        series = days.of_day(k)
+        for clock in (7.0, 12.5, 19.75):
+            at = {name: values[int(3600 * clock)] for name, values in series.items()}
+            share = 1.2 / at["m_a"]
+            T_out = (24 * k + clock) / 10
+            assert at["T_a_in"] == pytest.approx(share * T_out + (1 - share) * 24.0, abs=0.05)
+
+
+def test_without_a_design_temperature_the_file_gives_it(tmp_path):
+    path = made_weather(tmp_path, lambda h: 30.0 * (h - 1) / 999, days=42)  # 1008 hours, the warmest of 30.24 degC
+    for mode, T_design in (("cooling", 30.0 * 0.996 * 1007 / 999), ("heating", 30.0 * 0.004 * 1007 / 999)):
+        found, told = (fc.weather_year(path, **CALM | extra, mode=mode) for extra in ({}, {"T_design": T_design}))
+        np.testing.assert_allclose(found.of_day(18)["m_a"], told.of_day(18)["m_a"], rtol=1e-12)
+
+
+def test_the_mixture_keeps_the_least_outdoor_air_and_its_water(tmp_path):
+    path = made_weather(tmp_path, 32.0, T_dew=18.0)
+    noon = at_noon(on_a_day(path, set_point="fixed", outdoor_air_min=0.26, T_balance=20.0, T_design=32.0))
+    assert noon["m_a"] == pytest.approx(1.3)  # full load
+    W = 0.2 * float(humidity_ratio_from_dew_point(18.0)) + 0.8 * float(humidity_ratio(24.0, 0.5))
+    assert noon["W_a_in"] == pytest.approx(W, rel=1e-9)
+    assert noon["T_a_in"] == pytest.approx(0.2 * 32 + 0.8 * 24, abs=0.03)  # a little off: moist air has more heat
+    assert noon["enabled"] == 1.0
+
+
+@pytest.mark.parametrize(("T_out", "enabled", "T_a_in"), [(8.0, 0.0, 13.0), (16.0, 1.0, 16.0), (26.0, 1.0, None)])
+def test_the_coil_is_off_where_the_economiser_is_enough(tmp_path, T_out, enabled, T_a_in):
+    noon = at_noon(on_a_day(made_weather(tmp_path, T_out), set_point="fixed", T_design=35.0))
+    assert noon["enabled"] == enabled
+    assert T_a_in is None or noon["T_a_in"] == pytest.approx(T_a_in, abs=1e-9)
+
+
+def test_the_set_point_follows_the_outdoor_air_between_its_hours(tmp_path):
+    path = made_weather(tmp_path, lambda h: 10.0 + h % 24)
+    series = on_a_day(path, set_point="outdoor_reset", T_design=35.0)
+    clock = np.arange(86400) / 3600
+    later = clock >= 0  # straight between hours; at midnight from hour 23 to hour 24
+    T_out = np.interp(clock, np.arange(25), [10.0, *(10.0 + np.arange(1, 24)), 10.0])
+    np.testing.assert_allclose(series["T_set"][later], np.interp(T_out, [16, 21], [18, 13]), atol=1e-9)
+
+
+def test_trim_and_respond_lies_between_its_limits_and_below_the_line_of_reset(tmp_path):
+    path = made_weather(tmp_path, lambda h: 14.0 + 4 * np.sin(h / 4))
+    options = {"disturbances": 1.0, "zone_spread": 0.3}
+    moving = on_a_day(path, set_point="trim_and_respond", **options)["T_set"]
+    line = on_a_day(path, set_point="outdoor_reset", **options)["T_set"]
+    assert (moving <= line + 1e-9).all()
+    assert moving.min() >= 13.0
+    start = 6 * 3600
+    np.testing.assert_array_equal(moving[: start + 600], line[: start + 600])  # from its initial value, after the delay
+    assert (line - moving).max() > 1.0
+    changes = np.flatnonzero(np.abs(np.diff(moving - line)) > 0.05) + 1
+    inside = changes[(changes > start) & (changes < 20 * 3600)]
+    assert inside.size > 20
+    assert not ((inside - start) % 120).any()
+
+
+def test_air_flow_follows_the_load_between_least_and_design(tmp_path):
+    path = made_weather(tmp_path, lambda h: 12.0 + 20.0 * (h % 24 == 13))
+    series = on_a_day(path, set_point="fixed", T_set=12.0, T_balance=12.0, T_design=32.0, internal_load=0.4)
+    assert series["m_a"][10 * 3600] == pytest.approx(0.4 * 1.3)  # people alone
+    assert series["m_a"][13 * 3600] == pytest.approx(1.3)
+    assert series["m_a"][13 * 3600 - 1800] == pytest.approx(0.7 * 1.3, rel=1e-9)
+    assert series["m_a"][6 * 3600] == pytest.approx(0.5)  # the least; people are still to come
+
+
+@pytest.mark.parametrize(
+    ("mode", "water", "T_out", "expected"),
+    [
+        ("cooling", "fixed", 20.0, 7.0),
+        ("cooling", "outdoor", 21.5, 9.5),
+        ("cooling", "outdoor", 30.0, 7.0),
+        ("cooling", "load", 22.0, 12.0 - 5.0 * 0.75),
+        ("heating", "fixed", 0.0, 60.0),
+        ("heating", "outdoor", 1.5, 50.0),
+        ("heating", "load", 10.0, 45.0),
+    ],
+)
+def test_water_is_fixed_or_follows_the_load_or_the_weather(tmp_path, mode, water, T_out, expected):
+    shell = {"T_balance": 12.0, "T_design": 32.0} if mode == "cooling" else {"T_balance": 15.0, "T_design": -5.0}
+    noon = at_noon(on_a_day(made_weather(tmp_path, T_out), mode=mode, water=water, **shell))
+    assert noon["T_w_in"] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_heating_coil_warms_cold_mixed_air(tmp_path):
+    noon = at_noon(on_a_day(made_weather(tmp_path, 2.5), mode="heating", T_design=-10.0, outdoor_air_min=0.45))
+    assert noon["T_set"] == pytest.approx(24.0)  # half way between -10 and 15 degC: between 30 and 18
+    assert noon["m_a"] == pytest.approx(0.9)
+    assert noon["T_a_in"] == pytest.approx((21.0 + 2.5) / 2, abs=0.03)
+    assert noon["enabled"] == 1.0
+    assert at_noon(on_a_day(made_weather(tmp_path, 20.0), mode="heating", T_design=-10.0))["enabled"] == 0.0
+    helped = on_a_day(made_weather(tmp_path, 2.5), mode="heating", T_design=-10.0, internal_load=0.3)
+    assert at_noon(helped)["m_a"] == pytest.approx(0.5 + 0.8 * 0.2)
+
+
+def test_a_day_is_the_same_alone_in_any_order_and_pickled(tmp_path):
+    path = made_weather(tmp_path, lambda h: 14.0 + 6 * np.sin(h / 4))
+    options = {"year": 2023, "set_point": "trim_and_respond"}
+    year, alone = fc.weather_year(path, **options), fc.weather_year(path, **options, days=[4])
+    backwards = pickle.loads(pickle.dumps(year))
+    for name, values in alone.of_day(0).items():
+        np.testing.assert_array_equal(values, year.of_day(3)[name])
+    rows = [backwards.of_day(k)["T_set"] for k in (6, 5, 4, 3)]
+    np.testing.assert_array_equal(rows[3], alone.of_day(0)["T_set"])
+    other = fc.weather_year(path, **options, days=[4], seed=2).of_day(0)
+    assert np.abs(other["m_a"] - alone.of_day(0)["m_a"]).max() > 0.01
+
+
+def test_a_study_file_takes_the_same_arguments(tmp_path):
+    path = made_weather(tmp_path, 20.0)
+    table = {"kind": "weather_year", "path": path.name, "year": 2023, "days": [3], "fan_hours": [7, 19]}
+    assert build_boundary(table, tmp_path) == fc.weather_year(path, year=2023, days=[3], fan_hours=[7, 19])
+    found = only_problem(build_boundary, table | {"fan_hour": [7, 19]}, tmp_path)
+    assert "fan_hour is not an argument of weather_year" in found
+    assert "fan_hours" in found.split(";")[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"mode": "ventilating"}, ["mode = 'ventilating'", "cooling"]),
+        ({"year": None}, ["year is missing", "2023"]),
+        ({"year": 20.5}, ["year = 20.5", "1970"]),
+        ({"fan_hours": 6}, ["fan_hours = 6", "6, 20"]),
+        ({"fan_hours": [20, 6]}, ["fan_hours = 20, 6", "start before the stop"]),
+        ({"fan_hours": [6, 6.1]}, ["quarter of an hour"]),
+        ({"holidays": ["25.12."]}, ["holidays = '25.12.'", "06-15"]),
+        ({"holidays": "12-25"}, ["holidays = '12-25'", "list"]),
+        ({"days": [5, 5]}, ["days has a day twice"]),
+        ({"days": [5, 9]}, ["whole days 1 to 7", "not 9"]),
+        ({"days": [5], "first_date": "01-02"}, ["days and first_date"]),
+        ({"first_date": "02-30"}, ["first_date = '02-30'"]),
+        ({"last_date": "03-01"}, ["whole days 1 to 7", "not 8", "53 days in total"]),
+        ({"m_a_min": 1.5}, ["m_a_min = 1.5 is not below m_a_design = 1.3"]),
+        ({"outdoor_air_min": 2}, ["outdoor_air_min = 2 is not below m_a_design"]),
+        ({"T_out_min": 22}, ["T_out_min = 22 is not below T_out_max = 21"]),
+        ({"T_set_max": 23}, ["T_set_max = 23 degC", "2 K cooler than T_return = 24"]),
+        ({"T_set": 14}, ["T_set = 14 has no effect with set_point = 'outdoor_reset'", "'fixed'"]),
+        ({"T_set_min": 14, "set_point": "fixed"}, ["T_set_min = 14 has no effect", "'outdoor_reset'"]),
+        ({"economiser_limit": 20}, ["economiser_limit = 20 has no effect"]),
+        ({"T_w_max": 12}, ["T_w_max = 12 has no effect with water = 'fixed'"]),
+        ({"mode": "heating", "set_point": "trim_and_respond"}, ["only cooling has it"]),
+        ({"mode": "heating", "economiser": "differential"}, ["only cooling has one"]),
+        ({"T_design": 12.5}, ["T_balance = 12 degC, T_design = 12.5 degC", "1 K below"]),
+        ({"RH_return": 50}, ["RH_return = 50"]),
+        ({"zones": 0}, ["zones = 0"]),
+        ({"trim_interval": 0}, ["trim_interval = 0"]),
+        ({"disturbances": -1}, ["disturbances = -1"]),
+        ({"trim": None}, ["trim = None"]),
+        ({"set_point": "outdor_reset"}, ["set_point = 'outdor_reset'", "outdoor_reset"]),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path, options, words):
+    path = made_weather(tmp_path, lambda h: 20.0 + h % 24 / 4)
+    found = problems(fc.weather_year, path, **{"year": 2023} | options)
+    for word in words:
+        assert word in found[0], found
+
+
+def test_the_year_of_san_francisco():
+    year = fc.weather_year(measured("san_francisco_tmy3_hourly.csv"), year=2023)
+    assert year.n_days == 365
+    hot, cool = year.of_day(257), year.of_day(36)  # 15 September, the hottest day, and 6 February
+    assert 25.0 < hot["T_a_in"].max() < 27.0
+    assert hot["enabled"].sum() > 10 * 3600
+    assert cool["enabled"].sum() == 0  # the economiser is enough
+    assert cool["m_a"][12 * 3600] > 0.5

@@ -1,0 +1,105 @@
+"""What a user's rule does not end, Ctrl-C does."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+from helpers.processes import environment
+from helpers.rules import HEAD
+
+from fastcoil.loops import threads as in_thread
+from fastcoil.loops.threads import on_threads, run_interruptibly, within
+
+
+def test_only_blocks_with_rules_of_the_user_and_of_the_main_thread_get_a_thread(monkeypatch):
+    monkeypatch.setattr(in_thread, "run_block", lambda block, *_: threading.current_thread() is here)
+    here = threading.current_thread()
+    plain, own = SimpleNamespace(identity=""), SimpleNamespace(identity="own")
+    for law, estimator, stays in ((None, None, True), (None, plain, True), (None, own, False), (own, None, False)):
+        assert run_interruptibly(SimpleNamespace(law=law, estimator=estimator), None, None) is stays
+    assert within(10.0, lambda: run_interruptibly(SimpleNamespace(law=own), None, None)) is False
+    assert within(10.0, lambda: threading.current_thread().daemon)
+
+
+def test_an_error_in_the_thread_is_that_of_the_call():
+    with pytest.raises(ZeroDivisionError):
+        within(None, lambda: 1 / 0)
+    with pytest.raises(TimeoutError):
+        within(0.01, lambda: time.sleep(0.1))
+
+
+def test_threads_share_the_calls_and_the_first_error_ends_them():
+    met, begun, seen = threading.Barrier(2, timeout=10.0), [], set()
+
+    def call(k):
+        seen.add(threading.current_thread())
+        if k < 2:
+            met.wait()  # two calls at once
+
+    with on_threads(2, call, range(6)):
+        pass
+    assert len(seen) == 2
+    assert all(thread.daemon for thread in seen)
+
+    gate = threading.Event()
+
+    def failing(k):
+        begun.append(k)
+        if k == 0:
+            raise ZeroDivisionError
+        gate.wait(10.0)
+
+    with pytest.raises(ZeroDivisionError), on_threads(2, failing, range(100)):
+        pass
+    gate.set()
+    time.sleep(0.05)
+    assert len(begun) == 2
+
+
+ENDLESS = (
+    f"import math\n{HEAD}"
+    + """\
+def endless(now, p, memory):
+    x = 0.0
+    while now.t > 100.0:
+        x = math.sin(x) + 1e-9
+    return p.gain + x, memory
+
+endless.check()
+print("ready", flush=True)
+fc.{call}
+"""
+)
+
+
+@pytest.mark.kernel
+@pytest.mark.alone
+@pytest.mark.parametrize(
+    "call",
+    [
+        "simulate(fc.Loop(estimator=endless), fc.constant_day(hours=1), n_jobs=1)",
+        pytest.param("check_rule(endless)", marks=pytest.mark.full),
+        pytest.param(
+            "simulate(fc.Loop(estimator=endless, kp=[0.1, 0.2]), fc.constant_day(hours=1), n_jobs=2)",
+            marks=pytest.mark.full,
+        ),
+    ],
+)
+def test_ctrl_c_ends_a_program_whose_rule_loops_for_ever(call):
+    program = [sys.executable, "-c", ENDLESS.replace("{call}", call)]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment()) as process:
+        assert process.stdout.readline() == b"ready\n"
+        time.sleep(2.0)
+        assert process.poll() is None
+        os.kill(process.pid, signal.SIGINT)
+        try:
+            _, err = process.communicate(timeout=15)
+        finally:
+            process.kill()
+    assert b"KeyboardInterrupt" in err
+    assert process.returncode in (-signal.SIGINT, 130)

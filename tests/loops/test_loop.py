@@ -1,0 +1,203 @@
+"""``Loop``: values, stand-ins, round trips, repr."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.refusals import assert_only_problem
+
+import fastcoil as fc
+from fastcoil.model.metric_table import METRICS, TRACES
+from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
+
+# Values
+
+
+def test_assign_leaves_the_original_alone():
+    loop = fc.Loop()
+    changed = loop.assign(backlash=0.1, kp=[0.01, 0.02])
+    assert (loop["backlash"], loop["kp"], loop.sizes) == (0.07, 0.03, {})
+    assert (changed["backlash"], changed.sizes) == (0.1, {"kp": 2})
+    with pytest.raises(AttributeError):
+        loop.backlash = 0.1
+
+
+@pytest.mark.parametrize(("given", "kept"), [(8, 8), (8.0, 8), (np.int64(8), 8), (np.float64(8), 8)])
+def test_n_volumes_is_an_integer_and_all_other_numbers_are_floats(given, kept):
+    loop = fc.Loop(n_volumes=given, sample_time=given)
+    assert (loop["n_volumes"], type(loop["n_volumes"])) == (kept, int)
+    assert (loop["sample_time"], type(loop["sample_time"])) == (8.0, float)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("backlash", 0.0), ("backlash", 0.9), ("n_volumes", 64), ("sample_time", 1), ("kp", 0), ("kp", -0.1)],
+)
+def test_bounds_are_inclusive(name, value):
+    assert fc.Loop(**{name: value})[name] == value
+
+
+def test_equality():
+    loop = fc.Loop(backlash=[0.02, 0.07])
+    assert loop == fc.Loop(backlash=[0.02, 0.07])
+    assert loop != fc.Loop(backlash=[0.02, 0.08])
+    assert loop != fc.Loop(backlash=0.02)
+    assert loop != "loop"
+
+
+# Stand-ins
+
+
+def test_estimate_ratio_takes_the_place_of_the_estimate_and_back():
+    loop = fc.Loop(estimate_ratio=0.6)
+    assert (loop["estimate_ratio"], loop["backlash_estimate"]) == (0.6, None)
+    back = loop.assign(backlash_estimate=0.05)
+    assert (back["estimate_ratio"], back["backlash_estimate"]) == (None, 0.05)
+
+
+@pytest.mark.kernel
+def test_estimate_ratio_is_the_estimate_over_the_backlash(short):
+    ratio = fc.simulate(fc.Loop(backlash=[0.05, 0.1], estimate_ratio=[0.5, 1.2]), short, warm_up=60)
+    pairs = xr.DataArray([[0.5 * 0.05, 1.2 * 0.05], [0.5 * 0.1, 1.2 * 0.1]], dims=("backlash", "estimate_ratio"))
+    estimate = fc.simulate(fc.Loop(backlash=[0.05, 0.1], backlash_estimate=pairs), short, warm_up=60)
+    np.testing.assert_array_equal(ratio.rmse.values, estimate.rmse.values)
+    np.testing.assert_array_equal(ratio.estimate_final.values, pairs.values)
+
+
+def test_installed_valve_takes_the_place_of_the_curve_and_back():
+    loop = fc.Loop(rangeability=50.0, authority=0.3, m_full=1.8)
+    assert (loop["m_max"], loop["valve_a"], loop["rangeability"]) == (None, None, 50.0)
+    assert loop.assign(authority=0.5)["rangeability"] == 50.0
+    back = loop.assign(m_max=2.0, valve_a=0.7, valve_b=9.0, valve_c=0.38)
+    assert back == fc.Loop()
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"estimate_ratio": 0.5, "backlash_estimate": 0.05}, ["estimate_ratio", "backlash_estimate"]),
+        ({"rangeability": 50.0, "authority": 0.3, "m_full": 1.8, "m_max": 2.0}, ["rangeability", "m_max"]),
+        ({"rangeability": 50.0}, ["authority", "m_full", "missing"]),
+    ],
+)
+def test_alternatives_exclude_each_other_and_go_together(values, words):
+    assert_only_problem(words, fc.Loop, **values)
+
+
+def test_part_of_a_curve_does_not_replace_an_installed_valve():
+    with pytest.raises(fc.InputError, match=r"valve_b.*valve_c"):
+        fc.Loop(rangeability=50.0, authority=0.3, m_full=1.8).assign(m_max=2.0, valve_a=0.7)
+
+
+# Round trips and repr
+
+
+@pytest.mark.kernel
+@pytest.mark.filterwarnings("ignore:action")
+@pytest.mark.parametrize(
+    "loop",
+    [
+        fc.Loop(),
+        fc.Loop.preset("g36").assign(backlash=[0.02, 0.07], kp=("tuning", [0.01, 0.02]), ti=("tuning", [10.0, 20.0])),
+        fc.Loop(rangeability=[20.0, 50.0], authority=0.3, m_full=1.8, estimate_ratio=[0.5, 1.0], n_volumes=[4, 8]),
+        fc.Loop(action=["cooling", "heating"], learning_stop="first_step_down"),
+    ],
+)
+def test_from_dataset_gives_the_loop_back(loop, short):
+    back = fc.Loop.from_dataset(fc.simulate(loop, short, warm_up=60))
+    assert back.constants == loop.constants
+    assert back.sizes == loop.sizes
+    # unlabelled dims have come back with their labels 0, 1, ...
+    coordinates, expected = back.coordinates(), loop.coordinates()
+    assert coordinates.keys() == expected.keys()
+    for name, labels in expected.items():
+        assert coordinates[name].dims == labels.dims
+        np.testing.assert_array_equal(coordinates[name].values, labels.values)
+
+
+@pytest.mark.kernel
+def test_from_dataset_keeps_the_order_of_the_dims(short):
+    loop = fc.Loop(kp=("tuning", [0.01, 0.02]), backlash=[0.02, 0.07])
+    assert list(fc.Loop.from_dataset(fc.simulate(loop, short, warm_up=60)).sizes) == ["tuning", "backlash"]
+
+
+@pytest.mark.kernel
+def test_from_a_part_of_a_dataset_comes_the_loop_of_that_part(short):
+    loop = fc.Loop(backlash=[0.02, 0.07], kp=("tuning", [0.01, 0.02]), n_volumes=("tuning", [4, 8]))
+    ds = fc.simulate(loop, short, warm_up=60)
+    assert fc.Loop.from_dataset(ds.isel(backlash=1, tuning=0)) == fc.Loop(backlash=0.07, kp=0.01, n_volumes=4)
+    assert fc.Loop.from_dataset(ds.sel(backlash=0.02)).sizes == {"tuning": 2}
+
+
+@pytest.mark.kernel
+def test_one_metric_of_a_dataset_is_enough(short):
+    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
+    assert fc.Loop.from_dataset(ds[["rmse"]]).sizes == {"backlash": 2}
+
+
+def without(ds, *names):
+    """The result as a version would have made it that does not know these parameters."""
+    known = json.loads(ds.attrs["parameters"])
+    return ds.assign_attrs(parameters=json.dumps({n: v for n, v in known.items() if n not in names}))
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"backlash": [0.02, 0.07], "kp": 0.02},
+        {"estimate_ratio": 0.6},
+        {"estimate_ratio": [0.0, 0.6]},
+        {"rangeability": [20.0, 50.0], "authority": 0.3, "m_full": 1.8},
+    ],
+)
+def test_parameters_that_an_older_result_lacks_have_their_defaults(values, short):
+    loop = fc.Loop(**values)
+    ds = fc.simulate(loop, short, warm_up=60)
+    with pytest.warns(UserWarning, match=r"learning_growth = 1\.0, learning_stop = never") as warned:
+        back = fc.Loop.from_dataset(without(ds, "learning_stop", "learning_growth"))
+    assert len(warned) == 1
+    assert {name: back[name] is None for name in PARAMETERS} == {name: loop[name] is None for name in PARAMETERS}
+    assert back.constants == loop.constants
+    again = fc.simulate(back, short, warm_up=60)
+    assert bool((again.status == 0).all())
+    np.testing.assert_array_equal(again.rmse.values, ds.rmse.values)
+
+
+@pytest.mark.kernel
+def test_a_dim_without_its_values_is_refused(short):
+    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
+    with pytest.raises(fc.InputError, match="no values along its dimension backlash"):
+        fc.Loop.from_dataset(ds.drop_vars("backlash"))
+
+
+def test_from_a_foreign_dataset_is_refused():
+    with pytest.raises(fc.InputError, match="not made by fastcoil"):
+        fc.Loop.from_dataset(xr.Dataset())
+
+
+def test_repr_shows_the_dimensions_and_what_differs_from_the_nearest_preset():
+    assert repr(fc.Loop()) == "<fastcoil.Loop>\npaper_like"
+    assert repr(fc.Loop.preset("heating")) == "<fastcoil.Loop>\nheating"
+    assert repr(fc.Loop.preset("lbnl").assign(kp=0.02)).splitlines()[1:] == ["Differs from lbnl:", "  kp = 0.02 K-1"]
+    text = repr(fc.Loop(ti=30, backlash=[0.02, 0.07], action="heating"))
+    assert "backlash: 2" in text
+    assert "ti = 30.0 s" in text
+    assert "backlash (backlash): 0.02 0.07" in text
+    assert "action = heating" in text
+    assert "C_w" not in text
+
+
+def test_repr_shows_units_whole():
+    assert "kp = 0.05 K-1" in repr(fc.Loop(kp=0.05))
+
+
+# Names
+
+
+def test_names_of_parameters_metrics_traces_and_dims_are_disjoint():
+    names = [*PARAMETERS, "status", *METRICS, *TRACES, *RESERVED_DIMS]
+    assert len(set(names)) == len(names)
+    assert not set(names) & {"method", "tolerance", "drop", "indexers", "missing_dims"}
+    assert all(name.isidentifier() for name in names)

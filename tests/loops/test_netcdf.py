@@ -1,0 +1,147 @@
+"""Results on disk: what was written comes back, by one thread at a time."""
+
+import gc
+import os
+import signal
+import threading
+import time
+from types import SimpleNamespace
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.base.errors import StorageError
+from fastcoil.loops import netcdf
+from fastcoil.model.metric_table import METRICS
+
+pytestmark = pytest.mark.kernel
+
+
+def test_adding_a_day_changes_no_scenario():
+    loop = fc.Loop(noise_std=0.05)
+    one = fc.simulate(loop, fc.paper_day(hours=0.25, seed=1), warm_up=60)
+    two = fc.simulate(loop, fc.paper_day(hours=0.25, seed=[1, 2]), warm_up=60)
+    assert float(two.rmse.sel(day=1)) == float(one.rmse)
+
+
+def test_a_result_survives_netcdf(tmp_path, swept):
+    netcdf.save(swept, tmp_path / "results.nc")
+    back = netcdf.load(str(tmp_path / "results.nc"))
+    assert back.content_sha256 == swept.content_sha256
+    xr.testing.assert_identical(back.drop_attrs(), swept.drop_attrs())
+    assert all(back[name].attrs["units"] == swept[name].attrs["units"] for name in METRICS)
+    assert [path.name for path in tmp_path.iterdir()] == ["results.nc"]
+    assert fc.Loop.from_dataset(back).sizes == fc.Loop.from_dataset(swept).sizes
+
+
+def test_words_and_open_loops_survive_netcdf(tmp_path, days):
+    loop = fc.Loop(action=["cooling", "heating"], kp=xr.DataArray([0.1, 0.2], dims="case", coords={"case": ["a", "ß"]}))
+    ds = fc.simulate(loop, days, command=np.full(900, 0.3), traces=["mode"], warm_up=60)
+    netcdf.save(ds, tmp_path / "results.nc")
+    back = netcdf.load(str(tmp_path / "results.nc"))
+    assert back.case.values.tolist() == ["a", "ß"]
+    assert back.content_sha256 == ds.content_sha256
+
+
+def test_no_coordinate_is_said_to_have_missing_values(tmp_path, swept):
+    netcdf.save(swept, tmp_path / "results.nc")
+    with netCDF4.Dataset(tmp_path / "results.nc") as file:
+        assert not [n for n in map(str, swept.coords) if "_FillValue" in file[n].ncattrs()]
+        assert "_FillValue" in file["rmse"].ncattrs()
+
+
+def test_an_unwritable_place_is_reported(tmp_path, swept):
+    with pytest.raises(StorageError, match="cannot be written"):
+        netcdf.save(swept, tmp_path / "no folder" / "results.nc")
+
+
+def test_saving_over_a_result_leaves_one_of_the_two(tmp_path, swept):
+    path = tmp_path / "results.nc"
+    netcdf.save(swept, path)
+    other = fc.simulate(fc.Loop(), fc.paper_day(hours=0.1), warm_up=0)
+    netcdf.save(other, path)
+    assert netcdf.load(str(path)).content_sha256 == other.content_sha256
+
+
+def test_nobody_else_is_in_the_library_while_one_is(swept, tmp_path):
+    data, done = netcdf.netcdf_bytes(swept), []
+    netcdf.save(swept, tmp_path / "results.nc")
+    with netcdf.entered():
+        threads = [
+            threading.Thread(target=lambda: done.append(netcdf.load(data))),
+            threading.Thread(target=lambda: done.append(netcdf.netcdf_bytes(swept))),
+            threading.Thread(
+                target=lambda: done.append(xr.load_dataset(tmp_path / "results.nc", decode_timedelta=False))
+            ),
+        ]
+        for thread in threads:
+            thread.start()
+            thread.join(0.1)
+        assert done == []
+    for thread in threads:
+        thread.join(60)
+    assert len(done) == 3
+
+
+def test_what_is_read_or_written_is_closed_by_whoever_did_it(swept, monkeypatch):
+    files = []
+
+    def opened(*words, **options):
+        files.append(netCDF4.Dataset(*words, **options))
+        return files[-1]
+
+    monkeypatch.setattr(netcdf, "netCDF4", SimpleNamespace(Dataset=opened))
+    data = netcdf.netcdf_bytes(swept)
+    ds = netcdf.load(data)
+    netcdf.outline(data)
+    with pytest.raises((OSError, RuntimeError)):
+        netcdf.load(data[: len(data) // 2])
+    gc.collect()
+    assert len(files) >= 3
+    assert not any(file.isopen() for file in files)
+    ds.close()
+
+
+def hollow(path, n_values):
+    """Write a small file with a large array in which nothing was ever written."""
+    with netCDF4.Dataset(path, "w") as file:
+        file.createDimension("k", n_values)
+        file.createVariable("rmse", "f8", ("k",), zlib=True, chunksizes=(min(n_values, 2**20),))
+    assert path.stat().st_size < 2**16
+
+
+@pytest.mark.parametrize("source", [str, lambda path: path.read_bytes()], ids=["name", "bytes"])
+def test_a_small_file_of_a_large_array_is_not_loaded_where_the_memory_does_not_suffice(tmp_path, monkeypatch, source):
+    hollow(tmp_path / "results.nc", 2**22)
+    monkeypatch.setattr(netcdf, "available_memory", lambda: 2**24)
+    with pytest.raises(MemoryError, match=r"its values take 32\.0 MiB, 16\.0 MiB are available"):
+        netcdf.load(source(tmp_path / "results.nc"))
+    assert netcdf.load(source(tmp_path / "results.nc"), leave_out=["rmse"]).nbytes == 0
+
+
+@pytest.mark.timeout(30)
+def test_a_child_of_a_fork_reads_though_another_thread_was_in_the_library(swept):
+    data, inside = netcdf.netcdf_bytes(swept), threading.Event()
+
+    def stay():
+        with netcdf.entered():
+            inside.set()
+            time.sleep(0.3)
+
+    thread = threading.Thread(target=stay)
+    thread.start()
+    inside.wait()
+    child = os.fork()
+    if child == 0:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(10)
+        try:
+            os._exit(0 if netcdf.load(data).content_sha256 == swept.content_sha256 else 1)
+        finally:
+            os._exit(2)
+    thread.join()
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert netcdf.load(data).content_sha256 == swept.content_sha256  # nor does the parent wait for anybody

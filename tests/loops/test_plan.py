@@ -1,0 +1,198 @@
+"""Plans: arguments of ``simulate`` that are refused, and results too large for the machine."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import fastcoil as fc
+from fastcoil.loops import resources
+from fastcoil.loops.plan import plan_simulation
+from fastcoil.model.engine.rows import LANES
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (np.zeros(899), ["shape (899,)", "(900,)", "(2, 900)"]),
+        (np.zeros((3, 900)), ["shape (3, 900)"]),
+        (0.5, ["shape ()"]),
+        (np.r_[np.zeros(400), 1.1, np.zeros(499)], ["1.1 at second 400", "0 to 1"]),
+        (np.r_[np.zeros(400), np.nan, np.zeros(499)], ["nan at second 400", "0 to 1"]),
+        (np.full(900, -0.01), ["-0.01 at second 0", "0 to 1"]),
+        ("half", ["command"]),
+    ],
+)
+def test_bad_command(days, command, words, refused):
+    (problem,) = refused(fc.Loop(), days, command=command, warm_up=60)
+    assert problem.startswith("command")
+    assert all(word in problem for word in words)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"traces": ["T_supp"]}, ["'T_supp'", "'T_sup'", "wet_volumes"]),
+        ({"traces": ["T_sup", "T_sup"]}, ["T_sup", "twice"]),
+        ({"traces": [None]}, ["None", "not a trace"]),
+        ({"trace_interval": 0}, ["trace_interval = 0", "at least 1"]),
+        ({"trace_interval": 901}, ["trace_interval = 901", "at most 900"]),
+        ({"trace_interval": 2.0}, ["trace_interval = 2.0", "whole"]),
+        ({"warm_up": -1}, ["warm_up = -1", "at least 0"]),
+        ({"warm_up": True}, ["warm_up = True", "whole"]),
+        ({"warm_up": 900}, ["900 s", "warm-up"]),
+        ({"seed": -1}, ["seed = -1"]),
+        ({"seed": 2**64}, ["seed", str(2**64 - 1)]),
+        ({"seed": "7"}, ["seed = '7'", "whole"]),
+        ({"replicates": 0}, ["replicates = 0"]),
+        ({"n_jobs": 0}, ["n_jobs = 0"]),
+        ({"n_jobs": True}, ["n_jobs = True"]),
+    ],
+)
+def test_bad_options_are_named_with_the_cure(days, options, words, refused):
+    (problem,) = refused(fc.Loop(), days, **{"warm_up": 60} | options)
+    assert all(word in problem for word in words), problem
+
+
+@pytest.mark.parametrize("traces", [None, [["T_sup"]]])
+def test_traces_that_are_no_list_of_names(days, traces, refused):
+    assert refused(fc.Loop(), days, traces=traces, warm_up=60)
+
+
+def test_inputs_are_no_traces_and_are_in_the_boundary(days, refused):
+    (problem,) = refused(fc.Loop(), days, traces=["T_set"], warm_up=60)
+    assert problem == "traces: 'T_set' is an input: it is in the boundary, as boundary.series['T_set']"
+    assert days.series["T_set"].shape == (2, 900)
+
+
+def test_a_list_of_values_as_long_as_the_boundary_may_be_meant_as_a_series(refused):
+    hour = fc.constant_day(hours=1)
+    values = np.linspace(0.0, 0.1, hour.n_steps)
+    (problem,) = refused(fc.Loop(backlash=values, kp=[0.01, 0.02]), hour)
+    assert problem.startswith("backlash has 3,600 values, one for each second of the boundary: did you mean a series?")
+    assert 'backlash=("sample", values)' in problem
+    plan_simulation(fc.Loop(backlash=("sample", values)), hour)
+    plan_simulation(fc.Loop(backlash=values[:-1]), hour)
+    short = fc.constant_day(hours=0.6)
+    plan_simulation(fc.Loop(backlash=np.linspace(0.0, 0.1, short.n_steps)), short)
+
+
+def test_all_bad_options_are_reported_at_once(days, refused):
+    assert len(refused(fc.Loop(), days, traces=["u", "u", "v"], trace_interval=0, seed=-1, replicates=1.5)) == 5
+
+
+def test_the_default_warm_up_refuses_a_shorter_boundary(days, refused):
+    (problem,) = refused(fc.Loop(), days)
+    assert "900 s" in problem
+    assert "1800 s" in problem
+
+
+def test_other_things_than_a_loop_and_a_boundary(days, refused):
+    assert "dict" in refused({}, days)[0]
+    assert "paper_day" in refused(fc.Loop(), days.to_dataset())[0]
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        # four axes do the same with less work on their values
+        pytest.param({"backlash": np.linspace(0, 0.9, 10**6), "kp": np.linspace(0, 1, 10**6)}, marks=pytest.mark.full),
+        {name: np.linspace(1.0, 2.0, 1000) for name in ("kp", "ti", "beta1", "cp_a")},
+    ],
+    ids=["two axes", "four axes"],
+)
+def test_a_million_million_scenarios_are_refused_without_allocating(axes, days, refused):
+    (problem,) = refused(fc.Loop(**axes), days, warm_up=60)
+    assert "2,000,000,000,000 scenarios" in problem
+    assert "GiB" in problem
+    assert "fewer" in problem
+
+
+TOGETHER = {
+    "learner": {
+        "learning_step": np.linspace(0.01, 0.1, 200),
+        "backlash_estimate": np.linspace(0.0, 0.1, 200),
+        "learning_cap": np.linspace(0.1, 0.2, 200),
+    },
+    "ratio": {"estimate_ratio": np.linspace(0.0, 1.0, 3000), "backlash": np.linspace(0.0, 0.1, 3000)},
+}
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_nor_is_anything_allocated_to_check_parameters_together(name, days, monkeypatch, refused):
+    monkeypatch.setattr(resources, "available_memory", lambda: 10**6)
+    loop = fc.Loop(**TOGETHER[name])
+    tracemalloc.start()
+    try:
+        assert "scenarios need" in refused(loop, days, warm_up=60)[0]
+        assert tracemalloc.get_traced_memory()[1] < 2e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_traces_count_towards_the_memory(days, monkeypatch, refused):
+    monkeypatch.setattr(resources, "available_memory", lambda: 10**6)
+    loop = fc.Loop(backlash=np.linspace(0.0, 0.1, 20))
+    fc.simulate(loop, days, warm_up=60)
+    (problem,) = refused(loop, days, warm_up=60, traces=["T_c"])
+    assert "trace_interval" in problem
+
+
+def test_the_memory_of_a_run_is_that_of_its_results_its_shards_and_its_workers(days):
+    loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 4000)))
+    plain = plan_simulation(loop, days, warm_up=60)
+    traced = plan_simulation(loop, days, warm_up=60, traces=["T_c", "u"])
+    alone, each = plain.memory_of_run(2, "threads")
+    assert alone > 5 * plain.metric_bytes
+    for n_jobs in (1, 2, 16):
+        alone, each = traced.memory_of_run(n_jobs, "threads")
+        assert alone + n_jobs * each > 8 / 9 * traced.trace_bytes  # T_c is put together as a whole
+        assert traced.memory_of_run(n_jobs, "loky").each > each + 100 * 2**20
+    year = plan_simulation(fc.Loop(), fc.constant_day(hours=400))
+    assert year.memory_of_run(1, "threads").each > 2 * year.boundary_bytes
+
+
+# How scenarios are cut into shards
+
+
+def minutes(n_days):
+    """Days of two minutes."""
+    return fc.Boundary(m_a=np.full((n_days, 120), 1.0), T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0)
+
+
+def test_thousands_of_days_with_a_scenario_each_are_a_few_shards():
+    plan = plan_simulation(fc.Loop(), minutes(2000), warm_up=60)
+    for n_jobs in (1, 2, 8):
+        shards = plan.shards(n_jobs)
+        assert 4 * n_jobs <= len(shards) <= 4 * n_jobs + 1
+        assert np.concatenate(shards).tolist() == list(range(2000))
+
+
+@settings(max_examples=60)
+@given(st.data())
+def test_shards_are_whole_blocks_of_whatever_is_left_to_run(data):
+    n_days, per_day = data.draw(st.integers(1, 5)), data.draw(st.integers(1, 200))
+    loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, per_day)))
+    plan = plan_simulation(loop, minutes(n_days), warm_up=60)
+    rng = np.random.default_rng(data.draw(st.integers(0, 99)))
+    todo = np.flatnonzero(rng.random(plan.n_scenarios) < data.draw(st.sampled_from([0.02, 0.5, 1.0])))
+    n_jobs = data.draw(st.integers(1, 4))
+    shards = plan.shards(n_jobs, todo)
+    assert np.array_equal(np.concatenate([*shards, np.array([], dtype=np.int64)]), todo)
+    blocks_of_day = -(-np.bincount(todo // per_day, minlength=n_days) // LANES)
+    pieces = [-(-np.bincount(shard // per_day, minlength=n_days) // LANES) for shard in shards]
+    assert sum(pieces, start=np.zeros(n_days, dtype=np.int64)).tolist() == blocks_of_day.tolist()
+    most, _ = plan.shard_limits(n_jobs, int(blocks_of_day.sum()))
+    assert max((int(one.sum()) for one in pieces), default=0) <= most
+
+
+def test_a_shard_holds_no_more_than_its_share_of_bytes(days):
+    traces = {"traces": ["T_w", "T_c", "T_a", "W_a", "u"], "warm_up": 60}
+    plan = plan_simulation(fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 1000))), days, **traces)
+    bytes_of_one = (plan.metric_bytes + plan.trace_bytes) / plan.n_scenarios
+    assert len(plan.shards(1)) > 4
+    assert all(LANES <= shard.size <= 64 * 2**20 / bytes_of_one for shard in plan.shards(1)[:-1])

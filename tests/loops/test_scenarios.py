@@ -1,0 +1,162 @@
+"""The ways to sweep a parameter, the scenarios they make, and what cannot be swept together."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.refusals import assert_only_problem, only_problem, problems
+
+import fastcoil as fc
+from fastcoil.loops.clashes import check_clashes
+from fastcoil.loops.scenarios import Layout
+from fastcoil.model.parameter_table import RESERVED_DIMS
+
+
+def columns(loop, n_days=None, replicates=1):
+    """Parameters of all scenarios, in their flat order."""
+    day = fc.paper_day(hours=0.1, seed=list(range(n_days)) if n_days else 1)
+    layout = Layout(loop, day, replicates)
+    check_clashes(layout.loop, day.series["T_set"])
+    return layout, layout.columns(np.arange(layout.size))
+
+
+def test_a_list_is_a_dimension_of_its_own():
+    loop = fc.Loop(backlash=[0.02, 0.07, 0.15], kp=np.array([0.01, 0.02]), air_march=["quasistatic", "lagged"])
+    assert loop.sizes == {"backlash": 3, "kp": 2, "air_march": 2}
+    assert loop.coordinates()["backlash"].values.tolist() == [0.02, 0.07, 0.15]
+    assert loop.coordinates()["air_march"].values.tolist() == ["quasistatic", "lagged"]
+
+
+def test_a_pair_is_zipped_along_a_shared_dimension():
+    loop = fc.Loop(kp=("tuning", [0.01, 0.02]), ti=("tuning", [10.0, 20.0]))
+    assert loop.sizes == {"tuning": 2}
+    assert loop.coordinates()["ti"].dims == ("tuning",)
+
+
+def test_a_dataarray_keeps_its_dims_and_labels():
+    kp = xr.DataArray([0.01, 0.02], dims="controller", coords={"controller": ["slow", "fast"]})
+    loop = fc.Loop(kp=kp, backlash=xr.DataArray(np.full((2, 3), 0.05), dims=("controller", "size")))
+    assert loop.sizes == {"controller": 2, "size": 3}
+    assert loop.coordinates()["controller"].values.tolist() == ["slow", "fast"]
+
+
+def test_dims_come_in_the_order_of_assignment_and_a_changed_sweep_comes_last():
+    loop = fc.Loop(kp=[0.01, 0.02], backlash=[0.05, 0.07])
+    assert list(loop.sizes) == ["kp", "backlash"]
+    assert list(loop.assign(kp=[0.01, 0.03]).sizes) == ["backlash", "kp"]
+    assert list(loop.assign(kp=0.02).sizes) == ["backlash"]
+
+
+def test_axis_labels_are_rounded_so_that_sel_finds_them():
+    axis = np.linspace(0.01, 0.15, 15)
+    assert 0.07 not in axis.tolist()
+    labels = fc.Loop(backlash=axis).coordinates()["backlash"]
+    assert labels.assign_coords(backlash=labels).sel(backlash=0.07) == 0.07
+    zipped = fc.Loop(backlash=("sample", axis))["backlash"]
+    assert zipped.values.tolist() == axis.tolist()
+
+
+def test_scenarios_are_the_product_of_the_dimensions_last_one_fastest():
+    loop = fc.Loop(backlash=[0.05, 0.07], kp=("tuning", [0.01, 0.02, 0.03]), ti=("tuning", [10.0, 20.0, 30.0]))
+    layout, found = columns(loop, n_days=2, replicates=2)
+    assert layout.sizes == {"day": 2, "backlash": 2, "tuning": 3, "replicate": 2}
+    assert found["replicate"].tolist() == [0, 1] * 12
+    assert found["kp"].tolist() == [0.01, 0.01, 0.02, 0.02, 0.03, 0.03] * 4
+    assert found["ti"].tolist() == [10.0, 10.0, 20.0, 20.0, 30.0, 30.0] * 4
+    assert found["backlash"].tolist() == ([0.05] * 6 + [0.07] * 6) * 2
+    assert found["day"].tolist() == [0] * 12 + [1] * 12
+    assert np.all(found["C_c"] == 30.0)
+    assert np.all(np.isnan(found["rangeability"]))
+
+
+def test_any_slice_of_the_scenarios_is_that_of_all_of_them():
+    loop = fc.Loop(backlash=np.linspace(0.0, 0.1, 7), kp=[0.01, 0.02, 0.03], action=["heating", "cooling"])
+    layout, found = columns(loop)
+    some = layout.columns(np.arange(5, 29))
+    assert all(some[name].tolist() == found[name][5:29].tolist() for name in ("backlash", "kp", "action"))
+
+
+def test_describe_names_the_place_of_a_scenario():
+    layout, _ = columns(fc.Loop(backlash=[0.05, 0.07], air_march=["lagged", "quasistatic"]))
+    assert layout.describe(2) == "backlash=0.07, air_march=lagged"
+
+
+# What cannot be swept, or not together
+
+
+@pytest.mark.parametrize("dim", ["day", "replicate", "volume", "elapsed_time", "rmse", "T_sup"])
+def test_dims_of_results_cannot_be_swept(dim):
+    problem = only_problem(fc.Loop, backlash=(dim, [0.05, 0.07]))
+    assert repr(dim) in problem
+    assert "taken" in problem
+
+
+def test_status_cannot_be_swept():
+    assert problems(fc.Loop, backlash=("status", [0.05, 0.07]))
+
+
+def test_a_dim_cannot_have_the_name_of_a_parameter_that_has_another_value():
+    with pytest.raises(fc.InputError):
+        columns(fc.Loop(backlash=("buffer", [0.05, 0.07])))
+
+
+@pytest.mark.parametrize("dim", ["sample", "controller", "tuning"])
+def test_reserved_dims_of_sweeps_can_be_swept(dim):
+    assert dim in RESERVED_DIMS
+    assert fc.Loop(backlash=(dim, [0.05, 0.07])).sizes == {dim: 2}
+
+
+def zipped_problem(**values):
+    with pytest.raises(fc.InputError) as caught:
+        columns(fc.Loop(**values))
+    return str(caught.value)
+
+
+DIFFERENT = {"kp": ("tuning", [0.01, 0.02]), "ti": ("tuning", [10.0, 20.0, 30.0])}
+
+
+def test_zipped_parameters_of_different_length_are_refused_where_they_are_given():
+    words = ["ti has 3 values", "'tuning'", "kp has 2", "same length"]
+    assert_only_problem(words, fc.Loop, **DIFFERENT)
+    assert_only_problem(words, fc.Loop().assign, **DIFFERENT)
+    assert_only_problem(words, fc.Loop(kp=DIFFERENT["kp"]).assign, ti=DIFFERENT["ti"])
+
+
+def test_the_length_of_zipped_parameters_is_changed_in_one_call():
+    loop = fc.Loop(kp=("tuning", [0.01, 0.02]), ti=("tuning", [10.0, 20.0]))
+    longer = loop.assign(kp=("tuning", [0.01, 0.02, 0.03]), ti=("tuning", [10.0, 20.0, 30.0]))
+    assert longer.sizes == {"tuning": 3}
+
+
+def differing_labels():
+    slow, fast = (xr.DataArray([0.01, 0.02], dims="case", coords={"case": names}) for names in (["a", "b"], ["a", "c"]))
+    return fc.Loop(kp=slow, backlash=fast)
+
+
+def test_labels_of_one_dim_that_differ():
+    with pytest.raises(fc.InputError, match=r"'case'.*backlash"):
+        differing_labels().coordinates()
+    own = xr.DataArray([1.0, 2.0], dims="ti", coords={"ti": [10.0, 21.0]})
+    with pytest.raises(fc.InputError, match="'ti'"):
+        fc.Loop(ti=[10.0, 20.0], kp=own).coordinates()
+
+
+def test_labels_of_one_dim_that_differ_are_found_before_anything_runs():
+    with pytest.raises(fc.InputError):
+        columns(differing_labels())
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"backlash": [0.05, 0.9], "estimate_ratio": [0.5, 1.2]}, ["estimate_ratio", "1.08", "below 1"]),
+        ({"backlash_estimate": [0.0, 0.3], "learning_step": 0.01}, ["backlash_estimate", "0.3", "learning_cap"]),
+        ({"estimate_ratio": 4.0, "learning_step": 0.01}, ["0.28", "learning_cap"]),
+    ],
+)
+def test_values_that_do_not_go_together(values, words):
+    problem = zipped_problem(**values)
+    assert all(word in problem for word in words), problem
+
+
+def test_an_estimate_above_the_cap_is_fine_without_learning():
+    assert columns(fc.Loop(backlash_estimate=0.3))[0].size == 1

@@ -1,0 +1,191 @@
+"""``simulate``: the shape and words of a result, and what leaves a result the same."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, TRACES
+from fastcoil.model.parameter_table import PARAMETERS
+
+pytestmark = pytest.mark.kernel
+
+# The Dataset
+
+
+def test_dims_are_those_of_the_sweep_and_the_day_and_the_replicates(swept):
+    assert dict(swept.sizes) == {
+        "day": 2,
+        "backlash": 3,
+        "tuning": 2,
+        "n_volumes": 2,
+        "replicate": 2,
+        "elapsed_time": 18,
+        "volume": 8,
+    }
+    dims = ("day", "backlash", "tuning", "n_volumes", "replicate")
+    assert all(swept[name].dims == dims for name in [*METRICS, "status"])
+    assert swept.T_sup.dims == (*dims, "elapsed_time")
+    assert swept.T_c.dims == (*dims, "volume", "elapsed_time")
+
+
+def test_coordinates_are_labels_and_the_parameters_along_them(swept):
+    assert swept.day.values.tolist() == [4, 1]
+    assert swept.backlash.values.tolist() == [0.0, 0.07, 0.15]
+    assert swept.kp.dims == swept.ti.dims == ("tuning",)
+    assert swept.ti.values.tolist() == [20.0, 8.0]
+    assert swept.replicate.values.tolist() == [0, 1]
+    assert swept.volume.values.tolist() == list(range(1, 9))
+    assert swept.elapsed_time.values.tolist() == list(range(0, 900, 50))
+    assert swept.rmse.sel(backlash=0.07, day=1, n_volumes=8).sizes == {"tuning": 2, "replicate": 2}
+
+
+def test_the_docstring_names_every_trace():
+    for name in TRACES:
+        assert re.search(rf"\b{name}\b", fc.simulate.__doc__), name
+
+
+def test_a_swept_parameter_has_label_unit_and_text(swept):
+    attrs, parameter = swept.backlash.attrs, PARAMETERS["backlash"]
+    assert attrs == {"long_name": parameter.label, "units": "1", "comment": parameter.text}
+
+
+def test_variables_are_metrics_status_and_the_traces_asked_for(swept):
+    assert set(swept.data_vars) == {*METRICS, "status", "T_sup", "mode", "T_c"}
+    assert list(fc.simulate(fc.Loop(), fc.paper_day(hours=0.1), warm_up=0).data_vars) == [*METRICS, "status"]
+
+
+def test_everything_has_a_unit_and_a_long_name(swept):
+    for name, output in (METRICS | {n: TRACES[n] for n in ("T_sup", "mode", "T_c")}).items():
+        attrs = swept[name].attrs
+        assert (attrs["units"], attrs["long_name"]) == (output.unit, output.long_name)
+        assert (attrs.get("units_metadata") == "temperature: difference") == output.difference
+    for name in swept.coords:
+        assert swept[name].attrs["long_name"]
+    assert swept.kp.attrs["units"] == PARAMETERS["kp"].unit == "K-1"
+    assert swept.elapsed_time.attrs["units"] == "s"
+
+
+def test_status_has_cf_flags(swept):
+    assert swept.status.dtype == np.int8
+    assert swept.status.attrs["flag_values"].tolist() == list(range(5))
+    assert swept.status.attrs["flag_meanings"].split() == list(STATUS_MEANINGS)
+    assert np.all(swept.status == 0)
+
+
+def test_provenance_names_no_user_and_no_path(swept, sweep):
+    attrs = swept.attrs
+    assert json.loads(attrs["parameters"]) == fc.Loop(**sweep, noise_std=0.02, n_volumes=[4, 8]).constants
+    assert (attrs["seed"], attrs["warm_up_s"], attrs["Conventions"]) == ("7", 100, "CF-1.11")
+    assert len(attrs["content_sha256"]) == len(attrs["boundary_sha256"]) == 64
+    text = " ".join(map(str, attrs.values()))
+    assert str(Path.home()) not in text
+    assert os.getcwd() not in text
+
+
+def test_volumes_a_scenario_does_not_have_are_missing(swept):
+    few, many = swept.T_c.sel(n_volumes=4), swept.T_c.sel(n_volumes=8)
+    assert np.all(np.isnan(few.sel(volume=slice(5, None))))
+    assert np.all(np.isfinite(few.sel(volume=slice(4))))
+    assert np.all(np.isfinite(many))
+
+
+@pytest.mark.parametrize("interval", [1, 7, 60, 900])
+def test_trace_interval_takes_the_sample_at_that_second(days, interval):
+    every = fc.simulate(fc.Loop(), days, traces=["T_sup", "wet_volumes", "T_w"], warm_up=100)
+    some = fc.simulate(fc.Loop(), days, traces=["T_sup", "wet_volumes", "T_w"], warm_up=100, trace_interval=interval)
+    assert some.sizes["elapsed_time"] == -(-900 // interval)
+    xr.testing.assert_equal(some, every.isel(elapsed_time=slice(None, None, interval)))
+
+
+def test_each_trace_alone_is_the_trace_among_others(days):
+    together = fc.simulate(fc.Loop(), days, traces=list(TRACES), warm_up=100)
+    backwards = fc.simulate(fc.Loop(), days, traces=list(TRACES)[::-1], warm_up=100)
+    for name in TRACES:
+        alone = fc.simulate(fc.Loop(), days, traces=[name], warm_up=100)
+        assert alone[name].identical(together[name])
+        assert backwards[name].identical(together[name])
+
+
+# Open loop
+
+
+def test_open_loop_has_no_controller(short):
+    command = np.linspace(0.0, 1.0, short.n_steps)
+    ds = fc.simulate(fc.Loop(backlash=[0.0, 0.1]), short, command=command, traces=list(TRACES), warm_up=60)
+    for name in ("u", "integral", "estimate"):
+        assert np.all(np.isnan(ds[name]))
+    assert ds["mode"].dtype == np.int8
+    assert np.all(ds["mode"] == 0)
+    assert np.all(np.isnan(ds.switch_frequency))
+    assert np.all(np.isnan(ds.estimate_final))
+    np.testing.assert_array_equal(ds.command.values, np.broadcast_to(command, (2, short.n_steps)))
+    np.testing.assert_array_equal(ds.opening.sel(backlash=0.0).values, command)
+    assert "command_sha256" in ds.attrs
+
+
+def test_each_day_may_have_its_own_command(days):
+    commands = np.array([[0.2] * 900, [0.6] * 900])
+    ds = fc.simulate(fc.Loop(), days, command=commands, traces=["command"], warm_up=60)
+    np.testing.assert_array_equal(ds.command.values, commands)
+    same = fc.simulate(fc.Loop(), days, command=commands[0], traces=["command"], warm_up=60)
+    np.testing.assert_array_equal(same.command.values, np.full((2, 900), 0.2))
+
+
+# Sameness
+
+
+def test_seeds_up_to_64_bits_are_taken(days):
+    loop = fc.Loop(noise_std=0.1, sample_time=5)
+    found = {float(fc.simulate(loop, days, warm_up=60, seed=seed).rmse[0]) for seed in (0, 1, 2**32, 2**64 - 1)}
+    assert len(found) == 4
+
+
+def test_content_hash_does_not_depend_on_the_threads(days, swept, sweep):
+    loop = fc.Loop(**sweep, noise_std=0.02, n_volumes=[4, 8])
+    for n_jobs in (1, 2, 3):
+        options = {"traces": ["T_sup", "mode", "T_c"], "trace_interval": 50, "warm_up": 100, "replicates": 2, "seed": 7}
+        assert fc.simulate(loop, days, n_jobs=n_jobs, **options).content_sha256 == swept.content_sha256
+
+
+@pytest.mark.parametrize("change", [{"seed": 8}, {"warm_up": 101}, {"trace_interval": 25}, {"traces": ["T_sup"]}])
+def test_content_hash_depends_on_what_was_simulated(days, swept, sweep, change):
+    options = {"traces": ["T_sup", "mode", "T_c"], "trace_interval": 50, "warm_up": 100, "replicates": 2, "seed": 7}
+    other = fc.simulate(fc.Loop(**sweep, noise_std=0.02, n_volumes=[4, 8]), days, **options | change)
+    assert other.content_sha256 != swept.content_sha256
+
+
+@pytest.mark.filterwarnings("ignore:action")
+def test_adding_sweep_values_changes_no_scenario(days):
+    few = fc.simulate(fc.Loop(backlash=[0.02, 0.07], noise_std=0.05), days, traces=["T_sup"], warm_up=60)
+    more = fc.simulate(
+        fc.Loop(noise_std=[0.0, 0.05], backlash=[0.15, 0.07, 0.0, 0.02], action=["heating", "cooling"]),
+        fc.paper_day(hours=0.25, seed=[1, 9, 4]),
+        traces=["T_sup"],
+        warm_up=60,
+        replicates=3,
+    ).sel(noise_std=0.05, backlash=[0.02, 0.07], action="cooling", day=[4, 1], replicate=0)
+    for name in [*METRICS, "T_sup"]:
+        np.testing.assert_array_equal(more[name].values, few[name].values, err_msg=name)
+
+
+# What fails
+
+
+def test_a_controller_gone_nan_is_flagged(short):
+    ds = fc.simulate(fc.Loop(ti=1e-320, sensor_resolution=0.5), short, traces=["u"], warm_up=60)
+    assert int(ds.status) != 0
+
+
+def test_fc_simulate_stays_a_function():
+    code = "import fastcoil as fc; fc.open_study; print(callable(fc.simulate))"
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ)
+    assert found.stdout.strip() == "True"

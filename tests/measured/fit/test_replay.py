@@ -1,0 +1,141 @@
+"""replay: the simulation's own commands from its own temperatures, and a building's from its record."""
+
+import numpy as np
+import pytest
+from helpers.shared_data import measured
+
+import fastcoil as fc
+from fastcoil.model.control.pi import clipped, desired_opening, integrated
+
+SIGNALS = ["u", "integral", "command", "estimate", "mode"]
+pytestmark = pytest.mark.kernel
+
+
+def recorded(ds, boundary):
+    """A simulation as a log: readings of the sensor, and the set-point."""
+    log = ds[["T_measured"]].rename(T_measured="T_sup")
+    log["T_set"] = boundary.to_dataset()["T_set"]
+    log["enabled"] = boundary.to_dataset()["enabled"]
+    return log
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"backlash_estimate": 0.05},
+        {"noise_std": 0.1, "sample_time": 5.0, "backlash_estimate": 0.03, "buffer": 0.01},
+        {"learning_step": 0.007, "learning_interval": 600, "sensor_resolution": 0.1, "noise_std": 0.05},
+        {"backlash_estimate": 0.05, "converged": True},
+        {"neutral_zone": 0.01, "slip_jump": 0.03, "leakage": 0.0, "backlash_estimate": 0.05},
+    ],
+)
+def test_a_simulation_fed_back_gives_its_commands_to_the_bit(hour, settings):
+    loop = fc.Loop(**settings)
+    ds = fc.simulate(loop, hour, traces=["T_measured", *SIGNALS], warm_up=0, seed=3)
+    found = fc.replay(loop, recorded(ds, hour))
+    for name in SIGNALS:
+        np.testing.assert_array_equal(found[name], ds[name], err_msg=name)
+    assert float(found["command"].std()) > 0.0
+
+
+@pytest.mark.parametrize("rest", [{"estimator": "gradient", "backlash_estimate": 0.03}, {"estimator": "identify"}])
+def test_an_estimator_is_replayed_too_and_sees_steps_of_an_air_flow_in_the_log(rest):
+    day = fc.paper_day(hours=2, seed=1)
+    day = day.assign(m_a=day.series["m_a"][0] * np.where(np.arange(7200) % 2000 < 1200, 1.0, 0.8))
+    loop = fc.Loop.preset("lbnl").assign(backlash=0.1, noise_std=0.02, **rest)
+    ds = fc.simulate(loop, day, traces=["T_measured", "estimate"], warm_up=0)
+    assert float(ds["estimate"].std()) > 0.0
+    log = recorded(ds, day)
+    np.testing.assert_array_equal(fc.replay(loop, log.assign(m_a=day.to_dataset()["m_a"]))["estimate"], ds["estimate"])
+    assert not np.array_equal(fc.replay(loop, log)["estimate"], ds["estimate"])
+
+
+@pytest.mark.filterwarnings("ignore:action = 'heating' with kp")
+def test_heating_is_replayed_too():
+    day = fc.constant_day(hours=0.5, m_a=1.0, T_a_in=10.0, W_a_in=0.003, T_w_in=50.0, T_set=25.0)
+    loop = fc.Loop(action="heating", backlash_estimate=0.05)
+    ds = fc.simulate(loop, day, traces=["T_measured", "command"], warm_up=0)
+    found = fc.replay(loop, recorded(ds, day))
+    np.testing.assert_array_equal(found["command"], ds["command"])
+    assert float(found["command"].std()) > 0.0
+
+
+def test_times_without_operation_reset_the_controller():
+    day = fc.paper_day(hours=0.5, seed=1)
+    enabled = np.ones(1800)
+    enabled[617:907] = 0.0  # between samples, too
+    series = {name: values[0] for name, values in day.series.items()} | {"enabled": enabled}
+    day = fc.Boundary(**series)
+    loop = fc.Loop()
+    ds = fc.simulate(loop, day, traces=["T_measured", *SIGNALS], warm_up=0)
+    found = fc.replay(loop, recorded(ds, day))
+    np.testing.assert_array_equal(found["command"], ds["command"])
+    assert (found["u"][617:907] == 0.0).all()
+
+
+def test_a_sweep_is_replayed_at_once(hour):
+    ds = fc.simulate(fc.Loop(), hour, traces=["T_measured"], warm_up=0)
+    log = recorded(ds, hour)
+    estimates = [0.0, 0.05, 0.1]
+    sweep = fc.replay(fc.Loop(backlash_estimate=estimates, kp=("tuning", [0.01, 0.03])), log, trace_interval=30)
+    assert dict(sweep.sizes) == {"backlash_estimate": 3, "tuning": 2, "elapsed_time": 120}
+    one = fc.replay(fc.Loop(backlash_estimate=0.05, kp=0.03), log)
+    here = sweep["command"].sel(backlash_estimate=0.05).isel(tuning=1)
+    np.testing.assert_array_equal(here, one["command"][::30])
+    assert sweep["command"].attrs["units"] == "1"
+
+
+def test_a_log_of_coarse_samples_holds_between_them(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("elapsed_time [s],T_sup [degF],T_set [degC]\n0,59,14\n60,60.8,14\n120,60.8,13\n")
+    found = fc.replay(fc.Loop(kp=0.1, ti=1e9, sample_time=10.0), path)
+    np.testing.assert_allclose(found["u"][[0, 59, 60, 119, 120]], [0.1, 0.1, 0.2, 0.2, 0.3], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("elapsed_time [s],T_sup [degC]\n0,15\n60,15\n", ["T_set is missing", "columns={'T_set'"]),
+        ("elapsed_time [s],T_sup,T_set [degC]\n0,15,14\n60,15,14\n", ["T_sup has no unit"]),
+        ("elapsed_time [s],T_sup [degC],T_set [degC]\n0,15,14\n60,999,14\n", ["T_sup = 999 degC in row 3"]),
+        ("elapsed_time [s],T_sup [degC],T_set [degC]\n0,15,14\n0,16,14\n", ["row 3 is at the same time as row 2"]),
+        (
+            "elapsed_time [s],T_sup [degC],T_set [degC]\n0,15,14\n60,15,14\n120,15,14\n999,15,14\n",
+            ["rows 4 and 5 are 879 s apart", "max_gap=879"],
+        ),
+    ],
+)
+def test_bad_logs_are_refused(tmp_path, text, words):
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    with pytest.raises(fc.InputError) as caught:
+        fc.replay(fc.Loop(), path)
+    for word in words:
+        assert word in str(caught.value)
+    assert "--drop" not in str(caught.value)  # which a controller's record cannot
+
+
+def test_our_pi_replays_the_recorded_command_of_a_building():
+    """LBNL building 33, AHU-2: within 0.29 % of stroke, the RMSE of a Modelica model of the same controller.
+
+    P acts at every sample (5 s), the integral is summed every 15 s; enabled above 15 % of fan feedback (off below 5 %)
+    and 50 °F outside (off below 48 °F); a low limit closes the valve between 50 and 42 °F of supply air.
+    """
+    log = np.genfromtxt(measured("b33_ahu2_5s.csv"), delimiter=",", names=True)
+    kp, ti, n = 0.018, 30.0, log.size
+    integral, hot, fan, was = 0.0, False, False, False
+    command = np.empty(n)
+    for t in range(n):
+        hot = log["T_out_C"][t] > (10.0 - 2 / 1.8 if hot else 10.0)
+        fan = log["fan_feedback_pct"][t] > (5.0 if fan else 15.0)
+        enabled = hot and fan and log["fan_enable"][t] > 0
+        e = log["T_sup_C"][t] - log["T_sup_set_C"][t]
+        if enabled != was:
+            integral = 0.0
+        elif t % 3 == 0:
+            integral = integrated(integral, e, kp * 15.0 / ti)
+        was = enabled
+        low_limit = clipped((log["T_sup_C"][t] - 50 / 9) / (10.0 - 50 / 9))
+        command[t] = min(desired_opening(e, integral, kp) if enabled else 0.0, low_limit)
+    rmse = np.sqrt(np.mean((command - log["valve_command_pct"] / 100.0) ** 2))
+    assert rmse < 0.0029

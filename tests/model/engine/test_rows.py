@@ -1,0 +1,68 @@
+"""The rows of a block's state: groups that neither overlap nor leave a gap, and who may read what."""
+
+import ast
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fastcoil.model.engine import controller, replay_loop, rows
+from fastcoil.model.engine.initial_state import derive, reset_sums, set_initial_state
+from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
+from fastcoil.model.engine.metrics import M
+from fastcoil.model.engine.rows import LANES, SUM_ROWS, R, positions
+from fastcoil.model.metric_table import METRICS
+from fastcoil.model.parameter_table import PARAMETERS
+
+GROUPS = (rows.PARAMETER_ROWS, rows.DERIVED_ROWS, rows.STATE_ROWS, rows.SUM_ROWS)
+
+
+@pytest.fixture(scope="module")
+def block():
+    """One default loop, 64 times."""
+    columns = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
+    ((_, block),) = blocks(parameter_matrix(columns | {"replicate": np.zeros(1), "estimator": np.array(["none"])}))
+    return block
+
+
+def test_groups_follow_one_another_and_name_every_row_once():
+    names = [name for group in GROUPS for name in group]
+    assert list(R._fields) == names
+    assert len(set(names)) == len(names)
+    assert {after - before for before, after in pairwise(R)} == {LANES}
+    assert R[-len(SUM_ROWS)] == rows.SUMS_AT == getattr(R, rows.SUM_ROWS[0])
+    assert getattr(R, rows.STATE_ROWS[0]) == rows.STATE_AT
+
+
+def test_positions_follow_the_enumeration():
+    assert positions(("a", "b"))._asdict() == {"a": 0, "b": 1}
+    assert positions(("a", "b"), LANES).b == LANES
+    assert M._asdict() == {name: k for k, name in enumerate(METRICS)}
+
+
+@pytest.mark.kernel
+def test_each_group_is_filled_by_its_own_function_alone(block):
+    """So that a later day could start with fresh sums from the state of the one before."""
+    edges = [0, rows.STATE_AT, rows.SUMS_AT, len(R) * LANES]
+    fill = (
+        lambda S: derive(S, block.rows, block.common.n_volumes),
+        lambda S: set_initial_state(S, False),
+        lambda S: reset_sums(S, False),
+    )
+    S, *_ = work_space(block)
+    S[:] = -7.0
+    for k, (start, end) in enumerate(pairwise(edges)):
+        before = S[:start].copy()
+        fill[k](S)
+        assert not np.any(S[start:end] == -7.0)
+        assert np.all(S[end:] == -7.0)
+        np.testing.assert_array_equal(S[:start], before)
+
+
+@pytest.mark.parametrize("module", [controller, replay_loop])
+def test_the_controller_knows_no_true_backlash_and_reads_no_sum(module):
+    tree = ast.parse(Path(module.__file__).read_text())
+    used = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and ast.unparse(n.value) == "R"}
+    assert not used & {"backlash", "worn", "gap", "backlash_scale"}
+    assert used & set(SUM_ROWS) <= {"sum_switches"}

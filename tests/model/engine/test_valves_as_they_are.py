@@ -1,0 +1,174 @@
+"""Neutral zone, stick-slip and leakage in the loop; their formulas are tested in ``tests/model/physics``."""
+
+import numpy as np
+import pytest
+import reference
+
+import fastcoil as fc
+from fastcoil.model.engine.stem import Stem
+
+GENTLE = {"kp": 0.018, "ti": 30.0, "sample_time": 15}
+CURVE = (2.0, 0.7, 9.0, 0.38)
+
+
+def starts(positions):
+    """How often a motor starts."""
+    moves = np.diff(positions, prepend=0.0, axis=-1) != 0.0
+    return np.count_nonzero(moves[..., 1:] & ~moves[..., :-1], axis=-1)
+
+
+def over(openings, **parameters):
+    """An hour's flows and temperatures at given openings."""
+    day = fc.constant_day(hours=openings.size / 3600, T_a_in=26.0, W_a_in=0.004)
+    names = ["m_w", "T_w", "T_c", "T_a", "power", "opening"]
+    return fc.simulate(fc.Loop(backlash=0.0, **parameters), day, command=openings, traces=names, warm_up=60)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "parts"),
+    [
+        ({}, (False, False, False, False)),
+        ({"command_resolution": 0.01}, (True, False, False, False)),
+        ({"neutral_zone": 0.01}, (False, True, False, False)),
+        ({"slip_jump": 0.01}, (False, False, True, False)),
+        ({"slip_jump": 0.01, "neutral_zone": 0.01}, (False, True, True, False)),
+        ({"wear_rate": 0.001}, (False, False, False, True)),
+    ],
+)
+def test_a_block_compiles_the_parts_that_a_lane_of_it_needs(parameters, parts):
+    names = ("command_resolution", "neutral_zone", "slip_jump", "wear_rate")
+    lanes = {name: np.array([0.0, parameters.get(name, 0.0), 0.0]) for name in names}
+    assert Stem.of(lanes) == parts
+
+
+@pytest.mark.kernel
+def test_a_neutral_zone_starts_the_motor_less_often(hour):
+    loop = fc.Loop(**GENTLE, noise_std=0.05, stroke_time=90.0, neutral_zone=[0.0, 0.005, 0.02])
+    ds = fc.simulate(loop, hour, traces=["position"], warm_up=600)
+    counted = starts(ds.position.values)
+    assert counted[0] > 1.5 * counted[1] > 2.0 * counted[2] > 0
+
+
+@pytest.mark.kernel
+def test_without_a_zone_or_a_jump_the_loop_is_that_of_before_beside_those_that_have_one(hour):
+    names = ["position", "opening", "m_w", "T_sup"]
+    loop = fc.Loop(**GENTLE, noise_std=0.02, stroke_time=[0.0, 90.0])
+    plain = fc.simulate(loop, hour, traces=names, warm_up=600)
+    mixed = fc.simulate(loop.assign(neutral_zone=[0.0, 0.01], slip_jump=[0.0, 0.03]), hour, traces=names, warm_up=600)
+    for name in [*names, "rmse", "motor_travel", "stem_travel", "reversals"]:
+        values = mixed[name].sel(neutral_zone=0.0, slip_jump=0.0).values
+        np.testing.assert_array_equal(values, plain[name].values, err_msg=name)
+    assert np.all(mixed.rmse.stack(valve=("neutral_zone", "slip_jump")).values[:, 1:] != plain.rmse.values[:, None])
+
+
+@pytest.mark.kernel
+def test_the_stem_sticks_in_the_second_in_which_its_motor_stops_though_no_command_comes(hour):
+    """The twin looks at every second; the loop only at those in which something may happen."""
+    loop = fc.Loop(**GENTLE, backlash=0.1, slip_jump=0.04)
+    ds = fc.simulate(loop, hour, traces=["position", "opening"], warm_up=600)
+    twin = reference.StickSlip(0.1, 0.04)
+    expected = [twin.move(position)[1] for position in ds.position.values.tolist()]
+    np.testing.assert_allclose(ds.opening.values, expected, rtol=0.0, atol=1e-15)
+    rests = np.diff(ds.position.values) == 0.0
+    assert rests.mean() > 0.9
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("valve", [{"neutral_zone": 0.03}, {"slip_jump": 0.02}])
+def test_a_loop_that_settles_with_backlash_alone_hunts_with_a_neutral_zone_or_stick_slip(valve):
+    """An integral against a motor or a stem that rests: play alone needs a second integrator in the plant."""
+    day = fc.constant_day(hours=6, T_set=16.0)
+    loop = fc.Loop.preset("lbnl")
+    play, real = (fc.simulate(loop.assign(**more), day, warm_up=7200) for more in ({}, valve))
+    assert float(play.hunting_swing) < 0.05
+    assert float(real.hunting_swing) > 0.3
+
+
+# Leakage
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("leakage", [0.0, 0.001, 0.03, 0.5])
+def test_a_closed_valve_leaks_its_share_of_the_full_flow_exactly_and_flow_rises_with_opening(leakage):
+    openings = np.linspace(0.0, 1.0, 1801)
+    flow = over(openings, leakage=leakage, C_w=10.0).m_w.values
+    plain = over(openings, C_w=10.0).m_w.values
+    assert flow[-1] == plain[-1]
+    assert flow[0] == leakage * flow[-1]
+    assert np.all(np.diff(flow) > 0.0)
+    expected = [reference.leaking_valve(x, leakage, *CURVE) for x in openings.tolist()]
+    np.testing.assert_allclose(flow, expected, rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.kernel
+def test_the_leakage_of_the_printed_curve_gives_the_printed_curve():
+    openings = np.linspace(0.0, 1.0, 1801)
+    valve = {"rangeability": 50.0, "authority": 0.3, "m_full": 1.8}
+    for curve, parameters in ((CURVE, {}), (reference.valve_from_authority(*valve.values()), valve)):
+        own = reference.richards_valve(0.0, *curve) / reference.richards_valve(1.0, *curve)
+        leaking, plain = (over(openings, **parameters, **more).m_w for more in ({"leakage": own}, {}))
+        np.testing.assert_allclose(leaking, plain, rtol=1e-13, atol=0.0)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("beta2", [-5.0, -0.2, 0.0, 0.5])
+def test_a_tight_valve_shuts_the_water_off_and_energy_closes(beta2):
+    seconds = np.arange(5400)
+    openings = np.select([seconds < 600, seconds < 4800], [1.0, 0.0], np.linspace(0.0, 0.02, 5400))
+    ds = over(openings, leakage=0.0, beta2=beta2, air_march="quasistatic")
+    T_w, T_c, T_a, m_w = (ds[name].values for name in ("T_w", "T_c", "T_a", "m_w"))
+    assert int(ds.status) == 0
+    shut = slice(600, 4800)
+    assert np.all(m_w[shut] == 0.0)
+    assert np.all(ds.power.values[shut] == 0.0)
+    np.testing.assert_array_equal(T_w[:, shut], np.broadcast_to(T_w[:, [600]], T_w[:, shut].shape))
+    np.testing.assert_allclose(T_c[:, 4799], 26.0, atol=1e-9)
+    assert m_w[-1] > 0.0
+    stored = (8.8 * np.diff(T_w) + 30.0 * np.diff(T_c)).sum(axis=0)
+    air = 1.15 * 1.02 * (26.0 - T_a[0, 1:])
+    water = m_w[:-1] * 4.186 * (7.0 - T_w[-1, :-1])
+    np.testing.assert_allclose(stored, air + water, rtol=0.0, atol=1e-10)
+
+
+def test_a_loop_that_leaks_takes_over_the_curve_of_a_fit_and_still_leaks():
+    fitted = {"backlash": 0.08, "m_max": 1.9, "valve_a": 0.8, "valve_b": 8.0, "valve_c": 0.4}
+    loop = fc.Loop(rangeability=50.0, authority=0.3, m_full=1.8, leakage=0.01).assign(**fitted)
+    assert (loop["leakage"], loop["m_max"], loop["rangeability"]) == (0.01, 1.9, None)
+
+
+# What cannot be
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"backlash": [0.04, 0.07], "slip_jump": 0.05},
+        {"backlash": ("valve", [0.02, 0.07]), "slip_jump": ("valve", [0.01, 0.08])},
+    ],
+)
+def test_a_jump_larger_than_the_band_is_refused_before_anything_runs(parameters, refused, short):
+    (problem,) = refused(fc.Loop(**parameters), short, warm_up=60)
+    assert all(
+        word in problem for word in ("slip_jump is up to 0.01 above the backlash", "lower slip_jump or raise backlash")
+    )
+
+
+def test_a_jump_larger_than_the_band_that_the_boundary_leaves_is_refused(refused, short):
+    (problem,) = refused(fc.Loop(slip_jump=0.05), short.assign(backlash_scale=0.5), warm_up=60)
+    assert "0.015 above the backlash, which backlash_scale makes 0.5 times as large" in problem
+    fc.simulate(fc.Loop(slip_jump=0.05), short.assign(backlash_scale=2.0), warm_up=60)
+
+
+def test_a_jump_as_large_as_its_own_band_is_fine():
+    from fastcoil.loops.clashes import check_clashes
+
+    loop = fc.Loop(backlash=("valve", [0.02, 0.07]), slip_jump=("valve", [0.02, 0.07]))
+    check_clashes(loop, fc.constant_day().series["T_set"])
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("neutral_zone", -0.1), ("neutral_zone", 1.0), ("slip_jump", -0.1), ("leakage", 1.0)]
+)
+def test_values_out_of_bounds(name, value):
+    with pytest.raises(fc.InputError, match=name):
+        fc.Loop(**{name: value})

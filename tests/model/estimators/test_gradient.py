@@ -1,0 +1,120 @@
+"""The adaptive inverse: what moves its estimate and what does not, and what it finds."""
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.model.estimators.gradient import Parameters, beyond, moved, regressor, start, step
+from fastcoil.model.estimators.interface import Sample
+
+TS = 5.0
+P = Parameters(TS, 0.0, 3e-4, 60.0, 60.0, 0.05, 400.0, 0.2)
+SWING = np.where(np.arange(400) // 20 % 2 == 0, 1.0, -1.0)
+"""Directions of a valve that turns every 100 s."""
+
+
+def fed(e, mode, p=P, u=0.5, estimate=0.03, T_set=14.0, m_a=1.0):
+    """Estimate after each sample."""
+    samples = np.broadcast_arrays(e, mode, u, T_set, m_a)
+    sign, memory, found = 1.0 - 2.0 * p.action, start(p), []
+    now_set = np.append(samples[3][1:], samples[3][-1])
+    for k, (e_k, mode_k, u_k, set_k, m_a_k) in enumerate(zip(*samples, strict=True)):
+        T = set_k + sign * e_k
+        now = Sample((k + 1) * p.sample_time, now_set[k], m_a_k, T, e_k, u_k, 0.5, mode_k, 0.0, estimate)
+        estimate, memory = step(now, p, memory)
+        found.append(float(estimate))
+    return np.array(found)
+
+
+def test_the_regressor_is_1_minus_u_rising_and_minus_u_falling():
+    assert regressor(1.0, 0.3) == 0.7
+    assert regressor(-1.0, 0.3) == -0.3
+
+
+@pytest.mark.parametrize(("e", "expected"), [(0.05, 0.0), (-0.05, 0.0), (0.25, 0.2), (-0.25, -0.2), (0.0, 0.0)])
+def test_only_what_lies_beyond_the_dead_zone_acts(e, expected):
+    assert beyond(e, 0.05) == pytest.approx(expected, abs=1e-16)
+
+
+def test_one_step_is_the_normalised_gradient_within_0_and_the_cap():
+    assert moved(0.03, 3e-4, 5.0, 0.2, 0.5, 0.2) == pytest.approx(0.03 + 3e-4 * 5.0 * 0.2 * 0.5 / 1.25, rel=1e-15)
+    assert moved(0.03, 1.0, 5.0, -0.2, 0.5, 0.2) == 0.0
+    assert moved(0.03, 1.0, 5.0, 0.2, 0.5, 0.2) == 0.2
+
+
+@pytest.mark.parametrize("e", [0.5, -0.5])
+@pytest.mark.parametrize("mode", [1.0, -1.0])
+def test_without_a_reversal_nothing_moves_whatever_the_error(e, mode):
+    assert np.all(fed(np.full(400, e), mode) == 0.03)
+
+
+@pytest.mark.parametrize("action", [0.0, 1.0])
+def test_the_estimate_grows_where_the_opening_lags_and_shrinks_where_it_leads(action):
+    """Too little is assumed: the error wants more opening while the valve rises.  The same for heating."""
+    p = P._replace(action=action)
+    assert fed(0.3 * SWING, SWING, p)[-1] > 0.035
+    assert fed(-0.3 * SWING, SWING, p)[-1] < 0.025
+
+
+def test_moves_are_homogeneous_in_error_and_dead_zone():
+    once, twice = fed(0.2 * SWING, SWING) - 0.03, fed(0.4 * SWING, SWING, P._replace(gradient_dead_zone=0.1)) - 0.03
+    assert once[-1] > 0.0
+    np.testing.assert_allclose(twice, 2.0 * once, rtol=1e-9)
+
+
+def test_an_error_within_the_dead_zone_moves_nothing():
+    assert np.all(fed(0.04 * SWING, SWING) == 0.03)
+
+
+@pytest.mark.parametrize("u", [0.0, 1.0])
+def test_it_is_frozen_while_u_is_at_an_end(u):
+    assert np.all(fed(0.3 * SWING, SWING, u=u) == 0.03)
+
+
+def test_it_pauses_after_the_start_and_after_steps_of_set_point_and_air_flow():
+    k = np.arange(400)
+
+    def rests(**series):
+        return set(np.flatnonzero(np.diff(fed(0.3 * SWING, SWING, **series)) == 0.0).tolist())
+
+    at_start = rests()
+    assert at_start == set(range(79))
+    for series in ({"T_set": np.where(k < 200, 14.0, 14.2)}, {"m_a": np.where(k < 200, 1.0, 1.06)}):
+        later = rests(**series) - at_start
+        assert 79 <= len(later) <= 80
+        assert min(later) in (198, 199)
+    # a fan that takes its time counts when it has come so far
+    assert min(rests(m_a=1.0 + 0.06 * np.clip((k - 200) / 60.0, 0.0, 1.0)) - at_start) in range(248, 252)
+    # drifts and small steps are none
+    assert rests(T_set=14.0 + 0.019 * k, m_a=np.where(k < 200, 1.0, 1.04)) == at_start
+
+
+def test_without_a_pause_the_reference_model_takes_the_set_point_step_out_of_the_error():
+    """The loop follows a step just as it should: the error is large and says nothing."""
+    p = P._replace(gradient_pause=0.0, gradient_dead_zone=0.01)
+    k = np.arange(400)
+    T_set = np.where(k < 200, 14.0, 12.0)
+    T = np.full(400, 14.0)
+    for i in range(1, 400):
+        T[i] = T[i - 1] + TS / (60.0 + TS) * (T_set[i] - T[i - 1])
+    assert np.abs(T - T_set).max() > 1.5
+    assert np.all(fed(T - T_set, SWING, p, T_set=T_set) == 0.03)
+    assert np.any(fed(T - T_set, SWING, p._replace(gradient_reference_time=0.0), T_set=T_set) != 0.03)
+
+
+def test_what_phi_answers_to_an_error_is_not_taken_for_its_cause():
+    """Noise turns the valve at once: seen together with that very error, it would drive the estimate up for ever."""
+    e = 0.3 * np.random.default_rng(1).standard_normal(20_000)
+    assert fed(e, np.sign(e), estimate=0.1)[-1] == pytest.approx(0.1, abs=0.03)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("preset", ["paper_like", "lbnl"])
+def test_it_climbs_towards_the_backlash_and_stays_near_0_without(preset, working_day):
+    loop = fc.Loop.preset(preset).assign(estimator="gradient", backlash=[0.0, 0.07], noise_std=0.02, buffer=0.01)
+    ds = fc.simulate(loop, working_day)
+    good, worn = ds.estimate_settled.values
+    assert good < 0.01
+    assert 0.02 < worn < 0.08
+    plain = fc.simulate(loop.assign(estimator="none"), working_day)
+    assert np.all(ds.rmse < [1.02, 0.85] * plain.rmse)

@@ -1,0 +1,152 @@
+"""Hägglund's estimate: the formula on a square wave, the rules of acceptance, the running median, and what it finds."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.model.estimators.hagglund import (
+    HAGGLUND,
+    Memory,
+    Parameters,
+    counts,
+    dead_band,
+    median,
+    results,
+    start,
+    step,
+)
+from fastcoil.model.estimators.interface import Sample, low_passed, weight_of_new
+
+KP, TI, GAIN, TS = 0.03, 8.0, 25.0, 4.0
+PLAIN = Parameters(TS, KP, TI, GAIN, 0.0, 0.0, 5.0)
+
+
+def fed(errors, p=PLAIN, u=0.5, estimate=0.0):
+    """Estimate after each error, and the memory at the end."""
+    memory, found = start(p), []
+    for k, e in enumerate(errors):
+        t = (k + 1.0) * p.sample_time
+        estimate, memory = step(Sample(t, 14.0, 1.0, 14.0 + e, e, u, 0.5, 1.0, 0.0, estimate), p, memory)
+        found.append(float(estimate))
+    return np.array(found), memory
+
+
+def square_wave(half_periods, samples=15, size=0.4):
+    """One zero crossing more than there are half periods."""
+    signs = np.resize([1.0, -1.0], half_periods + 2)
+    return np.repeat(size * signs, samples)[: (half_periods + 1) * samples + 1]
+
+
+def test_a_square_wave_gives_the_value_of_the_formula():
+    """The first half period has no crossing at its start: five more are needed."""
+    found, memory = fed(square_wave(5))
+    d = KP * (60.0 / TI - 1.0 / (KP * GAIN)) * 0.4
+    assert found[-1] == pytest.approx(d, rel=1e-14)
+    assert np.all(found[:-1] == 0.0)
+    assert memory.counted == 5.0
+    assert results(Memory(*np.transpose([memory])))["half_period_spread"] == 0.0
+
+
+def test_the_formula_is_homogeneous_in_the_error():
+    assert dead_band(60.0, 2.0 * 24.0, KP, TI, GAIN) == 2.0 * dead_band(60.0, 24.0, KP, TI, GAIN)
+    wave = square_wave(9) * (1.0 + 0.3 * np.sin(np.arange(151)))
+    np.testing.assert_array_equal(2.0 * fed(wave)[0], fed(2.0 * wave)[0])
+    assert fed(wave)[0][-1] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("duration", "iae", "peak", "d", "expected"),
+    [
+        (40.0, 16.0, 0.79, 0.05, True),
+        (39.9, 16.0, 0.4, 0.05, False),
+        (40.0, 16.0, 0.8, 0.05, False),
+        (40.0, 16.0, 0.4, 0.0, False),
+        (40.0, 16.0, 0.4, 1.0, False),
+        (np.nan, 16.0, 0.4, 0.05, False),
+    ],
+)
+def test_a_half_period_counts_if_it_is_long_square_and_its_gap_possible(duration, iae, peak, d, expected):
+    assert bool(counts(duration, iae, peak, TI, d)) is expected
+
+
+def test_the_median_is_the_third_of_five_in_any_order():
+    for order in itertools.permutations([1.0, 2.0, 3.0, 4.0, 5.0]):
+        assert median(*order) == 3.0
+    assert median(2.0, 2.0, 1.0, 7.0, 2.0) == 2.0
+
+
+def test_one_gap_ten_times_too_large_does_not_move_the_estimate():
+    wave = square_wave(12)
+    disturbed = wave.copy()
+    disturbed[90:105] *= 2.9
+    assert fed(disturbed)[0][-1] == fed(wave)[0][-1] > 0.0
+    assert fed(disturbed)[1].counted == 12.0
+
+
+def test_an_estimate_that_acts_is_final_and_one_that_does_not_goes_on():
+    growing = square_wave(12) * np.linspace(1.0, 3.0, 196)
+    passive, memory = fed(growing)
+    acting, final = fed(growing, PLAIN._replace(estimate_share=0.8))
+    assert (memory.counted, final.counted) == (12.0, 5.0)
+    assert acting[-1] == passive[passive > 0.0][0] < passive[-1]
+
+
+@pytest.mark.parametrize("u", [0.0, 1.0])
+def test_nothing_counts_while_u_is_at_an_end(u):
+    found, memory = fed(square_wave(8), u=u)
+    assert memory.counted == 0.0
+    assert np.all(found == 0.0)
+
+
+def test_the_filter_takes_out_spikes_that_would_cut_a_half_period():
+    wave = square_wave(8)
+    wave[22::15] *= -0.5
+    assert fed(wave)[1].counted == 0.0
+    assert fed(wave, PLAIN._replace(hagglund_filter_ratio=1.5))[1].counted > 5.0
+
+
+@pytest.mark.parametrize(("time_constant", "weight"), [(0.0, 1.0), (5.0, 0.5), (15.0, 0.25)])
+def test_the_filter_is_a_backward_difference_that_starts_at_its_first_value(time_constant, weight):
+    assert weight_of_new(time_constant, 5.0) == weight
+    assert low_passed(np.nan, 3.0, weight) == 3.0
+    assert low_passed(1.0, 3.0, weight) == 1.0 + weight * 2.0
+
+
+def test_no_name_of_a_true_backlash_is_among_what_it_reads():
+    assert not {"backlash", "estimate_ratio"} & set(HAGGLUND.Parameters._fields)
+
+
+@pytest.fixture(scope="module")
+def passive(working_day):
+    loop = fc.Loop.preset("paper_like_fast").assign(
+        backlash=[0.0, 0.03, 0.07, 0.12], estimator="hagglund", plant_gain=25.0, estimate_share=[0.0, 0.8]
+    )
+    return fc.simulate(loop, working_day)
+
+
+@pytest.mark.kernel
+def test_it_finds_the_backlash_of_a_loop_that_hunts(passive):
+    """0.7, 3.3, 7.5 and 12.6 % in an independent build."""
+    found = passive.sel(estimate_share=0.0)
+    np.testing.assert_allclose(found.estimate_settled, [0.003, 0.033, 0.075, 0.126], atol=0.007)
+    assert np.all(found.half_periods > 100)
+    assert np.all(found.time_identified.sel(backlash=[0.03, 0.07, 0.12]) < 8 * 3600)
+
+
+@pytest.mark.kernel
+def test_acting_it_takes_half_of_the_error_away_and_does_not_harm_a_good_valve(passive):
+    gain = passive.rmse.sel(estimate_share=0.8) / passive.rmse.sel(estimate_share=0.0)
+    assert gain.sel(backlash=0.07) < 0.6
+    assert gain.sel(backlash=0.0) == pytest.approx(1.0, abs=0.02)
+    assert np.all(passive.half_periods.sel(estimate_share=0.8) == 10.0)
+
+
+@pytest.mark.kernel
+def test_a_passive_estimate_leaves_the_loop_as_it_is(short):
+    other = fc.Loop(estimator="hagglund", plant_gain=25.0, estimate_share=0.0)
+    found, plain = (fc.simulate(loop, short, warm_up=60) for loop in (other, fc.Loop()))
+    assert float(found.rmse) == float(plain.rmse)
+    assert np.isfinite(found.half_periods)
+    assert np.isnan(plain.half_periods)

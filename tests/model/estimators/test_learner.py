@@ -1,0 +1,288 @@
+"""The self-learning rule of section 3.3: one update, and the staircases it climbs."""
+
+import numpy as np
+import pytest
+
+from fastcoil.model.estimators.learner import (
+    ENOUGH,
+    QUIET,
+    UNMEASURABLE,
+    chatters,
+    evidence,
+    final_estimate,
+    step_size,
+    switch_frequency,
+    updated,
+)
+from fastcoil.model.metric_table import LEARNING_STATUS
+
+STEP = 0.007
+RESTLESS = {"learning_step": STEP, "learning_interval": 600.0}
+
+
+def test_switch_frequency_is_per_10_minutes():
+    assert switch_frequency(12.0, 1800.0) == 4.0
+    assert switch_frequency(12.0, 600.0) == 12.0
+
+
+@pytest.mark.parametrize(
+    ("f", "f_ref", "ratio", "floor", "expected"),
+    [
+        (8.0, 4.0, 2.0, 0.0, False),
+        (8.1, 4.0, 2.0, 0.0, True),
+        (5.9, 1.0, 2.0, 3.0, False),
+        (6.1, 1.0, 2.0, 3.0, True),
+        (0.0, 0.0, 2.0, 0.0, False),
+        (0.1, 0.0, 2.0, 0.0, True),
+    ],
+)
+def test_chatters_above_the_ratio_of_the_reference_or_the_floor(f, f_ref, ratio, floor, expected):
+    assert bool(chatters(f, f_ref, ratio, floor)) is expected
+
+
+@pytest.mark.parametrize(
+    ("x_hat", "down", "expected"),
+    [
+        (0.014, False, 0.021),
+        (0.014, True, 0.007),
+        (0.010, True, 0.007),
+        (0.007, True, 0.007),
+        (0.245, False, 0.25),
+        (0.25, False, 0.25),
+    ],
+)
+def test_updated_steps_within_start_and_cap(x_hat, down, expected):
+    assert updated(x_hat, STEP, down, 0.007, 0.25) == pytest.approx(expected, abs=1e-16)
+
+
+def learned(loop, day, **options):
+    """Metrics, and the estimate at the first second of every interval."""
+    import fastcoil as fc
+
+    loop = fc.Loop(**loop)
+    ds = fc.simulate(loop, day, traces=["estimate", "mode"], **options)
+    interval = int(loop["learning_interval"])
+    assert np.all(np.diff(ds.estimate.values)[np.arange(1, day.n_steps) % interval != 0] == 0.0)
+    return ds, ds.estimate.values[::interval]
+
+
+@pytest.fixture(scope="module")
+def paper_staircase(working_day):
+    return learned({"learning_step": STEP, "backlash_estimate": STEP}, working_day)
+
+
+@pytest.mark.kernel
+def test_paper_rule_reaches_7_percent_after_4_h_30_and_confirms_after_5_h_30(paper_staircase):
+    ds, stairs = paper_staircase
+    assert (float(ds.learn_time_reached), float(ds.learn_time_confirmed)) == (4.5 * 3600, 5.5 * 3600)
+    assert float(ds.learn_time_first_down) == 5.5 * 3600
+    assert float(ds.estimate_first_down) == pytest.approx(0.07, abs=1e-15)
+    np.testing.assert_allclose(stairs[:11], STEP * np.arange(1, 12), atol=1e-15)
+
+
+@pytest.mark.kernel
+def test_paper_rule_hunts_for_ever_between_the_backlash_and_one_step_more(paper_staircase):
+    ds, stairs = paper_staircase
+    np.testing.assert_allclose(stairs[10:], [0.077, 0.07, 0.077, 0.07, 0.077, 0.07], atol=1e-15)
+    assert float(ds.estimate_final) == pytest.approx(0.07, abs=1e-15)
+    assert float(ds.estimate_settled) == pytest.approx(0.0735, abs=1e-12)
+
+
+@pytest.mark.kernel
+def test_a_start_at_0_takes_one_interval_more(working_day):
+    ds, stairs = learned({"learning_step": STEP}, working_day)
+    assert (float(ds.learn_time_reached), float(ds.learn_time_confirmed)) == (5.0 * 3600, 6.0 * 3600)
+    np.testing.assert_allclose(stairs[:12], STEP * np.arange(12), atol=1e-15)
+
+
+@pytest.mark.kernel
+def test_half_the_interval_takes_half_the_time(working_day):
+    ds, _ = learned({"learning_step": STEP, "backlash_estimate": STEP, "learning_interval": 900.0}, working_day)
+    assert (float(ds.learn_time_reached), float(ds.learn_time_confirmed)) == (2.25 * 3600, 2.75 * 3600)
+
+
+@pytest.mark.kernel
+def test_first_step_down_ends_the_learning_where_learning_stop_says_so(working_day, paper_staircase):
+    ds, stairs = learned(
+        {"learning_step": STEP, "backlash_estimate": STEP, "learning_stop": "first_step_down"}, working_day
+    )
+    np.testing.assert_array_equal(stairs[:12], paper_staircase[1][:12])
+    assert np.all(stairs[11:] == stairs[11])
+    assert float(ds.estimate_settled) == pytest.approx(0.07, rel=1e-12)
+    assert float(ds.learn_time_confirmed) == 5.5 * 3600
+
+
+@pytest.mark.kernel
+def test_a_quiet_loop_runs_upward_to_the_cap():
+    import fastcoil as fc
+
+    quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **RESTLESS, "learning_cap": 0.03}
+    ds, stairs = learned(quiet, fc.constant_day(hours=2))
+    settled = ds["mode"].values[1200:]
+    assert np.all(settled == settled[0])
+    np.testing.assert_allclose(stairs, np.minimum(STEP * np.arange(12), 0.03), atol=1e-15)
+    assert np.isnan(ds.learn_time_reached)
+    assert np.isnan(ds.learn_time_first_down)
+
+
+@pytest.mark.kernel
+def test_the_floor_lets_the_estimate_rise_where_the_ratio_would_not(hour):
+    strict = {**RESTLESS, "backlash_estimate": 0.02, "learning_ratio": 1e-3}
+    ds, stairs = learned(strict, hour, warm_up=600)
+    # never below its start, whatever the switches say
+    assert np.all(stairs == 0.02)
+    assert float(ds.learn_time_first_down) == 600.0
+    _, stairs = learned({**strict, "learning_floor": 1e6}, hour, warm_up=600)
+    np.testing.assert_allclose(stairs, 0.02 + STEP * np.arange(6), atol=1e-15)
+
+
+@pytest.mark.kernel
+def test_the_reference_is_the_first_interval_which_steps_too(hour):
+    """With ratio 1 the first frequency never exceeds itself, so the first update goes up."""
+    _, stairs = learned({**RESTLESS, "learning_ratio": 1.0}, hour, warm_up=600)
+    assert stairs[1] == STEP
+
+
+@pytest.mark.kernel
+def test_after_a_first_interval_without_switches_any_switch_is_chatter(hour):
+    import fastcoil as fc
+
+    series = {name: values[0] for name, values in hour.series.items()}
+    late = fc.Boundary(**series | {"enabled": np.arange(3600) >= 600})
+    _, stairs = learned(RESTLESS, late, warm_up=600)
+    np.testing.assert_allclose(stairs, [0.0, STEP, 0.0, 0.0, 0.0, 0.0], atol=1e-15)
+
+
+@pytest.mark.kernel
+def test_a_learner_that_may_not_step_is_the_fixed_inverse(hour):
+    import fastcoil as fc
+
+    fixed = fc.simulate(fc.Loop(backlash_estimate=0.04), hour, traces=["T_sup"], warm_up=600)
+    capped = fc.simulate(
+        fc.Loop(**RESTLESS, backlash_estimate=0.04, learning_cap=0.04), hour, traces=["T_sup"], warm_up=600
+    )
+    np.testing.assert_array_equal(fixed.T_sup.values, capped.T_sup.values)
+
+
+@pytest.mark.parametrize(
+    ("switches", "f", "f_ref", "min_switches", "max_reference", "expected"),
+    [
+        (0.0, 0.0, -1.0, 0.0, 1.0, ENOUGH),
+        (0.0, 0.0, -1.0, 1.0, 1.0, QUIET),
+        (0.0, 0.0, 3.0, 1.0, 1.0, QUIET),
+        (1.0, 0.3, -1.0, 1.0, 1.0, ENOUGH),
+        # at a sample time of 30 s there are 20 samples, and at most 20 switches, in 10 min
+        (60.0, 20.0, -1.0, 0.0, 1.0, ENOUGH),
+        (24.0, 8.0, -1.0, 0.0, 0.4, ENOUGH),
+        (25.0, 8.4, -1.0, 0.0, 0.4, UNMEASURABLE),
+        (25.0, 8.4, 2.0, 0.0, 0.4, ENOUGH),
+    ],
+)
+def test_an_interval_is_evidence_unless_it_is_quiet_or_no_reference(
+    switches, f, f_ref, min_switches, max_reference, expected
+):
+    assert evidence(switches, f, f_ref, 30.0, min_switches, max_reference) == expected
+
+
+@pytest.mark.parametrize(
+    ("down", "climbing", "expected"), [(False, True, 0.02), (False, False, 0.01), (True, True, 0.01)]
+)
+def test_steps_grow_on_the_first_climb_and_one_down_undoes_the_last(down, climbing, expected):
+    assert step_size(0.01, down, climbing, 2.0) == expected
+
+
+def test_the_final_estimate_is_a_share_of_the_last_but_not_below_the_start():
+    assert final_estimate(0.07, 0.95, 0.0) == pytest.approx(0.0665, abs=1e-16)
+    assert final_estimate(0.07, 0.95, 0.069) == 0.069
+
+
+@pytest.mark.kernel
+def test_numbers_at_their_defaults_are_the_rule_of_the_paper(paper_staircase, working_day):
+    ds, stairs = learned(
+        {
+            "learning_step": STEP,
+            "backlash_estimate": STEP,
+            "learning_min_switches": 0.0,
+            "learning_max_reference": 1.0,
+            "learning_early_trip": 0,
+            "learning_growth": 1.0,
+            "learning_shrink": 1.0,
+        },
+        working_day,
+    )
+    np.testing.assert_array_equal(stairs, paper_staircase[1])
+    assert LEARNING_STATUS[int(ds.learning_status)] == "stepped_down"
+
+
+@pytest.mark.kernel
+def test_with_a_hold_a_quiet_loop_stays_where_it_is_and_says_so():
+    import fastcoil as fc
+
+    quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **RESTLESS, "learning_min_switches": 1.0}
+    # switches on the way to the set point are over after ten minutes
+    ds, stairs = learned(quiet, fc.constant_day(hours=2))
+    assert stairs[-1] <= 3 * STEP
+    assert np.all(stairs[4:] == stairs[4])
+    still, stairs = learned({**quiet, "learning_min_switches": 1e6}, fc.constant_day(hours=2))
+    assert np.all(stairs == 0.0)
+    assert LEARNING_STATUS[int(still.learning_status)] == "no_evidence"
+    assert int(still.status) == 0
+
+
+@pytest.mark.kernel
+def test_noise_that_switches_at_nearly_every_sample_is_not_identifiable(hour):
+    noisy = {**RESTLESS, "noise_std": 0.5, "sample_time": 5.0, "learning_max_reference": 0.3}
+    ds, stairs = learned(noisy, hour)
+    assert np.all(stairs == 0.0)
+    assert LEARNING_STATUS[int(ds.learning_status)] == "not_identifiable"
+    assert np.isfinite(ds.rmse)
+
+
+@pytest.mark.kernel
+def test_an_early_trip_does_not_wait_for_the_end_of_the_interval(working_day):
+    import fastcoil as fc
+
+    slow = {"learning_step": 0.02, "backlash_estimate": 0.02, "learning_interval": 3600.0}
+    late, early = (fc.simulate(fc.Loop(**slow, learning_early_trip=k), working_day) for k in (0, 1))
+    assert float(late.learn_time_first_down) % 3600 == 0
+    assert float(early.learn_time_first_down) % 3600 != 0
+    assert float(early.learn_time_first_down) % 30 == 0
+    assert float(early.learn_time_first_down) < float(late.learn_time_first_down)
+    assert float(early.estimate_first_down) == float(late.estimate_first_down)
+
+
+@pytest.mark.kernel
+def test_a_growing_step_climbs_in_powers_of_two_and_then_halves(working_day):
+    import fastcoil as fc
+
+    loop = {"learning_step": 0.005, "learning_interval": 600.0, "learning_growth": 2.0, "learning_shrink": 0.5}
+    ds = fc.simulate(fc.Loop(**loop), working_day, traces=["estimate"], trace_interval=600)
+    moves = np.diff(ds.estimate.values)
+    first_down = int(np.argmax(moves < 0.0))
+    np.testing.assert_allclose(moves[:first_down], 0.005 * 2.0 ** np.arange(first_down), atol=1e-15)
+    assert -moves[first_down] == pytest.approx(moves[first_down - 1])
+    downs = -moves[moves < -1e-12]
+    np.testing.assert_allclose(downs, downs[0] * 0.5 ** np.arange(downs.size), rtol=1e-6)
+    assert abs(float(ds.estimate_final) - 0.07) < 0.01
+
+
+@pytest.mark.kernel
+def test_the_final_factor_acts_once_where_learning_stops(working_day):
+    import fastcoil as fc
+
+    loop = fc.Loop(learning_step=STEP, backlash_estimate=STEP, learning_stop="first_step_down", learning_final=0.95)
+    ds = fc.simulate(loop, working_day)
+    assert float(ds.estimate_final) == 0.95 * float(ds.estimate_first_down)
+    assert LEARNING_STATUS[int(ds.learning_status)] == "stopped"
+
+
+@pytest.mark.kernel
+def test_the_status_of_learning_has_cf_flags_and_is_off_without_it(hour):
+    import fastcoil as fc
+
+    ds = fc.simulate(fc.Loop(), hour)
+    assert ds.learning_status.attrs["flag_meanings"].split() == list(LEARNING_STATUS)
+    assert ds.learning_status.attrs["flag_values"].tolist() == list(range(len(LEARNING_STATUS)))
+    assert float(ds.learning_status) == 0.0
+    learner = fc.simulate(fc.Loop(**RESTLESS), hour, command=np.full(3600, 0.5))
+    assert float(learner.learning_status) == 0.0

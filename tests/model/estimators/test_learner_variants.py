@@ -1,0 +1,90 @@
+"""What can be changed in the learner's reference: a mean that leaves the start-up out, and an error beside it."""
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.model.estimators.learner import worse
+
+INTERVAL = 900
+LEARNER = {"learning_step": 0.01, "learning_interval": float(INTERVAL), "noise_std": 0.02}
+DEAF = {"learning_floor": 1e6}
+"""No number of switches is chatter."""
+
+
+def stairs_of(ds):
+    """The estimate in every interval."""
+    return ds.estimate.values[::INTERVAL]
+
+
+@pytest.mark.kernel
+def test_an_averaged_reference_leaves_the_start_up_out_and_then_every_interval_is_judged_by_it(working_day):
+    loop = fc.Loop(**LEARNER, learning_reference=3, learning_ratio=1.5)
+    ds = fc.simulate(loop, working_day, traces=["estimate", "mode"])
+    turns = np.flatnonzero(np.diff(ds["mode"].values)) + 1
+    switches = np.histogram(turns, np.arange(0, working_day.n_steps + 1, INTERVAL))[0]
+    reference = switches[1:4].mean()
+    x, expected = 0.0, [0.0, 0.0, 0.0, 0.0]
+    for n in (reference, *switches[4:-1]):
+        x = max(x - 0.01, 0.0) if n > 1.5 * reference else x + 0.01
+        expected.append(x)
+    np.testing.assert_allclose(stairs_of(ds), expected, atol=1e-12)
+    assert np.diff(expected).min() < 0.0
+    assert switches[0] != reference
+
+
+@pytest.mark.kernel
+def test_an_error_above_that_of_the_reference_steps_down_though_nothing_chatters():
+    still = fc.constant_day(hours=4)
+    loop = fc.Loop.preset("lbnl").assign(**LEARNER, **DEAF, backlash=0.0, learning_reference=2)
+    blind = fc.simulate(loop, still, traces=["estimate"])
+    assert np.all(np.diff(stairs_of(blind)[3:]) > 0.0)
+    ds = fc.simulate(loop.assign(learning_error_ratio=1.5), still, traces=["estimate", "T_measured"])
+    e = ds.T_measured.values[::15] - 14.0
+    rms = np.sqrt((e.reshape(-1, INTERVAL // 15) ** 2).mean(axis=1))
+    down = np.diff(stairs_of(ds)) < 0.0
+    reference = np.sqrt((rms[1:3] ** 2).mean())
+    np.testing.assert_array_equal(down[3:], (rms[3:-1] > 1.5 * reference) & (stairs_of(ds)[3:-1] > 0.0))
+    assert down.any()
+    assert float(ds.rmse_settled) < 0.5 * float(blind.rmse_settled)
+
+
+@pytest.mark.kernel
+def test_a_set_point_step_or_a_start_is_no_error_of_the_estimate():
+    """The valve has no backlash and the estimate stays: what is left of the error is settled, so nothing steps down."""
+    n = 4 * 3600
+    T_set = np.where(np.arange(n) < 2 * 3600, 14.0, 17.0)
+    enabled = np.abs(np.arange(n) - 3 * 3600) > 300
+    quiet = {name: series[0] for name, series in fc.constant_day(hours=4).series.items()}
+    loop = fc.Loop.preset("lbnl").assign(**LEARNER, **DEAF, backlash=0.0, learning_cap=1e-6, learning_reference=2)
+    days = fc.Boundary(**quiet | {"T_set": T_set, "enabled": enabled})
+    ds = fc.simulate(loop.assign(learning_error_ratio=2.0), days)
+    assert np.isnan(float(ds.learn_time_first_down))
+
+
+@pytest.mark.kernel
+def test_a_learner_that_looks_at_its_error_changes_no_bit_of_its_neighbours(hour):
+    cases = {"learning_reference": [0, 1, 1], "learning_error_ratio": [0.0, 0.0, 0.8], "sample_time": [30, 7, 11]}
+    shared = {"learning_step": 0.01, "learning_interval": 600.0, "noise_std": 0.02, **DEAF}
+    together = fc.simulate(fc.Loop(**shared, **{n: ("case", v) for n, v in cases.items()}), hour, warm_up=600)
+    for k in range(3):
+        alone = fc.simulate(fc.Loop(**shared, **{n: v[k] for n, v in cases.items()}), hour, warm_up=600)
+        for name in ("rmse", "estimate_final", "motor_travel"):
+            assert float(alone[name]) == float(together[name].isel(case=k)), (k, name)
+
+
+@pytest.mark.parametrize(
+    ("squares", "n", "reference_squares", "reference_n", "ratio", "expected"),
+    [
+        (8.2, 2.0, 1.0, 1.0, 2.0, True),
+        (7.8, 2.0, 1.0, 1.0, 2.0, False),
+        (8.2, 2.0, 4.0, 4.0, 2.0, True),
+        (8.2, 2.0, 1.0, 1.0, 0.0, False),
+        (0.0, 0.0, 1.0, 1.0, 2.0, False),
+        (8.2, 2.0, 0.0, 0.0, 2.0, False),
+    ],
+)
+def test_errors_are_compared_by_their_rms_where_there_are_any(
+    squares, n, reference_squares, reference_n, ratio, expected
+):
+    assert bool(worse(squares, n, reference_squares, reference_n, ratio)) is expected

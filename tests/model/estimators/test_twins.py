@@ -1,0 +1,89 @@
+"""Every estimator is its twin in plain Python, in closed loop: whatever the loop, valve, noise and sample time."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.loops.presets import COOLING
+from fastcoil.model.metric_table import METRICS
+
+pytestmark = pytest.mark.kernel
+
+WARM_UP = 600
+SECONDS = np.arange(3600)
+PASSIVE = {"estimator": "hagglund", "plant_gain": 25.0, "estimate_share": 0.0}
+ACTING = PASSIVE | {"estimate_share": 0.8}
+GRADIENT = {"estimator": "gradient", "gradient_gain": 3e-3}
+IDENTIFY = {"estimator": "identify", "identify_interval": 200.0, "identify_certainty": 0.4, "identify_memory": 3600.0}
+ESTIMATORS = {"passive": PASSIVE, "acting": ACTING, "gradient": GRADIENT, "identify": IDENTIFY}
+HEATING = {"T_w_in": 55.0, "T_a_in": 12.0 + SECONDS / 1800, "T_set": np.where(SECONDS < 1800, 24.0, 20.0)}
+OFF_AND_ON = {"enabled": np.where((SECONDS > 1250) & (SECONDS < 1615), 0, 1)}
+GUSTS = {"m_a": np.where(SECONDS % 1600 < 800, 1.0, 1.3)}
+NOISY = {"noise_std": 0.05, "buffer": 0.01}
+STEPS = {"T_set": 14.0 + np.resize([0.0, 1.0, -0.5, 0.5], 6)[SECONDS // 600]}
+ONE_GUST = {"m_a": np.where(SECONDS < 2000, 1.0, 1.3)}
+WARMER = {"action": "heating", "kp": 0.01, "stroke_time": 60.0, "sample_time": 10.0}
+
+CASES = {
+    "passive": (PASSIVE, {}),
+    "passive, fast, unfiltered": (PASSIVE | NOISY | {"sample_time": 7.0, "hagglund_filter_ratio": 0.0}, {}),
+    "acting": (ACTING | NOISY | {"hagglund_least_half_periods": 5}, {}),
+    "acting, heating": (ACTING | {"action": "heating", "kp": 0.02, "backlash_estimate": 0.01}, HEATING),
+    "acting, off and on": (ACTING | {"hagglund_filter_ratio": 1.0}, OFF_AND_ON),
+    "gradient": (GRADIENT, {}),
+    "gradient, fast, noise": (GRADIENT | NOISY | {"sample_time": 7.0}, {}),
+    "gradient, heating": (GRADIENT | {"action": "heating", "kp": 0.02, "backlash_estimate": 0.03}, HEATING),
+    "gradient, off and on": (GRADIENT | {"gradient_pause": 100.0}, OFF_AND_ON),
+    "gradient, gusts": (GRADIENT | {"gradient_filter_time": 30.0, "gradient_reference_time": 120.0}, GUSTS),
+    "gradient at its cap": (GRADIENT | {"gradient_cap": 0.02, "gradient_dead_zone": 0.0, "gradient_pause": 0.0}, {}),
+    "identify": (IDENTIFY | {"sample_time": 10.0, "estimate_share": 0.9}, STEPS),
+    "identify, fast, noise": (IDENTIFY | NOISY | {"sample_time": 7.0, "stroke_time": 90.0}, STEPS),
+    "identify, slow, a gust": (IDENTIFY | {"backlash_estimate": 0.15, "identify_stroke_time": 0.0}, STEPS | ONE_GUST),
+    "identify, off and on": (IDENTIFY | {"sample_time": 5.0, "identify_memory": 1e5}, STEPS | OFF_AND_ON),
+    "identify, heating": (IDENTIFY | WARMER, HEATING | {"T_set": 10.0 + STEPS["T_set"]}),
+}
+
+
+TRACED = ("estimate", "u", "T_sup", "mode")
+
+
+def assert_twins(ds, traces, metrics, tolerance):
+    """Traces and metrics within a tolerance, modes exactly."""
+    for name in TRACED:
+        atol = 0.0 if name == "mode" else tolerance
+        np.testing.assert_allclose(ds[name].values, traces[name], rtol=0.0, atol=atol, err_msg=name)
+    for name in METRICS:
+        np.testing.assert_allclose(ds[name].values, metrics[name], rtol=0.0, atol=tolerance, err_msg=name)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_estimators_are_their_twins(name, hour, run_reference):
+    values, series = CASES[name]
+    day = fc.Boundary(**{n: s[0] for n, s in hour.series.items()} | series, day=7)
+    options = {"warm_up": WARM_UP, "seed": 3}
+    ds = fc.simulate(fc.Loop(**values), day, traces=TRACED, **options)
+    assert_twins(ds, *run_reference(fc.Loop(**values), day, **options), 1e-9)
+    assert np.unique(ds.estimate).size > 1
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("preset", "estimator", "backlash", "noise", "sample_time"),
+    list(product(COOLING, ESTIMATORS, [0.0, 0.07, 0.12], [0.0, 0.05], [None, 1])),
+)
+def test_estimators_are_their_twins_on_every_loop(
+    preset, estimator, backlash, noise, sample_time, run_reference, working_day
+):
+    loop = fc.Loop.preset(preset).assign(**ESTIMATORS[estimator], backlash=backlash, noise_std=noise, buffer=noise / 5)
+    loop = loop if sample_time is None else loop.assign(sample_time=sample_time)
+    hour = {name: series[0][:3600] for name, series in working_day.series.items()}
+    day, options = fc.Boundary(**hour, day=2), {"warm_up": WARM_UP, "seed": 5}
+    ds = fc.simulate(loop, day, traces=TRACED, **options)
+    traces, metrics = run_reference(loop, day, **options)
+    far, allowed = np.abs(ds.T_sup.values - traces["T_sup"]).max(), 1e-9
+    if far > 1e-9:  # a hunting loop, in which the twin itself moves as much when its start moves by round-off
+        nudged, _ = run_reference(loop.assign(T_initial=20.0 * (1.0 + 1e-13)), day, **options)
+        allowed = 10.0 * np.abs(nudged["T_sup"] - traces["T_sup"]).max()
+    assert_twins(ds, traces, metrics, allowed)

@@ -1,0 +1,181 @@
+"""Philox4x32-10 and Box-Muller: known answers, distribution, independence, and what a scenario gets of it."""
+
+import math
+
+import numpy as np
+import pytest
+import reference
+from scipy import stats
+
+from fastcoil.model.numerics.jit import JIT_ENABLED
+from fastcoil.model.numerics.noise import normal_pair, philox, uniform
+
+N_PAIRS = 20000 if JIT_ENABLED else 1000
+MULTIPLIERS = {32: (0xD2511F53, 0xCD9E8D57), 64: (0xD2E7470EE14C6C93, 0xCA5A826395121157)}
+WEYL = {32: (0x9E3779B9, 0xBB67AE85), 64: (0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B)}
+
+
+def philox4(counter, key, width):
+    """Philox4x32-10 or Philox4x64-10: the second is NumPy's, and so vouches for the first."""
+    (m0, m1), (w0, w1), mask = MULTIPLIERS[width], WEYL[width], (1 << width) - 1
+    (c0, c1, c2, c3), (k0, k1) = counter, key
+    for _ in range(10):
+        p0, p1 = m0 * c0, m1 * c2
+        c0, c1, c2, c3 = (p1 >> width) ^ c1 ^ k0, p1 & mask, (p0 >> width) ^ c3 ^ k1, p0 & mask
+        k0, k1 = (k0 + w0) & mask, (k1 + w1) & mask
+    return c0, c1, c2, c3
+
+
+def words(counter, key):
+    return tuple(int(word) for word in philox(*map(np.uint64, (*counter, *key))))
+
+
+def normals(n_pairs=N_PAIRS, channel=0, replicate=0, day=0, seed=0, first=0):
+    key = np.uint64(seed & 0xFFFFFFFF), np.uint64(seed >> 32)
+    stream = np.uint64(channel), np.uint64(replicate), np.uint64(day)
+    return np.array([normal_pair(np.uint64(first + k), *stream, *key) for k in range(n_pairs)]).ravel()
+
+
+@pytest.mark.parametrize(
+    ("counter", "key", "expected"),
+    [
+        ("00000000 00000000 00000000 00000000", "00000000 00000000", "6627e8d5 e169c58d bc57ac4c 9b00dbd8"),
+        ("ffffffff ffffffff ffffffff ffffffff", "ffffffff ffffffff", "408f276d 41c83b0e a20bc7c6 6d5451fd"),
+        ("243f6a88 85a308d3 13198a2e 03707344", "a4093822 299f31d0", "d16cfe09 94fdcceb 5001e420 24126ea1"),
+    ],
+)
+def test_known_answers_of_random123(counter, key, expected):
+    found = words([int(word, 16) for word in counter.split()], [int(word, 16) for word in key.split()])
+    assert [f"{word:08x}" for word in found] == expected.split()
+
+
+def test_the_same_rounds_at_64_bits_are_numpys_philox():
+    rng = np.random.default_rng(11)
+    for _ in range(50):
+        counter, key = rng.integers(0, 2**64, 4, dtype=np.uint64), rng.integers(0, 2**64, 2, dtype=np.uint64)
+        raw = np.random.Philox(counter=counter, key=key).random_raw(4)
+        # NumPy increments the counter before it uses it
+        following = [int(counter[0]) + 1, *counter[1:].tolist()]
+        assert philox4(following, key.tolist(), 64) == tuple(raw.tolist())
+
+
+def test_the_same_rounds_at_32_bits_are_the_kernels():
+    rng = np.random.default_rng(12)
+    for _ in range(50):
+        counter, key = rng.integers(0, 2**32, 4).tolist(), rng.integers(0, 2**32, 2).tolist()
+        assert words(counter, key) == philox4(counter, key, 32) == reference.philox4x32(counter, key)
+
+
+def test_uniform_never_reaches_0_nor_1():
+    low, high = np.uint64(0), np.uint64(0xFFFFFFFF)
+    assert uniform(low, low) == 2.0**-53
+    assert uniform(high, high) == 1.0 - 2.0**-53
+
+
+def test_normals_are_the_references():
+    seed, channel, replicate, day = 2**63 + 12345, 3, 7, 20160712
+    found = normals(200, channel, replicate, day, seed, first=2**20)
+    expected = [reference.standard_normal(seed, 2**21 + k, channel, replicate, day) for k in range(400)]
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-14)
+
+
+def test_moments():
+    z = normals()
+    n = z.size
+    assert abs(z.mean()) < 4 / math.sqrt(n)
+    assert abs(z.var() - 1.0) < 4 * math.sqrt(2 / n)
+    assert abs(stats.skew(z)) < 4 * math.sqrt(6 / n)
+    assert abs(stats.kurtosis(z)) < 4 * math.sqrt(24 / n)
+
+
+def test_distribution_is_normal():
+    assert stats.kstest(normals(), "norm").pvalue > 0.001
+
+
+def test_successive_numbers_are_uncorrelated():
+    z = normals()
+    for lag in (1, 2, 3, 10):
+        assert abs(np.corrcoef(z[:-lag], z[lag:])[0, 1]) < 4 / math.sqrt(z.size)
+
+
+@pytest.mark.parametrize("stream", [{"channel": 1}, {"replicate": 1}, {"day": 1}, {"seed": 1}, {"seed": 2**32}])
+def test_neighbouring_streams_are_uncorrelated(stream):
+    z, other = normals(), normals(**stream)
+    assert abs(np.corrcoef(z, other)[0, 1]) < 4 / math.sqrt(z.size)
+
+
+def test_no_counter_gives_the_same_words_as_another():
+    counters = [(k, c, r, d) for k in range(8) for c in range(4) for r in range(4) for d in range(4)]
+    assert len({words(counter, (0, 0)) for counter in counters}) == len(counters)
+
+
+# What a scenario gets
+
+
+def drawn(ds):
+    """The noise in a run without lag and resolution."""
+    return (ds.T_measured - ds.T_sup).values
+
+
+def noisy(short, loop, **options):
+    import fastcoil as fc
+
+    return fc.simulate(fc.Loop(**loop), short, traces=["T_sup", "T_measured"], warm_up=60, **options)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("sample_time", [1, 7, 30])
+def test_noise_is_drawn_at_the_samples_and_held_between(short, sample_time):
+    seed = 2**35 + 3
+    found = drawn(noisy(short, {"noise_std": 0.1, "sample_time": sample_time}, seed=seed))
+    samples = np.arange(short.n_steps) // sample_time
+    # the label of the day is its seed
+    z = np.array([reference.standard_normal(seed, k, 0, 0, int(short.day[0])) for k in range(samples[-1] + 1)])
+    np.testing.assert_allclose(found, 0.1 * z[samples], rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.kernel
+def test_every_scenario_gets_the_same_noise(short):
+    loop = {"noise_std": 0.1, "backlash": [0.0, 0.07, 0.15], "kp": [0.01, 0.03], "backlash_estimate": [0.0, 0.05]}
+    found = drawn(noisy(short, loop))
+    np.testing.assert_allclose(found, np.broadcast_to(found[0, 0, 0], found.shape), rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.kernel
+def test_kth_sample_is_the_same_whatever_the_sample_time(short):
+    found = drawn(noisy(short, {"noise_std": 0.1, "sample_time": [3, 10, 25]}))
+    for row, sample_time in zip(found, (3, 10, 25), strict=True):
+        np.testing.assert_allclose(row[::sample_time][:72], found[0, ::3][:72], rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.kernel
+def test_replicates_and_seeds_differ(short):
+    by_replicate = drawn(noisy(short, {"noise_std": 0.1, "sample_time": 1}, replicates=3))
+    other_seed = drawn(noisy(short, {"noise_std": 0.1, "sample_time": 1}, seed=1))
+    correlations = np.corrcoef([*by_replicate, other_seed])[np.triu_indices(4, 1)]
+    assert np.all(np.abs(correlations) < 4 / math.sqrt(short.n_steps))
+
+
+@pytest.mark.kernel
+def test_days_have_their_own_noise_by_label(short):
+    import fastcoil as fc
+
+    rows = {name: np.repeat(values, 3, axis=0) for name, values in short.series.items()}
+    days = fc.Boundary(**rows, day=[5, 2, 9])
+    found = drawn(noisy(days, {"noise_std": 0.1, "sample_time": 1}))
+    alone = fc.Boundary(**{name: values[:1] for name, values in short.series.items()}, day=[2])
+    np.testing.assert_array_equal(found[1], drawn(noisy(alone, {"noise_std": 0.1, "sample_time": 1}))[0])
+    assert abs(np.corrcoef(found[0], found[1])[0, 1]) < 4 / math.sqrt(short.n_steps)
+
+
+@pytest.mark.kernel
+def test_noise_std_0_is_no_noise_to_the_bit(short):
+    quiet = noisy(short, {"noise_std": [0.0, 0.1]})
+    alone = noisy(short, {})
+    np.testing.assert_array_equal(quiet.T_sup.sel(noise_std=0.0).values, alone.T_sup.values)
+    np.testing.assert_array_equal(alone.T_measured.values, alone.T_sup.values)
+
+
+@pytest.mark.kernel
+def test_an_open_loop_is_measured_with_noise_too(short):
+    assert np.any(drawn(noisy(short, {"noise_std": 0.1}, command=np.full(short.n_steps, 0.4))) != 0.0)

@@ -1,0 +1,76 @@
+"""Stages: compiled apart, called by address, found again in the cache; named tuples from rows and back."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from fastcoil.model.numerics.jit import JIT_ENABLED, kernel
+from fastcoil.model.numerics.stages import FLAG, NUMBER, ROWS, WHOLE, Kind, keep, values_at
+
+SCALE = Kind(ROWS, NUMBER, FLAG, returns=WHOLE)
+call_scale = SCALE.call
+
+
+class Pair(NamedTuple):
+    a: float
+    b: float
+
+
+def scaled_by(power):
+    """A stage that scales the first 4 numbers, and returns how many."""
+
+    def scale(S, factor, twice):
+        for j in range(4):
+            S[j] *= factor**power * (2.0 if twice else 1.0)
+        return 4
+
+    return SCALE.compiled(scale, f"power {power}")
+
+
+@kernel
+def through_address(address, S):
+    return call_scale(address, (S, 3, True))
+
+
+@pytest.mark.kernel
+def test_stages_of_one_kind_run_in_one_kernel_by_their_addresses():
+    for power in (1, 2):
+        S = np.ones(5)
+        assert through_address(scaled_by(power), S) == 4
+        np.testing.assert_array_equal(S, [2.0 * 3.0**power] * 4 + [1.0])
+    assert not JIT_ENABLED or len(through_address.signatures) == 1
+
+
+@pytest.mark.kernel
+@pytest.mark.skipif(not JIT_ENABLED, reason="nothing is compiled")
+def test_closures_that_differ_do_not_meet_in_the_cache():
+    """The same code, from the same line: only the identity tells them apart, in this process and in the next."""
+    first, second = scaled_by(3), scaled_by(4)
+    for address, factor in ((first, 27.0), (second, 81.0), (scaled_by(3), 27.0)):
+        S = np.ones(5)
+        through_address(address, S)
+        assert S[0] == 2.0 * factor
+
+
+SWAP = Kind(ROWS, FLAG, returns=NUMBER)
+call_swap = SWAP.call
+
+
+def swap(S, due):
+    pair = values_at(Pair, S, 1, 2)
+    keep(due, Pair(pair.b, 7), pair, S, 1, 2)
+    return pair.a
+
+
+@kernel
+def swapped(address, S, due):
+    return call_swap(address, (S, due))
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("due", [True, False])
+def test_values_are_read_and_kept_at_a_stride_where_due(due):
+    S = np.arange(5.0)
+    assert swapped(SWAP.compiled(swap, "swap"), S, due) == 1.0
+    np.testing.assert_array_equal(S, [0.0, 3.0, 2.0, 7.0, 4.0] if due else np.arange(5.0))

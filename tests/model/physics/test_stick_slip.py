@@ -1,0 +1,126 @@
+"""Stick-slip, and a motor with a neutral zone: the published charts, and what must hold of any such valve."""
+
+import numpy as np
+import pytest
+import reference
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fastcoil.model.physics.actuator import driven, motor
+from fastcoil.model.physics.valve import backlash, opening, slipped
+
+FRACTION = st.floats(0.0, 1.0, allow_subnormal=False)
+POSITIONS = st.lists(st.one_of(FRACTION, st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)
+BANDS = st.floats(0.0, 0.9, allow_subnormal=False)
+VALVES = [(0.07, 0.02), (0.1, 0.1), (0.3, 0.013), (0.9, 0.45), (0.007, 0.003)]
+
+
+def wandering(seed, n):
+    """Moves of all sizes, halts, and runs into both ends of the stroke."""
+    rng = np.random.default_rng(seed)
+    positions, position = [], 0.0
+    for move in rng.choice([0.0, 0.003, 0.03, 0.3], n) * rng.standard_normal(n):
+        position = min(max(position + move, 0.0), 1.0)
+        positions.append(position)
+    return positions
+
+
+def stem(positions, S, J):
+    """q and direction of a stem that starts stuck at 0."""
+    q, direction, previous, found = 0.0, 0.0, 0.0, []
+    for position in positions:
+        q, direction = slipped(q, direction, position, previous, S, J)
+        previous = position
+        found.append((q, direction))
+    return np.array(found).T
+
+
+@pytest.mark.parametrize(("S", "J"), VALVES)
+def test_equals_the_published_chart(S, J):
+    positions = wandering(1, 4000)
+    chart, charted = reference.StickSlip(S, J), []
+    for position in positions:
+        charted.append((chart.move(position)[1], 0.0 if chart.stp else chart.d))
+    q, direction = stem(positions, S, J)
+    openings, directions = np.array(charted).T
+    np.testing.assert_array_equal(direction, directions)
+    np.testing.assert_allclose(opening(q, S - J), openings, rtol=0.0, atol=1e-15)
+    assert {-1.0, 0.0, 1.0} == set(direction)
+
+
+@pytest.mark.parametrize("S", [0.0, 0.07, 0.15, 0.9])
+def test_without_a_jump_it_is_equation_1_to_the_bit(S):
+    positions = wandering(2, 20000)
+    q, play = 0.0, []
+    for position in positions:
+        q = backlash(q, position, S)
+        play.append(q)
+    np.testing.assert_array_equal(stem(positions, S, 0.0)[0], play)
+
+
+@given(POSITIONS, BANDS, FRACTION)
+def test_homogeneity(positions, S, share):
+    """In command, stick band and jump together."""
+    J = share * S
+    eighth = stem([p / 8.0 for p in positions], S / 8.0, J / 8.0)
+    np.testing.assert_array_equal([8.0, 1.0] @ (eighth * [[1.0], [0.0]]), stem(positions, S, J)[0])
+
+
+@given(POSITIONS, BANDS, FRACTION)
+def test_the_opening_stays_between_0_and_1_and_a_turned_stem_jumps_by_j_at_least(positions, S, share):
+    J = share * S
+    q, direction = stem(positions, S, J)
+    openings = opening(q, S - J)
+    assert np.all((openings >= 0.0) & (openings <= 1.0))
+    before = np.concatenate([[0.0], direction[:-1]])
+    jumps = np.abs(np.diff(q, prepend=0.0))[(direction != 0.0) & (direction != before)]
+    assert np.all(jumps >= J - 1e-15)
+
+
+def test_a_stem_that_has_stopped_needs_the_jump_to_go_on_the_same_way():
+    q, direction = stem([0.5, 0.6, 0.6, 0.61, 0.62, 0.63, 0.64], 0.1, 0.025)
+    np.testing.assert_allclose(q, [0.425, 0.525, 0.525, 0.525, 0.525, 0.555, 0.565], rtol=0.0, atol=1e-15)
+    assert direction.tolist() == [1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
+
+
+def test_a_turned_stem_waits_for_the_whole_band():
+    q, direction = stem([0.5, 0.45, 0.405, 0.395, 0.39], 0.1, 0.025)
+    np.testing.assert_allclose(q, [0.425, 0.425, 0.425, 0.395, 0.39], rtol=0.0, atol=1e-15)
+    assert direction.tolist() == [1.0, 0.0, 0.0, -1.0, -1.0]
+
+
+# The motor
+
+
+def run_motor(targets, max_travel, zone):
+    position, runs, positions = 0.0, False, []
+    for target in targets:
+        position, runs = driven(position, target, max_travel, zone, runs)
+        positions.append(position)
+    return np.array(positions)
+
+
+def test_a_motor_starts_outside_its_neutral_zone_and_runs_to_its_target():
+    targets = [0.02, 0.04, 0.045, 0.045, 0.045, 0.06, 0.03, 0.03]
+    assert run_motor(targets, 0.02, 0.03) == pytest.approx([0.0, 0.02, 0.04, 0.045, 0.045, 0.045, 0.045, 0.045])
+    # it still runs where the target has come nearer than the zone
+    assert run_motor([0.1, 0.03], 0.02, 0.03) == pytest.approx([0.02, 0.03])
+
+
+@pytest.mark.parametrize("zone", [0.0, 0.02, 0.2])
+@pytest.mark.parametrize("stroke_time", [0.0, 40.0])
+def test_a_motor_is_the_references(zone, stroke_time):
+    targets = wandering(3, 3000)
+    twin = reference.NeutralZone(zone)
+    expected = [twin.move(target, 0.0, stroke_time) for target in targets]
+    max_travel = 1.0 / stroke_time if stroke_time else np.inf
+    np.testing.assert_array_equal(run_motor(targets, max_travel, zone), expected)
+
+
+@given(st.lists(FRACTION, min_size=1, max_size=40), st.sampled_from([0.01, 0.2, np.inf]))
+def test_without_a_zone_the_motor_follows_every_target_to_the_bit(targets, max_travel):
+    position, expected = 0.0, []
+    for target in targets:
+        position = motor(position, target, max_travel)
+        expected.append(position)
+    assert run_motor(targets, max_travel, 0.0).tolist() == expected

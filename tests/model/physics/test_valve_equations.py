@@ -1,0 +1,189 @@
+"""The valve: Eq (1), one clamp that equals the paper's three branches, and Eq (2), its flow curve.
+
+Eq (1) must keep the laws of a play operator; Eq (2) must equal an equal-percentage valve of given authority exactly.
+"""
+
+import math
+
+import numpy as np
+import pytest
+import reference
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fastcoil.model.physics.valve import backlash, installed_valve, opening, water_flow
+
+FRACTION = st.floats(0.0, 1.0, allow_subnormal=False)
+# halts, and both ends of the stroke, more often than chance would have them
+POSITIONS = st.lists(st.one_of(FRACTION, st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)
+BACKLASHES = st.floats(0.0, 0.9, allow_subnormal=False)
+OPENINGS = np.linspace(0.0, 1.0, 201).tolist()
+CURVES = [
+    (2.0, 0.7, 9.0, 0.38),
+    (0.8, 2.0, 7.8, 0.535),
+    (1.0, 1.0, 5.0, 0.5),
+    (3.0, 0.05, 30.0, 0.9),
+    (2.5, 6.0, 2.0, -0.5),
+]
+VALVES = [(50.0, 0.3, 1.8), (30.0, 0.9, 2.0), (50.0, 0.05, 0.4), (1.5, 0.5, 1.0), (500.0, 0.001, 3.0)]
+
+
+# Eq (1)
+
+
+def play(positions, x_bl):
+    """Stem positions of a motor that starts, like the stem, at 0."""
+    q, stem = 0.0, []
+    for position in positions:
+        q = backlash(q, position, x_bl)
+        stem.append(q)
+    return np.array(stem)
+
+
+def printed_openings(positions, x_bl):
+    x, previous, openings = 0.0, 0.0, []
+    for position in positions:
+        x, open_ = reference.backlash(position, previous, x, x_bl)
+        previous = position
+        openings.append(open_)
+    return np.array(openings)
+
+
+def wandering(seed, n=3000):
+    """Moves of all sizes, halts, and runs into both ends of the stroke."""
+    rng = np.random.default_rng(seed)
+    moves = rng.choice([0.0, 0.01, 0.1, 0.7], n) * rng.standard_normal(n)
+    positions = np.empty(n)
+    position = 0.0
+    for t in range(n):
+        position = min(max(position + moves[t], 0.0), 1.0)
+        positions[t] = position
+    return positions.tolist()
+
+
+def assert_equals_printed(positions, x_bl):
+    openings = [opening(q, x_bl) for q in play(positions, x_bl)]
+    # the printed x is a running sum: its round-off grows with the number of moves, and α stretches it
+    tolerance = 2e-16 * len(positions) / (1.0 - x_bl) + 1e-15
+    np.testing.assert_allclose(openings, printed_openings(positions, x_bl), rtol=0.0, atol=tolerance)
+
+
+@given(POSITIONS, BACKLASHES)
+def test_equals_the_three_printed_branches(positions, x_bl):
+    assert_equals_printed(positions, x_bl)
+
+
+@pytest.mark.parametrize("x_bl", [0.0, 0.007, 0.07, 0.15, 0.5, 0.9])
+@pytest.mark.parametrize("seed", range(4))
+def test_equals_the_three_printed_branches_on_long_runs(seed, x_bl):
+    assert_equals_printed(wandering(seed), x_bl)
+
+
+@pytest.mark.parametrize(
+    ("positions", "openings"),
+    [
+        ([0.25, 0.5, 0.5, 0.375, 0.25, 0.125, 0.0], [0.0, 1 / 3, 1 / 3, 1 / 3, 1 / 3, 1 / 6, 0.0]),
+        ([1.0, 0.75, 0.5, 1.0], [1.0, 1.0, 2 / 3, 1.0]),
+    ],
+)
+def test_worked_example_with_a_quarter_of_play(positions, openings):
+    assert [opening(q, 0.25) for q in play(positions, 0.25)] == pytest.approx(openings, abs=1e-15)
+
+
+@given(POSITIONS)
+def test_without_backlash_the_stem_is_the_motor(positions):
+    stem = play(positions, 0.0)
+    assert stem.tolist() == positions
+    assert [opening(q, 0.0) for q in stem] == positions
+
+
+@given(POSITIONS, BACKLASHES)
+def test_invariants(positions, x_bl):
+    p, q = np.array(positions), play(positions, x_bl)
+    assert np.all(q >= np.maximum(0.0, p - x_bl))
+    assert np.all(q <= p)
+    assert np.all(q <= 1.0 - x_bl)
+    openings = np.array([opening(v, x_bl) for v in q])
+    assert np.all((openings >= 0.0) & (openings <= 1.0))
+
+
+@given(POSITIONS, BACKLASHES)
+def test_a_held_motor_holds_the_stem(positions, x_bl):
+    stem = play(positions, x_bl)
+    assert backlash(stem[-1], positions[-1], x_bl) == stem[-1]
+
+
+@given(POSITIONS, BACKLASHES, st.integers(2, 5))
+def test_rate_independence(positions, x_bl, n):
+    path = np.concatenate([[0.0], positions])
+    slower = np.concatenate([np.linspace(a, b, n + 1)[1:] for a, b in zip(path[:-1], path[1:], strict=True)])
+    slower[n - 1 :: n] = positions
+    np.testing.assert_array_equal(play(slower.tolist(), x_bl)[n - 1 :: n], play(positions, x_bl))
+
+
+@given(POSITIONS, BACKLASHES)
+def test_homogeneity(positions, x_bl):
+    eighth = play([p / 8.0 for p in positions], x_bl / 8.0)
+    np.testing.assert_array_equal(8.0 * eighth, play(positions, x_bl))
+
+
+@given(st.lists(st.tuples(FRACTION, FRACTION), min_size=1, max_size=60), BACKLASHES)
+def test_order_and_distance_are_kept(pairs, x_bl):
+    low, high = np.sort(np.array(pairs), axis=1).T
+    gap = play(high.tolist(), x_bl) - play(low.tolist(), x_bl)
+    assert np.all(gap >= 0.0)
+    assert np.all(gap <= np.max(high - low) + 1e-15)
+
+
+# Eq (2)
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_curve_is_the_printed_formula(curve):
+    for open_ in OPENINGS:
+        assert water_flow(open_, *curve) == pytest.approx(reference.richards_valve(open_, *curve), rel=1e-14)
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_flow_rises_towards_the_asymptote(curve):
+    flows = [water_flow(open_, *curve) for open_ in OPENINGS]
+    assert np.all(np.diff(flows) > 0.0)
+    assert 0.0 < flows[0] < flows[-1] < curve[0]
+    assert water_flow(1000.0, *curve) == pytest.approx(curve[0], rel=1e-15)
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_growth_is_steepest_at_c(curve):
+    _, _, b, c = curve
+    open_ = c + np.linspace(-0.5, 0.5, 1001) / b
+    flows = np.array([water_flow(x, *curve) for x in open_.tolist()])
+    steepest = open_[1:-1][np.argmax(flows[2:] - flows[:-2])]
+    assert steepest == pytest.approx(c, abs=0.002 / b)
+
+
+def test_logistic_curve_is_half_open_at_c():
+    assert water_flow(0.4, 2.0, 1.0, 9.0, 0.4) == pytest.approx(1.0, rel=1e-15)
+
+
+@pytest.mark.parametrize("valve", VALVES)
+def test_installed_valve_is_the_hydraulic_circuit(valve):
+    rangeability, authority, m_full = valve
+    curve = installed_valve(*valve)
+    # coil and pipes in series with the valve, fully open: the valve takes the share `authority` of 1 Pa
+    coil = (1.0 - authority) / m_full**2
+    open_valve = authority / m_full**2
+    for open_ in OPENINGS:
+        inherent = rangeability ** (open_ - 1.0)
+        m_w = math.sqrt(1.0 / (coil + open_valve / inherent**2))
+        assert water_flow(open_, *curve) == pytest.approx(m_w, rel=1e-12)
+
+
+@pytest.mark.parametrize("valve", VALVES)
+def test_installed_valve_is_the_references(valve):
+    assert installed_valve(*valve) == pytest.approx(reference.valve_from_authority(*valve), rel=1e-14, abs=1e-14)
+
+
+def test_full_authority_leaves_the_inherent_characteristic():
+    curve = installed_valve(50.0, 1.0 - 1e-12, 2.0)
+    for open_ in OPENINGS:
+        assert water_flow(open_, *curve) == pytest.approx(2.0 * 50.0 ** (open_ - 1.0), rel=1e-6)

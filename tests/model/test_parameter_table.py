@@ -1,0 +1,40 @@
+"""Texts and labels of parameters, metrics and traces, which help, results and figures show."""
+
+import pytest
+
+from fastcoil.model.metric_table import METRICS, TRACES
+from fastcoil.model.parameter_table import PARAMETERS
+
+LABELLED = [*PARAMETERS.values(), *METRICS.values(), *TRACES.values()]
+
+
+@pytest.mark.parametrize("entry", LABELLED, ids=lambda entry: entry.name)
+def test_a_label_fits_an_axis(entry):
+    assert 0 < len(entry.label) <= 40
+    assert not set(entry.label) & set(";[]")
+
+
+@pytest.mark.parametrize("table", [PARAMETERS, METRICS, TRACES], ids=["parameters", "metrics", "traces"])
+def test_no_two_labels_of_a_table_are_the_same(table):
+    assert len({entry.label for entry in table.values()}) == len(table)
+
+
+def test_every_parameter_is_explained_in_one_line():
+    for parameter in PARAMETERS.values():
+        assert parameter.text
+        assert "\n" not in parameter.text
+        assert not parameter.text.endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "shown"),
+    [("kp", 0.05, "kp = 0.05 K-1"), ("backlash", 0.07, "backlash = 0.07"), ("action", "heating", "action = heating")],
+)
+def test_a_value_is_shown_with_name_and_unit(name, value, shown):
+    assert PARAMETERS[name].equation(value) == shown
+
+
+def test_times_that_may_never_come_are_censored():
+    censored = {name for name, metric in METRICS.items() if metric.censored}
+    assert censored == {name for name, metric in METRICS.items() if "NaN = never (censored)" in metric.comment}
+    assert len(censored) == 5

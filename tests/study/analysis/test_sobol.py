@@ -1,0 +1,172 @@
+"""Sobol' indices of a saltelli design: against closed forms and another implementation."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.model.metric_table import STATUS_CRASHED
+from fastcoil.study.file.sampling import sample_values
+
+UNIT = {"kp": {"uniform": [0.0, 1.0]}, "ti": {"uniform": [0.0, 1.0]}, "backlash": {"uniform": [0.0, 1.0]}}
+
+
+def result(function, size=1024, **others):
+    """A result whose rmse is a function of three numbers between 0 and 1."""
+    x = sample_values({"method": "saltelli", "size": size, "seed": 1} | UNIT)
+    ds = xr.Dataset({"rmse": function(*x.values())})
+    ds["status"] = xr.zeros_like(ds.rmse, dtype=np.int8)
+    return ds
+
+
+def ishigami(x1, x2, x3):
+    x1, x2, x3 = (2.0 * np.pi * x - np.pi for x in (x1, x2, x3))
+    return np.sin(x1) + 7.0 * np.sin(x2) ** 2 + 0.1 * x3**4 * np.sin(x1)
+
+
+def test_a_saltelli_design_takes_one_parameter_after_the_other_from_b():
+    x = sample_values({"method": "saltelli", "size": 64, "seed": 3} | UNIT)
+    assert x["kp"].dims == ("sample", "design")
+    assert x["kp"].design.values.tolist() == ["A", "B", "kp", "ti", "backlash"]
+    for name, values in x.items():
+        for label in x:
+            expected = values.sel(design="B" if label == name else "A", drop=True)
+            np.testing.assert_array_equal(values.sel(design=label), expected)
+    a, b = (np.stack([v.sel(design=k).values for v in x.values()]) for k in "AB")
+    assert np.abs(np.corrcoef(np.concatenate([a, b]))[~np.eye(6, dtype=bool)]).max() < 0.1
+
+
+def test_a_smaller_saltelli_design_is_the_beginning_of_a_larger_one():
+    small, large = (sample_values({"method": "saltelli", "size": n, "seed": 3} | UNIT)["ti"] for n in (64, 128))
+    np.testing.assert_array_equal(small, large[:64])
+
+
+def test_the_ishigami_function_has_its_known_indices():
+    found = fc.sobol_indices(result(ishigami, 4096)).rmse.sel(edge="value")
+    np.testing.assert_allclose(found.sel(index="first_order"), [0.3139, 0.4424, 0.0], atol=0.02)
+    np.testing.assert_allclose(found.sel(index="total"), [0.5576, 0.4424, 0.2437], atol=0.02)
+
+
+def test_indices_are_those_of_scipy():
+    from scipy.stats import sobol_indices
+
+    ds = result(ishigami, 512)
+    found = fc.sobol_indices(ds).rmse.sel(edge="value")
+    f = {label: ds.rmse.sel(design=label).values for label in ds.design.values}
+    theirs = sobol_indices(
+        func={"f_A": f["A"][None], "f_B": f["B"][None], "f_AB": np.stack([f[n][None] for n in UNIT])}, n=512
+    )
+    np.testing.assert_allclose(found.sel(index="first_order"), theirs.first_order, atol=1e-2)
+    np.testing.assert_allclose(found.sel(index="total"), theirs.total_order, atol=1e-2)
+
+
+def test_intervals_cover_the_truth_about_as_often_as_they_say():
+    covered = []
+    for seed in range(60):
+        x = sample_values({"method": "saltelli", "size": 128, "seed": seed} | UNIT)
+        ds = xr.Dataset({"rmse": x["kp"] + 2.0 * x["ti"] + 0.5 * x["backlash"]})
+        ds["status"] = xr.zeros_like(ds.rmse, dtype=np.int8)
+        found = fc.sobol_indices(ds).rmse.sel(index="total", parameter="ti")
+        covered.append(float(found.sel(edge="low")) <= 4.0 / 5.25 <= float(found.sel(edge="high")))
+    assert np.mean(covered) > 0.85
+
+
+def test_other_dims_are_kept():
+    one = result(lambda a, b, c: a)
+    ds = xr.concat(
+        [one, result(lambda a, b, c: b)], xr.DataArray([0.0, 1.0], dims="estimate_ratio", name="estimate_ratio")
+    )
+    found = fc.sobol_indices(ds).rmse.sel(edge="value", index="total")
+    assert set(found.dims) == {"estimate_ratio", "parameter"}
+    np.testing.assert_allclose(found.transpose("estimate_ratio", ...), [[1, 0, 0], [0, 1, 0]], atol=0.03)
+
+
+def test_what_does_not_vary_has_no_indices():
+    found = fc.sobol_indices(result(lambda a, b, c: 0.0 * a + 3.3))
+    assert bool(found.rmse.isnull().all())
+
+
+def test_failed_scenarios_are_refused_unless_they_are_to_be_left_out():
+    ds = result(ishigami, 4096)
+    ds["status"][5, 2] = ds["status"][9, 0] = STATUS_CRASHED
+    with pytest.raises(fc.InputError, match="missing in 2 of 4,096 samples"):
+        fc.sobol_indices(ds)
+    found = fc.sobol_indices(ds, drop_failed=True)
+    assert int(found.rmse_n_samples) == 4094
+    np.testing.assert_allclose(found.rmse.sel(edge="value", index="total"), [0.5576, 0.4424, 0.2437], atol=0.02)
+
+
+def test_another_design_or_metric_is_refused():
+    with pytest.raises(fc.InputError, match="saltelli"):
+        fc.sobol_indices(xr.Dataset({"rmse": ("sample", [1.0]), "status": ("sample", [0])}))
+    with pytest.raises(fc.InputError, match="did you mean 'rmse'"):
+        fc.sobol_indices(result(ishigami, 4), ["rmsee"])
+
+
+@pytest.mark.parametrize(
+    "labels", [["backlash", "B", "ti", "A", "kp"], ["kp", "A", "B"]], ids=["other order", "one parameter"]
+)
+def test_the_design_is_read_by_its_labels(labels):
+    ds = result(ishigami, 256)
+    found, whole = fc.sobol_indices(ds.sel(design=labels)).rmse, fc.sobol_indices(ds).rmse
+    assert found.parameter.values.tolist() == [label for label in labels if label in UNIT]
+    xr.testing.assert_allclose(found, whole.sel(parameter=found.parameter))
+
+
+@pytest.mark.parametrize(
+    ("labels", "sentence"),
+    [(["B", "kp", "ti"], "design = B, kp, ti: must have A, B"), (["A", "B"], "at least one parameter"),
+     (["A", "B", "kp", "kp"], "each of them once")],
+)  # fmt: skip
+def test_an_incomplete_design_is_refused(labels, sentence):
+    with pytest.raises(fc.InputError, match=sentence):
+        fc.sobol_indices(result(ishigami, 4).sel(design=labels))
+
+
+def test_a_single_metric_may_be_a_name():
+    ds = result(ishigami, 64)
+    xr.testing.assert_identical(fc.sobol_indices(ds, "rmse"), fc.sobol_indices(ds, ["rmse"]))
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "sentence"),
+    [
+        (lambda ds: ds, {"metrics": []}, "metrics is empty"),
+        (lambda ds: ds, {"metrics": 7}, "metrics = 7: must be a name"),
+        (lambda ds: ds, {"metrics": ["status"]}, "'status' is no quantity"),
+        (lambda ds: ds.assign(learning_status=ds.status), {"metrics": "learning_status"}, "is no quantity"),
+        (lambda ds: ds.assign(words=ds.status.astype(str)), {"metrics": "words"}, "'words' is no quantity"),
+        (lambda ds: ds.assign(alone=1.0), {"metrics": "alone"}, "'alone' is no quantity"),
+        (lambda ds: ds, {"level": "0.9"}, "level = '0.9': must be a number between 0 and 1"),
+        (lambda ds: ds, {"level": 1.0}, "level = 1.0"),
+        (lambda ds: ds.drop_vars("status"), {}, "ds has no status"),
+        (lambda ds: ds.rmse, {}, "ds is a DataArray: give a Dataset"),
+    ],
+)
+def test_a_mistake_gets_a_sentence(change, options, sentence):
+    with pytest.raises(fc.InputError, match=".") as caught:
+        fc.sobol_indices(change(result(ishigami, 4)), **options)
+    assert sentence in str(caught.value)
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.kernel
+def test_a_study_with_a_saltelli_design_runs(tmp_path):
+    (tmp_path / "s.toml").write_text(
+        """
+[loop]
+preset = "lbnl"
+[sample]
+method = "saltelli"
+size = 16
+backlash = { uniform = [0.02, 0.15] }
+kp = { loguniform = [0.01, 0.03] }
+[boundary]
+hours = 0.75
+"""
+    )
+    ds = fc.run_study(tmp_path / "s.toml", tmp_path / "out")
+    assert dict(ds.rmse.sizes) == {"sample": 16, "design": 4}
+    found = fc.sobol_indices(ds, ["rmse", "stem_travel"])
+    assert found.parameter.values.tolist() == ["backlash", "kp"]
+    assert float(found.rmse.sel(edge="value", index="total").max()) > 0.2

@@ -1,0 +1,123 @@
+"""The grid of tunings: its size, its presets, its long days; the same for any number of threads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.loops.presets import COOLING
+from fastcoil.loops.stability import stable
+from fastcoil.study.paper import grid, kinds, runs
+
+pytestmark = pytest.mark.kernel
+
+
+def test_results_do_not_depend_on_the_number_of_threads():
+    loop = grid.tunings(quick=True)
+    one, two = (grid.quiet(loop, n_jobs).attrs["content_sha256"] for n_jobs in (1, 2))
+    assert one == two
+
+
+def test_the_grid_has_at_least_500_tunings_and_the_presets_by_name():
+    loop = grid.tunings()
+    assert loop.sizes["tuning"] >= 500
+    assert grid.named(loop["kp"]["tuning"]) == list(COOLING)
+    lbnl = loop["stroke_time"].sel(tuning="lbnl")
+    assert float(lbnl) == fc.Loop.preset("lbnl")["stroke_time"]
+    for start, step in grid.STARTS_AND_STEPS:
+        updates = np.ceil((runs.BACKLASH - start) / step) + 2
+        assert updates * runs.INTERVAL < grid.LONG_HOURS * 3600
+
+
+def test_stable_says_what_a_simulation_refuses(short):
+    loop = fc.Loop(n_volumes=[8, 9])
+    assert stable(loop, short).values.tolist() == [True, False]
+    with pytest.raises(fc.InputError, match="unstable"):
+        fc.simulate(loop, short, warm_up=0)
+
+
+STEPPED = {"stepped": kinds.stepped}
+TWO_KINDS = STEPPED | {"constant": kinds.constant}
+
+
+def few(*names):
+    """The tunings of these presets."""
+    values = {n: grid.tunings(quick=True)[n].sel(tuning=list(names)) for n in (*grid.GAINS, *grid.PLANT)}
+    return fc.Loop(**values)
+
+
+def test_tunings_differ_in_nothing_but_their_gains_and_what_the_gains_are_for():
+    varied = {n for preset in COOLING.values() for n in preset.values}
+    assert varied == {*grid.GAINS, *grid.PLANT}
+
+
+@pytest.mark.full
+def test_the_best_gains_have_the_lowest_error_of_those_that_do_not_hunt_without_backlash(monkeypatch):
+    """Against a search with one loop at a time."""
+    kp, ti = (0.03, 0.15, 0.4), (8.0, 100.0)
+    monkeypatch.setattr(grid, "BEST_KP", np.array(kp))
+    monkeypatch.setattr(grid, "BEST_TI", np.array(ti))
+    monkeypatch.setattr(grid, "SEARCH_DAYS", (7,))
+    found = grid.best_gains(few("paper_like", "lbnl"), TWO_KINDS)
+    for preset in ("paper_like", "lbnl"):
+        costs = {"best PI": {}, "best inverse": {}}
+        for K in kp:
+            for T in ti:
+                loop = fc.Loop.preset(preset).assign(kp=K, ti=T, noise_std=grid.SEARCH_NOISE)
+                tries = {
+                    "no backlash": loop.assign(backlash=0.0),
+                    "best PI": loop.assign(backlash=0.07),
+                    "best inverse": loop.assign(
+                        backlash=0.07, estimate_ratio=0.95, buffer=runs.BUFFER_SIGMAS * grid.SEARCH_NOISE * K
+                    ),
+                }
+                ran = {
+                    name: [fc.simulate(one, make(8, [7]), seed=runs.SEED) for make in TWO_KINDS.values()]
+                    for name, one in tries.items()
+                }
+                if not any(bool(ds.hunts.any()) for ds in ran["no backlash"]):
+                    for name, tried in costs.items():
+                        tried[K, T] = [float(ds.rmse.mean()) for ds in ran[name]]
+        assert costs["best PI"]
+        for name, tried in costs.items():
+            least = np.min(list(tried.values()), axis=0)
+            best = min(tried, key=lambda gains, tried=tried, least=least: np.mean(np.array(tried[gains]) / least))
+            assert tuple(float(found[name][n].sel(tuning=preset)) for n in grid.GAINS) == best
+
+
+def test_a_kind_of_day_with_large_errors_counts_no_more_than_one_with_small_ones():
+    error = xr.DataArray([[[[1.0], [1.2], [np.nan]]], [[[0.2], [0.1], [0.05]]]], dims=("kind", "day", "kp", "ti"))
+    cost = grid.relative_cost(error).values.ravel()
+    np.testing.assert_allclose(cost, [(1.0 + 4.0) / 2, (1.2 + 2.0) / 2, np.inf])
+
+
+def test_days_of_a_kind_are_those_of_a_simulation_of_their_own(monkeypatch):
+    monkeypatch.setattr(grid, "DAYS", (7, 8))
+    loop = few("lbnl")
+    best = {"best PI": loop.assign(kp=0.1, ti=100.0), "best inverse": loop.assign(kp=0.05, ti=50.0)}
+    ds = grid.on_days(loop, best, TWO_KINDS).isel(tuning=0)
+    lbnl = fc.Loop.preset("lbnl").assign(backlash=0.07)
+    wanted = {
+        "95 %": lbnl.assign(estimate_ratio=0.95),
+        "dead band": lbnl.assign(error_dead_band=grid.DEAD_BAND),
+        "best PI, noise": lbnl.assign(kp=0.1, ti=100.0, noise_std=runs.NOISE),
+        "best PI, 95 %": lbnl.assign(kp=0.1, ti=100.0, estimate_ratio=0.95),
+        "best inverse, noise, buffer": lbnl.assign(
+            kp=0.05, ti=50.0, noise_std=runs.NOISE, estimate_ratio=0.95, buffer=runs.BUFFER_SIGMAS * runs.NOISE * 0.05
+        ),
+    }
+    for name, one in wanted.items():
+        for kind, make in TWO_KINDS.items():
+            alone = fc.simulate(one, make(8, [7, 8]), seed=runs.SEED)
+            for metric in ("rmse", "motor_travel", "switch_frequency"):
+                np.testing.assert_array_equal(ds[metric].sel(case=name, kind=kind), alone[metric], err_msg=name)
+
+
+def test_all_kinds_keep_their_units_and_their_hash():
+    ds = grid.on_every_kind(few("lbnl"), TWO_KINDS, 1, (7,))
+    assert ds.rmse.dims[0] == "kind"
+    assert ds.rmse.attrs["units"] == "K"
+    assert ds.attrs["content_sha256"] == runs.rehashed(ds).attrs["content_sha256"]
+    assert isinstance(ds, xr.Dataset)
