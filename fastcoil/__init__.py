@@ -103,15 +103,14 @@ __all__ = [*_HOME, "__version__", "parameters", "plot"]  # noqa: PLE0604
 
 def parameters() -> dict[str, Any]:
     """Every parameter of a loop by name: unit, bounds, default and meaning; printed as a list."""
-    from fastcoil.model.listing import Listing
-    from fastcoil.model.parameter_table import PARAMETERS
+    from fastcoil.model.parameter_table import PARAMETERS, Listing
 
     return Listing(PARAMETERS)
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from fastcoil.base.version import package_version
+        from fastcoil.base.machine import package_version
 
         value: Any = package_version()
     elif name == "plot":

@@ -24,7 +24,7 @@ from remedies_tables import pooled
 from report import HERE
 from scipy.special import ndtr
 
-from fastcoil.base.figure_style import BLUE, FAINT, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
 
 TIMES = {1.0: (BLUE, "o"), 5.0: (RED, "s"), 30.0: (YELLOW, "^")}
 """Sample times that are shown, with colour and mark."""

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from report import HERE
 
 import fastcoil as fc
-from fastcoil.base.figure_style import BLUE, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 
 COLOURS = {"heating": BLUE, "heating_45": RED}
 STYLES = {"heating": "-", "heating_45": "--"}

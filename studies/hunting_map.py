@@ -13,7 +13,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from report import HERE, results, write_table
 
-from fastcoil.base.figure_style import BLUE, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 from fastcoil.study.file.spec import read_study
 
 STUDY = HERE / "hunting.toml"

@@ -10,7 +10,7 @@ from learners_tables import LABELS
 from matplotlib.axes import Axes
 from report import HERE
 
-from fastcoil.base.figure_style import BLUE, FAINT, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
 from fastcoil.study.analysis.shares import Share, share_of
 
 PALE = "#EE99AA"

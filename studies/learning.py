@@ -19,7 +19,7 @@ from report import HERE, results, write_table
 from scipy.stats import beta
 
 import fastcoil as fc
-from fastcoil.base.figure_files import write
+from fastcoil.base.figures import write
 
 TOO_LOW, TOO_HIGH = 0.8, 1.2
 """A final estimate outside these shares of the backlash is a failure: the learner stopped early, or ran away."""

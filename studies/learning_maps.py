@@ -14,7 +14,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from fastcoil.base.figure_style import BLUE, GREY, RED, YELLOW, apply_style, wrapped
+from fastcoil.base.figures import BLUE, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.loops.labels import quantity
 
 WIDTH = 7.0

@@ -12,7 +12,7 @@ from remedies_run import SIMC
 from remedies_tables import LABELS
 from report import HERE
 
-from fastcoil.base.figure_style import BLUE, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 
 PALE = "#EE99AA"
 CURVES = {

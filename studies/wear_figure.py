@@ -13,7 +13,7 @@ from wear_tables import DETECTORS, LABELS
 from wear_valves import GROWTH, PI
 from wear_year import Run
 
-from fastcoil.base.figure_style import BLUE, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 
 COLOURS = {PI: "black", "paper": YELLOW, "gradient": RED, "identify": BLUE, "identify_8h": BLUE, "hagglund": "0.55"}
 DRAWN = {"bank, plant known": "black", "bank, plant 15 % off": "0.55", "identify": BLUE, "gradient": RED}

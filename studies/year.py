@@ -13,7 +13,7 @@ from matplotlib.dates import DateFormatter, MonthLocator
 from report import HERE, results, write_table
 
 import fastcoil as fc
-from fastcoil.base.figure_style import COLOURS, apply_style
+from fastcoil.base.figures import COLOURS, apply_style
 from fastcoil.study.analysis.pairs import Middle, middle_of
 from fastcoil.study.analysis.shares import share_of
 

@@ -7,7 +7,7 @@ import errno
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
-from fastcoil.base.printable import printable
+from fastcoil.base.text import printable
 
 EXIT_BUG = 1
 EXIT_INPUT = 2

@@ -56,7 +56,7 @@ def diagnose(
     )
     say(*found.summary())
     if out is not None:
-        from fastcoil.base.figure_files import write
+        from fastcoil.base.figures import write
 
         found.to_toml(out)
         say(f'Written: {out} (in a study: [loop] include = ["{out.name}"])')

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.look import may_be_file
+from fastcoil.base.files import may_be_file
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.labels import labels_of
 from fastcoil.cli.log_options import pairs
@@ -45,7 +45,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
     found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
     if out is not None:
-        from fastcoil.base.figure_files import write
+        from fastcoil.base.figures import write
 
         for path in write({out.stem: found.plot()}, out.parent, format=form):
             say(f"Figure:  {path}")
@@ -62,7 +62,7 @@ def _changes(given: Sequence[str]) -> dict[str, str]:
 
 def _form_of(out: Path | None) -> str:
     """The format of a figure, by its name."""
-    from fastcoil.base.figure_files import FORMATS
+    from fastcoil.base.figures import FORMATS
 
     if out is None:
         return FORMATS[0]

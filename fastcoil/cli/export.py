@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.look import is_folder
+from fastcoil.base.files import is_folder
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from fastcoil.base.arguments import checking
 from fastcoil.base.errors import InputError
-from fastcoil.base.look import exists, is_folder, may_be_file
+from fastcoil.base.files import exists, is_folder, may_be_file
 from fastcoil.cli.labels import all_labels_of
 from fastcoil.cli.terminal import say
 from fastcoil.model.metric_table import STATUS_NOT_RUN

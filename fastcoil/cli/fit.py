@@ -203,7 +203,7 @@ def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
 
 def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
     """Write the TOML of a fit, its figure and the report that was asked for, and print its summary."""
-    from fastcoil.base.figure_files import write
+    from fastcoil.base.figures import write
 
     found.to_toml(out)
     figures = write({out.stem: found.plot()}, out.parent)

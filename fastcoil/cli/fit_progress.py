@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from fastcoil.base.progress.shown import PATIENCE
-from fastcoil.base.progress.views import SECONDS_BETWEEN_LINES, duration, is_terminal, terminal_bar
+from fastcoil.base.progress import PATIENCE, SECONDS_BETWEEN_LINES, duration, is_terminal, terminal_bar
 from fastcoil.cli.terminal import say
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from pathlib import Path
 import click
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import commit
-from fastcoil.base.look import exists, may_be_file
+from fastcoil.base.files import commit, exists, may_be_file
 from fastcoil.cli.log_options import pairs
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say

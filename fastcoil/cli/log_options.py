@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.look import exists, is_file, is_folder, may_be_file
+from fastcoil.base.files import exists, is_file, is_folder, may_be_file
 from fastcoil.cli.paths import PATH
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, IntegrityError
-from fastcoil.base.progress.views import duration
+from fastcoil.base.progress import duration
 from fastcoil.cli.announcements import announce_compilation, run_own_code
 from fastcoil.cli.archive import archive
 from fastcoil.cli.cite import cite
@@ -34,7 +34,7 @@ from fastcoil.cli.terminal import say
 from fastcoil.cli.tune import tune
 
 if TYPE_CHECKING:
-    from fastcoil.base.progress.shown import Advance
+    from fastcoil.base.progress import Advance
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -74,7 +74,7 @@ def run(
     An interrupted study is resumed; a finished one is not run again.
     """
     with quick_start():
-        from fastcoil.base.progress.shown import progress_of_command
+        from fastcoil.base.progress import progress_of_command
         from fastcoil.model.metric_table import STATUS_OK
         from fastcoil.study.analysis.summary import summary
         from fastcoil.study.file.spec import read_study
@@ -123,7 +123,7 @@ def run(
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
     with quick_start():
-        from fastcoil.base.memory import available_memory, gib
+        from fastcoil.base.machine import available_memory, gib
         from fastcoil.loops.cut import first_shards
         from fastcoil.loops.duration import count_shards, estimate_seconds
         from fastcoil.loops.resources import check_disk

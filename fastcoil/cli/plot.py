@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from fastcoil.base.errors import InputError, nearest
-from fastcoil.base.files import file_name, make_folder, storage_errors
-from fastcoil.base.look import is_folder
+from fastcoil.base.files import file_name, is_folder, make_folder, storage_errors
 from fastcoil.cli.labels import all_labels_of
 from fastcoil.cli.paths import PATH
 from fastcoil.cli.terminal import say
@@ -73,7 +72,7 @@ def plot(
     width: str | None,
 ) -> None:
     """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
-    from fastcoil.base.figure_files import FIGURES, check_format, write
+    from fastcoil.base.figures import FIGURES, check_format, write
     from fastcoil.study.folder.folder import StudyFolder
     from fastcoil.study.folder.results import open_study
 
@@ -187,7 +186,7 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
 
     The folder is held.  Returns the PNG figures there that show these results.
     """
-    from fastcoil.base.figure_files import FIGURES, current_figures, write
+    from fastcoil.base.figures import FIGURES, current_figures, write
     from fastcoil.deliver.figures import study as plots
 
     drawn_from = ds.attrs["content_sha256"]

@@ -11,8 +11,7 @@ from fastcoil.cli.terminal import say
 @click.argument("names", nargs=-1)
 def parameters(names: tuple[str, ...]) -> None:
     """List the parameters of a loop (or only NAMES): default, unit, meaning, allowed values."""
-    from fastcoil.model.listing import lines_of
-    from fastcoil.model.parameter_table import PARAMETERS, check_name
+    from fastcoil.model.parameter_table import PARAMETERS, check_name, lines_of
 
     say(*lines_of([PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values()))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from fastcoil.base.errors import FastcoilError
-from fastcoil.base.printable import printable
+from fastcoil.base.text import printable
 
 _LONGEST_LINE = 4000
 """Characters."""

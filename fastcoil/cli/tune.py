@@ -27,9 +27,9 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     The table [tune] of the study says what may be chosen, for what and within which limits.  An interrupted search is
     resumed.
     """
-    from fastcoil.base.figure_files import write
-    from fastcoil.base.look import exists
-    from fastcoil.base.progress.shown import progress_of_command
+    from fastcoil.base.figures import write
+    from fastcoil.base.files import exists
+    from fastcoil.base.progress import progress_of_command
     from fastcoil.design.tuning.archive import KEPT
     from fastcoil.design.tuning.tune import in_scenario_days, run_tuning
     from fastcoil.loops.simulate import workers

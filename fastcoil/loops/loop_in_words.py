@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.notebook_card import Section, card
+from fastcoil.base.results import Section, card
 from fastcoil.loops.assignment import words_of
 from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.presets import PRESETS, Preset

@@ -20,7 +20,7 @@ import xarray as xr
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from fastcoil.base.files import commit_written
-from fastcoil.base.memory import available_memory, gib
+from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.clock import with_numbers, with_times
 
 COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}

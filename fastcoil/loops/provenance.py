@@ -12,7 +12,7 @@ from typing import Any
 
 import xarray as xr
 
-from fastcoil.base.version import package_version
+from fastcoil.base.machine import package_version
 from fastcoil.model.numerics.jit import compiled_for
 
 FORMAT = 1

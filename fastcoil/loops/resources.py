@@ -6,9 +6,8 @@ import shutil
 from pathlib import Path
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import storage_errors
-from fastcoil.base.look import exists
-from fastcoil.base.memory import available_memory, gib
+from fastcoil.base.files import exists, storage_errors
+from fastcoil.base.machine import available_memory, gib
 
 _CURE = "sweep fewer values, ask for fewer traces or a longer trace_interval"
 

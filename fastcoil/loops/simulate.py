@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, whole_of
-from fastcoil.base.progress.shown import Advance, progress_of_call
+from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.content import content_sha256
 from fastcoil.loops.cut import first_shards

@@ -18,7 +18,7 @@ import xarray as xr
 
 from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.base.files import storage_errors
-from fastcoil.base.memory import available_memory
+from fastcoil.base.machine import available_memory
 from fastcoil.loops.netcdf import close, entered, left_open, load, outline, parse
 
 _CHUNK = 2**20

@@ -11,8 +11,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import InputError, IntegrityError, nearest
-from fastcoil.base.files import file_name, make_folder, storage_errors
-from fastcoil.base.look import is_file
+from fastcoil.base.files import file_name, is_file, make_folder, storage_errors
 from fastcoil.loops.clock import clock_coordinates
 from fastcoil.loops.dataset import coordinate_attrs
 from fastcoil.loops.netcdf import save

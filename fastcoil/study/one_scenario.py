@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fastcoil.base.errors import InputError, collecting, nearest
-from fastcoil.base.look import is_file, is_folder
+from fastcoil.base.files import is_file, is_folder
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import paper_day
 from fastcoil.loops.boundary.heating_day import heating_day

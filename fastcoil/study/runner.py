@@ -15,7 +15,7 @@ import xarray as xr
 from fastcoil.base.arguments import checking, choice_of, flag_of, path_of, text_of
 from fastcoil.base.errors import InputError, StorageError
 from fastcoil.base.files import storage_errors
-from fastcoil.base.progress.shown import Advance, progress_of_call
+from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.cut import first_shards
 from fastcoil.loops.dataset import check_same_form
 from fastcoil.loops.provenance import environments_of

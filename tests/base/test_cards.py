@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.base.notebook_card import Section, card
-from fastcoil.base.results import Told
+from fastcoil.base.results import Section, Told, card
 from fastcoil.design.tuning.result import Tuning
 from fastcoil.measured.diagnosis.result import Diagnosis
 from fastcoil.measured.fit.loop_result import LoopFit

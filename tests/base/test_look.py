@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fastcoil.base.errors import InputError, StorageError
-from fastcoil.base.look import exists, is_file, is_folder
+from fastcoil.base.files import exists, is_file, is_folder
 from fastcoil.cli.log_options import require_writable
 from fastcoil.loops.resources import check_disk
 from fastcoil.study.file.source import find_source

@@ -10,7 +10,7 @@ import sys
 import pytest
 from helpers.processes import environment
 
-from fastcoil.base import memory
+from fastcoil.base import machine as memory
 
 MIB = 2**20
 MACHINE = "MemTotal:  8000000 kB\nMemAvailable:  4096000 kB\n"

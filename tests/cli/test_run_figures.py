@@ -7,7 +7,7 @@ import shutil
 import pytest
 from helpers.commands import fastcoil
 
-from fastcoil.base.figure_files import current_figures, stale_figures
+from fastcoil.base.figures import current_figures, stale_figures
 from fastcoil.study.folder.results import open_study
 
 pytestmark = pytest.mark.kernel

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import fastcoil
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.base.printable import printable
+from fastcoil.base.text import printable
 from fastcoil.cli.main import main
 from fastcoil.cli.terminal import complain, say
 

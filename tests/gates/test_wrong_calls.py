@@ -16,7 +16,7 @@ from helpers.trend_logs import HEADER, ROWS
 from matplotlib.figure import Figure
 
 import fastcoil as fc
-from fastcoil.base import figure_files as files
+from fastcoil.base import figures as files
 from fastcoil.deliver.figures import study
 
 pytestmark = pytest.mark.kernel

@@ -7,7 +7,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.text import Text
 
-from fastcoil.base.figure_style import COLOURS, FAINT, GREY
+from fastcoil.base.figures import COLOURS, FAINT, GREY
 
 PALETTE = {to_hex(colour) for colour in (*COLOURS, GREY, FAINT, "black", "white")}
 

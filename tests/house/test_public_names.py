@@ -13,7 +13,7 @@ def test_the_version_is_that_of_the_installed_package():
 
 
 def test_a_source_tree_that_is_not_installed_has_an_unknown_version(monkeypatch):
-    from fastcoil.base import version
+    from fastcoil.base import machine as version
 
     def absent(name):
         raise importlib.metadata.PackageNotFoundError(name)

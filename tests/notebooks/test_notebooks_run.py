@@ -26,7 +26,7 @@ nbformat.write(notebook, sys.argv[2])
 """
 QUIETLY = """
 import os
-import fastcoil.base.progress.shown as shown
+import fastcoil.base.progress as shown
 for name in ("PYTEST_VERSION", "PYTEST_CURRENT_TEST"):
     os.environ.pop(name, None)
 shown.PATIENCE = 0.0

@@ -9,9 +9,8 @@ from textwrap import wrap
 
 from fastcoil.base.arguments import checking, choice_of, instance_of, path_of
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import commit, read_bytes
-from fastcoil.base.look import exists, may_be_file
-from fastcoil.base.version import package_version
+from fastcoil.base.files import commit, exists, may_be_file, read_bytes
+from fastcoil.base.machine import package_version
 from fastcoil.deliver.export.c import InC
 from fastcoil.deliver.export.settings import Settings
 from fastcoil.deliver.export.source import Laws

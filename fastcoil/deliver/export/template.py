@@ -9,7 +9,7 @@ from textwrap import wrap
 
 import jinja2
 
-from fastcoil.base.version import package_version
+from fastcoil.base.machine import package_version
 from fastcoil.deliver.export.settings import Settings
 from fastcoil.loops.labels import unit_in_words
 from fastcoil.model.parameter_table import PARAMETERS

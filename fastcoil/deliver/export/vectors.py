@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.version import package_version
+from fastcoil.base.machine import package_version
 from fastcoil.deliver.export.record import Inputs, made_records
 from fastcoil.deliver.export.settings import Settings
 from fastcoil.loops.boundary.days import paper_day

@@ -10,7 +10,7 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.base.figure_style import COLOURS, FAINT, LINE_STYLES, STYLE
+from fastcoil.base.figures import COLOURS, FAINT, LINE_STYLES, STYLE
 from fastcoil.deliver.figures.place import in_style, legend_above, one_place, width_of
 from fastcoil.deliver.figures.scenarios import interval_of, parameter_of, scenarios_of, traced
 from fastcoil.loops.labels import quantity

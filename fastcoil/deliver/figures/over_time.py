@@ -10,7 +10,7 @@ import xarray as xr
 from fastcoil.base.arguments import checking, instance_of, names_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, nearest
-from fastcoil.base.figure_style import COLOURS, LINE_STYLES, wrapped
+from fastcoil.base.figures import COLOURS, LINE_STYLES, wrapped
 from fastcoil.deliver.figures.place import in_style, legend_above, places, several, width_of
 from fastcoil.deliver.figures.scenarios import Scenario, scenarios_of, times, traced
 from fastcoil.loops.boundary import Boundary

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fastcoil.base.errors import InputError, WrongType
-from fastcoil.base.figure_style import STYLE, apply_style
+from fastcoil.base.figures import STYLE, apply_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import instance_of
 from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.base.figure_style import COLOURS
+from fastcoil.base.figures import COLOURS
 from fastcoil.loops.labels import is_parameter, label_in_words, quantity_of
 from fastcoil.model.metric_table import TRACES
 from fastcoil.model.parameter_table import PARAMETERS

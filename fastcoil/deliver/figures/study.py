@@ -15,7 +15,7 @@ import xarray as xr
 from fastcoil.base.arguments import checking, names_of, text_of
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.errors import shown as quoted
-from fastcoil.base.figure_style import BLUE, GREY, apply_style, wrapped
+from fastcoil.base.figures import BLUE, GREY, apply_style, wrapped
 from fastcoil.deliver.figures.page import Page, control_dims, page_of, rows_of
 from fastcoil.loops.check_result import check_result
 from fastcoil.loops.labels import quantity_of, quantity_of_values

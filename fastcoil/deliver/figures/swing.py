@@ -10,7 +10,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import instance_of
 from fastcoil.base.errors import InputError
-from fastcoil.base.figure_style import BLUE, COLOURS, DOTTED, GREY, LINE_STYLES, RED, YELLOW, wrapped
+from fastcoil.base.figures import BLUE, COLOURS, DOTTED, GREY, LINE_STYLES, RED, YELLOW, wrapped
 from fastcoil.deliver.figures.place import in_style, legend_above, one_place, width_of
 from fastcoil.deliver.figures.scenarios import Scenario, parameter_of, scenarios_of, traced
 from fastcoil.loops.check_result import check_result

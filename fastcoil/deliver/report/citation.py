@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fastcoil.base.version import package_version
+from fastcoil.base.machine import package_version
 from fastcoil.deliver.tables.tex import escaped
 
 TITLE = "fastcoil: closed-loop emulation of HVAC coil valves with backlash"

@@ -11,8 +11,8 @@ from typing import Any
 import xarray as xr
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.numbers import NONE
-from fastcoil.base.version import package_version
+from fastcoil.base.machine import package_version
+from fastcoil.base.text import NONE
 from fastcoil.deliver.report.numbers import setting
 from fastcoil.deliver.report.page import Block, Facts, Section, Table
 from fastcoil.loops.labels import is_parameter, quantity, quantity_of

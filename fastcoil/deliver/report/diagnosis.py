@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.numbers import NONE
+from fastcoil.base.text import NONE
 from fastcoil.deliver.report.computed import here
 from fastcoil.deliver.report.numbers import number, share
 from fastcoil.deliver.report.page import Block, Code, Facts, Page, Section, Table, Words

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.base.numbers import NONE
+from fastcoil.base.text import NONE
 from fastcoil.deliver.report.computed import changed, here
 from fastcoil.deliver.report.numbers import change, number, setting
 from fastcoil.deliver.report.page import Block, Code, Facts, Page, Section, Table, Words

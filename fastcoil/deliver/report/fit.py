@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fastcoil.base.numbers import NONE
+from fastcoil.base.text import NONE
 from fastcoil.deliver.report.computed import here
 from fastcoil.deliver.report.numbers import number
 from fastcoil.deliver.report.page import Block, Code, Facts, Page, Section, Table, Words

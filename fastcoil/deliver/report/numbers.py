@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from fastcoil.base.numbers import MINUS, NONE, written
+from fastcoil.base.text import MINUS, NONE, written
 from fastcoil.loops.labels import quantity
 from fastcoil.model.parameter_table import PARAMETERS
 

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import commit, read_bytes
-from fastcoil.base.look import exists, may_be_file
-from fastcoil.base.printable import printable
-from fastcoil.base.version import package_version
+from fastcoil.base.files import commit, exists, may_be_file, read_bytes
+from fastcoil.base.machine import package_version
+from fastcoil.base.text import printable
 
 _MARK = b'<meta name="generator" content="fastcoil '
 _MARK_WITHIN = 2000

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from fastcoil.base.errors import IntegrityError
-from fastcoil.base.files import read_bytes, storage_errors
-from fastcoil.base.look import exists
-from fastcoil.base.numbers import NONE
+from fastcoil.base.files import exists, read_bytes, storage_errors
+from fastcoil.base.text import NONE
 from fastcoil.deliver.report.computed import here
 from fastcoil.deliver.report.numbers import number, share
 from fastcoil.deliver.report.page import Block, Code, Facts, Page, Picture, Section, Table, Words

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fastcoil.base.figure_files import encode
+from fastcoil.base.figures import encode
 from fastcoil.deliver.report.page import Picture
 
 if TYPE_CHECKING:

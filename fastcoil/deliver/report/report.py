@@ -9,7 +9,7 @@ from typing import Any
 
 from fastcoil.base.arguments import checking, path_of
 from fastcoil.base.errors import InputError, WrongType
-from fastcoil.base.look import exists, is_folder
+from fastcoil.base.files import exists, is_folder
 from fastcoil.deliver.report.page import Page, require_page
 from fastcoil.design.tuning.archive import KEPT
 from fastcoil.study.folder.folder import require_no_archive

@@ -13,7 +13,7 @@ import xarray as xr
 
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import commit
-from fastcoil.base.numbers import written
+from fastcoil.base.text import written
 from fastcoil.deliver.tables.tex import escaped
 from fastcoil.deliver.tables.tidy import check_metrics, facts_of
 from fastcoil.loops.labels import quantity, quantity_of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastcoil.base.numbers import MINUS, NONE
+from fastcoil.base.text import MINUS, NONE
 
 _ESCAPED = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "_": r"\_", "%": r"\%",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fastcoil.base.figure_style import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
+from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.design.explanation.answer import answer_of, seconds, why_of
 from fastcoil.design.explanation.cures import SIMC, TUNINGS
 from fastcoil.design.explanation.phase import of_a_gap

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.base.notebook_card import card
+from fastcoil.base.results import card
 from fastcoil.design.explanation.answer import answer_of, why_of
 from fastcoil.design.explanation.theory import Found
 from fastcoil.design.explanation.words import sentences

@@ -9,7 +9,7 @@ import numpy as np
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.base.figure_style import COLOURS, DOTTED, FAINT, LINE_STYLES, apply_style, wrapped
+from fastcoil.base.figures import COLOURS, DOTTED, FAINT, LINE_STYLES, apply_style, wrapped
 from fastcoil.design.theory.curve_of_plant import swings_of
 from fastcoil.design.theory.cycles import MOST, Cycles, cycles_of
 from fastcoil.design.theory.describing_function import limited

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.figure_style import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, wrapped
+from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.design.tuning.measures import Limit, Measure
 from fastcoil.design.tuning.words import CHOSEN, NOW, SIMC
 from fastcoil.loops.labels import quantity

@@ -13,8 +13,8 @@ import xarray as xr
 from fastcoil.base.arguments import checking, path_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.base.look import may_be_file
-from fastcoil.base.progress.shown import Shown, progress_of_call
+from fastcoil.base.files import may_be_file
+from fastcoil.base.progress import Shown, progress_of_call
 from fastcoil.design.tuning.archive import Archive
 from fastcoil.design.tuning.evaluate import Run, as_it_is, key_of, measured, tried
 from fastcoil.design.tuning.intervals import with_intervals

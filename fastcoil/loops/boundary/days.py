@@ -12,7 +12,7 @@ import numpy as np
 from fastcoil.base.arguments import checking, choice_of, plain, whole_of
 from fastcoil.base.arrays import MOST_VALUES, Array
 from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.base.memory import available_memory, gib
+from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
 from fastcoil.loops.boundary.drift import Drift, drifts_of
 from fastcoil.loops.boundary.record import Boundary

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.figure_style import BLUE, COLOURS, LINE_STYLES, apply_style
+from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style
 from fastcoil.loops.boundary.clock import DAY, Clock, Times
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 from fastcoil.loops.boundary.source import Source

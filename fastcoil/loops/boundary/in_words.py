@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.notebook_card import Curves, Section, card
+from fastcoil.base.results import Curves, Section, card
 from fastcoil.loops.boundary.clock import Clock
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 from fastcoil.loops.boundary.source import Source, Stream

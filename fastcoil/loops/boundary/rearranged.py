@@ -9,7 +9,7 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError
-from fastcoil.base.memory import available_memory, gib
+from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.boundary.clock import Clock
 from fastcoil.loops.boundary.day_makers import Days, EndToEnd, OneAfterAnother, Picked, Replaced
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES

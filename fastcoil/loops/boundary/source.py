@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
-from fastcoil.base.memory import available_memory, gib
+from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.boundary.air_flow import enabled_by, warn_of_stops
 from fastcoil.loops.boundary.digest import LARGE, Survey, day_digest, days_digest, ranges, series_digest, survey
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES, Given, read, value_problems

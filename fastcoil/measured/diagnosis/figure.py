@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.figure_style import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
+from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.measured.diagnosis.motion import openings
 from fastcoil.measured.diagnosis.remedies import WORDS
 from fastcoil.measured.diagnosis.words import in_words

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.figure_style import COLOURS, DOTTED, FAINT, apply_style
+from fastcoil.base.figures import COLOURS, DOTTED, FAINT, apply_style
 from fastcoil.measured.fit.split import FITTING, UNUSED, VALIDATION
 from fastcoil.model.engine.valve_loop import valve_flows
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.figure_style import BLUE, FAINT, GREY, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style
 from fastcoil.measured.fit.split import UNUSED
 
 if TYPE_CHECKING:

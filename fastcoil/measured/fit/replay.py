@@ -13,7 +13,7 @@ import xarray as xr
 from fastcoil.base.arguments import checking, instance_of, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.base.memory import available_memory, gib
+from fastcoil.base.machine import available_memory, gib
 from fastcoil.logs import Log, read_log, warn_of_reading
 from fastcoil.logs.arguments import Wanted, log_of, max_gap_of, require_mappings
 from fastcoil.logs.seconds import at_seconds, require_span, require_whole_seconds

@@ -11,7 +11,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import plain
 from fastcoil.base.errors import InputError
-from fastcoil.base.numbers import NONE, decimals_of, percent, written
+from fastcoil.base.text import NONE, decimals_of, percent, written
 from fastcoil.loops.labels import Quantity, quantity, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, PREDICTIONS
 from fastcoil.study.analysis.paired import OF_THRESHOLD, STATISTICS

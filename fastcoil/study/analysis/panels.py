@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.figure_style import DOTTED, wrapped
+from fastcoil.base.figures import DOTTED, wrapped
 from fastcoil.loops.labels import Quantity, is_parameter, quantity_of
 from fastcoil.model.metric_table import STATUS_OK
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.numbers import percent
+from fastcoil.base.text import percent
 
 Z = 1.96
 CROSSED = ("sample", "day")

@@ -17,8 +17,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.base.files import commit_written, storage_errors
-from fastcoil.base.look import exists, is_folder
+from fastcoil.base.files import commit_written, exists, is_folder, storage_errors
 from fastcoil.study.archive.inputs import Inputs, inputs_of
 from fastcoil.study.archive.listing import LISTING, README, Entry, Listing, is_safe
 from fastcoil.study.archive.readme import readme

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fastcoil.base.printable import printable
+from fastcoil.base.text import printable
 from fastcoil.loops.provenance import ABSENT, PACKAGES
 from fastcoil.study.archive.listing import HERE, Listing
 from fastcoil.study.folder.folder import STUDY

@@ -15,8 +15,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import TooLargeError, read_bytes, require_usable
-from fastcoil.base.look import is_file
+from fastcoil.base.files import TooLargeError, is_file, read_bytes, require_usable
 
 _LARGEST = 2**18
 """Bytes of source: to read one as Python takes 500 times its memory."""

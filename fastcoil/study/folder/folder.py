@@ -23,9 +23,17 @@ from typing import TypeVar
 import xarray as xr
 
 from fastcoil.base.errors import InputError, IntegrityError, StorageError
-from fastcoil.base.figure_files import FIGURES
-from fastcoil.base.files import commit, read_bytes, remove_unfinished, storage_errors
-from fastcoil.base.look import entries, exists, is_file, is_folder
+from fastcoil.base.figures import FIGURES
+from fastcoil.base.files import (
+    commit,
+    entries,
+    exists,
+    is_file,
+    is_folder,
+    read_bytes,
+    remove_unfinished,
+    storage_errors,
+)
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
 from fastcoil.study.folder.lock import find_holder, hold
 from fastcoil.study.folder.manifest import MANIFEST, Manifest

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from fastcoil.base.errors import InputError, LockedError, StorageError, shown
 from fastcoil.base.files import commit, make_folder, read_bytes, remove_unfinished, require_usable, storage_errors
-from fastcoil.base.printable import printable
+from fastcoil.base.text import printable
 
 _LOCK, _HOLDER = ".lock", ".holder"
 _LONGEST_HOLDER = 4096

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fastcoil.base.errors import IntegrityError
-from fastcoil.base.files import commit, read_bytes, storage_errors
-from fastcoil.base.look import exists
+from fastcoil.base.files import commit, exists, read_bytes, storage_errors
 from fastcoil.model.user_rules.same_code import OwnCode, joined, own_code_of
 from fastcoil.study.file.spec import Study
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import xarray as xr
 
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.base.look import exists, is_file, is_folder
+from fastcoil.base.files import exists, is_file, is_folder
 from fastcoil.loops.check_result import check_result
 from fastcoil.loops.netcdf_probe import try_reading
 from fastcoil.study.folder.folder import require_no_archive

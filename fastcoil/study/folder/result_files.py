@@ -16,8 +16,7 @@ from typing import Any
 import xarray as xr
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
-from fastcoil.base.files import commit_written
-from fastcoil.base.look import exists
+from fastcoil.base.files import commit_written, exists
 from fastcoil.loops.content import combined_sha256, variable_sha256
 from fastcoil.loops.netcdf import write
 from fastcoil.loops.netcdf_probe import try_reading

@@ -20,8 +20,16 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import IntegrityError, StorageError, out_of_memory
-from fastcoil.base.files import commit, is_unfinished, make_folder, remove_unfinished, storage_errors
-from fastcoil.base.look import entries, exists, is_folder
+from fastcoil.base.files import (
+    commit,
+    entries,
+    exists,
+    is_folder,
+    is_unfinished,
+    make_folder,
+    remove_unfinished,
+    storage_errors,
+)
 from fastcoil.loops.netcdf import load, netcdf_bytes
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
-from fastcoil.base.figure_files import stale_figures
-from fastcoil.base.look import is_folder
+from fastcoil.base.figures import stale_figures
+from fastcoil.base.files import is_folder
 from fastcoil.loops.dataset import check_same_form
 from fastcoil.loops.shards import END_STATE
 from fastcoil.study.folder import result_files as final

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.figure_style import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, YELLOW, apply_style
 from fastcoil.loops.labels import quantity
 from fastcoil.study.analysis.spread import draw_curve
 from fastcoil.study.paper.runs import BACKLASH, INTERVAL, NOISE, THREE_HOURS, percent

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from fastcoil.base.errors import InputError, StorageError
-from fastcoil.base.figure_files import write
-from fastcoil.base.files import commit
-from fastcoil.base.look import exists, is_folder
+from fastcoil.base.figures import write
+from fastcoil.base.files import commit, exists, is_folder
 from fastcoil.loops.netcdf import save
 from fastcoil.loops.simulate import workers
 from fastcoil.study.paper import figures, grid, runs

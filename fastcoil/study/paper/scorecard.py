@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from fastcoil.base.version import package_version
+from fastcoil.base.machine import package_version
 from fastcoil.study.paper.claims import CLAIMS, IDENTITIES, Claim
 from fastcoil.study.paper.grid import named
 from fastcoil.study.paper.runs import BACKLASH, SEED

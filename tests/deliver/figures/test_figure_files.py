@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 import fastcoil as fc
-from fastcoil.base import figure_files as files
+from fastcoil.base import figures as files
 from fastcoil.base.errors import StorageError
 
 STARTS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}

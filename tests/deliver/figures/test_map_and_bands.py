@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import fastcoil as fc
-from fastcoil.base.figure_style import COLOURS
+from fastcoil.base.figures import COLOURS
 
 pytestmark = pytest.mark.kernel
 

@@ -7,8 +7,7 @@ import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 
 import fastcoil as fc
-from fastcoil.base.figure_files import write
-from fastcoil.base.figure_style import GREY
+from fastcoil.base.figures import GREY, write
 from fastcoil.deliver.figures import study as plots
 
 pytestmark = pytest.mark.kernel

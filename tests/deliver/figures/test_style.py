@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from fastcoil.base.figure_style import COLOURS, FAINT, GREY, STYLE, apply_style, wrapped
+from fastcoil.base.figures import COLOURS, FAINT, GREY, STYLE, apply_style, wrapped
 
 # Machado, Oliveira and Fernandes (2009), A Physiologically-based Model for Simulation of Color Vision Deficiency,
 # IEEE TVCG 15(6), severity 1.0, on linear RGB

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from fastcoil.base.numbers import decimals_of, written
+from fastcoil.base.text import decimals_of, written
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 
-from fastcoil.base.figure_style import GREY
+from fastcoil.base.figures import GREY
 from fastcoil.loops.netcdf import load
 from fastcoil.study.paper import figures
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-from fastcoil.base.figure_files import encode
+from fastcoil.base.figures import encode
 from fastcoil.cli.main import main
 from fastcoil.loops.content import content_sha256
 from fastcoil.loops.netcdf import load

@@ -9,7 +9,7 @@ from bokeh.models import BoxAnnotation, ColumnDataSource, Range1d, Span
 from bokeh.plotting import figure
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.figure_style import BLUE, RED, YELLOW
+from fastcoil.base.figures import BLUE, RED, YELLOW
 from fastcoil.deliver.explore.model.run import EVERY, Run
 from fastcoil.deliver.explore.view.looks import INK, LINE, MARK, SHADE, legend, plain, show_line, text
 from fastcoil.design.explanation.predicted import UNSURE

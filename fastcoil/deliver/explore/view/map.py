@@ -12,7 +12,7 @@ from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.figure_style import RED
+from fastcoil.base.figures import RED
 from fastcoil.deliver.explore.model.map import Axis, Map
 from fastcoil.deliver.explore.model.settings import CHOICES, DIALS, Settings
 from fastcoil.deliver.explore.view.looks import INK, MARK, plain, text

@@ -13,8 +13,9 @@ import types
 import pytest
 from helpers.processes import wait_for
 
-from fastcoil.base.progress import shown, views
-from fastcoil.base.progress.shown import progress_of_call, progress_of_command
+from fastcoil.base import progress as shown
+from fastcoil.base import progress as views
+from fastcoil.base.progress import progress_of_call, progress_of_command
 
 
 class Terminal(io.StringIO):

@@ -1,10 +1,11 @@
-"""How much memory this process may still take: of the machine, of its control groups, of its own limits."""
+"""What this machine and installation offer: memory and version."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from fastcoil.base.files import read_bytes
@@ -97,3 +98,11 @@ def _text(path: Path) -> str:
         if path.is_file():  # a pipe would be waited for
             return read_bytes(path, _LARGEST).decode()
     return ""
+
+
+def package_version() -> str:
+    """Version of fastcoil; ``unknown`` in a source tree that is not installed."""
+    try:
+        return version("fastcoil")
+    except PackageNotFoundError:
+        return "unknown"

@@ -1,8 +1,24 @@
-"""Numbers as people write them: as many digits as are known, a minus sign that is one, words for what is no number."""
+"""Text for people: control characters escaped, numbers in words."""
 
 from __future__ import annotations
 
 import math
+import unicodedata
+
+_UNSAFE = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""Categories of Unicode: control and format (bidirectional too), half characters, separators of lines."""
+
+
+def printable(text: str) -> str:
+    r"""The text on one line, every character that is not shown as itself written as in Python: ``\x1b``, ``\u202e``."""
+    if text.isprintable():
+        return text
+    return "".join(_escaped(c) if unicodedata.category(c) in _UNSAFE else c for c in text)
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")
+
 
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"

@@ -14,7 +14,7 @@ import pytest
 from helpers.processes import environment
 
 import fastcoil as fc
-from fastcoil.base.progress.shown import Shown
+from fastcoil.base.progress import Shown
 
 STUDY = """
 [loop]

@@ -1,1 +1,0 @@
-"""Progress of long work, as it is shown to whoever looks."""
