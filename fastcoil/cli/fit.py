@@ -1,23 +1,99 @@
-"""``fastcoil fit``: a valve or a coil from measured data, on the command line."""
+"""``fastcoil fit valve``, ``fit coil`` and ``fit loop``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fastcoil.base.errors import InputError
+from fastcoil.base.progress import PATIENCE, SECONDS_BETWEEN_LINES, duration, is_terminal, terminal_bar
 from fastcoil.cli.announcements import announce_compilation
-from fastcoil.cli.fit_progress import fit_progress
-from fastcoil.cli.log_options import pairs, require_writable, with_reading_options
-from fastcoil.cli.paths import PATH
-from fastcoil.cli.report import with_report, write_report
+from fastcoil.cli.arguments import PATH
+from fastcoil.cli.deliver import with_report, write_report
+from fastcoil.cli.logs import pairs, require_writable, with_reading_options
 from fastcoil.cli.terminal import say
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from fastcoil.loops.loop import Loop
     from fastcoil.measured.fit.result import Fit
+
+
+@contextmanager
+def fit_progress() -> Iterator[None]:
+    """Show the progress of the fits inside."""
+    from fastcoil.measured.fit.work import told
+
+    shown = _Bar() if is_terminal() else _Lines()
+    with told(shown):
+        try:
+            yield
+        finally:
+            shown.stop()
+
+
+class _Part:
+    """The part of a fit that goes on."""
+
+    def __init__(self) -> None:
+        self.start = self.began = time.monotonic()
+        self.what, self.done, self.of = "starts", 0, 1
+
+    def part(self, what: str, done: int, of: int) -> None:
+        if what != self.what or done == 0:
+            self.began = time.monotonic()
+        self.what, self.done, self.of = what, done, of
+        self.step()
+
+    def step(self) -> None:
+        """Show it, if it is time."""
+
+    def stop(self) -> None:
+        """Show nothing more."""
+
+
+class _Lines(_Part):
+    def __init__(self) -> None:
+        super().__init__()
+        self.last = self.start
+
+    def step(self) -> None:
+        now = time.monotonic()
+        if now - self.last < SECONDS_BETWEEN_LINES:
+            return
+        self.last = now
+        line = f"Fitting for {duration(now - self.start)}: {self.done:,} of {self.of:,} {self.what} done"
+        if self.done:
+            line += f", {duration((now - self.began) * (self.of - self.done) / self.done)} to go with them"
+        say(line, err=True)
+
+
+class _Bar(_Part):
+    def __init__(self) -> None:
+        super().__init__()
+        self.bar: Progress | None = None
+
+    def step(self) -> None:
+        if self.bar is None and time.monotonic() - self.start >= PATIENCE:
+            self.bar = terminal_bar("Fitting", transient=True)
+            self.bar.start()
+            self.task = self.bar.add_task("", total=self.of, what=self.what)
+            self.shown = ""
+        if self.bar is not None:
+            if self.what != self.shown:
+                self.bar.reset(self.task, total=self.of)
+                self.shown = self.what
+            self.bar.update(self.task, completed=self.done, total=self.of, what=self.what)
+
+    def stop(self) -> None:
+        if self.bar is not None:
+            self.bar.stop()
 
 
 @click.group()
@@ -212,3 +288,69 @@ def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
     for path in figures:
         say(f"Figure:  {path}")
     write_report(found, report)
+
+
+@fit.command("loop")
+@with_common_options
+@click.option("-o", "--out", type=PATH, default="loop.toml", show_default=True, help="TOML file to write.")
+@click.option(
+    "--loop",
+    "parts",
+    multiple=True,
+    required=True,
+    metavar="PRESET|FILE.toml",
+    help="Valve curve, coil, motor and sensor: a preset, and files that `fastcoil fit` wrote.",
+)
+@click.option("--constant", "constants", multiple=True, metavar="NAME=NUMBER", help="A series that the log lacks.")
+@click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds left out at each start.")
+def fit_loop_command(
+    data: Path,
+    out: Path,
+    parts: Sequence[str],
+    columns: Sequence[str],
+    units: Sequence[str],
+    constants: Sequence[str],
+    warm_up: float,
+    report: Path | None,
+    **reading: Any,
+) -> None:
+    """Fit the backlash to command, T_sup, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) of DATA: no flow meter.
+
+    The emulator runs behind the logged command with each candidate.  A coil and a valve curve that are not quite right
+    do little harm; a log with a sample a minute or more often is needed.
+    """
+    from fastcoil.measured.fit.loop import fit_loop
+
+    require_writable(out)
+    loop = _loop_of(parts)
+    announce_compilation()
+    found = fit_loop(
+        data,
+        loop,
+        columns=pairs("--column", columns),
+        units=pairs("--unit", units),
+        constants=numbers("--constant", constants),
+        warm_up=warm_up,
+        **reading,
+    )
+    write_and_print(found, out, report)
+
+
+def _loop_of(parts: Sequence[str]) -> Loop:
+    """The loop of a preset, with what the files have put in its place; ``paper_like`` without a preset."""
+    from fastcoil.base.errors import InputError, shown
+    from fastcoil.loops.loop import Loop
+    from fastcoil.loops.presets import PRESETS
+    from fastcoil.study.file.include import read_includes
+
+    names = [part for part in parts if part in PRESETS]
+    files = [part for part in parts if part not in PRESETS]
+    wrong = [part for part in files if not part.endswith(".toml")]
+    if wrong:
+        raise InputError(
+            [f"--loop {shown(part)}: give one of {', '.join(PRESETS)}, or a file NAME.toml" for part in wrong]
+        )
+    if len(names) > 1:
+        raise InputError(f"--loop {' --loop '.join(names)}: give one preset")
+    included = read_includes({"include": files}, Path())
+    return Loop.preset(*names or ["paper_like"]).assign(**included)

@@ -16,8 +16,7 @@ from typing import Any, NoReturn
 import click
 
 from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
-from fastcoil.cli.environment import check_environment
-from fastcoil.cli.terminal import complain, say
+from fastcoil.cli.terminal import check_environment, complain, say
 
 _PATIENCE = 4.0
 """Seconds from an interruption to the end, whatever hangs."""

@@ -11,8 +11,7 @@ import click
 
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.files import file_name, is_folder, make_folder, storage_errors
-from fastcoil.cli.labels import all_labels_of
-from fastcoil.cli.paths import PATH
+from fastcoil.cli.arguments import PATH, all_labels_of
 from fastcoil.cli.terminal import say
 
 if TYPE_CHECKING:

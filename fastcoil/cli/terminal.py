@@ -1,10 +1,12 @@
-"""What reaches the terminal: every line that a command prints, and every mistake, goes through here."""
+"""What reaches the terminal, and settings of the environment that would make a library fail."""
 
 from __future__ import annotations
 
+import os
+
 import click
 
-from fastcoil.base.errors import FastcoilError
+from fastcoil.base.errors import FastcoilError, InputError, shown
 from fastcoil.base.text import printable
 
 _LONGEST_LINE = 4000
@@ -22,3 +24,30 @@ def say(*lines: object, err: bool = False) -> None:
 def complain(error: FastcoilError) -> None:
     """Print the sentences of an error to stderr."""
     say(*(f"fastcoil: {sentence}" for sentence in str(error).split("\n")), err=True)
+
+
+_RANGES = {"NUMBA_NUM_THREADS": (1, 2**16), "SOURCE_DATE_EPOCH": (0, 253_402_300_799)}
+"""Least and largest of whole numbers that Numba and matplotlib read; the last is the end of the year 9999."""
+
+
+def check_environment() -> None:
+    """Refuse settings that no library takes.
+
+    Raises
+    ------
+    InputError
+        If there is one.
+    """
+    problems = []
+    for name, (least, most) in _RANGES.items():
+        value = os.environ.get(name, "")
+        try:
+            usable = not value or least <= int(value) <= most
+        except ValueError:
+            usable = False
+        if not usable:
+            problems.append(
+                f"{name} = {shown(value)} in the environment: unset it, or give a whole number from {least} to {most}"
+            )
+    if problems:
+        raise InputError(problems)

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from helpers.log_files import VALVE_HEADER, valve_rows, write_csv
 from helpers.processes import environment
 
-from fastcoil.cli import fit_progress
+from fastcoil.cli import fit as fit_progress
 from fastcoil.cli.main import main
 from fastcoil.measured.fit import work
 

@@ -1,11 +1,33 @@
-"""One scenario on the command line: ``--at backlash=0.07,tuning=fast``."""
+"""Arguments of commands: paths, and scenarios given as ``--at backlash=0.07,tuning=fast``."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
 
 from fastcoil.base.errors import InputError, shown
+from fastcoil.base.files import require_usable
+
+
+class UsablePath(click.ParamType):  # type: ignore[type-arg]
+    """A path that a file or a folder could have; it need not exist."""
+
+    name = "path"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        if value == "":
+            name = param.opts[-1] if param else "path"
+            raise InputError(f"{name} is empty: give a path, such as . for the current folder")
+        path = Path(value)
+        require_usable(path, "give another path")
+        return path
+
+
+PATH = UsablePath()
 
 
 def labels_of(at: str) -> dict[str, str]:

@@ -1,0 +1,246 @@
+"""``fastcoil export``, ``report``, ``archive`` and ``cite``: what leaves the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fastcoil.base.arguments import checking
+from fastcoil.base.errors import InputError
+from fastcoil.base.files import exists, is_folder, may_be_file
+from fastcoil.cli.announcements import announce_compilation
+from fastcoil.cli.arguments import PATH, all_labels_of
+from fastcoil.cli.terminal import say
+from fastcoil.model.metric_table import STATUS_NOT_RUN
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+OPTION = "--report"
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option("-o", "--out", type=PATH, metavar="FILE.html", help="File to write; FOLDER/report.html by default.")
+def report(folder: Path, out: Path | None) -> None:
+    """Write one HTML file on the finished study, or the figures of the paper, in FOLDER.
+
+    It needs no other file and no network.  diagnose, explain, fit and tune have an option --report instead.
+    """
+    from fastcoil.deliver.report.page import require_page
+    from fastcoil.deliver.report.report import REPORT, page_of_folder, require_folder
+
+    require_folder(folder)
+    path = out or folder / REPORT
+    require_page(path, "-o")
+    say(f"Report:  {page_of_folder(folder).write(path)}")
+
+
+def with_report(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the option ``--report``, which is checked before the command does anything."""
+    return click.option(
+        OPTION, "report", type=PATH, metavar="FILE.html", callback=_checked, help="HTML file for a client, all in one."
+    )(command)
+
+
+def write_report(result: Any, path: Path | None) -> None:
+    """Write the page of a result, if one was asked for, and say so."""
+    if path is not None:
+        from fastcoil.deliver.report.report import page_of_result
+
+        say(f"Report:  {page_of_result(result).write(path)}")
+
+
+def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+    from fastcoil.deliver.report.page import require_page
+
+    if value is not None:
+        require_page(value, OPTION)
+    return value
+
+
+@click.command()
+@click.argument("folder", type=PATH, required=False)
+@click.option("--bibtex", "as_bibtex", is_flag=True, help="BibTeX instead of plain text.")
+def cite(folder: Path | None, as_bibtex: bool) -> None:
+    """Say how to cite fastcoil and the paper; with a FOLDER, its results and the version that made them, too."""
+    from fastcoil.deliver.report.citation import bibtex, citation
+
+    results = None
+    if folder is not None:
+        from fastcoil.study.folder.results import open_finished
+
+        results = {str(name): value for name, value in open_finished(folder).attrs.items()}
+    say(*(bibtex if as_bibtex else citation)(results))
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option("-o", "--out", type=PATH, metavar="FILE.zip", help="File to write; FOLDER.zip beside it by default.")
+def archive(folder: Path, out: Path | None) -> None:
+    """Pack the finished study in FOLDER into one file that `fastcoil verify` accepts anywhere.
+
+    It holds the study file, results and traces, the environment that made them, all hashes, and every file that the
+    study reads: weather, logs, fitted parameters, code of its own.  Look at the list before you give it away.
+    """
+    from fastcoil.study.archive.listing import INPUTS
+    from fastcoil.study.archive.pack import pack
+
+    packed = pack(folder, out)
+    size = sum(entry.size for entry in packed.listing.files.values())
+    say(f"Archive: {packed.path} ({size / 1e6:,.1f} MB), content_sha256 {packed.listing.content_sha256}")
+    say(*(f"Input:   {name}" for name in packed.listing.files if name.startswith(f"{INPUTS}/")))
+    for path, member in packed.listing.elsewhere.items():
+        say(f"Note:    the study reads {path}, a path that other machines lack; it is packed as {member}", err=True)
+
+
+@click.command()
+@click.argument("path", type=PATH)
+@click.option("--language", help="Of a controller's code: c, st or python.  [default: c]")
+@click.option("--csv", "formats", flag_value="csv", multiple=True, help="A row for each scenario-day.")
+@click.option("--parquet", "formats", flag_value="parquet", multiple=True, help="The same as Parquet; needs pyarrow.")
+@click.option("--latex", "formats", flag_value="latex", multiple=True, help="A row for each label, with medians.")
+@click.option("--metric", "metrics", multiple=True, help="Metric to have in the table; may be repeated.")
+@click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
+@click.option("--by", multiple=True, metavar="NAME", help="Drawn parameter whose groups are rows of a LaTeX table.")
+@click.option("-o", "--out", type=PATH, metavar="FILE", help="File to write; NAME with its suffix here by default.")
+def export(
+    path: Path,
+    language: str | None,
+    formats: tuple[str, ...],
+    metrics: tuple[str, ...],
+    at: tuple[str, ...],
+    by: tuple[str, ...],
+    out: Path | None,
+) -> None:
+    """Export PATH: results as a table, or the controller of a TOML file as code for the field.
+
+    Results are the folder of a study or a NetCDF file.  A controller comes with vectors that prove a port of it.
+
+    \b
+      fastcoil export controller.toml --language c      controller.c, controller_vectors.csv
+      fastcoil export controller.toml --language st     a function block of IEC 61131-3
+      fastcoil export results/study --csv               study.csv, a row for each scenario-day
+      fastcoil export results/study --latex --at day=1  study.tex, a table of medians
+    """  # noqa: D301 — click reads the backspace
+    if path.suffix == ".toml" and not is_folder(path):
+        tables = [f"--{each}" for each in formats]
+        tables += [option for option, given in (("--metric", metrics), ("--at", at), ("--by", by)) if given]
+        if tables:
+            raise InputError(
+                f"{', '.join(tables)}: for tables of results, and {path} is a TOML file: give the folder of a study"
+            )
+        export_code(path, language, out)
+    else:
+        if language:
+            raise InputError(
+                f"--language: for the controller of a TOML file, and {path} is none: leave it out, or give one"
+            )
+        export_table(path, formats, metrics, at, by, out)
+
+
+def export_code(path: Path, language: str | None, out: Path | None) -> None:
+    """Write the code of the controller in a study file; its sweep, boundary and run play no part."""
+    from fastcoil.deliver.export.export import SUFFIXES, export_controller, language_of
+    from fastcoil.study.file.spec import read_study
+
+    word = language_of(language or "c")
+    loop = read_study(path).plan.layout.loop
+    announce_compilation()
+    for written in export_controller(loop, out or Path(path.stem + SUFFIXES[word]), language=word):
+        say(f"Written: {written}")
+
+
+SUFFIXES = {"csv": ".csv", "latex": ".tex", "parquet": ".parquet"}
+_SAID_WITHIN = 2**16
+"""Bytes of the beginning of a text, and of the end of a Parquet file, that say what it is of."""
+
+
+def export_table(
+    path: Path,
+    formats: Sequence[str],
+    metrics: tuple[str, ...],
+    at: Sequence[str],
+    by: tuple[str, ...],
+    out: Path | None,
+) -> None:
+    """Write the results at ``path``, the folder of a study or a NetCDF file, in the one format that is asked for.
+
+    by: drawn parameters whose groups are the rows of a LaTeX table.
+    """
+    from fastcoil.deliver.tables.tidy import check_metrics
+    from fastcoil.study.analysis.binned import binned
+    from fastcoil.study.analysis.selected import in_words, selected
+    from fastcoil.study.folder.one_file import open_results
+
+    format, labels = _format(formats, by), all_labels_of(at)
+    target = _target(path, format, out)
+    ds = open_results(path)
+    with checking() as check:
+        check(check_metrics, ds, metrics)
+        part = check(selected, ds, labels)
+    if labels:
+        part = part.assign_attrs(title=f"{ds.attrs.get('title', '')} at {in_words(part, labels)}".strip())
+    left = int((part["status"].values == STATUS_NOT_RUN).sum())
+    if left:
+        say(f"Unfinished: {left:,} of {part['status'].size:,} scenarios have not run; their status says so.", err=True)
+    say(f"Written: {target} ({_write(format, binned(part, by) if by else part, target, metrics)})")
+
+
+def _target(path: Path, format: str, out: Path | None) -> Path:
+    """The file to write: here, in the folder, or the one that is named."""
+    suffix = SUFFIXES[format]
+    if out is None or is_folder(out):
+        name = path.resolve().name
+        target = (out or Path()) / ((name.removesuffix(".nc") or "results") + suffix)
+        if exists(target) and not _is_table_of_ours(target):
+            raise InputError(f"{target} exists, and fastcoil did not write it: name another file with -o, or delete it")
+        return target
+    if out.suffix.lower() != suffix or not may_be_file(out):
+        raise InputError(f"-o {out}: give a file NAME{suffix} in a folder that exists, or such a folder")
+    return out
+
+
+def _is_table_of_ours(path: Path) -> bool:
+    """Whether a file says by which version of fastcoil it was written; what cannot be read does not."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_SAID_WITHIN)
+            file.seek(max(0, file.seek(0, 2) - _SAID_WITHIN))
+            return b"fastcoil_version" in head + file.read()
+    except OSError:
+        return False
+
+
+def _format(formats: Sequence[str], by: Sequence[str]) -> str:
+    """The one format."""
+    if len(formats) != 1:
+        given = " and ".join(f"--{format}" for format in formats)
+        raise InputError(
+            f"{given + ' are given' if given else 'no format is given'}: give one of --csv, --latex, --parquet"
+        )
+    (format,) = formats
+    if by and format != "latex":
+        raise InputError(
+            f"--by groups the rows of a LaTeX table; --{format} has {' and '.join(by)} as a column: leave it out"
+        )
+    return format
+
+
+def _write(format: str, ds: xr.Dataset, target: Path, metrics: tuple[str, ...]) -> str:
+    """Write the file; what is in it, in words."""
+    from fastcoil.deliver.tables.csv import write_csv
+    from fastcoil.deliver.tables.latex import write_latex
+    from fastcoil.deliver.tables.parquet import write_parquet
+    from fastcoil.deliver.tables.tidy import Tidy
+
+    if format == "latex":
+        write_latex(ds, target, metrics)
+        return "medians and their scatter; a comment in it says over what"
+    table = Tidy(ds, metrics)
+    (write_csv if format == "csv" else write_parquet)(table, target)
+    return f"{table.n_rows:,} scenario-day{'s' * (table.n_rows != 1)}, {len(table.columns)} columns"

@@ -1,0 +1,170 @@
+"""``fastcoil explain``, ``tune`` and ``explore``: why one loop hunts, better settings, a page to play with."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from fastcoil.base.errors import InputError, missing_extra, shown
+from fastcoil.base.files import may_be_file
+from fastcoil.cli.announcements import announce_compilation, run_own_code
+from fastcoil.cli.arguments import PATH, labels_of
+from fastcoil.cli.deliver import with_report, write_report
+from fastcoil.cli.interrupts import interruptible
+from fastcoil.cli.logs import pairs
+from fastcoil.cli.terminal import say
+
+
+@click.command()
+@click.argument("target", type=PATH)
+@click.option(
+    "--at", multiple=True, metavar="NAME=LABEL", help="The scenario of a sweep: a label for every dimension, day too."
+)
+@click.option(
+    "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a parameter, such as kp=0.03."
+)
+@click.option("-o", "--out", type=PATH, metavar="FIGURE", help="Figure to write: .png, .pdf or .svg; none by default.")
+@with_report
+def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path | None, report: Path | None) -> None:
+    """Explain why one loop hunts, or does not, what would cure it, and what that costs.
+
+    TARGET is a preset, such as lbnl, which runs on the generic day; a study file; or the folder of a study.
+
+    \b
+      fastcoil explain lbnl --set kp=0.03 --set ti=5
+      fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
+    """  # noqa: D301 — click reads the backspace
+    from fastcoil.design.explanation.explain import explain as explained
+    from fastcoil.study.one_scenario import one_scenario
+
+    form = _form_of(out)
+    scenario = one_scenario(target, labels_of(",".join(at)), _changes(changes))
+    announce_compilation()
+    found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
+    say(scenario.title, *found.text.splitlines())
+    if out is not None:
+        from fastcoil.base.figures import write
+
+        for path in write({out.stem: found.plot()}, out.parent, format=form):
+            say(f"Figure:  {path}")
+    write_report(found, report)
+
+
+def _changes(given: Sequence[str]) -> dict[str, str]:
+    names = [one.partition("=")[0].strip() for one in given]
+    twice = [f"--set: {shown(name)} is given twice: give it once" for k, name in enumerate(names) if name in names[:k]]
+    if twice:
+        raise InputError(twice)
+    return pairs("--set", given) or {}
+
+
+def _form_of(out: Path | None) -> str:
+    """The format of a figure, by its name."""
+    from fastcoil.base.figures import FORMATS
+
+    if out is None:
+        return FORMATS[0]
+    form = out.suffix.removeprefix(".")
+    if form not in FORMATS or not may_be_file(out):
+        raise InputError(f"-o {out}: give a file NAME.png, NAME.pdf or NAME.svg in a folder that exists")
+    return form
+
+
+CHOSEN, FIGURE = "tuning.toml", "tuning"
+
+
+@click.command()
+@click.argument("study", type=PATH)
+@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+@click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
+@with_report
+def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -> None:
+    """Choose kp, ti and other settings for all valves and days of a STUDY file, and try them on others.
+
+    The table [tune] of the study says what may be chosen, for what and within which limits.  An interrupted search is
+    resumed.
+    """
+    from fastcoil.base.figures import write
+    from fastcoil.base.files import exists
+    from fastcoil.base.progress import progress_of_command
+    from fastcoil.design.tuning.archive import KEPT
+    from fastcoil.design.tuning.tune import in_scenario_days, run_tuning
+    from fastcoil.loops.simulate import workers
+    from fastcoil.study.file.spec import read_study
+    from fastcoil.study.folder.lock import hold
+    from fastcoil.study.runner import default_folder
+
+    n_jobs, folder = workers(jobs), out or default_folder(study)
+    asked = read_study(study, prepare=run_own_code).tuning
+    if asked is None:
+        raise InputError(
+            f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1], ti = [5, 600] }}"
+        )
+    announce_compilation()
+    with interruptible(study, folder, "tune"), hold(folder):
+        if exists(folder / KEPT):
+            say(f"{folder / KEPT} keeps what was tried before: those tunings are not run again.", err=True)
+        with progress_of_command() as shown:
+            found = run_tuning(asked, n_jobs, folder / KEPT, in_scenario_days(asked, shown))
+        say(*found.summary(), "")
+        path = folder / CHOSEN
+        found.to_toml(path)
+        say(f'Written: {path} (in a study: [loop] include = ["{path.name}"])')
+        for figure in write({FIGURE: found.plot()}, folder):
+            say(f"Figure:  {figure}")
+        write_report(found, report)
+
+
+PORT = 5010
+
+
+@click.command()
+@click.argument("target", type=PATH, default="paper_like")
+@click.option(
+    "--at", multiple=True, metavar="NAME=LABEL", help="The scenario of a sweep: a label for every dimension, day too."
+)
+@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0: any that is free.")
+@click.option("--browser/--no-browser", default=True, help="Whether to open the page.")
+def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
+    """Open a page to play with one loop: move the gap, the tuning, the day, and see at once what it does.
+
+    TARGET is a preset, paper_like by default; a study file; or the folder of a study.  The page is for this machine
+    alone, and needs no internet.  Ctrl-C ends it.
+
+    \b
+      fastcoil explore
+      fastcoil explore lbnl
+      fastcoil explore results/study --at backlash=0.07 --at day=3
+    """  # noqa: D301 — click reads the backspace
+    if importlib.util.find_spec("bokeh") is None:
+        raise missing_extra("explore", "bokeh", "explore")
+    from fastcoil.deliver.explore.model.model import Model
+    from fastcoil.deliver.explore.server import serve
+    from fastcoil.loops.presets import PRESETS
+    from fastcoil.study.one_scenario import one_scenario
+
+    name, labels = str(target), labels_of(",".join(at))
+    given = None if name in PRESETS and not labels else one_scenario(target, labels, {})
+    model = Model(given, name) if given is None else Model(given)
+    announce_compilation()
+
+    def ready(address: str) -> None:
+        say(f"Page: {address}  (this machine only; Ctrl-C ends it)")
+        if browser:
+            _open(address)
+
+    serve(model, port, ready)
+    say("Ended.")
+
+
+def _open(address: str) -> None:
+    """Open the page, if there is a browser that shows it."""
+    has_screen = sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if has_screen:
+        webbrowser.open(address)

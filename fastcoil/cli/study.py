@@ -1,0 +1,247 @@
+"""Commands on studies: ``init``, ``plan``, ``run``, ``status``, ``verify``, ``rerun``, ``paper``; parameter lists."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
+from fastcoil.base.progress import duration
+from fastcoil.cli.announcements import announce_compilation, compile_meanwhile, run_own_code
+from fastcoil.cli.arguments import PATH, labels_of
+from fastcoil.cli.interrupts import interruptible
+from fastcoil.cli.plot import draw_standard_figures
+from fastcoil.cli.quick_start import quick_start
+from fastcoil.cli.terminal import say
+
+if TYPE_CHECKING:
+    from fastcoil.base.progress import Advance
+
+
+@click.command()
+@click.argument("study", type=PATH)
+@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+@click.option("-j", "--jobs", type=int, help="Workers; all cores by default.  Results do not depend on it.")
+@click.option("--backend", help="threads, loky (processes) or dask.  [default: threads]")
+@click.option("--engine", hidden=True, help="Earlier name of --backend.")
+@click.option("--scheduler", help="Address of a dask scheduler; a cluster on this machine by default.")
+@click.option("--extend", is_flag=True, help="Add to a smaller version of the study: only new scenarios are run.")
+@click.option("--figures/--no-figures", default=True, help="Whether to draw the standard figures.")
+def run(
+    study: Path,
+    out: Path | None,
+    jobs: int | None,
+    backend: str | None,
+    engine: str | None,
+    scheduler: str | None,
+    extend: bool,
+    figures: bool,
+) -> None:
+    """Run a STUDY file and summarise the results.
+
+    An interrupted study is resumed; a finished one is not run again.
+    """
+    with quick_start():
+        from fastcoil.base.progress import progress_of_command
+        from fastcoil.model.metric_table import STATUS_OK
+        from fastcoil.study.analysis.summary import summary
+        from fastcoil.study.file.spec import read_study
+        from fastcoil.study.folder.result_files import RESULTS
+        from fastcoil.study.runner import Finished, default_folder, execute
+        from fastcoil.study.workers.pools import resolve_backend
+
+    folder = out or default_folder(study)
+    chosen = resolve_backend(backend, engine)
+    asked = read_study(study, prepare=run_own_code)
+
+    def progress(n_todo: int) -> Advance:
+        announce_compilation()
+        n = asked.plan.n_scenarios
+        if n_todo < n:
+            say(f"Resuming: {n - n_todo:,} of {n:,} scenario-days done.", err=True)
+        return shown.start(n, n - n_todo)
+
+    def present(finished: Finished) -> None:
+        if not finished.n_run:
+            say(f"{folder} holds this study, finished: nothing to do.")
+        say(*summary(finished.results, asked.billing))
+        say(f"Results: {folder / RESULTS}")
+        if figures:
+            for path in draw_standard_figures(folder, finished.results):
+                say(f"Figure:  {path}")
+
+    with interruptible(study, folder), progress_of_command() as shown:
+        finished = execute(
+            asked,
+            folder,
+            n_jobs=jobs,
+            backend=chosen,
+            scheduler=scheduler,
+            extend=extend,
+            progress=progress,
+            present=present,
+        )
+    if bool((finished.results["status"].values != STATUS_OK).any()):
+        sys.exit(EXIT_FAILED_SCENARIOS)
+
+
+@click.command()
+@click.argument("study", type=PATH)
+@click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
+def plan(study: Path, jobs: int | None) -> None:
+    """Check a STUDY file and show its size and how long it will take; writes nothing."""
+    with quick_start():
+        from fastcoil.base.machine import available_memory, gib
+        from fastcoil.loops.cut import first_shards
+        from fastcoil.loops.duration import count_shards, estimate_seconds
+        from fastcoil.loops.resources import check_disk
+        from fastcoil.loops.simulate import workers
+        from fastcoil.model.engine.host import compile_kernel
+        from fastcoil.study.file.spec import read_study
+        from fastcoil.study.runner import default_folder
+
+    n_jobs = workers(jobs)
+    start = time.perf_counter()
+    asked = read_study(study, prepare=run_own_code)
+    reading = time.perf_counter() - start
+    planned, traces_kept = asked.plan, asked.reduction is None
+    check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))
+    announce_compilation()
+    compile_kernel()
+    seconds = reading + estimate_seconds(planned, n_jobs)
+    sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
+    alone, each = planned.memory_of_run(n_jobs, "threads")
+    memory = alone + n_jobs * each
+    say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
+    n_shards = count_shards(first_shards(planned, n_jobs))
+    say(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
+    say(f"Boundary:    {planned.layout.boundary.describe()}")
+    threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''}"
+    say(f"Time:        about {duration(seconds)} on {threads} without figures (measured on blocks of this study)")
+    say(f"Memory:      up to {gib(memory)} ({gib(available_memory())} available)")
+    say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+def status(folder: Path) -> None:
+    """Show the progress of the study in FOLDER, and how to resume it."""
+    with quick_start():
+        from fastcoil.study import maintenance
+
+    say(*maintenance.status(folder))
+
+
+@click.command()
+@click.argument("folder", type=PATH, metavar="FOLDER|ARCHIVE.zip")
+def verify(folder: Path) -> None:
+    """Check everything in the FOLDER of a study, or in an archive of one, against its hashes; changes nothing."""
+    with quick_start():
+        from fastcoil.study import maintenance
+
+    problems = maintenance.verify(folder)
+    if problems:
+        raise IntegrityError("\n".join(problems))
+    say(f"{folder} is sound.")
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option(
+    "--at",
+    multiple=True,
+    metavar="NAME=LABEL",
+    help="The scenario, such as backlash=0.07,tuning=fast: a label for every dimension.",
+)
+def rerun(folder: Path, at: Sequence[str]) -> None:
+    """Run one scenario of the study in FOLDER again, with all traces at every second."""
+    with quick_start():
+        from fastcoil.study import maintenance
+
+    labels = labels_of(",".join(at))
+    announce_compilation()
+    path, found = maintenance.rerun(folder, labels, run_own_code)
+    say(*found)
+    say(f"Traces:  {path}")
+
+
+@click.command()
+@click.option("-o", "--out", type=PATH, default="results/paper", show_default=True, help="Folder of the results.")
+@click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
+@click.option("--quick", is_flag=True, help="A few tunings and days only: to try it out, not to quote.")
+def paper(out: Path, jobs: int | None, quick: bool) -> None:
+    """Regenerate the paper's simulated figures, and a scorecard of where its claims hold."""
+    from fastcoil.study.paper.regenerate import regenerate
+
+    announce_compilation()
+    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, report=lambda line: say(line, err=True))
+    say(*verdicts)
+    say(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")
+
+
+@click.command()
+@click.argument("study", type=PATH, required=False)
+@click.option("--from", "name", metavar="NAME", help="Start from a study that comes with fastcoil.")
+@click.option("--list", "only_list", is_flag=True, help="List the studies that come with fastcoil; write nothing.")
+def init(study: Path | None, name: str | None, only_list: bool) -> None:
+    """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME."""
+    from fastcoil.study.examples import shipped_studies, shipped_study
+
+    if only_list:
+        for each in shipped_studies():
+            say(f"{each.name:<20}{each.title}")
+        return
+    if name is None:
+        from fastcoil.study.file.template import TEMPLATE
+
+        path, text, analysis = study or Path("study.toml"), TEMPLATE, ""
+    else:
+        chosen = shipped_study(name)
+        path, text, analysis = study or Path(f"{name}.toml"), chosen.text, chosen.analysis
+    _write_new(path, text)
+    say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
+    if analysis:
+        say(f"Analysis: {analysis}")
+    compile_meanwhile()
+
+
+def _write_new(path: Path, text: str) -> None:
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise InputError(f"{path} exists: choose another name, or delete it") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from None
+
+
+@click.command()
+@click.argument("names", nargs=-1)
+def parameters(names: tuple[str, ...]) -> None:
+    """List the parameters of a loop (or only NAMES): default, unit, meaning, allowed values."""
+    from fastcoil.model.parameter_table import PARAMETERS, check_name, lines_of
+
+    say(*lines_of([PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values()))
+
+
+@click.command()
+def presets() -> None:
+    """List the named loops that a study can start from, and how they differ from the defaults."""
+    from fastcoil.loops.presets import PRESETS
+
+    say(*repr(PRESETS).split("\n"))
+
+
+@click.command()
+def schema() -> None:
+    """Print the JSON Schema of study files, for editors that complete and check TOML."""
+    import json
+
+    from fastcoil.study.file.schema import study_schema
+
+    say(*json.dumps(study_schema(), indent=2, ensure_ascii=False).split("\n"))
