@@ -1,8 +1,7 @@
 """Checks of the arguments of public functions.
 
-A check named ``…_of`` takes the name of an argument and what the caller gave, and returns it in one type of Python, or
-raises an `InputError` of one sentence: field, value, cure.  ``checking`` runs several and raises all mistakes together.
-A check named ``…_problems`` returns the sentences.
+``name_of(name, value, ...)`` converts a value to a plain Python type or raises an `InputError` of one sentence: field,
+value, cure.  ``checking`` collects the errors of several checks and raises them together.
 """
 
 from __future__ import annotations
@@ -31,31 +30,31 @@ _AS_PYTHON: Mapping[type, Callable[[Any], object]] = {
     int: int.__int__,
     str: str.__str__,
 }
-"""Past what a user's class makes of itself."""
+"""Conversions that bypass overridden methods of subclasses."""
 _OF_NUMPY: Mapping[str, Callable[[Any], object]] = {"b": bool, "i": int, "u": int, "f": float, "U": str}
-"""By the kinds of its types."""
+"""Conversions by the kind of a numpy dtype."""
 
 
 class Checks:
-    """Runs checks one after the other and keeps the sentences of those that fail."""
+    """Runs checks one after another and collects the messages of those that fail."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []
 
     def __call__(self, check: Callable[P, R], *args: P.args, **options: P.kwargs) -> R:
-        """What ``check`` returns; nothing of use where it fails, since the whole call is then refused."""
+        """The result of ``check``, or None if it fails: the whole call is refused afterwards."""
         with collecting(self.problems):
             return check(*args, **options)
         return cast(R, None)
 
     def unless_none(self, check: Callable[..., R], name: str, value: object, *args: Any, **options: Any) -> R | None:
-        """As a call, but None passes."""
+        """Run the check unless ``value`` is None."""
         return None if value is None else self(check, name, value, *args, **options)
 
 
 @contextmanager
 def checking() -> Iterator[Checks]:
-    """Checks whose mistakes are raised together, as one `InputError`, at the end of the block."""
+    """Collect the errors of all checks in the block and raise them as one `InputError` at its end."""
     checks = Checks()
     yield checks
     if checks.problems:
@@ -63,9 +62,9 @@ def checking() -> Iterator[Checks]:
 
 
 def plain(value: Any) -> Any:
-    """A number, flag or word of numpy or of a user's class as one of Python; all else as it is.
+    """Convert a numpy scalar, a 0-d array or an instance of a subclass to a plain Python number, bool or str.
 
-    An array of no dimensions counts as its value; a duration of numpy is no number.
+    Anything else is returned unchanged, including numpy durations.
     """
     for kind, as_python in _AS_PYTHON.items():
         if isinstance(value, kind):
@@ -80,19 +79,19 @@ def plain(value: Any) -> Any:
 
 
 def is_number(value: Any) -> bool:
-    """Whether ``value`` is one real number, of Python or numpy; True and False are not numbers."""
+    """Whether ``value`` is one real number, of Python or numpy; booleans are not numbers."""
     value = plain(value)
-    if isinstance(value, bool) or not isinstance(value, Real) or hasattr(value, "dtype"):  # a duration of numpy
+    if isinstance(value, bool) or not isinstance(value, Real) or hasattr(value, "dtype"):  # dtype: a numpy duration
         return False
     try:
         float(value)
-    except Exception:  # too many digits; a user's class may raise anything
+    except Exception:  # an int too large for a float; a user's class may raise anything
         return False
     return True
 
 
 def number_of(name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _LARGEST) -> float:
-    """A finite number from ``least`` to ``most``; to leave out ``least`` itself, give the next number."""
+    """A finite number from ``least`` to ``most``, both included."""
     if not is_number(value):
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
     number = float(plain(value))
@@ -121,7 +120,7 @@ def flag_of(name: str, value: object) -> bool:
 
 
 def choice_of(name: str, value: object, choices: Collection[str]) -> str:
-    """One of some words."""
+    """One of ``choices``."""
     word = plain(value)
     if not isinstance(word, str):
         raise InputError(WrongType(f"{name} = {shown(value)}: choose {_alternatives(choices)}"))
@@ -131,7 +130,7 @@ def choice_of(name: str, value: object, choices: Collection[str]) -> str:
 
 
 def path_of(name: str, value: object, cure: str = "give a path") -> Path:
-    """The path of a file or folder: text that the file system can take."""
+    """A path that the file system accepts; it need not exist."""
     if not isinstance(value, (str, os.PathLike)):
         raise InputError(WrongType(f"{name} is a {type(value).__name__}: {cure}"))
     try:
@@ -147,17 +146,17 @@ def path_of(name: str, value: object, cure: str = "give a path") -> Path:
 
 
 def text_of(name: str, value: object) -> str:
-    """A text that a file can hold."""
+    """A text that can be stored as UTF-8."""
     text = plain(value)
     if not isinstance(text, str):
         raise InputError(WrongType(f"{name} = {shown(value)}: give a text"))
     if not is_text(text):
-        raise InputError(f"{name} = {shown(text)}: it has characters that no file can hold, leave them out")
+        raise InputError(f"{name} = {shown(text)}: it has characters that cannot be stored as UTF-8, remove them")
     return text
 
 
 def is_text(text: str) -> bool:
-    """Whether a file gives the text back as it was: UTF-8, without half of a surrogate pair, up to the first zero."""
+    """Whether the text survives storage as UTF-8: no unpaired surrogate, no NUL."""
     try:
         return b"\0" not in text.encode()
     except UnicodeEncodeError:
@@ -165,14 +164,14 @@ def is_text(text: str) -> bool:
 
 
 def instance_of(name: str, value: object, kind: type[T], cure: str) -> T:
-    """An object of a class of ours or xarray's."""
+    """An instance of ``kind``."""
     if not isinstance(value, kind):
         raise InputError(WrongType(f"{name} is a {type(value).__name__}: {cure}"))
     return value
 
 
 def mapping_of(name: str, value: object, cure: str, *, to_text: bool = False) -> Mapping[str, Any]:
-    """A mapping of names, ``to_text`` if its values must be text too."""
+    """A mapping with text keys, and text values if ``to_text``."""
     try:
         items = list(value.items()) if isinstance(value, Mapping) else [(None, None)]
         texts: list[Any] = [text for key, of_key in items for text in ((key, of_key) if to_text else (key,))]
@@ -181,17 +180,16 @@ def mapping_of(name: str, value: object, cure: str, *, to_text: bool = False) ->
     if not all(isinstance(text, str) for text in texts):
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
     if not all(map(is_text, texts)):
-        raise InputError(f"{name} = {shown(value)}: it has characters that no file can hold, leave them out")
+        raise InputError(f"{name} = {shown(value)}: it has characters that cannot be stored as UTF-8, remove them")
     return cast("Mapping[str, Any]", value)
 
 
 def names_of(argument: str, given: object) -> list[str]:
-    """One name or several, all different, as a list."""
+    """One name or an iterable of different names, as a list."""
     given = plain(given)
     try:
-        # an endless generator of names has to end
         names = [given] if isinstance(given, str) else list(islice(cast("Iterable[Any]", given), _MOST_NAMES + 1))
-    except Exception:  # nothing to iterate over; a user's class may raise anything
+    except Exception:  # not iterable, or the iterator of a user's class raised
         names = [None]
     names = [plain(name) for name in names]
     if not all(isinstance(name, str) for name in names):
@@ -207,7 +205,7 @@ def names_of(argument: str, given: object) -> list[str]:
 
 
 def whole_number_problems(name: str, value: object, least: int, most: int | None = None) -> list[str]:
-    """Return a sentence if ``value`` is not a whole number from ``least`` to ``most``, else nothing."""
+    """A list with one message if ``value`` is not a whole number from ``least`` to ``most``, else an empty one."""
     problems: list[str] = []
     with collecting(problems):
         whole_of(name, value, least, most)
@@ -215,7 +213,7 @@ def whole_number_problems(name: str, value: object, least: int, most: int | None
 
 
 def level_of(level: object) -> float:
-    """The level of an interval."""
+    """The confidence level of an interval, between 0 and 1."""
     cure = "must be a number between 0 and 1, such as 0.95"
     return number_of("level", level, cure, least=math.nextafter(0.0, 1.0), most=math.nextafter(1.0, 0.0))
 

@@ -1,4 +1,4 @@
-"""Names for the arrays that the host layers hand on: float64 numbers, masks, and index numbers; what counts as one."""
+"""Array types of the host layers, and conversion of array-likes; not in arguments.py, which must not load numpy."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ Mask: TypeAlias = NDArray[np.bool_]
 Index: TypeAlias = NDArray[np.int64]
 
 MOST_VALUES = 50_000_000
-"""Most values that are made into an array: of 1-s samples over all days, of a sweep."""
+"""Upper limit of the size of an array argument, such as 1-s samples over all days."""
 
 
 def array_of(name: str, value: Any, cure: str, kinds: str = "iuf") -> NDArray[Any]:
-    """An array-like as an array of one of the ``kinds`` of numpy; masked values become NaN.
+    """Convert an array-like to a numpy array whose dtype is one of ``kinds``; masked values become NaN.
 
     Raises
     ------
     InputError
-        If it is none, or would be made into one of more than ``MOST_VALUES`` values.
+        If it cannot be converted, or is a range of more than ``MOST_VALUES`` values.
     """
     if isinstance(value, range) and len(value) > MOST_VALUES:
         raise InputError(f"{name} = {shown(value)}: more than {MOST_VALUES:,} values, give fewer")
@@ -41,5 +41,5 @@ def array_of(name: str, value: Any, cure: str, kinds: str = "iuf") -> NDArray[An
 
 
 def _word(dtype: np.dtype[Any]) -> str:
-    """What a user calls the type: that of texts is named after their length in bits."""
+    """Name of a dtype for users; that of text would carry its length in bits."""
     return "text" if dtype.kind in "US" else dtype.name

@@ -1,4 +1,4 @@
-"""The errors that a user sees, and the exit codes of the command line."""
+"""Exceptions shown to users, and the exit codes of the command line."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
 _LONGEST = 60
-"""Letters of a value in a message."""
+"""Characters of a value quoted in a message."""
 _MOST_SENTENCES, _LONGEST_SENTENCE = 20, 2000
-"""A reader mends these first, the rest are counted; letters of each."""
+"""Sentences printed in full, the rest are counted; characters of each."""
 
 
 class FastcoilError(Exception):
-    """Base of every error fastcoil raises on purpose; its text is meant for the user.
+    """Base class of all errors that fastcoil raises on purpose; the text is meant for the user.
 
-    As text it is printable, and long lists in it are cut; ``args`` has all of it.
+    ``str(error)`` escapes control characters and truncates long lists; ``args`` holds the full text.
     """
 
     exit_code = EXIT_BUG
@@ -51,7 +51,7 @@ def _abridged(sentence: str) -> str:
 
 
 class WrongType(str):
-    """A sentence on an argument of the wrong type."""
+    """A message about an argument of the wrong type."""
 
     __slots__ = ()
 
@@ -59,15 +59,14 @@ class WrongType(str):
 class InputError(FastcoilError, ValueError):
     """Bad input.  ``problems`` holds one sentence for each mistake: field, value and cure.
 
-    With a sentence of ``WrongType`` among them it is an ``InputTypeError``, as an ``OSError`` is a
-    ``FileNotFoundError`` by its number.
+    If one of them is a ``WrongType``, the exception becomes an ``InputTypeError``.
     """
 
     exit_code = EXIT_INPUT
     _noun = "mistake"
 
     def __new__(cls, problems: str | Collection[str] = ()) -> InputError:
-        # some libraries that carry errors between processes make them without arguments
+        # libraries that pickle errors between processes construct them without arguments
         sentences = [problems] if isinstance(problems, str) else problems
         of_type = cls is InputError and any(isinstance(one, WrongType) for one in sentences)
         return super().__new__(InputTypeError if of_type else cls)
@@ -81,17 +80,17 @@ class InputError(FastcoilError, ValueError):
 
 
 class InputTypeError(InputError, TypeError):
-    """An argument of the wrong type, perhaps besides other mistakes of the call."""
+    """An argument of the wrong type, possibly along with other mistakes in the call."""
 
 
 class StorageError(FastcoilError, OSError):
-    """A result could not be read or written.  ``errno`` says why, where the operating system did."""
+    """A result could not be read or written.  ``errno`` is the operating system's reason, if it gave one."""
 
     exit_code = EXIT_STORAGE
 
 
 def out_of_memory(what: str) -> StorageError:
-    """The error for work that has too little memory; ``what``: what cannot be done."""
+    """Error for work that ran out of memory; ``what``: what cannot be done."""
     found = StorageError(
         f"{what}: the memory ran out; finished scenarios are kept: use fewer workers with -j, --backend loky, or fewer "
         "traces, and run the same command again"
@@ -101,25 +100,25 @@ def out_of_memory(what: str) -> StorageError:
 
 
 class LockedError(FastcoilError):
-    """Another run is writing to the same folder."""
+    """Another run holds the lock of the folder."""
 
     exit_code = EXIT_LOCKED
 
 
 class IntegrityError(FastcoilError):
-    """Files on the disk are not as they were written, or do not belong together."""
+    """Files on disk are damaged, changed, or do not belong together."""
 
     exit_code = EXIT_INTEGRITY
 
 
 def missing_extra(what: str, packages: str, extra: str) -> InputError:
-    """The error for packages that are not installed: what needs them, and the extra of fastcoil that has them."""
+    """Error for missing optional packages: what needs them, and the extra that installs them."""
     some = "packages" if " and " in packages else "package"
     return InputError(f"{what} needs the {some} {packages}: pip install 'fastcoil[{extra}]'")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """A clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if none is similar."""
+    """Clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if no known name is similar."""
     by_folded = {k.casefold(): k for k in known}
     match = difflib.get_close_matches(name.casefold(), list(by_folded), n=1, cutoff=0.6)
     return f", did you mean {by_folded[match[0]]!r}?" if match else ""
@@ -135,11 +134,10 @@ def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
 
 
 def shown(value: object) -> str:
-    """A value as a message repeats it: on one line, cut short if it is long; a word on its type if it has no text."""
+    """A value quoted in a message: on one line, truncated; its type if it has no usable ``repr``."""
     try:
-        # a longer one is cut anyway
         text = repr(value[:_LONGEST] if isinstance(value, (str, bytes, list, tuple)) else value)
-    except Exception:  # a user's class may raise anything, and so do numbers of too many digits and lists of lists
+    except Exception:  # a user's class may raise anything; an int of more than 4,300 digits raises ValueError
         text = "a number of too many digits" if isinstance(value, int) else f"<{type(value).__name__}>"
     if not text.isprintable():
         text = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())

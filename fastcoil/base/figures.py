@@ -1,9 +1,7 @@
-"""The looks of all figures: colours, line styles, settings, and texts that fit.
+"""Style of all figures, and writing them as PNG, PDF or SVG, atomically and with reproducible bytes.
 
-Figures as files: PNG, PDF or SVG, whole or not at all, and the same bytes every time.
-
-A figure of a study carries in its metadata the ``content_sha256`` of the results it was drawn from, so that a figure of
-earlier results is never taken for one of these.
+The metadata of a study's figure contain the ``content_sha256`` of the results it was drawn from, so that outdated
+figures are recognised.
 """
 
 from __future__ import annotations
@@ -28,10 +26,10 @@ BLUE, RED, YELLOW = "#004488", "#BB5566", "#DDAA33"
 COLOURS = (BLUE, RED, YELLOW)
 """The "high-contrast" scheme of Tol, Colour Schemes, SRON/EPS/TN/09-002, issue 3.2 (2021), dark to light.
 
-Deuteranopes and protanopes can tell them apart, and from black and ``GREY``.  In a grey print they differ, too.
+Distinct from each other, black and ``GREY`` for deuteranopes and protanopes, and from each other in greyscale print.
 """
 GREY = "0.65"
-"""For lines to compare with.  In a grey print it is as light as yellow: there, only line styles tell them apart."""
+"""For reference lines.  In greyscale print as light as yellow: there, only line styles distinguish the two."""
 FAINT = "0.9"
 """For shaded backgrounds."""
 LINE_STYLES = ("-", "--", ":")
@@ -52,14 +50,14 @@ STYLE: Mapping[str, Any] = {
 }
 _INCHES_PER_POINT = 1 / 72
 _LETTER = 0.55
-"""Width of an average letter of the standard font, in font sizes; rounded up, so that no line is too long."""
+"""Average character width of the default font in font sizes, rounded up so that no line is too long."""
 
 
 @contextmanager
 def apply_style(**changes: Any) -> Iterator[None]:
-    """Draw in ``STYLE``; a context, or a decorator of what draws.
+    """Apply ``STYLE``, as a context manager or decorator.
 
-    ``changes`` are settings that differ, as ``axes_grid=False`` for ``axes.grid``.
+    ``changes`` override settings: ``axes_grid=False`` for ``axes.grid``.
     """
     from matplotlib import rc_context
 
@@ -69,16 +67,16 @@ def apply_style(**changes: Any) -> Iterator[None]:
 
 
 def wrapped(text: str, inches: float, points: float) -> str:
-    """Text broken into lines of at most this width at this font size; its own line breaks stay."""
+    """Wrap text to a width in inches at a font size in points; existing line breaks are kept."""
     letters = max(int(inches / (_LETTER * points * _INCHES_PER_POINT)), 1)
     return "\n".join(fill(line, letters, break_long_words=False) for line in text.splitlines())
 
 
 FIGURES = "figures"
-"""Folder of the figures in the folder of a study."""
+"""Name of the figure folder inside a study's folder."""
 FORMATS = ("png", "pdf", "svg")
 DPI = 200
-"""Dots per inch of a PNG, and of the maps inside a PDF or SVG."""
+"""Dots per inch of a PNG and of rasterised maps in a PDF or SVG."""
 _DPI_RANGE = (50, 1200)
 _METADATA: Mapping[str, dict[str, Any]] = {
     "png": {"Software": "fastcoil"},
@@ -86,7 +84,7 @@ _METADATA: Mapping[str, dict[str, Any]] = {
     "svg": {"Creator": "fastcoil", "Date": None},
 }
 _CARRIER = {"png": "Source", "pdf": "Keywords", "svg": "Source"}
-"""Field of the metadata that says from which results a figure was drawn: these formats know no name of ours."""
+"""Standard metadata field that holds the origin of a figure; these formats allow no custom names."""
 _ORIGIN = "content_sha256 "
 _HASH = _ORIGIN.encode() + rb"([0-9a-f]{64})"
 _CARRIED = {
@@ -95,13 +93,13 @@ _CARRIED = {
     "svg": re.compile(rb"<dc:source>" + _HASH + rb"</dc:source>"),
 }
 _LARGEST = 2**26
-"""Bytes of a figure file."""
+"""Maximum size of a figure file in bytes."""
 _SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fonttype": 42}
-"""Texts stay texts, to be searched and edited."""
+"""Text is stored as text, so that it can be searched and edited."""
 
 
 def check_format(format: str, dpi: object) -> None:
-    """Refuse a format or a resolution that cannot be written.
+    """Check the format and resolution of a figure file.
 
     Raises
     ------
@@ -115,7 +113,7 @@ def check_format(format: str, dpi: object) -> None:
 
 
 def _check_figures(figures: Mapping[str, Figure]) -> None:
-    """Refuse anything but figures by file name."""
+    """Raise an `InputError` unless ``figures`` maps file names to figures."""
     cure = "give figures by file name, such as {'rmse': figure}"
     for name, figure in mapping_of("figures", figures, cure).items():
         path_of("figures", name, cure)
@@ -124,12 +122,12 @@ def _check_figures(figures: Mapping[str, Figure]) -> None:
 
 
 def encode(figure: Figure, format: str = "png", dpi: int = DPI, drawn_from: str | None = None) -> bytes:
-    """Encode a figure as the bytes of a file; ``drawn_from``: ``content_sha256`` of the results it shows, if any."""
+    """Encode a figure as the bytes of a file; ``drawn_from``: ``content_sha256`` of the results it shows."""
     from matplotlib import rc_context
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
-        # a label of the user's is no formula; those on logarithmic axes are
+        # a user's label with $ is not mathtext; the tick labels of logarithmic axes are
         if isinstance(text, Text) and "$" in text.get_text() and "mathdefault" not in text.get_text():
             text.set_parse_math(False)
     origin = {} if drawn_from is None else {_CARRIER[format]: _ORIGIN + drawn_from}
@@ -142,7 +140,7 @@ def encode(figure: Figure, format: str = "png", dpi: int = DPI, drawn_from: str 
 def write(
     figures: Mapping[str, Figure], folder: Path, *, format: str = "png", dpi: int = DPI, drawn_from: str | None = None
 ) -> list[Path]:
-    """Write figures into a folder, made if need be; returns their paths.
+    """Write figures into a folder, which is created if missing, and return their paths.
 
     Parameters
     ----------
@@ -151,16 +149,16 @@ def write(
     format
         ``png``, ``pdf`` or ``svg``.
     dpi
-        Dots per inch of a PNG, and of the maps inside a PDF or SVG; 50 to 1200.
+        Dots per inch of a PNG and of rasterised maps in a PDF or SVG, 50 to 1200.
     drawn_from
-        ``content_sha256`` of the results that the figures show; they then carry it, see ``origin``.
+        ``content_sha256`` of the results that the figures show, stored in their metadata; see ``origin``.
 
     Raises
     ------
     InputError
-        If ``format`` or ``dpi`` is not one of these.
+        If ``format`` or ``dpi`` is invalid.
     StorageError
-        If a file cannot be written; nothing half-written is left behind.
+        If a file cannot be written; no partial file remains.
     """
     with checking() as check:
         check(check_format, format, dpi)
@@ -177,27 +175,27 @@ def write(
 
 
 def origin(path: Path) -> str | None:
-    """The ``content_sha256`` of the results that a PNG, PDF or SVG file was drawn from; ``None`` if it carries none.
+    """The ``content_sha256`` of the results that a PNG, PDF or SVG file was drawn from; None if it contains none.
 
-    Only the bytes are searched: no library decodes the file, whoever wrote it.
+    Only the bytes are searched: no library decodes the untrusted file.
     """
     try:
         data = read_bytes(path, _LARGEST) if path.is_file() else b""
-    except (OSError, ValueError):  # no file, or none of ours
+    except (OSError, ValueError):  # unreadable, too large or not a regular file
         return None
     found = _CARRIED[path.suffix[1:]].search(data)
     return found[1].decode() if found else None
 
 
 def current_figures(folder: Path, content_sha256: str) -> list[Path]:
-    """The figures in the folder of a study that were drawn from these results."""
+    """The figures in a study's folder that were drawn from these results."""
     return [path for path in _figure_files(folder) if origin(path) == content_sha256]
 
 
 def stale_figures(folder: Path, content_sha256: str) -> list[Path]:
-    """The figures in the folder of a study that were drawn from other results than these.
+    """The figures in a study's folder that were drawn from other results.
 
-    A figure that does not say so, such as one of fastcoil 0.1 or of your own, is none of them.
+    Figures without an origin in their metadata are not included.
     """
     return [path for path in _figure_files(folder) if origin(path) not in (content_sha256, None)]
 

@@ -1,6 +1,6 @@
-"""Reading and writing files: reads are bounded, writes are atomic and on the disk before a name points to them.
+"""Files: bounded reads, atomic and durable writes, and existence checks.
 
-What stands at a path that may be closed to us: what cannot be looked at is not taken for absent.
+A write is flushed to disk before its name is in place.  An unreadable path raises; it is not reported as missing.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ UNFINISHED = ".tmp"
 _CHUNK = 1 << 20
 """Bytes read at once."""
 _LOOKS = ("read", "found", "read by another process")
-"""What is done to a file without writing, for which no space is needed."""
+"""Operations that need no space on the disk."""
 _PROBE = 1 << 20
-"""Bytes that do not fit on a full disk."""
+"""Bytes written to find out whether the disk is full."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 4000
-"""Bytes; files that we add to a folder need some more."""
+"""Bytes.  Linux allows paths of 4,096; fastcoil appends file names to the path of a folder."""
 _LONGEST_OF_OURS = 200
-"""Bytes of a name that we make."""
+"""Bytes of a name made by ``file_name``."""
 _KINDS = {
     stat.S_IFIFO: "a pipe",
     stat.S_IFCHR: "a device",
@@ -40,31 +40,31 @@ _KINDS = {
 
 
 class TooLargeError(ValueError):
-    """A file has more bytes than any file of its kind."""
+    """A file is larger than any valid file of its kind."""
 
 
 class IrregularError(ValueError):
-    """A pipe, a device or a socket stands where a file is expected: it may never end, or never begin."""
+    """A pipe, device or socket where a regular file is expected; reading it might block or never end."""
 
 
 def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_1: bool = False) -> str:
-    """Read a text file that a user names: UTF-8, with or without byte order mark; line ends are kept.
+    """Read a text file named by the user: UTF-8, with or without byte order mark; line ends are kept.
 
     Parameters
     ----------
     path, limit
-        The file, and the most bytes it may have.
+        The file and its maximum size in bytes.
     what
         What to give if this file cannot be used, such as ``"a CSV file"``.
     utf_16
-        Whether it may be UTF-16 instead, with a byte order mark.
+        Also accept UTF-16 with a byte order mark.
     latin_1
-        Whether it is read as Latin-1 where it is not UTF-8, because no letter beyond ASCII in it matters.
+        Fall back to Latin-1 if the file is not UTF-8, for formats whose meaning is ASCII only.
 
     Raises
     ------
     InputError
-        If it does not exist, is no regular file, is too large, is not UTF-8 or cannot be read.
+        If it does not exist, is not a regular file, is too large, is not UTF-8 or cannot be read.
     """
     require_usable(path, f"give {what}")
     try:
@@ -74,7 +74,7 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_
     except UnicodeDecodeError as error:
         if latin_1:
             return data.decode("latin-1")
-        format = "'CSV UTF-8'" if path.suffix.lower() == ".csv" else "UTF-8"  # as spreadsheets call it
+        format = "'CSV UTF-8'" if path.suffix.lower() == ".csv" else "UTF-8"  # the name in spreadsheets
         raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as {format}") from None
     except (TooLargeError, IrregularError) as error:
         raise InputError(f"{path} {error}: give {what}") from None
@@ -87,25 +87,20 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_
 
 
 def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
-    """Read a small file whole; ``read_text`` and everything else that is not NetCDF goes through here.
+    """Read a whole file of at most ``limit`` bytes; all reads except NetCDF go through here.
 
-    Parameters
-    ----------
-    path, limit
-        The file, and the most bytes it may have.
-    follow
-        Whether it may be a symbolic link.
+    follow: follow symbolic links.
 
     Raises
     ------
     OSError
-        As the operating system reports it.
+        From the operating system.
     TooLargeError
         If it has more than ``limit`` bytes.
     IrregularError
-        If it is a pipe, a device or a socket; it is not waited for.
+        If it is a pipe, a device or a socket.
     """
-    # opening some devices does something, hence the look before
+    # checked before opening: opening a device can have side effects
     _require_regular(os.stat(path, follow_symlinks=follow))
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC | (0 if follow else os.O_NOFOLLOW)
     with open(os.open(path, flags), "rb", buffering=0) as file:
@@ -114,7 +109,7 @@ def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
         if found.st_size > limit:
             raise TooLargeError(f"has {found.st_size:,} bytes, more than {limit:,}")
         data = bytearray()
-        # piece by piece: it may grow, and files of the kernel give no size
+        # in chunks: the file may grow, and files of /proc report no size
         while chunk := file.read(_CHUNK):
             data += chunk
             if len(data) > limit:
@@ -123,7 +118,7 @@ def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
 
 
 def file_name(name: str) -> str:
-    """A name that every file system takes, another one for every other name."""
+    """A portable file name, different for each ``name``."""
     plain = re.sub(r"[^\w.=+-]", "-", name)
     if plain == name and len(name.encode()) <= _LONGEST_OF_OURS:
         return name
@@ -131,30 +126,24 @@ def file_name(name: str) -> str:
 
 
 def require_usable(path: Path, cure: str) -> None:
-    """Refuse a path that no file can have: half a character, NUL, names or a whole too long, links in a circle.
-
-    Raises
-    ------
-    InputError
-        With ``cure`` at its end.
-    """
+    """Raise an `InputError` for a path that no file can have: not encodable, with NUL, too long, a loop of links."""
     name = shown(str(path))
     try:
         encoded = os.fsencode(path)
     except UnicodeEncodeError:
-        raise InputError(f"{name} holds half a character, no path does: {cure}") from None
+        raise InputError(f"{name} contains an unpaired surrogate, which no path can: {cure}") from None
     if b"\0" in encoded:
-        raise InputError(f"{name} holds the character NUL, no path does: {cure}")
+        raise InputError(f"{name} contains the character NUL, which no path can: {cure}")
     longest = max(map(len, encoded.split(b"/")))
     if longest > _LONGEST_NAME:
-        raise InputError(f"{name} has a name of {longest:,} bytes, file systems take {_LONGEST_NAME}: {cure}")
+        raise InputError(f"{name} has a name of {longest:,} bytes, the limit is {_LONGEST_NAME}: {cure}")
     if len(encoded) > _LONGEST_PATH:
-        raise InputError(f"{name} has {len(encoded):,} bytes, a path has at most {_LONGEST_PATH:,}: {cure}")
+        raise InputError(f"{name} has {len(encoded):,} bytes, the limit of a path is {_LONGEST_PATH:,}: {cure}")
     try:
         path.stat()
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
-            raise InputError(f"{name} is no usable path ({error.strerror}): {cure}") from None
+            raise InputError(f"{name} is not a usable path ({error.strerror}): {cure}") from None
 
 
 def _require_regular(found: os.stat_result) -> None:
@@ -166,12 +155,12 @@ def _require_regular(found: os.stat_result) -> None:
 
 
 def commit(path: Path, data: bytes | memoryview) -> None:
-    """Write ``data`` so that ``path`` is, at any moment, the whole new file or what it was before.
+    """Write ``data`` atomically: at any moment ``path`` is the complete new file or unchanged.
 
     Raises
     ------
     StorageError
-        If it cannot be written; nothing half-written is left behind.
+        If it cannot be written; no partial file remains.
     """
     commit_written(path, lambda unfinished: _write(unfinished, data))
 
@@ -179,9 +168,9 @@ def commit(path: Path, data: bytes | memoryview) -> None:
 def commit_written(
     path: Path, write: Callable[[Path], object], record: Callable[[Path], object] = lambda unfinished: None
 ) -> None:
-    """As ``commit``, for a library that writes the file itself: ``write`` gets the name to use.
+    """As ``commit``, with a callback ``write`` that receives the temporary name to write to.
 
-    record: gets the same name once the file is on the disk, and before ``path`` points to it.
+    record: called with the temporary name after the file is on disk and before it is renamed to ``path``.
     """
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     try:
@@ -193,20 +182,20 @@ def commit_written(
             os.replace(unfinished, path)
             _sync(path.parent, os.O_RDONLY)
     except BaseException:
-        with contextlib.suppress(OSError):  # the first error is the one to report
+        with contextlib.suppress(OSError):  # report the first error
             unfinished.unlink(missing_ok=True)
         raise
 
 
 def make_folder(path: Path, *, parents: bool = False) -> None:
-    """Make a folder, and ``parents`` that are missing; what is made is on the disk before anything is in it.
+    """Make a folder and, with ``parents``, missing parents; flushed to disk before anything is written into it.
 
-    Without ``parents`` it belongs to the folder above it: a link is refused.
+    Without ``parents``, a symbolic link is refused.
 
     Raises
     ------
     OSError
-        As the operating system reports it.
+        From the operating system.
     """
     if not parents and path.is_symlink():
         raise OSError(errno.ELOOP, "it is a symbolic link, which may lead anywhere: remove it")
@@ -219,12 +208,12 @@ def make_folder(path: Path, *, parents: bool = False) -> None:
 
 @contextmanager
 def storage_errors(path: Path, done: str) -> Iterator[None]:
-    """Turn an error of the operating system into a ``StorageError``: ``path`` cannot be ``done``, and why."""
+    """Turn an operating-system error into a ``StorageError``: ``path`` cannot be ``done``, and why."""
     try:
         yield
-    except StorageError:  # an OSError too, and it says why already
+    except StorageError:
         raise
-    except (OSError, RuntimeError) as error:  # netCDF4 reports errors of HDF5 as RuntimeError
+    except (OSError, RuntimeError) as error:  # netCDF4 raises RuntimeError for HDF5 errors
         reason = getattr(error, "strerror", None) or error
         cure = "check its permissions and the disk" if done in _LOOKS else "free some space or repair the folder"
         found = StorageError(f"{path} cannot be {done}: {reason}; {cure}, then run the same command again")
@@ -233,12 +222,12 @@ def storage_errors(path: Path, done: str) -> Iterator[None]:
 
 
 def is_unfinished(path: Path) -> bool:
-    """Whether a file is being written, or was left by a writer that was killed."""
+    """Whether this is a temporary file of ``commit``."""
     return path.name.startswith(".") and path.name.endswith(UNFINISHED)
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what killed writers left in a folder; nobody else may be writing there."""
+    """Remove temporary files that killed processes left; the caller holds the lock of the folder."""
     with storage_errors(folder, "cleaned up"):
         for path in filter(is_unfinished, list(folder.iterdir())):
             path.unlink(missing_ok=True)
@@ -251,7 +240,7 @@ def _write(path: Path, data: bytes | memoryview) -> None:
 
 @contextmanager
 def _reveal_reason(path: Path) -> Iterator[None]:
-    """Let the operating system say why a library could not write: HDF5 calls a full disk "Permission denied"."""
+    """Find the operating system's reason for a failed write: HDF5 reports a full disk as "Permission denied"."""
     try:
         yield
     except (OSError, RuntimeError):
@@ -269,34 +258,34 @@ def _sync(path: Path, flags: int) -> None:
 
 
 _ABSENT = (errno.ENOENT, errno.ENOTDIR, errno.EBADF, errno.ELOOP)
-"""Answers to a question for something that does not exist."""
+"""Errors of ``stat`` for a path that does not exist."""
 
 
 def exists(path: Path) -> bool:
-    """Whether a file or folder has this name.
+    """Whether a file or folder exists.
 
     Raises
     ------
     StorageError
-        If that cannot be seen, for a folder above it may not be entered, say.
+        If it cannot be determined, for example without permission for a parent folder.
     """
     return _status(path) is not None
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a folder has this name; raises as ``exists``."""
+    """Whether a folder exists; raises as ``exists``."""
     found = _status(path)
     return found is not None and stat.S_ISDIR(found.st_mode)
 
 
 def is_file(path: Path) -> bool:
-    """Whether a regular file has this name; raises as ``exists``."""
+    """Whether a regular file exists; raises as ``exists``."""
     found = _status(path)
     return found is not None and stat.S_ISREG(found.st_mode)
 
 
 def may_be_file(path: Path) -> bool:
-    """Whether a file can have this name: the folder that it would be in exists, and no folder has the name."""
+    """Whether a file could be written here: its folder exists, and the path is not a folder."""
     return not is_folder(path) and is_folder(path.absolute().parent)
 
 
@@ -304,7 +293,7 @@ def _status(path: Path) -> os.stat_result | None:
     with storage_errors(path, "read"):
         try:
             return path.stat()
-        except ValueError:  # no path has this name
+        except ValueError:  # not a possible path
             return None
         except OSError as error:
             if error.errno in _ABSENT:
@@ -313,7 +302,7 @@ def _status(path: Path) -> os.stat_result | None:
 
 
 def entries(folder: Path) -> list[Path]:
-    """All that is in a folder, sorted; nothing is in one that is missing.
+    """The sorted entries of a folder; empty if it does not exist.
 
     Raises
     ------

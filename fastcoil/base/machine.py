@@ -1,4 +1,4 @@
-"""What this machine and installation offer: memory and version."""
+"""Available memory, and the installed version of fastcoil."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from fastcoil.base.files import read_bytes
 PROC = Path("/proc")
 CGROUPS = Path("/sys/fs/cgroup")
 _LARGEST = 2**20
-"""Bytes of a file there that are read."""
+"""Bytes read from a file of /proc or /sys at most."""
 _V2 = (("memory.max", "memory.high"), "memory.current", "inactive_file")
 _V1 = (("memory.limit_in_bytes",), "memory.usage_in_bytes", "total_inactive_file")
-"""Names of the limits, of what is used, and of the reclaimable part of that in ``memory.stat``."""
+"""File names of the limits and of the usage, and the reclaimable field in ``memory.stat``."""
 
 
 def available_memory() -> int:
-    """Bytes of memory that can be used without swapping, and without being killed for it.
+    """Bytes of memory that this process can use without swapping or being killed.
 
-    The least of what the machine has, what every control group (version 2 and 1) of this process and those above it
-    leave, and what the limits on its address space and its data leave.  A limit that cannot be read is none.
+    The minimum of the machine's available memory, the remainder in each control group (v2 and v1) of this process and
+    its parents, and the limits on address space and data.  A limit that cannot be read is ignored.
     """
     return min([_of_machine(), *_of_groups(), *_of_process()])
 
 
 def gib(n_bytes: float) -> str:
-    """Bytes in words."""
+    """Format a number of bytes."""
     for size, unit in ((2**30, "GiB"), (2**20, "MiB"), (2**10, "KiB")):
         if n_bytes >= size or (unit == "MiB" and n_bytes >= 0.1 * size):
             return f"{n_bytes / size:,.1f} {unit}"
@@ -40,7 +40,7 @@ def _of_machine() -> int:
     available = _fields(PROC / "meminfo").get("MemAvailable:")
     if available is not None:
         return available * 1024
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # not Linux: take what the machine has
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # not Linux: the installed memory
 
 
 def _of_groups() -> Iterator[int]:
@@ -55,7 +55,7 @@ def _of_groups() -> Iterator[int]:
 
 
 def _of_levels(mount: Path, path: str, limits: tuple[str, ...], used: str, reclaimable: str) -> Iterator[int]:
-    """What a group and each of those above it leave.  In a container, ``path`` may lead out of what is mounted."""
+    """Memory left in a group and in each of its parents.  In a container, ``path`` may lie outside the mount."""
     names = [name for name in path.split("/") if name not in ("", ".", "..")]
     for depth in range(len(names), -1, -1):
         group = mount.joinpath(*names[:depth])
@@ -78,7 +78,7 @@ def _of_process() -> Iterator[int]:
 
 
 def _fields(path: Path) -> dict[str, int]:
-    """First words of the lines of a file, and the whole numbers that follow them."""
+    """First word of each line of a file → the integer after it."""
     found = {}
     for line in _text(path).splitlines():
         words = line.split()
@@ -93,9 +93,9 @@ def _number(path: Path) -> int | None:
 
 
 def _text(path: Path) -> str:
-    """The text of a small file; empty if there is none, or anything is odd about it."""
+    """The text of a small file; empty if it cannot be read."""
     with contextlib.suppress(OSError, ValueError):
-        if path.is_file():  # a pipe would be waited for
+        if path.is_file():
             return read_bytes(path, _LARGEST).decode()
     return ""
 

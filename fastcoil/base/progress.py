@@ -1,6 +1,6 @@
-"""Three ways to show how far a work is: a bar on a terminal, a line of its own in a notebook, lines of text.
+"""Progress of long work: a bar on a terminal, a line in a notebook, lines of text elsewhere.
 
-Whether progress is shown, when, and how it ends: never of work done at once, never where nobody looks.
+Not shown for work of less than 2 s, in workers, or in unattended runs.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 SECONDS_BETWEEN_LINES = 10.0
 _BETWEEN_UPDATES = 0.5
-"""Of a notebook, s: each is sent to the browser."""
+"""Seconds between updates in a notebook; each one is sent to the browser."""
 
 
 def duration(seconds: float) -> str:
-    """Seconds in words."""
+    """Format a duration in seconds."""
     if seconds < 100:
         return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
     minutes = seconds / 60
@@ -39,7 +39,7 @@ def is_terminal() -> bool:
 
 
 def terminal_bar(*columns: str, rate: str = "", transient: bool = False) -> Progress:
-    """A bar on stderr: these texts before it, ``rate`` after how much is done."""
+    """A progress bar on stderr: ``columns`` before it, ``rate`` after the count."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -58,7 +58,7 @@ def terminal_bar(*columns: str, rate: str = "", transient: bool = False) -> Prog
 
 @dataclass
 class State:
-    """How far the work is: scenario-days done, ``before`` of them by an earlier run; seconds since this one began."""
+    """Scenario-days done, of which ``before`` in an earlier run, and seconds since this run began."""
 
     of: int
     before: int = 0
@@ -67,11 +67,11 @@ class State:
 
     @property
     def rate(self) -> float:
-        """Scenario-days per second of this run."""
+        """Scenario-days per second in this run."""
         return (self.done - self.before) / max(self.seconds, 1e-9)
 
     def words(self) -> str:
-        """All of it on a line."""
+        """The state as one line of text."""
         if self.done >= self.of:
             return f"{self.of:,} scenario-days in {duration(self.seconds)}"
         line = f"{self.done:,} of {self.of:,} scenario-days"
@@ -81,7 +81,7 @@ class State:
 
 
 class View(Protocol):
-    """Shows a state."""
+    """Displays a state."""
 
     def open(self, state: State) -> None: ...
 
@@ -91,7 +91,7 @@ class View(Protocol):
 
 
 class Bar:
-    """On a terminal."""
+    """Progress bar on a terminal."""
 
     def open(self, state: State) -> None:
         self.bar = terminal_bar(rate="{task.fields[rate]}")
@@ -109,7 +109,7 @@ class Bar:
 
 
 class Cell:
-    """In a notebook, without its widgets: they may not be installed, and a stored notebook does not keep them."""
+    """Output in a notebook cell.  No widgets: they may not be installed, and saved notebooks lose them."""
 
     def open(self, state: State) -> None:
         from IPython.display import display  # type: ignore[import-not-found,unused-ignore]
@@ -130,7 +130,7 @@ class Cell:
 
 
 def _of_notebook(state: State, *, ended: bool = False) -> dict[str, str]:
-    """What a notebook shows, and keeps."""
+    """MIME bundle for a notebook."""
     words = state.words()
     if ended and state.done < state.of:
         words = f"stopped at {state.done:,} of {state.of:,} scenario-days"
@@ -139,14 +139,14 @@ def _of_notebook(state: State, *, ended: bool = False) -> dict[str, str]:
 
 
 class Lines:
-    """A line every 10 s, with ``closing`` one at the end too."""
+    """A line every 10 s, and with ``closing`` one at the end."""
 
     def __init__(self, closing: bool) -> None:
         self.closing = closing
         self.last = time.monotonic()
 
     def open(self, state: State) -> None:
-        """Nothing has been done that a line could tell."""
+        """Nothing to print yet."""
 
     def draw(self, state: State) -> None:
         now = time.monotonic()
@@ -160,21 +160,21 @@ class Lines:
 
 
 def _write(line: str) -> None:
-    with suppress(OSError, ValueError):  # nobody reads it any more
+    with suppress(OSError, ValueError):  # stderr is closed
         sys.stderr.write(f"{line}\n")
         sys.stderr.flush()
 
 
 PATIENCE = 2.0
-"""Work that takes no longer is done at once, s."""
+"""Seconds before progress is shown."""
 _IN_TESTS = ("PYTEST_VERSION", "PYTEST_CURRENT_TEST")
 
 Advance = Callable[[int], None]
-"""Called with the number of scenario-days finished since the last call."""
+"""Receives the number of scenario-days finished since the last call."""
 
 
 class Shown:
-    """Progress as it is shown; ``start`` it when it is known how much there is to do."""
+    """Shows progress in a view; call ``start`` when the total is known."""
 
     def __init__(self, view: View | None, patience: float) -> None:
         self._view, self._patience = view, patience
@@ -184,11 +184,11 @@ class Shown:
         self._is_open = False
 
     def start(self, of: int, before: int = 0) -> Advance:
-        """Begin: ``before`` of ``of`` scenario-days are done already.  Returns what to call with more."""
+        """Begin with ``before`` of ``of`` scenario-days done; returns the function that advances the count."""
         self._state, self._began = State(of, before, before), time.monotonic()
         if self._view is None:
             return _ignore
-        # not at the first finished one: that may take minutes
+        # a timer, since the first shard may take minutes
         self._timer = threading.Timer(self._patience, self._open)
         self._timer.daemon = True
         if self._patience:
@@ -198,7 +198,7 @@ class Shown:
         return self._advance
 
     def stop(self) -> None:
-        """Show nothing more; what is shown ends with a whole line."""
+        """Close the view with a complete line."""
         with self._lock:
             if self._timer is not None:
                 self._timer.cancel()
@@ -231,7 +231,7 @@ def _ignore(_: int) -> None:
 
 @contextmanager
 def progress_of_call(progress: bool | None) -> Iterator[Shown]:
-    """What a call from Python shows of its work: with None only on a terminal or in a notebook, and not at once."""
+    """Progress of a Python call; with None only on a terminal or in a notebook, after 2 s."""
     shown = Shown(_view_of(progress), 0.0 if progress else PATIENCE)
     try:
         yield shown
@@ -241,7 +241,7 @@ def progress_of_call(progress: bool | None) -> Iterator[Shown]:
 
 @contextmanager
 def progress_of_command() -> Iterator[Shown]:
-    """What a command shows of its work, on whatever its stderr is."""
+    """Progress of a command on stderr."""
     shown = Shown(Bar() if is_terminal() else Lines(closing=False), PATIENCE)
     try:
         yield shown
@@ -250,7 +250,7 @@ def progress_of_command() -> Iterator[Shown]:
 
 
 def _view_of(progress: bool | None) -> View | None:
-    if progress is False or (progress is None and not _someone_looks()):
+    if progress is False or (progress is None and not _is_interactive()):
         return None
     if _in_notebook():
         return Cell()
@@ -259,8 +259,8 @@ def _view_of(progress: bool | None) -> View | None:
     return Lines(closing=True) if progress else None
 
 
-def _someone_looks() -> bool:
-    """Whether this is neither a test nor a worker; that stderr is a terminal is asked later."""
+def _is_interactive() -> bool:
+    """Whether this is neither a test nor a worker."""
     return (
         not any(name in os.environ for name in _IN_TESTS)
         and multiprocessing.current_process().name == "MainProcess"
@@ -269,8 +269,8 @@ def _someone_looks() -> bool:
 
 
 def _in_notebook() -> bool:
-    """Whether a front end of Jupyter shows what is displayed."""
-    if not hasattr(builtins, "get_ipython"):  # what follows loads much for a short call
+    """Whether output is displayed by a Jupyter front end."""
+    if not hasattr(builtins, "get_ipython"):  # rich is slow to import
         return False
     from rich.console import Console
 

@@ -1,9 +1,7 @@
-"""How a notebook shows an object of ours: a card with a heading, tables that fold, and no script.
+"""Base class for results with text, notebook and TOML output, and the HTML card that notebooks show.
 
-All text is escaped.  The colours are those of the page around it, light or dark; without our style, as where a notebook
-is not trusted, what is left are plain tables.
-
-Results that tell themselves: in lines, in a notebook, and as TOML that a study file can include.
+A card has a heading and folding tables, and no script.  All text is escaped.  Colours are inherited from the page,
+light or dark; in an untrusted notebook, which drops the style, plain tables remain.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
 
 
 _CURVE = (110.0, 18.0)
-"""Width and height of a curve in a table, pixels."""
+"""Width and height of a curve in a table cell, pixels."""
 _ROUND_OFF = 1e-9
 _TEMPLATE = """\
 <div class="fastcoil-card"><style>
@@ -64,9 +62,9 @@ _TEMPLATE = """\
 
 @dataclass(frozen=True)
 class Curves:
-    """Small curves in a cell, one over the other.
+    """Small overlaid curves in a table cell.
 
-    lines: the points of each, as SVG has them.  words: what they are.
+    lines: the points of each curve in SVG notation.  words: alternative text.
     """
 
     lines: tuple[str, ...]
@@ -74,15 +72,15 @@ class Curves:
 
     @property
     def opacity(self) -> str:
-        """Of each, so that those below are seen."""
+        """Opacity of each curve; overlaid ones are translucent."""
         return "0.9" if len(self.lines) == 1 else "0.45"
 
     @classmethod
     def of(cls, values: Sequence[Sequence[float]], words: str) -> Curves:
-        """Curves of equally spaced values on one scale; a constant one runs in the middle."""
+        """Curves of equally spaced values on one scale; a constant curve is drawn in the middle."""
         width, height = _CURVE
         low, high = min(min(one) for one in values), max(max(one) for one in values)
-        # the means of equal values differ in their last digits
+        # means of equal values differ by round-off
         span = high - low if high - low > _ROUND_OFF * max(abs(low), abs(high)) else 0.0
 
         def place(k: int, n: int, value: float) -> str:
@@ -98,7 +96,10 @@ class Curves:
 
 @dataclass(frozen=True)
 class Section:
-    """A part that folds.  soft: what is said beside its title.  rows: cells of text or curves.  text: set as it is."""
+    """A folding part of a card.
+
+    soft: subdued text beside the title.  rows: cells of text or curves.  text: preformatted text.
+    """
 
     title: str
     rows: Sequence[Sequence[str | Curves]] = ()
@@ -108,7 +109,7 @@ class Section:
 
 
 def card(kind: str, heading: str, lines: Sequence[str] = (), sections: Sequence[Section] = ()) -> str:
-    """HTML of a card: what the object is, a heading, lines below it, and what folds."""
+    """HTML of a card: kind of object, heading, lines of text, folding sections."""
     shown: dict[str, Any] = {"kind": kind, "heading": heading, "lines": lines, "sections": sections}
     return _template().render(**shown, width=f"{_CURVE[0]:g}", height=f"{_CURVE[1]:g}")
 
@@ -123,7 +124,7 @@ def _template() -> Template:
 
 
 def _by_indent(lines: Sequence[str]) -> list[tuple[bool, list[str]]]:
-    """Lines with those together that are rows of a table: they are indented or have columns, and their blanks count."""
+    """Group lines into text and table rows (indented, or with columns), whose spaces are kept."""
     return [(key, list(some)) for key, some in groupby(lines, _is_row)]
 
 
@@ -131,16 +132,16 @@ def _is_row(line: str) -> bool:
     return line.startswith("  ") or "   " in line.strip()
 
 
-class Told(ABC):
-    """A result that tells itself in lines, shown as these and in a notebook with its TOML."""
+class Result(ABC):
+    """Base class for results with text, notebook and TOML output."""
 
     @abstractmethod
     def summary(self) -> list[str]:
-        """The result in words, line by line."""
+        """The result as lines of text."""
 
     @abstractmethod
     def to_toml(self, path: str | Path | None = None) -> str:
-        """The result as TOML, written to ``path`` if one is given."""
+        """The result as TOML, also written to ``path`` if given."""
 
     def __repr__(self) -> str:
         return "\n".join([f"<fastcoil {type(self).__name__}>", *self.summary()])
@@ -152,14 +153,14 @@ class Told(ABC):
 
 
 def as_toml(lines: Iterable[str], path: str | Path | None) -> str:
-    """The text of these lines, written to ``path`` if one is given.
+    """Join lines of TOML, and write them to ``path`` if given.
 
     Raises
     ------
     InputError
-        If ``path`` is a folder, or in none that exists.
+        If ``path`` is a folder, or its folder does not exist.
     StorageError
-        If it cannot be written; nothing half-written is left behind.
+        If it cannot be written; no partial file remains.
     """
     text = "\n".join(lines) + "\n"
     if path is not None:
@@ -171,7 +172,7 @@ def as_toml(lines: Iterable[str], path: str | Path | None) -> str:
 
 
 def in_toml(value: object) -> str:
-    """A text, a number, a truth, or a list of such, as TOML writes it."""
+    """A text, a number, a boolean, or a list of these in TOML notation."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

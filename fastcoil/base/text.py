@@ -1,4 +1,4 @@
-"""Text for people: control characters escaped, numbers in words."""
+"""Text for people: control characters escaped, numbers formatted."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import math
 import unicodedata
 
 _UNSAFE = {"Cc", "Cf", "Cs", "Zl", "Zp"}
-"""Categories of Unicode: control and format (bidirectional too), half characters, separators of lines."""
+"""Unicode categories: control, format (including bidirectional), surrogates, line and paragraph separators."""
 
 
 def printable(text: str) -> str:
-    r"""The text on one line, every character that is not shown as itself written as in Python: ``\x1b``, ``\u202e``."""
+    r"""Escape control characters in untrusted text, as Python does: ``\x1b``, ``\u202e``."""
     if text.isprintable():
         return text
     return "".join(_escaped(c) if unicodedata.category(c) in _UNSAFE else c for c in text)
@@ -22,16 +22,16 @@ def _escaped(character: str) -> str:
 
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"
-"""Where there is no value."""
+"""Stands for a missing value."""
 _TWO_DIGITS = 35
-"""An uncertainty that begins with at most this has two digits, another one: the rule of the Particle Data Group."""
+"""An uncertainty whose leading digits are at most this gets two digits, otherwise one (Particle Data Group)."""
 _MOST_DECIMALS = 6
 _THOUSANDS = 999.5, 1e7
-"""Numbers that are written out, with a comma between their thousands."""
+"""Range of numbers written out with thousands separators."""
 
 
 def decimals_of(uncertainty: float) -> int | None:
-    """Decimals that a value with this uncertainty has; None where it says nothing.
+    """Number of decimals for a value with this uncertainty; None if the uncertainty is 0 or not finite.
 
     Source: Particle Data Group, Review of Particle Physics (2024), doi:10.1103/PhysRevD.110.030001, section 5.3.
     """
@@ -43,9 +43,9 @@ def decimals_of(uncertainty: float) -> int | None:
 
 
 def written(value: float, decimals: int | None = None, *, sign: bool = False) -> str:
-    """A number with so many decimals, or with three digits.
+    """Format a number with ``decimals``, or with three significant digits.
 
-    sign: whether a positive one gets its plus.
+    sign: write a plus before positive numbers.
     """
     if math.isnan(value):
         return NONE
@@ -62,7 +62,7 @@ def written(value: float, decimals: int | None = None, *, sign: bool = False) ->
 
 
 def percent(share: float, low: float = math.nan, high: float = math.nan, *, decimals: int = 0) -> str:
-    """A share, with its interval if it has one: ``12 % (10 to 15)``."""
+    """Format a share, with its interval if given: ``12 % (10 to 15)``."""
     value, *ends = (f"{100.0 * each:.{decimals}f}" for each in (share, low, high))
     if math.isnan(share):
         return NONE

@@ -1,1 +1,5 @@
-"""The command line: what a user types and reads."""
+"""The command ``fastcoil``: start with ``main``, which lists the commands.
+
+``study``, ``plot``, ``deliver``, ``logs``, ``fit`` and ``design`` hold the commands by topic; ``arguments`` and
+``terminal`` what they share.  ``interrupts`` and ``streams`` decide how a command ends, ``quick_start`` how it begins.
+"""

@@ -115,8 +115,8 @@ def test_a_path_is_a_text_or_has_one():
         (b"a", "out is a bytes: give a path"),
         (None, "out is a NoneType: give a path"),
         ("", "out is empty: give a path"),
-        ("a\0b", r"'a\x00b' holds the character NUL, no path does: give a path"),
-        ("\ud800", r"'\ud800' holds half a character, no path does: give a path"),
+        ("a\0b", r"'a\x00b' contains the character NUL, which no path can: give a path"),
+        ("\ud800", r"'\ud800' contains an unpaired surrogate, which no path can: give a path"),
     ],
 )
 def test_a_bad_path_is_named_with_the_cure(value, sentence):
@@ -126,7 +126,7 @@ def test_a_bad_path_is_named_with_the_cure(value, sentence):
 
 
 def test_a_path_with_too_long_a_name_is_refused_before_anything_is_run():
-    with pytest.raises(InputError, match="file systems take 255"):
+    with pytest.raises(InputError, match="the limit is 255"):
         path_of("out", "a/" + "ä" * 128)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.base.results import Section, Told, card
+from fastcoil.base.results import Result, Section, card
 from fastcoil.design.tuning.result import Tuning
 from fastcoil.measured.diagnosis.result import Diagnosis
 from fastcoil.measured.fit.loop_result import LoopFit
@@ -166,7 +166,7 @@ def test_the_parameters_are_a_list_to_read_with_default_unit_bounds_and_meaning(
     assert rows["kp"] == [f"{kp.default} K-1", kp.bounds, kp.text]
 
 
-class Short(Told):
+class Short(Result):
     def summary(self):
         return ["The answer", "why", "        now    chosen", "rmse    1 K    0.5 K", "a note"]
 
@@ -184,6 +184,6 @@ def test_a_result_tells_its_summary_in_a_terminal_and_in_a_notebook():
 
 @pytest.mark.parametrize("kind", [Fit, LoopFit, Diagnosis, Tuning])
 def test_no_result_prints_all_of_its_arrays(kind):
-    assert kind.__repr__ is Told.__repr__
-    assert kind.summary is not Told.summary
-    assert kind.to_toml is not Told.to_toml
+    assert kind.__repr__ is Result.__repr__
+    assert kind.summary is not Result.summary
+    assert kind.to_toml is not Result.to_toml

@@ -121,11 +121,11 @@ def test_a_link_is_followed_only_where_it_may_be(tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("a\0b", "'a\\x00b' holds the character NUL, no path does: give a CSV file"),
-        ("a\ud800", "'a\\ud800' holds half a character, no path does: give a CSV file"),
-        ("é" * 150, "has a name of 300 bytes, file systems take 255: give a CSV file"),
-        ("folder/" * 1000, "has 6,999 bytes, a path has at most 4,000: give a CSV file"),
-        ("loop", "'loop' is no usable path (Too many levels of symbolic links): give a CSV file"),
+        ("a\0b", "'a\\x00b' contains the character NUL, which no path can: give a CSV file"),
+        ("a\ud800", "'a\\ud800' contains an unpaired surrogate, which no path can: give a CSV file"),
+        ("é" * 150, "has a name of 300 bytes, the limit is 255: give a CSV file"),
+        ("folder/" * 1000, "has 6,999 bytes, the limit of a path is 4,000: give a CSV file"),
+        ("loop", "'loop' is not a usable path (Too many levels of symbolic links): give a CSV file"),
     ],
 )
 def test_a_path_that_no_file_has_is_refused_in_one_short_sentence(tmp_path, monkeypatch, name, words):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.base.results import Told, as_toml, in_toml
+from fastcoil.base.results import Result, as_toml, in_toml
 from fastcoil.design.tuning.measures import Limit, Measure
 from fastcoil.design.tuning.words import Findings, in_words, value_of
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Tuning(Told):
+class Tuning(Result):
     """What a search found for the valves and days of a population.
 
     Attributes

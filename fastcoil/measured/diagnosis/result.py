@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.base.results import Told, as_toml, in_toml
+from fastcoil.base.results import Result, as_toml, in_toml
 from fastcoil.measured.diagnosis.findings import Findings
 from fastcoil.measured.diagnosis.words import in_words
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Told, Findings):
+class Diagnosis(Result, Findings):
     """What a trend log tells of a loop and its valve.
 
     Attributes

@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fastcoil.base.files import read_bytes
-from fastcoil.base.results import Told, as_toml, in_toml
+from fastcoil.base.results import Result, as_toml, in_toml
 from fastcoil.measured.fit.split import FITTING, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -35,7 +35,7 @@ _LARGEST = 2**20
 
 
 @dataclass(frozen=True, repr=False)
-class Fit(Told):
+class Fit(Result):
     """A fitted valve or coil.
 
     Attributes

@@ -239,7 +239,7 @@ def test_a_parameter_that_is_none():
         ({"default": np.inf}, "default = inf: give a number$"),
         ({"default": np.inf, "upper": 2.0}, "give a number of at most 2$"),
         ({"default": 1.0, "lower": np.inf}, "lower = inf: give a number$"),
-        ({"default": 1.0, "unit": "a\0b"}, "it has characters that no file can hold"),
+        ({"default": 1.0, "unit": "a\0b"}, "it has characters that cannot be stored as UTF-8"),
     ):
         with pytest.raises(fc.InputError, match=sentence):
             fc.parameter(**given)

@@ -84,5 +84,5 @@ def test_a_rule_keeps_the_name_that_its_source_gives_it(study):
 
 
 def test_a_unit_that_no_file_holds_is_refused(study):
-    with pytest.raises(InputError, match=r"unit = 'a\\x00b': it has characters that no file can hold"):
+    with pytest.raises(InputError, match=r"unit = 'a\\x00b': it has characters that cannot be stored as UTF-8"):
         read_study(study(SOURCE.replace("(0.01)", r'(0.01, unit="a\x00b")')))
