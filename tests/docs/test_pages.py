@@ -27,7 +27,7 @@ FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 SPAN = re.compile(r"`([^`\n]+)`")
 FILE = re.compile(r"(?<![\w.*/-])[\w./-]*\w\.(?:py|toml|md|png|csv|nc|json|c|cff)\b(?!\()")
-PLACES = ("", "docs", "studies", "benchmarks", "fastcoil", "fastcoil/model/engine")
+PLACES = ("", "docs", "studies", "benchmarks", "fastcoil", "fastcoil/model", "fastcoil/model/engine")
 MADE = {
     *("study.toml", "sweep.toml", "mine.toml", "ahu.toml", "valve.toml", "coil.toml"),
     *("results.nc", "study.schema.json", "logs.py", "valve.csv", "coil.csv", "log.csv", "other.csv", "weather.csv"),
