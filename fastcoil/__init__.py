@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from fastcoil.loops.boundary import Boundary as Boundary
     from fastcoil.loops.boundary.days import constant_day as constant_day
     from fastcoil.loops.boundary.days import design_day as design_day
+    from fastcoil.loops.boundary.days import heating_day as heating_day
     from fastcoil.loops.boundary.days import paper_day as paper_day
-    from fastcoil.loops.boundary.heating_day import heating_day as heating_day
-    from fastcoil.loops.boundary.operation.year import weather_year as weather_year
     from fastcoil.loops.boundary.weather import weather_day as weather_day
+    from fastcoil.loops.boundary.weather_year import weather_year as weather_year
     from fastcoil.loops.loop import Loop as Loop
     from fastcoil.loops.presets import presets as presets
     from fastcoil.loops.simulate import simulate as simulate
@@ -75,7 +75,7 @@ _HOME = {
     "fit_coil": "measured.fit.coil",
     "fit_loop": "measured.fit.loop",
     "fit_valve": "measured.fit.valve",
-    "heating_day": "loops.boundary.heating_day",
+    "heating_day": "loops.boundary.days",
     "law": "model.user_rules.rule",
     "limit_cycle": "design.theory.limit_cycle",
     "linearise": "design.theory.linearise",
@@ -91,7 +91,7 @@ _HOME = {
     "sobol_indices": "study.analysis.sobol",
     "tune": "design.tuning.tune",
     "weather_day": "loops.boundary.weather",
-    "weather_year": "loops.boundary.operation.year",
+    "weather_year": "loops.boundary.weather_year",
 }
 
 _loading = threading.RLock()

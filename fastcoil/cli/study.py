@@ -97,9 +97,9 @@ def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and how long it will take; writes nothing."""
     with quick_start():
         from fastcoil.base.machine import available_memory, gib
-        from fastcoil.loops.cut import first_shards
-        from fastcoil.loops.duration import count_shards, estimate_seconds
-        from fastcoil.loops.resources import check_disk
+        from fastcoil.loops.plan import check_disk
+        from fastcoil.loops.running import count_shards, estimate_seconds
+        from fastcoil.loops.shards import first_shards
         from fastcoil.loops.simulate import workers
         from fastcoil.model.engine.host import compile_kernel
         from fastcoil.study.file.spec import read_study

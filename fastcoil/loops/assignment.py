@@ -1,19 +1,270 @@
-"""What ``Loop.assign`` does: changes checked together, stand-ins and what they replace, rules and their parameters."""
+"""What ``Loop.assign`` does: values checked, rules and their parameters, stand-ins and what they replace."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Collection, Hashable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.errors import InputError, collecting
-from fastcoil.loops.converged import WORD, expanded
-from fastcoil.loops.parameter_values import checked_value
-from fastcoil.loops.rule_table import table_of, taken, with_defaults, without_rules
-from fastcoil.model.parameter_table import INSTALLED_VALVE, STAND_INS, check_name
+from fastcoil.base.arguments import flag_of, is_text, plain
+from fastcoil.base.arrays import MOST_VALUES, array_of
+from fastcoil.base.errors import InputError, WrongType, collecting, shown
+from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
+from fastcoil.model.parameter_table import (
+    COUNTS,
+    INSTALLED_VALVE,
+    LARGEST,
+    PARAMETERS,
+    STAND_INS,
+    Parameter,
+    Scalar,
+    check_name,
+)
+from fastcoil.model.user_rules.parameter import text_without_one
 from fastcoil.model.user_rules.rule import KINDS, Rule
+
+FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES}
+"""Names that a swept dimension cannot have: dimensions and variables of a result."""
+SHORTEST_SERIES = 3600
+"""Values, an hour of seconds: a list of that many may be a time series by mistake."""
+SERIES_HINT = (
+    "did you mean a series?  A parameter does not change during a run: a series goes into fc.Boundary(…), an open-loop "
+    "command into simulate(…, command=…)"
+)
+
+
+def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
+    """Return a scalar in the parameter's type, or a DataArray of admissible values.
+
+    value: a number, a word, a list (its own dimension), ``(dim, values)`` or a DataArray.
+
+    Raises
+    ------
+    InputError
+        For a wrong type, a value out of bounds, an empty or duplicated axis, or a dimension that cannot be swept.
+    """
+    if isinstance(value, xr.DataArray):
+        return _checked_array(parameter, value) if value.ndim else checked_value(parameter, value.values)
+    if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and not isinstance(value[1], str):
+        return _checked_array(parameter, xr.DataArray(_vector(parameter, value[1]), dims=value[0]))
+    if isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
+        return _checked_array(parameter, xr.DataArray(_vector(parameter, value), dims=parameter.name))
+    value = plain(value)
+    problem = parameter.problem(value)
+    if problem:
+        raise InputError(problem)
+    return value if parameter.is_word else int(value) if parameter.name in COUNTS else float(value)
+
+
+def _vector(parameter: Parameter, values: Any) -> np.ndarray:
+    if not isinstance(values, (list, tuple, range)):
+        values = array_of(parameter.name, values, "give a list of values", "iufUbOM")
+    if isinstance(values, np.ndarray) and values.ndim != 1:
+        raise InputError(
+            f"{parameter.name}: a sweep is a list of values; give a DataArray with named dims for more dimensions"
+        )
+    if len(values) > MOST_VALUES:
+        raise InputError(f"{parameter.name} has {len(values):,} values: give at most {MOST_VALUES:,}")
+    for given in _doubtful(values) if isinstance(values, np.ndarray) and not parameter.is_word else values:
+        value = given if type(given) in (float, int, str) else plain(given)
+        if isinstance(value, (np.ndarray, list, tuple)):
+            raise InputError(
+                f"{parameter.name} = {shown(value)} in a list: give a DataArray with named dims for more dimensions"
+            )
+        fits = isinstance(value, str) if parameter.is_word else type(value) in (int, float) and abs(value) <= LARGEST
+        problem = None if fits else parameter.problem(value)
+        if problem:
+            raise InputError(problem)
+    return np.asarray(values)
+
+
+def _doubtful(values: np.ndarray) -> np.ndarray:
+    """Those that have to be looked at one by one; a million good numbers cost nothing."""
+    if values.dtype.kind not in "iuf":
+        return values
+    with np.errstate(over="ignore"):
+        fine = np.abs(values.astype(float)) <= LARGEST
+    return np.asarray(values[~fine])
+
+
+def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
+    name = parameter.name
+    if array.size == 0:
+        raise InputError(f"{name} = []: a sweep needs at least one value")
+    for dim in array.dims:
+        _check_dim(name, dim, array.ndim)
+        if dim in array.coords:
+            _check_labels(name, str(dim), array.coords[dim].values)
+    if not parameter.is_word:
+        if array.dtype.kind not in "iuf":
+            raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
+        kind = int if name in COUNTS and array.dtype.kind in "iu" else float
+        array = array.copy(data=array.values.astype(kind))
+    flat = array.values.ravel()
+    bad = [p for p in (parameter.problem(v) for v in _suspects(parameter, flat)) if p]
+    if bad:
+        raise InputError(bad[0] if len(bad) == 1 else f"{bad[0]} (and {len(bad) - 1} more of its values)")
+    if name in COUNTS:
+        array = array.astype(int)
+    if array.dims == (name,):
+        # a label such as 0.07 must be found on an axis made by linspace
+        values = flat if parameter.is_word else np.array([float(f"{v:.12g}") for v in flat], dtype=array.dtype)
+        unique, counts = np.unique(values, return_counts=True)
+        if unique.size < values.size:
+            hint = f"; {SERIES_HINT}" if values.size >= SHORTEST_SERIES else ""
+            raise InputError(f"{name}: {unique[counts > 1][0]} appears twice on its axis: leave one out{hint}")
+        array = xr.DataArray(values, dims=name)
+    return array
+
+
+def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
+    """Return the values that may be inadmissible; so a million good ones cost nothing."""
+    if parameter.is_word:
+        return [v for v in flat.tolist() if not (isinstance(v, str) and v in parameter.choices)]
+    fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
+    if parameter.whole:
+        fine &= flat == np.floor(flat)
+    return [v for v in flat[~fine].tolist()]
+
+
+def _check_dim(name: str, dim: Hashable, ndim: int) -> None:
+    if not isinstance(dim, str) or dim in FORBIDDEN_DIMS:
+        raise InputError(f"{name}: {shown(dim)} cannot be the name of a swept dimension: it is taken, choose another")
+    if not dim.isidentifier() or dim in ("method", "tolerance", "drop", "indexers", "missing_dims"):
+        raise InputError(f"{name}: {shown(dim)} cannot be the name of a dimension; use letters, digits and _")
+    if dim in PARAMETERS and dim == name and ndim > 1:
+        raise InputError(f"{name}: its own name can only be the dimension of a plain list of its values")
+
+
+def _check_labels(name: str, dim: str, labels: np.ndarray) -> None:
+    """Refuse labels along a dimension that no file can hold."""
+    if labels.dtype.kind in "biuf" or all(isinstance(label, str) and is_text(label) for label in labels.ravel()):
+        return
+    raise InputError(f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text")
+
+
+NO_RULES: Mapping[str, Rule] = {}
+
+
+def table_of(rules: Mapping[str, Rule]) -> Mapping[str, Parameter]:
+    """Every parameter by name: those of the package, with the rules among the choices, then the rules' own."""
+    if not rules:
+        return PARAMETERS
+    table = dict(PARAMETERS)
+    for kind in KINDS:
+        names = [rule.name for rule in rules.values() if rule.kind == kind]
+        table[kind] = replace(table[kind], choices=(*table[kind].choices, *names))
+    for rule in rules.values():
+        table |= rule.own
+    return table
+
+
+def without_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
+    """The value of ``estimator`` or ``law`` with words in place of rules, and these rules.
+
+    Raises
+    ------
+    InputError
+        For a function that is no rule, or a rule of the other kind.
+    """
+    if isinstance(value, Rule):
+        if value.kind != name:
+            raise InputError(f"{name}: {value.name} is made with @fc.{value.kind}: give {value.kind} = {value.name}")
+        return value.name, [value]
+    if inspect.isfunction(value):
+        raise InputError(
+            WrongType(f"{name}: {value.__name__} is a plain function: put @fc.{name}(Parameters, Memory) before it")
+        )
+    if isinstance(value, (list, tuple)):
+        deep = isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], (list, tuple, np.ndarray))
+        parts = [
+            without_rules(name, each) if deep or isinstance(each, Rule) or inspect.isfunction(each) else (each, [])
+            for each in value
+        ]
+        rules = [rule for _, found in parts for rule in found]
+        words = [word for word, _ in parts]
+        return (tuple(words) if isinstance(value, tuple) else words) if rules else value, rules
+    array = value.values if isinstance(value, xr.DataArray) else value
+    if isinstance(array, np.ndarray) and array.dtype.kind == "O":
+        words, rules = without_rules(name, array.ravel().tolist())
+        if rules:
+            named = np.array(words).reshape(array.shape)
+            return (value.copy(data=named) if isinstance(value, xr.DataArray) else named), rules
+    return value, []
+
+
+def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str]) -> dict[str, Rule]:
+    """The rules known so far with new ones; one of the same name is replaced.
+
+    used: names of the rules that are now used.  Those that are not give way where names of parameters clash.
+
+    Raises
+    ------
+    InputError
+        If two of the rules have one name, or declare one parameter differently.
+    """
+    found: dict[str, Rule] = {}
+    for rule in new:
+        if found.setdefault(rule.name, rule) != rule:
+            raise InputError(f"two rules are called {rule.name}: rename one of them")
+    names = {n for rule in new for n in rule.own}
+    kept = {n: r for n, r in known.items() if n not in found and (n in used or not names & r.own.keys())}
+    rules = kept | found
+    first: dict[str, Rule] = {}
+    for rule in rules.values():
+        for name, parameter in rule.own.items():
+            other = first.setdefault(name, rule)
+            if _alike(other.own[name]) != _alike(parameter):
+                raise InputError(
+                    f"{name} is a parameter of {other.name} and another one of {rule.name}: rename one, or declare "
+                    "both alike"
+                )
+    return rules
+
+
+def _alike(parameter: Parameter) -> Parameter:
+    """The parameter without what tells whose it is."""
+    text = "" if parameter.text == text_without_one(parameter.group) else parameter.text
+    return replace(parameter, group="", text=text)
+
+
+def with_defaults(values: Mapping[str, Any], before: Mapping[str, Rule], rules: Mapping[str, Rule]) -> dict[str, Any]:
+    """The values of a loop whose rules change: without parameters that no rule has any more, with new ones."""
+    old = {n: p for rule in before.values() for n, p in rule.own.items()}
+    new = {n: p for rule in rules.values() for n, p in rule.own.items()}
+    kept = {n: v for n, v in values.items() if n not in old or n in new}
+    for name, parameter in new.items():
+        if name not in kept or (name in old and kept[name] is old[name].default):
+            kept[name] = parameter.default
+    return kept
+
+
+WORD = "converged"
+CONVERGED: Mapping[str, Any] = {"air_march": "quasistatic", "substeps": 8}
+"""What it stands for."""
+MEANING = " and ".join(f"{name} = {value!r}" for name, value in CONVERGED.items())
+
+
+def expanded(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The changes of a loop with the parameters that ``converged`` stands for; False changes nothing.
+
+    Raises
+    ------
+    InputError
+        Unless it is True or False, or with those parameters beside it.
+    """
+    rest = {name: value for name, value in changes.items() if name != WORD}
+    if WORD not in changes or not flag_of(WORD, changes[WORD]):
+        return rest
+    given = [name for name in CONVERGED if name in rest]
+    if given:
+        raise InputError(f"converged stands for {MEANING}: leave it out, or leave out {' and '.join(given)}")
+    return rest | dict(CONVERGED)
+
 
 _VALVE_CURVE = STAND_INS["rangeability"]
 _ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), (("estimate_ratio",), STAND_INS["estimate_ratio"]))

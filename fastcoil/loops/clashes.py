@@ -1,7 +1,8 @@
-"""What clashes in a loop: parameters that one another rule out or need, each with a sentence that says the cure."""
+"""Parameters that rule one another out or need one another, and loops that do not suit their days."""
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
+from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop, words_used
+from fastcoil.loops.presets import COOLING
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS
 
@@ -213,3 +216,59 @@ def _is_changed(loop: Loop, name: str) -> bool:
     """Whether some scenario has another value than the default."""
     value = loop[name]
     return value is not None and bool(np.any(np.asarray(value) != PARAMETERS[name].default))
+
+
+FAR = 35.0
+"""Water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does."""
+
+
+def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
+    """Warn where loop and days do not suit each other.  closed: the controller is on, its action and gains count."""
+    for doubt in _doubts(loop, boundary) if closed else ():
+        warnings.warn(doubt, stacklevel=5)
+
+
+def _doubts(loop: Loop, boundary: Boundary) -> list[str]:
+    """What does not suit, a sentence each."""
+    actions = np.unique(np.asarray(loop["action"]))
+    turns = bool(np.any(np.asarray(loop["kp"]) < 0.0))
+    if turns or words_used(loop, "law") != {"pi"}:  # what the action then means is the user's own business
+        return []
+    found = []
+    (w_low, w_high), (a_low, a_high), (low, high) = (boundary.extremes[n] for n in ("T_w_in", "T_a_in", "T_set"))
+    if "heating" in actions and w_high < a_low:
+        found.append(
+            f"action = 'heating', but the water (up to {w_high:.3g} degC) is never warmer than the air (from "
+            f"{a_low:.3g} degC): opening the valve cools; give action = 'cooling', or days of heating"
+        )
+    elif "heating" in actions and max(w_high, a_high) < low:
+        found.append(
+            f"T_set is {low:.3g} degC or more, water and air {max(w_high, a_high):.3g} degC at most: no opening warms "
+            "the air that far; lower T_set, or give warmer water"
+        )
+    elif "heating" in actions and w_high - a_low > FAR:
+        found += _cooling_gains(loop)
+    if "cooling" in actions and w_low > a_high:
+        found.append(
+            f"action = 'cooling', but the water (from {w_low:.3g} degC) is never colder than the air (up to "
+            f"{a_high:.3g} degC): opening the valve warms; give action = 'heating', or days of cooling"
+        )
+    elif "cooling" in actions and min(w_low, a_low) > high:
+        found.append(
+            f"T_set is {high:.3g} degC or less, water and air {min(w_low, a_low):.3g} degC at least: no opening cools "
+            "the air that far; raise T_set, or give colder water"
+        )
+    return found
+
+
+def _cooling_gains(loop: Loop) -> list[str]:
+    """A sentence on gains that are those of a preset for cooling; none where they are swept."""
+    kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))
+    for name in COOLING:
+        preset = Loop.preset(name)
+        if (kp, ti) == (preset["kp"], preset["ti"]):
+            return [
+                f"action = 'heating' with kp = {kp:g} 1/K and ti = {ti:g} s, those of the cooling coil {name}: with "
+                "hot water they may ring, or be slow; begin with the preset heating or heating_45, or give other gains"
+            ]
+    return []

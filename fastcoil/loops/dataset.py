@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arguments import instance_of
 from fastcoil.base.errors import InputError, IntegrityError, shown
-from fastcoil.loops.clock import clock_coordinates
-from fastcoil.loops.scenarios import Layout
+from fastcoil.loops.scenarios import Layout, clock_coordinates
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 
@@ -191,3 +191,22 @@ def coordinate_attrs(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> 
         units = {"units": parameter.unit} if parameter.unit else {}
         return {"long_name": parameter.label, **units, "comment": parameter.text}
     return dict(_DIM_ATTRS.get(name, {"long_name": name}))
+
+
+_CURE = "give a Dataset of fastcoil.simulate or open_study"
+
+
+def check_result(ds: xr.Dataset) -> None:
+    """Refuse anything but the result of a simulation or a study.
+
+    Raises
+    ------
+    InputError
+        If it is no Dataset, has no ``status``, or has something else than numbers under the name of a metric.
+    """
+    instance_of("ds", ds, xr.Dataset, _CURE)
+    if "status" not in ds:
+        raise InputError(f"ds has no status: {_CURE}")
+    odd = [n for n in ("status", *METRICS) if n in ds and ds[n].dtype.kind not in "iuf"]
+    if odd:
+        raise InputError(f"ds has no numbers as {', '.join(odd)}: {_CURE}")

@@ -1,16 +1,21 @@
 """The parameters of a loop as keywords, for editors and type checkers: they read no table.
 
 What runs takes its names from ``fastcoil.model.parameter_table``; a test compares the two.
+
+What completion and help show of a function that takes any parameter of a loop by name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal, TypeAlias, TypedDict
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, TypeAlias, TypedDict, TypeVar
 
 import numpy as np
 import xarray as xr
 
+from fastcoil.loops.assignment import MEANING, WORD
+from fastcoil.model.parameter_table import COUNTS, PARAMETERS
 from fastcoil.model.user_rules.rule import Rule
 
 Numbers: TypeAlias = float | Sequence[float] | tuple[str, Any] | np.ndarray[Any, Any] | xr.DataArray
@@ -99,3 +104,45 @@ class Keywords(TypedDict, total=False):
     identify_memory: Numbers
     identify_interval: Numbers
     identify_certainty: Numbers
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+Class = TypeVar("Class", bound=type)
+
+
+class _Unchanged:
+    def __repr__(self) -> str:
+        return "unchanged"
+
+
+UNCHANGED = _Unchanged()
+"""Stands in a signature for the value that a parameter has already."""
+
+
+def take_parameters(defaults: Mapping[str, object]) -> Callable[[Function], Function]:
+    """Show ``**values`` of a method as one keyword for each parameter, with these defaults."""
+
+    def decorate(method: Function) -> Function:
+        plain = inspect.signature(method)
+        positional = [p for p in plain.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+        keywords = [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=v) for n, v in defaults.items()]
+        method.__signature__ = plain.replace(parameters=[*positional, *keywords])  # type: ignore[attr-defined]
+        return method
+
+    return decorate
+
+
+def describe_parameters(cls: Class) -> Class:
+    """Put the list of parameters into the docstring of a class, before its examples."""
+    if cls.__doc__ is None:  # python -OO
+        return cls
+    text, heading, examples = inspect.cleandoc(cls.__doc__).partition("Examples\n")
+    lines = ["Parameters", "----------"]
+    for p in PARAMETERS.values():
+        kind = "str" if p.is_word else "int" if p.name in COUNTS else "float"
+        default = "optional" if p.default is None else f"default {p.default!r}"
+        unit = "" if p.unit in ("", "1") else f" {p.unit}"
+        lines += [f"{p.name} : {kind}, {default}{unit}", f"    {p.text} ({p.bounds})."]
+    lines += [f"{WORD} : bool, default False", f"    True stands for {MEANING}."]
+    cls.__doc__ = "\n".join([text.rstrip(), "", *lines, "", heading + examples])
+    return cls

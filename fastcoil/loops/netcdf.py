@@ -1,8 +1,8 @@
-"""The one door to the NetCDF library, which must not be entered twice: shards, results and traces.
+"""The only module that calls the NetCDF library to read or write results.
 
-Neither netCDF-C nor HDF5 may be called by two threads at once.  Whoever enters holds the lock of xarray's netcdf4
-backend, so that a user's own datasets keep out, too; inside, xarray is given no lock, for this one is not reentrant.
-Nothing that is opened here is left for the garbage collector to close, which asks nobody.
+Neither netCDF-C nor HDF5 may be called by two threads at once: ``entered`` holds the lock of xarray's netcdf4 backend,
+so that a user's own datasets wait too; inside, xarray gets no lock, for this one is not reentrant.  Nothing that is
+opened here is left to the garbage collector, which takes no lock.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import netCDF4
+import numpy as np
 import xarray as xr
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from fastcoil.base.files import commit_written
 from fastcoil.base.machine import available_memory, gib
-from fastcoil.loops.clock import with_numbers, with_times
 
 COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
 LARGE = 64
@@ -171,3 +171,40 @@ def _encoding(ds: xr.Dataset) -> dict[Hashable, dict[str, object]]:
         n: (COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
         for n in large | complete
     }
+
+
+CLOCK = ("start", "time")
+"""Coordinates of a result whose boundary has a start."""
+_STORED = {"units": "seconds since 1970-01-01 00:00:00", "calendar": "standard"}
+
+
+def encoded(variable: xr.Variable) -> xr.Variable:
+    """A variable as a file holds it: times as numbers."""
+    if variable.dtype.kind != "M":
+        return variable
+    seconds = variable.values.astype("datetime64[s]").astype(np.int64)
+    return xr.Variable(variable.dims, seconds, variable.attrs | _STORED)
+
+
+def with_numbers(ds: xr.Dataset) -> xr.Dataset:
+    """A Dataset as a file holds it."""
+    return _replaced(ds, {name: encoded(v) for name, v in ds.variables.items() if v.dtype.kind == "M"})
+
+
+def with_times(ds: xr.Dataset) -> xr.Dataset:
+    """A Dataset as it was before it was written."""
+    times = {}
+    for name in CLOCK:
+        variable = ds.variables.get(name)
+        if variable is None or variable.dtype.kind != "i" or variable.attrs.get("units") != _STORED["units"]:
+            continue
+        attrs = {key: value for key, value in variable.attrs.items() if key not in _STORED}
+        values = variable.values.astype("datetime64[s]").astype("datetime64[ns]")
+        times[name] = xr.Variable(variable.dims, values, attrs)
+    return _replaced(ds, times)
+
+
+def _replaced(ds: xr.Dataset, variables: dict[Any, xr.Variable]) -> xr.Dataset:
+    coordinates = {name: variable for name, variable in variables.items() if name in ds.coords}
+    others = {name: variable for name, variable in variables.items() if name not in ds.coords}
+    return ds.assign_coords(coordinates).assign(others) if variables else ds

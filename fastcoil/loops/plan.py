@@ -1,32 +1,72 @@
-"""A validated simulation: its scenarios, its size, and the shards it is cut into."""
+"""A validated simulation: its scenarios, the memory and disk space it takes, and how it is cut into shards."""
 
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import joblib
 import numpy as np
 
 from fastcoil.base.arguments import checking, flag_of, instance_of, whole_of
-from fastcoil.base.errors import WrongType, nearest, shown
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.base.files import exists, storage_errors
+from fastcoil.base.machine import available_memory, gib
+from fastcoil.loops.assignment import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
-from fastcoil.loops.clashes import check_clashes
-from fastcoil.loops.days import Days, commands_of
-from fastcoil.loops.doubts import tell_doubts
+from fastcoil.loops.clashes import check_clashes, tell_doubts
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.parameter_values import SERIES_HINT, SHORTEST_SERIES
-from fastcoil.loops.resources import check_memory
-from fastcoil.loops.scenarios import Layout
+from fastcoil.loops.scenarios import Days, Layout, commands_of
 from fastcoil.loops.stability import check_stability
 from fastcoil.model.engine.emulator import DAY_COLUMNS
 from fastcoil.model.engine.host import TraceRequest
 from fastcoil.model.engine.rows import LANES
 from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
 from fastcoil.model.numerics.noise import RNG
+
+_CURE = "sweep fewer values, ask for fewer traces or a longer trace_interval"
+
+
+def check_memory(needed: int, n_scenarios: int) -> None:
+    """Refuse results of ``needed`` bytes that do not fit into memory."""
+    available = available_memory()
+    if needed > available:
+        raise InputError(
+            f"{n_scenarios:,} scenarios need {gib(needed)} of memory, {gib(available)} are available: {_CURE}"
+        )
+
+
+def check_workers(alone: int, each: int, n_jobs: int) -> None:
+    """Refuse ``n_jobs`` workers of ``each`` bytes that, with a run of ``alone`` bytes, do not fit into memory."""
+    available = available_memory()
+    if alone + n_jobs * each <= available:
+        return
+    fit = (available - alone) // each
+    if fit < 1:
+        raise InputError(
+            f"the study needs {gib(alone + each)} of memory with one worker, {gib(available)} are available: {_CURE}"
+        )
+    raise InputError(
+        f"{n_jobs} workers of {gib(each)} do not fit into the {gib(available)} of memory that are available, "
+        f"of which the results need {gib(alone)}: use -j {fit}"
+    )
+
+
+def check_disk(needed: int, folder: Path) -> None:
+    """Refuse results of ``needed`` bytes that do not fit where they are to be written; ``folder`` need not exist."""
+    nearest_existing = next(p for p in [folder, *folder.absolute().parents] if exists(p))
+    with storage_errors(nearest_existing, "read"):
+        free = shutil.disk_usage(nearest_existing).free
+    if needed > free:
+        raise InputError(
+            f"the study needs up to {gib(needed)} on disk, {gib(free)} are free in {nearest_existing}: "
+            f"choose another folder, or {_CURE}"
+        )
 
 
 class Limits(NamedTuple):

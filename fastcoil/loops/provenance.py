@@ -1,19 +1,77 @@
-"""What made a result: versions and machine, as its attributes say it."""
+"""What made a result, versions and machine, and one hash of its content."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import platform
 import sys
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from fastcoil.base.machine import package_version
+from fastcoil.loops.netcdf import encoded
 from fastcoil.model.numerics.jit import compiled_for
+
+VOLATILE = (
+    "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",
+    "package_versions", "platform", "content_sha256", "model_sha256", "fastcoil_version",
+    "trace_sha256", "trace_file", "trace_layout", "computed_on", "engine",
+    "own_code",
+)  # fmt: skip
+"""Attributes that may differ between two runs with the same content."""
+_HASHED_AT_ONCE = 2**20
+"""Values; bounds the memory that hashing takes."""
+
+
+def content_sha256(ds: xr.Dataset) -> str:
+    """Hash of names, dims, values and all attributes but the volatile ones: equal for equal results.
+
+    It survives a round trip through NetCDF, where strings and attributes change their types.
+    """
+    return combined_sha256(ds, {str(n): variable_sha256(v) for n, v in ds.variables.items()})
+
+
+def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) -> str:
+    """``content_sha256`` from the hashes of variables, by default those of ``ds`` and of its traces in other files."""
+    if variables is None:
+        elsewhere = json.loads(ds.attrs.get("trace_sha256", "{}"))
+        variables = elsewhere | {str(n): variable_sha256(v) for n, v in ds.variables.items()}
+    digest = hashlib.sha256()
+    for name in sorted(variables):
+        digest.update(f"{name} {variables[name]}\n".encode())
+    _hash_attrs(digest, {k: v for k, v in ds.attrs.items() if k not in VOLATILE})
+    return digest.hexdigest()
+
+
+def variable_sha256(variable: xr.Variable) -> str:
+    """Hash of a variable's dims, values and attributes; a variable on disk is read piece by piece."""
+    digest = hashlib.sha256(f"{variable.dims} {variable.shape}\n".encode())
+    rows = variable.shape[0] if variable.ndim else 1
+    step = max(1, _HASHED_AT_ONCE * rows // max(1, variable.size))
+    for start in range(0, rows, step):
+        values = encoded(variable if step >= rows else variable[start : start + step]).values
+        if values.dtype.kind in "OUS":
+            digest.update("".join(f"{v}\0" for v in values.ravel()).encode())
+        else:
+            # one NaN is as good as another, and integers may come back in another width
+            digest.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
+    _hash_attrs(digest, variable.attrs)
+    return digest.hexdigest()
+
+
+def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
+    for key in sorted(attrs):
+        value = attrs[key]
+        text = str(np.asarray(value).tolist()) if not isinstance(value, str) else value
+        digest.update(f"{key}={text}\n".encode())
+
 
 FORMAT = 1
 """Of results on disk; a file of a later one is refused."""

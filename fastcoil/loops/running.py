@@ -1,23 +1,103 @@
-"""One shard through the kernels: parameters in, flat results out."""
+"""Shards through the kernels, on threads: parameters in, flat results out; and how long that takes."""
 
 from __future__ import annotations
 
+import concurrent.futures as cf
 import json
-from typing import NamedTuple
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.loops.dataset import flat_dataset
 from fastcoil.loops.plan import Plan
-from fastcoil.loops.shards import END_STATE, Shard, Stretch
-from fastcoil.loops.threads import run_interruptibly
+from fastcoil.loops.shards import END_STATE, Shard, Stretch, first_shards
 from fastcoil.model.engine.carried import state_of, work_space_from
 from fastcoil.model.engine.emulator import Day
+from fastcoil.model.engine.host import TraceRequest, run_block
 from fastcoil.model.engine.lanes import Block, WorkSpace, blocks, parameter_matrix, work_space
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.numerics.jit import compiled_for
 from fastcoil.model.user_rules.rule import rules_for_kernels
+
+S = TypeVar("S")
+T = TypeVar("T")
+_PIECE = 0.5
+"""Of a wait without end, s."""
+
+
+def within(seconds: float | None, call: Callable[[], T]) -> T:
+    """Make a call, or raise TimeoutError if it takes longer; ``None``: wait for ever.
+
+    A call that is left goes on, in a thread that does not keep the program from ending.
+    """
+    found = _started(call)
+    if seconds is None:
+        _await([found])
+    return found.result(seconds)
+
+
+@contextmanager
+def on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) -> Iterator[None]:
+    """Make a call with each item, on threads, while this one does what is in the context; at its end, wait for all.
+
+    With the first error, or Ctrl-C, no more calls begin; those that run go on, as in ``within``.
+    """
+    todo = deque(items)
+
+    def work() -> None:
+        while True:
+            try:
+                item = todo.popleft()
+            except IndexError:
+                return
+            call(item)
+
+    try:
+        threads = [_started(work) for _ in range(min(n_threads, len(items)))]
+        yield
+        for thread in _await(threads):
+            thread.result()
+    finally:
+        todo.clear()
+
+
+def _started(call: Callable[[], T]) -> cf.Future[T]:
+    """What a thread that does not keep the program from ending is about to find."""
+    found: cf.Future[T] = cf.Future()
+
+    def run() -> None:
+        try:
+            found.set_result(call())
+        except BaseException as error:
+            found.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return found
+
+
+def _await(futures: Sequence[cf.Future[T]]) -> Collection[cf.Future[T]]:
+    """Wait for all of them, or for the first error; returns those that are done."""
+    while True:
+        # in pieces: a Ctrl-C that comes just before a wait begins is heard after it
+        done, running = cf.wait(futures, timeout=_PIECE, return_when=cf.FIRST_EXCEPTION)
+        if not running or any(future.exception() for future in done):
+            return done
+
+
+def run_interruptibly(
+    block: Block, day: Day, wanted: TraceRequest, work: WorkSpace | None = None
+) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+    """As ``run_block``: Ctrl-C ends the wait for a rule of the user that loops for ever."""
+    of_user = block.law is not None or (block.estimator is not None and block.estimator.identity)
+    if of_user and threading.current_thread() is threading.main_thread():
+        return within(None, lambda: run_block(block, day, wanted, work))
+    return run_block(block, day, wanted, work)
 
 
 def run_shard(plan: Plan, shard: Shard | Stretch) -> xr.Dataset:
@@ -103,3 +183,55 @@ def _run_days_in_sequence(found: Results, plan: Plan, stretch: Stretch, places: 
     for each, state in zip(running, states, strict=True):
         end[each.members, : state.shape[1]] = state[: each.members.size]
     return end
+
+
+_SHARDS_TIMED, _STEPS_TIMED = 3, 28_800
+_PER_SHARD = 0.06
+"""Seconds to write a shard and to read it in the merge, on a server with two cores."""
+_PER_TRACE_BYTE, _PER_METRIC_BYTE, _PER_BOUNDARY_BYTE = 32e-9, 12e-9, 1e-9
+"""Seconds to write, merge and compress, or to hash, there."""
+
+
+def estimate_seconds(plan: Plan, n_jobs: int) -> float:
+    """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks."""
+    first = first_shards(plan, n_jobs)
+    # of a sequence of days the first of each group
+    pieces = [shard.chain.index(range(1)) if isinstance(shard, Stretch) else shard.index for shard in first]
+    timed = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, _SHARDS_TIMED).astype(int))]
+    work = sum(_seconds_of(plan, shard) for shard in timed) * plan.n_scenarios / sum(map(len, timed))
+    bytes_written = plan.trace_bytes * _PER_TRACE_BYTE + plan.metric_bytes * _PER_METRIC_BYTE
+    afterwards = count_shards(first) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE
+    return work / min(n_jobs, len(first)) + afterwards
+
+
+def count_shards(first: Sequence[Shard | Stretch]) -> int:
+    """How many shards there are in all, with those that come after the ``first``."""
+    return sum(shard.n_in_chain if isinstance(shard, Stretch) else 1 for shard in first)
+
+
+def _seconds_of(plan: Plan, shard: np.ndarray) -> float:
+    """Seconds that a thread takes for a shard: all its blocks are made, one of them is run."""
+    blocks(parameter_matrix(plan.layout.columns(shard)))  # compiles, once, what its blocks call
+    start = time.perf_counter()
+    columns = plan.layout.columns(shard)
+    rules = rules_for_kernels(plan.layout.loop.rules)
+    matrix = parameter_matrix(columns, rules)
+    of_days = [matrix[:, columns["day"] == k] for k in np.unique(columns["day"])]
+    made = [block for of_day in of_days for _, block in blocks(of_day, rules)]
+    seconds = time.perf_counter() - start
+    start = time.perf_counter()
+    day = plan.days[int(columns["day"][0])]
+    seconds += (time.perf_counter() - start) * np.unique(columns["day"]).size
+    return seconds + len(made) * _seconds_of_block(plan, made[len(made) // 2], day)
+
+
+def _seconds_of_block(plan: Plan, block: Block, day: Day) -> float:
+    n_steps = min(plan.n_steps, _STEPS_TIMED)
+    flags = day.schedule._replace(flags=day.schedule.flags[:n_steps])
+    part = day._replace(series=day.series[:n_steps], command=day.command[:n_steps], schedule=flags)
+    seconds = []
+    for _ in range(2):
+        start = time.perf_counter()
+        run_interruptibly(block, part, plan.traces)
+        seconds.append(time.perf_counter() - start)
+    return min(seconds) * plan.n_steps / n_steps

@@ -17,15 +17,12 @@ import xarray as xr
 from fastcoil.base.arguments import checking, flag_of, whole_of
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.content import content_sha256
-from fastcoil.loops.cut import first_shards
 from fastcoil.loops.dataset import shaped, trace_coordinates, variables_of
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, plan_simulation, simulation_attributes
-from fastcoil.loops.provenance import provenance
-from fastcoil.loops.running import Results, run_into
-from fastcoil.loops.shards import Shard, Stretch
-from fastcoil.loops.threads import on_threads
+from fastcoil.loops.provenance import content_sha256, provenance
+from fastcoil.loops.running import Results, on_threads, run_into
+from fastcoil.loops.shards import Shard, Stretch, first_shards
 from fastcoil.model.metric_table import WARM_UP
 
 

@@ -1,25 +1,30 @@
-"""Files that are read long after they were opened: hashed before any byte is parsed, and the same bytes each time."""
+"""NetCDF files of a study: hashed before any byte is parsed, the same bytes each time, traces read on demand."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import stat
+import subprocess
+import sys
 import weakref
 from collections import OrderedDict, deque
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import netCDF4
 import numpy as np
 import xarray as xr
+from xarray.backends import AbstractDataStore, BackendArray
+from xarray.core import indexing
 
 from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.base.files import storage_errors
 from fastcoil.base.machine import available_memory
-from fastcoil.loops.netcdf import close, entered, left_open, load, outline, parse
+from fastcoil.loops.netcdf import AS_STORED, COMPRESSION, LARGE, close, entered, left_open, load, outline, parse
 
 _CHUNK = 2**20
 """Bytes read at once."""
@@ -266,3 +271,110 @@ def file_sha256(path: Path) -> str:
     descriptor = Descriptor(path, "run the study again")
     with storage_errors(path, "read"):
         return descriptor.sha256()
+
+
+Layout = Mapping[str, Mapping[str, Any]]
+"""Of each variable in a file: its ``dims``, ``shape``, ``dtype`` and ``attrs``."""
+
+
+def layout_of(variables: Iterable[tuple[str, xr.Variable]]) -> dict[str, Any]:
+    """Describe variables, so that they can be offered before their file is opened; all of it is valid JSON."""
+    return {
+        name: {
+            "dims": list(variable.dims),
+            "shape": list(variable.shape),
+            "dtype": variable.dtype.name,
+            "attrs": {k: v if isinstance(v, str) else np.asarray(v).tolist() for k, v in variable.attrs.items()},
+        }
+        for name, variable in variables
+    }
+
+
+def open_lazily(file: StoredFile, layout: Layout) -> xr.Dataset:
+    """The variables of a file, which stay on the disk until they are asked for; the file is not looked at."""
+    return xr.open_dataset(cast("Any", _Store(file, layout)), **AS_STORED)
+
+
+class _Store(AbstractDataStore):
+    """What xarray needs to open a file."""
+
+    def __init__(self, file: StoredFile, layout: Layout) -> None:
+        self._file, self._layout = file, layout
+
+    def get_variables(self) -> dict[str, xr.Variable]:
+        return {name: self._variable(name, described) for name, described in self._layout.items()}
+
+    def get_attrs(self) -> dict[str, Any]:
+        return {}
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _variable(self, name: str, described: Mapping[str, Any]) -> xr.Variable:
+        array = _Array(self._file, name, tuple(described["shape"]), np.dtype(described["dtype"]))
+        attrs = {k: v if isinstance(v, str) else np.asarray(v) for k, v in described["attrs"].items()}
+        encoding = COMPRESSION if np.prod(array.shape) > LARGE else {}
+        return xr.Variable(described["dims"], indexing.LazilyIndexedArray(array), attrs, dict(encoding))
+
+
+class _Array(BackendArray):
+    """A variable in a file, as xarray reads it; it can be pickled."""
+
+    def __init__(self, file: StoredFile, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        self.file, self.name, self.shape, self.dtype = file, name, shape, dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+
+    def _read(self, key: Any) -> np.ndarray:
+        found = self.file.read(self.name, self.shape, key)
+        return found.astype(self.dtype, copy=False)
+
+
+_READER = Path(__file__).with_name("netcdf_probe.py")
+_SECONDS, _BYTES_PER_SECOND = 30, 5e6
+"""What reading may take: much more than it does."""
+_MEMORY = 2**31
+_passed: set[tuple[int, ...]] = set()
+"""Files that were read to their end, by all that changes when they do."""
+
+
+def try_reading(path: Path, cure: str) -> StoredFile:
+    """Have a child process read a file to its end, once for each process, and give it with the hash of its bytes.
+
+    cure: what to do if it is damaged.
+
+    Raises
+    ------
+    IntegrityError
+        If that fails, or does not end.
+    StorageError
+        If it cannot be tried.
+    """
+    file = StoredFile(path, (), cure)
+    descriptor = file.hold()
+    identity = descriptor.identity
+    if identity in _passed:
+        file.accepted = (descriptor.sha256(),)
+        return file
+    seconds = int(_SECONDS + identity[2] / _BYTES_PER_SECOND)
+    words = [descriptor.number, seconds, _MEMORY, json.dumps([p for p in sys.path if p])]
+    try:
+        with storage_errors(path, "read by another process"):
+            child = subprocess.run(
+                [sys.executable, "-I", str(_READER), *map(str, words)],
+                pass_fds=[descriptor.number],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                check=False,
+                timeout=seconds,
+            )
+    except subprocess.TimeoutExpired:
+        raise IntegrityError(f"{path} is damaged: reading it did not end in {seconds} s; {cure}") from None
+    if child.returncode:
+        said = child.stderr.decode(errors="replace").strip().splitlines()
+        why = [f"the library ended with signal {-child.returncode}"] if child.returncode < 0 else said
+        raise IntegrityError(f"{path} cannot be read as NetCDF ({why[-1]}); {cure}")
+    file.accepted = (child.stdout.decode().strip(),)
+    _passed.add(identity)
+    return file

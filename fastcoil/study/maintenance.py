@@ -12,12 +12,12 @@ import xarray as xr
 
 from fastcoil.base.errors import InputError, IntegrityError, nearest
 from fastcoil.base.files import file_name, is_file, make_folder, storage_errors
-from fastcoil.loops.clock import clock_coordinates
 from fastcoil.loops.dataset import coordinate_attrs
 from fastcoil.loops.netcdf import save
 from fastcoil.loops.plan import Plan, simulation_attributes
 from fastcoil.loops.provenance import provenance
 from fastcoil.loops.running import run_shard
+from fastcoil.loops.scenarios import clock_coordinates
 from fastcoil.loops.shards import Chain, Shard
 from fastcoil.model.engine.host import TraceRequest, compile_kernel
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES

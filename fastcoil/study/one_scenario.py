@@ -9,8 +9,7 @@ from typing import NamedTuple
 from fastcoil.base.errors import InputError, collecting, nearest
 from fastcoil.base.files import is_file, is_folder
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.days import paper_day
-from fastcoil.loops.boundary.heating_day import heating_day
+from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.presets import PRESETS

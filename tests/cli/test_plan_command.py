@@ -7,7 +7,7 @@ import re
 import pytest
 from helpers.commands import fastcoil
 
-from fastcoil.loops import resources
+from fastcoil.loops import plan as resources
 from fastcoil.study import runner
 
 pytestmark = pytest.mark.kernel

@@ -6,9 +6,9 @@ import xarray as xr
 from helpers.refusals import only_problem
 
 import fastcoil as fc
-from fastcoil.loops.clock import with_numbers, with_times
-from fastcoil.loops.content import content_sha256
+from fastcoil.loops.netcdf import with_numbers, with_times
 from fastcoil.loops.plan import plan_simulation
+from fastcoil.loops.provenance import content_sha256
 
 pytestmark = pytest.mark.kernel
 

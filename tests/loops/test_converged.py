@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.loops.converged import CONVERGED
+from fastcoil.loops.assignment import CONVERGED
 from fastcoil.study.file.spec import read_study
 
 MEANING = {"air_march": "quasistatic", "substeps": 8}

@@ -7,7 +7,7 @@ import pytest
 from helpers.rules import own_pi
 
 import fastcoil as fc
-from fastcoil.loops.doubts import tell_doubts
+from fastcoil.loops.clashes import tell_doubts
 from fastcoil.loops.presets import COOLING
 
 HOUR = 0.6

@@ -12,8 +12,8 @@ import pytest
 from helpers.processes import environment
 from helpers.rules import HEAD
 
-from fastcoil.loops import threads as in_thread
-from fastcoil.loops.threads import on_threads, run_interruptibly, within
+from fastcoil.loops import running as in_thread
+from fastcoil.loops.running import on_threads, run_interruptibly, within
 
 
 def test_only_blocks_with_rules_of_the_user_and_of_the_main_thread_get_a_thread(monkeypatch):

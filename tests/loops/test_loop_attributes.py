@@ -11,7 +11,7 @@ import pytest
 from helpers.rules import by_error
 
 import fastcoil as fc
-from fastcoil.loops.converged import WORD
+from fastcoil.loops.assignment import WORD
 from fastcoil.loops.keywords import Keywords, Numbers, PresetName, Words
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules.rule import Rule

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fastcoil as fc
-from fastcoil.loops import resources
+from fastcoil.loops import plan as resources
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.engine.rows import LANES
 

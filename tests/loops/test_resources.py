@@ -5,7 +5,7 @@ from collections import namedtuple
 import pytest
 
 import fastcoil as fc
-from fastcoil.loops import resources
+from fastcoil.loops import plan as resources
 
 
 def test_results_that_do_not_fit_into_memory_are_refused(monkeypatch):

@@ -5,7 +5,7 @@ import inspect
 import pytest
 
 import fastcoil as fc
-from fastcoil.loops.signature import UNCHANGED
+from fastcoil.loops.keywords import UNCHANGED
 from fastcoil.model.parameter_table import PARAMETERS
 
 

@@ -13,8 +13,8 @@ from helpers.rules import HEAD
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.loops.content import content_sha256
 from fastcoil.loops.netcdf import save
+from fastcoil.loops.provenance import content_sha256
 from fastcoil.study import maintenance
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.manifest import Manifest, _checksum

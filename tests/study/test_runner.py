@@ -14,7 +14,7 @@ from filelock import FileLock
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError
-from fastcoil.loops.content import content_sha256
+from fastcoil.loops.provenance import content_sha256
 from fastcoil.study import runner
 from fastcoil.study.file import spec
 from fastcoil.study.file.spec import read_study

@@ -11,8 +11,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.machine import package_version
 from fastcoil.deliver.export.record import Inputs, made_records
 from fastcoil.deliver.export.settings import Settings
-from fastcoil.loops.boundary.days import paper_day
-from fastcoil.loops.boundary.heating_day import heating_day
+from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
 from fastcoil.measured.fit.replay import replay

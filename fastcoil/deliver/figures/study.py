@@ -17,7 +17,7 @@ from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.errors import shown as quoted
 from fastcoil.base.figures import BLUE, GREY, apply_style, wrapped
 from fastcoil.deliver.figures.page import Page, control_dims, page_of, rows_of
-from fastcoil.loops.check_result import check_result
+from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, metric_meant
 from fastcoil.study.analysis.panels import (

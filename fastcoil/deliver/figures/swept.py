@@ -12,7 +12,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, STYLE, wrapped
 from fastcoil.deliver.figures.place import in_style, one_place, width_of
-from fastcoil.loops.check_result import check_result
+from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import Quantity, label_in_words, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, metric_meant
 from fastcoil.study.analysis.binned import binned, drawn_parameters

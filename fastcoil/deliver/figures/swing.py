@@ -13,7 +13,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.figures import BLUE, COLOURS, DOTTED, GREY, LINE_STYLES, RED, YELLOW, wrapped
 from fastcoil.deliver.figures.place import in_style, legend_above, one_place, width_of
 from fastcoil.deliver.figures.scenarios import Scenario, parameter_of, scenarios_of, traced
-from fastcoil.loops.check_result import check_result
+from fastcoil.loops.dataset import check_result
 from fastcoil.study.analysis.panels import say_if_empty
 
 if TYPE_CHECKING:

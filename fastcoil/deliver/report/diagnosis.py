@@ -13,8 +13,8 @@ from fastcoil.deliver.report.numbers import number, share
 from fastcoil.deliver.report.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.deliver.report.pictures import picture
 from fastcoil.deliver.report.study import cited
-from fastcoil.loops.content import content_sha256
 from fastcoil.loops.labels import quantity, unit_in_words
+from fastcoil.loops.provenance import content_sha256
 from fastcoil.measured.diagnosis.remedies import WORDS
 from fastcoil.measured.diagnosis.words import in_words
 

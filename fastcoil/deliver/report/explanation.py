@@ -12,7 +12,7 @@ from fastcoil.deliver.report.numbers import change, number, setting
 from fastcoil.deliver.report.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.deliver.report.pictures import picture
 from fastcoil.deliver.report.study import cited
-from fastcoil.loops.content import content_sha256
+from fastcoil.loops.provenance import content_sha256
 
 if TYPE_CHECKING:
     from fastcoil.design.explanation.result import Explanation

@@ -10,8 +10,8 @@ from fastcoil.deliver.report.numbers import number
 from fastcoil.deliver.report.page import Block, Code, Facts, Page, Section, Table, Words
 from fastcoil.deliver.report.pictures import picture
 from fastcoil.deliver.report.study import cited
-from fastcoil.loops.content import content_sha256
 from fastcoil.loops.labels import quantity
+from fastcoil.loops.provenance import content_sha256
 from fastcoil.measured.fit.loop_result import LoopFit
 from fastcoil.measured.fit.split import FITTING, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS

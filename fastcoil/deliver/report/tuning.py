@@ -12,8 +12,8 @@ from fastcoil.deliver.report.page import Block, Code, Facts, Page, Section, Tabl
 from fastcoil.deliver.report.pictures import picture
 from fastcoil.deliver.report.study import cited
 from fastcoil.design.tuning.words import table_rows
-from fastcoil.loops.content import content_sha256
 from fastcoil.loops.labels import quantity
+from fastcoil.loops.provenance import content_sha256
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:

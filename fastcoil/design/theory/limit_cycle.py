@@ -16,8 +16,8 @@ from fastcoil.design.theory.operating_points import OperatingPoints
 from fastcoil.design.theory.plants import plants_of
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
+from fastcoil.loops.plan import check_memory
 from fastcoil.loops.provenance import provenance
-from fastcoil.loops.resources import check_memory
 
 _NAMES: Mapping[str, Mapping[str, str]] = {
     "margin": {

@@ -19,8 +19,8 @@ from fastcoil.design.theory.state_space import state_names, state_space_of
 from fastcoil.design.theory.tunings import calm, first_order, simc, ziegler_nichols
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
+from fastcoil.loops.plan import check_memory
 from fastcoil.loops.provenance import provenance
-from fastcoil.loops.resources import check_memory
 
 Attributes = Mapping[str, Any]
 _LOWEST, _FREQUENCIES = 1e-6, 400

@@ -1,9 +1,9 @@
-"""Ready-made days: the paper's kind of day, a constant day, and an ASHRAE design day."""
+"""Ready-made days: the paper's kind of day, a constant day, an ASHRAE design day, a heating day."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from typing import NamedTuple
 
@@ -14,10 +14,51 @@ from fastcoil.base.arrays import MOST_VALUES, Array
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
-from fastcoil.loops.boundary.drift import Drift, drifts_of
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES, LARGEST_DAY_LABEL, Values
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
+from fastcoil.model.numerics.low_pass import low_pass
+
+
+class Drift(NamedTuple):
+    """Slow smooth noise of a signal: standard deviation (unit of the signal) and time constant (s)."""
+
+    std: float
+    tau: int
+
+
+def drifts_of(drifts: Mapping[str, Drift], seeds: Sequence[int], n_steps: int) -> dict[str, Array]:
+    """Noise of each signal, (n_days, n_steps), a day for each seed; the order of the signals numbers their streams."""
+    return {
+        name: np.array([smooth_noise(n_steps, drift, (seed, i)) for seed in seeds])
+        for i, (name, drift) in enumerate(drifts.items())
+    }
+
+
+def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
+    """Gaussian noise through two equal first-order filters, 1-s samples, (n_steps,).
+
+    ``stream`` (seed, number of the signal) names the random stream.  The filters start 10 time constants
+    early, from zero; the scale is the theoretical standard deviation: that of the samples differs a little.
+    """
+    seed, number = stream
+    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
+    return smooth(random.standard_normal(10 * drift.tau + n_steps), drift)
+
+
+def smooth(white: Array, drift: Drift) -> Array:
+    """White noise of standard deviation 1, (n,), as that of ``drift``, without its first 10 time constants.
+
+    ``white`` is overwritten.
+    """
+    a = np.exp(-1.0 / drift.tau)
+    k = 1.0 - a
+    for _ in range(2):
+        low_pass(white, a, white)
+    # The two filters' response to an impulse is k^2 (n + 1) a^n; the sum of its squares:
+    stationary_std = k**2 * np.sqrt((1.0 + a**2) / (1.0 - a**2) ** 3)
+    return np.asarray(white[10 * drift.tau :] * (drift.std / stationary_std))
+
 
 # -------------------------------------------------------------------------------------------- the paper's day
 
@@ -257,3 +298,48 @@ def design_day(
     W_return = humidity_ratio(d.T_return, d.RH_return, pressure)
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, d.T_return, W_return)
     return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=d.T_w_in, T_set=d.T_set)
+
+
+WARMER = 11.0
+"""Set-points above those of `paper_day`, K."""
+W_IN = 0.0035
+"""Humidity ratio of the mixed air of a winter day, kg/kg; a heating coil stays dry whatever it is."""
+HEATING_DRIFTS = {"m_a": Drift(0.015, 60), "T_a_in": Drift(0.20, 120), "T_w_in": Drift(0.3, 300)}
+"""Noise of `heating_day`.  The order numbers the random streams: add at the end only."""
+
+
+def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: float = 60.0) -> Boundary:
+    """A heating day: set-point steps every half hour, slow swings, smooth noise.
+
+    Air 0.9 + 0.2 D kg/s, 12 + 2 D degC, with D(h) = sin(pi (h - 1)/9) up to h = 8 hours from the start, mirrored
+    there and at every further multiple of 8 h: with 30 % of outdoor air and return air of 21 degC that is -11 to
+    -2 degC outdoors.  Water T_w_in + sin(2 pi h/1.5) degC.  Each carries noise as in `HEATING_DRIFTS`.  Set-points from
+    23 to 27 degC.  Nobody measured this day: it is a generic one, as `paper_day` is for cooling.
+
+    Parameters
+    ----------
+    hours
+        Length, a whole number of seconds.  A shorter day is the beginning of a longer one, to the bit.
+    seed
+        Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
+    T_w_in
+        Mean temperature of the entering water [degC].
+    """
+    seed = plain(seed)
+    with checking() as check:
+        n_steps = check(whole_seconds, hours)
+        seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+        T_w_in = check(condition_of, "T_w_in", T_w_in)
+    require_memory(len(seeds), n_steps)
+    h = np.arange(n_steps) / 3600
+    D, noise = swing(h), drifts_of(HEATING_DRIFTS, seeds, n_steps)
+    several = not isinstance(seed, int)
+    rows = slice(None) if several else 0
+    return Boundary(
+        m_a=(0.9 + 0.2 * D + noise["m_a"])[rows],
+        T_a_in=(12.0 + 2.0 * D + noise["T_a_in"])[rows],
+        W_a_in=W_IN,
+        T_w_in=(T_w_in + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"])[rows],
+        T_set=stepped_set_point(n_steps) + WARMER,
+        day=seeds if several else seeds[0],
+    )

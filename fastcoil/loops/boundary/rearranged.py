@@ -1,19 +1,177 @@
-"""Boundaries from others: days chosen, days or hours put together."""
+"""Boundaries from others: days chosen, series replaced, days or hours put together."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError
+from fastcoil.base.arguments import checking, is_number, plain, whole_of
+from fastcoil.base.arrays import Array, Index, array_of
+from fastcoil.base.errors import InputError, WrongType, collecting, shown
 from fastcoil.base.machine import available_memory, gib
-from fastcoil.loops.boundary.clock import Clock
-from fastcoil.loops.boundary.day_makers import Days, EndToEnd, OneAfterAnother, Picked, Replaced
-from fastcoil.loops.boundary.series import BOUNDARY_SERIES
-from fastcoil.loops.boundary.source import Held, Source, Stream
+from fastcoil.loops.boundary.clock import Clock, clock_of
+from fastcoil.loops.boundary.conditions import CONDITIONS, whole_seconds
+from fastcoil.loops.boundary.series import (
+    BOUNDARY_SERIES,
+    Given,
+    Values,
+    common_size,
+    label_array,
+    read,
+    value_problems,
+)
+from fastcoil.loops.boundary.source import (
+    Days,
+    EndToEnd,
+    Held,
+    Labelled,
+    OneAfterAnother,
+    Picked,
+    Replaced,
+    Source,
+    Stream,
+)
+
+
+def positions(day: Any, n_days: int) -> Index | int:
+    """Positions of days: of one, or of several by a slice, a list or flags.
+
+    Raises
+    ------
+    InputError
+        If there is no such day.
+    """
+    cure = f"give positions from 0 to {n_days - 1}, or a slice of them"
+    if isinstance(day, slice):
+        try:
+            found = np.arange(n_days)[day]
+        except (TypeError, ValueError):
+            raise InputError(WrongType(f"day = {shown(day)}: {cure}")) from None
+        return _some(found, day, cure)
+    if is_number(day):
+        k = float(plain(day))
+        if not (-n_days <= k < n_days and k == int(k)):
+            raise InputError(f"day = {shown(day)}: {cure}")
+        return int(k) % n_days
+    values = array_of("day", day, cure, "iub")
+    if values.ndim != 1 or (values.dtype.kind == "b" and values.size != n_days):
+        raise InputError(f"day = {shown(day)}: {cure}")
+    if values.dtype.kind == "b":
+        return _some(np.flatnonzero(values), day, cure)
+    wrong = values[(values < -n_days) | (values >= n_days)]
+    if wrong.size:
+        raise InputError(f"day has {wrong[0]}: {cure}")
+    return _some(values.astype(np.int64) % n_days, day, cure)
+
+
+def positions_of(day: Any, labels: NDArray[np.int64]) -> Index | int:
+    """Positions of days by their labels: of one, of several in a list, or of all from one to another in a slice.
+
+    Raises
+    ------
+    InputError
+        If there is no day of a label.
+    """
+    if isinstance(day, slice):
+        if day.step is not None:
+            raise InputError(f"day = {shown(day)}: leave out the step, or choose positions with isel")
+        first = 0 if day.start is None else _place(day.start, labels)
+        last = labels.size - 1 if day.stop is None else _place(day.stop, labels)
+        return _some(np.arange(first, last + 1), day, "give the earlier label first")
+    if is_number(day):
+        return _place(day, labels)
+    values = array_of("day", day, "give labels of days, or a slice of them", "iuf")
+    if values.ndim != 1:
+        raise InputError(f"day = {shown(day)}: give a label, a list of labels, or a slice of them")
+    return _some(np.array([_place(label, labels) for label in values], dtype=np.int64), day, "give a label")
+
+
+def _place(label: Any, labels: NDArray[np.int64]) -> int:
+    found = np.flatnonzero(labels == plain(label)) if is_number(label) else np.zeros(0)
+    if not found.size:
+        known = f"{labels[0]} to {labels[-1]}, {labels.size} in all" if labels.size > 8 else shown(labels.tolist())
+        raise InputError(f"day = {shown(plain(label))}: the boundary has no such day; it has {known}")
+    return int(found[0])
+
+
+def _some(found: Index, day: Any, cure: str) -> Index:
+    if not found.size:
+        raise InputError(f"day = {shown(day)} chooses no day: {cure}")
+    if np.unique(found).size < found.size:
+        raise InputError(f"day = {shown(day)} chooses a day twice: its label could stand for one only")
+    return found
+
+
+_LONGEST = round(3600 * (CONDITIONS["hours"].upper or 0.0))
+"""Seconds of a day."""
+
+
+def stream_of(
+    make: Callable[[int], Mapping[str, Any]], day: Values, n_steps: Any, hours: Any, start: Any, time_zone: Any
+) -> tuple[Stream, Clock]:
+    """The days that ``make`` gives by their labels, arguments as of `Boundary.from_days`; the first is tried."""
+    with checking() as check:
+        if not callable(make):
+            check.problems.append(
+                WrongType(f"make = {shown(make)}: give a function that returns the series of the day of a label")
+            )
+        if (n_steps is None) == (hours is None):
+            check.problems.append("n_steps and hours: give one of them, the length of each day")
+        if n_steps is not None:
+            n_steps = check(whole_of, "n_steps", n_steps, 1, _LONGEST)
+        if hours is not None:
+            n_steps = check(whole_seconds, hours)
+        labels = label_array(day, check.problems)
+        if not check.problems and labels is not None:
+            clock = check(clock_of, start, time_zone, labels.size, n_steps)
+    assert labels is not None  # a problem otherwise
+    days = np.atleast_1d(labels).astype(np.int64)
+    stream = Stream(Labelled(make, days), days, bool(labels.ndim), n_steps)
+    stream.of_day(0)
+    return stream, clock
+
+
+def replaced(stream: Stream, clock: Clock, changes: Mapping[str, Any]) -> tuple[Stream, Clock]:
+    """A stream with other series, labels or clock.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake.
+    """
+    problems: list[str] = []
+    given: dict[str, Given] = {}
+    for name, value in changes.items():
+        if name in BOUNDARY_SERIES:
+            with collecting(problems):
+                given[name] = read(BOUNDARY_SERIES[name], value)
+    for dim, word, size in (("elapsed_time", "samples", stream.n_steps), ("day", "days", stream.day.size)):
+        found = common_size(dim, word, given, problems)
+        if found not in (None, size):
+            first = next(name for name, one in given.items() if dim in one.dims)
+            problems.append(f"{first} has {found:,} {word} where the boundary has {size:,}: give as many")
+    labels = label_array(changes["day"], problems) if changes.get("day") is not None else stream.day
+    if labels is not None and np.size(labels) != stream.day.size:
+        problems.append(f"day has {np.size(labels)} labels for {stream.day.size} days: give one label for each day")
+    for name, one in given.items():
+        problems += value_problems(BOUNDARY_SERIES[name], one, stream.day)
+    with collecting(problems):
+        clock = clock_of(
+            changes.get("start", clock.start),
+            changes.get("time_zone", clock.time_zone),
+            stream.day.size,
+            stream.n_steps,
+        )
+    if problems or labels is None:
+        raise InputError(list(dict.fromkeys(problems)))
+    rows = {name: None if changes[name] is None else one for name, one in given.items()}
+    make = Replaced(stream.make, rows) if rows else stream.make
+    day = np.atleast_1d(labels).astype(np.int64)
+    return Stream(make, day, stream.has_day_dim or bool(np.ndim(labels)), stream.n_steps), clock
+
 
 DIMS = ("day", "elapsed_time")
 

@@ -4,23 +4,202 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
-from fastcoil.base.arguments import checking, choice_of, instance_of
-from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.loops.boundary.as_dataset import arguments_of, dataset_of
-from fastcoil.loops.boundary.choice import positions, positions_of
-from fastcoil.loops.boundary.figure import draw
-from fastcoil.loops.boundary.reading import checked
-from fastcoil.loops.boundary.rearranged import DIMS, joined, joining_problems, picked, rows_of
-from fastcoil.loops.boundary.samples import Samples
-from fastcoil.loops.boundary.series import Values, require_aligned
-from fastcoil.loops.boundary.source import Stream
-from fastcoil.loops.boundary.streams import replaced, stream_of
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcoil.base.arguments import checking, choice_of, instance_of, whole_of
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError, WrongType, collecting, shown
+from fastcoil.loops.boundary.clock import Clock, Times, clock_of
+from fastcoil.loops.boundary.conversion import arguments_of, dataset_of
+from fastcoil.loops.boundary.display import draw, extent, html_of, text_of
+from fastcoil.loops.boundary.rearranged import (
+    DIMS,
+    Parts,
+    joined,
+    joining_problems,
+    picked,
+    positions,
+    positions_of,
+    replaced,
+    rows_of,
+    stream_of,
+)
+from fastcoil.loops.boundary.series import (
+    BOUNDARY_SERIES,
+    Given,
+    Values,
+    carried_labels,
+    common_size,
+    enabled_by,
+    label_array,
+    read,
+    require_aligned,
+    value_problems,
+    warn_of_stops,
+)
+from fastcoil.loops.boundary.source import Held, Source, Stream
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
+
+
+def checked(series: Mapping[str, Values], day: Values, start: Values, time_zone: Values) -> Parts:
+    """Samples and clock of a boundary; arguments as of `fastcoil.Boundary`, all series by name, None if left out.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake.
+    """
+    problems: list[str] = []
+    given: dict[str, Given] = {}
+    for name, one in BOUNDARY_SERIES.items():
+        with collecting(problems):
+            given[name] = read(one, series[name])
+    n_steps = common_size("elapsed_time", "samples", given, problems)
+    n_days = common_size("day", "days", given, problems)
+    if n_steps is None and not problems:
+        problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
+    labels = carried_labels(given, problems) if day is None else label_array(day, problems)
+    if labels is None:
+        labels = np.arange(n_days) if n_days else np.asarray(0)
+    elif n_days is not None and labels.size != n_days:
+        problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
+    for name, values in given.items():
+        problems += value_problems(BOUNDARY_SERIES[name], values, labels)
+    shape, clock = (labels.size, n_steps or 0), Clock()
+    with collecting(problems):
+        clock = clock_of(start, time_zone, *shape)
+    if problems:
+        # Series that share a coordinate share its mistakes.
+        raise InputError(list(dict.fromkeys(problems)))
+    whole = {name: values.spread(*shape) for name, values in given.items()}
+    by_air = series["enabled"] is None
+    if by_air:
+        whole["enabled"], stopped = enabled_by(whole["m_a"])
+        warn_of_stops(stopped, stacklevel=4)
+    return Parts(Held(whole, np.atleast_1d(labels).astype(np.int64), bool(n_days or labels.ndim)), clock, by_air)
+
+
+class Samples:
+    """The series, the labels and the clock of days; immutable."""
+
+    _source: Source
+    _clock: Clock
+    _by_air: bool
+
+    @classmethod
+    def of(cls, source: Source, clock: Clock, by_air: bool = False) -> Self:
+        """A boundary of checked samples; ``by_air``: whether the air flow alone decides on ``enabled``."""
+        self = cls.__new__(cls)
+        self._source, self._clock, self._by_air = source, clock, by_air
+        return self
+
+    @property
+    def source(self) -> Source:
+        """Where the samples come from."""
+        return self._source
+
+    @property
+    def series(self) -> dict[str, Array]:
+        """All series by name, each float64 (n_days, n_steps), read-only; all days of a stream are made for it."""
+        return self._source.series
+
+    def of_day(self, k: int) -> dict[str, Array]:
+        """The series of one day by position, each float64 (n_steps,), read-only."""
+        return self._source.of_day(whole_of("k", k, 0, self.n_days - 1))
+
+    @property
+    def extremes(self) -> dict[str, tuple[float, float]]:
+        """Least and largest value of each series; a stream makes all its days for it, once."""
+        return self._source.extremes
+
+    @property
+    def is_streamed(self) -> bool:
+        """Whether days are made when they are needed, and not held in memory."""
+        return self._source.is_streamed
+
+    @property
+    def day(self) -> NDArray[np.int64]:
+        """Labels of the days, (n_days,), read-only."""
+        return self._source.day
+
+    @property
+    def has_day_dim(self) -> bool:
+        """Whether results have a dim ``day``."""
+        return self._source.has_day_dim
+
+    @property
+    def start(self) -> Times | None:
+        """Date and time of the first sample of each day, (n_days,) datetime64[s]; None if unknown."""
+        return None if self._clock.start is None else self._clock.start.copy()
+
+    @property
+    def time_zone(self) -> str:
+        """The time zone of ``start``; blank if unknown."""
+        return self._clock.time_zone
+
+    @property
+    def clock(self) -> Clock:
+        """``start`` and ``time_zone``."""
+        return self._clock
+
+    @property
+    def n_days(self) -> int:
+        return self.day.size
+
+    @property
+    def n_steps(self) -> int:
+        """Number of 1-s steps."""
+        return self._source.n_steps
+
+    @property
+    def hours(self) -> float:
+        return self.n_steps / 3600
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the day labels and of every name and sample; the clock does not count."""
+        return self._source.sha256
+
+    @property
+    def day_sha256(self) -> list[str]:
+        """Digest of each day's label and samples."""
+        return self._source.day_sha256
+
+    def describe(self) -> str:
+        """One line: the length, the days, and the range of every series that is not at its default."""
+        found = []
+        for name, (low, high) in self.extremes.items():
+            unit = BOUNDARY_SERIES[name].unit
+            if not low == high == BOUNDARY_SERIES[name].default:
+                span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+                found.append(f"{name} {span}{'' if unit == '1' else ' ' + unit}")
+        return f"{extent(self._source, self._clock)}: {', '.join(found)}"
+
+    def __repr__(self) -> str:
+        return text_of(self._source, self._clock)
+
+    def _repr_html_(self) -> str:
+        return html_of(self._source, self._clock)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Samples):
+            return NotImplemented
+        return self is other or (np.array_equal(self.day, other.day) and self.sha256 == other.sha256)
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
+    @property
+    def parts(self) -> Parts:
+        """Samples, clock, and whether the air flow alone decides on ``enabled``."""
+        return Parts(self._source, self._clock, self._by_air)
+
 
 KEPT: Values = object()
 """A series that is not to be changed."""
@@ -247,7 +426,7 @@ class Boundary(Samples):
         InputError
             With one sentence for each mistake in the file or the arguments: column, row, cure.
         """
-        from fastcoil.loops.boundary.trend_log import trend_log_series
+        from fastcoil.loops.boundary.conversion import trend_log_series
 
         return cls(
             **trend_log_series(

@@ -1,10 +1,11 @@
-"""Where the samples of a boundary come from: arrays of all days, or days that are made when they are needed."""
+"""Where the samples of a boundary come from: arrays of all days, or days made on demand; their digests and ranges."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import hashlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,100 @@ from numpy.typing import NDArray
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
 from fastcoil.base.machine import available_memory, gib
-from fastcoil.loops.boundary.air_flow import enabled_by, warn_of_stops
-from fastcoil.loops.boundary.digest import LARGE, Survey, day_digest, days_digest, ranges, series_digest, survey
-from fastcoil.loops.boundary.series import BOUNDARY_SERIES, Given, read, value_problems
+from fastcoil.loops.boundary.series import (
+    ADDED_SERIES,
+    BOUNDARY_SERIES,
+    Given,
+    enabled_by,
+    read,
+    value_problems,
+    warn_of_stops,
+)
+
+LARGE = 2**22
+"""Samples of a series.  A boundary of more is hashed day by day, so that a stream of them needs no memory; one of fewer
+series by series, as every boundary once was."""
+
+
+class Survey(NamedTuple):
+    """What one pass over the days finds.
+
+    extremes: least and largest value by series.  sha256: of all; day_sha256: of each day.  stopped: seconds that are
+    not enabled because no air flows.
+    """
+
+    extremes: dict[str, tuple[float, float]]
+    sha256: str
+    day_sha256: list[str]
+    stopped: int = 0
+
+
+def day_digest(label: int, rows: Mapping[str, Array]) -> str:
+    """Hash of a day: of its label, and of its samples, second by second."""
+    digest = hashlib.sha256(f"{label} ".encode())
+    digest.update(np.stack([rows[name] for name in _hashed(rows)], axis=1).data)
+    return digest.hexdigest()
+
+
+def survey(
+    days: Iterable[tuple[dict[str, Array], int]], labels: NDArray[np.int64], n_steps: int, has_day_dim: bool
+) -> Survey:
+    """One pass over the days: the series of each, and how many of its seconds are stopped."""
+    small = labels.size * n_steps <= LARGE
+    kept: dict[str, list[Array]] = {name: [] for name in BOUNDARY_SERIES}
+    extremes: dict[str, tuple[float, float]] = {}
+    found, stopped = [], 0
+    for label, (rows, seconds) in zip(labels.tolist(), days, strict=True):
+        stopped += seconds
+        found.append(day_digest(label, rows))
+        for name, (low, high) in ranges(rows).items():
+            before = extremes.get(name, (low, high))
+            extremes[name] = min(low, before[0]), max(high, before[1])
+            if small:
+                kept[name].append(rows[name])
+    if small:
+        held = {name: np.stack(one) for name, one in kept.items()}
+        return Survey(extremes, series_digest(held, labels, has_day_dim), found, stopped)
+    return Survey(extremes, days_digest(found, labels, n_steps, has_day_dim), found, stopped)
+
+
+def ranges(series: Mapping[str, Array]) -> dict[str, tuple[float, float]]:
+    """Least and largest value by series."""
+    return {name: (float(values.min()), float(values.max())) for name, values in series.items()}
+
+
+def series_digest(series: Mapping[str, Array], labels: NDArray[np.int64], has_day_dim: bool) -> str:
+    """Hash of the day labels and of every name and sample, series by series, each (n_days, n_steps)."""
+    n_steps = next(iter(series.values())).shape[1]
+    digest = _begun(1, labels, n_steps, has_day_dim)
+    for name in _hashed(series):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(series[name], dtype="<f8").data)
+    return digest.hexdigest()
+
+
+def days_digest(days: Iterable[str], labels: NDArray[np.int64], n_steps: int, has_day_dim: bool) -> str:
+    """Hash of the day labels and of the hashes of all ``days``."""
+    digest = _begun(2, labels, n_steps, has_day_dim)
+    for one in days:
+        digest.update(one.encode())
+    return digest.hexdigest()
+
+
+def _begun(version: int, labels: NDArray[np.int64], n_steps: int, has_day_dim: bool) -> hashlib._Hash:
+    digest = hashlib.sha256(f"boundary {version} {has_day_dim} {labels.size} {n_steps}".encode())
+    digest.update(labels.astype("<i8").tobytes())
+    return digest
+
+
+def _hashed(series: Mapping[str, Array]) -> list[str]:
+    """The series that count; one that came later only where it does something, so that older digests hold."""
+    return [
+        name
+        for name, values in series.items()
+        if name not in ADDED_SERIES or not (values == BOUNDARY_SERIES[name].default).all()
+    ]
+
 
 Made = Mapping[str, Any]
 """Series of a day by name, as a user gives them."""
@@ -205,3 +297,73 @@ def frozen(values: NDArray[T]) -> NDArray[T]:
     """The array, read-only from now on."""
     values.flags.writeable = False
     return values
+
+
+Days = Callable[[int], Mapping[str, Any]]
+
+
+class Labelled:
+    """Days that a user's function makes from their labels."""
+
+    def __init__(self, make: Callable[[int], Mapping[str, Any]], day: NDArray[np.int64]) -> None:
+        self._make, self._day = make, day
+
+    def __call__(self, k: int) -> Mapping[str, Any]:
+        label = int(self._day[k])
+        try:
+            return self._make(label)
+        except InputError as error:
+            raise InputError([f"day {label}: {problem}" for problem in error.problems]) from None
+        except Exception as error:  # a user's function may raise anything
+            raise InputError(f"make fails for day {label}, {shown(error)}: it must give the series of every day") from (
+                error
+            )
+
+
+class Replaced:
+    """Days of which some series are given; None goes back to the default."""
+
+    def __init__(self, days: Days, given: Mapping[str, Given | None]) -> None:
+        self._days, self._given = days, given
+
+    def __call__(self, k: int) -> Mapping[str, Any]:
+        return {**self._days(k), **{name: _row(one, k) for name, one in self._given.items()}}
+
+
+class Picked:
+    """Some of the days, by position."""
+
+    def __init__(self, days: Days, at: Sequence[int]) -> None:
+        self._days, self._at = days, at
+
+    def __call__(self, k: int) -> Mapping[str, Any]:
+        return self._days(self._at[k])
+
+
+class OneAfterAnother:
+    """The days of several, ``n_days`` of each."""
+
+    def __init__(self, parts: Sequence[Days], n_days: Sequence[int]) -> None:
+        self._parts, self._ends = parts, np.cumsum(n_days)
+
+    def __call__(self, k: int) -> Mapping[str, Any]:
+        part = int(np.searchsorted(self._ends, k, side="right"))
+        return self._parts[part](k - int(self._ends[part - 1] if part else 0))
+
+
+class EndToEnd:
+    """Days of which each begins with that of the first and goes on with those of the others."""
+
+    def __init__(self, parts: Sequence[Callable[[int], Mapping[str, Array]]]) -> None:
+        self._parts = parts
+
+    def __call__(self, k: int) -> Mapping[str, Array]:
+        rows = [part(k) for part in self._parts]
+        return {name: np.concatenate([one[name] for one in rows]) for name in rows[0]}
+
+
+def _row(one: Given | None, k: int) -> Array | float | None:
+    if one is None:
+        return None
+    values = one.values[k] if "day" in one.dims else one.values
+    return values if values.ndim else float(values)

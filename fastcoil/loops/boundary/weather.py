@@ -18,9 +18,7 @@ from fastcoil.logs.seconds import MOST_SECONDS
 from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import Values
-from fastcoil.loops.boundary.weather_dates import dates_at
-from fastcoil.loops.boundary.weather_files import read_weather_csv, warn_of_hours
-from fastcoil.loops.boundary.weather_formats import read_weather_year
+from fastcoil.loops.boundary.weather_files import dates_at, read_weather_csv, read_weather_year, warn_of_hours
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 _DAYS_OF_A_YEAR = 366

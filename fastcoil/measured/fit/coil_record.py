@@ -16,8 +16,8 @@ from fastcoil.logs import Log
 from fastcoil.logs.notes import counted, first_row
 from fastcoil.logs.seconds import at_seconds, require_whole_seconds
 from fastcoil.loops.loop import Loop
+from fastcoil.loops.running import within
 from fastcoil.loops.scenarios import columns_of
-from fastcoil.loops.threads import within
 from fastcoil.measured.fit.least_squares import FORBIDDEN
 from fastcoil.model import moist_air
 from fastcoil.model.engine.coil_loop import COIL_COLUMNS, run_coil

@@ -14,7 +14,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
-from fastcoil.loops.check_result import check_result
+from fastcoil.loops.dataset import check_result
 from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
 from fastcoil.study.analysis.comparison import Comparison
 from fastcoil.study.analysis.paired import OF_THRESHOLD, STATISTICS, in_shares, statistics_of

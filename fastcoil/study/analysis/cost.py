@@ -12,8 +12,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of
 from fastcoil.base.errors import InputError
-from fastcoil.loops.check_result import check_result
-from fastcoil.loops.dataset import attributes
+from fastcoil.loops.dataset import attributes, check_result
 from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY, Output
 from fastcoil.study.analysis.tariff import MONTH, Months, Tariff, billing_months, tariff_of
 

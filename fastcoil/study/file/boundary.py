@@ -9,10 +9,9 @@ from typing import Any
 
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.days import constant_day, design_day, paper_day
-from fastcoil.loops.boundary.heating_day import heating_day
-from fastcoil.loops.boundary.operation.year import weather_year
+from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, paper_day
 from fastcoil.loops.boundary.weather import weather_day
+from fastcoil.loops.boundary.weather_year import weather_year
 from fastcoil.study.file.tables import with_hints
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {

@@ -9,9 +9,8 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import InputError, collecting, shown
-from fastcoil.loops.converged import WORD, expanded
+from fastcoil.loops.assignment import WORD, expanded, table_of
 from fastcoil.loops.loop import Loop, knowing
-from fastcoil.loops.rule_table import table_of
 from fastcoil.model.parameter_table import INSTALLED_VALVE
 from fastcoil.model.user_rules.rule import Rule
 from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, sampled_names

@@ -13,8 +13,7 @@ from typing import Any
 from fastcoil.design.tuning.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
 from fastcoil.design.tuning.plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.design.tuning.space import may_be_searched
-from fastcoil.loops.converged import MEANING, WORD
-from fastcoil.loops.parameter_values import FORBIDDEN_DIMS
+from fastcoil.loops.assignment import FORBIDDEN_DIMS, MEANING, WORD
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.loops.presets import PRESETS
 from fastcoil.model.metric_table import TRACES

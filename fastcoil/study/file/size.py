@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fastcoil.loops.resources import check_memory
+from fastcoil.loops.plan import check_memory
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study.file.loop import axis_size
 from fastcoil.study.file.sampling import design_size

@@ -14,12 +14,11 @@ import xarray as xr
 
 from fastcoil.base.errors import IntegrityError
 from fastcoil.base.files import storage_errors
-from fastcoil.loops.content import combined_sha256, variable_sha256
 from fastcoil.loops.dataset import join_flat, unflatten
 from fastcoil.loops.netcdf import write
 from fastcoil.loops.plan import simulation_attributes
-from fastcoil.loops.provenance import provenance
-from fastcoil.loops.stored_traces import layout_of
+from fastcoil.loops.provenance import combined_sha256, provenance, variable_sha256
+from fastcoil.loops.stored_file import layout_of
 from fastcoil.model.metric_table import METRICS, STATUS_NOT_RUN, TRACES
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder

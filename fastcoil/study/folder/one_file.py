@@ -8,8 +8,8 @@ import xarray as xr
 
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.base.files import exists, is_file, is_folder
-from fastcoil.loops.check_result import check_result
-from fastcoil.loops.netcdf_probe import try_reading
+from fastcoil.loops.dataset import check_result
+from fastcoil.loops.stored_file import try_reading
 from fastcoil.study.folder.folder import require_no_archive
 from fastcoil.study.folder.manifest import MANIFEST
 from fastcoil.study.folder.result_files import RESULTS

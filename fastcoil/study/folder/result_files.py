@@ -17,12 +17,9 @@ import xarray as xr
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.base.files import commit_written, exists
-from fastcoil.loops.content import combined_sha256, variable_sha256
 from fastcoil.loops.netcdf import write
-from fastcoil.loops.netcdf_probe import try_reading
-from fastcoil.loops.provenance import FORMAT, environments_of
-from fastcoil.loops.stored_file import StoredFile, file_sha256
-from fastcoil.loops.stored_traces import layout_of, open_lazily
+from fastcoil.loops.provenance import FORMAT, combined_sha256, environments_of, variable_sha256
+from fastcoil.loops.stored_file import StoredFile, file_sha256, layout_of, open_lazily, try_reading
 from fastcoil.model.metric_table import TRACES
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.validation import malformed

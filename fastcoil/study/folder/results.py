@@ -15,10 +15,9 @@ import xarray as xr
 
 from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.loops.cut import Reached
 from fastcoil.loops.dataset import join_flat, unflatten
 from fastcoil.loops.provenance import environments_of
-from fastcoil.loops.shards import END_STATE
+from fastcoil.loops.shards import END_STATE, Reached
 from fastcoil.model.metric_table import FORMER_METRICS, METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.model.numerics.jit import same_model
 from fastcoil.study.file.spec import Study

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.loops.clock import CLOCK
+from fastcoil.loops.netcdf import CLOCK
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS
 from fastcoil.model.parameter_table import PARAMETERS
 

@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.loops.boundary.days import constant_day, paper_day
-from fastcoil.loops.content import content_sha256
 from fastcoil.loops.loop import Loop
+from fastcoil.loops.provenance import content_sha256
 from fastcoil.loops.simulate import simulate
 from fastcoil.model.parameter_table import PARAMETERS
 

@@ -15,7 +15,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import is_text
 from fastcoil.base.errors import shown
-from fastcoil.loops.clock import CLOCK
+from fastcoil.loops.netcdf import CLOCK
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 

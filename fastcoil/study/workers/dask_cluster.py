@@ -12,8 +12,8 @@ from functools import partial
 from typing import Any
 
 from fastcoil.base.errors import FastcoilError, InputError, missing_extra
+from fastcoil.loops.running import within
 from fastcoil.loops.shards import Shard, Stretch
-from fastcoil.loops.threads import within
 from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.workers.dask_connection import connect, start_local_cluster, workers_missing
 from fastcoil.study.workers.worker import Job, forget, identity, leave_interrupts, receive, run_received

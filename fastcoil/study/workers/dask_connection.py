@@ -15,7 +15,7 @@ from multiprocessing import resource_tracker
 from typing import Any
 
 from fastcoil.base.errors import FastcoilError, InputError
-from fastcoil.loops.threads import within
+from fastcoil.loops.running import within
 
 _WAIT_FOR_SCHEDULER = 10.0
 """Seconds."""

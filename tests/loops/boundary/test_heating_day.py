@@ -5,9 +5,7 @@ import pytest
 from helpers.refusals import assert_only_problem
 
 import fastcoil as fc
-from fastcoil.loops.boundary.days import SET_POINTS
-from fastcoil.loops.boundary.drift import smooth_noise
-from fastcoil.loops.boundary.heating_day import DRIFTS
+from fastcoil.loops.boundary.days import HEATING_DRIFTS, SET_POINTS, smooth_noise
 
 
 def test_the_series_are_those_of_the_docstring_but_for_small_noise():
@@ -52,6 +50,6 @@ def test_a_wrong_argument_is_refused(arguments, words):
 
 def test_each_series_has_a_stream_of_noise_of_its_own():
     day = fc.heating_day(0.5, 5).series
-    wanted = smooth_noise(1800, DRIFTS["T_w_in"], (5, list(DRIFTS).index("T_w_in")))
+    wanted = smooth_noise(1800, HEATING_DRIFTS["T_w_in"], (5, list(HEATING_DRIFTS).index("T_w_in")))
     h = np.arange(1800) / 3600
     np.testing.assert_allclose(day["T_w_in"][0], 60.0 + np.sin(2 * np.pi * h / 1.5) + wanted, rtol=0, atol=1e-12)

@@ -4,10 +4,18 @@ import numpy as np
 import pytest
 from reference.trim_and_respond import set_points
 
-from fastcoil.loops.boundary.operation import drifts
-from fastcoil.loops.boundary.operation.mixing import coil_is_needed, outdoor_share, through_dampers
-from fastcoil.loops.boundary.operation.set_point import Trim, between, trim_and_respond
-from fastcoil.loops.boundary.operation.zones import flow_share, request_limits, zone_loads
+from fastcoil.loops.boundary import air_handler_parts as drifts
+from fastcoil.loops.boundary.air_handler_parts import (
+    Trim,
+    between,
+    coil_is_needed,
+    flow_share,
+    outdoor_share,
+    request_limits,
+    through_dampers,
+    trim_and_respond,
+    zone_loads,
+)
 from fastcoil.model.moist_air import enthalpy, mix
 
 GUIDELINE = Trim(0.1, 0.2, 0.6, 2, 600, 120)

@@ -6,8 +6,7 @@ from helpers.refusals import assert_only_problem
 from scipy.signal import lfilter
 
 from fastcoil.loops.boundary import days
-from fastcoil.loops.boundary.days import paper_day
-from fastcoil.loops.boundary.drift import Drift, smooth_noise
+from fastcoil.loops.boundary.days import Drift, paper_day, smooth_noise
 from fastcoil.model import moist_air
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from helpers.refusals import assert_only_problem, only_problem, problems
 
-from fastcoil.loops.boundary import Boundary, digest
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary import source as digest
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 
 N = 900

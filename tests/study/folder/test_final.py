@@ -18,7 +18,7 @@ from helpers.studies import TRACED, as_version_0_1, golden, larger, run, verify
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError, StorageError
 from fastcoil.loops import netcdf, stored_file
-from fastcoil.loops import netcdf_probe as trial
+from fastcoil.loops import stored_file as trial
 from fastcoil.study.folder import result_files as final
 from fastcoil.study.folder.manifest import Manifest
 

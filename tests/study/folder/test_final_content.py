@@ -11,7 +11,7 @@ from helpers.studies import PLAIN, copied, golden
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError, StorageError
 from fastcoil.loops import netcdf, stored_file
-from fastcoil.loops.content import combined_sha256
+from fastcoil.loops.provenance import combined_sha256
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.result_files import open_final

@@ -14,8 +14,8 @@ from helpers.studies import DAYS, TRACED, as_version_0_1, golden, run, run_until
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.loops import netcdf_probe as trial
 from fastcoil.loops import stored_file
+from fastcoil.loops import stored_file as trial
 from fastcoil.study import maintenance
 from fastcoil.study.folder import manifest
 from fastcoil.study.folder import result_files as final

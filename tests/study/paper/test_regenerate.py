@@ -7,8 +7,8 @@ from click.testing import CliRunner
 
 from fastcoil.base.figures import encode
 from fastcoil.cli.main import main
-from fastcoil.loops.content import content_sha256
 from fastcoil.loops.netcdf import load
+from fastcoil.loops.provenance import content_sha256
 from fastcoil.study.paper import figures
 
 pytestmark = pytest.mark.kernel

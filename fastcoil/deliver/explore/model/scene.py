@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 from fastcoil.deliver.explore.model.settings import Settings
 from fastcoil.deliver.explore.model.start import Start
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.days import constant_day, design_day, paper_day
-from fastcoil.loops.boundary.heating_day import W_IN, heating_day
+from fastcoil.loops.boundary.days import W_IN, constant_day, design_day, heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.model.parameter_table import PARAMETERS, Scalar
