@@ -14,7 +14,7 @@ from fastcoil.cli.terminal import say
 
 
 def run() -> None:
-    """Run the command line, and end with its exit code, or with that of storage if its output could not be written."""
+    """Run the command line; exit with its code, or with that of a storage error if output was lost."""
     streams = guard_streams()
     code = _run_command()
     lost = streams.loss()
@@ -23,7 +23,7 @@ def run() -> None:
     if code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
         _end_at_once(code)
     netcdf = sys.modules.get("fastcoil.loops.netcdf")
-    if netcdf is not None and netcdf.abandoned:  # at the end of the process, the library would crash on them
+    if netcdf is not None and netcdf.abandoned:  # the library would crash on them at interpreter exit
         _exit(code)
     sys.exit(code or (EXIT_STORAGE if lost is not None else 0))
 
@@ -41,7 +41,7 @@ def _run_command() -> int:
 
 def _end_at_once(code: int) -> None:
     """After an interrupt, do not wait for a thread in the middle of a shard."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the interpreter's shutdown is left to interrupt
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     others = [thread for thread in threading.enumerate() if thread is not threading.main_thread()]
     if not all(thread.daemon for thread in others):
         _exit(code)

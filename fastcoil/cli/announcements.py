@@ -1,4 +1,4 @@
-"""What is said before the work: a kernel is compiled, a study runs code of its own."""
+"""Messages before long or delicate work: a kernel is compiled, a study runs its own code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def announce_compilation(kernel: str = "emulate") -> None:
-    """Announce the wait if a kernel is not compiled yet."""
+    """Announce the wait if a kernel has not been compiled."""
     from fastcoil.model.numerics.jit import is_compiled
 
     if not is_compiled(kernel):
@@ -26,18 +26,18 @@ def announce_compilation(kernel: str = "emulate") -> None:
 
 
 COMPILE = "import os, fastcoil as fc; os.nice(10); fc.simulate(fc.Loop(), fc.paper_day(hours=1), n_jobs=1)"
-"""Compiles what most studies need, unless it is compiled."""
+"""Compiles the kernels that most studies need."""
 
 
 def compile_meanwhile() -> None:
-    """Compile the kernels while the user edits a first study, in a process that outlives this command."""
+    """Compile the kernels in a detached process while the user edits a first study."""
     from fastcoil.model.numerics.jit import is_compiled
 
     if click.get_current_context().obj != OWN_PROCESS or is_compiled("emulate"):
         return
     quiet = subprocess.DEVNULL
-    with contextlib.suppress(OSError):  # the first run then compiles them
-        # -P: nothing in the current folder is taken for a library
+    with contextlib.suppress(OSError):  # otherwise the first run compiles them
+        # -P: do not import from the current folder
         subprocess.Popen(
             [sys.executable, "-P", "-c", COMPILE], stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
         )
@@ -45,11 +45,11 @@ def compile_meanwhile() -> None:
 
 
 def run_own_code(what: str, source: Source) -> object:
-    """Run the module of a study's own function, and say so before."""
+    """Announce and import the module of a study's own function."""
     from fastcoil.study.workers.load_user_module import load
 
     function = source.name.partition(":")[2]
-    say(f"This study runs code of its own: {function} from {source.path.absolute()}.", err=True)
+    say(f"This study runs its own code: {function} from {source.path.absolute()}.", err=True)
     printed = {False: io.StringIO(), True: io.StringIO()}
     try:
         with contextlib.redirect_stdout(printed[False]), contextlib.redirect_stderr(printed[True]):

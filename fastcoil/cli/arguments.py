@@ -14,7 +14,7 @@ from fastcoil.base.files import require_usable
 
 
 class UsablePath(click.ParamType):  # type: ignore[type-arg]
-    """A path that a file or a folder could have; it need not exist."""
+    """A valid path; it need not exist."""
 
     name = "path"
 
@@ -31,12 +31,12 @@ PATH = UsablePath()
 
 
 def labels_of(at: str) -> dict[str, str]:
-    """Dimension → label.
+    """Parse ``NAME=LABEL,...`` into dimension → label.
 
     Raises
     ------
     InputError
-        For an item without ``=``, one that is longer than any name, or a dimension that is given twice.
+        For an item without ``=``, an overlong one, or a dimension given twice.
     """
     pairs = _pairs(at)
     dims = [dim for dim, _ in pairs]
@@ -47,7 +47,7 @@ def labels_of(at: str) -> dict[str, str]:
 
 
 def all_labels_of(at: Sequence[str]) -> dict[str, list[str]]:
-    """Name → all the labels that are given for it; raises as ``labels_of``, but for names given twice."""
+    """Parse ``NAME=LABEL`` arguments into name → list of labels; a name may be given several times."""
     found: dict[str, list[str]] = {}
     for name, label in _pairs(",".join(at)):
         found.setdefault(name, []).append(label)
@@ -61,7 +61,7 @@ def _pairs(at: str) -> list[tuple[str, str]]:
     if any(len(pair) != 2 for pair in pairs):
         raise InputError(f"--at {shown(at)}: give dimension=label, several of them separated by commas")
     long = [
-        f"--at {shown(word)}: no dimension or label is that long" for word in sum(pairs, []) if len(word) > LONGEST_KEY
+        f"--at {shown(word)}: longer than any dimension or label" for word in sum(pairs, []) if len(word) > LONGEST_KEY
     ]
     if long:
         raise InputError(long)

@@ -1,4 +1,4 @@
-"""``fastcoil export``, ``report``, ``archive`` and ``cite``: what leaves the machine."""
+"""``fastcoil export``, ``report``, ``archive`` and ``cite``: files for others."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ OPTION = "--report"
 @click.argument("folder", type=PATH)
 @click.option("-o", "--out", type=PATH, metavar="FILE.html", help="File to write; FOLDER/report.html by default.")
 def report(folder: Path, out: Path | None) -> None:
-    """Write one HTML file on the finished study, or the figures of the paper, in FOLDER.
+    """Write a self-contained HTML report of the finished study, or of `fastcoil paper`, in FOLDER.
 
-    It needs no other file and no network.  diagnose, explain, fit and tune have an option --report instead.
+    diagnose, explain, fit and tune have an option --report instead.
     """
     from fastcoil.deliver.report.page import require_page
     from fastcoil.deliver.report.report import REPORT, page_of_folder, require_folder
@@ -41,14 +41,14 @@ def report(folder: Path, out: Path | None) -> None:
 
 
 def with_report(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the option ``--report``, which is checked before the command does anything."""
+    """Add the option ``--report``; its path is checked before the command runs."""
     return click.option(
-        OPTION, "report", type=PATH, metavar="FILE.html", callback=_checked, help="HTML file for a client, all in one."
+        OPTION, "report", type=PATH, metavar="FILE.html", callback=_checked, help="Self-contained HTML report to write."
     )(command)
 
 
 def write_report(result: Any, path: Path | None) -> None:
-    """Write the page of a result, if one was asked for, and say so."""
+    """Write the report of a result if ``path`` is given."""
     if path is not None:
         from fastcoil.deliver.report.report import page_of_result
 
@@ -67,7 +67,7 @@ def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> 
 @click.argument("folder", type=PATH, required=False)
 @click.option("--bibtex", "as_bibtex", is_flag=True, help="BibTeX instead of plain text.")
 def cite(folder: Path | None, as_bibtex: bool) -> None:
-    """Say how to cite fastcoil and the paper; with a FOLDER, its results and the version that made them, too."""
+    """Print how to cite fastcoil and the paper, and with FOLDER its results and the version that made them."""
     from fastcoil.deliver.report.citation import bibtex, citation
 
     results = None
@@ -82,10 +82,10 @@ def cite(folder: Path | None, as_bibtex: bool) -> None:
 @click.argument("folder", type=PATH)
 @click.option("-o", "--out", type=PATH, metavar="FILE.zip", help="File to write; FOLDER.zip beside it by default.")
 def archive(folder: Path, out: Path | None) -> None:
-    """Pack the finished study in FOLDER into one file that `fastcoil verify` accepts anywhere.
+    """Pack the finished study in FOLDER into one file that `fastcoil verify` checks on any machine.
 
-    It holds the study file, results and traces, the environment that made them, all hashes, and every file that the
-    study reads: weather, logs, fitted parameters, code of its own.  Look at the list before you give it away.
+    It contains the study file, results and traces, the environment that made them, all hashes, and every file that the
+    study reads: weather, logs, fitted parameters, its own code.  Check the list before you share it.
     """
     from fastcoil.study.archive.listing import INPUTS
     from fastcoil.study.archive.pack import pack
@@ -95,12 +95,12 @@ def archive(folder: Path, out: Path | None) -> None:
     say(f"Archive: {packed.path} ({size / 1e6:,.1f} MB), content_sha256 {packed.listing.content_sha256}")
     say(*(f"Input:   {name}" for name in packed.listing.files if name.startswith(f"{INPUTS}/")))
     for path, member in packed.listing.elsewhere.items():
-        say(f"Note:    the study reads {path}, a path that other machines lack; it is packed as {member}", err=True)
+        say(f"Note:    the study reads {path}, which other machines do not have; packed as {member}", err=True)
 
 
 @click.command()
 @click.argument("path", type=PATH)
-@click.option("--language", help="Of a controller's code: c, st or python.  [default: c]")
+@click.option("--language", help="Language of the controller: c, st or python.  [default: c]")
 @click.option("--csv", "formats", flag_value="csv", multiple=True, help="A row for each scenario-day.")
 @click.option("--parquet", "formats", flag_value="parquet", multiple=True, help="The same as Parquet; needs pyarrow.")
 @click.option("--latex", "formats", flag_value="latex", multiple=True, help="A row for each label, with medians.")
@@ -117,9 +117,9 @@ def export(
     by: tuple[str, ...],
     out: Path | None,
 ) -> None:
-    """Export PATH: results as a table, or the controller of a TOML file as code for the field.
+    """Export results as a table, or the controller of a TOML file as source code.
 
-    Results are the folder of a study or a NetCDF file.  A controller comes with vectors that prove a port of it.
+    PATH is the folder of a study, a NetCDF file, or a TOML file.  A controller comes with test vectors for its port.
 
     \b
       fastcoil export controller.toml --language c      controller.c, controller_vectors.csv
@@ -144,7 +144,7 @@ def export(
 
 
 def export_code(path: Path, language: str | None, out: Path | None) -> None:
-    """Write the code of the controller in a study file; its sweep, boundary and run play no part."""
+    """Write the code of the controller in a study file; sweep, boundary and run are ignored."""
     from fastcoil.deliver.export.export import SUFFIXES, export_controller, language_of
     from fastcoil.study.file.spec import read_study
 
@@ -157,7 +157,7 @@ def export_code(path: Path, language: str | None, out: Path | None) -> None:
 
 SUFFIXES = {"csv": ".csv", "latex": ".tex", "parquet": ".parquet"}
 _SAID_WITHIN = 2**16
-"""Bytes of the beginning of a text, and of the end of a Parquet file, that say what it is of."""
+"""Bytes searched for the version at the start of a text file and at the end of a Parquet file."""
 
 
 def export_table(
@@ -168,9 +168,9 @@ def export_table(
     by: tuple[str, ...],
     out: Path | None,
 ) -> None:
-    """Write the results at ``path``, the folder of a study or a NetCDF file, in the one format that is asked for.
+    """Write the results at ``path``, the folder of a study or a NetCDF file, as a table.
 
-    by: drawn parameters whose groups are the rows of a LaTeX table.
+    by: sampled parameters whose groups are the rows of a LaTeX table.
     """
     from fastcoil.deliver.tables.tidy import check_metrics
     from fastcoil.study.analysis.binned import binned
@@ -187,12 +187,12 @@ def export_table(
         part = part.assign_attrs(title=f"{ds.attrs.get('title', '')} at {in_words(part, labels)}".strip())
     left = int((part["status"].values == STATUS_NOT_RUN).sum())
     if left:
-        say(f"Unfinished: {left:,} of {part['status'].size:,} scenarios have not run; their status says so.", err=True)
+        say(f"Unfinished: {left:,} of {part['status'].size:,} scenarios have not run (status not_run).", err=True)
     say(f"Written: {target} ({_write(format, binned(part, by) if by else part, target, metrics)})")
 
 
 def _target(path: Path, format: str, out: Path | None) -> Path:
-    """The file to write: here, in the folder, or the one that is named."""
+    """The file to write: ``out``, or a default name in the folder ``out`` or the current one."""
     suffix = SUFFIXES[format]
     if out is None or is_folder(out):
         name = path.resolve().name
@@ -206,7 +206,7 @@ def _target(path: Path, format: str, out: Path | None) -> Path:
 
 
 def _is_table_of_ours(path: Path) -> bool:
-    """Whether a file says by which version of fastcoil it was written; what cannot be read does not."""
+    """Whether a file names the version of fastcoil that wrote it; False if it cannot be read."""
     try:
         with path.open("rb") as file:
             head = file.read(_SAID_WITHIN)
@@ -217,7 +217,7 @@ def _is_table_of_ours(path: Path) -> bool:
 
 
 def _format(formats: Sequence[str], by: Sequence[str]) -> str:
-    """The one format."""
+    """The only format given."""
     if len(formats) != 1:
         given = " and ".join(f"--{format}" for format in formats)
         raise InputError(
@@ -232,7 +232,7 @@ def _format(formats: Sequence[str], by: Sequence[str]) -> str:
 
 
 def _write(format: str, ds: xr.Dataset, target: Path, metrics: tuple[str, ...]) -> str:
-    """Write the file; what is in it, in words."""
+    """Write the file; return a description of its content."""
     from fastcoil.deliver.tables.csv import write_csv
     from fastcoil.deliver.tables.latex import write_latex
     from fastcoil.deliver.tables.parquet import write_parquet
@@ -240,7 +240,7 @@ def _write(format: str, ds: xr.Dataset, target: Path, metrics: tuple[str, ...]) 
 
     if format == "latex":
         write_latex(ds, target, metrics)
-        return "medians and their scatter; a comment in it says over what"
+        return "medians and their scatter; a comment in the file says over what"
     table = Tidy(ds, metrics)
     (write_csv if format == "csv" else write_parquet)(table, target)
     return f"{table.n_rows:,} scenario-day{'s' * (table.n_rows != 1)}, {len(table.columns)} columns"

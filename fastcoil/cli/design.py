@@ -32,9 +32,9 @@ from fastcoil.cli.terminal import say
 @click.option("-o", "--out", type=PATH, metavar="FIGURE", help="Figure to write: .png, .pdf or .svg; none by default.")
 @with_report
 def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path | None, report: Path | None) -> None:
-    """Explain why one loop hunts, or does not, what would cure it, and what that costs.
+    """Explain whether and why one loop hunts, what would cure it, and what that costs.
 
-    TARGET is a preset, such as lbnl, which runs on the generic day; a study file; or the folder of a study.
+    TARGET is a preset such as lbnl (simulated on the generic day), a study file, or the folder of a study.
 
     \b
       fastcoil explain lbnl --set kp=0.03 --set ti=5
@@ -65,7 +65,7 @@ def _changes(given: Sequence[str]) -> dict[str, str]:
 
 
 def _form_of(out: Path | None) -> str:
-    """The format of a figure, by its name."""
+    """The format of a figure, from its suffix."""
     from fastcoil.base.figures import FORMATS
 
     if out is None:
@@ -85,9 +85,9 @@ CHOSEN, FIGURE = "tuning.toml", "tuning"
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
 @with_report
 def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -> None:
-    """Choose kp, ti and other settings for all valves and days of a STUDY file, and try them on others.
+    """Tune kp, ti and other settings for all valves and days of a STUDY file, and validate them on others.
 
-    The table [tune] of the study says what may be chosen, for what and within which limits.  An interrupted search is
+    The table [tune] of the study file defines the search, the objective and the limits.  An interrupted search is
     resumed.
     """
     from fastcoil.base.figures import write
@@ -109,7 +109,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     announce_compilation()
     with interruptible(study, folder, "tune"), hold(folder):
         if exists(folder / KEPT):
-            say(f"{folder / KEPT} keeps what was tried before: those tunings are not run again.", err=True)
+            say(f"{folder / KEPT} holds tunings of an earlier search: they are not run again.", err=True)
         with progress_of_command() as shown:
             found = run_tuning(asked, n_jobs, folder / KEPT, in_scenario_days(asked, shown))
         say(*found.summary(), "")
@@ -129,13 +129,13 @@ PORT = 5010
 @click.option(
     "--at", multiple=True, metavar="NAME=LABEL", help="The scenario of a sweep: a label for every dimension, day too."
 )
-@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0: any that is free.")
+@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0: any free port.")
 @click.option("--browser/--no-browser", default=True, help="Whether to open the page.")
 def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
-    """Open a page to play with one loop: move the gap, the tuning, the day, and see at once what it does.
+    """Open an interactive page for one loop: change gap, tuning or day and see the response.
 
-    TARGET is a preset, paper_like by default; a study file; or the folder of a study.  The page is for this machine
-    alone, and needs no internet.  Ctrl-C ends it.
+    TARGET is a preset (paper_like by default), a study file, or the folder of a study.  The page is served on this
+    machine only and needs no internet.  Ctrl-C ends it.
 
     \b
       fastcoil explore
@@ -164,7 +164,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
 
 
 def _open(address: str) -> None:
-    """Open the page, if there is a browser that shows it."""
+    """Open the page in a browser, if there is a screen."""
     has_screen = sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if has_screen:
         webbrowser.open(address)

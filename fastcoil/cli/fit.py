@@ -39,7 +39,7 @@ def fit_progress() -> Iterator[None]:
 
 
 class _Part:
-    """The part of a fit that goes on."""
+    """The current part of a fit."""
 
     def __init__(self) -> None:
         self.start = self.began = time.monotonic()
@@ -52,10 +52,10 @@ class _Part:
         self.step()
 
     def step(self) -> None:
-        """Show it, if it is time."""
+        """Update the display if it is due."""
 
     def stop(self) -> None:
-        """Show nothing more."""
+        """Remove the display."""
 
 
 class _Lines(_Part):
@@ -98,20 +98,20 @@ class _Bar(_Part):
 
 @click.group()
 def fit() -> None:
-    """Fit a valve or a coil to measured data (a CSV file); writes TOML to include in a study, and a figure."""
+    """Fit a valve, a coil or a loop to a trend log (CSV); write TOML to include in a study, and a figure."""
 
 
 def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that both fits have."""
+    """Add the options that all fits have."""
     for option in (
-        click.option("--fit-until", type=float, help="Last second to fit; the rest is held back for validation."),
+        click.option("--fit-until", type=float, help="Last second to fit; the rest is used for validation."),
         click.option(
             "--split",
             type=float,
-            help="Share of the log to fit, in whole batches or pieces if it has four or more; 0.7 by default, all of "
-            "it with --validate.",
+            help="Share of the log to fit, in whole batches or pieces if there are four or more; 0.7 by default, 1 "
+            "with --validate.",
         ),
-        click.option("--validate", "validation", type=PATH, help="Another CSV file to validate the fit with."),
+        click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
     ):
         command = option(command)
     return with_reading_options(with_report(command))
@@ -120,9 +120,9 @@ def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
 @fit.command("valve")
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
-@click.option("--m-max", type=float, help="Asymptotic flow, kg/s, if it is known; fitted by default.")
-@click.option("--floor", type=float, help="Lowest reading of the flow meter, kg/s; found by default.")
-@click.option("--settle", type=float, help="Ignore the flow for so many seconds after each change of the command.")
+@click.option("--m-max", type=float, help="Asymptotic flow, kg/s; fitted by default.")
+@click.option("--floor", type=float, help="Lowest reading of the flow meter, kg/s; estimated by default.")
+@click.option("--settle", type=float, help="Ignore the flow for this many seconds after each change of the command.")
 @click.option(
     "--initial", default="unknown", show_default=True, help="Side of the gap at the start: unknown, rising or falling."
 )
@@ -131,34 +131,26 @@ def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
     default="auto",
     show_default=True,
     metavar="SECONDS",
-    help="The flow is logged so long after the command; auto: sought, told, and taken out.",
+    help="Delay of the logged flow behind the command; auto: estimated per segment, reported, removed.",
 )
 @click.option(
-    "--hold", metavar="command", help="The command holds from row to row; else a controller may move it between them."
+    "--hold", metavar="command", help="The command is constant between rows; by default it may move between them."
 )
 def fit_valve_command(
     data: Path,
     out: Path,
-    columns: Sequence[str],
-    units: Sequence[str],
     m_max: float | None,
     floor: float | None,
     settle: float | None,
     initial: str,
     lag: str,
     hold: str | None,
-    split: float | None,
-    fit_until: float | None,
-    validation: Path | None,
     report: Path | None,
-    drop: bool,
-    jumps: str,
-    max_gap: float | None,
-    time_format: str | None,
+    **reading: Any,
 ) -> None:
     """Fit backlash and flow curve to the columns command and m_w of DATA.
 
-    Time is elapsed_time or timestamp.  An optional column batch numbers the experiments of a log; an optional
+    Time is elapsed_time or timestamp.  The optional column batch numbers the experiments in the log; the optional
     column enabled is 0 while the pump is off.
     """
     from fastcoil.measured.fit.valve import fit_valve
@@ -168,21 +160,13 @@ def fit_valve_command(
     with fit_progress():
         found = fit_valve(
             data,
-            columns=pairs("--column", columns),
-            units=pairs("--unit", units),
             m_max=m_max,
             floor=floor,
             settle=settle,
             initial=initial,
             lag=_lag(lag),
             holds=hold,
-            split=split,
-            fit_until=fit_until,
-            validation=validation,
-            drop=drop,
-            jumps=jumps,
-            max_gap=max_gap,
-            time_format=time_format,
+            **reading,
         )
     write_and_print(found, out, report)
 
@@ -190,20 +174,26 @@ def fit_valve_command(
 @fit.command("coil")
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="coil.toml", show_default=True, help="TOML file to write.")
-@click.option("--constant", "constants", multiple=True, metavar="NAME=NUMBER", help="A series that the log lacks.")
-@click.option("--both", is_flag=True, help="Minimise the error of the leaving water too, not only of the supply air.")
-@click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds left out at each start.")
-@click.option("--t-initial", type=float, default=20.0, show_default=True, help="All temperatures at each start, °C.")
+@click.option(
+    "--constant",
+    "constants",
+    multiple=True,
+    metavar="NAME=NUMBER",
+    help="Constant value of a series that is not in the log.",
+)
+@click.option("--both", is_flag=True, help="Minimise the error of the leaving water as well as that of the supply air.")
+@click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start.")
+@click.option(
+    "--t-initial", type=float, default=20.0, show_default=True, help="Initial temperature of water, coil and air, °C."
+)
 @click.option("--volumes", type=int, default=8, show_default=True, help="Number of control volumes.")
 @click.option("--air-march", default="lagged", show_default=True, help="lagged or quasistatic.")
-@click.option("--substeps", type=int, default=1, show_default=True, help="Steps of the model a second.")
+@click.option("--substeps", type=int, default=1, show_default=True, help="Model steps per second.")
 @click.option("--pressure", type=float, default=101325.0, show_default=True, help="Barometric pressure, Pa.")
-@click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that holds until the next sample.")
+@click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that is constant until the next sample.")
 def fit_coil_command(
     data: Path,
     out: Path,
-    columns: Sequence[str],
-    units: Sequence[str],
     constants: Sequence[str],
     both: bool,
     warm_up: float,
@@ -213,19 +203,13 @@ def fit_coil_command(
     substeps: int,
     pressure: float,
     holds: Sequence[str],
-    split: float | None,
-    fit_until: float | None,
-    validation: Path | None,
     report: Path | None,
-    drop: bool,
-    jumps: str,
-    max_gap: float | None,
-    time_format: str | None,
+    **reading: Any,
 ) -> None:
     """Fit the coil to m_w, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) and T_sup of DATA.
 
-    T_w_out is compared if the log has it.  Time is elapsed_time or timestamp.  After a gap, and after a time without
-    air flow (or with 0 in an optional column enabled), the model starts again.
+    T_w_out is compared if present.  Time is elapsed_time or timestamp.  The model restarts after a gap, and after a
+    time without air flow (or with 0 in the optional column enabled).
     """
     from fastcoil.measured.fit.coil import fit_coil
 
@@ -234,8 +218,6 @@ def fit_coil_command(
     with fit_progress():
         found = fit_coil(
             data,
-            columns=pairs("--column", columns),
-            units=pairs("--unit", units),
             constants=numbers("--constant", constants),
             minimise_on="both" if both else "T_sup",
             warm_up=warm_up,
@@ -245,19 +227,13 @@ def fit_coil_command(
             substeps=substeps,
             pressure=pressure,
             holds=holds,
-            split=split,
-            fit_until=fit_until,
-            validation=validation,
-            drop=drop,
-            jumps=jumps,
-            max_gap=max_gap,
-            time_format=time_format,
+            **reading,
         )
     write_and_print(found, out, report)
 
 
 def _lag(text: str) -> float | str:
-    """Seconds, or the word."""
+    """Seconds as a number, or the word auto."""
     try:
         return float(text)
     except ValueError:
@@ -265,7 +241,7 @@ def _lag(text: str) -> float | str:
 
 
 def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
-    """``NAME=NUMBER`` … as a mapping."""
+    """Parse ``NAME=NUMBER`` arguments into a mapping."""
     found, wrong = {}, []
     for name, text in (pairs(option, given) or {}).items():
         try:
@@ -278,7 +254,7 @@ def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
 
 
 def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
-    """Write the TOML of a fit, its figure and the report that was asked for, and print its summary."""
+    """Write the TOML, figure and requested report of a fit, and print its summary."""
     from fastcoil.base.figures import write
 
     found.to_toml(out)
@@ -299,25 +275,29 @@ def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
     multiple=True,
     required=True,
     metavar="PRESET|FILE.toml",
-    help="Valve curve, coil, motor and sensor: a preset, and files that `fastcoil fit` wrote.",
+    help="Valve curve, coil, motor and sensor: a preset, and files written by `fastcoil fit`.",
 )
-@click.option("--constant", "constants", multiple=True, metavar="NAME=NUMBER", help="A series that the log lacks.")
-@click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds left out at each start.")
+@click.option(
+    "--constant",
+    "constants",
+    multiple=True,
+    metavar="NAME=NUMBER",
+    help="Constant value of a series that is not in the log.",
+)
+@click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start.")
 def fit_loop_command(
     data: Path,
     out: Path,
     parts: Sequence[str],
-    columns: Sequence[str],
-    units: Sequence[str],
     constants: Sequence[str],
     warm_up: float,
     report: Path | None,
     **reading: Any,
 ) -> None:
-    """Fit the backlash to command, T_sup, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) of DATA: no flow meter.
+    """Fit the backlash without a flow meter, to command, T_sup, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in).
 
-    The emulator runs behind the logged command with each candidate.  A coil and a valve curve that are not quite right
-    do little harm; a log with a sample a minute or more often is needed.
+    Each candidate is simulated with the logged command.  Small errors of the coil and the valve curve do little harm;
+    the log needs a sample every minute or more often.
     """
     from fastcoil.measured.fit.loop import fit_loop
 
@@ -327,8 +307,6 @@ def fit_loop_command(
     found = fit_loop(
         data,
         loop,
-        columns=pairs("--column", columns),
-        units=pairs("--unit", units),
         constants=numbers("--constant", constants),
         warm_up=warm_up,
         **reading,
@@ -337,7 +315,7 @@ def fit_loop_command(
 
 
 def _loop_of(parts: Sequence[str]) -> Loop:
-    """The loop of a preset, with what the files have put in its place; ``paper_like`` without a preset."""
+    """The preset, ``paper_like`` by default, with the parameters from the files."""
     from fastcoil.base.errors import InputError, shown
     from fastcoil.loops.loop import Loop
     from fastcoil.loops.presets import PRESETS

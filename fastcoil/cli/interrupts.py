@@ -1,4 +1,4 @@
-"""How a command ends: mistakes in a sentence, interruptions with how to resume, warnings in a line."""
+"""How a command ends: one sentence per mistake, advice on how to resume, warnings on one line."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED
 from fastcoil.cli.terminal import check_environment, complain, say
 
 _PATIENCE = 4.0
-"""Seconds from an interruption to the end, whatever hangs."""
+"""Seconds from an interrupt to the forced end of the process."""
 
 
 class Commands(click.Group):
-    """Reports every mistake of the user in sentences and an exit code, without a traceback."""
+    """Reports user errors as sentences with an exit code, without a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -45,16 +45,16 @@ class Commands(click.Group):
             ctx.exit(EXIT_TERMINATED if isinstance(interrupt, Terminated) else EXIT_INTERRUPTED)
 
     def main(self, *args: Any, **options: Any) -> NoReturn:  # type: ignore[override]
-        """Run a command to its end; words that no command understands are repeated as safely as all other text."""
-        os.environ["MPLBACKEND"] = "agg"  # no command opens a window
+        """Run a command and exit; usage errors are printed through ``say``, with control characters escaped."""
+        os.environ["MPLBACKEND"] = "agg"  # commands open no windows
         try:
             os.getcwd()
         except OSError:
-            say("fastcoil: the current folder is gone: change to another one and give the command again", err=True)
+            say("fastcoil: the current folder was removed: change to another one and repeat the command", err=True)
             sys.exit(EXIT_STORAGE)
         try:
             code = super().main(*args, **options | {"standalone_mode": False})
-        except click.Abort:  # before the command began
+        except click.Abort:  # interrupted before the command began
             code = EXIT_INTERRUPTED
         except click.ClickException as error:
             code = error.exit_code
@@ -63,19 +63,19 @@ class Commands(click.Group):
 
 
 def _usage(error: click.ClickException) -> list[str]:
-    """How the command is called, if it was called in a wrong way."""
+    """The usage lines of a usage error."""
     if not isinstance(error, click.UsageError) or error.ctx is None:
         return []
     return [*error.ctx.get_usage().split("\n"), f"Try '{error.ctx.command_path} --help' for help.", ""]
 
 
 class Terminated(KeyboardInterrupt):
-    """Interrupted by the system, such as a batch scheduler, and not by the user."""
+    """Interrupted by SIGTERM or SIGHUP, for example from a batch scheduler."""
 
 
 @contextmanager
 def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None]:
-    """End on SIGTERM and SIGHUP as on Ctrl-C, say how to resume, and wait at most a few seconds for anything."""
+    """Handle SIGTERM and SIGHUP like Ctrl-C, print how to resume, and end within a few seconds."""
     kept = "finished scenarios are" if verb == "run" else "what was tried is"
     command = shlex.join(["fastcoil", verb, str(study), "-o", str(folder)])
 
@@ -87,9 +87,9 @@ def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None
         os._exit(code)
 
     def stop(number: int, _: object) -> None:
-        for each in numbers:  # the run is ending: an impatient user must not stop it from cleaning up
-            signal.signal(each, lambda *_: None)  # one that came already could not be ignored in another way
-        # a thread in a long shard, or workers that do not answer, would keep the process waiting
+        for each in numbers:  # a second Ctrl-C must not interrupt the clean-up
+            signal.signal(each, lambda *_: None)  # SIG_IGN would not discard a signal that is already pending
+        # a thread in a long shard or a worker that does not answer must not delay the end
         interrupted = number == signal.SIGINT
         timer = threading.Timer(_PATIENCE, give_up, [EXIT_INTERRUPTED if interrupted else EXIT_TERMINATED])
         timer.daemon = True
@@ -97,7 +97,7 @@ def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None
         raise KeyboardInterrupt if interrupted else Terminated
 
     numbers = [signal.SIGTERM, signal.SIGHUP]
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a background job ignores it, and goes on to
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # background jobs keep ignoring it
         numbers.append(signal.SIGINT)
     before = {number: signal.signal(number, stop) for number in numbers}
     try:
@@ -111,13 +111,13 @@ def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None
 
 @contextmanager
 def plain_warnings() -> Iterator[None]:
-    """Show a warning as one line of text."""
+    """Print warnings as one line of text."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         say(f"fastcoil: note: {message}", err=True)
 
     with warnings.catch_warnings():
-        # no setting of Python's turns a note into a crash
+        # PYTHONWARNINGS=error must not turn a note into a crash
         warnings.filters[:] = [each for each in warnings.filters if each[0] != "error"]  # type: ignore[index]
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = show  # type: ignore[assignment]

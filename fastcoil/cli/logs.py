@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -15,47 +16,56 @@ from fastcoil.cli.deliver import with_report, write_report
 from fastcoil.cli.terminal import say
 
 
+def pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
+    """Parse ``NAME=VALUE`` arguments into a mapping; None if there are none."""
+    parts = [one.partition("=") for one in given]
+    wrong = [f"{option} {one}: give NAME=VALUE" for one, (_, sign, _) in zip(given, parts, strict=True) if not sign]
+    if wrong:
+        raise InputError(wrong)
+    return {name.strip(): value.strip() for name, _, value in parts} or None
+
+
+def _as_pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str] | None:
+    return pairs(param.opts[-1], value)
+
+
+_TIME_FORMAT = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; recognised by default."
+_READING_OPTIONS = (
+    click.option("--drop", is_flag=True, help="Drop bad values and count them, or bridge a single one."),
+    click.option(
+        "--jumps", default="refuse", show_default=True, help="If time runs backwards: refuse, or split there."
+    ),
+    click.option("--max-gap", type=float, help="Longest gap to bridge, s; three median steps by default."),
+    click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT),
+    click.option(
+        "--unit",
+        "units",
+        multiple=True,
+        callback=_as_pairs,
+        metavar="NAME=UNIT",
+        help="Unit of a column whose header has none.",
+    ),
+    click.option(
+        "--column",
+        "columns",
+        multiple=True,
+        callback=_as_pairs,
+        metavar="NAME=HEADER",
+        help="Header of the column for NAME, if it differs.",
+    ),
+    click.argument("data", type=PATH),
+)
+
+
 def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the log and the options that say how it is read."""
-    for option in (
-        click.option(
-            "--drop", is_flag=True, help="Leave out and count bad values, or bridge a single one, instead of refusing."
-        ),
-        click.option(
-            "--jumps",
-            default="refuse",
-            show_default=True,
-            help="Where time goes back: refuse the log, or split it there.",
-        ),
-        click.option("--max-gap", type=float, help="Longest step to bridge, s; three median steps by default."),
-        click.option(
-            "--time-format",
-            metavar="PATTERN",
-            help="How timestamp is written: '%d/%m/%Y %H:%M', excel or epoch; recognised by default.",
-        ),
-        click.option(
-            "--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a column whose header has none."
-        ),
-        click.option(
-            "--column", "columns", multiple=True, metavar="NAME=HEADER", help="Header of NAME, if it differs."
-        ),
-        click.argument("data", type=PATH),
-    ):
+    """Add the argument DATA and the options of the log reader, named as the keywords of ``fc.diagnose``."""
+    for option in _READING_OPTIONS:
         command = option(command)
     return command
 
 
-def pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
-    """``NAME=VALUE`` … as a mapping; None without any, which means the file's own names."""
-    pairs = [one.partition("=") for one in given]
-    wrong = [f"{option} {one}: give NAME=VALUE" for one, (_, sign, _) in zip(given, pairs, strict=True) if not sign]
-    if wrong:
-        raise InputError(wrong)
-    return {name.strip(): value.strip() for name, _, value in pairs} or None
-
-
 def require_writable(out: Path) -> None:
-    """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier fit."""
+    """Raise, before any work, unless ``out`` can be written and is new or an earlier fit."""
     from fastcoil.measured.fit.result import is_fit
 
     if out.suffix != ".toml" or not may_be_file(out):
@@ -73,42 +83,27 @@ def require_writable(out: Path) -> None:
 @with_reading_options
 @with_report
 @click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
-@click.option("--stroke-time", type=float, help="Seconds of the motor from closed to open; 90 by default.")
-@click.option("--sample-time", type=float, help="Seconds between samples of the controller; found by default.")
+@click.option("--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default.")
+@click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
 def diagnose(
     data: Path,
     out: Path | None,
-    columns: Sequence[str],
-    units: Sequence[str],
     stroke_time: float | None,
     sample_time: float | None,
     report: Path | None,
-    drop: bool,
-    jumps: str,
-    max_gap: float | None,
-    time_format: str | None,
+    **reading: Any,
 ) -> None:
     """Find the backlash of a valve in a trend log, and why its loop hunts.
 
-    DATA is a CSV file with the columns command and T_sup, and T_set, m_a, T_a_in, enabled if it has them.  Time is
-    elapsed_time or timestamp.  Two hours or more, a row every 30 s or faster, with changes of the set-point.
+    DATA is a CSV file with the columns command and T_sup, optionally T_set, m_a, T_a_in and enabled, and with
+    elapsed_time or timestamp.  It needs two hours or more, a row every 30 s or faster, and changes of the set-point.
     """
     from fastcoil.measured.diagnosis.diagnose import diagnose as diagnosed
 
     if out is not None:
         require_writable(out)
     announce_compilation("mean_openings")
-    found = diagnosed(
-        data,
-        stroke_time,
-        sample_time,
-        columns=pairs("--column", columns),
-        units=pairs("--unit", units),
-        drop=drop,
-        jumps=jumps,
-        max_gap=max_gap,
-        time_format=time_format,
-    )
+    found = diagnosed(data, stroke_time, sample_time, **reading)
     say(*found.summary())
     if out is not None:
         from fastcoil.base.figures import write
@@ -128,12 +123,12 @@ def diagnose(
     "columns",
     multiple=True,
     metavar="NAME=FILE",
-    help="Which file is the point NAME (or which header, or FILE:HEADER), if neither header nor file name says so.",
+    help="File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME.",
 )
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a point whose header has none.")
-@click.option("--step", type=float, help="Step of the common clock, s; that of the fastest point by default.")
-@click.option("--max-gap", type=float, help="Longest time without a sample over which a point is held or bridged, s.")
-@click.option("--time-format", metavar="PATTERN", help="How times are written: '%d/%m/%Y %H:%M', excel or epoch.")
+@click.option("--step", type=float, help="Time step of the joined log, s; that of the fastest point by default.")
+@click.option("--max-gap", type=float, help="Longest gap over which a point is held or interpolated, s.")
+@click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT)
 def join(
     files: Sequence[Path],
     out: Path,
@@ -143,10 +138,10 @@ def join(
     max_gap: float | None,
     time_format: str | None,
 ) -> None:
-    """Put points from FILES, a point or several in each, on one clock: one log for the fits.
+    """Join the points in FILES into one log with a common time step, for diagnose and the fits.
 
-    A file has a column of times and a column of values, whose header names the point and its unit (command [%]), or
-    else the file's name does (command.csv).
+    A file has a column of times and one or more columns of values.  The header of a column names the point and its
+    unit (command [%]); for a single column the file name may (command.csv).
     """
     from fastcoil.base.arguments import checking, number_of
     from fastcoil.logs.arguments import max_gap_of
@@ -175,7 +170,7 @@ def join(
 
 
 def _require_new(out: Path) -> None:
-    """Refuse a path that cannot be written, or that holds anything."""
+    """Raise unless ``out`` can be written and does not exist."""
     if out.suffix != ".csv" or not may_be_file(out):
         raise InputError(f"-o {out}: give a file NAME.csv in a folder that exists")
     if exists(out):

@@ -1,4 +1,4 @@
-"""``fastcoil plot``: the figures of a finished study, as files."""
+"""``fastcoil plot``: write the figures of a finished study."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 _INCHES = {"mm": 1 / 25.4, "cm": 1 / 2.54, "in": 1.0}
 _WIDTHS = 1.5, 20.0
-"""Inches."""
+"""Allowed range in inches."""
 
 
 class _Asked(NamedTuple):
-    """What a figure is to show.  width: inches; None: as wide as its panels want."""
+    """What to draw.  width: inches; None: chosen by the number of panels."""
 
     metrics: tuple[str, ...]
     x: str | None
@@ -36,7 +36,7 @@ class _Asked(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the file."""
+        """Name of the figure file."""
         axes = [*self.metrics, *(n for n in (self.y, self.by, self.x) if n)]
         at = [f"{name}={'+'.join(labels)}" for name, labels in self.at.items()]
         to = [f"to-{name}={'+'.join(labels)}" for name, labels in self.relative_to.items()]
@@ -46,7 +46,7 @@ class _Asked(NamedTuple):
 @click.command()
 @click.argument("folder", type=PATH)
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
-@click.option("-x", help="Swept or drawn parameter along the x axis; drawn ones in groups of equal counts.")
+@click.option("-x", help="Swept or sampled parameter along the x axis; a sampled one in bins of equal counts.")
 @click.option("-y", help="Second parameter: a map instead of a curve.")
 @click.option("--by", help="Further dimension: a row of panels for each of some of its values.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
@@ -70,7 +70,7 @@ def plot(
     dpi: str,
     width: str | None,
 ) -> None:
-    """Draw the figures of the finished study in FOLDER, or, with -x, one of your choice."""
+    """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
     from fastcoil.base.figures import FIGURES, check_format, write
     from fastcoil.study.folder.folder import StudyFolder
     from fastcoil.study.folder.results import open_study
@@ -79,7 +79,7 @@ def plot(
     dots = int(dpi) if dpi.isdecimal() else dpi
     check_format(chosen, dots)
     store = StudyFolder(folder)
-    store.require_manifest()  # so that nothing is left in a folder that is none of a study
+    store.require_manifest()
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
     if y and by:
@@ -88,7 +88,7 @@ def plot(
     ds = open_study(folder)
     figures = _figures(ds, asked)
     if not figures:
-        say("Nothing is swept in this study: there is nothing to draw.")
+        say("Nothing is swept in this study, so there is nothing to draw.")
         return
     options: Any = {"format": chosen, "dpi": dots, "drawn_from": ds.attrs.get("content_sha256")}
     if target is None:
@@ -99,14 +99,14 @@ def plot(
         first, *others = figures
         paths = write({target.stem: figures[first]}, target.parent, **options)
         if others:
-            say(f"{target} has the figure {first}; for {', '.join(others)} too, give a folder.", err=True)
+            say(f"{target} shows {first}; to write {', '.join(others)} as well, give a folder.", err=True)
     else:
         paths = write(figures, target, **options)
     say(*paths)
 
 
 def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
-    """The figures by file name; empty where nothing is swept."""
+    """Figures by file name; empty if nothing is swept."""
     from fastcoil.deliver.figures import study as plots
     from fastcoil.deliver.figures.page import Page, control_dims, rows_of
 
@@ -121,7 +121,7 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
         by, *unlike = unlike
     if unlike:
         raise InputError(
-            f"{unlike[0]}: a plain PI and other controllers would be pooled in one median: fix it with --at "
+            f"{unlike[0]}: the plain PI and other controllers would be pooled in one median: select one with --at "
             f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
         )
     if by and not asked.metrics:
@@ -132,7 +132,7 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
 
 
 def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
-    """What is drawn of a result, with a title that says so."""
+    """The part of the results to draw, with a title that describes it."""
     from fastcoil.study.analysis.binned import binned, drawn_parameters
     from fastcoil.study.analysis.panels import numeric_dims
     from fastcoil.study.analysis.relative import relative_to
@@ -152,7 +152,7 @@ def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
     wrong = [n for n in axes if n not in known and n not in swept]
     if known and wrong:
         has = f"swept are {', '.join(swept) or 'none'}, drawn {', '.join(known)}"
-        raise InputError([f"{n} is no number of this study{nearest(n, [*swept, *known])}: {has}" for n in wrong])
+        raise InputError([f"{n} is not swept or sampled{nearest(n, [*swept, *known])}: {has}" for n in wrong])
     drawn = [n for n in axes if n in known]
     if drawn:
         part = binned(part, drawn)
@@ -160,7 +160,7 @@ def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
 
 
 def _target(out: Path | None, format: str | None) -> tuple[Path | None, str]:
-    """Where to, and the format."""
+    """The target path and the format."""
     suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
     if suffix and format and format.lower() != suffix:
         raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
@@ -181,9 +181,9 @@ def _inches(width: str | None) -> float | None:
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
-    """Draw the standard figures of the results ``ds`` in ``folder`` that are missing, or were drawn from other results.
+    """Draw those standard figures of the results ``ds`` that are missing in ``folder`` or outdated.
 
-    The folder is held.  Returns the PNG figures there that show these results.
+    The caller holds the lock of the folder.  Returns the PNG figures there that show these results.
     """
     from fastcoil.base.figures import FIGURES, current_figures, write
     from fastcoil.deliver.figures import study as plots

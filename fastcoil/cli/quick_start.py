@@ -1,6 +1,6 @@
-"""What makes a command start quickly: no look at each new object, no dask that nobody uses.
+"""Quick start of commands: garbage collection off during imports, and no import of dask unless it is used.
 
-Both touch the whole process, so only one that is nothing but this command does them.
+Both affect the whole process, so they are applied only where the process runs nothing but this command.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from typing import Any
 import click
 
 OWN_PROCESS = "a process of its own"
-"""What ``fastcoil.__main__`` gives to the context of a command."""
+"""Context object of a command started by ``fastcoil.__main__``."""
 
 
 @contextmanager
 def quick_start() -> Iterator[None]:
-    """Import in this context what a command needs, with xarray.
+    """Import heavy modules, including xarray, inside this context.
 
-    What is imported stays: Python does not look for garbage in it, which takes 0.1 s, neither here nor later.
+    The imported objects are frozen: the garbage collector does not scan them, which would take 0.1 s.
     """
     if click.get_current_context().obj != OWN_PROCESS:
         yield

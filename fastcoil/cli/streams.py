@@ -1,4 +1,4 @@
-"""Standard streams that stop no work: a full disk, a closed pipe and a closed descriptor are remembered, not raised."""
+"""Standard streams that never raise: a full disk, a closed pipe or a closed descriptor is recorded instead."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import sys
 from typing import Any, NamedTuple, TextIO
 
 _FIRST_OF_OURS = 10
-"""Descriptors below are left to those who count on low ones."""
+"""Lower descriptors are left to programs that rely on them."""
 
 
 class Output(io.RawIOBase):
-    """A descriptor to write to, that stays open.  ``lost``: why the first bytes were lost, and all that follows."""
+    """Writes to a descriptor that stays open.  ``lost``: the first error; everything after it is discarded."""
 
     def __init__(self, descriptor: int, lost: OSError | None = None) -> None:
         self._descriptor = descriptor
@@ -28,7 +28,7 @@ class Output(io.RawIOBase):
         while self.lost is None:
             try:
                 return os.write(self._descriptor, data)
-            except BlockingIOError:  # a reader that is slow
+            except BlockingIOError:  # the reader is slow
                 select.select([], [self._descriptor], [])
             except OSError as error:
                 self.lost = error
@@ -45,7 +45,7 @@ class Output(io.RawIOBase):
 
 
 class _Buffer(io.BufferedWriter):
-    """Closing it, or taking it off, leaves it open to others: a study's own code may do so."""
+    """``close`` and ``detach`` only flush: a study's own code may call them."""
 
     def close(self) -> None:
         self.flush()
@@ -56,7 +56,7 @@ class _Buffer(io.BufferedWriter):
 
 
 class _Text(io.TextIOWrapper):
-    """As ``_Buffer``, for text."""
+    """The same for text."""
 
     def close(self) -> None:
         self.flush()
@@ -67,13 +67,13 @@ class _Text(io.TextIOWrapper):
 
 
 class Streams(NamedTuple):
-    """Both of them."""
+    """Standard output and standard error."""
 
     stdout: Output
     stderr: Output
 
     def loss(self) -> str | None:
-        """Why not all of stdout was written; ``None`` if it was, or if its reader left, which is no fault."""
+        """Why part of stdout was lost; None if nothing was lost, or only because the reader closed the pipe."""
         sys.stdout.flush()
         sys.stderr.flush()
         lost = self.stdout.lost
@@ -83,13 +83,14 @@ class Streams(NamedTuple):
 def guard_streams() -> Streams:
     """Replace ``sys.stdout`` and ``sys.stderr`` by streams that never raise.
 
-    A closed descriptor is opened on nothing, so that no file of ours gets its number and what a library prints.
+    Closed descriptors 0 to 2 are opened on /dev/null, so that no data file gets one of them and receives what a library
+    prints.
     """
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
         except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # gets the lowest free number, which is this one
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # gets the lowest free number, this one
     streams = Streams(*(_output(stream, k) for k, stream in ((1, sys.stdout), (2, sys.stderr))))
     sys.stdout, sys.stderr = _text(streams.stdout, sys.stdout), _text(streams.stderr, sys.stderr)
     return streams
@@ -98,7 +99,7 @@ def guard_streams() -> Streams:
 def _output(stream: TextIO | None, descriptor: int) -> Output:
     if stream is None:  # the descriptor was closed when the interpreter started
         return Output(descriptor, OSError(errno.EBADF, os.strerror(errno.EBADF)))
-    # one of our own: a study's code may close the other, and then a file of results gets its number
+    # a duplicate: if a study's code closes the original, a result file could get its number
     return Output(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _FIRST_OF_OURS))
 
 

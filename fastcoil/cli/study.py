@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("study", type=PATH)
 @click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
-@click.option("-j", "--jobs", type=int, help="Workers; all cores by default.  Results do not depend on it.")
+@click.option("-j", "--jobs", type=int, help="Number of workers; all cores by default.  Does not affect results.")
 @click.option("--backend", help="threads, loky (processes) or dask.  [default: threads]")
 @click.option("--engine", hidden=True, help="Earlier name of --backend.")
 @click.option("--scheduler", help="Address of a dask scheduler; a cluster on this machine by default.")
-@click.option("--extend", is_flag=True, help="Add to a smaller version of the study: only new scenarios are run.")
+@click.option("--extend", is_flag=True, help="Extend a smaller version of the study: only new scenarios are run.")
 @click.option("--figures/--no-figures", default=True, help="Whether to draw the standard figures.")
 def run(
     study: Path,
@@ -94,7 +94,7 @@ def run(
 @click.argument("study", type=PATH)
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
-    """Check a STUDY file and show its size and how long it will take; writes nothing."""
+    """Check a STUDY file and show its size and run time; writes nothing."""
     with quick_start():
         from fastcoil.base.machine import available_memory, gib
         from fastcoil.loops.plan import check_disk
@@ -140,7 +140,7 @@ def status(folder: Path) -> None:
 @click.command()
 @click.argument("folder", type=PATH, metavar="FOLDER|ARCHIVE.zip")
 def verify(folder: Path) -> None:
-    """Check everything in the FOLDER of a study, or in an archive of one, against its hashes; changes nothing."""
+    """Check all files in the FOLDER of a study, or in an archive of one, against their hashes; changes nothing."""
     with quick_start():
         from fastcoil.study import maintenance
 
@@ -173,9 +173,9 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
 @click.command()
 @click.option("-o", "--out", type=PATH, default="results/paper", show_default=True, help="Folder of the results.")
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
-@click.option("--quick", is_flag=True, help="A few tunings and days only: to try it out, not to quote.")
+@click.option("--quick", is_flag=True, help="A few tunings and days only; not for quotation.")
 def paper(out: Path, jobs: int | None, quick: bool) -> None:
-    """Regenerate the paper's simulated figures, and a scorecard of where its claims hold."""
+    """Reproduce the paper's simulated figures, with a scorecard of where its claims hold."""
     from fastcoil.study.paper.regenerate import regenerate
 
     announce_compilation()
@@ -186,8 +186,8 @@ def paper(out: Path, jobs: int | None, quick: bool) -> None:
 
 @click.command()
 @click.argument("study", type=PATH, required=False)
-@click.option("--from", "name", metavar="NAME", help="Start from a study that comes with fastcoil.")
-@click.option("--list", "only_list", is_flag=True, help="List the studies that come with fastcoil; write nothing.")
+@click.option("--from", "name", metavar="NAME", help="Start from an example study.")
+@click.option("--list", "only_list", is_flag=True, help="List the example studies; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
     """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME."""
     from fastcoil.study.examples import shipped_studies, shipped_study
@@ -223,7 +223,7 @@ def _write_new(path: Path, text: str) -> None:
 @click.command()
 @click.argument("names", nargs=-1)
 def parameters(names: tuple[str, ...]) -> None:
-    """List the parameters of a loop (or only NAMES): default, unit, meaning, allowed values."""
+    """List the parameters of a loop, or only NAMES: default, unit, meaning, allowed values."""
     from fastcoil.model.parameter_table import PARAMETERS, check_name, lines_of
 
     say(*lines_of([PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values()))
@@ -231,7 +231,7 @@ def parameters(names: tuple[str, ...]) -> None:
 
 @click.command()
 def presets() -> None:
-    """List the named loops that a study can start from, and how they differ from the defaults."""
+    """List the presets and how they differ from the defaults."""
     from fastcoil.loops.presets import PRESETS
 
     say(*repr(PRESETS).split("\n"))
@@ -239,7 +239,7 @@ def presets() -> None:
 
 @click.command()
 def schema() -> None:
-    """Print the JSON Schema of study files, for editors that complete and check TOML."""
+    """Print the JSON Schema of study files, for completion and checks in TOML editors."""
     import json
 
     from fastcoil.study.file.schema import study_schema

@@ -1,4 +1,4 @@
-"""What reaches the terminal, and settings of the environment that would make a library fail."""
+"""Output to the terminal, and a check of environment variables that would make a library fail on import."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from fastcoil.base.errors import FastcoilError, InputError, shown
 from fastcoil.base.text import printable
 
 _LONGEST_LINE = 4000
-"""Characters."""
+"""Characters printed of one line."""
 
 
 def say(*lines: object, err: bool = False) -> None:
-    """Print lines, a line each whatever is in them, to stdout or with ``err`` to stderr."""
+    """Print each item on one line, with control characters escaped, to stdout or with ``err`` to stderr."""
     for line in lines:
         text = str(line)
         more = f"… ({len(text):,} characters)" if len(text) > _LONGEST_LINE else ""
@@ -27,17 +27,11 @@ def complain(error: FastcoilError) -> None:
 
 
 _RANGES = {"NUMBA_NUM_THREADS": (1, 2**16), "SOURCE_DATE_EPOCH": (0, 253_402_300_799)}
-"""Least and largest of whole numbers that Numba and matplotlib read; the last is the end of the year 9999."""
+"""Ranges of integers read by Numba and matplotlib; the last limit is the end of the year 9999."""
 
 
 def check_environment() -> None:
-    """Refuse settings that no library takes.
-
-    Raises
-    ------
-    InputError
-        If there is one.
-    """
+    """Raise an `InputError` for environment variables that the libraries do not accept."""
     problems = []
     for name, (least, most) in _RANGES.items():
         value = os.environ.get(name, "")

@@ -25,7 +25,7 @@ def test_a_command_in_a_folder_that_is_gone_ends_with_4_and_one_sentence(tmp_pat
         ["bash", "-c", line], capture_output=True, text=True, timeout=60, check=False, env=environment()
     )
     assert done.returncode == 4, done
-    said = "fastcoil: the current folder is gone: change to another one and give the command again\n"
+    said = "fastcoil: the current folder was removed: change to another one and repeat the command\n"
     assert (done.stdout, done.stderr) == ("", said)
 
 

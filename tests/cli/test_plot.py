@@ -93,7 +93,7 @@ def test_a_figure_goes_where_it_is_sent_in_the_format_of_its_name(folder, tmp_pa
 def test_of_several_figures_a_file_takes_the_first_and_the_others_are_named(folder, tmp_path):
     result = plot(folder, "-o", tmp_path / "one.svg")
     assert result.exit_code == 0
-    assert "one.svg has the figure maps; for bands too, give a folder" in result.output
+    assert "one.svg shows maps; to write bands as well, give a folder" in result.output
 
 
 def test_labels_are_fixed_and_changes_are_told_in_the_name_and_in_the_heading(folder):

@@ -85,7 +85,7 @@ def test_an_interrupted_search_says_how_to_go_on_and_goes_on(study, tmp_path, mo
     resumed = fastcoil("tune", study, "-o", "out", "-j", 1)
     whole = fastcoil("tune", study, "-o", "other", "-j", 1)
     assert resumed.exit_code == whole.exit_code == 0
-    assert "those tunings are not run again" in resumed.output
+    assert "they are not run again" in resumed.output
     for name in ("tuning.toml", "tune.json", "tuning.png"):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "other" / name).read_bytes()
 

@@ -153,7 +153,7 @@ def test_a_file_with_a_path_of_its_authors_machine_is_packed_and_told(tmp_path):
     out = tmp_path / "out"
     run(text, out)
     done = fastcoil("archive", out)
-    assert f"the study reads {log}, a path that other machines lack; it is packed as inputs/elsewhere/valve.toml" in (
+    assert f"the study reads {log}, which other machines do not have; packed as inputs/elsewhere/valve.toml" in (
         done.stderr
     )
     assert maintenance.verify(tmp_path / "out.zip") == []

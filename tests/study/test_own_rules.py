@@ -129,7 +129,7 @@ def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_
     assert not trace.exists()
     done = fastcoil("rerun", out, "--at", AT)
     assert done.exit_code == 0, done.output
-    assert f"This study runs code of its own: by_error from {tmp_path / 'mine.py'}." in done.stderr
+    assert f"This study runs its own code: by_error from {tmp_path / 'mine.py'}." in done.stderr
     assert trace.exists()
 
 
@@ -137,7 +137,7 @@ def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_
 def test_plan_and_run_say_whose_code_they_run_and_rerun_gives_the_same_bits(path, tmp_path):
     out = tmp_path / "out"
     for done in planned_and_run(path, out):
-        said = [line for line in done.stderr.splitlines() if "code of its own" in line]
+        said = [line for line in done.stderr.splitlines() if "its own code" in line]
         assert [line.split()[7] for line in said] == ["by_error", "own_pi"]
     done = fastcoil("rerun", out, "--at", AT)
     assert "Equal to the study's result to the last bit." in done.output

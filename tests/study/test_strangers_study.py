@@ -47,7 +47,7 @@ def run_before(path, trace, tmp_path):
 
 
 def test_plan_and_run_say_whose_code_they_run(path, trace, tmp_path):
-    said = f"This study runs code of its own: spread from {tmp_path / 'mine.py'}."
+    said = f"This study runs its own code: spread from {tmp_path / 'mine.py'}."
     for done in planned_and_run(path, tmp_path / "out"):
         assert done.stderr.splitlines()[0] == said
         assert trace.exists()
@@ -66,7 +66,7 @@ def test_what_the_code_prints_as_it_is_loaded_moves_no_cursor(path, tmp_path):
 
 def test_nothing_is_said_of_a_study_without_code(path):
     path.write_text(TRACED)
-    assert "code of its own" not in fastcoil("plan", path).output
+    assert "its own code" not in fastcoil("plan", path).output
 
 
 def test_reading_a_study_runs_nothing(path, trace):
