@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from fastcoil.study.analysis.cost import cost as cost
     from fastcoil.study.analysis.sobol import sobol_indices as sobol_indices
     from fastcoil.study.folder.results import open_study as open_study
-    from fastcoil.study.runner import run_study as run_study
+    from fastcoil.study.run import run_study as run_study
 
 _HOME = {
     "Boundary": "loops.boundary",
@@ -86,7 +86,7 @@ _HOME = {
     "presets": "loops.presets",
     "replay": "measured.fit.replay",
     "report": "deliver.report.report",
-    "run_study": "study.runner",
+    "run_study": "study.run",
     "simulate": "loops.simulate",
     "sobol_indices": "study.analysis.sobol",
     "tune": "design.tuning.tune",

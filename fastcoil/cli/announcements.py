@@ -14,7 +14,7 @@ from fastcoil.cli.quick_start import OWN_PROCESS
 from fastcoil.cli.terminal import say
 
 if TYPE_CHECKING:
-    from fastcoil.study.file.source import Source
+    from fastcoil.study.file.own_code import Source
 
 
 def announce_compilation(kernel: str = "emulate") -> None:
@@ -46,7 +46,7 @@ def compile_meanwhile() -> None:
 
 def run_own_code(what: str, source: Source) -> object:
     """Announce and import the module of a study's own function."""
-    from fastcoil.study.workers.load_user_module import load
+    from fastcoil.study.workers.user_code import load
 
     function = source.name.partition(":")[2]
     say(f"This study runs its own code: {function} from {source.path.absolute()}.", err=True)

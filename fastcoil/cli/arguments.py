@@ -55,7 +55,7 @@ def all_labels_of(at: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _pairs(at: str) -> list[tuple[str, str]]:
-    from fastcoil.study.file.toml import LONGEST_KEY
+    from fastcoil.study.file.tables import LONGEST_KEY
 
     pairs = [item.split("=", 1) for item in re.split(",(?=[^,=]+=)", at) if item]
     if any(len(pair) != 2 for pair in pairs):

@@ -87,8 +87,7 @@ def archive(folder: Path, out: Path | None) -> None:
     It contains the study file, results and traces, the environment that made them, all hashes, and every file that the
     study reads: weather, logs, fitted parameters, its own code.  Check the list before you share it.
     """
-    from fastcoil.study.archive.listing import INPUTS
-    from fastcoil.study.archive.pack import pack
+    from fastcoil.study.archive import INPUTS, pack
 
     packed = pack(folder, out)
     size = sum(entry.size for entry in packed.listing.files.values())
@@ -175,7 +174,7 @@ def export_table(
     from fastcoil.deliver.tables.tidy import check_metrics
     from fastcoil.study.analysis.binned import binned
     from fastcoil.study.analysis.selected import in_words, selected
-    from fastcoil.study.folder.one_file import open_results
+    from fastcoil.study.folder.results import open_results
 
     format, labels = _format(formats, by), all_labels_of(at)
     target = _target(path, format, out)

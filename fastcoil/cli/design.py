@@ -41,7 +41,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
       fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
     """  # noqa: D301 — click reads the backspace
     from fastcoil.design.explanation.explain import explain as explained
-    from fastcoil.study.one_scenario import one_scenario
+    from fastcoil.study.maintenance import one_scenario
 
     form = _form_of(out)
     scenario = one_scenario(target, labels_of(",".join(at)), _changes(changes))
@@ -97,8 +97,8 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     from fastcoil.design.tuning.tune import in_scenario_days, run_tuning
     from fastcoil.loops.simulate import workers
     from fastcoil.study.file.spec import read_study
-    from fastcoil.study.folder.lock import hold
-    from fastcoil.study.runner import default_folder
+    from fastcoil.study.folder.folder import hold
+    from fastcoil.study.run import default_folder
 
     n_jobs, folder = workers(jobs), out or default_folder(study)
     asked = read_study(study, prepare=run_own_code).tuning
@@ -147,7 +147,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     from fastcoil.deliver.explore.model.model import Model
     from fastcoil.deliver.explore.server import serve
     from fastcoil.loops.presets import PRESETS
-    from fastcoil.study.one_scenario import one_scenario
+    from fastcoil.study.maintenance import one_scenario
 
     name, labels = str(target), labels_of(",".join(at))
     given = None if name in PRESETS and not labels else one_scenario(target, labels, {})

@@ -319,7 +319,7 @@ def _loop_of(parts: Sequence[str]) -> Loop:
     from fastcoil.base.errors import InputError, shown
     from fastcoil.loops.loop import Loop
     from fastcoil.loops.presets import PRESETS
-    from fastcoil.study.file.include import read_includes
+    from fastcoil.study.file.loop import read_includes
 
     names = [part for part in parts if part in PRESETS]
     files = [part for part in parts if part not in PRESETS]

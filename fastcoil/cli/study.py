@@ -52,7 +52,7 @@ def run(
         from fastcoil.study.analysis.summary import summary
         from fastcoil.study.file.spec import read_study
         from fastcoil.study.folder.result_files import RESULTS
-        from fastcoil.study.runner import Finished, default_folder, execute
+        from fastcoil.study.run import Finished, default_folder, execute
         from fastcoil.study.workers.pools import resolve_backend
 
     folder = out or default_folder(study)
@@ -103,7 +103,7 @@ def plan(study: Path, jobs: int | None) -> None:
         from fastcoil.loops.simulate import workers
         from fastcoil.model.engine.host import compile_kernel
         from fastcoil.study.file.spec import read_study
-        from fastcoil.study.runner import default_folder
+        from fastcoil.study.run import default_folder
 
     n_jobs = workers(jobs)
     start = time.perf_counter()
@@ -190,14 +190,14 @@ def paper(out: Path, jobs: int | None, quick: bool) -> None:
 @click.option("--list", "only_list", is_flag=True, help="List the example studies; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
     """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME."""
-    from fastcoil.study.examples import shipped_studies, shipped_study
+    from fastcoil.study.file.starters import shipped_studies, shipped_study
 
     if only_list:
         for each in shipped_studies():
             say(f"{each.name:<20}{each.title}")
         return
     if name is None:
-        from fastcoil.study.file.template import TEMPLATE
+        from fastcoil.study.file.starters import TEMPLATE
 
         path, text, analysis = study or Path("study.toml"), TEMPLATE, ""
     else:

@@ -12,7 +12,7 @@ from fastcoil.base.errors import InputError, StorageError
 from fastcoil.base.files import exists, is_file, is_folder
 from fastcoil.cli.logs import require_writable
 from fastcoil.loops.plan import check_disk
-from fastcoil.study.file.source import find_source
+from fastcoil.study.file.own_code import find_source
 from fastcoil.study.paper.regenerate import _make_folder
 
 

@@ -182,7 +182,7 @@ def test_an_interrupt_exits_with_130(fastcoil, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("fastcoil.study.runner.make_pool", interrupted)
+    monkeypatch.setattr("fastcoil.study.run.make_pool", interrupted)
     result = fastcoil("run", "small.toml")
     assert result.exit_code == 130
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]

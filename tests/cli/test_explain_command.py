@@ -6,7 +6,7 @@ from helpers.studies import PLAIN
 
 import fastcoil as fc
 from fastcoil.cli.main import main
-from fastcoil.study.one_scenario import one_scenario
+from fastcoil.study.maintenance import one_scenario
 
 pytestmark = pytest.mark.kernel
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from fastcoil.base.errors import StorageError
 from fastcoil.cli.main import main
 from fastcoil.cli.quick_start import OWN_PROCESS
-from fastcoil.study import examples as shipped
+from fastcoil.study.file import starters as shipped
 
 ROOT = Path(__file__).parents[2]
 STUDIES = {path.stem: path for path in (ROOT / "studies").glob("*.toml")}

@@ -8,7 +8,7 @@ import pytest
 from helpers.commands import fastcoil
 
 from fastcoil.loops import plan as resources
-from fastcoil.study import runner
+from fastcoil.study import run as runner
 
 pytestmark = pytest.mark.kernel
 

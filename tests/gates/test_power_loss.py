@@ -19,7 +19,8 @@ from helpers.studies import SITUATIONS, TRACED, golden, larger, run_until_interr
 
 from fastcoil.base.errors import FastcoilError
 from fastcoil.model.metric_table import METRICS, STATUS_OK
-from fastcoil.study import maintenance, runner
+from fastcoil.study import maintenance
+from fastcoil.study import run as runner
 from fastcoil.study.folder.results import open_study
 
 pytestmark = pytest.mark.kernel

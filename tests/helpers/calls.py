@@ -101,7 +101,7 @@ def watch(order: dict[str, Any], seen: mmap.mmap) -> None:
 
 def _mark_progress(library: ctypes.CDLL) -> None:
     """Record also when the package reports scenarios as finished."""
-    from fastcoil.study import runner
+    from fastcoil.study import run as runner
 
     execute = runner.execute
 

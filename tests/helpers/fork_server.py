@@ -24,7 +24,7 @@ from pathlib import Path
 
 from fastcoil.base.errors import FastcoilError
 from fastcoil.loops.shards import Shard, Stretch
-from fastcoil.study import runner
+from fastcoil.study import run as runner
 from fastcoil.study.workers.worker import Job, run_scenarios
 from helpers import calls
 from helpers.failing_files import Nth, operations

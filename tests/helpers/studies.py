@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from fastcoil.loops import netcdf
-from fastcoil.study import maintenance, runner
+from fastcoil.study import maintenance
+from fastcoil.study import run as runner
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.manifest import Manifest
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from fastcoil.study.runner import execute
+from fastcoil.study.run import execute
 from helpers.studies import run_until_stopped
 
 

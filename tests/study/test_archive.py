@@ -11,7 +11,7 @@ from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError
 from fastcoil.study import maintenance
-from fastcoil.study.archive.pack import pack
+from fastcoil.study.archive import pack
 
 pytestmark = pytest.mark.kernel
 

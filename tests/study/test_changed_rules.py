@@ -17,11 +17,11 @@ from fastcoil.loops.netcdf import save
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.study import maintenance
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.manifest import Manifest, _checksum
-from fastcoil.study.folder.validation import malformed
-from fastcoil.study.runner import execute
+from fastcoil.study.folder.manifest import Manifest, checksum
+from fastcoil.study.folder.result_files import malformed
+from fastcoil.study.run import execute
 from fastcoil.study.workers import worker
-from fastcoil.study.workers.load_user_module import _load
+from fastcoil.study.workers.user_code import _load
 
 STUDY = """
 [loop]
@@ -99,7 +99,7 @@ def test_a_folder_that_does_not_say_goes_on(path, value, tmp_path, monkeypatch):
     interrupted(path, out, monkeypatch)
     manifest = out / "run.json"
     content = {k: v for k, v in json.loads(manifest.read_text()).items() if k not in ("own_code", "format", "sha256")}
-    manifest.write_text(json.dumps({**content, "format": 2, "sha256": _checksum(content)}))
+    manifest.write_text(json.dumps({**content, "format": 2, "sha256": checksum(content)}))
     assert not Manifest.read(out).own_code
     assert fc.run_study(path, out, n_jobs=1).sizes["backlash"] == 2
     assert Manifest.read(out).own_code.keys() == {"steps"}
@@ -137,7 +137,7 @@ def test_a_worker_with_another_value_computes_nothing(path, value, monkeypatch):
 
 def test_the_workers_of_a_run_are_told_what_its_rules_do(path, tmp_path, monkeypatch):
     told = []
-    monkeypatch.setattr("fastcoil.study.runner.make_pool", lambda backend, job, *_: told.append(job) or 1 / 0)
+    monkeypatch.setattr("fastcoil.study.run.make_pool", lambda backend, job, *_: told.append(job) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         fc.run_study(path, tmp_path / "out", n_jobs=1)
     assert told[0].own_code.keys() == {"steps"}

@@ -6,7 +6,7 @@ import xarray as xr
 from helpers.trend_logs import HEADER, ROWS
 
 import fastcoil as fc
-from fastcoil.study.folder.validation import malformed
+from fastcoil.study.folder.result_files import malformed
 from fastcoil.study.maintenance import verify
 
 pytestmark = pytest.mark.kernel

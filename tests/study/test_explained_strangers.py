@@ -4,7 +4,7 @@ import pytest
 from helpers.studies import PLAIN
 
 import fastcoil as fc
-from fastcoil.study.one_scenario import one_scenario
+from fastcoil.study.maintenance import one_scenario
 
 STUDY = PLAIN.replace("[sweep]", '[cases.controller]\nown = { law = "mine:rule" }\npi = { law = "pi" }\n[sweep]')
 SOURCE = """

@@ -4,7 +4,6 @@ import hashlib
 import io
 import json
 import random
-import struct
 import zipfile
 
 import pytest
@@ -14,10 +13,8 @@ from helpers.studies import PLAIN, copied
 
 from fastcoil.base.errors import IntegrityError
 from fastcoil.study import maintenance
-from fastcoil.study.archive import check
-from fastcoil.study.archive.listing import Entry, Listing, is_safe
-from fastcoil.study.archive.pack import pack
-from fastcoil.study.folder.manifest import _checksum
+from fastcoil.study.archive import Entry, Listing, is_safe, pack
+from fastcoil.study.folder.manifest import checksum
 
 pytestmark = pytest.mark.kernel
 
@@ -123,7 +120,7 @@ def test_members_added_missing_and_changed(members, tmp_path):
     assert "'study.toml' is damaged (its bytes are not those that were packed)" in only(
         zipped(tmp_path / "c.zip", other)
     )
-    assert "has no archive.json" in only(zipped(tmp_path / "d.zip", {"out/x": b""}))
+    assert "it has no archive.json" in only(zipped(tmp_path / "d.zip", {"out/x": b""}))
     assert "2 folders side by side" in only(zipped(tmp_path / "e.zip", members | {"other/x": b""}))
 
 
@@ -132,10 +129,6 @@ def test_bytes_that_belong_to_no_member(sound, members, tmp_path):
     for data in (b"#!/bin/sh\n" + sound, sound + b"more", sound[:-22] + b"more" + sound[-22:]):
         path.write_bytes(data)
         assert only(path)
-    # between the last member and their list, with the place of the list put right
-    at = struct.unpack("<L", sound[-6:-2])[0]
-    path.write_bytes(sound[:at] + b"more" + sound[at:-6] + struct.pack("<L", at + 4) + sound[-2:])
-    assert "has bytes that belong to no member" in only(path)
     # a file that a list of members leaves out, but a program that reads from the front finds
     with zipfile.ZipFile(path, "w") as file:
         for name, data in {"out/hidden": b"x", **members}.items():
@@ -146,20 +139,13 @@ def test_bytes_that_belong_to_no_member(sound, members, tmp_path):
     assert "has bytes that belong to no member" in only(path)
 
 
-def test_a_list_of_members_without_end_is_not_read(sound, tmp_path, monkeypatch):
-    path = tmp_path / "x.zip"
-    path.write_bytes(sound[:-10] + struct.pack("<LLH", 2**30, 0, 0))
-    monkeypatch.setattr(check.zipfile, "ZipFile", lambda file: pytest.fail("it was read"))
-    assert "list of members that no archive of fastcoil has" in only(path)
-
-
 def test_lists_that_agree_with_forged_members_do_not_help(members, tmp_path):
     """A forger can write every hash of ours; what he cannot do is lead us elsewhere or pass other results for these."""
     run = json.loads(members["out/run.json"])
 
     def forged(**changes):
         content = {n: v for n, v in run.items() if n not in ("format", "sha256")} | changes
-        data = json.dumps({**content, "format": run["format"], "sha256": _checksum(content)}).encode()
+        data = json.dumps({**content, "format": run["format"], "sha256": checksum(content)}).encode()
         return relisted(members | {"out/run.json": data})
 
     for place in ("/etc", "../..", "inputs/../.."):

@@ -28,7 +28,7 @@ def test_a_rerun_that_cannot_be_written_is_refused_before_it_computes(tmp_path, 
     def refuse(*_):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    monkeypatch.setattr("fastcoil.study.folder.lock._acquire", refuse)
+    monkeypatch.setattr("fastcoil.study.folder.folder._acquire", refuse)
     monkeypatch.setattr(maintenance, "run_shard", None)
     with pytest.raises(StorageError, match="Read-only file system"):
         maintenance.rerun(tmp_path, {"backlash": "0.02", "estimate_ratio": "0.0", "day": "1"})

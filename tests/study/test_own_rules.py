@@ -12,8 +12,8 @@ from helpers.commands import fastcoil, planned_and_run
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.runner import execute
-from fastcoil.study.workers.load_user_module import _load
+from fastcoil.study.run import execute
+from fastcoil.study.workers.user_code import _load
 
 STUDY = """
 [loop]

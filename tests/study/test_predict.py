@@ -17,8 +17,8 @@ from fastcoil.model.metric_table import PREDICTIONS
 from fastcoil.study import maintenance
 from fastcoil.study.analysis.summary import summary
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.predict import predictions
-from fastcoil.study.runner import execute
+from fastcoil.study.folder.merge import predictions
+from fastcoil.study.run import execute
 
 pytestmark = pytest.mark.kernel
 

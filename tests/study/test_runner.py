@@ -15,7 +15,7 @@ from filelock import FileLock
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError
 from fastcoil.loops.provenance import content_sha256
-from fastcoil.study import runner
+from fastcoil.study import run as runner
 from fastcoil.study.file import spec
 from fastcoil.study.file.spec import read_study
 
@@ -253,7 +253,7 @@ def refuse_to_write(*_):
 
 def test_a_finished_study_that_cannot_be_written_is_found_and_no_other(finished, study, tmp_path, monkeypatch):
     out, ds = finished
-    monkeypatch.setattr("fastcoil.study.folder.lock._acquire", refuse_to_write)
+    monkeypatch.setattr("fastcoil.study.folder.folder._acquire", refuse_to_write)
     assert fc.run_study(study, out).identical(ds)
     study.write_text(SMALL.replace("hours = 1", "hours = 2"))
     with pytest.raises(StorageError, match="Read-only file system; free some space or repair the folder"):

@@ -13,8 +13,8 @@ import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.manifest import Manifest
-from fastcoil.study.runner import execute
-from fastcoil.study.workers.load_user_module import _load
+from fastcoil.study.run import execute
+from fastcoil.study.workers.user_code import _load
 
 pytestmark = pytest.mark.kernel
 

@@ -10,7 +10,7 @@ from helpers.studies import run, write_study
 import fastcoil as fc
 from fastcoil.study import maintenance
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.runner import execute
+from fastcoil.study.run import execute
 
 WITHOUT = """
 [loop]

@@ -19,7 +19,7 @@ from fastcoil.loops.labels import is_parameter, quantity, quantity_of
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
 from fastcoil.loops.provenance import ABSENT, package_versions
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
-from fastcoil.study.file.toml import parse_toml
+from fastcoil.study.file.tables import parse_toml
 
 _CHANCE = ("sample", "day", "replicate")
 """Labels that are no values."""

@@ -88,7 +88,7 @@ class Manifest:
                     f"{folder} was written by another version of fastcoil (format {format}, this one "
                     f"writes {FORMAT}): use that version, or choose another folder with -o"
                 )
-            if format == FORMAT and found.pop(_CHECKSUM, None) != _checksum(found):
+            if format == FORMAT and found.pop(_CHECKSUM, None) != checksum(found):
                 raise ValueError("its checksum differs")
             manifest = cls(**found) if format == FORMAT else cls(**found, finished=None)
             _check(manifest)
@@ -102,14 +102,15 @@ class Manifest:
     def text(self) -> str:
         """The content of ``run.json``."""
         content = asdict(self)
-        return json.dumps({**content, "format": FORMAT, _CHECKSUM: _checksum(content)}, indent=1) + "\n"
+        return json.dumps({**content, "format": FORMAT, _CHECKSUM: checksum(content)}, indent=1) + "\n"
 
     def write(self, folder: Path) -> None:
         """Write ``run.json``."""
         commit(folder / MANIFEST, self.text.encode())
 
 
-def _checksum(content: Mapping[str, Any]) -> str:
+def checksum(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a table, by which a later change of it is seen."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

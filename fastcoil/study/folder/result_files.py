@@ -1,4 +1,4 @@
-"""The final files of a study, ``results.nc`` and the file of traces: none is ever taken for another.
+"""The final files of a study, ``results.nc`` and the file of traces: written, opened and checked.
 
 ``run.json`` has the SHA-256 of each: of a new file before its name points to it, next to that of the file it replaces.
 So a run that is killed at any moment leaves files with hashes that are recorded.
@@ -7,22 +7,114 @@ So a run that is killed at any moment leaves files with hashes that are recorded
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.base.files import commit_written, exists
-from fastcoil.loops.netcdf import write
+from fastcoil.loops.netcdf import CLOCK, write
 from fastcoil.loops.provenance import FORMAT, combined_sha256, environments_of, variable_sha256
 from fastcoil.loops.stored_file import StoredFile, file_sha256, layout_of, open_lazily, try_reading
-from fastcoil.model.metric_table import TRACES
+from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, TRACES
+from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.folder.manifest import Manifest
-from fastcoil.study.folder.validation import malformed
+
+_LONGEST_TITLE = 2**20
+"""Characters; that of a whole study file."""
+_TEXTS = ("study_toml", "study_sha256", "model_sha256", "engine", "trace_file", "trace_sha256", "trace_layout")
+_SPEED = ("wall_time_s", "n_jobs", "scenario_days_per_s")
+"""Attributes that may be absent."""
+
+
+def malformed(ds: xr.Dataset) -> list[str]:
+    """Names of the attributes, metrics, coordinates and other variables that no result of a study has like this."""
+    checks: tuple[Callable[[xr.Dataset], Iterator[str]], ...] = (_attributes, _status, _metrics, _labels, _answers)
+    return [name for check in checks for name in check(ds)]
+
+
+def _attributes(ds: xr.Dataset) -> Iterator[str]:
+    title = ds.attrs.get("title")
+    if not isinstance(title, str) or len(title) > _LONGEST_TITLE:
+        yield "title"
+    yield from (name for name in _TEXTS if not isinstance(ds.attrs.get(name, ""), str))
+    if any(name in ds.attrs for name in _SPEED):
+        yield from (name for name in _SPEED if not isinstance(ds.attrs.get(name), Real))
+    if not isinstance(_parsed(ds, "parameters"), dict):
+        yield "parameters"
+    for name in ("rules", "own_code"):
+        if name in ds.attrs and not _is_table_of_texts(_parsed(ds, name)):
+            yield name
+    days = _parsed(ds, "day_sha256")
+    if not isinstance(days, list) or len(days) != ds["status"].sizes.get("day", 1):
+        yield "day_sha256"
+
+
+def _parsed(ds: xr.Dataset, name: str) -> Any:
+    try:
+        return json.loads(ds.attrs[name])
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
+
+
+def _is_table_of_texts(value: Any) -> bool:
+    """Whether it is name → name → text, as what is written of a study's own rules."""
+    return isinstance(value, dict) and all(
+        isinstance(each, dict) and all(isinstance(text, str) for text in each.values()) for each in value.values()
+    )
+
+
+def _status(ds: xr.Dataset) -> Iterator[str]:
+    status = ds["status"]
+    if status.dtype.kind not in "iu" or not np.isin(status.values, np.arange(len(STATUS_MEANINGS))).all():
+        yield "status"
+
+
+def _metrics(ds: xr.Dataset) -> Iterator[str]:
+    known = [name for name in METRICS if name in ds.data_vars]  # an older version wrote fewer
+    yield from (name for name in known if ds[name].dims != ds["status"].dims or ds[name].dtype != float)
+    if "rmse" not in known:
+        yield "rmse"
+
+
+def _labels(ds: xr.Dataset) -> Iterator[str]:
+    """Labels of every dimension of the status; what is swept along them, and labels of further dimensions."""
+    dims = ds["status"].dims
+    yield from (str(dim) for dim in dims if dim not in ds.coords)
+    for name, label in ds.coords.items():
+        kind, parameter = _kind(label.values), PARAMETERS.get(str(name))
+        expected = "d" if name in CLOCK else "nt" if parameter is None else "t" if parameter.is_word else "n"
+        placed = label.dims == (name,) or set(label.dims) <= set(dims)  # a rule's own parameters are in no table
+        placed |= name == "time" and label.dims == ("elapsed_time",)
+        if not placed or kind not in expected or (name in dims and not _tell_apart(label.values, kind)):
+            yield str(name)
+
+
+def _kind(values: np.ndarray) -> str:
+    """``n`` for numbers, ``t`` for text, ``d`` for dates, ``?`` for anything else."""
+    if values.dtype.kind in "iufM":
+        return "d" if values.dtype.kind == "M" else "n"
+    is_text = values.dtype.kind == "U" or all(isinstance(value, str) for value in values.ravel())
+    return "t" if is_text else "?"
+
+
+def _tell_apart(labels: np.ndarray, kind: str) -> bool:
+    return np.unique(labels).size == labels.size and (kind == "t" or bool(np.isfinite(labels).all()))
+
+
+def _answers(ds: xr.Dataset) -> Iterator[str]:
+    """Traces, and what a function of the user returned."""
+    dims = ds["status"].dims
+    for name, variable in ds.data_vars.items():
+        if name != "status" and (variable.dims[: len(dims)] != dims or variable.dtype.kind not in "biuf"):
+            yield str(name)
+
 
 RESULTS = "results.nc"
 TRACE_FILES = "traces-*.nc"

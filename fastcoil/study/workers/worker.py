@@ -24,9 +24,9 @@ from fastcoil.loops.shards import END_STATE, Shard, Stretch
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.model.numerics.jit import fingerprint, model_sha256
 from fastcoil.model.user_rules.same_code import OwnCode, own_code_of, refuse_other_code
-from fastcoil.study.file.source import Source
-from fastcoil.study.workers.load_user_module import load_rules
+from fastcoil.study.file.own_code import Source
 from fastcoil.study.workers.reduce import reduce
+from fastcoil.study.workers.user_code import load_rules
 
 _jobs: dict[str, Job] = {}
 

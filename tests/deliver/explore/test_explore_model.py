@@ -12,7 +12,7 @@ from fastcoil.deliver.explore.model.stories import STORIES, told
 from fastcoil.deliver.explore.model.take_home import python_lines, study_file
 from fastcoil.deliver.explore.model.words import headline, learning, outcome, prediction
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.one_scenario import one_scenario
+from fastcoil.study.maintenance import one_scenario
 
 BY_HAND = {
     "A good valve": fc.Loop(backlash=0.0),

@@ -7,7 +7,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.design.tuning.measures import Measure
 from fastcoil.design.tuning.plan import plan_tuning
-from fastcoil.study.file.include import read_includes
+from fastcoil.study.file.loop import read_includes
 
 pytestmark = pytest.mark.kernel
 

@@ -9,7 +9,7 @@ from helpers.shared_data import measured
 from helpers.weather_years import CSV_HEADER, epw, hours_from, tmy3
 
 from fastcoil.loops.boundary.weather import weather_day
-from fastcoil.study.file.boundary import build_boundary
+from fastcoil.study.file.spec import build_boundary
 
 PLANT = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "T_return": 24.0, "RH_return": 0.5}
 OUTDOORS = PLANT | {"outdoor_fraction": 1.0}

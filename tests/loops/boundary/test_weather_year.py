@@ -11,7 +11,7 @@ from helpers.weather_years import epw, hours_from, tmy3
 
 import fastcoil as fc
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
-from fastcoil.study.file.boundary import build_boundary
+from fastcoil.study.file.spec import build_boundary
 
 pytestmark = pytest.mark.filterwarnings("ignore:hourly weather")
 CALM = {"disturbances": 0.0, "year": 2023, "zone_spread": 0.0}

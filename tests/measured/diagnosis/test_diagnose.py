@@ -9,7 +9,7 @@ from helpers.shared_data import measured
 
 import fastcoil as fc
 from fastcoil.cli.main import main
-from fastcoil.study.file.toml import parse_toml
+from fastcoil.study.file.tables import parse_toml
 
 BACKLASH = 0.08
 

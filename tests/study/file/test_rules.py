@@ -6,9 +6,9 @@ import pytest
 from helpers.rules import HEAD
 
 from fastcoil.base.errors import InputError
-from fastcoil.study.file import rules
+from fastcoil.study.file import own_code as rules
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers.load_user_module import load
+from fastcoil.study.workers.user_code import load
 
 STUDY = """
 [loop]

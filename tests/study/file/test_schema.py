@@ -15,11 +15,10 @@ from jsonschema import Draft202012Validator
 from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.study.file.boundary import BOUNDARY_KINDS
 from fastcoil.study.file.schema import study_schema
-from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.spec import BOUNDARY_KINDS, read_study
+from fastcoil.study.file.starters import TEMPLATE
 from fastcoil.study.file.tables import StudyFile
-from fastcoil.study.file.template import TEMPLATE
 
 STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*.toml"))
 SCHEMA = study_schema()

@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from fastcoil.base.errors import InputError
-from fastcoil.study.file.source import Source, find_source
+from fastcoil.study.file.own_code import Source, find_source
 from fastcoil.study.file.spec import read_study
 
 SOURCE = """

@@ -7,7 +7,7 @@ import pytest
 from helpers.refusals import only_problem, problems
 
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.template import TEMPLATE
+from fastcoil.study.file.starters import TEMPLATE
 
 
 @pytest.fixture

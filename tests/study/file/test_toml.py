@@ -8,7 +8,7 @@ import tomllib
 import pytest
 from helpers.refusals import only_problem, problems
 
-from fastcoil.study.file.toml import parse_toml
+from fastcoil.study.file.tables import parse_toml
 
 BENIGN = (
     r'''

@@ -14,7 +14,8 @@ from fastcoil.base.errors import InputError
 from fastcoil.loops import netcdf, plan
 from fastcoil.loops.shards import END_STATE
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
-from fastcoil.study import maintenance, runner
+from fastcoil.study import maintenance
+from fastcoil.study import run as runner
 
 pytestmark = pytest.mark.kernel
 

@@ -14,11 +14,11 @@ import fastcoil as fc
 from fastcoil.base import files
 from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
-from fastcoil.study import runner
+from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder import folder, manifest
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.runner import execute
+from fastcoil.study.run import execute
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120)]
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.runner import execute
+from fastcoil.study.run import execute
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120)]
 

@@ -23,7 +23,7 @@ from helpers.studies import (
 )
 
 from fastcoil.base.errors import IntegrityError, StorageError
-from fastcoil.study import runner
+from fastcoil.study import run as runner
 from fastcoil.study.folder.shards import SHARD_NAME
 
 pytestmark = pytest.mark.kernel

@@ -14,8 +14,7 @@ from fastcoil.loops import netcdf, stored_file
 from fastcoil.loops.provenance import combined_sha256
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study.folder.manifest import Manifest
-from fastcoil.study.folder.result_files import open_final
-from fastcoil.study.folder.validation import malformed
+from fastcoil.study.folder.result_files import malformed, open_final
 
 pytestmark = pytest.mark.kernel
 

@@ -14,7 +14,8 @@ from helpers.studies import PLAIN, TRACED, contents, copied, golden, resume, run
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, LockedError, StorageError
 from fastcoil.base.files import file_name, make_folder
 from fastcoil.cli.main import main
-from fastcoil.study import maintenance, runner
+from fastcoil.study import maintenance
+from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.folder import StudyFolder
 

@@ -80,7 +80,7 @@ def ordeal(originals, out, kind, seed):
     dice = random.Random(f"{kind} {seed}")
     path = dice.choice(files(out))
     good = path.read_bytes()
-    bad = edited(good, dice, manifest._checksum) if path.suffix == ".json" and seed % 2 else damaged(good, dice)
+    bad = edited(good, dice, manifest.checksum) if path.suffix == ".json" and seed % 2 else damaged(good, dice)
     path.unlink()
     path.write_bytes(bad)
     forget()

@@ -14,7 +14,8 @@ from helpers.processes import environment
 from helpers.studies import PLAIN, shards, unfinished
 
 from fastcoil.cli.main import main
-from fastcoil.study import maintenance, runner
+from fastcoil.study import maintenance
+from fastcoil.study import run as runner
 
 pytestmark = pytest.mark.kernel
 

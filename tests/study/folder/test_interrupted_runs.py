@@ -14,7 +14,7 @@ from helpers.processes import N_SCENARIOS, STUDY, children, ended, gone, started
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.shards import SHARDS
-from fastcoil.study.runner import execute
+from fastcoil.study.run import execute
 
 pytestmark = [
     pytest.mark.kernel,

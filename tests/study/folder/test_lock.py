@@ -11,7 +11,7 @@ import time
 import pytest
 
 from fastcoil.base.errors import InputError, LockedError, StorageError
-from fastcoil.study.folder.lock import find_holder, hold
+from fastcoil.study.folder.folder import find_holder, hold
 
 
 @pytest.fixture

@@ -26,7 +26,8 @@ from helpers.studies import (
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.loops import plan
 from fastcoil.model.numerics.jit import compiled_for
-from fastcoil.study import maintenance, runner
+from fastcoil.study import maintenance
+from fastcoil.study import run as runner
 from fastcoil.study.file import spec
 from fastcoil.study.folder import manifest
 from fastcoil.study.folder.results import open_study
@@ -173,7 +174,7 @@ def test_a_value_of_the_wrong_type_in_run_json_is_reported(out, name, value):
     manifest.Manifest("a", "b", "c", "d").write(out)
     found = json.loads((out / "run.json").read_text()) | {name: value}
     content = {n: v for n, v in found.items() if n not in ("format", "sha256")}
-    (out / "run.json").write_text(json.dumps(found | {"sha256": manifest._checksum(content)}))
+    (out / "run.json").write_text(json.dumps(found | {"sha256": manifest.checksum(content)}))
     with pytest.raises(IntegrityError, match=r"run\.json is damaged"):
         open_study(out)
 

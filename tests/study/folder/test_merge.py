@@ -12,7 +12,7 @@ from helpers.studies import DAYS, PLAIN, TRACED, copied, golden, larger, resume,
 
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError, StorageError
-from fastcoil.study import runner
+from fastcoil.study import run as runner
 from fastcoil.study.folder import merge
 
 pytestmark = pytest.mark.kernel

@@ -10,9 +10,9 @@ from helpers.processes import N_SCENARIOS, cut, ended, started, wait_for
 import fastcoil as fc
 from fastcoil.cli.main import main
 from fastcoil.loops import plan
-from fastcoil.study import runner
+from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.runner import execute
+from fastcoil.study.run import execute
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 

@@ -16,7 +16,8 @@ from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
 from fastcoil.loops.shards import Shard
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers import dask_cluster, dask_connection
+from fastcoil.study.workers import pools as dask_cluster
+from fastcoil.study.workers import pools as dask_connection
 from fastcoil.study.workers.worker import Job, forget, identity, receive, run_received
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]

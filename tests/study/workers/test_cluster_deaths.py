@@ -13,7 +13,7 @@ from helpers.processes import N_SCENARIOS, check_crashed, cluster, cut
 from fastcoil.base.errors import FastcoilError
 from fastcoil.cli.main import main
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.runner import execute
+from fastcoil.study.run import execute
 from fastcoil.study.workers import dispatch
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtures("leaves_nothing")]

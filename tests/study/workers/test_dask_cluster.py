@@ -13,8 +13,9 @@ from helpers.processes import cut, wait_for
 
 import fastcoil as fc
 from fastcoil.cli.main import main
-from fastcoil.study.workers import dask_cluster, dispatch
-from fastcoil.study.workers.dask_cluster import Dask
+from fastcoil.study.workers import dispatch
+from fastcoil.study.workers import pools as dask_cluster
+from fastcoil.study.workers.pools import Dask
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 

@@ -17,8 +17,8 @@ import pytest
 from helpers.processes import children, cluster, ended, started, wait_for
 
 import fastcoil as fc
-from fastcoil.study.workers import dask_connection
-from fastcoil.study.workers.dask_connection import connect, start_local_cluster
+from fastcoil.study.workers import pools as dask_connection
+from fastcoil.study.workers.pools import connect, start_local_cluster
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 

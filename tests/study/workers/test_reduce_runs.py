@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
-from fastcoil.study.file.source import Source
+from fastcoil.study.file.own_code import Source
 from fastcoil.study.workers.reduce import reduce
 
 RAISING = """

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastcoil.study.workers.process_state import surroundings_restored
+from fastcoil.study.workers.user_code import surroundings_restored
 
 UPWARD = {"x86_64": 0x800, "aarch64": 0x400000}
 """The direction of rounding, as the C library numbers it."""

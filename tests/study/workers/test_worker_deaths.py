@@ -25,7 +25,7 @@ from fastcoil.loops.shards import Shard
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.shards import SHARDS
-from fastcoil.study.runner import execute
+from fastcoil.study.run import execute
 from fastcoil.study.workers import dispatch, pools
 from fastcoil.study.workers.dispatch import Dispatcher
 from fastcoil.study.workers.pools import make_pool

@@ -15,7 +15,7 @@ from fastcoil.deliver.explore.model.settings import Settings, settings_of
 from fastcoil.deliver.explore.model.start import GIVEN, Start, starts
 from fastcoil.deliver.explore.model.stories import STORIES, told
 from fastcoil.model.engine.host import compile_kernel
-from fastcoil.study.one_scenario import Scenario
+from fastcoil.study.maintenance import Scenario
 
 _RUNS, _MAPS = 200, 100
 """So many are kept: 0.3 MB and 4 kB each."""

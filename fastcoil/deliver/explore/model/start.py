@@ -10,7 +10,7 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.presets import PRESETS
 from fastcoil.model.metric_table import WARM_UP
-from fastcoil.study.one_scenario import Scenario
+from fastcoil.study.maintenance import Scenario
 
 GIVEN = "given"
 """Name of the loop that was given, which is no preset."""

@@ -1,19 +1,21 @@
-"""Run a study file into a folder: start, resume, extend, or find it finished."""
+"""Run a study file into a folder: decide what is left to do, run it, merge it."""
 
 from __future__ import annotations
 
+import difflib
 import json
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NoReturn
 
 import xarray as xr
 
 from fastcoil.base.arguments import checking, choice_of, flag_of, path_of, text_of
-from fastcoil.base.errors import InputError, StorageError
+from fastcoil.base.errors import InputError, IntegrityError, StorageError
 from fastcoil.base.files import storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.dataset import check_same_form
@@ -24,17 +26,15 @@ from fastcoil.loops.simulate import workers
 from fastcoil.model.engine.host import compile_kernel
 from fastcoil.model.numerics.jit import same_model
 from fastcoil.model.user_rules.same_code import refuse_other_code
-from fastcoil.study.differences import refuse_other_study, warn_of_difference
 from fastcoil.study.file.spec import Study, read_study
-from fastcoil.study.folder.extend import match_scenarios
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.manifest import Environment, Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.result_files import WORDS, finished_manifest, reworded
-from fastcoil.study.folder.results import Computed, is_current, is_of, open_study
+from fastcoil.study.folder.results import Computed, is_current, is_of, match_scenarios, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
-from fastcoil.study.workers.load_user_module import load, load_rules
 from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, resolve_backend
+from fastcoil.study.workers.user_code import load, load_rules
 from fastcoil.study.workers.worker import Job
 
 
@@ -280,3 +280,58 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked:
         match_scenarios(study.plan, study_attributes(study, asked), open_study(store.path))
         merge(store, smaller, replace(stored, computed_on=environments), computed.parts, complete=False)
     return store.read_manifest()
+
+
+_LONGEST_DIFFERENCE = 10
+"""Lines."""
+
+
+def warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:
+    """Warn if other scenarios were computed where bits may differ; one that nobody recorded may be this one."""
+    for other in filter(None, others):
+        differs = [
+            f"{name} {other.get(name, 'unknown')}, now {environment.get(name, 'unknown')}"
+            for name in sorted({*other, *environment})
+            if other.get(name) != environment.get(name)
+        ]
+        warnings.warn(
+            f"a part of {folder} was computed elsewhere ({'; '.join(differs)}): the last digits of results may depend "
+            "on that, in a loop that hunts also the first; to have all from one place, run the study in another folder",
+            stacklevel=3,
+        )
+
+
+def refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
+    """Refuse to replace the study in a folder by another one, and say in what they differ.
+
+    Raises
+    ------
+    InputError
+        If their texts differ.
+    IntegrityError
+        If a file that they read does, or the text in the folder is lost.
+    """
+    text = store.read_text()
+    if text is None:
+        raise IntegrityError(
+            f"{store.path}: study.toml is missing or damaged, and the run in this folder was of another study: restore "
+            "the file, or choose another folder with -o"
+        )
+    changes = [
+        line
+        for line in difflib.unified_diff(text.splitlines(), study.text.splitlines(), lineterm="")
+        if line[:1] in "+-" and line[:3] not in ("+++", "---")
+    ]
+    if not changes:
+        raise IntegrityError(
+            f"{store.path}: a file that the study reads changed since the run was started: restore it, or choose "
+            "another folder with -o; if an extension of it was killed, add --extend to go on"
+        )
+    shown = changes[:_LONGEST_DIFFERENCE] + ["…"] * (len(changes) > _LONGEST_DIFFERENCE)
+    raise InputError(
+        [
+            f"{store.path} holds another study, or another version of this one: add --extend if only values were "
+            "added, otherwise choose another folder with -o.  The differences:",
+            *shown,
+        ]
+    )
