@@ -1,5 +1,5 @@
-# `make study` runs the main study, `make paper` the paper's figures, `make test` the tests, `make docs` the site; all set
-# up what they need in .venv.
+# `make study` runs the main study, `make paper` the paper's figures, `make test` the tests, `make docs` the site.  Each
+# target installs what it needs into .venv.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -11,21 +11,31 @@ study: $(VENV)/.installed
 paper: $(VENV)/.installed
 	$(BIN)/fastcoil paper -o results/paper
 
-# on all cores, but one at a time the tests that measure time or signal processes
+# in parallel; tests that measure time or send signals take turns
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 
-# also what takes minutes
+# includes the tests that take minutes
 test-full: export FASTCOIL_FULL = 1
 test-full: test
+
+# the formulas of the model without the compiler, so that Python itself checks bounds and types
+.PHONY: test-scalar coverage
+test-scalar: $(VENV)/.installed-test
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/model -q -p no:cacheprovider
+
+# line coverage of everything but compiled code, in build/coverage/index.html
+coverage: $(VENV)/.installed-coverage
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal -q \
+	  --cov=fastcoil --cov-report=term:skip-covered --cov-report=html:build/coverage
 
 lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# the site, build/docs/site/index.html, always from the beginning: its examples show what the program does now.  Every
-# warning is an error, and so is a link that leads nowhere
+# the site, build/docs/site/index.html, rebuilt from scratch so that its examples show the current behaviour; warnings
+# and dead links are errors
 DOCS := build/docs
 docs: $(VENV)/.installed-docs
 	rm -rf $(DOCS) && mkdir -p $(DOCS)/pages
@@ -33,7 +43,7 @@ docs: $(VENV)/.installed-docs
 	$(BIN)/python docs/builder/links.py $(DOCS)/site
 	@echo "Open $(DOCS)/site/index.html"
 
-# RESULTS.md of this machine; JAX joins if it is in .venv, C if there is a gcc
+# writes RESULTS.md for this machine; compares with JAX if it is installed in .venv and with C if there is a gcc
 BENCH = $(BIN)/python -m pytest benchmarks -q -p no:cacheprovider -o python_files='bench_*.py'
 .PHONY: bench bench-quick
 bench: $(VENV)/.installed-test
@@ -41,14 +51,14 @@ bench: $(VENV)/.installed-test
 	$(BIN)/python benchmarks/report.py benchmarks/results.json > benchmarks/RESULTS.md.new
 	mv benchmarks/RESULTS.md.new benchmarks/RESULTS.md
 
-# everything once on tiny sizes, so that it cannot rot; writes nothing here
+# runs every benchmark once on tiny sizes, as a test; writes nothing into the tree
 bench-quick: export FASTCOIL_BENCH = quick
 bench-quick: $(VENV)/.installed-test
 	out=$$(mktemp -d) && trap 'rm -rf "$$out"' EXIT && \
 	$(BENCH) --benchmark-columns=median --benchmark-json="$$out/results.json" && \
 	$(BIN)/python benchmarks/report.py "$$out/results.json"
 
-# the same numbers as another checkout, and no slower?  make against OTHER=../before
+# compares numbers (to the last bit) and speed with another checkout: make against OTHER=../before
 .PHONY: against
 against: $(VENV)/.installed-test
 	$(BIN)/python benchmarks/against.py $(OTHER)
@@ -70,6 +80,10 @@ $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --group test
 	@touch $@
 
+$(VENV)/.installed-coverage: $(VENV)/.installed-test
+	$(BIN)/python -m pip install --quiet --group coverage
+	@touch $@
+
 $(VENV)/.installed-lint: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --group lint
 	@touch $@
@@ -78,7 +92,7 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --group docs
 	@touch $@
 
-# the oldest versions pyproject.toml allows, in an environment of their own
+# the suite with the oldest versions that pyproject.toml allows, in a separate environment
 .PHONY: test-floors
 test-floors:
 	$(PYTHON) -m venv .venv-floors

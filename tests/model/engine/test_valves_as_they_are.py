@@ -153,6 +153,7 @@ def test_a_jump_larger_than_the_band_is_refused_before_anything_runs(parameters,
     )
 
 
+@pytest.mark.kernel
 def test_a_jump_larger_than_the_band_that_the_boundary_leaves_is_refused(refused, short):
     (problem,) = refused(fc.Loop(slip_jump=0.05), short.assign(backlash_scale=0.5), warm_up=60)
     assert "0.015 above the backlash, which backlash_scale makes 0.5 times as large" in problem
