@@ -17,7 +17,7 @@ from fastcoil.model.physics.coil import NO_FLOW
 
 COIL_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
 """Columns of what enters the coil."""
-C = positions(COIL_COLUMNS)
+_COIL = positions(COIL_COLUMNS)
 
 
 @kernel
@@ -32,15 +32,15 @@ def march_coil(rows, common, series, at, S, V, T_sup, T_w_out, wet):
     derive(S, rows, n_volumes)
     set_initial_state(S, True)
     reset_sums(S, True)
-    fill_coil(S, V, n_volumes, series[0, C.W_a_in])
+    fill_coil(S, V, n_volumes, series[0, _COIL.W_a_in])
 
     first, last = VOLUME_STRIDE, n_volumes * VOLUME_STRIDE
     m_a_known, m_w_known = np.nan, np.nan
     everywhere = np.ones(n_volumes + 1, np.bool_)
     k = 0
     for t in range(n_steps):
-        m_a, T_a_in, W_a_in = series[t, C.m_a], series[t, C.T_a_in], series[t, C.W_a_in]
-        T_w_in, m_w = series[t, C.T_w_in], series[t, C.m_w]
+        m_a, T_a_in, W_a_in = series[t, _COIL.m_a], series[t, _COIL.T_a_in], series[t, _COIL.W_a_in]
+        T_w_in, m_w = series[t, _COIL.T_w_in], series[t, _COIL.m_w]
         recorded = k < at.size and at[k] == t
         if recorded:
             for j in range(LANES):

@@ -18,7 +18,7 @@ from fastcoil.model.numerics.stages import BUILT_IN
 
 REPLAY_COLUMNS = ("T_sup", "T_set", "enabled", "m_a")
 """Columns of what the controller sees."""
-C = positions(REPLAY_COLUMNS)
+_SEEN = positions(REPLAY_COLUMNS)
 REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 
 
@@ -38,16 +38,16 @@ def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
         call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
     was_enabled = True
     for t in range(series.shape[0]):
-        enabled = series[t, C.enabled] != 0.0
+        enabled = series[t, _SEEN.enabled] != 0.0
         for j in range(LANES):
-            S[R.y_s + j] = series[t, C.T_sup]
+            S[R.y_s + j] = series[t, _SEEN.T_sup]
         if estimates and t > 0 and t % common.estimating_period == 0:
-            call_estimator(common.estimate, (S, own, float(t), series[t, C.T_set], series[t, C.m_a], enabled, False))
+            call_estimator(common.estimate, (S, own, float(t), series[t, _SEEN.T_set], series[t, _SEEN.m_a], enabled, False))
         if t % common.control_period == 0 or was_enabled != enabled:
             if common.control == BUILT_IN:
-                control(S, t, series[t, C.T_set], 0.0, enabled, 0.0, PLAIN)
+                control(S, t, series[t, _SEEN.T_set], 0.0, enabled, 0.0, PLAIN)
             else:
-                call_control(common.control, (S, t, series[t, C.T_set], 0.0, enabled, 0.0))
+                call_control(common.control, (S, t, series[t, _SEEN.T_set], 0.0, enabled, 0.0))
         was_enabled = enabled
         if t % interval == 0:
             record(S, V, traced_rows, traces[t // interval])

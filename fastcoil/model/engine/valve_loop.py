@@ -11,7 +11,7 @@ from fastcoil.model.physics.valve import backlash, growth, log_flow, opening, st
 
 VALVE_ROWS = ("backlash", "m_max", "valve_a", "valve_b", "valve_c")
 """Rows of the parameter sets of ``valve_flows``."""
-P = positions(VALVE_ROWS)
+_VALVE = positions(VALVE_ROWS)
 
 
 @kernel
@@ -26,19 +26,19 @@ def valve_flows(command, batch, sets, start, openings, flows):
     q = np.empty(n_sets)
     log_m_max = np.empty(n_sets)
     for j in range(n_sets):
-        log_m_max[j] = log(sets[P.m_max, j])
+        log_m_max[j] = log(sets[_VALVE.m_max, j])
     for t in range(command.size):
         if t == 0 or batch[t] != batch[t - 1]:
             for j in range(n_sets):
-                q[j] = started(command[t], sets[P.backlash, j], start[batch[t], j])
+                q[j] = started(command[t], sets[_VALVE.backlash, j], start[batch[t], j])
         elif command[t] == command[t - 1]:
             for j in range(n_sets):
                 openings[t, j] = openings[t - 1, j]
                 flows[t, j] = flows[t - 1, j]
             continue
         for j in range(n_sets):
-            q[j] = backlash(q[j], command[t], sets[P.backlash, j])
-            openings[t, j] = opening(q[j], sets[P.backlash, j])
+            q[j] = backlash(q[j], command[t], sets[_VALVE.backlash, j])
+            openings[t, j] = opening(q[j], sets[_VALVE.backlash, j])
         for j in range(n_sets):
-            grown = growth(openings[t, j], sets[P.valve_b, j], sets[P.valve_c, j])
-            flows[t, j] = exp(log_flow(log_m_max[j], sets[P.valve_a, j], grown))
+            grown = growth(openings[t, j], sets[_VALVE.valve_b, j], sets[_VALVE.valve_c, j])
+            flows[t, j] = exp(log_flow(log_m_max[j], sets[_VALVE.valve_a, j], grown))
