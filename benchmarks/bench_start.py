@@ -94,7 +94,7 @@ def test_status(timed: Timed, study: Path, tmp_path: Path) -> None:
 @pytest.mark.skipif(QUICK, reason="a cold run compiles the same")
 def test_first_compile(timed: Timed, tmp_path: Path) -> None:
     """The kernels of the default loop alone, with an empty cache: what comes once after an installation."""
-    compile_it = "from fastcoil.model.engine.host import compile_kernel; compile_kernel()"
+    compile_it = "from fastcoil.model.engine.lanes import compile_kernel; compile_kernel()"
     timed(lambda: call(sys.executable, "-c", compile_it, cache=tmp_path / "cache"), 1, warm_up=False, threads=ALL)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from suite import QUICK
 
-from fastcoil.model.engine.host import compile_kernel
+from fastcoil.model.engine.lanes import compile_kernel
 
 Timed = Callable[..., Any]
 

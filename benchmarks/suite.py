@@ -16,8 +16,7 @@ from peers import c_peer, common, numpy_lanes, scalar_numba
 
 import fastcoil as fc
 from fastcoil.loops.plan import Plan, plan_simulation
-from fastcoil.model.engine.host import run_block
-from fastcoil.model.engine.lanes import blocks, parameter_matrix
+from fastcoil.model.engine.lanes import blocks, parameter_matrix, run_block
 from fastcoil.model.engine.rows import LANES
 from fastcoil.model.metric_table import METRICS
 

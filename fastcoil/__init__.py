@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from fastcoil.measured.fit.loop import fit_loop as fit_loop
     from fastcoil.measured.fit.replay import replay as replay
     from fastcoil.measured.fit.valve import fit_valve as fit_valve
-    from fastcoil.model.user_rules.parameter import parameter as parameter
-    from fastcoil.model.user_rules.rule import estimator as estimator
-    from fastcoil.model.user_rules.rule import law as law
+    from fastcoil.model.user_rules import estimator as estimator
+    from fastcoil.model.user_rules import law as law
+    from fastcoil.model.user_rules import parameter as parameter
     from fastcoil.study.analysis.check_rule import check_rule as check_rule
     from fastcoil.study.analysis.compare import compare as compare
     from fastcoil.study.analysis.cost import cost as cost

@@ -74,7 +74,7 @@ def pytest_runtest_protocol(item):
 
 @cache
 def compile_once(folder):
-    from fastcoil.model.engine.host import compile_kernel
+    from fastcoil.model.engine.lanes import compile_kernel
 
     with FileLock(folder / "kernel.lock"):
         compile_kernel()
@@ -126,7 +126,7 @@ def run_reference():
 
     ``exact`` takes the reference's own Hyland-Wexler saturation instead of the package's.
     """
-    from fastcoil.model.physics.psychrometrics import saturation_humidity_ratio
+    from fastcoil.model.physics import saturation_humidity_ratio
 
     def run(loop, boundary, *, exact=False, **options):
         given = {"plant_gain": None, "estimator": None} | loop.constants

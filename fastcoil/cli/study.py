@@ -101,7 +101,7 @@ def plan(study: Path, jobs: int | None) -> None:
         from fastcoil.loops.running import count_shards, estimate_seconds
         from fastcoil.loops.shards import first_shards
         from fastcoil.loops.simulate import workers
-        from fastcoil.model.engine.host import compile_kernel
+        from fastcoil.model.engine.lanes import compile_kernel
         from fastcoil.study.file.spec import read_study
         from fastcoil.study.run import default_folder
 

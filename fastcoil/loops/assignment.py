@@ -24,8 +24,7 @@ from fastcoil.model.parameter_table import (
     Scalar,
     check_name,
 )
-from fastcoil.model.user_rules.parameter import text_without_one
-from fastcoil.model.user_rules.rule import KINDS, Rule
+from fastcoil.model.user_rules import KINDS, Rule, text_without_one
 
 FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES}
 """Names that a swept dimension cannot have: dimensions and variables of a result."""

@@ -16,7 +16,7 @@ import xarray as xr
 
 from fastcoil.loops.assignment import MEANING, WORD
 from fastcoil.model.parameter_table import COUNTS, PARAMETERS
-from fastcoil.model.user_rules.rule import Rule
+from fastcoil.model.user_rules import Rule
 
 Numbers: TypeAlias = float | Sequence[float] | tuple[str, Any] | np.ndarray[Any, Any] | xr.DataArray
 """A number; a list, which is a dimension of its own; ``(dim, values)``; a DataArray."""

@@ -23,7 +23,7 @@ from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.presets import PRESETS, Preset
 from fastcoil.model.metric_table import METRICS
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS, Parameter, Scalar, check_name
-from fastcoil.model.user_rules.rule import KINDS, Rule
+from fastcoil.model.user_rules import KINDS, Rule
 
 _DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
 

@@ -24,7 +24,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Days, Layout, commands_of
 from fastcoil.loops.stability import check_stability
 from fastcoil.model.engine.emulator import DAY_COLUMNS
-from fastcoil.model.engine.host import TraceRequest
+from fastcoil.model.engine.lanes import TraceRequest
 from fastcoil.model.engine.rows import LANES
 from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
 from fastcoil.model.numerics.noise import RNG

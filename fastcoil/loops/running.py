@@ -17,13 +17,21 @@ import xarray as xr
 from fastcoil.loops.dataset import flat_dataset
 from fastcoil.loops.plan import Plan
 from fastcoil.loops.shards import END_STATE, Shard, Stretch, first_shards
-from fastcoil.model.engine.carried import state_of, work_space_from
 from fastcoil.model.engine.emulator import Day
-from fastcoil.model.engine.host import TraceRequest, run_block
-from fastcoil.model.engine.lanes import Block, WorkSpace, blocks, parameter_matrix, work_space
+from fastcoil.model.engine.lanes import (
+    Block,
+    TraceRequest,
+    WorkSpace,
+    blocks,
+    parameter_matrix,
+    run_block,
+    state_of,
+    work_space,
+    work_space_from,
+)
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.numerics.jit import compiled_for
-from fastcoil.model.user_rules.rule import rules_for_kernels
+from fastcoil.model.user_rules import rules_for_kernels
 
 S = TypeVar("S")
 T = TypeVar("T")

@@ -21,7 +21,7 @@ from fastcoil.loops.boundary.conversion import start_coordinate
 from fastcoil.loops.loop import Loop, forgetting, words_used
 from fastcoil.loops.netcdf import CLOCK
 from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day
-from fastcoil.model.engine.schedule import NOTHING_BEFORE, Before, after, schedule
+from fastcoil.model.engine.metrics import NOTHING_BEFORE, Before, after, schedule
 from fastcoil.model.metric_table import SETTLING_TIME
 
 _SECOND = np.timedelta64(1, "s")

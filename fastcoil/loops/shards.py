@@ -19,7 +19,7 @@ from fastcoil.loops.plan import Plan
 from fastcoil.model.engine.rows import LANES
 
 END_STATE = "end_state"
-"""Of a flat part, (lane, number): what its lanes carry over; no result, see ``fastcoil.model.engine.carried``."""
+"""Of a flat part, (lane, number): what its lanes carry over; no result, see ``fastcoil.model.engine.lanes``."""
 
 
 @dataclass(frozen=True)

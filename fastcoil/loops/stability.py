@@ -17,8 +17,8 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model import moist_air
 from fastcoil.model.engine.lanes import parameter_matrix
+from fastcoil.model.engine.plant import worst_numbers
 from fastcoil.model.engine.rows import PARAMETER_ROWS
-from fastcoil.model.engine.step_numbers import worst_numbers
 from fastcoil.model.parameter_table import PARAMETERS
 
 _CHUNK = 65536

@@ -25,7 +25,7 @@ from fastcoil.loops.provenance import provenance
 from fastcoil.loops.running import run_shard
 from fastcoil.loops.scenarios import Layout, clock_coordinates
 from fastcoil.loops.shards import Chain, Shard
-from fastcoil.model.engine.host import TraceRequest, compile_kernel
+from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
 from fastcoil.model.metric_table import (
     METRICS,
     STATUS_CRASHED,
@@ -37,7 +37,7 @@ from fastcoil.model.metric_table import (
 )
 from fastcoil.model.numerics.jit import is_model
 from fastcoil.model.parameter_table import PARAMETERS, check_name
-from fastcoil.model.user_rules.same_code import own_code_of, refuse_other_code
+from fastcoil.model.user_rules import own_code_of, refuse_other_code
 from fastcoil.study.analysis.selected import is_label
 from fastcoil.study.archive import archive_problems
 from fastcoil.study.file.own_code import Source

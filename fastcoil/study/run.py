@@ -23,9 +23,9 @@ from fastcoil.loops.plan import check_disk, check_workers
 from fastcoil.loops.provenance import environments_of
 from fastcoil.loops.shards import END_STATE, first_shards
 from fastcoil.loops.simulate import workers
-from fastcoil.model.engine.host import compile_kernel
+from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import same_model
-from fastcoil.model.user_rules.same_code import refuse_other_code
+from fastcoil.model.user_rules import refuse_other_code
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Environment, Manifest

@@ -46,7 +46,7 @@ def run(folder, code):
 
 def test_the_example_fits_the_sources(extended):
     code = (
-        "import fastcoil as fc; from fastcoil.model.control.pi import slowed;"
+        "import fastcoil as fc; from fastcoil.model.control import slowed;"
         "print(fc.Loop(output_rate=0.001)['output_rate']);"
         "print(*(slowed(u, 0.5, 0.1) for u in (0.2, 0.45, 0.9)), slowed(0.9, 0.5, 0.0))"
     )

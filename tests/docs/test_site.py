@@ -66,7 +66,7 @@ def test_no_page_links_twice_to_a_term(pages):
 
 
 def test_an_equation_stands_beside_its_source(pages):
-    module = (ROOT / "fastcoil" / "model" / "physics" / "valve.py").read_text()
+    module = (ROOT / "fastcoil" / "model" / "physics.py").read_text()
     page = pages["equations.md"]
     assert source_of(module, "backlash") in page
     source = (ROOT / "docs" / "equations.md").read_text()

@@ -11,7 +11,7 @@ import fastcoil as fc
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.running import run_shard
 from fastcoil.loops.shards import Chain
-from fastcoil.model.engine.schedule import COUNTED, HUNTING_SEEN, SETTLED
+from fastcoil.model.engine.metrics import COUNTED, HUNTING_SEEN, SETTLED
 from fastcoil.model.metric_table import METRICS, TRACES
 
 pytestmark = pytest.mark.kernel

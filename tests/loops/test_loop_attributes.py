@@ -14,7 +14,7 @@ import fastcoil as fc
 from fastcoil.loops.assignment import WORD
 from fastcoil.loops.keywords import Keywords, Numbers, PresetName, Words
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.user_rules.rule import Rule
+from fastcoil.model.user_rules import Rule
 
 
 def test_every_parameter_is_an_attribute_with_the_value_of_the_loop():

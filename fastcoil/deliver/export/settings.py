@@ -13,11 +13,10 @@ from fastcoil.base.errors import InputError
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import columns_of
-from fastcoil.model.control.buffer import noise_level
+from fastcoil.model.control import noise_level
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.rows import PARAMETER_ROWS
-from fastcoil.model.estimators.identify import HORIZON
-from fastcoil.model.estimators.identify_equations import CANDIDATES
+from fastcoil.model.estimators.identify import CANDIDATES, HORIZON
 from fastcoil.model.parameter_table import LARGEST, PARAMETERS
 
 ANY_SET_POINTS = np.array([0.0, LARGEST])

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.design.theory.response import Complex, sampled, transform
-from fastcoil.model.engine.at_rest import STEADY, find_rest, rest_curve
-from fastcoil.model.engine.each_lane import CONDITIONS
+from fastcoil.model.engine.at_rest import CONDITIONS, FEW, STEADY, find_rest, respond, rest_curve
 from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS
-from fastcoil.model.engine.small_step import FEW, respond
 from fastcoil.model.parameter_table import PARAMETERS
 
 Columns = Mapping[str, NDArray[Any]]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array
-from fastcoil.model.engine.small_step import FEW, SLOWEST
+from fastcoil.model.engine.at_rest import FEW, SLOWEST
 
 Complex = NDArray[np.complex128]
 

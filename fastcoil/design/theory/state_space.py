@@ -9,9 +9,8 @@ import numpy as np
 
 from fastcoil.base.arrays import Array
 from fastcoil.design.theory.plants import Columns, distinct_plants
-from fastcoil.model.engine.at_rest import STEADY, find_rest
+from fastcoil.model.engine.at_rest import STATES, STEADY, find_rest, linearise_step
 from fastcoil.model.engine.lanes import blocks, work_space
-from fastcoil.model.engine.linear_map import STATES, linearise_step
 from fastcoil.model.engine.rows import LANES
 
 

@@ -17,7 +17,7 @@ from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES, LARGEST_DAY_LABEL, Values
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
-from fastcoil.model.numerics.low_pass import low_pass
+from fastcoil.model.numerics.noise import low_pass
 
 
 class Drift(NamedTuple):

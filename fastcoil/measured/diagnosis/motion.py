@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.base.arrays import Array
-from fastcoil.model.engine import play_loop
+from fastcoil.model.engine import recorded as play_loop
 
 
 def motor_positions(command: Array, most_travel: float) -> Array:

@@ -20,7 +20,7 @@ from fastcoil.loops.presets import COOLING
 from fastcoil.loops.simulate import simulate
 from fastcoil.measured.fit import work
 from fastcoil.measured.fit.play_curve import hats
-from fastcoil.model.engine.valve_loop import valve_flows
+from fastcoil.model.engine.recorded import valve_flows
 
 _STILL = 2e-3
 """Smaller changes of the command are none."""

@@ -20,10 +20,10 @@ from fastcoil.loops.running import within
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.measured.fit.least_squares import FORBIDDEN
 from fastcoil.model import moist_air
-from fastcoil.model.engine.coil_loop import COIL_COLUMNS, run_coil
 from fastcoil.model.engine.lanes import parameter_matrix
+from fastcoil.model.engine.plant import worst_numbers
+from fastcoil.model.engine.recorded import COIL_COLUMNS, run_coil
 from fastcoil.model.engine.rows import PARAMETER_ROWS
-from fastcoil.model.engine.step_numbers import worst_numbers
 
 COIL = ("C_w", "C_c", "beta1", "beta2", "beta3", "beta4", "beta5", "beta6")
 LOGS = np.array([True, True, True, False, True, False, True, False])

@@ -11,7 +11,7 @@ import xarray as xr
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.figures import COLOURS, DOTTED, FAINT, apply_style
 from fastcoil.measured.fit.split import FITTING, UNUSED, VALIDATION
-from fastcoil.model.engine.valve_loop import valve_flows
+from fastcoil.model.engine.recorded import valve_flows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

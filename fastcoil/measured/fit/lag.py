@@ -18,7 +18,7 @@ from fastcoil.measured.fit.lag_search import BACKLASHES, Curve, Stretches, cheap
 from fastcoil.measured.fit.least_squares import autocorrelation
 from fastcoil.measured.fit.play_curve import N_KNOTS, hats
 from fastcoil.measured.fit.valve_record import step_of
-from fastcoil.model.engine.valve_loop import valve_flows
+from fastcoil.model.engine.recorded import valve_flows
 
 _NEAR, _AROUND = 6, 2
 """Shifts tried: up to so many samples either way, and around the one that the cross-correlation proposes."""

@@ -24,7 +24,7 @@ from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.model.engine.lanes import parameter_matrix
-from fastcoil.model.engine.replay_loop import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
+from fastcoil.model.engine.recorded import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.model.metric_table import TRACES
 
 _NEEDED = ("T_sup", "T_set")

@@ -16,7 +16,7 @@ from fastcoil.measured.fit.bootstrap import widened
 from fastcoil.measured.fit.least_squares import Estimate, Model, Uncertainty, minimise, profile, uncertainty
 from fastcoil.measured.fit.split import fitted_part
 from fastcoil.measured.fit.valve_record import lowest_reading, reversals, sensor_off, settled
-from fastcoil.model.engine.valve_loop import valve_flows
+from fastcoil.model.engine.recorded import valve_flows
 
 FEWEST_SAMPLES = 20
 LARGEST_BACKLASH = 0.5

@@ -23,7 +23,7 @@ from fastcoil.measured.fit.sampling import judged
 from fastcoil.measured.fit.split import FITTING, UNUSED, VALIDATION
 from fastcoil.measured.fit.suspicion import suspicions
 from fastcoil.measured.fit.valve_problem import LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
-from fastcoil.model.engine.valve_loop import VALVE_ROWS
+from fastcoil.model.engine.recorded import VALVE_ROWS
 
 
 def valve_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:

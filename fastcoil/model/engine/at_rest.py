@@ -1,4 +1,9 @@
-"""The plant at rest, at its set-point or at given openings.
+"""The plant of each lane under its own constant conditions: at rest, linearised, and its answer to a small step.
+
+The march is that of the emulator with one addition.  Eq (3) gives a control volume more heat when it is wet than when
+it is dry, at the same state.  So a volume at its dew point may have no state of rest: it changes between wet and dry
+every few seconds.  Here such a volume is wet to the share that keeps it in between.  Every other volume is as in the
+emulator, to the bit.
 
 What a lane does never depends on the others in its block: each has its own end, and stands still behind it.
 """
@@ -7,11 +12,122 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.model.engine.each_lane import air_side_each, enter_each, march_air_each
-from fastcoil.model.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
 from fastcoil.model.engine.plant import deliver, march_water
-from fastcoil.model.engine.rows import LANES, T_A, VOLUME_STRIDE, R, positions
+from fastcoil.model.engine.rows import (
+    LANES,
+    Q_W,
+    T_A,
+    T_C,
+    T_W,
+    VOLUME_STRIDE,
+    W_A,
+    W_S,
+    R,
+    derive,
+    fill_coil,
+    positions,
+    reset_sums,
+    set_initial_state,
+)
 from fastcoil.model.numerics.jit import kernel, section
+from fastcoil.model.physics import (
+    air_heat,
+    condensed,
+    effectiveness,
+    enthalpy_difference,
+    heat_capacity,
+    metal,
+    vapour_enthalpy,
+)
+
+CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
+"""Rows of what enters the coils of a block, (4, LANES)."""
+C = positions(CONDITIONS)
+_SATURATION_SLOPE = 0.065
+"""d ln W_s / dT near the dew points of air conditioning, 1/K: it only scales the band."""
+_LEAST_BAND = 0.02
+"""Width of the band around the dew point in which a volume is partly wet, at least, K."""
+_NEAR = 0.5
+"""No volume on its way to rest passes this distance from the dew point, K, in one sweep without slowing down."""
+
+
+@section
+def enter_each(V, n_volumes, entering):
+    """Set the air and the water that enter the coil of each lane."""
+    air = V[(n_volumes + 1) * VOLUME_STRIDE :]
+    for j in range(LANES):
+        air[T_A + j] = entering[C.T_a_in, j]
+        air[W_A + j] = entering[C.W_a_in, j]
+        V[T_W + j] = entering[C.T_w_in, j]
+
+
+@section
+def air_side_each(S, entering):
+    """Air-side effectiveness of every lane at its own air flow, Eq (4)."""
+    for j in range(LANES):
+        S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], entering[C.m_a, j])
+        S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], entering[C.m_a, j])
+
+
+@section
+def second_each(S, V, common, entering):
+    """March the coil of each lane through a second, in the substeps of the block."""
+    enter_each(V, common.n_volumes, entering)
+    everywhere = np.ones(common.n_volumes + 1, np.bool_)
+    for _ in range(common.substeps):
+        march_water(S, V, common.n_volumes, False, everywhere)
+        march_air_each(S, V, common.n_volumes, common.lagged_air, entering, False)
+
+
+@section
+def march_air_each(S, V, n_volumes, lagged_air, entering, hurries):
+    """Eq (3) for air and metal as in ``march_air``, but for volumes at their dew point, see the file's docstring.
+
+    The band is two changes of T_c wide, by one step of being wet: the emulator's own grain.
+    hurries: on the way to rest, with the largest step that cannot overshoot in place of a second; lanes without a time
+    step of the water stand still.
+    """
+    for j in range(LANES):
+        S[R.wet_volumes + j] = 0.0
+        S[R.farthest_T_c + j] = 0.0
+    for k in range(n_volumes):
+        i = k + 1 if lagged_air else n_volumes - k
+        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+        for j in range(LANES):
+            T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
+            T_c, W_s, Q_w, m_a = pair[T_C + j], pair[W_S + j], pair[Q_W + j], entering[C.m_a, j]
+
+            cooled = S[R.eps_a + j] * (T_in - T_c)
+            dried = S[R.eps_star + j] * enthalpy_difference(T_in, W_in, T_c, W_s)
+            T_out = T_in - cooled
+            Q_dry = air_heat(False, m_a, cooled, dried, S[R.cp_a + j])
+            Q_wet = air_heat(True, m_a, cooled, dried, S[R.cp_a + j])
+            jump = abs(Q_wet - Q_dry)
+            band = 2.0 * S[R.dt_C_c + j] * jump
+            band = _LEAST_BAND if band < _LEAST_BAND else band
+            wet = 0.5 + (W_in - W_s) / (band * _SATURATION_SLOPE * W_s)
+            wet = 0.0 if wet < 0.0 else wet
+            wet = 1.0 if wet > 1.0 else wet
+            Q_a = Q_dry if wet == 0.0 else wet * Q_wet + (1.0 - wet) * Q_dry
+            dW = wet * condensed(True, W_in, cooled, dried, T_out)
+
+            dt_C_c = S[R.dt_C_c + j]
+            if hurries:
+                slope = heat_capacity(W_s) + vapour_enthalpy(T_c) * (_SATURATION_SLOPE * W_s)
+                G_dry, G_wet = S[R.eps_a + j] * S[R.cp_a + j], S[R.eps_star + j] * slope
+                G_a = m_a * (G_wet if G_wet > G_dry else G_dry)
+                is_near = abs(W_in - W_s) < _NEAR * _SATURATION_SLOPE * W_s
+                dt_C_c = 1.0 / (S[R.G_w + j] + G_a + (jump / band if is_near else 0.0))
+                dt_C_c = 0.0 if S[R.dt_C_w + j] == 0.0 else dt_C_c
+            T_next = metal(T_c, Q_a, Q_w, dt_C_c)
+            change = abs(T_next - T_c)
+            farthest = S[R.farthest_T_c + j]
+            S[R.farthest_T_c + j] = change if change > farthest else farthest
+            S[R.wet_volumes + j] += wet
+            pair[T_C + j] = T_next
+            pair[T_A + j] = T_out
+            pair[W_A + j] = W_in - dW
+
 
 STEADY = ("opening", "T_sup", "m_w", "wet_volumes", "gain", "T_stepped", "nearest")
 """Rows of what is found of a plant at rest.
@@ -152,3 +268,129 @@ def rest_curve(rows, common, entering, openings, S, V, T_sup):
         settle(S, V, n_volumes, common.leaks, entering, everywhere, nowhere)
         for j in range(LANES):
             T_sup[k, j] = V[VOLUME_STRIDE + T_A + j]
+
+
+STATES = ("T_w", "T_c", "T_a", "W_a")
+"""Each for volume 1 to N, in this order."""
+_CHANGES = (1e-4, 1e-4, 1e-4, 1e-7)
+"""Of each kind of state to either side, K and kg/kg: well inside the band around the dew point."""
+
+
+@section
+def state_row(k, n_volumes):
+    """Offset in V of state k, 0 to 4 N - 1, see STATES."""
+    kind, i = k // n_volumes, k % n_volumes + 1
+    row = T_W if kind == 0 else (T_C if kind == 1 else (T_A if kind == 2 else W_A))
+    return i * VOLUME_STRIDE + row
+
+
+@section
+def add_states(V, n_volumes, factors, total):
+    """Add every state, times a factor for each lane, to ``total``, (4 N, LANES)."""
+    for k in range(4 * n_volumes):
+        row = state_row(k, n_volumes)
+        for j in range(LANES):
+            total[k, j] += factors[j] * V[row + j]
+
+
+@kernel
+def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
+    """Differentiate one second of the march at rest, with all its substeps, by central differences.
+
+    rows, common, entering, S, V: as for ``find_rest``; found, at_rest: what that found, its V.
+    A: out, (4 N, 4 N, LANES); B: out, (4 N, LANES), per unit opening.  States as in STATES, in K and kg/kg.
+    """
+    n_volumes = common.n_volumes
+    derive(S, rows, n_volumes)
+    set_initial_state(S, True)
+    reset_sums(S, True)
+    air_side_each(S, entering)
+    A[:] = 0.0
+    B[:] = 0.0
+    factors, first, second = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    for j in range(LANES):
+        first[j], second[j] = small_steps(found[F.opening, j])
+
+    for side in (1.0, -1.0):
+        V[:] = at_rest
+        for j in range(LANES):
+            S[R.opening + j] = first[j] if side > 0.0 else second[j]
+            factors[j] = side / (first[j] - second[j])
+        deliver(S, common.leaks)
+        second_each(S, V, common, entering)
+        add_states(V, n_volumes, factors, B)
+
+    for j in range(LANES):
+        S[R.opening + j] = found[F.opening, j]
+    deliver(S, common.leaks)
+    for k in range(4 * n_volumes):
+        change, row = _CHANGES[k // n_volumes], state_row(k, n_volumes)
+        for side in (1.0, -1.0):
+            V[:] = at_rest
+            for j in range(LANES):
+                V[row + j] += side * change
+                factors[j] = side / (2.0 * change)
+            second_each(S, V, common, entering)
+            add_states(V, n_volumes, factors, A[:, k])
+
+
+_AT_REST = 1e-9
+"""Distance, K, from where a response ends, that is none."""
+FEW = 60
+"""Steps over which the ratio of successive changes is taken, behind the end of a response."""
+SLOWEST = 0.99999
+"""Largest such ratio: a time constant of a day."""
+
+
+@kernel
+def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, ends):
+    """Answer of T_sup to a small step of the opening, K per unit opening.
+
+    found, at_rest: of ``find_rest``, its V.  response: out, (n_steps, LANES), seconds 1 to n_steps after the step.
+    ends: out, (LANES,), the second from which a lane stays within ``tolerance`` (fraction of its gain) of where it
+    ends.  From there on its changes are a geometric series.  n_steps, if fewer than FEW + 1 seconds are left for that.
+    """
+    n_steps = response.shape[0]
+    derive(S, rows, common.n_volumes)
+    set_initial_state(S, True)
+    reset_sums(S, True)
+    air_side_each(S, entering)
+    supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
+    first, second = np.empty(LANES), np.empty(LANES)
+    for j in range(LANES):
+        first[j], second[j] = small_steps(found[F.opening, j])
+
+    V[:] = at_rest
+    for j in range(LANES):
+        S[R.opening + j] = first[j]
+    deliver(S, common.leaks)
+    ends[:] = 2
+    for t in range(n_steps):
+        second_each(S, V, common, entering)
+        for j in range(LANES):
+            response[t, j] = supply[j]
+            change = found[F.T_stepped, j] - found[F.T_sup, j]
+            left = abs(found[F.T_stepped, j] - supply[j])
+            ends[j] = t + 2 if left > tolerance * abs(change) + _AT_REST else ends[j]
+
+    V[:] = at_rest
+    for j in range(LANES):
+        S[R.opening + j] = second[j]
+    deliver(S, common.leaks)
+    for t in range(n_steps):
+        second_each(S, V, common, entering)
+        for j in range(LANES):
+            response[t, j] = (response[t, j] - supply[j]) / (first[j] - second[j])
+            response[t, j] = response[t, j] if found[F.gain, j] == found[F.gain, j] else np.nan
+    for j in range(LANES):
+        ends[j] = ends[j] if found[F.gain, j] == found[F.gain, j] else 2
+        ends[j] = ends[j] if ends[j] + FEW + 1 <= n_steps else n_steps
+        end = ends[j]
+        few = FEW if FEW < end - 1 else end - 1
+        before = response[end - few - 1, j] - (response[end - few - 2, j] if end - few > 1 else 0.0)
+        change, ratio = response[end - 1, j] - response[end - 2, j], 0.0
+        if end < n_steps and change * before > 0.0:
+            ratio = min((change / before) ** (1.0 / few), SLOWEST)
+        for t in range(end, n_steps):
+            change *= ratio
+            response[t, j] = response[t - 1, j] + change

@@ -13,15 +13,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.engine.controller import PLAIN, call_control, control, draw_noise
-from fastcoil.model.engine.estimator_stage import call_estimator
-from fastcoil.model.engine.initial_state import derive, fill_coil, reset_sums, set_initial_state
-from fastcoil.model.engine.law_stage import call_law
-from fastcoil.model.engine.metrics import WATCH_INTERVAL, account_second, summarise, watch, watch_frost
+from fastcoil.model.engine.controller import PLAIN, call_control, call_estimator, call_law, control, draw_noise
+from fastcoil.model.engine.metrics import (
+    COUNTED,
+    IN_SWITCH_BLOCK,
+    WATCH_INTERVAL,
+    Schedule,
+    account_second,
+    summarise,
+    watch,
+    watch_frost,
+)
 from fastcoil.model.engine.plant import (
     MILD_T,
     MILD_W,
+    MOVED,
+    RUNNING,
+    actuate,
     air_side,
+    call_stem,
     count_wet,
     deliver,
     dry_from,
@@ -30,14 +40,24 @@ from fastcoil.model.engine.plant import (
     highest_pressure,
     march_air,
     march_water,
+    scale_gap,
     shared_air_side,
 )
-from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, positions
-from fastcoil.model.engine.schedule import COUNTED, IN_SWITCH_BLOCK, Schedule
-from fastcoil.model.engine.stem import MOVED, RUNNING, actuate, call_stem, scale_gap
+from fastcoil.model.engine.rows import (
+    LANES,
+    T_A,
+    T_W,
+    VOLUME_STRIDE,
+    R,
+    derive,
+    fill_coil,
+    positions,
+    reset_sums,
+    set_initial_state,
+)
 from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.numerics.stages import BUILT_IN
-from fastcoil.model.physics.sensor import lagged, measured
+from fastcoil.model.physics import lagged, measured
 
 DAY_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", "backlash_scale")
 """Columns of ``Day.series``."""

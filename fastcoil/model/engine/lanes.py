@@ -1,4 +1,4 @@
-"""Blocks of lanes, seen from the host: scenarios cut into blocks, and the work space of one block."""
+"""Blocks of lanes, seen from the host: scenarios cut into blocks, work space, a run, what a day leaves to the next."""
 
 from __future__ import annotations
 
@@ -7,14 +7,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.model.control.interface import Law
-from fastcoil.model.engine.controller import Control, control_stage
-from fastcoil.model.engine.estimator_stage import estimator_stage
-from fastcoil.model.engine.law_stage import law_stage
-from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R
-from fastcoil.model.engine.stem import Stem, stem_stage
+from fastcoil.model.control import Law
+from fastcoil.model.engine.controller import Control, control_stage, estimator_stage, law_stage
+from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day, emulate
+from fastcoil.model.engine.metrics import N_METRICS, OF_ESTIMATORS, schedule
+from fastcoil.model.engine.plant import Stem, stem_stage
+from fastcoil.model.engine.rows import (
+    LANES,
+    PARAMETER_ROWS,
+    STATE_AT,
+    STATE_ROWS,
+    SUMS_AT,
+    T_A,
+    T_C,
+    T_W,
+    VOLUME_ROWS,
+    VOLUME_STRIDE,
+    W_A,
+    R,
+)
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.estimators.registry import ESTIMATORS
+from fastcoil.model.metric_table import LEARNING_STATUS, METRICS, STATUS_OK
 from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -236,3 +250,105 @@ def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
         else:
             rows.append(-1 - ends[name] if name in ends else signal[name])
     return np.array(rows, dtype=np.int64)
+
+
+KNOWN_AFTER_MARCH = ("wet_volumes",)
+"""Traces of step t that are known only after the march of step t."""
+
+
+class TraceRequest(NamedTuple):
+    """Which traces to record, every how many seconds."""
+
+    names: tuple[str, ...] = ()
+    interval: int = 1
+
+    def n_points(self, n_steps: int) -> int:
+        """Samples of a run of ``n_steps``: one at every ``interval``, from second 0 on."""
+        return -(-n_steps // self.interval) if self.names else 0
+
+
+def run_block(
+    block: Block, day: Day, wanted: TraceRequest, work: WorkSpace | None = None
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Run one block.
+
+    work: its state, taken from there by a day that does not start at 0, and left there.  Returns metrics
+    (N_METRICS, LANES), status (LANES,) and traces by name.  A trace is (n_points, LANES), or (n_points, N, LANES) if it
+    has volumes; those of failed lanes are NaN.
+    """
+    before = [n for n in wanted.names if n not in KNOWN_AFTER_MARCH]
+    after = [n for n in wanted.names if n in KNOWN_AFTER_MARCH]
+    rows, rows_after = trace_rows(before, block.common.n_volumes), trace_rows(after, block.common.n_volumes)
+    n_points = wanted.n_points(day.series.shape[0])
+    traces = np.empty((n_points, rows.size + rows_after.size, LANES))
+    metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
+    work = work_space(block) if work is None else work
+    emulate(block.rows, block.common, day, *work, metrics, status, rows, rows_after, wanted.interval, traces)
+    for name, values in _of_estimator(block, work.own, day.command.size > 0).items():
+        metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
+
+    traces[:, :, status != STATUS_OK] = np.nan
+    named, k = {}, 0
+    for name in before + after:
+        if name in VOLUME_ROWS:
+            named[name] = traces[:, k : k + block.common.n_volumes]
+            k += block.common.n_volumes
+        else:
+            named[name] = traces[:, k]
+            k += 1
+    return metrics, status, named
+
+
+def _of_estimator(block: Block, own: np.ndarray, open_loop: bool) -> dict[str, Any]:
+    """The metrics that only an estimator brings; NaN, or off, where the block has another one."""
+    found: dict[str, Any] = {name: np.nan for name in OF_ESTIMATORS} | {"learning_status": LEARNING_STATUS.index("off")}
+    estimator = block.estimator
+    if estimator is not None and estimator.results is not None and not open_loop:
+        found |= estimator.results(memory_of(block, own))
+    return found
+
+
+def compile_kernel() -> None:
+    """Compile the kernel, or load it from the cache, by running the default loop for one second."""
+    second = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": 14.0, "noise": 0.0, "enabled": 1.0}
+    second["backlash_scale"] = 1.0
+    series = np.array([[second[name] for name in DAY_COLUMNS]])
+    day = Day(series, np.empty(0), schedule(series[:, C.T_set], series[:, C.enabled], 0), 0, (0, 0))
+    defaults = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
+    ((_, block),) = blocks(parameter_matrix(defaults | {"replicate": np.zeros(1), "estimator": np.array(["none"])}))
+    run_block(block, day, TraceRequest())
+
+
+def state_of(block: Block, work: WorkSpace) -> np.ndarray:
+    """The states of a block's lanes, (LANES, n)."""
+    return np.concatenate(_views(block, work), axis=1)
+
+
+def work_space_from(block: Block, states: np.ndarray) -> WorkSpace:
+    """The work space of a block whose first lanes begin in ``states``, (n, at least as many as a state has), n ≤ LANES.
+
+    The lanes behind them, copies of the last in their parameters, begin as the last does.
+    """
+    work = work_space(block)
+    lanes = np.minimum(np.arange(LANES), len(states) - 1)
+    first = 0
+    for rows in _views(block, work):
+        rows[:] = states[lanes, first : first + rows.shape[1]]
+        first += rows.shape[1]
+    return work
+
+
+def _views(block: Block, work: WorkSpace) -> list[np.ndarray]:
+    """What is carried over in a work space, as views (LANES, n)."""
+    n_volumes, estimator, law = block.common.n_volumes, block.estimator, block.law
+    views = [
+        work.S[STATE_AT:SUMS_AT].reshape(len(STATE_ROWS), LANES).T,
+        work.V[VOLUME_STRIDE : (n_volumes + 1) * VOLUME_STRIDE].reshape(n_volumes * len(VOLUME_ROWS), LANES).T,
+    ]
+    if estimator is not None:
+        first = block.for_estimator.size
+        end = first + len(estimator.Memory._fields) * LANES
+        views += [work.own[first:end].reshape(-1, LANES).T, work.own[end:].reshape(LANES, estimator.words)]
+    if law is not None:
+        views.append(work.own_law[block.for_law.size :].reshape(-1, LANES).T)
+    return views

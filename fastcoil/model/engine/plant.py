@@ -1,36 +1,52 @@
-"""The plant of Fig 6 behind the stem, over a block of lanes: water flow and coil."""
+"""The plant of Fig 6 over a block of lanes: motor, gearbox, stem, water flow, coil; and the limits of its time step."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R
+from fastcoil.model.engine.metrics import account_travel
+from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, positions
 from fastcoil.model.numerics.elementary import exp, log
-from fastcoil.model.numerics.jit import scalar, section
-from fastcoil.model.physics.coil import (
+from fastcoil.model.numerics.jit import kernel, scalar, section
+from fastcoil.model.numerics.stages import BUILT_IN, FLAG, ROWS, WHOLE, Kind
+from fastcoil.model.physics import (
     NO_FLOW,
-    air_heat,
-    condensed,
-    effectiveness,
-    exchanged,
-    metal,
-    transfer_units,
-    water,
-    water_heat,
-)
-from fastcoil.model.physics.psychrometrics import (
     T_FROST,
     T_HOT,
     T_SATURATION_MAX,
     T_SATURATION_MIN,
+    accepted,
+    air_heat,
+    backlash,
+    condensed,
+    driven,
+    effectiveness,
     enthalpy_difference,
+    exchanged,
     frost_pressure,
+    gap,
+    growth,
     hot_pressure,
     humidity_ratio,
+    installed_valve,
+    leaking,
+    log_flow,
+    metal,
     mild_pressure,
+    motor,
+    opening,
     saturation_humidity_ratio,
+    slipped,
+    transfer_units,
+    water,
+    water_flow,
+    water_heat,
+    worn,
 )
-from fastcoil.model.physics.valve import growth, leaking, log_flow
 
 MILD_T, MILD_W = 1.0, 0.07
 """While all is warmer, °C, and drier, kg/kg, no metal is near freezing, and none above 50 °C gets wet."""
@@ -266,3 +282,127 @@ def count_wet(S, V, n_volumes):
         pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
         for j in range(LANES):
             S[R.wet_volumes + j] += 1.0 if pair[VOLUME_STRIDE + W_A + j] > pair[W_S + j] else 0.0
+
+
+STEM = Kind(ROWS, FLAG, returns=WHOLE)
+"""Stages that move motor and stem, see ``stem_stage``."""
+call_stem = STEM.call
+MOVED, RUNNING = 1, 2
+"""What a stage returns, summed: a valve moved; something happens next second whatever the command."""
+
+
+@section
+def actuate(S, counted, has_resolution, has_zones, slips, wears):
+    """Move motor and gearbox, Eq (1).  Returns MOVED if any valve moved, plus RUNNING if any motor still runs.
+
+    has_resolution, has_zones, slips, wears: whether any lane's motor rounds its commands, has a neutral zone or a slip
+    jump, or wears, see ``Stem``.
+    """
+    moved, running = False, False
+    for j in range(LANES):
+        target = accepted(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
+        previous, x_bl = S[R.position + j], S[R.gap + j]
+        if has_zones:
+            runs = S[R.motor_runs + j] != 0.0
+            position, runs = driven(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
+            S[R.motor_runs + j] = 1.0 if runs else 0.0
+            running |= runs
+        else:
+            position = motor(previous, target, S[R.max_travel + j])
+            running |= position != target
+        if slips:
+            direction = S[R.stem_direction + j]
+            q, direction = slipped(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
+            S[R.stem_direction + j] = direction
+            running |= direction != 0.0  # it sticks in the second in which the motor has stopped
+            open_ = opening(q, x_bl - S[R.slip_jump + j])
+        else:
+            q = backlash(S[R.q + j], position, x_bl)
+            open_ = opening(q, x_bl)
+        d_opening, d_position = open_ - S[R.opening + j], position - previous
+        if counted:
+            account_travel(S, j, d_opening, d_position)
+        S[R.position + j] = position
+        S[R.q + j] = q
+        S[R.opening + j] = open_
+        if wears:
+            S[R.worn + j] = worn(S[R.worn + j], S[R.wear_rate + j], abs(d_opening))
+            S[R.gap + j] = gap(S[R.worn + j], S[R.backlash_scale + j])
+            running |= S[R.gap + j] != x_bl
+        moved |= d_opening != 0.0
+    return (MOVED if moved else 0) + (RUNNING if running else 0)
+
+
+@section
+def scale_gap(S, scale):
+    """Let the boundary multiply every backlash by ``scale``; the stem is taken into the new gap when next actuated."""
+    for j in range(LANES):
+        S[R.backlash_scale + j] = scale
+        S[R.gap + j] = gap(S[R.worn + j], scale)
+
+
+class Stem(NamedTuple):
+    """What the motors and valves of a block have in common: which parts of ``actuate`` are compiled for it."""
+
+    has_resolution: bool = False
+    has_zones: bool = False
+    slips: bool = False
+    wears: bool = False
+
+    @classmethod
+    def of(cls, row: Mapping[str, np.ndarray]) -> Stem:
+        """For a block with these parameters, each (LANES,)."""
+        return cls(
+            has_resolution=bool(np.any(row["command_resolution"] > 0.0)),
+            has_zones=bool(np.any(row["neutral_zone"] > 0.0)),
+            slips=bool(np.any(row["slip_jump"] > 0.0)),
+            wears=bool(np.any(row["wear_rate"] > 0.0)),
+        )
+
+
+@cache
+def stem_stage(parts: Stem) -> Any:
+    """Where ``actuate`` is, compiled for these parts: (S, counted) → MOVED and RUNNING."""
+    if parts == Stem():
+        return BUILT_IN
+
+    has_resolution, has_zones, slips, wears = parts
+
+    def stem(S, counted):
+        return actuate(S, counted, has_resolution, has_zones, slips, wears)
+
+    return STEM.compiled(stem, repr(parts))
+
+
+P = positions(PARAMETER_ROWS)
+
+
+@kernel
+def step_numbers(matrix, m_a, slope, gamma, lam):
+    """γ = m_w c_p,w dt / C_w and λ = dt (G_a + G_w) / C_c at full opening, per scenario; dt = 1 s / substeps.
+
+    matrix: (len(PARAMETER_ROWS), n).  m_a: air flows to try, kg/s.  slope: dh_s/dT of the wettest entering
+    air, kJ/(kg K), for the wet form of λ; 0 where no volume can be wet.  gamma, lam: out, (n,).
+    """
+    for k in range(matrix.shape[1]):
+        p = matrix[:, k]
+        per_volume = 8.0 / p[P.n_volumes]
+        m_max, a, b, c = p[P.m_max], p[P.valve_a], p[P.valve_b], p[P.valve_c]
+        if p[P.rangeability] > 0.0:
+            m_max, a, b, c = installed_valve(p[P.rangeability], p[P.authority], p[P.m_full])
+        m_w = water_flow(1.0, m_max, a, b, c)
+        G_w = effectiveness(per_volume * p[P.beta1], p[P.beta2], m_w) * m_w * p[P.cp_w]
+        G_air = 0.0
+        for m in m_a:
+            G_a = effectiveness(per_volume * p[P.beta3], p[P.beta4], m) * m * p[P.cp_a]
+            G_wet = effectiveness(per_volume * p[P.beta5], p[P.beta6], m) * m * slope
+            G_air = max(G_air, G_a, G_wet)
+        gamma[k] = m_w * p[P.cp_w] / (per_volume * p[P.C_w]) / p[P.substeps]
+        lam[k] = (G_air + G_w) / (per_volume * p[P.C_c]) / p[P.substeps]
+
+
+def worst_numbers(matrix: np.ndarray, m_a: np.ndarray, slope: float) -> tuple[np.ndarray, np.ndarray]:
+    """(γ, λ) of every scenario, each (n,)."""
+    gamma, lam = np.empty(matrix.shape[1]), np.empty(matrix.shape[1])
+    step_numbers(matrix, m_a, slope, gamma, lam)
+    return gamma, lam

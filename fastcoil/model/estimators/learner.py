@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.control.pi import sample_number
+from fastcoil.model.control import sample_number
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.metric_table import LEARNING_STATUS
 from fastcoil.model.numerics.jit import exact

@@ -32,7 +32,7 @@ _LONGEST_TABLE = 256
 """Numbers of a tuple: to compile 1000 takes a minute."""
 
 
-class OwnCode:
+class UserFunction:
     """A function of the user with all that it calls, ready to be compiled.
 
     function: as the compiler takes it.  sha256: of all that decides what it does.

@@ -1,4 +1,6 @@
-"""Counter-based Gaussian noise: Philox4x32-10 (Salmon et al. 2011, doi:10.1145/2063384.2063405) and Box–Muller.
+"""Counter-based Gaussian noise, Philox4x32-10 and Box–Muller, and a low-pass filter.
+
+Salmon et al. (2011), doi:10.1145/2063384.2063405.
 
 A number depends on (seed, sample, channel, replicate, day) alone: not on the scenario, the thread, nor on
 what was drawn before.  Every loop of a study sees the same noise, so differences between loops are paired.
@@ -9,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.model.numerics.elementary import log, sincos_turns
-from fastcoil.model.numerics.jit import exact
+from fastcoil.model.numerics.jit import exact, kernel
 
 RNG = "philox4x32-10;boxmuller;v1"
 MEASUREMENT = 0
@@ -56,3 +58,16 @@ def normal_pair(pair, channel, replicate, day, k0, k1):
     radius = np.sqrt(-2.0 * log(uniform(r0, r1)))
     sin, cos = sincos_turns(uniform(r2, r3))
     return radius * cos, radius * sin
+
+
+@kernel
+def low_pass(x, decay, y):
+    """Filter x, (n,), into y, (n,): y[t] = decay y[t - 1] + (1 - decay) x[t], with y = 0 before the first sample.
+
+    decay = e^(-dt/τ); x and y may be the same array.
+    """
+    gain = 1.0 - decay
+    remembered = 0.0
+    for t in range(x.size):
+        y[t] = gain * x[t] + remembered
+        remembered = decay * y[t]

@@ -16,13 +16,13 @@ from fastcoil.loops.boundary.days import paper_day
 from fastcoil.loops.loop import Loop, forgetting
 from fastcoil.loops.scenarios import Layout, columns_of
 from fastcoil.loops.simulate import simulate
-from fastcoil.model.control.inverse import FALLING
+from fastcoil.model.control import FALLING
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.rows import PARAMETER_ROWS
 from fastcoil.model.estimators.interface import Sample, defaults_of
 from fastcoil.model.metric_table import STATUS_MEANINGS, STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.user_rules.rule import Rule, rules_for_kernels
+from fastcoil.model.user_rules import Rule, rules_for_kernels
 
 TOLERANCE = 1e-9
 """Fraction of stroke up to which two estimates, or two openings, count as one."""

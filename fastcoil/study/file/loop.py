@@ -14,7 +14,7 @@ from fastcoil.base.files import read_text
 from fastcoil.loops.assignment import WORD, expanded, table_of
 from fastcoil.loops.loop import Loop, knowing
 from fastcoil.model.parameter_table import INSTALLED_VALVE, PARAMETERS
-from fastcoil.model.user_rules.rule import Rule
+from fastcoil.model.user_rules import Rule
 from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, sampled_names
 from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters, parse_toml
 

@@ -19,8 +19,7 @@ from typing import Any
 
 from fastcoil.base.errors import InputError, collecting, shown
 from fastcoil.base.files import TooLargeError, is_file, read_bytes, require_usable
-from fastcoil.model.user_rules.parameter import own_parameters, parameter
-from fastcoil.model.user_rules.rule import KINDS, Rule, is_word
+from fastcoil.model.user_rules import KINDS, Rule, is_word, own_parameters, parameter
 from fastcoil.study.file.tables import StudyFile
 
 _LARGEST = 2**18

@@ -12,7 +12,7 @@ from typing import Any
 
 from fastcoil.base.errors import IntegrityError
 from fastcoil.base.files import commit, exists, read_bytes, storage_errors
-from fastcoil.model.user_rules.same_code import OwnCode, joined, own_code_of
+from fastcoil.model.user_rules import RuleHashes, joined, own_code_of
 from fastcoil.study.file.spec import Study
 
 MANIFEST = "run.json"
@@ -44,7 +44,7 @@ class Manifest:
     computed_on: Sequence[Environment] = field(default=(), compare=False)
     outputs: Mapping[str, Sequence[str]] = field(default_factory=dict, compare=False)
     finished: bool | None = field(default=False, compare=False)
-    own_code: OwnCode = field(default_factory=dict, compare=False)
+    own_code: RuleHashes = field(default_factory=dict, compare=False)
 
     @classmethod
     def of(cls, study: Study, model_sha256: str) -> Manifest:

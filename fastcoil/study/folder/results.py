@@ -27,8 +27,7 @@ from fastcoil.loops.stored_file import try_reading
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import FORMER_METRICS, METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.model.numerics.jit import same_model
-from fastcoil.model.user_rules.rule import KINDS
-from fastcoil.model.user_rules.same_code import refuse_other_code
+from fastcoil.model.user_rules import KINDS, refuse_other_code
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder, require_no_archive
 from fastcoil.study.folder.manifest import MANIFEST, Manifest

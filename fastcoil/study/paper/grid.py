@@ -19,7 +19,7 @@ from fastcoil.loops.presets import COOLING
 from fastcoil.loops.provenance import provenance
 from fastcoil.loops.simulate import simulate
 from fastcoil.loops.stability import stable
-from fastcoil.model.physics.valve import water_flow
+from fastcoil.model.physics import water_flow
 from fastcoil.study.paper.kinds import KINDS, Days
 from fastcoil.study.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, buffers, percent, rehashed
 

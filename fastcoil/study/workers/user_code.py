@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, TextIO
 import numpy as np
 
 from fastcoil.base.errors import InputError
-from fastcoil.model.user_rules.rule import Rule
+from fastcoil.model.user_rules import Rule
 from fastcoil.study.file.own_code import Source
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

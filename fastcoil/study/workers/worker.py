@@ -23,7 +23,7 @@ from fastcoil.loops.running import run_shard
 from fastcoil.loops.shards import END_STATE, Shard, Stretch
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.model.numerics.jit import fingerprint, model_sha256
-from fastcoil.model.user_rules.same_code import OwnCode, own_code_of, refuse_other_code
+from fastcoil.model.user_rules import OwnCode, own_code_of, refuse_other_code
 from fastcoil.study.file.own_code import Source
 from fastcoil.study.workers.reduce import reduce
 from fastcoil.study.workers.user_code import load_rules

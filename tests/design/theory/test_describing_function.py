@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from fastcoil.design.theory.describing_function import describing_function, limited, rate_limited
-from fastcoil.model.control.compensation import additive
-from fastcoil.model.control.inverse import FALLING, direction, extreme, inverse
-from fastcoil.model.physics.valve import backlash, opening
+from fastcoil.model.control import FALLING, additive, direction, extreme, inverse
+from fastcoil.model.physics import backlash, opening
 
 DEPTHS = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
 

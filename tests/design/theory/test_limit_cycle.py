@@ -5,7 +5,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.design.theory.limited_pi import STEPS, driven
-from fastcoil.model.control.pi import desired_opening, integrated
+from fastcoil.model.control import desired_opening, integrated
 
 LOOP = fc.Loop.preset("lbnl")
 HOURS, STEP_AT = 9, 3600

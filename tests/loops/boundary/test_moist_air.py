@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fastcoil.model import moist_air
-from fastcoil.model.physics import psychrometrics
+from fastcoil.model import physics as psychrometrics
 
 PRESSURES = (101325.0, 98934.0, 70e3)
 ABOVE_FREEZING = np.linspace(0.02, 50.0, 60)

@@ -14,7 +14,7 @@ from fastcoil.measured.fit.coil_problem import CoilProblem
 from fastcoil.measured.fit.coil_record import record_of
 from fastcoil.measured.fit.least_squares import FORBIDDEN, autocorrelation, evaluate
 from fastcoil.measured.fit.valve_problem import ValveProblem
-from fastcoil.model.engine.valve_loop import valve_flows
+from fastcoil.model.engine.recorded import valve_flows
 
 COIL_SERIES = Wanted(needed=("m_w", *INPUTS, "T_sup"), measured=("T_sup", "T_w_out"), optional=("T_w_out",))
 pytestmark = pytest.mark.kernel

@@ -5,7 +5,7 @@ import pytest
 from helpers.shared_data import measured
 
 import fastcoil as fc
-from fastcoil.model.control.pi import clipped, desired_opening, integrated
+from fastcoil.model.control import clipped, desired_opening, integrated
 
 SIGNALS = ["u", "integral", "command", "estimate", "mode"]
 pytestmark = pytest.mark.kernel

@@ -8,17 +8,21 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.control.buffer import (
+from fastcoil.model.control import (
+    FALLING,
     FIRST_GUESS,
     LEAST,
+    RISING,
+    additive,
+    holds,
+    inverse,
     largest_buffer,
     median_difference,
     noise_buffer,
     noise_level,
+    slope,
+    smooth,
 )
-from fastcoil.model.control.compensation import additive, slope, smooth
-from fastcoil.model.control.inverse import FALLING, RISING, inverse
-from fastcoil.model.control.pi import holds
 
 SHARES, ESTIMATES = st.floats(0.0, 1.0), st.floats(0.0, 0.9)
 

@@ -8,8 +8,8 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.control.inverse import FALLING, RISING, direction, extreme, inverse
-from fastcoil.model.physics.valve import backlash, opening
+from fastcoil.model.control import FALLING, RISING, direction, extreme, inverse
+from fastcoil.model.physics import backlash, opening
 
 # halts, and both ends of the stroke, more often than chance would have them
 WANTED = st.lists(st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)

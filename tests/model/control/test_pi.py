@@ -6,7 +6,7 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.control.pi import clipped, desired_opening, integrated
+from fastcoil.model.control import clipped, desired_opening, integrated
 
 ERRORS = st.lists(st.floats(-20.0, 20.0), min_size=1, max_size=50)
 TUNINGS = [(0.03, 8.0, 30.0), (0.018, 30.0, 15.0), (0.05, 600.0, 5.0), (0.0, 10.0, 1.0), (5.0, 0.1, 60.0)]

@@ -6,7 +6,7 @@ import pytest
 import fastcoil as fc
 from fastcoil.model.engine.plant import dry_from
 from fastcoil.model.metric_table import METRICS
-from fastcoil.model.physics.psychrometrics import saturation_humidity_ratio
+from fastcoil.model.physics import saturation_humidity_ratio
 
 
 @pytest.mark.kernel

@@ -8,10 +8,9 @@ import pytest
 import fastcoil as fc
 from fastcoil.loops import plan as plans
 from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day
-from fastcoil.model.engine.host import TraceRequest, run_block
-from fastcoil.model.engine.lanes import blocks, parameter_matrix, run_sets
+from fastcoil.model.engine.lanes import TraceRequest, blocks, parameter_matrix, run_block, run_sets
+from fastcoil.model.engine.metrics import schedule
 from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS
-from fastcoil.model.engine.schedule import schedule
 from fastcoil.model.metric_table import METRICS, STATUS_NON_FINITE, STATUS_OK, STATUS_OUT_OF_RANGE
 from fastcoil.model.parameter_table import PARAMETERS
 

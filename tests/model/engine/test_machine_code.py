@@ -35,7 +35,8 @@ def assembly_of(name):
     import numba
     from numba import types as T
 
-    from fastcoil.model.engine import controller, metrics, plant, stem
+    from fastcoil.model.engine import controller, metrics, plant
+    from fastcoil.model.engine import plant as stem
 
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     plain, every = controller.PLAIN, controller.Control(*(True for _ in controller.PLAIN))
@@ -78,7 +79,7 @@ def test_sections_are_vectorised(name):
 @pytest.mark.parametrize("name", ["hagglund", "gradient"])
 def test_stages_of_estimators_are_vectorised(name, monkeypatch):
     """Scalar is only the loop once more for rows that might overlap, which never do."""
-    from fastcoil.model.engine.estimator_stage import estimator_stage
+    from fastcoil.model.engine.controller import estimator_stage
     from fastcoil.model.numerics import stages
 
     compiled = []
@@ -96,7 +97,7 @@ def test_stages_of_estimators_are_vectorised(name, monkeypatch):
 @pytest.mark.kernel
 def test_one_compiled_signature_serves_every_kind_of_run(short):
     from fastcoil.model.engine.emulator import emulate
-    from fastcoil.model.engine.host import compile_kernel
+    from fastcoil.model.engine.lanes import compile_kernel
 
     days = fc.paper_day(hours=0.1, seed=[1, 2])
     compile_kernel()
@@ -107,7 +108,7 @@ def test_one_compiled_signature_serves_every_kind_of_run(short):
 
 
 def test_the_interpreter_runs_the_same_formulas():
-    from fastcoil.model.physics.valve import water_flow
+    from fastcoil.model.physics import water_flow
 
     formula = water_flow.py_func if JIT_ENABLED else water_flow
     assert formula(0.5, 2.0, 0.7, 9.0, 0.38) == pytest.approx(water_flow(0.5, 2.0, 0.7, 9.0, 0.38), rel=1e-15)
@@ -117,15 +118,15 @@ def test_the_interpreter_runs_the_same_formulas():
 EVERY_KERNEL = """
 import numpy as np
 import fastcoil as fc
-from fastcoil.model.engine.coil_loop import run_coil
-from fastcoil.model.engine.host import compile_kernel
+from fastcoil.model.engine.recorded import run_coil
+from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
-from fastcoil.model.engine.linear_map import linearise_step
-from fastcoil.model.engine.replay_loop import run_replay
+from fastcoil.model.engine.at_rest import linearise_step
+from fastcoil.model.engine.recorded import run_replay
 from fastcoil.model.engine.rows import LANES
 from fastcoil.model.engine.at_rest import STEADY, find_rest, rest_curve
-from fastcoil.model.engine.small_step import FEW, respond
-from fastcoil.model.engine.valve_loop import valve_flows
+from fastcoil.model.engine.at_rest import FEW, respond
+from fastcoil.model.engine.recorded import valve_flows
 from fastcoil.model.metric_table import TRACES
 from fastcoil.loops.scenarios import columns_of
 

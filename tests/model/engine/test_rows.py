@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastcoil.model.engine import controller, replay_loop, rows
-from fastcoil.model.engine.initial_state import derive, reset_sums, set_initial_state
+from fastcoil.model.engine import controller, rows
+from fastcoil.model.engine import recorded as replay_loop
 from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.model.engine.metrics import M
-from fastcoil.model.engine.rows import LANES, SUM_ROWS, R, positions
+from fastcoil.model.engine.rows import LANES, SUM_ROWS, R, derive, positions, reset_sums, set_initial_state
 from fastcoil.model.metric_table import METRICS
 from fastcoil.model.parameter_table import PARAMETERS
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fastcoil.model.engine import schedule as flags_of
-from fastcoil.model.engine.schedule import schedule, whole_blocks
+from fastcoil.model.engine import metrics as flags_of
+from fastcoil.model.engine.metrics import schedule, whole_blocks
 
 
 def seconds_with(found, flag):

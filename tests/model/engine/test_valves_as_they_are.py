@@ -5,7 +5,7 @@ import pytest
 import reference
 
 import fastcoil as fc
-from fastcoil.model.engine.stem import Stem
+from fastcoil.model.engine.plant import Stem
 
 GENTLE = {"kp": 0.018, "ti": 30.0, "sample_time": 15}
 CURVE = (2.0, 0.7, 9.0, 0.38)

@@ -6,17 +6,21 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators import identify, identify_equations, identify_verdict
-from fastcoil.model.estimators.identify import IDENTIFY, Memory, Parameters
-from fastcoil.model.estimators.identify_equations import (
+from fastcoil.model.estimators import identify
+from fastcoil.model.estimators import identify as identify_equations
+from fastcoil.model.estimators import identify as identify_verdict
+from fastcoil.model.estimators.identify import (
     CANDIDATES,
     DRIVEN,
     EARLIER,
+    IDENTIFY,
     OWN,
     PRECISION,
     PROBABILITY,
     WORDS,
+    Memory,
     N,
+    Parameters,
 )
 
 KERNEL = pytest.mark.kernel

@@ -18,7 +18,7 @@ PACKAGE = Path(fastcoil.__file__).parent
 # the smallest kernel that calls a formula of the physics: a motor, limited in its travel, on its way up
 RUN = """
 import numpy as np
-from fastcoil.model.engine.play_loop import motor_positions
+from fastcoil.model.engine.recorded import motor_positions
 positions = np.empty(3)
 motor_positions(np.array([0.0, 1.0]), 0.1, positions)
 print(float(positions[2]), sum(motor_positions.stats.cache_hits.values()))
@@ -26,7 +26,7 @@ print(float(positions[2]), sum(motor_positions.stats.cache_hits.values()))
 # and one that takes a tenth of a second
 SMALL = """
 import numpy as np
-from fastcoil.model.numerics.low_pass import low_pass
+from fastcoil.model.numerics.noise import low_pass
 y = np.empty(2)
 low_pass(np.ones(2), 0.5, y)
 print(float(y[1]), sum(low_pass.stats.cache_hits.values()))
@@ -81,7 +81,7 @@ def test_a_damaged_cache_is_compiled_again_and_the_users_own_numba_cache_keeps_i
         + """
 import importlib, os, sys
 from pathlib import Path
-import fastcoil.model.numerics.low_pass as module
+import fastcoil.model.numerics.noise as module
 folder = Path(module.low_pass.stats.cache_path)
 for damage in (lambda b: b[:10], lambda b: b[:-1], lambda b: bytes(len(b))):
     (path,) = folder.glob("*.low_pass-*.nbc")

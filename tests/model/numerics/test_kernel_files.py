@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from fastcoil.model.engine.emulator import emulate
-from fastcoil.model.engine.host import compile_kernel
+from fastcoil.model.engine.lanes import compile_kernel
+from fastcoil.model.engine.plant import step_numbers
 from fastcoil.model.engine.rows import PARAMETER_ROWS
-from fastcoil.model.engine.step_numbers import step_numbers
 from fastcoil.model.numerics import kernel_cache
 from fastcoil.model.numerics.jit import FLAGS
 from fastcoil.model.numerics.kernel_cache import KernelCache, kernel_folder
-from fastcoil.model.numerics.low_pass import low_pass
+from fastcoil.model.numerics.noise import low_pass
 
 pytestmark = pytest.mark.kernel
 

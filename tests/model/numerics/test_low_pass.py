@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fastcoil.model.numerics.low_pass import low_pass
+from fastcoil.model.numerics.noise import low_pass
 
 
 @pytest.mark.parametrize("tau", [1, 60, 120, 300, 1e4])

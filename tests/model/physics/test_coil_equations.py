@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 import reference
 
-from fastcoil.model.physics.coil import air_heat, condensed, effectiveness, metal, water, water_heat
-from fastcoil.model.physics.psychrometrics import enthalpy_difference, saturation_humidity_ratio
+from fastcoil.model.physics import (
+    air_heat,
+    condensed,
+    effectiveness,
+    enthalpy_difference,
+    metal,
+    saturation_humidity_ratio,
+    water,
+    water_heat,
+)
 
 CP_W, CP_A = 4.186, 1.02
 EXPONENTS = [-5.0, -0.45, -0.2, 0.0, 0.3, 5.0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import reference
 
-from fastcoil.model.physics.psychrometrics import enthalpy_difference, saturation_humidity_ratio, saturation_pressure
+from fastcoil.model.physics import enthalpy_difference, saturation_humidity_ratio, saturation_pressure
 
 EDGES = [edge + d for edge in (-20.0, 0.0, 0.01, 50.0, 60.0) for d in (-1e-4, -1e-12, 0.0, 1e-12, 1e-4)]
 TEMPERATURES = np.concatenate([np.linspace(-20.0, 60.0, 4003), EDGES]).tolist()

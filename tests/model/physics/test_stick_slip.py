@@ -6,8 +6,7 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.physics.actuator import driven, motor
-from fastcoil.model.physics.valve import backlash, opening, slipped
+from fastcoil.model.physics import backlash, driven, motor, opening, slipped
 
 FRACTION = st.floats(0.0, 1.0, allow_subnormal=False)
 POSITIONS = st.lists(st.one_of(FRACTION, st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)

@@ -11,7 +11,7 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.physics.valve import backlash, installed_valve, opening, water_flow
+from fastcoil.model.physics import backlash, installed_valve, opening, water_flow
 
 FRACTION = st.floats(0.0, 1.0, allow_subnormal=False)
 # halts, and both ends of the stroke, more often than chance would have them

@@ -88,7 +88,7 @@ def test_python_is_called_before_anything_is_compiled(short, monkeypatch):
     def past_its_end(now, p, memory):
         return (0.1, 0.2)[2 + int(now.t)], memory
 
-    monkeypatch.setattr("fastcoil.model.user_rules.rule.Rule.check", lambda rule: pytest.fail("it was compiled"))
+    monkeypatch.setattr("fastcoil.model.user_rules.Rule.check", lambda rule: pytest.fail("it was compiled"))
     for rule, t in ((past_the_end, 30), (past_its_end, 0)):
         with pytest.raises(fc.InputError, match=f"raises IndexError in plain Python at t = {t} s"):
             fc.check_rule(rule, None, short)

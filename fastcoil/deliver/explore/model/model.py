@@ -14,7 +14,7 @@ from fastcoil.deliver.explore.model.scene import scene_of
 from fastcoil.deliver.explore.model.settings import Settings, settings_of
 from fastcoil.deliver.explore.model.start import GIVEN, Start, starts
 from fastcoil.deliver.explore.model.stories import STORIES, told
-from fastcoil.model.engine.host import compile_kernel
+from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.study.maintenance import Scenario
 
 _RUNS, _MAPS = 200, 100

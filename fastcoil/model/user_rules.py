@@ -1,19 +1,143 @@
-"""``@fc.estimator`` and ``@fc.law``: a plain function becomes a rule of the user's own."""
+"""``@fc.estimator`` and ``@fc.law``: a plain function becomes a rule of the user.
+
+What parameters a rule may read and declare, the rule itself, and whether it is still the rule that it was.
+"""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+import math
+import platform
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from keyword import iskeyword
 from typing import Any
 
-from fastcoil.base.arguments import is_number
-from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.model.control.interface import Law
+from fastcoil.base.arguments import is_number, number_of, plain, text_of
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.model.control import Law
 from fastcoil.model.engine.lanes import Rules
 from fastcoil.model.estimators.interface import Estimator, Sample
-from fastcoil.model.numerics.compile_user_function import OwnCode
-from fastcoil.model.parameter_table import PARAMETERS, Parameter
-from fastcoil.model.user_rules.parameter import own_parameters
+from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
+from fastcoil.model.numerics.compile_user_function import UserFunction
+from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
+
+_TRUTH = ("coil", "valve", "actuator")
+"""Groups of what a controller in the field cannot know."""
+_TAKEN = {
+    *METRICS, *PREDICTIONS, *TRACES, *RESERVED_DIMS, "status", "design", "scenario", "preset", "include", "size",
+    "seed", "method", "tolerance", "drop", "indexers", "missing_dims",
+}  # fmt: skip
+
+
+class OwnParameter(float):
+    """The default of a rule's own parameter, with what is known of it; a number like any other."""
+
+    unit: str
+    lower: float
+    upper: float
+    text: str
+
+
+def parameter(
+    default: float, *, unit: str = "1", lower: float = -math.inf, upper: float = math.inf, text: str = ""
+) -> float:
+    """Declare a parameter of a rule of your own, as the default of a field of its ``Parameters``.
+
+    Parameters
+    ----------
+    default
+        Its value where a loop does not give it.
+    unit
+        Such as ``"K-1 s-1"``; ``"1"`` for a fraction or a count.
+    lower, upper
+        Its bounds, inclusive.
+    text
+        What it is, for help and the attributes of results.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> from typing import NamedTuple
+    >>> class Parameters(NamedTuple):
+    ...     sample_time: float  # of the loop
+    ...     gain: float = fc.parameter(3e-4, unit="K-1 s-1", lower=0.0, text="how fast the estimate moves")
+
+    Raises
+    ------
+    InputError
+        If the default is no finite number within the bounds, or a text is none.
+    """
+    lower, upper = _bound("lower", lower, -math.inf), _bound("upper", upper, math.inf)
+    if math.isinf(lower) and math.isinf(upper):
+        within = ""
+    elif math.isinf(upper):
+        within = f" of at least {lower:g}"
+    else:
+        within = f" of at most {upper:g}" if math.isinf(lower) else f" from {lower:g} to {upper:g}"
+    number = number_of("default", default, f"give a number{within}", least=lower, most=min(upper, sys.float_info.max))
+    declared = OwnParameter(number)
+    declared.unit, declared.text = text_of("unit", unit), text_of("text", text)
+    declared.lower, declared.upper = lower, upper
+    return declared
+
+
+def _bound(name: str, value: object, none: float) -> float:
+    """A bound; ``none`` stands for the lack of one."""
+    value = plain(value)
+    return none if isinstance(value, float) and value == none else number_of(name, value, "give a number")
+
+
+def text_without_one(rule: str) -> str:
+    """The text of a parameter that is given none."""
+    return f"parameter of {rule}"
+
+
+def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Parameter]:
+    """What a rule declares of its own; the other fields are parameters of the loop that it may read.
+
+    fields: name → default, ``None`` for a field without one.
+
+    Raises
+    ------
+    InputError
+        For a name that is taken, is no parameter, or stands for what a rule must not know.
+    """
+    own, problems = {}, []
+    for name, default in fields.items():
+        if name in PARAMETERS:
+            problems += _unreadable(rule, PARAMETERS[name], default)
+        elif default is None:
+            problems.append(
+                f"{rule}: {name} is no parameter of the loop{nearest(name, PARAMETERS)}: give it a default to make it "
+                f"one of the rule's own, {name}: float = fc.parameter(0.0, text=…)"
+            )
+        elif name in _TAKEN or iskeyword(name) or not name.isidentifier() or name.startswith("_"):
+            problems.append(f"{rule}: the name {name} is taken: call the parameter something else")
+        else:
+            declared: Any = default if isinstance(default, OwnParameter) else parameter(default)  # type: ignore[arg-type]
+            own[name] = Parameter(
+                name, rule, declared.unit, float(declared), declared.text or text_without_one(rule), declared.lower,
+                declared.upper, label=name.replace("_", " "),
+            )  # fmt: skip
+    if problems:
+        raise InputError(problems)
+    return own
+
+
+def _unreadable(rule: str, of_loop: Parameter, default: object) -> list[str]:
+    name = of_loop.name
+    if of_loop.group in _TRUTH or name == "estimate_ratio":
+        return [f"{rule} reads {name}, which is the plant itself: a rule must not know it, leave it out"]
+    if of_loop.group in ESTIMATOR_GROUPS or of_loop.is_word:
+        return [
+            f"{rule} reads {name}, which is not for rules: leave it out, or give a parameter of your own a new name"
+        ]
+    if default is not None:
+        return [f"{rule}: {name} = {shown(default)}: {name} is a parameter of the loop, which has its value; write "
+                f"{name}: float"]  # fmt: skip
+    return []
+
 
 KINDS = ("estimator", "law")
 """Parameters of a loop that a rule can be the value of."""
@@ -29,7 +153,7 @@ class Rule:
     def __init__(self, kind: str, name: str, own: Mapping[str, Parameter], reads: tuple[str, ...], sha256: str) -> None:
         self.kind, self.name, self.own, self.reads, self.sha256 = kind, name, dict(own), reads, sha256
         self._made_of: tuple[Any, Any, Any] | None = None
-        self._code: OwnCode | None = None
+        self._code: UserFunction | None = None
 
     @classmethod
     def of(cls, kind: str, function: Any, Parameters: Any, Memory: Any) -> Rule:  # noqa: N803 — classes
@@ -96,7 +220,7 @@ class Rule:
             If it does not compile, allocates, may raise, or returns something else.
         """
         function, Parameters, Memory = self.parts
-        code = OwnCode(self.name, function, Memory)
+        code = UserFunction(self.name, function, Memory)
         if self._code is None or code.sha256 != self._code.sha256:
             code.check(Sample, Parameters)
             self._code = code
@@ -112,7 +236,7 @@ class Rule:
         """
         if self._code is None:
             function, _, Memory = self.parts
-            return OwnCode(self.name, function, Memory).sha256
+            return UserFunction(self.name, function, Memory).sha256
         return self._code.sha256
 
     @property
@@ -248,3 +372,37 @@ def _field_problems(what: str, given: Any) -> list[str]:
 
 
 _EXAMPLES = {"Parameters": "sample_time: float", "Memory": "last: float = 0.0"}
+
+
+RuleHashes = Mapping[str, Mapping[str, str]]
+"""Name of a rule → version of Python, whose machine code differs → hash of all that decides what the rule does."""
+
+
+def own_code_of(rules: Iterable[Rule]) -> RuleHashes:
+    """The hashes of those whose code is here."""
+    version = ".".join(platform.python_version_tuple()[:2])
+    return {rule.name: {version: rule.code_sha256} for rule in rules if rule.is_loaded}
+
+
+def joined(one: RuleHashes, other: RuleHashes) -> RuleHashes:
+    """The hashes of both."""
+    return {name: {**one.get(name, {}), **other.get(name, {})} for name in sorted({*one, *other})}
+
+
+def refuse_other_code(now: RuleHashes, before: RuleHashes) -> None:
+    """Refuse a rule that does something else than before, though its source is the same.
+
+    Raises
+    ------
+    InputError
+        With a sentence for each.
+    """
+    both = [name for name in now if name in before]
+    differ = [n for n in both if any(before[n].get(version, sha256) != sha256 for version, sha256 in now[n].items())]
+    if differ:
+        raise InputError([
+            f"{name} is another rule than in the rest of the study: its module takes a value from elsewhere, such as a "
+            "variable of the environment, a file or another module, and it changed: restore it, or choose another "
+            "folder with -o"
+            for name in differ
+        ])  # fmt: skip

@@ -1,0 +1,170 @@
+"""The paper's controller, Figs 6 and 8, as scalar functions: the PI law, the backlash inverse behind it, its buffer.
+
+Further what may stand in place of the inverse (half the gap added to u, an inverse without a jump), the buffer as a
+multiple of the noise, given or measured by the controller, and what a law in place of the PI is made of.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fastcoil.model.numerics.elementary import exp
+from fastcoil.model.numerics.jit import exact
+
+
+@exact
+def clipped(x):
+    """x limited to 0–1."""
+    x = 0.0 if x < 0.0 else x
+    return 1.0 if x > 1.0 else x
+
+
+@exact
+def sample_number(t, sample_time):
+    """Number of the last controller sample at or before t: samples are taken where t mod sample_time = 0."""
+    return np.floor(t / sample_time)
+
+
+@exact
+def holds(e, dead_band):
+    """Whether the controller holds at an error e inside its dead band, both in K; a dead band of 0 never holds."""
+    return abs(e) <= dead_band and dead_band > 0.0
+
+
+@exact
+def integrated(integral, e, ki):
+    """Integral part at a controller sample, 0–1; ki = K_p T_s / T_i, 1/K.  The new error is added before use."""
+    return clipped(integral + ki * e)
+
+
+@exact
+def desired_opening(e, integral, kp):
+    """PI output u, 0–1.  e: T - T_set (cooling), T_set - T (heating), K."""
+    return clipped(kp * e + integral)
+
+
+RISING = 1.0
+FALLING = -1.0
+
+
+@exact
+def direction(u, mode, u_ext, buffer):
+    """Mode after seeing u: it turns when u comes back from its extreme by more than ``buffer``.
+
+    mode: RISING or FALLING; u_ext: furthest u since the last turn; buffer: fraction of stroke, 0 as in the
+    paper, 1e-9 so that round-off is no reversal.
+    """
+    turned_down = mode > 0.0 and u < u_ext - buffer
+    turned_up = mode < 0.0 and u > u_ext + buffer
+    mode = FALLING if turned_down else mode
+    return RISING if turned_up else mode
+
+
+@exact
+def extreme(u, mode, u_ext, turned):
+    """u_ext after seeing u: u itself at a turn or further on, else held."""
+    further = (mode > 0.0 and u > u_ext) or (mode < 0.0 and u < u_ext)
+    return u if turned or further else u_ext
+
+
+@exact
+def inverse(u_ext, mode, x_hat):
+    """Command that makes the opening u_ext behind a backlash x_hat: (1 - x̂) u, plus x̂ when rising."""
+    return clipped((1.0 - x_hat) * u_ext + (x_hat if mode > 0.0 else 0.0))
+
+
+@exact
+def additive(u_ext, mode, x_hat):
+    """u_ext plus half the estimate x_hat in the direction of u, 0–1: Hägglund (2007), with δ = x̂.
+
+    As the inverse, but for the slow term x̂ (½ - u), which the integral part takes over.  The direction is the
+    buffered mode: the sign of du/dt would follow the noise.
+    """
+    half = 0.5 * x_hat
+    return clipped(u_ext + (half if mode > 0.0 else -half))
+
+
+@exact
+def slope(rate, sample_time):
+    """4 / (rate T_s), of the smooth inverse: how fast its logistic function rises with a change of u.  rate: 1/s."""
+    return 4.0 / (rate * sample_time)
+
+
+@exact
+def smooth(u, u_before, x_hat, steepness):
+    """(1 - x̂) u + x̂ ½ (1 + tanh(k du/dt)) with k = 2/rate, 0–1: Zhou, Zhang and Wen (2007), Eqs 5–7.
+
+    du/dt is the change over one controller sample; steepness: of ``slope``.  At ``rate`` 98 % of the gap has been
+    crossed, at a standstill the motor is in the middle of it.  The logistic function of 2 k du/dt is that tanh; exp
+    limits its argument, so nothing overflows.
+    """
+    crossed = 1.0 / (1.0 + exp(steepness * (u_before - u)))
+    return clipped((1.0 - x_hat) * u + x_hat * crossed)
+
+
+SAMPLES = 100.0
+"""Samples that the measured noise goes back over."""
+FIRST_GUESS, LEAST = 0.1, 1e-3
+"""Median second difference at the start, and the least that it may fall to, K: none would never rise again."""
+# half of all normal numbers lie within 0.674 σ, and second differences of white noise have the variance 6 σ²
+_NOISE = 1.0 / (0.6744897501960817 * math.sqrt(6.0))
+
+
+@exact
+def noise_buffer(least, ratio, kp, sigma, highest):
+    """Buffer: ``ratio`` times the noise K_p σ that a PI passes on to u, up to ``highest``, but at least ``least``.
+
+    sigma: K.  A ratio of 0 leaves ``least``.
+    """
+    b = ratio * abs(kp) * sigma
+    b = highest if b > highest else b
+    return least if b < least else b
+
+
+@exact
+def largest_buffer(swing, plant_gain):
+    """Buffer at which the jump of u across it moves the supply temperature by ``swing``; both in K; swing 0 = any."""
+    return swing / plant_gain if swing > 0.0 else math.inf
+
+
+@exact
+def median_difference(median, readings, e, e_1, e_2):
+    """Median size of the second differences of the error, K, after so many readings; e, e_1, e_2: the last three.
+
+    It goes up by a share of itself where the difference is larger, and down where it is smaller: by 1/readings, and by
+    1/100 at least.  A drift has no second difference, and one as large as after a step of the set-point counts like
+    any other; it would rule a mean of squares.
+    """
+    size = abs((e - e_1) - (e_1 - e_2))
+    share = 1.0 / readings
+    share = 1.0 / SAMPLES if share < 1.0 / SAMPLES else share
+    moved = median * (1.0 + share if size > median else 1.0 - share)
+    moved = LEAST if moved < LEAST else moved
+    return moved if readings >= 3.0 else FIRST_GUESS
+
+
+@exact
+def noise_level(median):
+    """Standard deviation of white noise whose second differences have this median size, K."""
+    return _NOISE * median
+
+
+@dataclass(frozen=True)
+class Law:
+    """A rule that decides the opening u that the controller asks for, in place of the PI.
+
+    name: the word in ``law = …``.
+    Parameters, Memory: named tuples of floats, as of an estimator.
+    step: (Sample, Parameters, Memory) → (u, Memory), called at every controller sample.
+    identity: all that decides what it does, in words.
+    """
+
+    name: str
+    Parameters: Any
+    Memory: Any
+    step: Any
+    identity: str

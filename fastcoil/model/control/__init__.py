@@ -1,1 +1,0 @@
-"""The paper's controller, Fig 8: PI, backlash inverse and self-learning rule as scalar functions."""

@@ -1,0 +1,229 @@
+"""Parts of the loop on recorded signals: the coil alone, the valve alone, the gap of a stem, the controller alone.
+
+Each is a march of its own around the same scalar formulas as in ``emulator``; what the missing parts would give comes
+from a record.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.model.engine.controller import PLAIN, call_control, call_estimator, control
+from fastcoil.model.engine.emulator import record
+from fastcoil.model.engine.lanes import Block, run_sets, trace_rows, work_space
+from fastcoil.model.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
+from fastcoil.model.engine.rows import (
+    LANES,
+    T_A,
+    T_W,
+    VOLUME_STRIDE,
+    R,
+    derive,
+    fill_coil,
+    positions,
+    reset_sums,
+    set_initial_state,
+)
+from fastcoil.model.numerics.elementary import exp, log
+from fastcoil.model.numerics.jit import kernel
+from fastcoil.model.numerics.stages import BUILT_IN
+from fastcoil.model.physics import NO_FLOW, backlash, growth, log_flow, motor, opening, started
+
+COIL_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
+"""Columns of what enters the coil."""
+_COIL = positions(COIL_COLUMNS)
+
+
+@kernel
+def march_coil(rows, common, series, at, S, V, T_sup, T_w_out, wet):
+    """March the coils of a block through a record.
+
+    series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  at: (n,), the seconds to record, ascending.
+    S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): temperatures at those seconds, °C,
+    and the number of wet volumes.
+    """
+    n_volumes, n_steps = common.n_volumes, series.shape[0]
+    derive(S, rows, n_volumes)
+    set_initial_state(S, True)
+    reset_sums(S, True)
+    fill_coil(S, V, n_volumes, series[0, _COIL.W_a_in])
+
+    first, last = VOLUME_STRIDE, n_volumes * VOLUME_STRIDE
+    m_a_known, m_w_known = np.nan, np.nan
+    everywhere = np.ones(n_volumes + 1, np.bool_)
+    k = 0
+    for t in range(n_steps):
+        m_a, T_a_in, W_a_in = series[t, _COIL.m_a], series[t, _COIL.T_a_in], series[t, _COIL.W_a_in]
+        T_w_in, m_w = series[t, _COIL.T_w_in], series[t, _COIL.m_w]
+        recorded = k < at.size and at[k] == t
+        if recorded:
+            for j in range(LANES):
+                T_sup[k, j] = V[first + T_A + j]
+                T_w_out[k, j] = V[last + T_W + j]
+        if m_a != m_a_known:
+            air_side(S, m_a)
+            m_a_known = m_a
+        if m_w != m_w_known:
+            log_m_w = log(max(m_w, NO_FLOW))
+            for j in range(LANES):
+                S[R.log_m_w + j] = log_m_w
+                S[R.C_flow + j] = m_w * S[R.cp_w + j]
+            water_side(S)
+            m_w_known = m_w
+        enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
+        for part in range(common.substeps):
+            march_water(S, V, n_volumes, False, everywhere)
+            if recorded and part == 0 and common.lagged_air:
+                count_wet(S, V, n_volumes)
+            march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, 0.0, np.inf, everywhere)
+            if recorded and part == 0 and not common.lagged_air:
+                count_wet(S, V, n_volumes)
+        if recorded:
+            for j in range(LANES):
+                wet[k, j] = S[R.wet_volumes + j]
+            k += 1
+
+
+def run_coil(matrix: np.ndarray, series: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, ...]:
+    """March many parameter sets, (len(PARAMETER_ROWS), n_sets), through a record.
+
+    Returns T_sup, T_w_out, °C, and the number of wet volumes at the seconds ``at``, (n, n_sets).
+    """
+
+    def run(block: Block) -> list[np.ndarray]:
+        T_sup, T_w_out, wet = (np.empty((at.size, LANES)) for _ in range(3))
+        march_coil(block.rows, block.common, series, at, *work_space(block)[:2], T_sup, T_w_out, wet)
+        return [T_sup, T_w_out, wet]
+
+    return run_sets(matrix, run)
+
+
+VALVE_ROWS = ("backlash", "m_max", "valve_a", "valve_b", "valve_c")
+"""Rows of the parameter sets of ``valve_flows``."""
+_VALVE = positions(VALVE_ROWS)
+
+
+@kernel
+def valve_flows(command, batch, sets, start, openings, flows):
+    """Water flow of every parameter set at every recorded command.
+
+    command: (n,), fraction of stroke.  batch: (n,), number of the unbroken piece a sample belongs to; what came before
+    a piece is unknown.  sets: (5, n_sets), rows as in VALVE_ROWS.  start: (n_batches, n_sets), place in the gap where
+    a piece starts, 0 falling to 1 rising.  openings, flows: out, (n, n_sets), fraction and kg/s.
+    """
+    n_sets = sets.shape[1]
+    q = np.empty(n_sets)
+    log_m_max = np.empty(n_sets)
+    for j in range(n_sets):
+        log_m_max[j] = log(sets[_VALVE.m_max, j])
+    for t in range(command.size):
+        if t == 0 or batch[t] != batch[t - 1]:
+            for j in range(n_sets):
+                q[j] = started(command[t], sets[_VALVE.backlash, j], start[batch[t], j])
+        elif command[t] == command[t - 1]:
+            for j in range(n_sets):
+                openings[t, j] = openings[t - 1, j]
+                flows[t, j] = flows[t - 1, j]
+            continue
+        for j in range(n_sets):
+            q[j] = backlash(q[j], command[t], sets[_VALVE.backlash, j])
+            openings[t, j] = opening(q[j], sets[_VALVE.backlash, j])
+        for j in range(n_sets):
+            grown = growth(openings[t, j], sets[_VALVE.valve_b, j], sets[_VALVE.valve_c, j])
+            flows[t, j] = exp(log_flow(log_m_max[j], sets[_VALVE.valve_a, j], grown))
+
+
+@kernel
+def motor_positions(command, most_travel, positions):
+    """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
+
+    command: (n,), fraction of stroke, held from sample to sample.  most_travel: fraction of stroke between two samples.
+    positions: out, (n + 1,).  The motor stands at the first command when the log begins.
+    """
+    positions[0] = command[0]
+    for k in range(command.size):
+        positions[k + 1] = motor(positions[k], command[k], most_travel)
+
+
+@kernel
+def mean_openings(positions, sizes, width, openings, squares):
+    """Mean opening behind each candidate backlash, and the mean of its square, over ``width`` intervals at a time.
+
+    positions: (n + 1,), of the motor.  sizes: (c,), fractions of stroke.  openings, squares: out, (m, c); row k covers
+    the samples from k · width to (k + 1) · width.
+
+    Between two samples the motor runs one way, so that Eq (1) at the samples is exact; the opening between them counts
+    as the mean of both.  Nobody knows where the stem stood when the log began; it starts in the middle of its play, and
+    the first turn of the motor that closes the gap makes up for that.
+    """
+    q = np.empty(sizes.size)
+    before = np.empty(sizes.size)
+    for j in range(sizes.size):
+        q[j] = min(max(positions[0] - sizes[j] / 2.0, 0.0), 1.0 - sizes[j])
+        q[j] = backlash(q[j], positions[0], sizes[j])
+        before[j] = opening(q[j], sizes[j])
+    for k in range(openings.shape[0]):
+        for j in range(sizes.size):
+            openings[k, j] = 0.0
+            squares[k, j] = 0.0
+        for i in range(k * width + 1, (k + 1) * width + 1):
+            for j in range(sizes.size):
+                q[j] = backlash(q[j], positions[i], sizes[j])
+                now = opening(q[j], sizes[j])
+                between = 0.5 * (before[j] + now)
+                openings[k, j] += between / width
+                squares[k, j] += between * between / width
+                before[j] = now
+
+
+REPLAY_COLUMNS = ("T_sup", "T_set", "enabled", "m_a")
+"""Columns of what the controller sees."""
+_SEEN = positions(REPLAY_COLUMNS)
+REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
+
+
+@kernel
+def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
+    """What the controllers of a block command on a record.
+
+    series: (n_steps, 4), columns as in REPLAY_COLUMNS, 1-s samples; m_a is NaN where it is not known.  S, V, own: work
+    space as for ``emulate``; V is not read.  traced_rows: their offsets.  traces: out, (n_points, n_rows, LANES), every
+    ``interval`` seconds.
+    """
+    derive(S, rows, common.n_volumes)
+    set_initial_state(S, False)
+    reset_sums(S, False)
+    estimates = common.estimate != BUILT_IN
+    if estimates:
+        call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
+    was_enabled = True
+    for t in range(series.shape[0]):
+        enabled = series[t, _SEEN.enabled] != 0.0
+        for j in range(LANES):
+            S[R.y_s + j] = series[t, _SEEN.T_sup]
+        if estimates and t > 0 and t % common.estimating_period == 0:
+            call_estimator(
+                common.estimate, (S, own, float(t), series[t, _SEEN.T_set], series[t, _SEEN.m_a], enabled, False)
+            )
+        if t % common.control_period == 0 or was_enabled != enabled:
+            if common.control == BUILT_IN:
+                control(S, t, series[t, _SEEN.T_set], 0.0, enabled, 0.0, PLAIN)
+            else:
+                call_control(common.control, (S, t, series[t, _SEEN.T_set], 0.0, enabled, 0.0))
+        was_enabled = enabled
+        if t % interval == 0:
+            record(S, V, traced_rows, traces[t // interval])
+
+
+def run_replay(matrix: np.ndarray, series: np.ndarray, interval: int) -> dict[str, np.ndarray]:
+    """Replay many controllers, (len(PARAMETER_ROWS), n_sets).  Returns each of REPLAY_TRACES, (n_points, n_sets)."""
+
+    def run(block: Block) -> list[np.ndarray]:
+        rows = trace_rows(REPLAY_TRACES, block.common.n_volumes)
+        traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
+        S, V, own, _ = work_space(block)
+        command_of(block.rows, block.common, series, S, V, own, rows, interval, traces)
+        return [traces]
+
+    (found,) = run_sets(matrix, run)
+    return {name: found[:, k] for k, name in enumerate(REPLAY_TRACES)}
