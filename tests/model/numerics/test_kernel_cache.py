@@ -62,7 +62,7 @@ def test_a_later_process_takes_the_kernel_that_two_compiled_at_once_until_a_form
     assert said == {str(travel)} == {"0.1"}
     assert hits == 1
     # motor_positions lies in another file than the formula it calls
-    actuator = root / "fastcoil" / "model" / "physics" / "actuator.py"
+    actuator = root / "fastcoil" / "model" / "physics.py"
     text = actuator.read_text()
     assert text.count("position + max_travel\n") == 1
     actuator.write_text(text.replace("position + max_travel\n", "position + 2.0 * max_travel\n"))
