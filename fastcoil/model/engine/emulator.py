@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.engine.controller import PLAIN, call_control, call_estimator, call_law, control, draw_noise
+from fastcoil.model.engine.controller import PLAIN, call_control, control, draw_noise
 from fastcoil.model.engine.metrics import (
     COUNTED,
     IN_SWITCH_BLOCK,
@@ -55,6 +55,7 @@ from fastcoil.model.engine.rows import (
     reset_sums,
     set_initial_state,
 )
+from fastcoil.model.engine.rules import call_estimator, call_law
 from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.physics import lagged, measured

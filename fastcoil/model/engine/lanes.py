@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.model.control import Law
-from fastcoil.model.engine.controller import Control, control_stage, estimator_stage, law_stage
+from fastcoil.model.engine.controller import Control, control_stage
 from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day, emulate
 from fastcoil.model.engine.metrics import N_METRICS, OF_ESTIMATORS, schedule
 from fastcoil.model.engine.plant import Stem, stem_stage
@@ -26,6 +26,7 @@ from fastcoil.model.engine.rows import (
     W_A,
     R,
 )
+from fastcoil.model.engine.rules import estimator_stage, law_stage
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.metric_table import LEARNING_STATUS, METRICS, STATUS_OK

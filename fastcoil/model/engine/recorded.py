@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.model.engine.controller import PLAIN, call_control, call_estimator, control
+from fastcoil.model.engine.controller import PLAIN, call_control, control
 from fastcoil.model.engine.emulator import record
 from fastcoil.model.engine.lanes import Block, run_sets, trace_rows, work_space
 from fastcoil.model.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
@@ -24,6 +24,7 @@ from fastcoil.model.engine.rows import (
     reset_sums,
     set_initial_state,
 )
+from fastcoil.model.engine.rules import call_estimator
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import kernel
 from fastcoil.model.numerics.stages import BUILT_IN

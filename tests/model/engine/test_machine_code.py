@@ -79,7 +79,7 @@ def test_sections_are_vectorised(name):
 @pytest.mark.parametrize("name", ["hagglund", "gradient"])
 def test_stages_of_estimators_are_vectorised(name, monkeypatch):
     """Scalar is only the loop once more for rows that might overlap, which never do."""
-    from fastcoil.model.engine.controller import estimator_stage
+    from fastcoil.model.engine.rules import estimator_stage
     from fastcoil.model.numerics import stages
 
     compiled = []

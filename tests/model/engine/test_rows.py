@@ -1,14 +1,13 @@
 """The rows of a block's state: groups that neither overlap nor leave a gap, and who may read what."""
 
 import ast
+import inspect
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fastcoil.model.engine import controller, rows
-from fastcoil.model.engine import recorded as replay_loop
+from fastcoil.model.engine import controller, recorded, rows
 from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
 from fastcoil.model.engine.metrics import M
 from fastcoil.model.engine.rows import LANES, SUM_ROWS, R, derive, positions, reset_sums, set_initial_state
@@ -60,9 +59,9 @@ def test_each_group_is_filled_by_its_own_function_alone(block):
         np.testing.assert_array_equal(S[:start], before)
 
 
-@pytest.mark.parametrize("module", [controller, replay_loop])
-def test_the_controller_knows_no_true_backlash_and_reads_no_sum(module):
-    tree = ast.parse(Path(module.__file__).read_text())
+@pytest.mark.parametrize("part", [controller, recorded.command_of.py_func], ids=["control", "replay"])
+def test_the_controller_knows_no_true_backlash_and_reads_no_sum(part):
+    tree = ast.parse(inspect.getsource(part))
     used = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and ast.unparse(n.value) == "R"}
     assert not used & {"backlash", "worn", "gap", "backlash_scale"}
     assert used & set(SUM_ROWS) <= {"sum_switches"}
