@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.base.arrays import Array
-from fastcoil.model.engine import recorded as play_loop
+from fastcoil.model.engine import recorded
 
 
 def motor_positions(command: Array, most_travel: float) -> Array:
@@ -15,7 +15,7 @@ def motor_positions(command: Array, most_travel: float) -> Array:
     motor stands at the first command when the log begins.
     """
     positions = np.empty(command.size + 1)
-    play_loop.motor_positions(np.ascontiguousarray(command, float), most_travel, positions)
+    recorded.motor_positions(np.ascontiguousarray(command, float), most_travel, positions)
     return positions
 
 
@@ -41,7 +41,7 @@ def mean_openings(positions: Array, backlash: Array, width: int) -> tuple[Array,
     """
     openings = np.empty(((positions.size - 1) // width, backlash.size))
     squares = np.empty_like(openings)
-    play_loop.mean_openings(positions, np.ascontiguousarray(backlash, float), width, openings, squares)
+    recorded.mean_openings(positions, np.ascontiguousarray(backlash, float), width, openings, squares)
     return openings, squares
 
 

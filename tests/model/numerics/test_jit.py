@@ -34,8 +34,8 @@ def hashes():
 @pytest.mark.parametrize(
     ("part", "belongs"),
     [
-        ("model/physics/coil.py", True),
-        ("model/control/pi.py", True),
+        ("model/physics.py", True),
+        ("model/control.py", True),
         ("model/engine/rows.py", True),
         ("model/numerics/noise.py", True),
         ("model/numerics/jit.py", True),
