@@ -23,7 +23,7 @@ from fastcoil.loops.running import run_shard
 from fastcoil.loops.shards import END_STATE, Shard, Stretch
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.model.numerics.jit import fingerprint, model_sha256
-from fastcoil.model.user_rules import OwnCode, own_code_of, refuse_other_code
+from fastcoil.model.user_rules import RuleHashes, own_code_of, refuse_other_code
 from fastcoil.study.file.own_code import Source
 from fastcoil.study.workers.reduce import reduce
 from fastcoil.study.workers.user_code import load_rules
@@ -42,7 +42,7 @@ class Job(NamedTuple):
     plan: Plan
     reduction: Source | None
     rules: Mapping[str, Source] = {}
-    own_code: OwnCode = {}
+    own_code: RuleHashes = {}
 
 
 def receive(job: Job) -> None:
