@@ -17,7 +17,6 @@ from fastcoil.base.arrays import array_of
 from fastcoil.base.errors import InputError
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.clock import is_changed
-from fastcoil.loops.boundary.conversion import start_coordinate
 from fastcoil.loops.loop import Loop, forgetting, words_used
 from fastcoil.loops.netcdf import CLOCK
 from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day
@@ -38,13 +37,13 @@ def check_names(loop: Loop, boundary: Boundary) -> None:
 
 def clock_coordinates(boundary: Boundary, elapsed_time: xr.Variable | None = None) -> dict[str, xr.DataArray]:
     """``start``; of a single day also the ``time`` of its traces, unless its clock is changed on the way."""
-    start = start_coordinate(boundary.clock, has_day_dim=boundary.has_day_dim)
-    if start is None or boundary.clock.start is None:
+    start = boundary.start_coordinate
+    if start is None or boundary.start is None:
         return {}
     found = {"start": start}
     if elapsed_time is None or boundary.has_day_dim:
         return found
-    if not is_changed(boundary.time_zone, boundary.clock.start[0], boundary.n_steps):
+    if not is_changed(boundary.time_zone, boundary.start[0], boundary.n_steps):
         time = start.values + np.rint(elapsed_time.values).astype(np.int64) * _SECOND
         attrs = {"long_name": "date and time", "standard_name": "time"}
         zone = {"time_zone": boundary.time_zone} if boundary.time_zone else {}

@@ -1,31 +1,28 @@
-"""The series that act on the loop from outside, second by second: entering air and water, set-point, noise."""
+"""``Boundary``: the series that act on the loop from outside, second by second."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+import xarray as xr
 
 from fastcoil.base.arguments import checking, choice_of, instance_of, whole_of
-from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, collecting, shown
-from fastcoil.loops.boundary.clock import Clock, Times, clock_of
-from fastcoil.loops.boundary.conversion import arguments_of, dataset_of
-from fastcoil.loops.boundary.display import draw, extent, html_of, text_of
-from fastcoil.loops.boundary.rearranged import (
-    DIMS,
-    Parts,
-    joined,
-    joining_problems,
-    picked,
-    positions,
-    positions_of,
-    replaced,
-    rows_of,
-    stream_of,
+from fastcoil.loops.boundary.clock import Clock, clock_of
+from fastcoil.loops.boundary.conditions import CONDITIONS, whole_seconds
+from fastcoil.loops.boundary.display import draw, html_of, text_of
+from fastcoil.loops.boundary.samples import (
+    EndToEnd,
+    Labelled,
+    Picked,
+    Replaced,
+    Samples,
+    dataset_of,
+    variables_of,
+    with_day_dim,
 )
 from fastcoil.loops.boundary.series import (
     BOUNDARY_SERIES,
@@ -36,173 +33,18 @@ from fastcoil.loops.boundary.series import (
     enabled_by,
     label_array,
     read,
-    require_aligned,
     value_problems,
     warn_of_stops,
 )
-from fastcoil.loops.boundary.source import Held, Source, Stream
+from fastcoil.loops.boundary.trend_log import trend_log_series
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
-
-
-def checked(series: Mapping[str, Values], day: Values, start: Values, time_zone: Values) -> Parts:
-    """Samples and clock of a boundary; arguments as of `fastcoil.Boundary`, all series by name, None if left out.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake.
-    """
-    problems: list[str] = []
-    given: dict[str, Given] = {}
-    for name, one in BOUNDARY_SERIES.items():
-        with collecting(problems):
-            given[name] = read(one, series[name])
-    n_steps = common_size("elapsed_time", "samples", given, problems)
-    n_days = common_size("day", "days", given, problems)
-    if n_steps is None and not problems:
-        problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
-    labels = carried_labels(given, problems) if day is None else label_array(day, problems)
-    if labels is None:
-        labels = np.arange(n_days) if n_days else np.asarray(0)
-    elif n_days is not None and labels.size != n_days:
-        problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
-    for name, values in given.items():
-        problems += value_problems(BOUNDARY_SERIES[name], values, labels)
-    shape, clock = (labels.size, n_steps or 0), Clock()
-    with collecting(problems):
-        clock = clock_of(start, time_zone, *shape)
-    if problems:
-        # Series that share a coordinate share its mistakes.
-        raise InputError(list(dict.fromkeys(problems)))
-    whole = {name: values.spread(*shape) for name, values in given.items()}
-    by_air = series["enabled"] is None
-    if by_air:
-        whole["enabled"], stopped = enabled_by(whole["m_a"])
-        warn_of_stops(stopped, stacklevel=4)
-    return Parts(Held(whole, np.atleast_1d(labels).astype(np.int64), bool(n_days or labels.ndim)), clock, by_air)
-
-
-class Samples:
-    """The series, the labels and the clock of days; immutable."""
-
-    _source: Source
-    _clock: Clock
-    _by_air: bool
-
-    @classmethod
-    def of(cls, source: Source, clock: Clock, by_air: bool = False) -> Self:
-        """A boundary of checked samples; ``by_air``: whether the air flow alone decides on ``enabled``."""
-        self = cls.__new__(cls)
-        self._source, self._clock, self._by_air = source, clock, by_air
-        return self
-
-    @property
-    def source(self) -> Source:
-        """Where the samples come from."""
-        return self._source
-
-    @property
-    def series(self) -> dict[str, Array]:
-        """All series by name, each float64 (n_days, n_steps), read-only; all days of a stream are made for it."""
-        return self._source.series
-
-    def of_day(self, k: int) -> dict[str, Array]:
-        """The series of one day by position, each float64 (n_steps,), read-only."""
-        return self._source.of_day(whole_of("k", k, 0, self.n_days - 1))
-
-    @property
-    def extremes(self) -> dict[str, tuple[float, float]]:
-        """Least and largest value of each series; a stream makes all its days for it, once."""
-        return self._source.extremes
-
-    @property
-    def is_streamed(self) -> bool:
-        """Whether days are made when they are needed, and not held in memory."""
-        return self._source.is_streamed
-
-    @property
-    def day(self) -> NDArray[np.int64]:
-        """Labels of the days, (n_days,), read-only."""
-        return self._source.day
-
-    @property
-    def has_day_dim(self) -> bool:
-        """Whether results have a dim ``day``."""
-        return self._source.has_day_dim
-
-    @property
-    def start(self) -> Times | None:
-        """Date and time of the first sample of each day, (n_days,) datetime64[s]; None if unknown."""
-        return None if self._clock.start is None else self._clock.start.copy()
-
-    @property
-    def time_zone(self) -> str:
-        """The time zone of ``start``; blank if unknown."""
-        return self._clock.time_zone
-
-    @property
-    def clock(self) -> Clock:
-        """``start`` and ``time_zone``."""
-        return self._clock
-
-    @property
-    def n_days(self) -> int:
-        return self.day.size
-
-    @property
-    def n_steps(self) -> int:
-        """Number of 1-s steps."""
-        return self._source.n_steps
-
-    @property
-    def hours(self) -> float:
-        return self.n_steps / 3600
-
-    @property
-    def sha256(self) -> str:
-        """Digest of the day labels and of every name and sample; the clock does not count."""
-        return self._source.sha256
-
-    @property
-    def day_sha256(self) -> list[str]:
-        """Digest of each day's label and samples."""
-        return self._source.day_sha256
-
-    def describe(self) -> str:
-        """One line: the length, the days, and the range of every series that is not at its default."""
-        found = []
-        for name, (low, high) in self.extremes.items():
-            unit = BOUNDARY_SERIES[name].unit
-            if not low == high == BOUNDARY_SERIES[name].default:
-                span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-                found.append(f"{name} {span}{'' if unit == '1' else ' ' + unit}")
-        return f"{extent(self._source, self._clock)}: {', '.join(found)}"
-
-    def __repr__(self) -> str:
-        return text_of(self._source, self._clock)
-
-    def _repr_html_(self) -> str:
-        return html_of(self._source, self._clock)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Samples):
-            return NotImplemented
-        return self is other or (np.array_equal(self.day, other.day) and self.sha256 == other.sha256)
-
-    def __hash__(self) -> int:
-        return hash(self.sha256)
-
-    @property
-    def parts(self) -> Parts:
-        """Samples, clock, and whether the air flow alone decides on ``enabled``."""
-        return Parts(self._source, self._clock, self._by_air)
-
 
 KEPT: Values = object()
 """A series that is not to be changed."""
+_LONGEST = round(3600 * (CONDITIONS["hours"].upper or 0.0))
+"""Seconds of a day."""
 
 
 class Boundary(Samples):
@@ -252,17 +94,35 @@ class Boundary(Samples):
         start: Values = None,
         time_zone: Values = None,
     ) -> None:
-        series = {
-            "m_a": m_a,
-            "T_a_in": T_a_in,
-            "W_a_in": W_a_in,
-            "T_w_in": T_w_in,
-            "T_set": T_set,
-            "noise": noise,
-            "enabled": enabled,
-            "backlash_scale": backlash_scale,
-        }
-        self._source, self._clock, self._by_air = checked(series, day, start, time_zone)
+        series = {name: value for name, value in locals().items() if name in BOUNDARY_SERIES}
+        problems: list[str] = []
+        given: dict[str, Given] = {}
+        for name, one in BOUNDARY_SERIES.items():
+            with collecting(problems):
+                given[name] = read(one, series[name])
+        n_steps = common_size("elapsed_time", "samples", given, problems)
+        n_days = common_size("day", "days", given, problems)
+        if n_steps is None and not problems:
+            problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
+        labels = carried_labels(given, problems) if day is None else label_array(day, problems)
+        if labels is None:
+            labels = np.arange(n_days) if n_days else np.asarray(0)
+        elif n_days is not None and labels.size != n_days:
+            problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
+        for name, values in given.items():
+            problems += value_problems(BOUNDARY_SERIES[name], values, labels)
+        shape, clock = (labels.size, n_steps or 0), Clock()
+        with collecting(problems):
+            clock = clock_of(start, time_zone, *shape)
+        if problems:
+            # Series that share a coordinate share its mistakes.
+            raise InputError(list(dict.fromkeys(problems)))
+        whole = {name: values.spread(*shape) for name, values in given.items()}
+        if enabled is None:
+            whole["enabled"], stopped = enabled_by(whole["m_a"])
+            warn_of_stops(stopped)
+        ds = dataset_of(whole, labels, bool(n_days or labels.ndim), shape[1], clock)
+        self.__setstate__({"_ds": ds, "_make": None, "_time_zone": clock.time_zone, "_by_air": enabled is None})
 
     def assign(
         self,
@@ -284,26 +144,73 @@ class Boundary(Samples):
         Where ``enabled`` follows from the air flow, it follows from a new one, too.
         """
         changes = {name: value for name, value in locals().items() if name != "self" and value is not KEPT}
-        if "day" not in changes:
-            require_aligned(changes, self.day)
         by_air = self._by_air if "enabled" not in changes else changes["enabled"] is None
-        if isinstance(self._source, Stream):
-            return Boundary.of(*replaced(self._source, self._clock, changes), by_air=by_air)
-        kept: dict[str, Any] = rows_of(self._source)
+        problems: list[str] = []
+        given: dict[str, Given] = {}
+        for name in changes.keys() & BOUNDARY_SERIES.keys():
+            with collecting(problems):
+                given[name] = read(BOUNDARY_SERIES[name], changes[name])
+        if "day" not in changes:
+            carried_labels(given, problems, self.day)
+        if problems:
+            raise InputError(problems)
+        if self._make is not None:
+            return self._replaced(given, changes, by_air)
+        kept: dict[str, Any] = {str(name): values.values for name, values in self._ds.data_vars.items()}
         if self._by_air and "m_a" in changes:
             del kept["enabled"]
-        kept |= {"day": self.day if self.has_day_dim else self.day[0], **self._clock._asdict()}
+        kept |= {"day": self._ds["day"].values, **self.clock._asdict()}
         changed = Boundary(**kept | changes)
         changed._by_air = by_air
         return changed
 
+    def _replaced(self, given: Mapping[str, Given], changes: Mapping[str, Any], by_air: bool) -> Boundary:
+        """A stream with other series, labels or clock."""
+        problems: list[str] = []
+        common_size("elapsed_time", "samples", given, problems, self.n_steps)
+        common_size("day", "days", given, problems, self.n_days)
+        labels = label_array(changes["day"], problems) if changes.get("day") is not None else self._ds["day"].values
+        if labels is not None and labels.size != self.n_days:
+            problems.append(f"day has {labels.size} labels for {self.n_days} days: give one label for each day")
+        for name, one in given.items():
+            problems += value_problems(BOUNDARY_SERIES[name], one, self.day)
+        clock = Clock()
+        with collecting(problems):
+            start, time_zone = changes.get("start", self.start), changes.get("time_zone", self.time_zone)
+            clock = clock_of(start, time_zone, self.n_days, self.n_steps)
+        if problems or labels is None:
+            raise InputError(problems)
+        make = self.maker
+        if given:
+            make = Replaced(make, {name: None if changes[name] is None else one for name, one in given.items()})
+        ds = dataset_of({}, labels, self.has_day_dim or labels.ndim > 0, self.n_steps, clock)
+        return Boundary.of(ds, make, clock.time_zone, by_air)
+
     def isel(self, day: Any) -> Boundary:
         """Some days by position: a number, which leaves no dim ``day``, a list, flags or a slice."""
-        return Boundary.of(*picked(self.parts, positions(day, self.n_days)))
+        return self._chosen("isel", day)
 
     def sel(self, day: Any) -> Boundary:
         """Some days by label: one, which leaves no dim ``day``, a list, or a slice from one to another."""
-        return Boundary.of(*picked(self.parts, positions_of(day, self.day)))
+        return self._chosen("sel", day)
+
+    def _chosen(self, method: str, day: Any) -> Boundary:
+        ds = with_day_dim(self._ds).assign_coords(position=("day", np.arange(self.n_days)))
+        try:
+            ds = getattr(ds, method)(day=day)
+        except (KeyError, IndexError, TypeError, ValueError):
+            known = shown(self.day.tolist()) if self.n_days <= 8 else f"{self.day[0]} to {self.day[-1]}"
+            cure = f"give positions from 0 to {self.n_days - 1}" if method == "isel" else f"its labels are {known}"
+            raise InputError(f"day = {shown(day)}: the boundary has no such day; {cure}") from None
+        at = ds["position"].values
+        if not at.size or np.unique(at).size < at.size:
+            raise InputError(f"day = {shown(day)} chooses {'a day twice' if at.size else 'no day'}: give each day once")
+        ds = ds.drop_vars("position")
+        if self._make is not None and at.ndim:
+            return Boundary.of(ds, Picked([self._make], np.zeros_like(at), at), self._time_zone, self._by_air)
+        if self._make is not None:
+            ds = ds.assign(variables_of(self.of_day(int(at))))
+        return Boundary.of(ds, None, self._time_zone, self._by_air)
 
     @staticmethod
     def concat(boundaries: Sequence[Boundary], dim: str = "day") -> Boundary:
@@ -323,19 +230,39 @@ class Boundary(Samples):
         with checking() as check:
             for i, one in enumerate(boundaries):
                 check(instance_of, f"boundaries[{i}]", one, Boundary, cure)
-        parts = [one.parts for one in boundaries]
-        dim = choice_of("dim", dim, DIMS)
-        if problems := joining_problems(parts, dim):
+        dim = choice_of("dim", dim, ("day", "elapsed_time"))
+        if problems := _joining_problems(boundaries, dim):
             raise InputError(problems)
-        return Boundary.of(*joined(parts, dim))
+        zone, by_air = next(filter(None, (b.time_zone for b in boundaries)), ""), all(b._by_air for b in boundaries)
+        streamed = any(one.is_streamed for one in boundaries)
+        sets = [one._ds.drop_vars(list(one._ds.data_vars)) if streamed else one._ds for one in boundaries]
+        sets = [with_day_dim(ds) for ds in sets] if dim == "day" else sets
+        ds = xr.concat(sets, dim, data_vars="minimal", coords="minimal", compat="override", join="exact")
+        make: Picked | EndToEnd | None = None
+        if streamed and dim == "day":
+            days = [(i, k) for i, one in enumerate(boundaries) for k in range(one.n_days)]
+            make = Picked([one.maker for one in boundaries], *np.array(days).T)
+        elif streamed:
+            make = EndToEnd(boundaries)
+        seconds = np.arange(float(ds.sizes["elapsed_time"]))
+        ds = ds.assign_coords(elapsed_time=("elapsed_time", seconds, ds["elapsed_time"].attrs))
+        return Boundary.of(ds, make, zone, by_air)
 
     def plot(self) -> Figure:
         """The series over time, as a matplotlib ``Figure``; days that do not follow each other on top of each other."""
-        return draw(self._source, self._clock)
+        return draw(self)
+
+    def __repr__(self) -> str:
+        return text_of(self)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def to_dataset(self) -> xr.Dataset:
         """The series as a Dataset with dims (``day``,) ``elapsed_time``, units, long names, and ``start`` if known."""
-        return dataset_of(self._source, self._clock)
+        if self._make is None:
+            return self._ds.copy(deep=True)
+        return dataset_of(self.series, self.day, self.has_day_dim, self.n_steps, self.clock)
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Boundary:
@@ -343,7 +270,27 @@ class Boundary(Samples):
 
         Strict: ``elapsed_time`` in steps of 1 s (from any start), and a ``units`` attribute on every series.
         """
-        return cls(**arguments_of(ds))
+        instance_of("ds", ds, xr.Dataset, "give a Dataset, as of to_dataset")
+        problems = [
+            f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})"
+            for name, series in BOUNDARY_SERIES.items()
+            if name in ds and "units" not in ds[name].attrs
+        ]
+        if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
+            problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
+        start = time_zone = None
+        if "start" in ds.coords:
+            start, time_zone = ds["start"].values, ds["start"].attrs.get("time_zone")
+            if start.dtype.kind != "M":
+                cure = "give dates and times, datetime64"
+                problems.append(WrongType(f"start = {shown(start)} is of type {start.dtype}: {cure}"))
+        if problems:
+            raise InputError(problems)
+        if start is not None and ds.sizes.get("elapsed_time"):
+            first = ds["elapsed_time"].values[0]
+            seconds = first / np.timedelta64(1, "s") if first.dtype.kind == "m" else float(first)
+            start = start + np.timedelta64(round(1e6 * seconds), "us").astype(start.dtype.str.replace("M8", "m8"))
+        return cls(**{name: ds.get(name) for name in BOUNDARY_SERIES}, start=start, time_zone=time_zone)
 
     @classmethod
     def from_days(
@@ -372,7 +319,25 @@ class Boundary(Samples):
         start, time_zone
             As for `Boundary`.
         """
-        return cls.of(*stream_of(make, day, n_steps, hours, start, time_zone))
+        with checking() as check:
+            if not callable(make):
+                cure = "give a function that returns the series of the day of a label"
+                check.problems.append(WrongType(f"make = {shown(make)}: {cure}"))
+            if (n_steps is None) == (hours is None):
+                check.problems.append("n_steps and hours: give one of them, the length of each day")
+            if n_steps is not None:
+                n_steps = check(whole_of, "n_steps", n_steps, 1, _LONGEST)
+            if hours is not None:
+                n_steps = check(whole_seconds, hours)
+            labels = label_array(day, check.problems)
+            if not check.problems and labels is not None:
+                clock = check(clock_of, start, time_zone, labels.size, n_steps or 0)
+        assert labels is not None  # a problem otherwise
+        assert n_steps is not None
+        ds = dataset_of({}, labels, labels.ndim > 0, n_steps, clock)
+        days = cls.of(ds, Labelled(make, np.atleast_1d(labels).astype(np.int64)), clock.time_zone, False)
+        days.of_day(0)
+        return days
 
     @classmethod
     def from_csv(
@@ -426,8 +391,6 @@ class Boundary(Samples):
         InputError
             With one sentence for each mistake in the file or the arguments: column, row, cure.
         """
-        from fastcoil.loops.boundary.conversion import trend_log_series
-
         return cls(
             **trend_log_series(
                 path,
@@ -441,3 +404,42 @@ class Boundary(Samples):
                 time_format=time_format,
             )
         )
+
+
+def _joining_problems(boundaries: Sequence[Boundary], dim: str) -> list[str]:
+    """Why boundaries cannot be put together, a sentence each."""
+    first, problems = boundaries[0], []
+    zones = sorted({one.time_zone for one in boundaries} - {""})
+    if len(zones) > 1:
+        problems.append(f"the boundaries are in the time zones {' and '.join(zones)}: put together those of one")
+    known = [one.start is not None for one in boundaries]
+    if len(set(known)) > 1:
+        problems.append(
+            f"boundary {known.index(True)} has a start and boundary {known.index(False)} has none: give it one with "
+            "assign(start=…), or assign(start=None) to the others"
+        )
+    if dim == "day":
+        problems += [
+            f"boundary {i} lasts {one.n_steps:,} s, the first {first.n_steps:,} s: give days of one length"
+            for i, one in enumerate(boundaries)
+            if one.n_steps != first.n_steps
+        ]
+        labels, counts = np.unique(np.concatenate([one.day for one in boundaries]), return_counts=True)
+        if counts.max() > 1:
+            label = labels[counts.argmax()]
+            problems.append(f"day label {label} appears twice: give each day its own label, as assign(day=7)")
+        return problems
+    for i, (before, one) in enumerate(zip(boundaries, boundaries[1:], strict=False), start=1):
+        if one.has_day_dim != first.has_day_dim or one.n_days != first.n_days:
+            n = [f"{each.n_days} days" if each.has_day_dim else "no dim day" for each in (one, first)]
+            problems.append(f"boundary {i} has {n[0]}, the first {n[1]}: give the same days")
+        elif first.has_day_dim and not np.array_equal(one.day, first.day):
+            problems.append(f"boundary {i} has other days than the first: give the same days, in the same order")
+        elif one.start is not None and before.start is not None:
+            ends = before.start + np.timedelta64(before.n_steps, "s")
+            for k in np.flatnonzero(ends != one.start)[:1]:
+                problems.append(
+                    f"boundary {i} starts at {one.start[k]}, the one before ends at {ends[k]}: put together what "
+                    "follows without a gap, or assign(start=None) to all"
+                )
+    return problems

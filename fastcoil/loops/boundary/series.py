@@ -10,17 +10,18 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, array_of
-from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.base.errors import InputError, WrongType, collecting, shown
 from fastcoil.logs.series import COLUMNS, Series
 
 Values: TypeAlias = Any
 """What a user may give for a series: a number, array-like or DataArray; examined at run time."""
 
 ADDED_SERIES = ("backlash_scale",)
-"""Series that boundaries once did not have."""
+"""Series that count in a digest only where they do something."""
 _NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
 BOUNDARY_SERIES = {name: COLUMNS[name] for name in _NAMES}
 """Every series of a `Boundary` by name."""
@@ -39,6 +40,10 @@ class Given(NamedTuple):
         # Adding 0.0 makes -0.0 a 0.0: equal series have equal bytes, hence equal digests.
         return np.broadcast_to(self.values.reshape(shape), (n_days, n_steps)) + 0.0
 
+    def of_day(self, k: int) -> Array | float:
+        values = self.values[k] if "day" in self.dims else self.values
+        return values if values.ndim else float(values)
+
 
 def read(series: Series, value: Values) -> Given:
     """``value`` as numbers in our unit, with its dims; values are not yet checked against the bounds."""
@@ -46,7 +51,7 @@ def read(series: Series, value: Values) -> Given:
         if series.default is None:
             raise InputError(f"{series.name} is missing: give the {series.long_name} ({series.known_units})")
         value = series.default
-    if is_labelled(value):
+    if hasattr(type(value), "dims"):  # a DataArray, or something like it
         return _read_labelled(series, value)
     values = _numbers(series, value)
     if values.ndim > 2:
@@ -54,10 +59,12 @@ def read(series: Series, value: Values) -> Given:
     return Given(("day", "elapsed_time")[2 - values.ndim :], values)
 
 
-def common_size(dim: str, word: str, given: dict[str, Given], problems: list[str]) -> int | None:
-    """Size of ``dim``, None if no series has it; series that differ from the first are problems."""
-    having = {name: one for name, one in given.items() if dim in one.dims}
-    sizes: dict[str, int] = {name: one.values.shape[one.dims.index(dim)] for name, one in having.items()}
+def common_size(
+    dim: str, word: str, given: Mapping[str, Given], problems: list[str], whole: int | None = None
+) -> int | None:
+    """Size of ``dim``, None if no series has it; series of another one than the ``whole`` or the first are problems."""
+    sizes: dict[str, int] = {} if whole is None else {"the boundary": whole}
+    sizes |= {name: one.values.shape[one.dims.index(dim)] for name, one in given.items() if dim in one.dims}
     if not sizes:
         return None
     first, size = next(iter(sizes.items()))
@@ -69,59 +76,37 @@ def common_size(dim: str, word: str, given: dict[str, Given], problems: list[str
     return size
 
 
-def carried_labels(given: dict[str, Given], problems: list[str]) -> NDArray[Any] | None:
-    """The day labels that the series themselves carry as a coordinate, None if none does."""
+def carried_labels(
+    given: Mapping[str, Given], problems: list[str], whole: NDArray[Any] | None = None
+) -> NDArray[Any] | None:
+    """The day labels that series carry as a coordinate, None if none does; others than the first's are problems."""
     carried = {name: one.day for name, one in given.items() if one.day is not None}
-    carried = {name: day for name, day in carried.items() if day.ndim} or carried
-    if not carried:
+    several = {name: day for name, day in carried.items() if day.ndim}
+    labelled = {"the boundary": whole} | several if whole is not None else several or carried
+    if not labelled:
         return None
-    first, labels = next(iter(carried.items()))
+    first, labels = next(iter(labelled.items()))
     problems += [
         f"{name} has day {day!s:.40} where {first} has {labels!s:.40}: align them, or give day=..."
-        for name, day in carried.items()
+        for name, day in labelled.items()
         if not np.array_equal(day, labels)
     ]
     return label_array(labels, problems)
 
 
-def require_aligned(changes: Mapping[str, Values], day: NDArray[Any]) -> None:
-    """Refuse series with labels of other days than those that they are to join."""
-    problems = []
-    for name in BOUNDARY_SERIES:
-        coordinates = getattr(changes.get(name), "coords", {}) if is_labelled(changes.get(name)) else {}
-        labels = coordinates["day"].values if "day" in coordinates else day
-        if labels.ndim and not np.array_equal(labels, day):
-            problems.append(f"{name} has day {labels!s:.40} where the boundary has {day!s:.40}: align them")
-    if problems:
-        raise InputError(problems)
-
-
-def is_labelled(value: Values) -> bool:
-    """Whether it is a DataArray, or something like it."""
-    return hasattr(type(value), "dims")
-
-
 def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
     """Day labels as an array; None, and a problem, if they are not distinct whole numbers."""
     cure = f"give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day"
-    try:
+    with collecting(problems):
         labels = array_of("day", day, cure)
-        if labels.ndim > 1 or not labels.size or np.any(_no_label(labels)):
-            raise InputError(f"day = {shown(day)}: {cure}")
-    except InputError as error:
-        problems += error.problems
-        return None
-    values, counts = np.unique(labels, return_counts=True)
-    if counts.max() > 1:
-        problems.append(f"day label {values[counts.argmax()]} appears twice: give each day its own label")
-        return None
-    return labels
-
-
-def _no_label(labels: NDArray[Any]) -> NDArray[np.bool_]:
-    with np.errstate(over="ignore"):  # what does not fit is infinite
         wide = labels.astype(np.float64)
-    return np.asarray((wide != np.rint(wide)) | (wide < 0) | (wide > LARGEST_DAY_LABEL))
+        if labels.ndim > 1 or not labels.size or np.any((wide % 1 != 0) | (wide < 0) | (wide > LARGEST_DAY_LABEL)):
+            raise InputError(f"day = {shown(day)}: {cure}")
+        values, counts = np.unique(labels, return_counts=True)
+        if counts.max() > 1:
+            raise InputError(f"day label {values[counts.argmax()]} appears twice: give each day its own label")
+        return labels
+    return None
 
 
 def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
@@ -139,8 +124,6 @@ def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[s
 
 
 def _read_labelled(series: Series, value: Any) -> Given:
-    import xarray as xr
-
     if not isinstance(value, xr.DataArray):
         raise InputError(
             WrongType(f"{series.name} is a {type(value).__name__}: give a number, an array or a DataArray")

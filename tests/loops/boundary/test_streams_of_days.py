@@ -8,7 +8,7 @@ import pytest
 from helpers.refusals import assert_only_problem, only_problem, problems
 
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary import source as digest
+from fastcoil.loops.boundary import samples as digest
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 
 N = 900
@@ -70,7 +70,7 @@ def test_a_stream_is_the_same_boundary_as_its_days_in_memory():
 def test_a_large_boundary_has_one_digest_too_streamed_or_not(monkeypatch):
     small = in_memory([3, 1, 2]).sha256
     monkeypatch.setattr(digest, "LARGE", 2 * N)
-    monkeypatch.setattr("fastcoil.loops.boundary.source.LARGE", 2 * N)
+    monkeypatch.setattr("fastcoil.loops.boundary.samples.LARGE", 2 * N)
     stream, held = streamed(), in_memory([3, 1, 2])
     assert stream.sha256 == held.sha256 != small
     changed = held.assign(T_w_in=np.where(np.arange(N) == 5, 7.5, 7.0))
@@ -96,7 +96,7 @@ def test_a_stream_goes_to_another_process_with_what_is_known_of_it():
         np.testing.assert_array_equal(other.start, stream.start)
     stream.sha256  # noqa: B018
     again = pickle.loads(pickle.dumps(stream))
-    again.source.make = None  # nothing is made for what is known
+    again._make = None  # nothing is made for what is known
     assert again.sha256 == stream.sha256
     held = pickle.loads(pickle.dumps(in_memory([1])))
     assert not held.of_day(0)["m_a"].flags.writeable
@@ -147,5 +147,5 @@ def test_bad_arguments_of_from_days():
 
 
 def test_series_of_a_stream_that_do_not_fit_are_refused(monkeypatch):
-    monkeypatch.setattr("fastcoil.loops.boundary.source.available_memory", lambda: 10000)
+    monkeypatch.setattr("fastcoil.loops.boundary.samples.available_memory", lambda: 10000)
     assert_only_problem(["3 days of 900 s", "of_day"], lambda: streamed().series)

@@ -1,0 +1,417 @@
+"""The days of a boundary: one Dataset of all samples, or days made on demand; digests and ranges of either."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from fastcoil.base.arguments import whole_of
+from fastcoil.base.arrays import Array, Index
+from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
+from fastcoil.base.machine import available_memory, gib
+from fastcoil.logs.series import Series
+from fastcoil.logs.units import DIFFERENCE
+from fastcoil.loops.boundary.clock import SECONDS, Clock, Times
+from fastcoil.loops.boundary.series import (
+    ADDED_SERIES,
+    BOUNDARY_SERIES,
+    Given,
+    enabled_by,
+    read,
+    value_problems,
+    warn_of_stops,
+)
+
+Made = Mapping[str, Any]
+"""Series of a day by name, as a user gives them."""
+Maker = Callable[[int], Made]
+"""Makes a day from its position."""
+LARGE = 2**22
+"""Samples of a series.  A larger boundary is hashed day by day, so that a stream needs no memory; a smaller one series
+by series."""
+
+
+class Survey(NamedTuple):
+    """What one pass over the days finds.
+
+    extremes: least and largest value by series.  sha256: of all; day_sha256: of each day.
+    """
+
+    extremes: dict[str, tuple[float, float]]
+    sha256: str
+    day_sha256: list[str]
+
+
+class Samples:
+    """Labelled days of series with their clock; immutable.
+
+    A Dataset holds dims, labels and clock: the coordinates ``elapsed_time``, ``day`` and, where it is known, ``start``.
+    Its variables are the series, unless ``make`` gives those of a day.  by_air: whether the air flow alone decides on
+    ``enabled``.
+    """
+
+    _ds: xr.Dataset
+    _make: Maker | None
+    _time_zone: str
+    _by_air: bool
+
+    @classmethod
+    def of(cls, ds: xr.Dataset, make: Maker | None, time_zone: str, by_air: bool) -> Self:
+        """A boundary of checked samples."""
+        self = cls.__new__(cls)
+        self.__setstate__({"_ds": ds, "_make": make, "_time_zone": time_zone, "_by_air": by_air})
+        return self
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for variable in self._ds.data_vars.values():  # a copied or pickled array is writeable
+            frozen(variable.values)
+
+    @property
+    def is_streamed(self) -> bool:
+        """Whether days are made on demand instead of held in memory."""
+        return self._make is not None
+
+    @property
+    def day(self) -> NDArray[np.int64]:
+        """Labels of the days, (n_days,), read-only."""
+        return frozen(np.atleast_1d(self._ds["day"].values).astype(np.int64))
+
+    @property
+    def has_day_dim(self) -> bool:
+        """Whether results have a dim ``day``."""
+        return "day" in self._ds.dims
+
+    @property
+    def n_days(self) -> int:
+        return int(self._ds.sizes.get("day", 1))
+
+    @property
+    def n_steps(self) -> int:
+        """Number of 1-s steps."""
+        return int(self._ds.sizes["elapsed_time"])
+
+    @property
+    def hours(self) -> float:
+        return self.n_steps / 3600
+
+    @property
+    def start(self) -> Times | None:
+        """Date and time of the first sample of each day, (n_days,) datetime64[s]; None if unknown."""
+        return np.atleast_1d(self._ds["start"].values).astype(SECONDS) if "start" in self._ds.coords else None
+
+    @property
+    def time_zone(self) -> str:
+        """The time zone of ``start``; blank if unknown."""
+        return self._time_zone
+
+    @property
+    def clock(self) -> Clock:
+        """``start`` and ``time_zone``."""
+        return Clock(self.start, self._time_zone)
+
+    @property
+    def start_coordinate(self) -> xr.DataArray | None:
+        """``start`` as a coordinate of results, along ``day`` if there is that dim; None if unknown."""
+        if "start" not in self._ds.coords:
+            return None
+        start = self._ds["start"].variable
+        return xr.DataArray(start.values, dims=start.dims, attrs=start.attrs)
+
+    @property
+    def series(self) -> dict[str, Array]:
+        """All series by name, each float64 (n_days, n_steps), read-only; all days of a stream are made for it."""
+        if self._make is None:
+            return {str(name): np.atleast_2d(values.values) for name, values in self._ds.data_vars.items()}
+        shape = self.n_days, self.n_steps
+        needed, available = 8 * len(BOUNDARY_SERIES) * shape[0] * shape[1], available_memory()
+        if needed > available:
+            raise InputError(
+                f"series of {shape[0]} days of {shape[1]:,} s take {gib(needed)} of memory, {gib(available)} are "
+                "available: take a day at a time with of_day, or some days with isel"
+            )
+        whole = {name: np.empty(shape) for name in BOUNDARY_SERIES}
+        for k in range(shape[0]):
+            for name, values in self.of_day(k).items():
+                whole[name][k] = values
+        return {name: frozen(values) for name, values in whole.items()}
+
+    def of_day(self, k: int) -> dict[str, Array]:
+        """The series of one day by position, each float64 (n_steps,), read-only."""
+        k = whole_of("k", k, 0, self.n_days - 1)
+        rows, _ = self._rows(k)
+        if self._make is not None and self.is_surveyed and day_digest(int(self.day[k]), rows) != self.day_sha256[k]:
+            raise InputError(
+                f"make gives other samples for day {self.day[k]} than before: it must give the same each time, draw "
+                "random numbers from a generator that is seeded with the label"
+            )
+        return rows
+
+    @property
+    def is_surveyed(self) -> bool:
+        """Whether ranges and digests are known: those of a stream take a pass over all its days."""
+        return "_survey" in self.__dict__
+
+    @property
+    def extremes(self) -> dict[str, tuple[float, float]]:
+        """Least and largest value of each series; a stream makes all its days for it, once."""
+        return dict(self._survey.extremes)
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the day labels and of every name and sample; the clock does not count."""
+        return self._survey.sha256
+
+    @property
+    def day_sha256(self) -> list[str]:
+        """Digest of each day's label and samples."""
+        return list(self._survey.day_sha256)
+
+    @cached_property
+    def _survey(self) -> Survey:
+        small = self.n_days * self.n_steps <= LARGE
+        extremes: dict[str, tuple[float, float]] = {}
+        hashes, kept, stopped = [], [], 0
+        for k, label in enumerate(self.day.tolist()):
+            rows, seconds = self._rows(k)
+            stopped += seconds
+            hashes.append(day_digest(label, rows))
+            for name, values in rows.items():
+                low, high = extremes.get(name, (np.inf, -np.inf))
+                extremes[name] = min(low, float(values.min())), max(high, float(values.max()))
+            if small:
+                kept.append(rows)
+        warn_of_stops(stopped)
+        if not small:
+            return Survey(extremes, _digest_of_days(self, hashes), hashes)
+        whole = self.series if self._make is None else {n: np.stack([rows[n] for rows in kept]) for n in extremes}
+        return Survey(extremes, _digest_of_series(self, whole), hashes)
+
+    def _rows(self, k: int) -> tuple[dict[str, Array], int]:
+        """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
+        if self._make is None:
+            return {name: values[k] for name, values in self.series.items()}, 0
+        return _checked_day(self._make(k), int(self.day[k]), self.n_steps)
+
+    @property
+    def maker(self) -> Maker:
+        """Makes its days again, for a stream of other days."""
+        if self._make is not None:
+            return self._make
+        return Replaced(self.of_day, {"enabled": None}) if self._by_air else self.of_day
+
+    def describe(self) -> str:
+        """One line: the length, the days, and the range of every series that is not at its default."""
+        found = []
+        for name, (low, high) in not_at_default(self.extremes).items():
+            unit = "" if BOUNDARY_SERIES[name].unit == "1" else f" {BOUNDARY_SERIES[name].unit}"
+            found.append(f"{name} {low:.4g}{unit}" if low == high else f"{name} {low:.4g} to {high:.4g}{unit}")
+        return f"{self.extent}: {', '.join(found)}"
+
+    @property
+    def extent(self) -> str:
+        """Length, days and start: ``24 h x 3 days from 2023-07-01 00:00:00 (UTC-08:00)``."""
+        text = f"{self.hours:g} h" + (f" x {self.n_days} days" if self.has_day_dim else "")
+        if self.start is not None:
+            text += f" from {str(self.start[0]).replace('T', ' ')}" + (f" ({self.time_zone})" if self.time_zone else "")
+        return text
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Samples):
+            return NotImplemented
+        return self is other or (np.array_equal(self.day, other.day) and self.sha256 == other.sha256)
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
+
+def frozen(values: NDArray[Any]) -> NDArray[Any]:
+    """The array, read-only from now on."""
+    values.flags.writeable = False
+    return values
+
+
+def not_at_default(extremes: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """The ranges of the series that are not at their default throughout."""
+    return {name: ends for name, ends in extremes.items() if ends != (BOUNDARY_SERIES[name].default,) * 2}
+
+
+def dataset_of(
+    series: Mapping[str, Array], day: NDArray[Any], has_day_dim: bool, n_steps: int, clock: Clock
+) -> xr.Dataset:
+    """The Dataset of a boundary: series, (n_days, n_steps) each; none of a stream."""
+    dims, row = (("day",), slice(None)) if has_day_dim else ((), 0)
+    seconds = np.arange(float(n_steps))
+    ds = xr.Dataset(
+        variables_of({name: values[row] for name, values in series.items()}),
+        {
+            "elapsed_time": ("elapsed_time", seconds, {"units": "s", "long_name": "time since the start"}),
+            "day": (dims, np.atleast_1d(day).astype(np.int64)[row], {"long_name": "label of the day"}),
+        },
+    )
+    if clock.start is None:
+        return ds
+    attrs = {"long_name": "date and time at elapsed_time 0", "standard_name": "time"}
+    attrs |= {"time_zone": clock.time_zone} if clock.time_zone else {}
+    return ds.assign_coords(start=(dims, clock.start.astype("datetime64[ns]")[row], attrs))
+
+
+def with_day_dim(ds: xr.Dataset) -> xr.Dataset:
+    """The Dataset of a boundary with the dim ``day``."""
+    clock = [name for name in ("start",) if name in ds.coords]
+    return ds if "day" in ds.dims else ds.reset_coords(clock).expand_dims("day").set_coords(clock)
+
+
+def variables_of(series: Mapping[str, Array]) -> dict[str, xr.Variable]:
+    """Series, (n_days, n_steps) or (n_steps,), with dims, units and long names."""
+    dims = ("day", "elapsed_time")
+    return {
+        n: xr.Variable(dims[-values.ndim :], values, _attributes(BOUNDARY_SERIES[n])) for n, values in series.items()
+    }
+
+
+def _attributes(series: Series) -> dict[str, str]:
+    attrs = {"units": series.unit, "long_name": series.long_name}
+    # CF-1.11: a difference in K is not a temperature in K.
+    return attrs | {"units_metadata": "temperature: difference"} if series.units is DIFFERENCE else attrs
+
+
+# -------------------------------------------------------------------------------------------------------- digests
+
+
+def day_digest(label: int, rows: Mapping[str, Array]) -> str:
+    """Hash of a day: of its label, and of its samples, second by second."""
+    digest = hashlib.sha256(f"{label} ".encode())
+    digest.update(np.stack([rows[name] for name in _hashed(rows)], axis=1).data)
+    return digest.hexdigest()
+
+
+def _digest_of_series(days: Samples, series: Mapping[str, Array]) -> str:
+    """Hash of the day labels and of every name and sample, series by series, each (n_days, n_steps)."""
+    digest = _begun(1, days)
+    for name in _hashed(series):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(series[name], dtype="<f8").data)
+    return digest.hexdigest()
+
+
+def _digest_of_days(days: Samples, hashes: Iterable[str]) -> str:
+    """Hash of the day labels and of the hashes of all days."""
+    digest = _begun(2, days)
+    for one in hashes:
+        digest.update(one.encode())
+    return digest.hexdigest()
+
+
+def _begun(version: int, days: Samples) -> hashlib._Hash:
+    digest = hashlib.sha256(f"boundary {version} {days.has_day_dim} {days.n_days} {days.n_steps}".encode())
+    digest.update(days.day.astype("<i8").tobytes())
+    return digest
+
+
+def _hashed(series: Mapping[str, Array]) -> list[str]:
+    """The series that count; one of ``ADDED_SERIES`` only where it does something."""
+    return [
+        name
+        for name, values in series.items()
+        if name not in ADDED_SERIES or not (values == BOUNDARY_SERIES[name].default).all()
+    ]
+
+
+# --------------------------------------------------------------------------------------- what makes days on demand
+# Classes, not closures: they are sent to other processes.
+
+
+class Labelled:
+    """Days that a user's function makes from their labels."""
+
+    def __init__(self, make: Callable[[int], Made], day: NDArray[np.int64]) -> None:
+        self._make, self._day = make, day
+
+    def __call__(self, k: int) -> Made:
+        label = int(self._day[k])
+        try:
+            return self._make(label)
+        except InputError as error:
+            raise InputError([f"day {label}: {problem}" for problem in error.problems]) from None
+        except Exception as error:  # a user's function may raise anything
+            raise InputError(f"make fails for day {label}, {shown(error)}: it must give the series of every day") from (
+                error
+            )
+
+
+class Replaced:
+    """Days of which some series are given; None goes back to the default."""
+
+    def __init__(self, make: Maker, given: Mapping[str, Given | None]) -> None:
+        self._make, self._given = make, given
+
+    def __call__(self, k: int) -> Made:
+        return {**self._make(k), **{name: None if one is None else one.of_day(k) for name, one in self._given.items()}}
+
+
+class Picked:
+    """Days of others: of the ``part`` of each, the one ``at`` a position, both (n_days,)."""
+
+    def __init__(self, makers: Sequence[Maker], part: Index, at: Index) -> None:
+        self._makers, self._part, self._at = makers, part, at
+
+    def __call__(self, k: int) -> Made:
+        make: Maker = self._makers[self._part[k]]
+        return make(int(self._at[k]))
+
+
+class EndToEnd:
+    """Days of which each begins with that of the first and goes on with those of the others."""
+
+    def __init__(self, parts: Sequence[Samples]) -> None:
+        self._parts = parts
+
+    def __call__(self, k: int) -> Made:
+        rows = [part.of_day(k) for part in self._parts]
+        return {name: np.concatenate([one[name] for one in rows]) for name in rows[0]}
+
+
+def _checked_day(made: Made, label: int, n_steps: int) -> tuple[dict[str, Array], int]:
+    """One day as a user's function made it, as series of (n_steps,), and how many seconds have no air flow.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake, naming the day.
+    """
+    if not isinstance(made, Mapping):
+        cure = "give a mapping of series, such as a dict"
+        raise InputError(WrongType(f"make gives a {type(made).__name__} for day {label}: {cure}"))
+    known = ", ".join(BOUNDARY_SERIES)
+    problems = [
+        f"make gives {shown(name)} for day {label}{nearest(str(name), BOUNDARY_SERIES)}: use {known}"
+        for name in made
+        if name not in BOUNDARY_SERIES
+    ]
+    rows: dict[str, Array] = {}
+    for name, series in BOUNDARY_SERIES.items():
+        with collecting(problems, f"day {label}: "):
+            one = read(series, made.get(name))
+            if "day" in one.dims:
+                raise InputError(f"{name} has a dim day: give the samples of this day alone")
+            if "elapsed_time" in one.dims and one.values.size != n_steps:
+                raise InputError(
+                    f"{name} has {one.values.size:,} samples where the day has {n_steps:,}: give one for each second"
+                )
+            if found := value_problems(series, one, np.asarray(label)):
+                raise InputError(found)
+            rows[name] = frozen(one.spread(1, n_steps)[0])
+    if problems:
+        raise InputError(problems)
+    stopped = 0
+    if made.get("enabled") is None:
+        rows["enabled"], stopped = enabled_by(rows["m_a"])
+        frozen(rows["enabled"])
+    return rows, stopped
