@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 
 .PHONY: study paper test test-full lint docs clean
 study: $(VENV)/.installed
-	$(BIN)/fastcoil run studies/robustness.toml -o results/robustness
+	$(BIN)/fastcoil run studies/robustness/robustness.toml -o results/robustness
 
 paper: $(VENV)/.installed
 	$(BIN)/fastcoil paper -o results/paper

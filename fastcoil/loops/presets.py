@@ -64,7 +64,7 @@ _HEATING_LOOP: Mapping[str, Scalar] = {
     **_LAGS,
     **{"kp": 0.025, "ti": 80.0, "sample_time": 10.0, "action": "heating"},
 }
-"""Valve and tuning of a heating coil.  The gains are those that ``studies/heating.py`` chooses, for both coils."""
+"""Valve and tuning of a heating coil, with the gains that ``studies/heating/heating.py`` chooses for both coils."""
 PRESETS = Presets(
     (preset.name, preset)
     for preset in (

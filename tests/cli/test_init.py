@@ -12,9 +12,10 @@ from fastcoil.base.errors import StorageError
 from fastcoil.cli.main import main
 from fastcoil.cli.quick_start import OWN_PROCESS
 from fastcoil.study.file import starters as shipped
+from studies.__main__ import questions
 
 ROOT = Path(__file__).parents[2]
-STUDIES = {path.stem: path for path in (ROOT / "studies").glob("*.toml")}
+STUDIES = {path.stem: path for path in (ROOT / "studies").glob("*/*.toml")}
 
 
 @pytest.fixture
@@ -91,25 +92,25 @@ def test_an_unknown_study_is_answered_with_the_nearest_and_the_list(fastcoil, tm
 
 def test_a_study_that_a_script_analyses_says_so(fastcoil):
     said = fastcoil("init", "--from", "learning_step").output
-    assert "Analysis: `python studies/learning.py`" in said
+    assert "Analysis: `python -m studies learning`" in said
     analysed = {study.name: study.analysis for study in shipped.shipped_studies() if study.analysis}
     assert analysed.keys() == {
         "hunting", "learners", "learning_step", "learning_failures", "remedies", "valve_population",
         "valve_sensitivity", "wear", "year",
     }  # fmt: skip
     for name, words in analysed.items():
-        script = ROOT / words.split("`")[1].removeprefix("python ")
-        assert name in script.read_text()
+        module = questions()[words.split("`")[1].removeprefix("python -m studies ")].module
+        assert name in (ROOT / module.replace(".", "/")).with_suffix(".py").read_text()
 
 
 def test_an_installed_package_has_its_own_studies(tmp_path, monkeypatch):
     monkeypatch.setattr(shipped, "files", lambda _: tmp_path / "fastcoil")
     with pytest.raises(StorageError, match="install it again"):
         shipped.shipped_studies()
-    (tmp_path / "studies").mkdir()
-    (tmp_path / "studies" / "foreign.toml").write_text('title = "of another package"')
+    (tmp_path / "studies" / "foreign").mkdir(parents=True)
+    (tmp_path / "studies" / "foreign" / "foreign.toml").write_text('title = "of another package"')
     with pytest.raises(StorageError, match="install it again"):
         shipped.shipped_studies()
-    (tmp_path / "fastcoil" / "studies").mkdir(parents=True)
-    (tmp_path / "fastcoil" / "studies" / "mine.toml").write_text('title = "Mine"')
+    (tmp_path / "fastcoil" / "studies" / "mine").mkdir(parents=True)
+    (tmp_path / "fastcoil" / "studies" / "mine" / "mine.toml").write_text('title = "Mine"')
     assert [study.title for study in shipped.shipped_studies()] == ["Mine"]

@@ -11,7 +11,7 @@ KINDS = ("stepped", "constant", "design", "weather", "heating")
 
 def rows(name, n_names=2):
     """The first cells of each row → its others, by the head of the column."""
-    lines = (ROOT / "studies" / "tables" / f"{name}.md").read_text().splitlines()
+    lines = (ROOT / "studies" / "cost" / "tables" / f"{name}.md").read_text().splitlines()
     head, _, *body = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|"))
     return {tuple(row[:n_names]): dict(zip(head[n_names:], row[n_names:], strict=True)) for row in body}
 
@@ -45,7 +45,7 @@ def answers():
     yield f"{money.split(' (')[0]} USD a year ({money.split(' (')[1]}"
     more = re.sub(r"\+", "", gaps["15 %",]["USD a year"])
     yield f"one of 15 % {more}"
-    title = (ROOT / "studies" / "tables" / "cost_backlash.md").read_text().splitlines()[0]
+    title = (ROOT / "studies" / "cost" / "tables" / "cost_backlash.md").read_text().splitlines()[0]
     yield "of " + title.split("pays ")[1].split(" USD")[0]
     heat = of_kinds(sums, "all", "heat of the coil")
     yield f"{between(heat).replace('to ', 'to +')} % on every kind of day"

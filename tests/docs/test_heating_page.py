@@ -11,7 +11,7 @@ PAGE = " ".join((ROOT / "docs" / "heating.md").read_text().split())
 
 def rows(table):
     """The rows of a table, column → cell."""
-    text = (ROOT / "studies" / "tables" / f"heating_{table}.md").read_text()
+    text = (ROOT / "studies" / "heating" / "tables" / f"heating_{table}.md").read_text()
     head, _, *found = ([c.strip() for c in line.strip("|").split("|")] for line in text.splitlines() if line[:1] == "|")
     return [dict(zip(head, row, strict=True)) for row in found]
 

@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 
 def text(name):
     """A table's title and its lines."""
-    lines = (ROOT / "studies" / "tables" / f"{name}.md").read_text().splitlines()
+    lines = (ROOT / "studies" / "hunting" / "tables" / f"{name}.md").read_text().splitlines()
     return lines[0].strip("*"), [line for line in lines if line.startswith("|")]
 
 

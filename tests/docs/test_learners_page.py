@@ -1,4 +1,4 @@
-"""What the pages say of estimators is what the tables of ``studies/learners.py`` say."""
+"""What the pages say of estimators is what the tables of ``studies/learning/learners.py`` say."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PAPER, AVERAGED, TRIP = "paper's rule", "growing, averaged reference", "growing,
 
 def table(name):
     """Row's name → column → cell."""
-    lines = (ROOT / "studies" / "tables" / f"learners_{name}.md").read_text().splitlines()
+    lines = (ROOT / "studies" / "learning" / "tables" / f"learners_{name}.md").read_text().splitlines()
     head, _, *rows = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|"))
     return {row[0]: dict(zip(head, row, strict=True)) for row in rows}
 

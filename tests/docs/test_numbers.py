@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 
 def rows(table):
     """Column → cell of each row of a table; an empty cell says what the one above it says."""
-    lines = (ROOT / "studies" / "tables" / f"{table}.md").read_text().splitlines()
+    lines = (next((ROOT / "studies").glob(f"*/tables/{table}.md"))).read_text().splitlines()
     head, _, *found = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|"))
     above = head
     for cells in found:
@@ -76,7 +76,7 @@ def answers():
     yield f"the best plain PI does more than an inverse of 95 % on {share(better)}, "
     yield f"on days with a constant set-point on {share(better, 'constant')} "
     # inverse
-    title = (ROOT / "studies" / "tables" / "population.md").read_text().splitlines()[0]
+    title = (ROOT / "studies" / "inverse" / "tables" / "population.md").read_text().splitlines()[0]
     yield re.search(r"population of ([\d,]+ valves and loops on \d+ days)", title)[1].replace("population", "")
     column = "RMSE: 5 %, median, 95 % of the valves"
     yield f"95 % lowers the RMSE by {percent(buffered[column])} in the median, at the motor travel of the plain PI"

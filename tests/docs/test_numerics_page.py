@@ -10,7 +10,7 @@ DAYS = ("stepped", "constant", "design", "weather", "heating")
 
 def cells(table, *start):
     """Column → cell of the row of a table that begins so."""
-    text = (ROOT / "studies" / "tables" / f"convergence_{table}.md").read_text()
+    text = (ROOT / "studies" / "numerics" / "tables" / f"convergence_{table}.md").read_text()
     head, _, *rows = ([c.strip() for c in line.strip("|").split("|")] for line in text.splitlines() if line[:1] == "|")
     (found,) = [row for row in rows if tuple(row[: len(start)]) == start]
     return dict(zip(head, found, strict=True))

@@ -27,7 +27,8 @@ FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 SPAN = re.compile(r"`([^`\n]+)`")
 FILE = re.compile(r"(?<![\w.*/-])[\w./-]*\w\.(?:py|toml|md|png|csv|nc|json|c|cff)\b(?!\()")
-PLACES = ("", "docs", "studies", "benchmarks", "fastcoil", "fastcoil/model", "fastcoil/model/engine")
+STUDIES = (f"studies/{path.name}" for path in (ROOT / "studies").iterdir() if path.is_dir())
+PLACES = ("", "docs", "studies", *STUDIES, "benchmarks", "fastcoil", "fastcoil/model", "fastcoil/model/engine")
 MADE = {
     *("study.toml", "sweep.toml", "mine.toml", "ahu.toml", "valve.toml", "coil.toml"),
     *("results.nc", "study.schema.json", "logs.py", "valve.csv", "coil.csv", "log.csv", "other.csv", "weather.csv"),
@@ -108,7 +109,7 @@ def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
 
 
 def test_the_readme_shows_the_script_of_the_first_look():
-    script = (ROOT / "studies" / "first_look.py").read_text()
+    script = (ROOT / "studies" / "first_look" / "first_look.py").read_text()
     docstring = ast.parse(script).body[0]
     code = "\n".join(script.splitlines()[docstring.end_lineno :]).strip()
     _, shown = blocks(ROOT / "README.md", "python")[0]

@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 
 def cells(name):
     """(name, column → cell) of every row; of columns with one name the first counts."""
-    lines = (ROOT / "studies" / "tables" / f"{name}.md").read_text().splitlines()
+    lines = (ROOT / "studies" / "remedies" / "tables" / f"{name}.md").read_text().splitlines()
     head, _, *rows = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|"))
     return [(row[0], dict(reversed(list(zip(head, row, strict=True))))) for row in rows]
 

@@ -1,4 +1,4 @@
-"""What the page of wear says is what the tables of ``studies/wear.py`` say."""
+"""What the page of wear says is what the tables of ``studies/wear/wear.py`` say."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ RULE = "paper's rule"
 
 def table(name, *keys):
     """Row's name → column → cell; ``keys``: the columns that make a name, the first by default."""
-    lines = (ROOT / "studies" / "tables" / f"wear_{name}.md").read_text().splitlines()
+    lines = (ROOT / "studies" / "wear" / "tables" / f"wear_{name}.md").read_text().splitlines()
     head, _, *rows = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|"))
     named = (dict(zip(head, row, strict=True)) for row in rows)
     return {tuple(row[key] for key in keys) if keys else next(iter(row.values())): row for row in named}

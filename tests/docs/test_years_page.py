@@ -14,7 +14,7 @@ TEXT = re.sub(
 
 def rows(name):
     """Cells of a table by valve and controller."""
-    lines = (ROOT / "studies" / "tables" / f"{name}.md").read_text(encoding="utf-8").splitlines()[4:]
+    lines = (ROOT / "studies" / "year" / "tables" / f"{name}.md").read_text(encoding="utf-8").splitlines()[4:]
     cells = [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in lines]
     return {(row[0], row[1]): row[2:] for row in cells}
 

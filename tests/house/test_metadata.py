@@ -13,7 +13,7 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 def test_the_wheel_takes_studies_and_type_marker_along():
     wheel = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
-    assert wheel["include"] == ["/fastcoil", "/studies/*.toml"]
+    assert wheel["include"] == ["/fastcoil", "/studies/*/*.toml"]
     assert wheel["sources"] == {"studies": "fastcoil/studies"}
     assert Path(fc.__file__).with_name("py.typed").is_file()
     assert "Typing :: Typed" in PYPROJECT["project"]["classifiers"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 import pytest
-import report
 
 import fastcoil as fc
+from studies import common as report
 
 SHORT = {r"(seed = \[\d+, \d+).*\]": r"\1]", r"hours = \d+": "hours = 2", r"size = 4096": "size = 16",
          r"size = 1024": "size = 4"}  # fmt: skip
@@ -27,7 +27,7 @@ def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("studies")
 
     def small(name):
-        text = (report.HERE / f"{name}.toml").read_text()
+        text = report.study_file(name).read_text()
         for long, short in (SHORT | FEW_RULES if name.startswith("learning") else SHORT).items():
             text = re.sub(long, short, text)
         (folder / f"{name}.toml").write_text(text)
@@ -39,11 +39,12 @@ def small(tmp_path_factory):
 @pytest.fixture
 def written(monkeypatch, tmp_path):
     """Have tables written elsewhere; return a function that reads one: title, then rows of cells, head first."""
-    monkeypatch.setattr(report, "TABLES", tmp_path / "tables")
+    monkeypatch.setattr(report, "TABLES", tmp_path / "studies")
     monkeypatch.setattr(report, "PAGES", tmp_path / "docs")
 
     def written(name):
-        title, table = (tmp_path / "tables" / f"{name}.md").read_text().split("\n\n")
+        (path,) = (tmp_path / "studies").glob(f"*/tables/{name}.md")
+        title, table = path.read_text().split("\n\n")
         rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
         assert set(rows.pop(1)) == {"---"}
         assert len({len(row) for row in rows}) == 1

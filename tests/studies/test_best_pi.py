@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import best_pi
-import kinds
 import numpy as np
 import pytest
 import xarray as xr
 
 import fastcoil as fc
+from studies import days as kinds
+from studies.robustness import best_pi
 
 WITHOUT_WEATHER = (kinds.STEPPED, kinds.CONSTANT, kinds.DESIGN, kinds.HEATING)
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 
-import buffer
-import buffer_costs
-import buffer_lower
-import buffer_rule
-import buffer_run
-import buffer_upper
-import kinds
 import numpy as np
 import pytest
 import xarray as xr
-from buffer_rule import Plant
 
 import fastcoil as fc
+from studies import days as kinds
+from studies.buffer import buffer
+from studies.buffer import costs as buffer_costs
+from studies.buffer import lower as buffer_lower
+from studies.buffer import rule as buffer_rule
+from studies.buffer import run as buffer_run
+from studies.buffer import upper as buffer_upper
+from studies.buffer.rule import Plant
 
 
 def held(signal, b):
@@ -152,7 +152,7 @@ def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
     monkeypatch.setattr(kinds, "HOURS", 2)
     monkeypatch.setattr(buffer_run, "STILL_HOURS", 4)
     monkeypatch.setattr(buffer, "kinds", lambda: (kinds.CONSTANT, kinds.HEATING))
-    monkeypatch.setattr("buffer_figure.HERE", tmp_path)
+    monkeypatch.setattr("studies.buffer.figure.STUDIES", tmp_path)
     buffer.main(12)
     assert (tmp_path / "buffer.png").is_file()
     _, (head, *rows) = written("buffer_rules")

@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 import statistics
 
-import convergence
-import convergence_valves
 import numpy as np
 import pytest
 from scipy.stats import t
 
 import fastcoil as fc
+from studies.numerics import convergence, convergence_valves
 
 pytestmark = pytest.mark.kernel
 

@@ -1,11 +1,11 @@
 """``diagnosis_cause.py``: the truth that it simulates, and the tables that it counts."""
 
-import diagnosis_cause
 import numpy as np
 import pytest
-from diagnosis_cause import Answer
 
 import fastcoil as fc
+from studies.diagnosis import cause as diagnosis_cause
+from studies.diagnosis.cause import Answer
 
 
 def test_the_tables_count_the_answers_by_truth_and_by_answer(written, monkeypatch):

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import energy_cost
-import energy_cost_bills as of_bills
-import energy_cost_tables
 import numpy as np
 import pytest
 import xarray as xr
-from kinds import CONSTANT, HEATING, kinds
 
 import fastcoil as fc
+from studies.cost import bills as of_bills
+from studies.cost import cost as energy_cost
+from studies.cost import tables as energy_cost_tables
+from studies.days import CONSTANT, HEATING, kinds
 
 DAYS, VALVES, GAPS = 6, 24, (0.0, 0.07)
 NAMES = [energy_cost.AS_FOUND, energy_cost.SIMC, energy_cost.INVERSE]

@@ -1,12 +1,12 @@
 """The study of heating: conditions within reach, the rule of choice, and its rows."""
 
-import heating
-import heating_backlash
 import numpy as np
 import pytest
-from report import TABLES
 
 import fastcoil as fc
+from studies.common import TABLES
+from studies.heating import backlash as heating_backlash
+from studies.heating import heating
 
 pytestmark = pytest.mark.kernel
 

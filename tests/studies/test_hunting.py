@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import control
-import hunting
-import hunting_backlash
-import hunting_cost
-import hunting_cures
-import hunting_loops
-import hunting_map
-import hunting_parts
-import hunting_plants
-import hunting_rules
-import hunting_start
-import kinds
 import numpy as np
 import pytest
-import report
 import xarray as xr
-from hunting_rules import Rule
 
 import fastcoil as fc
+from studies import common as report
+from studies import days as kinds
+from studies.hunting import backlash as hunting_backlash
+from studies.hunting import cost as hunting_cost
+from studies.hunting import cures as hunting_cures
+from studies.hunting import hunting
+from studies.hunting import loops as hunting_loops
+from studies.hunting import map as hunting_map
+from studies.hunting import parts as hunting_parts
+from studies.hunting import plants as hunting_plants
+from studies.hunting import rules as hunting_rules
+from studies.hunting import start as hunting_start
+from studies.hunting.rules import Rule
 
 
 @pytest.fixture(scope="module")
@@ -261,13 +261,13 @@ def test_a_population_is_that_of_single_simulations():
 def test_the_command_writes_every_table_and_figure(written, tmp_path, monkeypatch):
     study = tmp_path / "hunting.toml"
     study.write_text(hunting_map.STUDY.read_text().replace(", 34]", ", 6]"))
-    monkeypatch.setattr(hunting_map, "HERE", tmp_path)
+    monkeypatch.setattr(hunting_map, "STUDIES", tmp_path)
     monkeypatch.setattr(hunting_map, "STUDY", study)
     monkeypatch.setattr(hunting_map, "results", lambda name: fc.run_study(study, tmp_path / name))
     monkeypatch.setattr(hunting_parts, "CHANGES", {"as it is: x": {}, "ti × 2": {"ti": 2.0}})
     hunting.main(8, 2)
     names = sorted(path.stem for path in report.TABLES.glob("*.md"))
-    assert names == sorted(path.stem for path in (report.HERE / "tables").glob("hunting*.md"))
+    assert names == sorted(path.stem for path in (report.STUDIES / "hunting" / "tables").glob("hunting*.md"))
     assert all(len(written(name)[1]) > 1 for name in names)
     for name in ("hunting", "hunting_population"):
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000

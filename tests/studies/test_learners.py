@@ -6,19 +6,15 @@ import math
 import re
 import statistics
 
-import kinds
-import learners
-import learners_conditions
-import learners_figure
-import learners_run
-import learners_tables
 import numpy as np
 import pytest
 import xarray as xr
-from learners_conditions import Condition
-from learners_run import Run
 
 import fastcoil as fc
+from studies import days as kinds
+from studies.learning import learners, learners_conditions, learners_figure, learners_run, learners_tables
+from studies.learning.learners_conditions import Condition
+from studies.learning.learners_run import Run
 
 NAMES = list(learners_run.controllers())
 X = [0.0, 0.02, 0.10]
@@ -197,7 +193,7 @@ def test_the_table_of_costs_holds_what_plain_python_finds(runs, written):
 
 
 def test_the_figure_is_drawn(runs, monkeypatch, tmp_path):
-    monkeypatch.setattr(learners_figure, "HERE", tmp_path)
+    monkeypatch.setattr(learners_figure, "STUDIES", tmp_path)
     learners_figure.draw(runs)
     assert (tmp_path / "learners.png").stat().st_size > 20_000
 
@@ -208,7 +204,7 @@ def test_the_command_writes_every_table_and_the_figure(written, monkeypatch, tmp
     monkeypatch.setattr(learners_conditions, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
     for days in ("LOOP_DAYS", "VALVE_DAYS"):
         monkeypatch.setattr(learners_conditions, days, [1, 2])
-    monkeypatch.setattr(learners_figure, "HERE", tmp_path)
+    monkeypatch.setattr(learners_figure, "STUDIES", tmp_path)
     learners.main(2)
     names = ("failures", "twenty", "worse", "good", "cost", "cost_morning")
     assert all(len(written(f"learners_{name}")[1]) > 3 for name in names)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import learning_maps
 import numpy as np
 import pytest
 import xarray as xr
 from helpers.figure_looks import PALETTE, assert_palette, assert_texts_fit
 from matplotlib.colors import to_hex
+
+from studies.learning import maps as learning_maps
 
 TUNINGS = ["paper_like", "paper_like_fast", "lbnl", "g36"]
 SMALL_PRINT = "Of all steps, intervals, ratios and buffers the best, over as many learners as there are. " * 3

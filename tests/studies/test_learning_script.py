@@ -6,14 +6,14 @@ import math
 import re
 import statistics
 
-import learning
-import learning_maps
 import numpy as np
 import pytest
 import xarray as xr
 from scipy import stats
 
 import fastcoil as fc
+from studies.learning import learning
+from studies.learning import maps as learning_maps
 
 pytestmark = pytest.mark.kernel
 
@@ -104,7 +104,7 @@ def quick(monkeypatch, small):
 
 
 def test_learning_writes_what_it_found_and_draws_its_figures(quick, written, monkeypatch, tmp_path):
-    monkeypatch.setattr(learning, "HERE", tmp_path / "studies")
+    monkeypatch.setattr(learning, "RESULTS", tmp_path / "results")
     learning.main()
     _, (head, *ship) = written("learning_choice")
     assert [row[:2] for row in ship] == [["paper_like", "0"], ["paper_like", "0.1"], ["g36", "0"], ["g36", "0.1"],

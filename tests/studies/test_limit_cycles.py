@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import xarray as xr
-from limit_cycles import Judged, compared
+
+from studies.hunting.limit_cycles import Judged, compared
 
 
 def judged(**values):

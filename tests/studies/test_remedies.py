@@ -5,21 +5,21 @@ from __future__ import annotations
 import math
 import statistics
 
-import kinds
 import numpy as np
 import pytest
-import remedies
-import remedies_figure
-import remedies_found
-import remedies_front
-import remedies_run
-import remedies_tables
-import remedies_valves
 import xarray as xr
-from by_count import by_count
 from scipy import stats
 
 import fastcoil as fc
+from studies import days as kinds
+from studies.remedies import figure as remedies_figure
+from studies.remedies import found as remedies_found
+from studies.remedies import front as remedies_front
+from studies.remedies import remedies
+from studies.remedies import run as remedies_run
+from studies.remedies import tables as remedies_tables
+from studies.remedies import valves as remedies_valves
+from studies.remedies.by_count import by_count
 
 SMALL_GRID = {"kp": (1.0, 3.0), "ti": (1.0, 4.0)}
 DAYS = [2, 3]
@@ -29,7 +29,7 @@ DAYS = [2, 3]
 def short(monkeypatch, tmp_path):
     """Short days, few gains, two kinds of days, no figure in the repository."""
     monkeypatch.setattr(kinds, "HOURS", 2)
-    monkeypatch.setattr(remedies_figure, "HERE", tmp_path)
+    monkeypatch.setattr(remedies_figure, "STUDIES", tmp_path)
     for module in (remedies_run, remedies_front):
         monkeypatch.setattr(module, "GRID", SMALL_GRID)
     monkeypatch.setattr(remedies_run, "SEARCH_DAYS", [1])

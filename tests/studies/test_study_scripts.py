@@ -6,14 +6,13 @@ import math
 import re
 import statistics
 
-import answers
-import conditions
 import numpy as np
-import population
 import pytest
 import xarray as xr
 
 import fastcoil as fc
+from studies.inverse import conditions, population
+from studies.robustness import robustness as answers
 
 pytestmark = pytest.mark.kernel
 

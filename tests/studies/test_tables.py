@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 
-import report
-import scorecard
+from studies import common as report
+from studies.paper import scorecard
 
-STUDIES, PAGES = report.HERE, report.PAGES
+STUDIES, PAGES = report.STUDIES, report.PAGES
 
 
 def test_a_table_is_written_into_the_pages_that_quote_it(written, tmp_path):
@@ -17,7 +17,7 @@ def test_a_table_is_written_into_the_pages_that_quote_it(written, tmp_path):
         "before\n\n<!-- table one -->\nold\n<!-- end one -->\n\n<!-- table two -->\nkept\n<!-- end two -->\n"
     )
     for _ in range(2):
-        report.write_table("one", "A \\title", ["a", "b"], [["1", "2"]])
+        report.write_table("folder/one", "A \\title", ["a", "b"], [["1", "2"]])
     assert written("one") == ("A \\title", [["a", "b"], ["1", "2"]])
     table = "**A \\title**\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n"
     assert page.read_text() == (
@@ -30,11 +30,11 @@ def test_every_table_is_quoted_by_exactly_one_page_as_it_is():
     for page in sorted(PAGES.glob("*.md")):
         text = page.read_text()
         for name in re.findall("<!-- table (.*) -->", text):
-            table = (STUDIES / "tables" / f"{name}.md").read_text()
+            table = next(STUDIES.glob(f"*/tables/{name}.md")).read_text()
             assert report.quoting(text, name, table) == text, f"{page.name} quotes an old {name}: run its script"
             assert f"<!-- end {name} -->" in text
             quoted.append(name)
-    assert sorted(quoted) == sorted(path.stem for path in (STUDIES / "tables").iterdir())
+    assert sorted(quoted) == sorted(path.stem for path in STUDIES.glob("*/tables/*.md"))
 
 
 def test_the_scorecard_quotes_the_tables_of_verdicts(written, monkeypatch, tmp_path):
@@ -48,12 +48,12 @@ def test_the_scorecard_quotes_the_tables_of_verdicts(written, monkeypatch, tmp_p
             "| d |\n| --- |\n| 4 |\n"
         )
 
-    monkeypatch.setattr(scorecard, "HERE", tmp_path / "studies")
+    monkeypatch.setattr(scorecard, "RESULTS", tmp_path / "results")
     monkeypatch.setattr(scorecard, "regenerate", regenerate)
     scorecard.main()
     assert written("scorecard_changes")[1] == [["a", "b"], ["1", "2"]]
     assert written("scorecard")[1] == [["c"], ["3"]]
-    assert asked == {"kinds": ["stepped", "constant", "design"], "command": "python studies/scorecard.py"}
+    assert asked == {"kinds": ["stepped", "constant", "design"], "command": "python -m studies paper"}
 
 
 def test_the_scorecard_knows_weather_where_there_is_a_file(tmp_path):

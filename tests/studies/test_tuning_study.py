@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import kinds
 import numpy as np
 import pytest
-import tuning
 
 import fastcoil as fc
+from studies import days as kinds
+from studies.tuning import tuning
 
 pytestmark = pytest.mark.kernel
 
@@ -19,8 +19,8 @@ def case(monkeypatch):
     monkeypatch.setattr(tuning, "VALVES", 6)
     monkeypatch.setattr(tuning, "FRESH_VALVES", 5)
     monkeypatch.setattr(tuning, "EVALUATIONS", 12)
-    monkeypatch.setattr("best_pi.KP", np.array([0.02, 0.05]))
-    monkeypatch.setattr("best_pi.TI", np.array([40.0, 100.0]))
+    monkeypatch.setattr("studies.robustness.best_pi.KP", np.array([0.02, 0.05]))
+    monkeypatch.setattr("studies.robustness.best_pi.TI", np.array([40.0, 100.0]))
     return tuning.Case("lbnl", heating=True)
 
 

@@ -8,17 +8,17 @@ import statistics
 
 import numpy as np
 import pytest
-import wear_bank
-import wear_detect
-import wear_figure
-import wear_tables
-import wear_valves
-import wear_year
 import xarray as xr
-from kinds import CONSTANT, STEPPED
-from wear_year import Run
 
 import fastcoil as fc
+from studies.days import CONSTANT, STEPPED
+from studies.wear import bank as wear_bank
+from studies.wear import detect as wear_detect
+from studies.wear import figure as wear_figure
+from studies.wear import run as wear_year
+from studies.wear import tables as wear_tables
+from studies.wear import valves as wear_valves
+from studies.wear.run import Run
 
 NAMES = list(wear_valves.controllers())
 
@@ -199,7 +199,7 @@ def noticed():
 
 
 def test_the_tables_hold_what_plain_python_finds(runs, noticed, written, monkeypatch, tmp_path):
-    monkeypatch.setattr(wear_figure, "HERE", tmp_path)
+    monkeypatch.setattr(wear_figure, "STUDIES", tmp_path)
     wear_tables.write(runs, noticed, noticed)
     run = runs[0]
     ds = run.ds

@@ -4,10 +4,10 @@ import re
 
 import numpy as np
 import pytest
-import year
 from helpers.made_weather import made_weather
 
 import fastcoil as fc
+from studies.year import year
 
 DAYS = [2, 3, 4]
 """Of 2023: Monday to Wednesday."""
@@ -18,7 +18,7 @@ def ds(tmp_path_factory):
     """Three hot days of the study with four loops."""
     folder = tmp_path_factory.mktemp("year")
     weather = made_weather(folder, lambda h: 27.0 + 4.0 * np.sin(2.0 * np.pi * (h - 9.0) / 24.0), T_dew=12.0)
-    text = (year.HERE / "year.toml").read_text()
+    text = (year.STUDIES / "year" / "year.toml").read_text()
     for long, short in ((r"size = \d+", "size = 4"), ('path = ".*"', f'path = "{weather.name}"\ndays = {DAYS}')):
         text = re.sub(long, short, text)
     (folder / "year.toml").write_text(text)
@@ -51,7 +51,7 @@ def test_rows_compare_each_loop_with_its_own_sound_valve(ds):
 @pytest.mark.kernel
 def test_the_tables_and_the_figure_are_written(ds, written, monkeypatch, tmp_path):
     monkeypatch.setattr(year, "results", lambda name: ds)
-    monkeypatch.setattr(year, "HERE", tmp_path)
+    monkeypatch.setattr(year, "STUDIES", tmp_path)
     year.main()
     head, *rows = written("year_valve")[1]
     assert len(rows) == 12

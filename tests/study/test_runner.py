@@ -200,26 +200,26 @@ def test_a_cell_of_the_result_gives_back_its_loop(finished):
     assert float(alone.rmse) == float(cell.rmse)
 
 
-WEATHER = ("weather.toml", "year.toml")
-"""Studies that need a weather file."""
+STUDIES = sorted(path for path in (ROOT / "studies").glob("*/*.toml") if path.parent.name != "year")
+"""All but those that need a weather file."""
 
 
-@pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "studies").glob("*.toml") if p.name not in WEATHER))
-def test_every_study_of_the_repository_runs(name, tmp_path):
-    text = (ROOT / "studies" / name).read_text()
+@pytest.mark.parametrize("path", [pytest.param(path, id=path.stem) for path in STUDIES])
+def test_every_study_of_the_repository_runs(path, tmp_path):
+    text = path.read_text()
     for long, short in (
         (r"hours = \d+", "hours = 0.6"), ("warm_up = 10800", "warm_up = 1800"), (r"(seed = \[\d+).*\]", r"\1]"),
         (r", (15|31|34)\]", ", 3]"), ("size = 4096", "size = 64"), ("size = 1024", "size = 4"),
     ):  # fmt: skip
         text = re.sub(long, short, text)
-    (tmp_path / name).write_text(text)
-    ds = fc.run_study(tmp_path / name, tmp_path / "out")
+    (tmp_path / path.name).write_text(text)
+    ds = fc.run_study(tmp_path / path.name, tmp_path / "out")
     assert int(ds.status.max()) == 0
     assert bool(np.isfinite(ds.rmse).all())
 
 
 def test_the_robustness_study_is_the_one_that_was_asked_for():
-    study = read_study(ROOT / "studies" / "robustness.toml")
+    study = read_study(ROOT / "studies" / "robustness" / "robustness.toml")
     coordinates = study.plan.layout.coordinates()
     assert study.plan.n_scenarios >= 10_000
     assert study.plan.n_steps == 8 * 3600
@@ -239,7 +239,7 @@ def test_a_study_on_a_real_weather_year_runs_from_start_to_end(tmp_path):
     if not weather.is_file():
         pytest.skip(f"no {weather.name} next to the repository")
     (tmp_path / "weather.csv").write_bytes(weather.read_bytes())
-    (tmp_path / "weather.toml").write_text((ROOT / "studies" / "weather.toml").read_text())
+    (tmp_path / "weather.toml").write_text((ROOT / "studies" / "year" / "weather.toml").read_text())
     with pytest.warns(UserWarning, match="interpolated to 1 s"):
         ds = fc.run_study(tmp_path / "weather.toml", tmp_path / "out")
     assert dict(ds.rmse.sizes) == {"day": 4, "backlash": 5, "estimate_ratio": 16}

@@ -20,7 +20,7 @@ CONFIDENCE = 0.95
 """Of the interval."""
 WEIGHT, WEIGHT_REACTION = 0.8, 0.3
 """Share of the log-likelihood that counts, without and with the reaction: residuals are neither independent nor
-normal.  Chosen on populations of their own, see ``studies/diagnosis.py``."""
+normal.  Chosen on populations of their own, see ``studies/diagnosis/diagnosis.py``."""
 GOOD = 0.01
 """Up to this backlash a valve is called good; also the least tolerance of a size, beside ``TOLERANCE`` of it."""
 TOLERANCE = 0.2

@@ -102,7 +102,9 @@ def shipped_studies() -> list[ShippedStudy]:
     StorageError
         If the installation has none.
     """
-    found = sorted((file for file in _folder().iterdir() if file.name.endswith(".toml")), key=lambda file: file.name)
+    folders = (folder for folder in _folder().iterdir() if folder.is_dir())
+    found = [file for folder in folders for file in folder.iterdir() if file.name.endswith(".toml")]
+    found.sort(key=lambda file: file.name)
     return [ShippedStudy(file.name.removesuffix(".toml"), file.read_text(encoding="utf-8")) for file in found]
 
 

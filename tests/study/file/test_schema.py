@@ -20,7 +20,7 @@ from fastcoil.study.file.spec import BOUNDARY_KINDS, read_study
 from fastcoil.study.file.starters import TEMPLATE
 from fastcoil.study.file.tables import StudyFile
 
-STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*.toml"))
+STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*/*.toml"))
 SCHEMA = study_schema()
 VALIDATOR = Draft202012Validator(SCHEMA)
 

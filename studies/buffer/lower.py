@@ -1,0 +1,166 @@
+"""The lower bound of ``buffer.py`` against simulation: turns that noise adds, and the buffer behind which they end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.study.analysis.shares import share_of
+from studies.buffer.rule import LOWER_SCALE, PER_HOUR, mean_range, noise_factor
+from studies.buffer.run import ALLOWED, SIZES, Runs, Valves
+from studies.common import write_table
+from studies.remedies.tables import pooled
+
+BLOCKS_PER_HOUR = 6.0
+"""``switch_frequency`` counts in 10 min."""
+NEAR = 1.3
+"""Factor within which a bound or a swing counts as foretold."""
+TIMES = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
+"""Sample times of the table of factors, s."""
+TURNS = (3.0, 10.0, 30.0)
+"""False turns per hour that the formula is tried for."""
+
+
+def across(values: Any) -> str:
+    """5 %, median and 95 % of what is finite or censored."""
+    finite = np.asarray(values, dtype=float)
+    return " … ".join(f"{q:.2f}" for q in np.quantile(finite[~np.isnan(finite)], [0.05, 0.5, 0.95], method="nearest"))
+
+
+def per_hour(ds: xr.Dataset) -> xr.DataArray:
+    """Turns per hour that the noise adds, (size, sample, day)."""
+    turns = BLOCKS_PER_HOUR * ds.switch_frequency
+    return (turns.isel(noisy=1) - turns.isel(noisy=0)).transpose("size", "sample", "day")
+
+
+def measured_lower(ds: xr.Dataset, allowed: float = PER_HOUR) -> xr.DataArray:
+    """Buffer where the added turns fall below those allowed per hour, over the bound for ``PER_HOUR``; (sample, day).
+
+    Between sizes by the logarithm of the turns; 0 where they are below without any buffer, inf where they are above
+    behind the largest.
+    """
+    added = per_hour(ds).values
+    above = added > allowed
+    last = len(SIZES) - 1 - above[::-1].argmax(0)
+    at = np.minimum(last, len(SIZES) - 2)
+    y = np.log(np.maximum(added, 0.1))
+    y0, y1 = (np.take_along_axis(y, k[None], 0)[0] for k in (at, at + 1))
+    sizes = np.array(SIZES)
+    ratio = sizes[at] + (y0 - np.log(allowed)) / np.where(y0 > y1, y0 - y1, 1.0) * (sizes[at + 1] - sizes[at])
+    ratio = np.where(above.any(0), np.where(above[-1], np.inf, ratio), 0.0)
+    return xr.DataArray(ratio, dims=("sample", "day"), coords={"day": ds.day})
+
+
+def lower_row(name: str, ds: xr.Dataset, among: Any = True) -> list[str]:
+    """A row of the lower bound; what turns seldom enough without any buffer does not count."""
+    ratio, added = measured_lower(ds), per_hour(ds)
+    quiet = BLOCKS_PER_HOUR * ds.switch_frequency.isel(noisy=0).transpose("size", "sample", "day")
+    travel = ds.motor_travel.isel(noisy=1).transpose("size", "sample", "day")
+    among = xr.full_like(ratio, True, dtype=bool) & among
+    needs = (ratio > 0.0) & among
+    near = abs(np.log(ratio.where(needs))) <= np.log(NEAR)
+
+    def at(part: xr.DataArray, size: float) -> xr.DataArray:
+        return part.isel(size=SIZES.index(size)).where(needs)
+
+    return [
+        name,
+        f"{float(needs.where(among).mean()):.0%}",
+        across(ratio.where(needs)),
+        str(share_of(near, needs)),
+        ", ".join(f"{float(at(added, size).median()):.0f}" for size in (0.0, 0.5, 1.0, 2.0)),
+        f"{float(at(quiet, 1.0).median()):.0f}",
+        str(share_of(at(added, 1.0) > 2.0 * PER_HOUR, needs)),
+        ", ".join(f"× {float((at(travel, size) / at(travel, 2.0)).median()):.1f}" for size in (0.0, 0.5, 1.0)),
+    ]
+
+
+def each(runs: Runs, value: Callable[[Valves], Any]) -> xr.DataArray:
+    """Something of the valves that ran on each day; (sample, day)."""
+    parts = [xr.DataArray(value(runs.of(kind)), dims="sample").expand_dims(day=ds.sizes["day"])
+             for kind, ds in runs.lower.items()]  # fmt: skip
+    return xr.concat(parts, "day").transpose("sample", "day")
+
+
+def no_buffer_fits(valves: Valves) -> Any:
+    """Where the lower bound lies above the upper one."""
+    return valves.lower > valves.upper(ALLOWED)
+
+
+def write_lower(runs: Runs) -> None:
+    """The lower bound by kind of days and by loop."""
+    table = [lower_row(kind, ds) for kind, ds in runs.lower.items()]
+    everything = pooled(runs.lower)
+    loop_gain, sample_time = each(runs, lambda v: v.kp * v.plant.gain), each(runs, lambda v: v.sample_time)
+    crossed = each(runs, no_buffer_fits)
+    groups: dict[str, Any] = {
+        "all": True,
+        "no backlash": each(runs, lambda v: v.backlash) == 0.0,
+        "kp K above 1": loop_gain > 1.0,
+        "some buffer fits": ~crossed,
+        "none fits": crossed,
+        **{f"sampled every {t:g} s": sample_time == t for t in np.unique(sample_time)},
+    }
+    table += [lower_row(name, everything, among) for name, among in groups.items() if np.any(among)]
+    write_table(
+        "buffer/buffer_lower",
+        f"The lower bound, {PER_HOUR:g} false turns per hour allowed: {everything.sizes['sample']} fresh valves and "
+        f"loops, {everything.sizes['day'] // len(runs.lower)} days of each kind, inverse of 95 %",
+        ["days or loops", "need a buffer", "measured / formula (5 %, median, 95 %)", f"within a factor of {NEAR:g}",
+         "false turns per hour at 0, ½, 1, 2 × the bound, median", "turns per hour without noise",
+         f"over {2 * PER_HOUR:g} at the bound",
+         "travel at 0, ½, 1 ×, over that at 2 ×"],
+        table,
+    )  # fmt: skip
+
+
+def write_allowed(runs: Runs) -> None:
+    """The lower bound for other numbers of turns, from the same runs."""
+    everything, table = pooled(runs.lower), []
+    sample_time, fits = each(runs, lambda v: v.sample_time), ~each(runs, no_buffer_fits)
+    for allowed in TURNS:
+        factor = noise_factor(sample_time, allowed)
+        ratio = measured_lower(everything, allowed) * noise_factor(sample_time) / factor.where(factor > 0.0)
+        counts = (ratio > 0.0) & fits
+        near = abs(np.log(ratio.where(counts))) <= np.log(NEAR)
+        table.append(
+            [
+                f"{allowed:g}",
+                f"{float(counts.where(fits).mean()):.0%}",
+                across(ratio.where(counts)),
+                str(share_of(near, counts)),
+                str(share_of(ratio > NEAR, counts)),
+            ]
+        )
+    write_table(
+        "buffer/buffer_allowed",
+        "The lower bound for other numbers of false turns, where some buffer fits; the same valves, loops and days",
+        ["false turns per hour", "need a buffer", "measured / formula (5 %, median, 95 %)",
+         f"within a factor of {NEAR:g}", f"over {NEAR:g} × the formula"],
+        table,
+    )  # fmt: skip
+
+
+def lower_scales(runs: Runs) -> Any:
+    """Measured bound over that of white noise, (n_valves, n_days), NaN where no buffer is needed."""
+    ratio = measured_lower(pooled(runs.lower)).values
+    return LOWER_SCALE * np.where(ratio > 0.0, ratio, np.nan)
+
+
+def write_noise() -> None:
+    """The lower bound over kp σ by sample time and false turns allowed, beside what a trend shows."""
+    rows: list[list[str]] = []
+    for n in (1.0, *TURNS):
+        rows.append([f"{n:g}", *(f"{LOWER_SCALE * float(noise_factor(t, n)):.1f}" for t in TIMES)])
+    shown = [mean_range(3600.0 / (PER_HOUR * t)) for t in TIMES]
+    rows.append([f"(range in {60.0 / PER_HOUR:g} min, over σ)", *(f"{x:.1f}" for x in shown)])
+    write_table(
+        "buffer/buffer_noise",
+        "The lower bound over kp σ by sample time, and the mean peak to peak of the noise between two of "
+        f"{PER_HOUR:g} turns per hour",
+        ["false turns per hour", *(f"{t:g} s" for t in TIMES)],
+        rows,
+    )

@@ -1,0 +1,56 @@
+"""What the studies share: results of a study file, and tables that the pages of ``docs/`` quote."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import xarray as xr
+
+import fastcoil as fc
+
+STUDIES = Path(__file__).parent
+RESULTS = STUDIES.parent / "results"
+TABLES = STUDIES
+"""Where ``FOLDER/tables/NAME.md`` are written."""
+PAGES = STUDIES.parent / "docs"
+
+
+def results(name: str) -> xr.Dataset:
+    """Open the results of the study file called ``name``; run the study first if they are missing or incomplete."""
+    return fc.run_study(study_file(name), RESULTS / name)
+
+
+def study_file(name: str) -> Path:
+    """The study file called ``name``, in whichever folder."""
+    (path,) = STUDIES.glob(f"*/{name}.toml")
+    return path
+
+
+def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table in Markdown."""
+    head = list(head)
+    lines = [head, ["---"] * len(head), *map(list, rows)]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
+
+
+def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """Write the table ``FOLDER/NAME`` to ``FOLDER/tables/NAME.md``, and into every page that quotes it by NAME."""
+    folder, name = name.split("/")
+    text = f"**{title}**\n\n{markdown(head, rows)}"
+    path = TABLES / folder / "tables" / f"{name}.md"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    for page in PAGES.glob("*.md"):
+        old = page.read_text(encoding="utf-8")
+        new = quoting(old, name, text)
+        if new != old:
+            page.write_text(new, encoding="utf-8")
+    print(path)
+
+
+def quoting(page: str, name: str, table: str) -> str:
+    """The text of a page with ``table`` between its marks ``<!-- table NAME -->`` and ``<!-- end NAME -->``."""
+    between = re.compile(rf"(?<=<!-- table {name} -->\n).*?(?=<!-- end {name} -->)", re.DOTALL)
+    return between.sub(lambda _: f"\n{table}\n", page)

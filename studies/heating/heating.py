@@ -1,0 +1,189 @@
+"""Heating coils: how the presets are sized and tuned, whether they ring, and what backlash does to them.
+
+Conditions are drawn over the working range of an air handler: -20 to 15 °C outdoors, of which 30 % are mixed with
+return air of 21 °C, air flow 0.4 to 1.3 kg/s, water of 45 to 70 °C, a set-point that the coil can hold.  Gains are
+chosen on some conditions, without backlash, and every figure is of others.  Run with ``python -m studies heating``.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.study.analysis.shares import share_of
+from studies.common import write_table
+from studies.heating.backlash import PRESETS, write_backlash
+from studies.heating.figure import draw
+
+SEARCH_SEED, FRESH_SEED = 16001, 16002
+SEARCH_SIZE, FRESH_SIZE = 200, 400
+OUTDOOR, OUTDOOR_SHARE, T_RETURN, W_IN = (-20.0, 15.0), 0.3, 21.0, 0.003
+AIR, WATER, SETS = (0.4, 1.3), (45.0, 70.0), (16.0, 30.0)
+"""Air flow, kg/s; water and set-points, °C."""
+STEP, STEP_AT, SECONDS = 2.0, 5400, 10800
+"""Step of the set-point, K, and second of it."""
+SEEN = 5
+"""Seconds between the samples of the response."""
+SETTLED = 0.05
+"""Distance from the new set-point, of the step, within which a loop has settled."""
+KP, TI = (0.01, 0.015, 0.02, 0.025, 0.03, 0.04), (40.0, 50.0, 60.0, 70.0, 80.0, 100.0, 120.0)
+MOST_OVERSHOOT = 0.10
+"""Of the step, in 95 % of the conditions of either coil."""
+GAPS, VALVES = (0.01, 0.15), 12
+"""Backlash of the worn valves, drawn evenly, and how many."""
+COOLING_GAINS = ("lbnl", "paper_like", "paper_like_fast", "g36")
+GAINS = ("kp", "ti", "sample_time")
+
+
+class Conditions(NamedTuple):
+    """Constant conditions with a step of the set-point, a day each."""
+
+    boundary: fc.Boundary
+    T_set: np.ndarray
+
+
+class Response(NamedTuple):
+    """Overshoot, of the step, and settling time, s, over the loop's dims and days."""
+
+    overshoot: xr.DataArray
+    settling: xr.DataArray
+    ds: xr.Dataset
+
+
+def conditions(loop: fc.Loop, seed: int, size: int) -> Conditions:
+    """Conditions at which the valve of ``loop`` works: both set-points need between 2 and 97 % of its stroke."""
+    draw = np.random.default_rng(seed)
+    at: dict[str, np.ndarray] = {}
+    n = 2 * size
+    outdoor = draw.uniform(*OUTDOOR, n)
+    at["T_a_in"] = OUTDOOR_SHARE * outdoor + (1.0 - OUTDOOR_SHARE) * T_RETURN
+    at["m_a"], at["T_w_in"] = draw.uniform(*AIR, n), draw.uniform(*WATER, n)
+    T_set = draw.uniform(*SETS, n)
+    at_both = []
+    for more in (0.0, STEP):
+        still = {name: np.repeat(values[:, None], 2, 1) for name, values in (at | {"T_set": T_set + more}).items()}
+        rest = fc.linearise(loop, fc.Boundary(**still, W_a_in=W_IN, day=np.arange(n)), at=0)
+        at_both.append((rest.reachable > 0.0) & (rest.opening > 0.02) & (rest.opening < 0.97))
+    works = np.flatnonzero(np.asarray(at_both[0] & at_both[1]).ravel())[:size]
+    if works.size < size:
+        raise RuntimeError("too few of the drawn conditions are within reach")
+    wide = {name: np.repeat(values[works, None], SECONDS, 1) for name, values in at.items()}
+    steps = np.repeat(T_set[works, None], SECONDS, 1)
+    steps[:, STEP_AT:] += STEP
+    return Conditions(fc.Boundary(**wide, W_a_in=W_IN, T_set=steps, day=np.arange(size)), T_set[works])
+
+
+def response(loop: fc.Loop, of: Conditions) -> Response:
+    """What a step of the set-point does."""
+    ds = fc.simulate(loop, of.boundary, traces=["T_sup"], trace_interval=SEEN)
+    T = ds.T_sup.sel(elapsed_time=slice(STEP_AT, None))
+    share = (T - xr.DataArray(of.T_set, dims="day")) / STEP - 1.0
+    late = xr.DataArray(np.arange(1, T.elapsed_time.size + 1) * SEEN, dims="elapsed_time")
+    settling = late.where((abs(share) > SETTLED).drop_vars("elapsed_time")).max("elapsed_time").fillna(0.0)
+    return Response(share.max("elapsed_time").clip(0.0), settling, ds.drop_vars("T_sup"))
+
+
+def good(name: str, **values: object) -> fc.Loop:
+    """A preset with a valve without backlash."""
+    return fc.Loop.preset(name).assign(backlash=0.0, **values)
+
+
+def sizing_rows() -> list[list[str]]:
+    """The design load of each preset: -20 °C outdoors, 1.15 kg/s, set-point 25 °C."""
+    rows = []
+    for name in PRESETS:
+        preset, loop = fc.presets()[name], good(name)
+        day = fc.design_day(0.5, "heating", T_w_in=preset.T_w_in)
+        rest = fc.linearise(loop, day, at=0)
+        full = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=preset.T_w_in, T_set=80.0), at=0)
+        air = {n: float(v[0, 0]) for n, v in day.series.items()}
+        heat = air["m_a"] * float(loop["cp_a"]) * (25.0 - air["T_a_in"])  # type: ignore[arg-type]
+        m_w = float(rest.m_w)
+        back = preset.T_w_in - heat / (m_w * float(loop["cp_w"]))  # type: ignore[arg-type]
+        rows.append(
+            [f"`{name}`", f"{preset.T_w_in:g}", f"{air['T_a_in']:.1f}", f"{heat:.1f}", f"{float(rest.opening):.0%}",
+             f"{m_w:.2f}", f"{back:.0f}", f"{float(full.T_sup):.1f}", f"{float(rest.gain):.0f}"]
+        )  # fmt: skip
+    return rows
+
+
+def choice(size: int = SEARCH_SIZE) -> tuple[list[list[str]], tuple[float, float]]:
+    """Overshoot and settling of the gains on both coils, and the pair that settles soonest of the calm ones."""
+    found = []
+    for name in PRESETS:
+        loop = good(name)
+        found.append(response(loop.assign(kp=list(KP), ti=list(TI)), conditions(loop, SEARCH_SEED, size)))
+    overshoot = [r.overshoot.quantile(0.95, "day") for r in found]
+    settling = [r.settling.quantile(0.95, "day") for r in found]
+    is_calm = (overshoot[0] <= MOST_OVERSHOOT) & (overshoot[1] <= MOST_OVERSHOOT)
+    slowest = np.maximum(settling[0], settling[1])
+    at = slowest.where(is_calm).argmin(["kp", "ti"])
+    best = KP[int(at["kp"])], TI[int(at["ti"])]
+    rows = [
+        [f"{kp:g}", f"{ti:g}", *(f"{float(o.sel(kp=kp, ti=ti)):.0%}, {float(s.sel(kp=kp, ti=ti)):.0f}"
+                                 for o, s in zip(overshoot, settling, strict=True)),
+         "chosen" if (kp, ti) == best else ("yes" if bool(is_calm.sel(kp=kp, ti=ti)) else "no")]
+        for kp in KP for ti in TI
+        if abs(float(slowest.sel(kp=kp, ti=ti)) / float(slowest.isel(at)) - 1.0) < 0.25
+    ]  # fmt: skip
+    return rows, best
+
+
+def fresh_rows(size: int = FRESH_SIZE) -> list[list[str]]:
+    """The presets on fresh conditions, and beside them the gains of the cooling presets on the same coils."""
+    rows = []
+    for name in PRESETS:
+        of = conditions(good(name), FRESH_SEED, size)
+        gaps = np.random.default_rng(FRESH_SEED).uniform(*GAPS, VALVES)
+        for gains in (name, *COOLING_GAINS):
+            loop = good(name, **{n: fc.Loop.preset(gains)[n] for n in GAINS})
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # of gains made for cooling: they are why it is run
+                r = response(loop, of)
+                worn = fc.simulate(loop.assign(backlash=("sample", gaps)), of.boundary)
+                margin = fc.limit_cycle(loop, of.boundary, at=STEP_AT - 1).margin
+            o, s = r.overshoot, r.settling.where(r.settling < SECONDS - STEP_AT)
+            never = float(s.isnull().mean())
+            rows.append(
+                [f"`{name}`", "own" if gains == name else f"those of `{gains}`",
+                 f"{float(loop['kp']):g}, {float(loop['ti']):g}, {float(loop['sample_time']):g}",  # type: ignore[arg-type]
+                 f"{float(o.median()):.0%}, {float(o.quantile(0.95)):.0%}, {float(o.max()):.0%}",
+                 f"{never:.0%} never" if never > 0.05 else f"{float(s.median()):.0f}, {float(s.quantile(0.95)):.0f}",
+                 f"{float(margin.max()):.2f}", str(share_of(r.ds.hunts)), str(share_of(worn.hunts))]
+            )  # fmt: skip
+    return rows
+
+
+def main() -> None:
+    """Write the tables and the figure."""
+    write_table(
+        "heating/heating_sizing",
+        "The design load of the heating presets: air of 1.15 kg/s, -20 °C outdoors, set-point 25 °C",
+        ["preset", "water, °C", "mixed air, °C", "load, kW", "opening", "water flow, kg/s", "water leaves at, °C",
+         "supply air, fully open, °C", "gain there, K per stroke"],
+        sizing_rows(),
+    )  # fmt: skip
+    rows, best = choice()
+    write_table(
+        "heating/heating_choice",
+        f"Gains for both coils on {SEARCH_SIZE} conditions without backlash: overshoot of a step of {STEP:g} K and "
+        "settling time to 5 % of it in s, both the 95 % quantile; the pairs that settle about as soon as the chosen",
+        ["kp, 1/K", "ti, s", "`heating`", "`heating_45`", f"overshoot up to {MOST_OVERSHOOT:.0%} on both"],
+        rows,
+    )
+    print("chosen:", *best)
+    write_table(
+        "heating/heating_fresh",
+        f"The heating presets on {FRESH_SIZE} fresh conditions, and the gains of the cooling presets on the same "
+        f"coils; overshoot, settling and margin without backlash, worn valves of {100 * GAPS[0]:g} to "
+        f"{100 * GAPS[1]:g} %",
+        ["coil", "gains", "kp in 1/K, ti in s, sample time in s", "overshoot: median, 95 %, most",
+         "settling, s: median, 95 %", "largest margin", "hunting, X = 0", "hunting, worn"],
+        fresh_rows(),
+    )  # fmt: skip
+    write_backlash()
+    draw(lambda loop: conditions(loop, FRESH_SEED, 100), STEP_AT, STEP)

@@ -1,0 +1,251 @@
+"""How right ``fc.limit_cycle`` is: what it foretells beside what the emulator does.
+
+Loops, plants and operating points are drawn at random.  Each loop runs for 16 hours of constant air and water; a step
+of the set-point after two hours starts what can be started, and the last eight hours count.  Other kinds of days
+follow, foretold from their mean conditions.  Run with ``python -m studies limit_cycles`` to write the tables; with
+``choose`` as an argument it prints how the threshold was chosen, on loops of another seed.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
+from unittest.mock import patch
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.design.theory import cycles
+from fastcoil.design.theory.cycles import Cycles, cycles_of
+from fastcoil.design.theory.operating_points import OperatingPoints
+from fastcoil.design.theory.plants import OPENINGS, Plants, plants_of
+from fastcoil.study.analysis.shares import share_of
+from studies.common import write_table
+from studies.days import HEATING, kinds, of_kind, settings
+from studies.hunting.limit_cycles_drawn import POPULATIONS, constant_days, drawn, textbook
+
+SEARCH, FRESH = 901, 1201
+LOOPS, POINTS = 400, 12
+OTHER_LOOPS = 200
+"""Of the populations that are not plain."""
+DAY_SEEDS = range(1301, 1307)
+WARM_UP = 8 * 3600
+PERIOD, SWING = 0.15, 1.5
+PLAIN = ("cooling", "heating")
+Foretell = Callable[[fc.Loop, fc.Boundary, int], xr.Dataset]
+
+
+class Case(NamedTuple):
+    """A population beside what is foretold of it, both over (sample, day); at: the second that stands for the day."""
+
+    loop: fc.Loop
+    days: fc.Boundary
+    seen: xr.Dataset
+    foretold: xr.Dataset
+
+
+def compared(population: str, seed: int, loops: int, points: int = POINTS) -> Case:
+    """Simulate a population and foretell it."""
+    loop, conditions = drawn(population, seed, loops, points)
+    days = constant_days(conditions, population)
+    seen = fc.simulate(loop, days, warm_up=WARM_UP)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # what theory does not tell is left out of the cases
+        return Case(loop, days, seen, fc.limit_cycle(loop, days, at=days.n_steps - 1))
+
+
+class Judged(NamedTuple):
+    """What was right where the set-point can be held and something is foretold (``among``), over (sample, day)."""
+
+    among: xr.DataArray
+    hunts: xr.DataArray
+    foretold: xr.DataArray
+    period: xr.DataArray
+    swing: xr.DataArray
+
+    @classmethod
+    def of(cls, seen: xr.Dataset, foretold: xr.Dataset) -> Judged:
+        """Of a simulation and its forecast."""
+        seen, foretold = (ds.reset_coords(drop=True).transpose("sample", "day") for ds in (seen, foretold))
+        hunts, told = seen.hunts == 1.0, foretold.hunts == 1.0
+        among = (foretold.margin > 0.0) & (seen.status == 0)
+        period = abs(foretold.period / seen.hunting_period - 1.0) <= PERIOD
+        swing = abs(np.log(2.0 * foretold.amplitude / seen.hunting_swing)) <= np.log(SWING)
+        return cls(among, hunts, told, period, swing)
+
+    def cells(self, some: xr.DataArray | None = None) -> list[str]:
+        """Failures first: missed, false alarms, then shares with their intervals."""
+        among = self.among if some is None else self.among & some
+        both = among & self.hunts & self.foretold
+        right = self.hunts == self.foretold
+        few = int(both.sum()) < 10
+        return [
+            f"{int((among & self.hunts & ~self.foretold).sum())}",
+            f"{int((among & ~self.hunts & self.foretold).sum())}",
+            f"{int(among.sum()):,}",
+            f"{int((among & self.hunts).sum())}",
+            share_of(right, among).written(1) if bool(among.any()) else "—",
+            "—" if few else str(share_of(self.period, both)),
+            "—" if few else str(share_of(self.swing, both)),
+        ]
+
+
+HEAD = ["missed", "false alarms", "cases", "hunt", "hunts or not: right", "period within 15 %",
+        "peak to peak within × 1.5"]  # fmt: skip
+
+
+def rows_where(judged: Mapping[str, Judged], cases: Mapping[str, Case]) -> Iterable[list[str]]:
+    """The plain loops by what they are."""
+
+    def joined(of: Callable[[str], xr.DataArray]) -> xr.DataArray:
+        return xr.concat([of(name) for name in PLAIN], "sample")
+
+    def judgement(i: int) -> xr.DataArray:
+        return joined(lambda name: judged[name][i].drop_vars(["sample", "day"], errors="ignore"))
+
+    both = Judged(*(judgement(i) for i in range(len(Judged._fields))))
+
+    def parameter(name: str) -> xr.DataArray:
+        return joined(lambda case: xr.DataArray(cases[case].loop[name]).drop_vars("sample", errors="ignore"))
+
+    def told(name: str) -> xr.DataArray:
+        return joined(
+            lambda case: (
+                cases[case].foretold[name].reset_coords(drop=True).drop_vars(["sample", "day"], errors="ignore")
+            )
+        )
+
+    at_rest = {
+        name: fc.linearise(c.loop, c.days, at=c.days.n_steps - 1).reset_coords(drop=True) for name, c in cases.items()
+    }
+
+    def rest(name: str) -> xr.DataArray:
+        return joined(lambda case: at_rest[case][name].drop_vars(["sample", "day"], errors="ignore"))
+
+    wet, opening, margin = rest("wet_volumes"), rest("opening"), told("margin")
+    samples = told("period") / parameter("sample_time")
+    conditions = {
+        "no gap": parameter("backlash") == 0.0,
+        **_bands("gap", parameter("backlash"), (0.0, 0.02, 0.05, 0.15), "{:.0%}"),
+        **_bands("margin", margin, (0.0, 0.7, 0.85, 1.0, 1.2, 2.0, 4.0, np.inf), "{:g}"),
+        **_bands("sample time", parameter("sample_time"), (0.0, 5.0, 15.0, 60.0), "{:g} s"),
+        **_bands("foretold samples to a period", samples, (0.0, 6.0, 10.0, 20.0, np.inf), "{:g}"),
+        "motor at once": parameter("stroke_time") == 0.0,
+        **_bands("stroke", parameter("stroke_time"), (0.0, 60.0, 150.0), "{:g} s"),
+        "no sensor lag": parameter("sensor_time_constant") == 0.0,
+        **_bands("sensor lag", parameter("sensor_time_constant"), (0.0, 30.0, 60.0), "{:g} s"),
+        **_bands("authority", parameter("authority"), (0.0, 0.1, 0.9), "{:g}"),
+        **_bands("opening", opening, (0.0, 0.05, 0.2, 0.5, 1.0), "{:g}"),
+        "dry": wet == 0.0,
+        "partly wet": (wet > 0.0) & (wet < 8.0),
+        "wet all over": wet == 8.0,
+    }
+    for name, holds in conditions.items():
+        yield [name, *both.cells(holds)]
+
+
+def _bands(name: str, values: xr.DataArray, edges: tuple[float, ...], form: str) -> dict[str, xr.DataArray]:
+    """Conditions of a value, each above one edge and up to the next."""
+    found = {}
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        words = f"above {form.format(low)}" if np.isinf(high) else f"{form.format(low)} to {form.format(high)}"
+        found[f"{name} {words}"] = (values > low) & (values <= high)
+    return found
+
+
+def foretold_with(
+    loop: fc.Loop, days: fc.Boundary, of: Callable[[dict[str, np.ndarray], Plants], Cycles]
+) -> xr.Dataset:
+    """What another way of reckoning foretells."""
+    points = OperatingPoints(loop, days, days.n_steps - 1)
+    found = []
+    for index in points.chunks():
+        columns = points.columns(index)
+        found.append(of(columns, plants_of(columns, points.conditions(index))))
+    return points.dataset(
+        {name: (np.concatenate([getattr(c, name) for c in found]), {}) for name in Cycles._fields}
+    )  # fmt: skip
+
+
+def without_motor(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
+    """As if the motor were at its target at once."""
+    return cycles_of(columns | {"stroke_time": np.zeros_like(columns["stroke_time"])}, plants)
+
+
+def straight(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
+    """As if valve and coil were a straight line."""
+    line = plants.T_sup[:, None] + plants.gain[:, None] * (OPENINGS - plants.opening[:, None])
+    return cycles_of(columns, plants._replace(curve=line))
+
+
+def free_integral(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
+    """As if the integral had no ends."""
+    with patch.object(cycles, "ROUNDS", 0):
+        return cycles_of(columns, plants)
+
+
+PARTS = {
+    "gap alone": textbook,
+    "all but the motor's speed": without_motor,
+    "all but the curve of valve and coil": straight,
+    "all but the ends of the integral": free_integral,
+    "all": cycles_of,
+}
+
+
+def rows_of_days() -> Iterable[list[str]]:
+    """Every kind of day, foretold from its mean conditions."""
+    for kind in kinds():
+        population = "heating" if kind == HEATING else "cooling"
+        loop, _ = drawn(population, FRESH + 1, LOOPS, POINTS)
+        days = of_kind(kind, DAY_SEEDS)
+        loop = loop.assign(**settings(kind))
+        yield [kind, *Judged.of(fc.simulate(loop, days), fc.limit_cycle(loop, days)).cells()]
+
+
+def choose() -> None:
+    """Print how often the forecast is right with other thresholds, on the loops of another seed."""
+    cases = [compared(name, SEARCH, LOOPS) for name in PLAIN]
+    for above in (0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.95, 1.0):
+        with patch.object(cycles, "HUNTS_ABOVE", above):
+            right = [Judged.of(c.seen, fc.limit_cycle(c.loop, c.days, at=c.days.n_steps - 1)) for c in cases]
+        print(f"{above:g}", *(share_of(j.hunts == j.foretold, j.among).written(2) for j in right), sep="   ")
+
+
+def main() -> None:
+    """Write every table."""
+    cases = {name: compared(name, FRESH, LOOPS if name in PLAIN else OTHER_LOOPS) for name in POPULATIONS}
+    judged = {name: Judged.of(case.seen, case.foretold) for name, case in cases.items()}
+    write_table(
+        "hunting/limit_cycles",
+        f"What is foretold beside what happens: random loops × plants × {POINTS} operating points, seed {FRESH}; of "
+        "those whose set-point can be held",
+        ["loops", *HEAD],
+        ([POPULATIONS[name].words, *of.cells()] for name, of in judged.items()),
+    )
+    plain = {name: cases[name] for name in PLAIN}
+    write_table(
+        "hunting/limit_cycles_where",
+        "Where it is wrong: the plain loops of cooling and heating by what they are",
+        ["of the plain loops", *HEAD],
+        rows_where(judged, plain),
+    )
+    write_table(
+        "hunting/limit_cycles_parts",
+        "What each part of the theory earns, plain loops of cooling; heating",
+        ["what theory counts", *HEAD],
+        (
+            [f"{part}; {name}", *Judged.of(case.seen, foretold_with(case.loop, case.days, of)).cells()]
+            for part, of in PARTS.items()
+            for name, case in plain.items()
+        ),
+    )
+    write_table(
+        "hunting/limit_cycles_days",
+        f"Foretold from the mean conditions of a day, beside metric `hunts` of that day: {len(DAY_SEEDS)} days of each "
+        f"kind, {LOOPS} loops",
+        ["days", *HEAD],
+        rows_of_days(),
+    )

@@ -1,0 +1,130 @@
+"""Under which conditions ``learners.py`` tries the estimators: loops, valves and days.
+
+The four loops are those on which the growing rule was chosen (``learning_step.toml``), each condition changing
+one thing; the valves are drawn as in ``valve_population.toml``, with gains as somebody left them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.study.file.spec import read_study
+from studies.common import STUDIES
+from studies.days import (
+    CONSTANT,
+    DESIGN,
+    HEATING,
+    OUTDOOR_AIR,
+    STEPPED,
+    T_SET,
+    WEATHER,
+    kinds,
+    of_kind,
+    settings,
+)
+from studies.remedies import run as remedies_run
+from studies.remedies.run import HEATING_GAIN, picked
+from studies.robustness.best_pi import PRESETS
+
+STUDY = STUDIES / "learning" / "learners.toml"
+HOURS = 16
+LOOP_DAYS, VALVE_DAYS = range(6101, 6111), range(6201, 6206)
+BACKLASHES = (0.03, 0.07, 0.075, 0.12)
+NOISES = (0.0, 0.02, 0.05)
+SEED = 6126
+LABELS = {
+    STEPPED: "set-point steps",
+    CONSTANT: "constant set-point",
+    DESIGN: "design days",
+    WEATHER: "weather, 30 % outdoor air",
+    HEATING: "heating",
+}
+LOOPS, VALVES, GOOD = "four loops", "valves", "no backlash"
+"""Where the labels of conditions begin."""
+MORNING = f"{VALVES}: steps in the first four hours alone"
+LOW_AUTHORITY, SMALL = f"{VALVES}: authority 0.02 to 0.1", f"{VALVES}: backlash 0.5 to 2 %"
+ONE_DAY, THREE_DAYS = f"{VALVES} of `remedies`: a day of 8 h", f"{VALVES} of `remedies`: 24 h"
+
+
+class Condition(NamedTuple):
+    """Loops along ``sample`` and days of a kind that they meet."""
+
+    name: str
+    loop: fc.Loop
+    kind: str
+    seeds: Sequence[int]
+    hours: int = HOURS
+    outdoor: float = OUTDOOR_AIR
+    steps_for: int | None = None
+    """Hours after which the set-point stands still; without, it does what it does on days of this kind."""
+
+    def days(self) -> fc.Boundary:
+        """The days themselves."""
+        days = of_kind(self.kind, self.seeds, hours=self.hours, outdoor=self.outdoor)
+        if self.steps_for is None:
+            return days
+        series = {name: values.copy() for name, values in days.series.items()}
+        series["T_set"][:, self.steps_for * 3600 :] = T_SET
+        return fc.Boundary(**series, day=list(self.seeds))
+
+
+def four_loops(backlashes: Sequence[float] = BACKLASHES) -> fc.Loop:
+    """The presets with every noise and backlash, along ``sample``."""
+    cases = list(product(PRESETS, NOISES, backlashes))
+    given = {"noise_std": [noise for _, noise, _ in cases], "backlash": [x for *_, x in cases]}
+    for name in ("C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time"):
+        given[name] = [float(fc.Loop.preset(preset)[name]) for preset, *_ in cases]  # type: ignore[arg-type]
+    return fc.Loop(**{name: ("sample", values) for name, values in given.items()})
+
+
+def valves() -> fc.Loop:
+    """The valves and loops of the study, with its plain PI."""
+    return picked(read_study(STUDY).plan.layout.loop, controller=0)
+
+
+def conditions(size: int | None = None) -> Iterator[Condition]:
+    """All conditions; those of weather only where there is a weather file.  size: only so many loops and valves."""
+    for condition in (*_of_valves(), *_of_loops()):
+        few = picked(condition.loop, sample=slice(0, size))
+        heats = condition.kind == HEATING
+        kp = xr.DataArray(few["kp"]) * (HEATING_GAIN if heats else 1.0)
+        yield condition._replace(loop=few.assign(kp=kp, **settings(condition.kind)))
+
+
+def _of_loops() -> Iterator[Condition]:
+    loops = four_loops()
+    yield Condition(f"{LOOPS}: {LABELS[STEPPED]}", loops, STEPPED, LOOP_DAYS)
+    yield Condition(f"{LOOPS}: {LABELS[CONSTANT]}", loops, CONSTANT, LOOP_DAYS)
+    if WEATHER in kinds():
+        yield Condition(f"{LOOPS}: {LABELS[WEATHER]}", loops, WEATHER, LOOP_DAYS)
+        yield Condition(f"{LOOPS}: weather, 100 % outdoor air", loops, WEATHER, LOOP_DAYS, outdoor=1.0)
+    larger = loops.assign(C_w=1.5 * xr.DataArray(loops["C_w"]), C_c=2.0 * xr.DataArray(loops["C_c"]))
+    yield Condition(f"{LOOPS}: larger coil", larger, STEPPED, LOOP_DAYS)
+    yield Condition(f"{LOOPS}: gentler valve", loops.assign(valve_b=5.0), STEPPED, LOOP_DAYS)
+    installed = loops.assign(rangeability=50.0, authority=0.05, m_full=2.0)
+    yield Condition(f"{LOOPS}: authority 0.05", installed, STEPPED, LOOP_DAYS)
+    yield Condition(f"{LOOPS}: backlash 2 %", four_loops([0.02]), STEPPED, LOOP_DAYS)
+    yield Condition(f"{GOOD}, {LOOPS}: {LABELS[STEPPED]}", four_loops([0.0]), STEPPED, LOOP_DAYS)
+
+
+def _of_valves() -> Iterator[Condition]:
+    plain = valves()
+    for kind in kinds():
+        yield Condition(f"{VALVES}: {LABELS[kind]}", plain, kind, VALVE_DAYS)
+    yield Condition(MORNING, plain, STEPPED, VALVE_DAYS, steps_for=4)
+    draw, n = np.random.default_rng(SEED), int(plain.coordinates()["sample"].size)
+    low = plain.assign(authority=("sample", np.exp(draw.uniform(np.log(0.02), np.log(0.1), n))))
+    small = plain.assign(backlash=("sample", draw.uniform(0.005, 0.02, n)))
+    yield Condition(LOW_AUTHORITY, low, STEPPED, VALVE_DAYS)
+    yield Condition(SMALL, small, STEPPED, VALVE_DAYS)
+    others = picked(remedies_run.population(n), controller=0)
+    yield Condition(ONE_DAY, others, STEPPED, VALVE_DAYS, hours=8)
+    yield Condition(THREE_DAYS, others, STEPPED, VALVE_DAYS, hours=24)
+    for kind in kinds():
+        yield Condition(f"{GOOD}, {VALVES}: {LABELS[kind]}", plain.assign(backlash=0.0), kind, VALVE_DAYS)

@@ -1,0 +1,233 @@
+"""What the time step, the number of volumes and the air march of the coil do to results: which claims survive.
+
+Run with ``python -m studies numerics`` in the repository.  "As printed" is Eq (3) as the paper has it, one step a
+second with lagged air; "converged" is ``converged = true``.  What that word stands for was chosen on days 11 to 14; all
+that is written here comes from other days and valves.  The file has the four presets; ``convergence_valves.py``, which
+it runs too, has populations of valves and loops, and the coil at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.stats import t
+
+import fastcoil as fc
+from studies.common import write_table
+from studies.days import HEATING, WEATHER_FILE, kinds, of_kind
+from studies.learning.identify_online import IDENTIFY
+from studies.numerics import convergence_valves
+from studies.robustness.best_pi import PRESETS as COOLING
+
+DAYS = range(9411, 9419)
+BACKLASH = (0.0, 0.07, 0.15)
+MARCHES = ("lagged", "quasistatic")
+SUBSTEPS = (1, 2, 4, 8, 16, 32)
+FINEST = ("quasistatic", 32)
+WAYS = (("lagged", 1), ("quasistatic", 8), FINEST)
+"""As printed, converged, and finer."""
+SHOWN = (*(("lagged", n) for n in (1, 2, 8, 32)), *(("quasistatic", n) for n in (1, 2, 4, 8, 16)))
+VOLUMES = (8, 16, 32, 64)
+METRICS = ("rmse", "hunting_swing", "motor_travel", "coil_energy", "condensate")
+CONTROLLERS: dict[str, dict[str, Any]] = {
+    "plain PI": {},
+    "60 %": {"backlash_estimate": 0.042},
+    "95 %": {"backlash_estimate": 0.0665},
+    "120 %": {"backlash_estimate": 0.084},
+    "learning rule": {"estimator": "learner", "learning_step": 0.007, "backlash_estimate": 0.007},
+    "identify": IDENTIFY,
+}
+CONTROLLED = tuple(dict.fromkeys(name for given in CONTROLLERS.values() for name in given))
+KEPT = (*METRICS, "hunting_period", "hunts", "switch_frequency")
+
+
+def presets(names: Sequence[str] = COOLING) -> fc.Loop:
+    """Presets along ``preset``, as a plain PI; all of them cool, or all heat."""
+    loops = {name: fc.Loop.preset(name) for name in names}
+    plain, varied = dict(fc.Loop().items()), dict[str, None]()
+    for loop in loops.values():
+        varied |= {n: None for n, value in loop.items() if value != plain.get(n)}
+
+    def along(name: str) -> xr.DataArray:
+        return xr.DataArray([loop[name] for loop in loops.values()], {"preset": list(loops)}, "preset")
+
+    return fc.Loop(**{name: along(name) for name in varied})
+
+
+def steps(days: range = DAYS) -> xr.Dataset:
+    """The presets, each on days of its own kind, with every march, number of substeps and backlash."""
+    parts = []
+    for names, day in ((COOLING, fc.paper_day), (("heating",), fc.heating_day), (("heating_45",), _cooler)):
+        loop = presets(names).assign(air_march=list(MARCHES), substeps=list(SUBSTEPS), backlash=list(BACKLASH))
+        ds = fc.simulate(loop, day(hours=8, seed=list(days)))
+        parts.append(ds[list(KEPT)].reset_coords(drop=True))
+    return xr.concat(parts, "preset")
+
+
+def _cooler(hours: int, seed: list[int]) -> fc.Boundary:
+    return fc.heating_day(hours=hours, seed=seed, T_w_in=45.0)
+
+
+def volumes(days: range = DAYS) -> xr.Dataset:
+    """The presets, converged in time, with more and more volumes."""
+    loop = presets().assign(converged=True).assign(n_volumes=list(VOLUMES), backlash=list(BACKLASH[:2]))
+    return fc.simulate(loop, fc.paper_day(hours=8, seed=list(days)))
+
+
+def of_kinds(days: range = DAYS, weather: Path = WEATHER_FILE) -> dict[str, xr.Dataset]:
+    """The presets on every kind of day with cooling, as printed, converged and finest: (way, backlash, preset, day)."""
+    ways = {"air_march": [march for march, _ in WAYS], "substeps": [n for _, n in WAYS]}
+    loop = presets().assign(backlash=list(BACKLASH), **{name: ("way", values) for name, values in ways.items()})
+    return {kind: fc.simulate(loop, of_kind(kind, list(days), weather)) for kind in kinds(weather) if kind != HEATING}
+
+
+def claims(days: range = DAYS) -> xr.Dataset:
+    """The presets with 7 % backlash and every controller, as printed and converged: (way, controller, preset, day)."""
+    loop = presets().assign(**{name: ("controller", _filled(name)) for name in CONTROLLED})
+    day = fc.paper_day(hours=8, seed=list(days))
+    parts = [fc.simulate(loop.assign(air_march=march, substeps=n), day) for march, n in WAYS[:2]]
+    kept = ["rmse", "switch_frequency", "estimate_settled"]
+    ds = xr.concat([part[kept].reset_coords(drop=True) for part in parts], "way")
+    return ds.assign_coords(controller=list(CONTROLLERS))
+
+
+def _filled(name: str) -> list[Any]:
+    default = "none" if name == "estimator" else fc.Loop()[name]
+    return [{"plant_gain": 20.0, **given}.get(name, default) for given in CONTROLLERS.values()]
+
+
+def change(now: xr.DataArray, before: xr.DataArray) -> str:
+    """Change of the mean over days in per cent, and half its 95 % interval over days."""
+    relative = (now / float(before.mean()) - before / float(before.mean())).values
+    n, middle = relative.size, 100.0 * float(relative.mean())
+    half = 100.0 * float(t.ppf(0.975, n - 1)) * float(relative.std(ddof=1)) / np.sqrt(n)
+    return f"{middle:+.1f} ± {half:.1f} %" if max(abs(middle), half) >= 0.05 else "0.0 %"
+
+
+def row(now: xr.Dataset, before: xr.Dataset) -> list[str]:
+    """The change of every metric."""
+    return [change(now[name], before[name]) for name in METRICS]
+
+
+def write_steps(ds: xr.Dataset) -> None:
+    """Write how far each march and number of substeps is from the finest."""
+    finest = _at(ds, FINEST)
+    write_table(
+        "numerics/convergence_steps",
+        f"Change against the quasistatic march in {FINEST[1]} substeps, at 7 % backlash: means of {ds.sizes['day']} "
+        "days with set-point steps, and half their 95 % interval",
+        ["preset", "air march", "substeps", *(name.replace("_", " ") for name in METRICS)],
+        (
+            [name, march, str(n), *row(*(d.sel(preset=name, backlash=0.07) for d in (_at(ds, (march, n)), finest)))]
+            for name in map(str, ds.preset.values)
+            for march, n in SHOWN
+        ),
+    )
+
+
+def write_backlash(ds: xr.Dataset) -> None:
+    """Write what becomes of each preset and backlash, as printed and converged."""
+    ways = [_at(ds, way) for way in WAYS]
+    forms = {"rmse": "{:.3f}", "hunting_swing": "{:.3f}", "hunting_period": "{:.0f}", "hunts": "{:.0%}",
+             "switch_frequency": "{:.1f}", "motor_travel": "{:.1f}"}  # fmt: skip
+    write_table(
+        "numerics/convergence_backlash",
+        f"As printed → converged → in {FINEST[1]} substeps: means of {ds.sizes['day']} days with set-point steps",
+        ["preset", "backlash", "RMSE, K", "hunting swing, K", "period, s", "days on which it hunts",
+         "switches per 10 min", "motor travel, strokes"],
+        (
+            [name, f"{x:.0%}"]
+            + [" → ".join(form.format(float(way[metric].sel(preset=name, backlash=x).mean())) for way in ways)
+               for metric, form in forms.items()]
+            for name in map(str, ds.preset.values)
+            for x in BACKLASH
+        ),
+    )  # fmt: skip
+
+
+def write_kinds(found: Mapping[str, xr.Dataset]) -> None:
+    """Write whether each preset hunts on each kind of day."""
+    rows = []
+    for kind, ds in found.items():
+        for name in map(str, ds.preset.values):
+            cells = []
+            for x in BACKLASH:
+                at = ds.sel(preset=name, backlash=x)
+                counts = [int(at.hunts.isel(way=k).sum()) for k in range(len(WAYS))]
+                swings = [float(at.hunting_swing.isel(way=k).mean()) for k in range(len(WAYS))]
+                cells += [" → ".join(map(str, counts)), " → ".join(f"{swing:.2f}" for swing in swings)]
+            rows.append([kind, name, *cells])
+    one = next(iter(found.values()))
+    write_table(
+        "numerics/convergence_kinds",
+        f"Days of {one.sizes['day']} on which each preset hunts, and mean swing, K, as printed → converged → in "
+        f"{FINEST[1]} substeps",
+        ["days", "preset", *(f"{what}, X = {x:.0%}" for x in BACKLASH for what in ("hunts", "swing"))],
+        rows,
+    )
+
+
+def write_claims(ds: xr.Dataset) -> None:
+    """Write what the paper says of its loop, as printed and converged."""
+    plain, mean = ds.rmse.sel(controller="plain PI"), ds.mean("day")
+
+    def arrow(values: xr.DataArray, form: str) -> str:
+        return " → ".join(form.format(float(value)) for value in values)
+
+    rows = []
+    for name in map(str, ds.preset.values):
+        gains = [
+            arrow(100 * (ds.rmse.sel(controller=c) / plain - 1.0).sel(preset=name).mean("day"), "{:+.0f}") + " %"
+            for c in ("60 %", "95 %", "120 %")
+        ]
+        switches = [
+            arrow(mean.switch_frequency.sel(controller=c, preset=name), "{:.1f}") for c in ("plain PI", "95 %", "120 %")
+        ]
+        estimates = [
+            arrow(100 * mean.estimate_settled.sel(controller=c, preset=name), "{:.1f}") + " %"
+            for c in ("learning rule", "identify")
+        ]
+        rows.append([name, *gains, *switches, *estimates])
+    write_table(
+        "numerics/convergence_claims",
+        "With 7 % backlash, as printed → converged: change of RMSE by an inverse, mode switches per 10 min, and "
+        f"settled estimate; means of {ds.sizes['day']} days with set-point steps",
+        ["preset", *(f"RMSE, inverse of {c}" for c in ("60 %", "95 %", "120 %")),
+         *(f"switches, {c}" for c in ("plain PI", "95 %", "120 %")), "learning rule of the paper", "identify"],
+        rows,
+    )  # fmt: skip
+
+
+def write_volumes(ds: xr.Dataset) -> None:
+    """Write how far each number of volumes is from eight."""
+    write_table(
+        "numerics/convergence_volumes",
+        "Change against 8 volumes, both converged in time, with C and β scaled by 8/N: means of "
+        f"{ds.sizes['day']} days with set-point steps, and half their 95 % interval",
+        ["preset", "backlash", "N", *(name.replace("_", " ") for name in METRICS)],
+        (
+            [name, f"{x:.0%}", str(n), *row(*(ds.sel(preset=name, backlash=x, n_volumes=k) for k in (n, 8)))]
+            for name in map(str, ds.preset.values)
+            for x in map(float, ds.backlash.values)
+            for n in VOLUMES[1:]
+        ),
+    )
+
+
+def _at(ds: xr.Dataset, way: tuple[str, int]) -> xr.Dataset:
+    return ds.sel(air_march=way[0], substeps=way[1], drop=True)
+
+
+def main(days: range = DAYS, weather: Path = WEATHER_FILE, **size: Any) -> None:
+    """Run everything and write every table; size: of the populations."""
+    marched = steps(days)
+    write_steps(marched)
+    write_backlash(marched)
+    write_kinds(of_kinds(days, weather))
+    write_claims(claims(days))
+    write_volumes(volumes(days))
+    convergence_valves.main(weather=weather, **size)

@@ -1,0 +1,69 @@
+"""The scorecard of the paper's claims as tables.
+
+Run with ``python -m studies paper`` in the repository: does what ``fastcoil paper`` does, into ``results/paper``.
+Where there is a weather file (see ``weather.toml``), the claims are judged on its summer days, too.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import fastcoil as fc
+from fastcoil.study.paper.kinds import KINDS, T_SET, Days, replaced, stepped
+from fastcoil.study.paper.regenerate import regenerate
+from studies.common import RESULTS, write_table
+from studies.days import SUMMER, WEATHER_FILE
+
+TITLES = {
+    "scorecard_changes": "What changes with the kind of day: claims that hold more often on one kind than on another",
+    "scorecard": "What does not change with the kind of day",
+}
+
+
+def all_kinds(path: Path) -> dict[str, Days]:
+    """The kinds of days of ``fastcoil paper``, and weather where there is a file."""
+
+    def weather(hours: float, seeds: Sequence[int]) -> fc.Boundary:
+        """Summer days of a weather file with 30 % outdoor air, drawn by the seed, and a constant set-point."""
+        return replaced(stepped(hours, seeds), seeds, [_summer_day(path, hours, seed) for seed in seeds])
+
+    return {**KINDS, "weather": weather} if path.is_file() else dict(KINDS)
+
+
+def _summer_day(path: Path, hours: float, seed: int) -> fc.Boundary:
+    chosen = int(np.random.default_rng([seed, 21]).choice(SUMMER))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # hourly data have no fast disturbances: the paper's days add them
+        return fc.weather_day(
+            path, days=[chosen], hour=9 if hours <= 8 else 0, hours=hours, m_a=1.15, T_w_in=7.0, T_set=T_SET,
+            outdoor_fraction=0.3, T_return=24.0, RH_return=0.5,
+        )  # fmt: skip
+
+
+def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
+    """Head and rows of every table in a Markdown text."""
+    found = []
+    for block in text.split("\n\n"):
+        if block.startswith("| "):
+            head, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in block.splitlines())
+            found.append((head, rows))
+    return found
+
+
+def main(*, quick: bool = False) -> None:
+    """Regenerate the paper's figures and scorecard, and write the tables of verdicts."""
+    folder = RESULTS / "paper"
+    regenerate(
+        folder,
+        quick=quick,
+        report=lambda line: print(line, flush=True),
+        kinds=all_kinds(WEATHER_FILE),
+        command="python -m studies paper",
+    )
+    found = tables((folder / "scorecard.md").read_text(encoding="utf-8"))
+    for (name, title), (head, rows) in zip(TITLES.items(), found, strict=False):
+        write_table(f"paper/{name}", title, head, rows)

@@ -1,0 +1,184 @@
+"""Gains tuned for each remedy itself, and which remedy to choose: on other valves and days than ``remedies.py`` quotes.
+
+A remedy behind gains that were tuned for the plain PI is not the best it can do.  Here the main remedies get gains of
+their own, valve by valve, once for the error alone and then with a rising price of motor travel, which gives a curve of
+error over travel.  The choice of the page is made here; its numbers are those of ``remedies.py``, on valves and days
+that had no part in the choice.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.study.file.sampling import sample_values
+from fastcoil.study.file.spec import read_study
+from studies.common import write_table
+from studies.remedies.run import (
+    BASELINE,
+    NO_PRICE,
+    SIMC,
+    SOME_PRICE,
+    STUDY,
+    every_remedy,
+    faster,
+    groups,
+    of_remedies,
+    on_days,
+    picked,
+    population,
+    renamed,
+    tuned,
+)
+from studies.remedies.tables import LABELS, cell, pooled
+from studies.robustness.best_pi import simc_gains
+
+VALVES, SEED = 256, 20261123
+DAYS = range(4301, 4306)
+PRICES = (NO_PRICE, SOME_PRICE, 0.2, 0.3, 0.4, 0.5)
+SHOWN = (NO_PRICE, SOME_PRICE, 0.3)
+"""Prices of the table; the curves of the figure have all."""
+GRID = {"kp": (0.25, 0.4, 0.63, 1.0, 1.6, 2.5, 4.0, 6.3, 10.0), "ti": (1.0, 2.0, 4.0, 8.0)}
+MAIN = (
+    "pi",
+    "dead_band_025",
+    "inverse_80_buffer",
+    "inverse_95_small_buffer",
+    "inverse_95_buffer",
+    "inverse_95_noise_buffer",
+    "additive_95",
+    "learner_growing",
+)
+NEEDS = {
+    "nothing": ("pi", "faster", "half_kp", "dead_band_025", "dead_band_050"),
+    "the size, to 20 %": ("inverse_80_buffer",),
+    "the size, to 5 %": (
+        "inverse_95",
+        "inverse_95_small_buffer",
+        "inverse_95_buffer",
+        "inverse_95_noise_buffer",
+        "inverse_95_dead_band",
+        "additive_95",
+        "smooth_95",
+    ),
+    "a rule that finds it": ("hagglund_additive", "hagglund_inverse", "gradient", "learner_growing", "own_rule"),
+}
+"""What one must know of a valve for a remedy."""
+
+
+def other_valves(size: int = VALVES) -> fc.Loop:
+    """Valves of the same distributions as the study's, drawn anew."""
+    table = read_study(STUDY).tables["sample"]
+    return population().assign(**sample_values({**table, "size": size, "seed": SEED}))
+
+
+def run(size: int) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
+    """Results by kind of day: the main remedies with gains of their own at each price, and all with those of SIMC."""
+    loop = other_valves(size)
+    plain, main = picked(loop, controller=0), of_remedies(loop, MAIN)
+    own: dict[str, xr.Dataset] = {}
+    by_simc: dict[str, xr.Dataset] = {}
+    for group in groups():
+        simc = simc_gains(plain, group[0])
+        best = tuned(main, simc, group, GRID, PRICES)
+        print(f"tuned the main remedies for {', '.join(group)}", flush=True)
+        for kind in group:
+            own[kind] = on_days(main, best, kind, DAYS)
+            found = renamed(every_remedy(loop, simc, kind, DAYS), SIMC)
+            by_simc[kind] = xr.concat([found, faster(loop, simc, kind, DAYS)], "controller")
+    return own, by_simc
+
+
+def against_best_pi(own: dict[str, xr.Dataset]) -> xr.Dataset:
+    """All kinds of days as one dim of days; the prices along ``controller``, plain PI without a price as baseline."""
+    ds = pooled(own).stack(tuning=("controller", "price"))
+    names = [BASELINE if t == ("pi", NO_PRICE) else f"{t[0]} {t[1]:g}" for t in ds.tuning.values]
+    return ds.drop_vars(["tuning", "controller", "price"]).rename(tuning="controller").assign_coords(controller=names)
+
+
+def tuned_rows(own: dict[str, xr.Dataset]) -> list[list[str]]:
+    """Each main remedy at each price, against the best PI and against plain PI at the same price."""
+    ds = against_best_pi(own)
+    table = []
+    for name in MAIN:
+        for price in SHOWN:
+            label = BASELINE if (name, price) == ("pi", NO_PRICE) else f"{name} {price:g}"
+            peer = BASELINE if price == NO_PRICE else f"pi {price:g}"
+            d, base = ds.sel(controller=label), ds.sel(controller=peer)
+            travel = d.motor_travel.mean("day") / base.motor_travel.mean("day")
+            table.append(
+                [
+                    LABELS[name],
+                    f"{price:g}",
+                    cell(ds, label, BASELINE),
+                    f"× {_ratio(ds, label, BASELINE):.2f}",
+                    cell(ds, label, peer),
+                    f"× {float(travel.median()):.2f}",
+                    f"{float(d.hunts.mean()):.1%}",
+                ]
+            )
+    return table
+
+
+def _ratio(ds: xr.Dataset, name: str, base: str) -> float:
+    own, partner = (ds.motor_travel.sel(controller=n).mean("day") for n in (name, base))
+    return float((own / partner).median())
+
+
+def front(own: dict[str, xr.Dataset], some: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Median travel and mean change of RMSE against the best PI at each price, on these kinds of days, by remedy."""
+    ds = against_best_pi({kind: own[kind] for kind in some})
+    base = ds.sel(controller=BASELINE)
+    found = {}
+    for name in MAIN:
+        names = [BASELINE if (name, p) == ("pi", NO_PRICE) else f"{name} {p:g}" for p in PRICES]
+        chosen = ds.sel(controller=names)
+        travel = (chosen.motor_travel.mean("day") / base.motor_travel.mean("day")).median("sample")
+        change = (chosen.rmse / base.rmse - 1.0).mean(["sample", "day"])
+        found[name] = (travel.values, change.values)
+    return found
+
+
+def others(
+    own: dict[str, xr.Dataset], by_simc: dict[str, xr.Dataset], some: list[str]
+) -> dict[str, tuple[float, float]]:
+    """Median travel and mean change of RMSE against the best PI of every remedy with the gains of SIMC."""
+    base = against_best_pi({kind: own[kind] for kind in some}).sel(controller=BASELINE)
+    ds = pooled({kind: by_simc[kind] for kind in some})
+    travel = (ds.motor_travel.mean("day") / base.motor_travel.mean("day")).median("sample")
+    change = (ds.rmse / base.rmse - 1.0).mean(["sample", "day"])
+    return {str(n): (float(travel.sel(controller=n)), float(change.sel(controller=n))) for n in ds.controller.values}
+
+
+def choice_rows(by_simc: dict[str, xr.Dataset]) -> list[list[str]]:
+    """For each thing one may know, the remedies with the gains of SIMC by their cost at both prices."""
+    ds = pooled(by_simc)
+    cost = {p: np.log(ds.rmse) + p * np.log(ds.motor_travel.clip(0.1)) for p in (NO_PRICE, SOME_PRICE)}
+    table = []
+    for needs, names in NEEDS.items():
+        for name in names:
+            label = SIMC if name == "pi" else name
+            changes = (np.expm1(c.sel(controller=label) - c.sel(controller=SIMC)) for c in cost.values())
+            means = [100 * float(change.mean()) for change in changes]
+            table.append([needs, LABELS[name], *(f"{m:+.0f} %" for m in means)])
+    return table
+
+
+def write(own: dict[str, xr.Dataset], by_simc: dict[str, xr.Dataset]) -> None:
+    """Write the tables of gains tuned for each remedy, and of the choice."""
+    first = next(iter(own.values()))
+    where = f"{first.sizes['sample']} other valves, {first.sizes['day']} other days of each kind"
+    write_table(
+        "remedies/remedies_tuned",
+        f"Gains tuned for each remedy itself, {where}: RMSE and motor travel of the median valve",
+        ["remedy", "price of travel", "RMSE against the best PI (95 %)", "travel", "RMSE against PI at the same price",
+         "travel", "hunting"],
+        tuned_rows(own),
+    )  # fmt: skip
+    write_table(
+        "remedies/remedies_choice",
+        f"The choice, {where}, gains of SIMC: mean change of the cost against plain PI",
+        ["one must know", "remedy", "RMSE alone", "RMSE and travel, price 0.1"],
+        choice_rows(by_simc),
+    )

@@ -1,0 +1,158 @@
+"""The runs of ``remedies.py``: valves, gains, and every remedy behind the same gains on the same days.
+
+The valves, loops and remedies are those of ``remedies.toml``: one row there is one remedy here; half the gain, a rule
+of the user's own and a perfect valve join them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.study.file.spec import read_study
+from studies.common import STUDIES
+from studies.days import DESIGN, HEATING, kinds, of_kind, settings
+from studies.remedies.by_count import by_count
+from studies.robustness.best_pi import simc_gains
+
+STUDY = STUDIES / "remedies" / "remedies.toml"
+SEARCH_DAYS, FRESH_DAYS = (4101, 4102), range(4201, 4206)
+GRID = {"kp": (0.6, 1.0, 1.6, 2.5, 4.0, 6.3, 10.0), "ti": (1.0, 2.0, 4.0, 8.0, 16.0)}
+"""Gains that are tried, as multiples of SIMC's."""
+NO_PRICE, SOME_PRICE = 0.0, 0.1
+"""What motor travel costs: price × log(travel) adds to log(error), so 7 % of the error buys half the travel at 0.1."""
+LEAST_TRAVEL = 0.1
+"""Travel in 8 h below which nothing more is saved, strokes."""
+HEATING_GAIN = 0.3
+"""The drawn kp is for cooling; a loop with water of 40 °C responds about three times as much."""
+SIMC_VALVES = 512
+"""The first so many valves run with the gains of SIMC, too."""
+BASELINE, DRAWN, SIMC = "best PI", "PI as found", "PI by SIMC"
+HALF, FASTER, OWN, PERFECT = "half_kp", "faster", "own_rule", "no_backlash"
+METRICS = ("rmse", "rmse_settled", "motor_travel", "reversals", "share_off", "hunts")
+
+
+def population(size: int | None = None) -> fc.Loop:
+    """The valves and loops of the study along ``sample``, with all its remedies along ``controller``."""
+    loop = read_study(STUDY).plan.layout.loop
+    return loop if size is None else picked(loop, sample=slice(0, size))
+
+
+def picked(loop: fc.Loop, **at: int | slice | list[int]) -> fc.Loop:
+    """A part of a loop's dims."""
+    values = {name: xr.DataArray(loop[name]) for name in fc.parameters() if loop[name] is not None}
+    return fc.Loop(**{n: v.isel(at, missing_dims="ignore", drop=True) for n, v in values.items()})
+
+
+def of_remedies(loop: fc.Loop, names: Sequence[str]) -> fc.Loop:
+    """A loop with these remedies alone, in this order."""
+    known = [str(n) for n in loop.coordinates()["controller"].values]
+    return picked(loop, controller=[known.index(n) for n in names])
+
+
+def tuned(
+    loop: fc.Loop,
+    simc: xr.Dataset,
+    some: Sequence[str],
+    grid: Mapping[str, Sequence[float]],
+    prices: Sequence[float],
+) -> xr.Dataset:
+    """The best gains of every valve, and remedy where ``loop`` has several, at each price of travel.
+
+    grid: multiples of SIMC's kp and ti that are tried.
+    Best is the lowest mean, over the search days of these kinds, of log(RMSE) + price × log(motor travel).  The kinds
+    of cooling give a day each; a design day is much like one with a constant set-point and is left out.
+    """
+    factors = {name: xr.DataArray(list(values), dims=f"{name}_factor") for name, values in grid.items()}
+    swept = loop.assign(kp=simc.kp * factors["kp"], ti=simc.ti * factors["ti"], plant_gain=simc.plant_gain)
+    error, travel = xr.DataArray(0.0), xr.DataArray(0.0)
+    searched = [kind for kind in some if kind != DESIGN] or list(some)
+    for kind in searched:
+        days = of_kind(kind, SEARCH_DAYS if len(searched) == 1 else SEARCH_DAYS[:1])
+        ds = fc.simulate(swept.assign(**settings(kind)), days)[["rmse", "motor_travel"]].reset_coords(drop=True)
+        error = error + np.log(ds.rmse.fillna(np.inf)).mean("day")
+        travel = travel + np.log(ds.motor_travel.clip(LEAST_TRAVEL)).mean("day")
+    found = []
+    for price in prices:
+        at = (error + price * travel).argmin([f"{name}_factor" for name in grid])
+        found.append(xr.Dataset({n: simc[n] * factors[n].isel(at, missing_dims="ignore") for n in grid}))
+    best = xr.concat(found, xr.DataArray(list(prices), dims="price", name="price")).reset_coords(drop=True)
+    return best.assign(plant_gain=simc.plant_gain).drop_vars("controller", errors="ignore")
+
+
+def on_days(loop: fc.Loop, gains: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
+    """Metrics of a loop with these gains on days of a kind."""
+    given = {name: gains[name] for name in ("kp", "ti", "plant_gain") if name in gains}
+    ds = fc.simulate(loop.assign(**given, **settings(kind)), of_kind(kind, seeds))
+    return ds[[*METRICS, "size_error", "status"]].reset_coords(drop=True)
+
+
+def every_remedy(loop: fc.Loop, gains: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
+    """All remedies of the study, half the gain, a rule of the user's own, and a perfect valve."""
+    plain = picked(loop, controller=0)
+    half = on_days(plain, gains.assign(kp=0.5 * gains.kp), kind, seeds).expand_dims(controller=[HALF])
+    own = on_days(plain.assign(estimator=by_count, buffer=0.01), gains, kind, seeds).expand_dims(controller=[OWN])
+    perfect = on_days(plain.assign(backlash=0.0), gains, kind, seeds).expand_dims(controller=[PERFECT])
+    return xr.concat([on_days(loop, gains, kind, seeds), half, own, perfect], "controller")
+
+
+def faster(loop: fc.Loop, simc: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
+    """Plain PI with kp and ti twice those of SIMC: a rule that needs no search."""
+    gains = simc.assign(kp=2.0 * simc.kp, ti=2.0 * simc.ti)
+    return on_days(picked(loop, controller=0), gains, kind, seeds).expand_dims(controller=[FASTER])
+
+
+def drawn_kp(plain: fc.Loop, kind: str) -> xr.DataArray:
+    """The gain as somebody left it; of heating, what suits that plant."""
+    return xr.DataArray(plain["kp"]) * (HEATING_GAIN if kind == HEATING else 1.0)
+
+
+def as_found(loop: fc.Loop, kind: str) -> xr.Dataset:
+    """Plain PI with the gains as they were drawn."""
+    plain = picked(loop, controller=0)
+    return on_days(plain, xr.Dataset({"kp": drawn_kp(plain, kind)}), kind, FRESH_DAYS).expand_dims(controller=[DRAWN])
+
+
+def renamed(ds: xr.Dataset, plain: str) -> xr.Dataset:
+    """A result whose plain PI has this name."""
+    return ds.assign_coords(controller=[plain if n == "pi" else str(n) for n in ds.controller.values])
+
+
+def groups() -> list[list[str]]:
+    """Kinds of days that share their gains: all of cooling, and heating."""
+    return [[k for k in kinds() if k != HEATING], [HEATING]]
+
+
+def run(size: int | None) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset], dict[str, float]]:
+    """Results by kind of day with the best gains and with those of SIMC; share of valves at the edge of the grid."""
+    loop = population(size)
+    plain, few = picked(loop, controller=0), picked(loop, sample=slice(0, SIMC_VALVES))
+    best_found: dict[str, xr.Dataset] = {}
+    simc_found: dict[str, xr.Dataset] = {}
+    edges: dict[str, float] = {}
+    started = time.monotonic()
+    for group in groups():
+        simc = simc_gains(plain, group[0])
+        best = tuned(plain, simc, group, GRID, [NO_PRICE]).isel(price=0, drop=True)
+        edges[group[0]] = at_edge(best, simc)
+        print(f"tuned for {', '.join(group)} after {time.monotonic() - started:.0f} s", flush=True)
+        for kind in group:
+            found = renamed(every_remedy(loop, best, kind, FRESH_DAYS), BASELINE)
+            best_found[kind] = xr.concat([as_found(loop, kind), found], "controller")
+            first = {"sample": slice(0, SIMC_VALVES)}
+            by_simc = renamed(every_remedy(few, simc.isel(first), kind, FRESH_DAYS), SIMC)
+            twice = faster(few, simc.isel(first), kind, FRESH_DAYS)
+            base = best_found[kind].sel(controller=[DRAWN, BASELINE]).isel(first)
+            simc_found[kind] = xr.concat([base, by_simc, twice], "controller")
+            print(f"ran {kind} after {time.monotonic() - started:.0f} s", flush=True)
+    return best_found, simc_found, edges
+
+
+def at_edge(best: xr.Dataset, simc: xr.Dataset) -> float:
+    """Share of the valves whose gains lie at the upper edge of the grid: more might be better still."""
+    high = (best.kp / simc.kp > 0.99 * GRID["kp"][-1]) | (best.ti / simc.ti > 0.99 * GRID["ti"][-1])
+    return float(high.mean())

@@ -1,0 +1,112 @@
+"""Tables of what ``robustness.toml`` found."""
+
+from __future__ import annotations
+
+import xarray as xr
+
+from fastcoil.study.analysis.baselines import best_plain_pi
+from studies.common import results, write_table
+
+
+def change(values: xr.DataArray, reference: xr.DataArray) -> str:
+    """Median relative change in percent."""
+    return f"{100 * float((values / reference - 1).median()):+.0f} %"
+
+
+def share(holds: xr.DataArray) -> str:
+    """Share of the loops in which something holds."""
+    return f"{float(holds.mean()):.1%}"
+
+
+def robustness() -> None:
+    """Estimate by estimate against the plain PI of the same loop and the best one, then by backlash; then baselines."""
+    everything = results("robustness").load()
+    ds = everything.isel(tuning=(everything.error_dead_band == 0.0).values)
+    plain = ds.sel(estimate_ratio=0.0)
+    at = best_plain_pi(plain)
+    assert at is not None
+    best = plain.rmse.isel(at, drop=True)
+    write_table(
+        "robustness/robustness",
+        f"Robustness: change against the plain PI, {ds.rmse.size:,} days; the best plain PI of {ds.sizes['tuning']} "
+        f"tunings is `{ds.tuning.values[at['tuning']]}`",
+        ["estimate / backlash", "RMSE", "settled RMSE", "lower RMSE in", "lower RMSE than the best plain PI in",
+         "switches per 10 min", "motor travel"],
+        (
+            [
+                f"{ratio:g}",
+                change(d.rmse, plain.rmse),
+                change(d.rmse_settled, plain.rmse_settled),
+                share(d.rmse < plain.rmse),
+                share(d.rmse < best),
+                f"{float(d.switch_frequency.median()):.1f}",
+                f"× {float((d.motor_travel / plain.motor_travel).median()):.1f}",
+            ]
+            for ratio in (0.0, 0.5, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2, 1.5)
+            for d in [ds.sel(estimate_ratio=ratio)]
+        ),
+    )  # fmt: skip
+    baselines(everything)
+    at, exact = ds.sel(estimate_ratio=0.95), ds.sel(estimate_ratio=1.0)
+    write_table(
+        "robustness/robustness_by_backlash",
+        "Robustness: change against the plain PI, by backlash",
+        ["backlash", "RMSE of the plain PI (median)", "RMSE at 95 %", "settled RMSE at 95 %", "RMSE at 100 %"],
+        (
+            [
+                f"{x:.0%}",
+                f"{float(plain.rmse.sel(backlash=x).median()):.3f} K",
+                change(at.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
+                change(at.rmse_settled.sel(backlash=x), plain.rmse_settled.sel(backlash=x)),
+                change(exact.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
+            ]
+            for x in (0.02, 0.05, 0.07, 0.1, 0.15)
+        ),
+    )
+
+
+BASELINES = {
+    "plain PI": ("paper_like", 0.0),
+    "error dead band of 0.2 K": ("dead_band_02", 0.0),
+    "error dead band of 0.5 K": ("dead_band_05", 0.0),
+    "inverse of 60 %": ("paper_like", 0.6),
+    "inverse of 95 %": ("paper_like", 0.95),
+    "inverse of 110 %": ("paper_like", 1.1),
+    "PI by SIMC": ("simc_s30", 0.0),
+    "PI by SIMC, inverse of 60 %": ("simc_s30", 0.6),
+    "PI by SIMC, inverse of 95 %": ("simc_s30", 0.95),
+    "PI by SIMC, inverse of 110 %": ("simc_s30", 1.1),
+    "best plain PI": ("best_pi_s30", 0.0),
+    "best PI, inverse of 60 %": ("best_pi_s30", 0.6),
+    "best PI, inverse of 95 %": ("best_pi_s30", 0.95),
+    "best PI, inverse of 110 %": ("best_pi_s30", 1.1),
+}
+"""Tuning and estimate of each remedy on the plant of ``paper_like``, at its sample time of 30 s."""
+
+
+def baselines(ds: xr.Dataset) -> None:
+    """What an inverse, a dead band and a better tuning each do for one loop, against its plain PI."""
+    plain = ds.sel(tuning="paper_like", estimate_ratio=0.0)
+    write_table(
+        "robustness/robustness_baselines",
+        f"The loop `paper_like` with each remedy: change against its plain PI, median of {plain.backlash.size} "
+        "backlashes",
+        ["remedy", "RMSE", "settled RMSE", "RMSE at 2 %", "at 7 %", "at 15 %", "motor travel", "hunting in"],
+        (
+            [
+                name,
+                change(d.rmse, plain.rmse),
+                change(d.rmse_settled, plain.rmse_settled),
+                *(change(d.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)) for x in (0.02, 0.07, 0.15)),
+                f"× {float((d.motor_travel / plain.motor_travel).median()):.1f}",
+                f"{int(d.hunts.sum())} of {d.hunts.size}",
+            ]
+            for name, (tuning, ratio) in BASELINES.items()
+            for d in [ds.sel(tuning=tuning, estimate_ratio=ratio)]
+        ),
+    )
+
+
+def main() -> None:
+    """Write every table."""
+    robustness()

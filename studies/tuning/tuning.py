@@ -1,0 +1,220 @@
+"""Default answers: kp, ti and buffer of each preset for the valves that it may meet.
+
+A population of valves, backlash 0 to 15 % and some without any, meets days of every kind.  ``fc.tune`` chooses gains
+for all of them, for a plain PI and for an inverse of 95 %, with no more motor travel than the preset and next to no
+hunting.  Fresh valves and fresh days say what that is worth, beside the preset, SIMC on each valve and the best plain
+PI of a valve with 7 %.  Run with ``python -m studies tuning``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.design.tuning.intervals import with_intervals
+from fastcoil.design.tuning.measures import Measure
+from fastcoil.design.tuning.result import Tuning
+from fastcoil.design.tuning.simc import own_gains
+from fastcoil.design.tuning.space import space_of
+from fastcoil.design.tuning.split import Group
+from fastcoil.model.metric_table import WARM_UP
+from fastcoil.study.analysis.shares import share_of
+from studies.common import write_table
+from studies.days import HEATING, kinds, of_kind, settings
+from studies.robustness.best_pi import best_gains
+
+VALVES, FRESH_VALVES = 180, 96
+GOOD = 12
+"""One valve of so many has no backlash."""
+LARGEST = 0.15
+NOISE = 0.02
+"""Measurement noise, K."""
+SEARCH_DAYS, HOLDOUT_DAYS, FRESH_DAYS = (5101, 5102), (5201, 5202, 5203), (5301, 5302, 5303)
+SEARCH = {"kp": (0.003, 0.4), "ti": (5.0, 600.0), "buffer": (0.0, 0.01)}
+HUNTING = 0.05
+"""Largest share of valves and days that may hunt."""
+EVALUATIONS = 160
+RATIO = 0.95
+"""Estimate over backlash of the inverse."""
+
+
+OWN, SIMC, BEST, PI, INVERSE = "preset", "SIMC", "best PI of 7 %", "tuned PI", "tuned 95 % inverse"
+KEPT = ("rmse", "motor_travel", "hunts", "status")
+
+
+class Case(NamedTuple):
+    """A preset in cooling or heating."""
+
+    preset: str
+    heating: bool
+
+    @property
+    def words(self) -> str:
+        return f"`{self.preset}`, heating" if self.heating else f"`{self.preset}`"
+
+    @property
+    def kinds(self) -> list[str]:
+        return [kind for kind in kinds() if (kind == HEATING) == self.heating]
+
+    def loop(self, size: int, seed: int) -> fc.Loop:
+        """A population of the preset."""
+        drawn = np.random.default_rng([seed, size]).uniform(0.0, LARGEST, size)
+        drawn[::GOOD] = 0.0
+        loop = fc.Loop.preset(self.preset).assign(noise_std=NOISE, backlash=("sample", drawn))
+        return loop.assign(**settings(self.kinds[0]))
+
+    def days(self, seeds: Sequence[int]) -> fc.Boundary:
+        """A day of every kind for each seed."""
+        parts = [of_kind(kind, [seed + 100_000 * k for seed in seeds]) for k, kind in enumerate(self.kinds)]
+        series = {name: np.concatenate([part.series[name] for part in parts]) for name in parts[0].series}
+        return fc.Boundary(**series, day=np.concatenate([part.day for part in parts]))
+
+
+CASES = (*(Case(preset, False) for preset in ("paper_like", "paper_like_fast", "lbnl", "g36")), Case("lbnl", True))
+
+
+def tuned(case: Case) -> tuple[Tuning, Tuning]:
+    """Gains and buffer for the population: of a plain PI, and of an inverse that travels no more than the preset."""
+    loop, limits = case.loop(VALVES, 1), {"motor_travel": "now", "hunts": (HUNTING, "mean")}
+    found: list[Tuning] = []
+    for ratio in (0.0, RATIO):
+        found.append(
+            fc.tune(
+                loop.assign(estimate_ratio=ratio), case.days(SEARCH_DAYS), search=SEARCH, limits=limits,
+                holdout=case.days(HOLDOUT_DAYS), evaluations=EVALUATIONS,
+            )
+        )  # fmt: skip
+        limits["motor_travel"] = found[0].limits[0].most
+    return found[0], found[1]
+
+
+def rivals(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, xr.Dataset], dict[str, str]]:
+    """Every tuning on valves and days that none of them has seen: results by kind of day, and the settings in words."""
+    fresh = case.loop(FRESH_VALVES, 2)
+    simc = own_gains(Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), space_of(SEARCH, fresh), WARM_UP)
+    best = best_gains(fc.Loop.preset(case.preset).assign(noise_std=NOISE, backlash=0.07), case.kinds)
+    loops = {
+        OWN: fresh,
+        SIMC: fresh.assign(**{name: ("sample", values) for name, values in simc.items()}),
+        BEST: fresh.assign(kp=float(best.kp), ti=float(best.ti)),
+        PI: fresh.assign(**pi.parameters),
+        INVERSE: fresh.assign(estimate_ratio=RATIO, **inverse.parameters),
+    }
+    words = {
+        name: ", ".join(f"{float(np.median(np.asarray(loop[n]))):.3g}" for n in ("kp", "ti"))
+        + f", {100 * float(loop['buffer']):.2g}"  # type: ignore[arg-type]
+        for name, loop in loops.items()
+    }
+    found = {}
+    for kind in case.kinds:
+        days = of_kind(kind, FRESH_DAYS)
+        each = [fc.simulate(loop, days)[list(KEPT)].reset_coords(drop=True) for loop in loops.values()]
+        ds = xr.concat(each, xr.DataArray(list(loops), dims="tuning", name="tuning"))
+        found[kind] = ds.assign_coords(backlash=("sample", np.asarray(fresh["backlash"])))
+    return found, words
+
+
+def answers(case: Case, found: dict[str, xr.Dataset], settings_of: dict[str, str]) -> list[list[str]]:
+    """A row for each tuning: what it does on fresh valves and days of all kinds together."""
+    ds = xr.concat(list(found.values()), "day").transpose("tuning", "day", "sample")
+    measures = [Measure("rmse", 0.95), Measure("motor_travel", 0.95), Measure("hunts", None)]
+    cases = {m.metric: ds[m.metric].values[..., None] for m in measures}
+    table = with_intervals(cases, measures, [str(t) for t in ds.tuning.values], 0)
+    most = float(table.motor_travel_p95.sel(tuning=OWN, edge="value"))
+    rows = []
+    for tuning in map(str, ds.tuning.values):
+        at = table.sel(tuning=tuning)
+        change = (100 * at.change).values
+        keeps = float(at.motor_travel_p95[0]) <= most and float(at.hunts_mean[0]) <= HUNTING
+        good = ds.rmse.isel(sample=(ds.backlash == 0.0).values)
+        rows.append(
+            [
+                case.words,
+                tuning,
+                settings_of[tuning],
+                "{:.3f} ({:.3f} to {:.3f})".format(*at.rmse_p95.values),
+                "—" if tuning == OWN else "{:+.0f} % ({:+.0f} to {:+.0f})".format(*change),
+                f"{Measure('rmse', 0.95).of(good.sel(tuning=tuning).values.ravel()):.3f}",
+                "{:.1f} ({:.1f} to {:.1f})".format(*at.motor_travel_p95.values),
+                "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * at.hunts_mean.values)),
+                "yes" if keeps else "no",
+            ]
+        )
+    return rows
+
+
+def paired(ds: xr.Dataset, tuning: str) -> tuple[float, float, float]:
+    """Mean change of RMSE against the preset, per cent, with its interval over valves and days."""
+    with_presets = ds.sel(tuning=[OWN, tuning])
+    found = fc.compare(with_presets, baseline={"tuning": OWN}, over=["sample", "day"], metrics="rmse", relative=True)
+    mean, low, high = (100 * float(found.rmse.sel(tuning=tuning, statistic=s)) for s in ("mean", "low", "high"))
+    return mean, low, high
+
+
+def kind_rows(case: Case, found: dict[str, xr.Dataset]) -> list[list[str]]:
+    """A row for each kind of day: every tuning against the preset."""
+    rows = []
+    for kind, ds in found.items():
+        cells = []
+        for tuning in (SIMC, BEST, PI, INVERSE):
+            mean, low, high = paired(ds, tuning)
+            travel = float(ds.motor_travel.sel(tuning=tuning).mean() / ds.motor_travel.sel(tuning=OWN).mean())
+            cells.append(f"{mean:+.0f} % ({low:+.0f} to {high:+.0f}), × {travel:.2f}")
+        rows.append([case.words, kind, f"{float(ds.rmse.sel(tuning=OWN).mean()):.3f}", *cells])
+    return rows
+
+
+def failures(case: Case, found: dict[str, xr.Dataset]) -> list[list[str]]:
+    """Where a tuning does worse than the preset, or hunts, good valves on their own."""
+    rows = []
+    for kind, ds in found.items():
+        groups = {"all": ds, "X = 0": ds.isel(sample=(ds.backlash == 0.0).values)}
+        for tuning in (SIMC, BEST, PI, INVERSE):
+            for words, group in groups.items():
+                mean, low, high = paired(group, tuning)
+                hunting = share_of(group.hunts.sel(tuning=tuning))
+                if low > 0.0 or hunting.low > HUNTING:
+                    cells = [f"{mean:+.0f} % ({low:+.0f} to {high:+.0f})", str(hunting)]
+                    rows.append([case.words, kind, tuning, words, *cells])
+    return rows
+
+
+def main() -> None:
+    """Tune every case and write the tables."""
+    in_all: list[list[str]] = []
+    by_kind: list[list[str]] = []
+    failed: list[list[str]] = []
+    for case in CASES:
+        pi, inverse = tuned(case)
+        found, words = rivals(case, pi, inverse)
+        in_all += answers(case, found, words)
+        by_kind += kind_rows(case, found)
+        failed += failures(case, found)
+        print(f"tuned {case.words}", *pi.notes, *inverse.notes, sep="\n  ", flush=True)
+    fresh = f"{FRESH_VALVES} fresh valves, {len(FRESH_DAYS)} fresh days of each kind"
+    write_table(
+        "tuning/tuning_failures",
+        "Where a tuning fails: RMSE above that of the preset beyond chance, or more than "
+        f"{100 * HUNTING:.0f} % hunting; {fresh}",
+        ["loop", "days", "tuning", "valves", "change of RMSE (95 %)", "hunting (95 %)"],
+        failed,
+    )
+    write_table(
+        "tuning/tuning",
+        f"Default answers, chosen on {VALVES - VALVES // 3} valves of 0 to {100 * LARGEST:.0f} % backlash and "
+        f"{len(SEARCH_DAYS)} days of each kind with no more motor travel than the preset; numbers of {fresh}",
+        ["loop", "tuning", "kp in 1/K, ti in s, buffer in %", "RMSE, 95 % quantile, K", "change", "the same, X = 0",
+         "motor travel, 95 % quantile", "hunting", "limits kept"],
+        in_all,
+    )  # fmt: skip
+    write_table(
+        "tuning/tuning_kinds",
+        f"Every tuning against the preset, by kind of day: mean change of RMSE (95 % over valves and days), × motor "
+        f"travel; {fresh}",
+        ["loop", "days", "RMSE of the preset, K", SIMC, BEST, PI, INVERSE],
+        by_kind,
+    )

@@ -1,0 +1,139 @@
+"""Valves whose gap grows, and the sequences of days that stand for a year of their life.
+
+No source gives the rate at which the gap of an HVAC valve grows.  It is chosen by its consequence: under its plain PI,
+if the gap did not change how the stem moves, the gap of a valve would grow by so much in the year.
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.study.file.spec import read_study
+from studies.common import STUDIES
+from studies.days import CONSTANT, HEATING, STEPPED, WEATHER_FILE, of_kind, settings
+from studies.remedies.run import HEATING_GAIN, picked
+from studies.robustness.best_pi import simc_gains
+
+STUDY = STUDIES / "wear" / "wear.toml"
+PI, KNOWN = "pi", "known_once"
+DAYS, HOURS = 24, 12
+"""Days that stand for a year, and the hours of operation of each."""
+DAYS_OF_YEAR = 365
+FAN = (6, 20)
+"""Hours between which the fan of a real day runs."""
+GROWTH = (0.0, 0.01, 0.02, 0.04)
+"""Of the gap in the year, fraction of stroke, as long as it does not feed on itself."""
+LARGEST_RATE = 0.01
+"""That a loop may have."""
+LOOSE, REPAIRED = 2.0, 0.25
+"""What the gap is multiplied by in the second third of the days, after a linkage came loose, and in the last."""
+MONTHLY, REAL = "weather, steps on one day in six", "weather"
+FAST = {"kp": 2.5, "ti": 1.0 / 6.0}
+"""What the gains of every valve are multiplied by, for loops of which many hunt."""
+STEP = 1.0
+"""Of the set-point on a morning of steps, K, up and down every half hour for four hours."""
+
+
+class Sequence(NamedTuple):
+    """Loops, the days they live through, and how the gap changes: by wear, in steps, or there is none."""
+
+    name: str
+    kind: str
+    is_fast: bool
+    in_steps: bool
+    is_good: bool
+    seed: int
+
+
+def sequences(seed: int) -> list[Sequence]:
+    """Every kind of days; ``seed``: of the days."""
+    found = [Sequence(kind, kind, False, False, False, seed) for kind in kinds_here()]
+    found += [Sequence(f"{kind}, fast gains", kind, True, False, False, seed) for kind in (STEPPED, CONSTANT)]
+    stepped = [kind for kind in kinds_here() if kind in (STEPPED, MONTHLY)]
+    found += [Sequence(f"{kind}, loose and repaired", kind, False, True, False, seed) for kind in stepped]
+    return found + [Sequence(f"{kind}, no gap", kind, False, False, True, seed) for kind in kinds_here()]
+
+
+def kinds_here() -> tuple[str, ...]:
+    """The kinds of days; those of weather only where there is a weather file."""
+    weather = (REAL, MONTHLY) if WEATHER_FILE.is_file() else ()
+    return (STEPPED, CONSTANT, *weather, HEATING)
+
+
+@cache
+def controllers() -> dict[str, dict[str, object]]:
+    """Parameters of the study's controllers, and of an inverse that knows the gap of the first day."""
+    own = dict(read_study(STUDY).tables["cases"]["controller"])
+    buffer = {name: value for name, value in own["identify"].items() if name.startswith("buffer")}
+    return {PI: own.pop(PI), KNOWN: {"estimate_ratio": 0.95, **buffer}, **own}
+
+
+@cache
+def valves(size: int | None = None) -> fc.Loop:
+    """The valves of the study under plain PI, without wear; the plant's gain is that of a step of each."""
+    loop = picked(read_study(STUDY).plan.layout.loop, controller=0, sample=slice(0, size)).assign(wear_rate=0.0)
+    return loop.assign(plant_gain=simc_gains(loop, STEPPED).plant_gain)
+
+
+def loops_of(sequence: Sequence, size: int | None = None) -> fc.Loop:
+    """The valves with the gains that the sequence asks for."""
+    loop = valves(size)
+    factors = FAST if sequence.is_fast else {"kp": HEATING_GAIN} if sequence.kind == HEATING else {}
+    changed = {name: xr.DataArray(loop[name]) * factor for name, factor in factors.items()}
+    if sequence.is_good:
+        changed["backlash"] = xr.zeros_like(xr.DataArray(loop["backlash"]))
+    return loop.assign(**changed, **settings(sequence.kind))
+
+
+def growths(loop: fc.Loop) -> xr.DataArray:
+    """What the gap of each valve is to grow by in the year, fraction of stroke: the same share of all sizes."""
+    n = xr.DataArray(loop["backlash"]).sizes["sample"]
+    drawn = np.random.default_rng([7, n]).permutation(n) % len(GROWTH)
+    return xr.DataArray(np.array(GROWTH)[drawn], dims="sample")
+
+
+def rates(growth: xr.DataArray, plain: xr.Dataset) -> xr.DataArray:
+    """Wear of each valve by which its gap grows so far in the year; plain: that year under plain PI, without wear."""
+    return np.minimum(growth / plain.stem_travel.sum("day").clip(1e-3), LARGEST_RATE).reset_coords(drop=True)
+
+
+def days_of(sequence: Sequence, n: int = DAYS) -> fc.Boundary:
+    """The days of a sequence, each of the hours in which the fan runs."""
+    labels = np.arange(sequence.seed, sequence.seed + n)
+    if sequence.kind in (REAL, MONTHLY):
+        days = real_days(labels, sequence.kind == MONTHLY)
+    else:
+        days = of_kind(sequence.kind, labels.tolist(), hours=HOURS)
+    if not sequence.in_steps:
+        return days
+    scale = np.repeat([1.0, LOOSE, REPAIRED], -(-n // 3))[:n, None]
+    return days.assign(backlash_scale=np.broadcast_to(scale, (n, days.n_steps)))
+
+
+def real_year(seed: int, days: list[int] | None = None) -> fc.Boundary:
+    """Days of the weather file with a fixed set-point, of 24 h each; all of the year without ``days``."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return fc.weather_year(
+            WEATHER_FILE, year=2023, set_point="fixed", T_set=13.0, fan_hours=FAN, weekend_fan_hours=FAN, days=days,
+            seed=seed,
+        )  # fmt: skip
+
+
+def real_days(labels: np.ndarray, stepped: bool) -> fc.Boundary:
+    """Days of a year of weather, evenly over it, from the start of the fan to its end."""
+    at = np.linspace(0, DAYS_OF_YEAR, labels.size, endpoint=False).astype(int) + 1 + int(labels[0]) % 7
+    year = real_year(int(labels[0]), at.tolist())
+    hours = slice(FAN[0] * 3600, FAN[1] * 3600)
+    made = [{name: values[hours] for name, values in year.of_day(k).items()} for k in range(labels.size)]
+    series = {name: np.stack([of[name] for of in made]) for name in made[0]}
+    if stepped:
+        first, second = 3 * 3600, np.arange(4 * 3600)
+        series["T_set"][::6, first : first + second.size] += STEP * (second // 1800 % 2)
+    return fc.Boundary(**series, day=labels)

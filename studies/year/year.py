@@ -1,0 +1,157 @@
+"""What backlash costs in a year of weather, what its wear adds, and what an estimator gives back: tables and a figure.
+
+``fastcoil run studies/year/year.toml`` runs the year, ``python -m studies year`` reads it.  Every loop is compared with
+itself with a sound valve under the same controller, and under plain PI.
+"""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.dates import DateFormatter, MonthLocator
+
+import fastcoil as fc
+from fastcoil.base.figures import COLOURS, apply_style
+from fastcoil.study.analysis.pairs import Middle, middle_of
+from fastcoil.study.analysis.shares import share_of
+from studies.common import STUDIES, results, write_table
+
+PI, SOUND = "pi", "sound"
+NAMES = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}
+LEAST = 0.01
+"""Fraction of stroke by which an estimate may always be wrong, and the rise of an error that counts as harm."""
+QUARTER = 91
+"""Days at the end of the year that are counted apart."""
+PARTS = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
+
+
+def money(found: Middle) -> str:
+    """A median and its 95 % interval over the loops."""
+    return f"{found.median:+.1f} ({found.low:+.1f} to {found.high:+.1f})"
+
+
+def cost_rows(ds: xr.Dataset) -> list[list[str]]:
+    """What each valve and controller costs more than the sound valve under plain PI, a year."""
+    costs = fc.cost(ds)
+    base = costs.sel(valve=SOUND, controller=PI, drop=True)
+    rows = []
+    for valve in costs["valve"].values:
+        for controller in costs["controller"].values:
+            if valve == SOUND and controller == PI:
+                continue
+            more = costs.sel(valve=valve, controller=controller, drop=True) - base
+            share = 100.0 * more["yearly_cost"] / base["yearly_cost"]
+            extra = middle_of(more["yearly_cost"])
+            parts = [f"{float(more[f'yearly_{name}'].mean()):+.1f}" for name in PARTS.values()]
+            rows.append(
+                [valve, NAMES[controller], money(extra), f"{extra.q05:+.1f} to {extra.q95:+.1f}"]
+                + [f"{float(share.median()):+.1f} %", *parts]
+            )
+    return rows
+
+
+def valve_rows(ds: xr.Dataset) -> list[list[str]]:
+    """What becomes of gap, estimate, temperature and motor in the year."""
+    on = ds["rmse"].notnull()
+    rows = []
+    for valve in ds["valve"].values:
+        for controller in ds["controller"].values:
+            at = {"valve": valve, "controller": controller}
+            some, days = ds.sel(at), on.sel(at)
+            last = some.isel(day=-1)
+            gap = 100.0 * last["backlash_final"]
+            estimate = "" if controller == PI else f"{100.0 * float(last['estimate_final'].median()):.1f} %"
+            error = np.sqrt((some["rmse_settled"] ** 2).mean("day"))
+            travel = some["motor_travel"].sum("day")
+            hunting = some["hunts"].where(days).mean("day")
+            rows.append(
+                [valve, NAMES[controller], f"{float(gap.median()):.1f} % (to {float(gap.max()):.1f} %)", estimate]
+                + [f"{float(error.median()):.3f} K", f"{100 * float(some['share_off'].mean('day').median()):.0f} %"]
+                + [f"{float(travel.median()):,.0f}", f"{100.0 * float(hunting.mean()):.0f} %"]
+            )
+    return rows
+
+
+def estimate_rows(ds: xr.Dataset) -> list[list[str]]:
+    """How often each estimator is right on the days of operation, and what it does to the error of a loop."""
+    on = ds["rmse"].notnull()
+    error = np.sqrt((ds["rmse"] ** 2).mean("day"))
+    rows = []
+    for valve in ds["valve"].values:
+        for controller in ds["controller"].values:
+            if controller == PI:
+                continue
+            some, days = ds.sel(valve=valve, controller=controller), on.sel(valve=valve, controller=controller)
+            gap = some["backlash_final"]
+            wrong = abs(some["estimate_final"] - gap) > np.maximum(0.2 * gap, LEAST)
+            late = days & xr.DataArray(np.arange(days["day"].size) >= days["day"].size - QUARTER, dims="day")
+            change = error.sel(valve=valve, controller=controller) / error.sel(valve=valve, controller=PI) - 1.0
+            rows.append(
+                [valve, NAMES[controller], str(share_of(wrong, days)), str(share_of(wrong, late))]
+                + [f"{int((wrong & days).any('day').sum())} of {change.size}"]
+                + [f"{100.0 * float(change.median()):+.1f} %", str(share_of(change > LEAST))]
+            )
+    return rows
+
+
+@apply_style()
+def figure(ds: xr.Dataset) -> None:
+    """Gap and estimate over the year, and what the gap costs by month."""
+    costs = fc.cost(ds)
+    valves = [v for v in ds["valve"].values if v != SOUND]
+    fig, axes = plt.subplots(2, len(valves), figsize=(7.2, 4.6), sharey="row", layout="constrained")
+    start = ds["start"].values
+    for column, valve in zip(axes.T, valves, strict=True):
+        top, bottom = column
+        for k, controller in enumerate(ds["controller"].values):
+            some = ds.sel(valve=valve, controller=controller)
+            label, color = NAMES[controller], COLOURS[k]
+            gap = 100.0 * some["backlash_final"].median("sample")
+            top.plot(start, gap, color=color, lw=1.2, label=f"gap, {label}")
+            if controller != PI:
+                low, middle, high = (100.0 * some["estimate_final"]).quantile([0.1, 0.5, 0.9], "sample").values
+                top.plot(start, middle, color=color, lw=1.2, ls="--", label=f"estimate, {label}")
+                top.fill_between(start, low, high, color=color, alpha=0.15, lw=0)
+            month = costs["cost"].sel(valve=valve, controller=controller)
+            more = (month - costs["cost"].sel(valve=SOUND, controller=PI)).mean("sample")
+            bottom.plot(np.arange(1, more.size + 1), more.cumsum(), color=color, label=label)
+        top.set_title(f"{valve}, {100 * float(ds['backlash'].sel(valve=valve)):g} % in January")
+        top.xaxis.set_major_locator(MonthLocator((1, 5, 9)))
+        top.xaxis.set_major_formatter(DateFormatter("%b"))
+        bottom.set_xticks([1, 5, 9])
+        bottom.set_xlabel("month")
+    axes[0, 0].set_ylabel("backlash, % of stroke")
+    axes[1, 0].set_ylabel("paid more than with a\nsound valve so far, USD")
+    axes[0, 0].legend(fontsize=6)
+    axes[1, 0].legend(fontsize=6)
+    fig.savefig(STUDIES / "year" / "year.png", dpi=150)
+    plt.close(fig)
+
+
+def main() -> None:
+    """Write the tables and the figure."""
+    ds = results("year")
+    write_table(
+        "year/year_cost",
+        "What a loop costs in the year more than the same loop with a sound valve under plain PI, USD: median (95 % "
+        "interval of the median), 5 to 95 % of the loops, share of the bill, and the mean of its parts",
+        ["valve", "controller", "more", "5 to 95 %", "of the bill", *PARTS],
+        cost_rows(ds),
+    )
+    write_table(
+        "year/year_valve",
+        "The same loops: gap at the end of the year (median, largest), estimate then (median), settled RMS error and "
+        "time off the set-point (medians of the loops), motor travel in the year (median), days on which they hunt",
+        ["valve", "controller", "gap", "estimate", "settled error", "off by 0.5 K", "strokes", "hunts"],
+        valve_rows(ds),
+    )
+    write_table(
+        "year/year_estimate",
+        "Estimates at the end of a day of operation, wrong by more than 20 % of the gap and 1 % of stroke: share of "
+        "the days, of those of the last quarter, loops with such a day; RMS error of the year against plain PI: median "
+        "of the loops, and loops in which it is more than 1 % higher (95 % intervals)",
+        ["valve", "controller", "wrong", "at last", "loops ever wrong", "RMS error", "harmed"],
+        estimate_rows(ds),
+    )
+    figure(ds)
