@@ -6,14 +6,16 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import xarray as xr
+from matplotlib.figure import Figure
 
 import fastcoil as fc
 
 STUDIES = Path(__file__).parent
 RESULTS = STUDIES.parent / "results"
-TABLES = STUDIES
-"""Where ``FOLDER/tables/NAME.md`` are written."""
+WRITTEN = STUDIES
+"""Where tables and figures are written, each in the folder of its question."""
 PAGES = STUDIES.parent / "docs"
 
 
@@ -39,7 +41,7 @@ def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Itera
     """Write the table ``FOLDER/NAME`` to ``FOLDER/tables/NAME.md``, and into every page that quotes it by NAME."""
     folder, name = name.split("/")
     text = f"**{title}**\n\n{markdown(head, rows)}"
-    path = TABLES / folder / "tables" / f"{name}.md"
+    path = WRITTEN / folder / "tables" / f"{name}.md"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     for page in PAGES.glob("*.md"):
@@ -47,6 +49,15 @@ def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Itera
         new = quoting(old, name, text)
         if new != old:
             page.write_text(new, encoding="utf-8")
+    print(path)
+
+
+def save_figure(figure: Figure, name: str, dpi: int = 150) -> None:
+    """Write the figure ``FOLDER/NAME.png`` and close it."""
+    path = WRITTEN / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=dpi)
+    plt.close(figure)
     print(path)
 
 

@@ -23,7 +23,7 @@ from studies.buffer.rule import (
 )
 from studies.buffer.run import SHARES, SIZES, SWINGS, Runs
 from studies.buffer.upper import SEEN
-from studies.common import STUDIES
+from studies.common import save_figure
 from studies.remedies.tables import pooled
 
 TIMES = {1.0: (BLUE, "o"), 5.0: (RED, "s"), 30.0: (YELLOW, "^")}
@@ -41,10 +41,7 @@ def draw(runs: Runs) -> None:
     _turns(panels[0], runs)
     _swings(panels[1], runs)
     _costs(panels[2], runs)
-    path = STUDIES / "buffer" / "buffer.png"
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-    print(path)
+    save_figure(figure, "buffer/buffer.png")
 
 
 def _turns(panel: Axes, runs: Runs) -> None:

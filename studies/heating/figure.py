@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 import fastcoil as fc
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from studies.common import STUDIES
+from studies.common import save_figure
 
 COLOURS = {"heating": BLUE, "heating_45": RED}
 STYLES = {"heating": "-", "heating_45": "--"}
@@ -92,5 +92,4 @@ def draw(conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], at: in
     _rest(panels[0])
     _steps(panels[1], conditions, at, size)
     _worn(panels[2])
-    figure.savefig(STUDIES / "heating" / "heating.png", dpi=200)
-    plt.close(figure)
+    save_figure(figure, "heating/heating.png", dpi=200)

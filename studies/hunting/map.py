@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 from fastcoil.study.file.spec import read_study
-from studies.common import STUDIES, results, write_table
+from studies.common import STUDIES, results, save_figure, write_table
 from studies.hunting.loops import hunting
 from studies.hunting.plants import foreseen
 from studies.hunting.rules import Rule, counted
@@ -87,10 +87,7 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
                plt.Line2D([], [], color="0.6", lw=0.9)]  # fmt: skip
     names = [f"margin {rules[0].limit:g}", f"{rules[1].name} = {rules[1].limit:g}", "period"]
     figure.legend(handles, names, loc="outside upper center", ncols=3)
-    path = STUDIES / "hunting" / "hunting.png"
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-    print(path)
+    save_figure(figure, "hunting/hunting.png")
 
 
 @apply_style()
@@ -127,10 +124,7 @@ def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> Non
             axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
             axis.set_minor_formatter(NullFormatter())
     panels[0].legend(loc="lower left", markerscale=2)
-    path = STUDIES / "hunting" / "hunting_population.png"
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-    print(path)
+    save_figure(figure, "hunting/hunting_population.png")
 
 
 def _two(panel: Axes, x: np.ndarray, y: np.ndarray, hunts: np.ndarray) -> None:

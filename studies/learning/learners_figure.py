@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
 from fastcoil.study.analysis.shares import Share, share_of
-from studies.common import STUDIES
+from studies.common import save_figure
 from studies.learning.learners_run import HARM, KNOWN, WORSE, Run, controllers, fails, harmed
 from studies.learning.learners_tables import LABELS
 
@@ -47,10 +47,7 @@ def draw(runs: list[Run]) -> None:
         for panel in panels:
             panel.axhline(len(worn) - 0.5, color="0.4", lw=0.8)
     figure.legend(*panels[1].get_legend_handles_labels(), loc="outside lower center", ncols=len(shown))
-    path = STUDIES / "learning" / "learners.png"
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-    print(path)
+    save_figure(figure, "learning/learners.png")
 
 
 def _note(panel: Axes, row: int, least: float) -> None:

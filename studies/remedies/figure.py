@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from studies.common import STUDIES
+from studies.common import save_figure
 from studies.days import STEPPED
 from studies.remedies.front import front, others
 from studies.remedies.run import SIMC
@@ -63,10 +63,7 @@ def draw(own: dict[str, xr.Dataset], by_simc: dict[str, xr.Dataset]) -> None:
     panels[0].set_ylabel("RMSE, mean change against the best PI [%]")
     panels[0].yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:+.0f}" if y else "0"))
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    path = STUDIES / "remedies" / "remedies.png"
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-    print(path)
+    save_figure(figure, "remedies/remedies.png")
 
 
 def _curves(panel: Axes, own: dict[str, xr.Dataset], some: list[str]) -> None:

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from studies.common import STUDIES
+from studies.common import save_figure
 from studies.days import CONSTANT, STEPPED
 from studies.wear.detect import AT_ONCE, BEFORE, DAYS, HOURS, Estimates, alarms, threshold_of
 from studies.wear.run import Run
@@ -31,10 +31,7 @@ def draw(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
     _grows(panels[0], by_name[STEPPED])
     _loose(panels[1], by_name[f"{STEPPED}, loose and repaired"])
     _noticed(panels[2], chosen_on, fresh)
-    path = STUDIES / "wear" / "wear.png"
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-    print(path)
+    save_figure(figure, "wear/wear.png")
 
 
 def _months(n: int) -> np.ndarray:

@@ -15,7 +15,7 @@ import fastcoil as fc
 from fastcoil.base.figures import COLOURS, apply_style
 from fastcoil.study.analysis.pairs import Middle, middle_of
 from fastcoil.study.analysis.shares import share_of
-from studies.common import STUDIES, results, write_table
+from studies.common import results, save_figure, write_table
 
 PI, SOUND = "pi", "sound"
 NAMES = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}
@@ -125,8 +125,7 @@ def figure(ds: xr.Dataset) -> None:
     axes[1, 0].set_ylabel("paid more than with a\nsound valve so far, USD")
     axes[0, 0].legend(fontsize=6)
     axes[1, 0].legend(fontsize=6)
-    fig.savefig(STUDIES / "year" / "year.png", dpi=150)
-    plt.close(fig)
+    save_figure(fig, "year/year.png")
 
 
 def main() -> None:

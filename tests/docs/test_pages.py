@@ -15,6 +15,7 @@ from click.testing import CliRunner
 import fastcoil as fc
 from fastcoil.cli.main import main
 from fastcoil.study.file.spec import read_study
+from studies.__main__ import questions
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -157,6 +158,8 @@ def command_problem(program, words, targets):
     """What is wrong with a command, or None."""
     if program == "make":
         return None if words and words[0] in targets else f"make has no {words}"
+    if (program, *words[:2]) == ("python", "-m", "studies"):
+        return None if set(words[2:]) <= {*questions(), "NAME"} else f"no study {words[2:]}"
     if program == "python":
         return None if words[0] in MADE or (ROOT / words[0]).is_file() else f"no {words[0]}"
     if program != "fastcoil":

@@ -39,7 +39,7 @@ def small(tmp_path_factory):
 @pytest.fixture
 def written(monkeypatch, tmp_path):
     """Have tables written elsewhere; return a function that reads one: title, then rows of cells, head first."""
-    monkeypatch.setattr(report, "TABLES", tmp_path / "studies")
+    monkeypatch.setattr(report, "WRITTEN", tmp_path / "studies")
     monkeypatch.setattr(report, "PAGES", tmp_path / "docs")
 
     def written(name):

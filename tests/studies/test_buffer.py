@@ -152,9 +152,8 @@ def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
     monkeypatch.setattr(kinds, "HOURS", 2)
     monkeypatch.setattr(buffer_run, "STILL_HOURS", 4)
     monkeypatch.setattr(buffer, "kinds", lambda: (kinds.CONSTANT, kinds.HEATING))
-    monkeypatch.setattr("studies.buffer.figure.STUDIES", tmp_path)
     buffer.main(12)
-    assert (tmp_path / "buffer.png").is_file()
+    assert (tmp_path / "studies" / "buffer" / "buffer.png").is_file()
     _, (head, *rows) = written("buffer_rules")
     assert [row[0] for row in rows] == list(buffer_run.RULES)
     assert rows[0][head.index("RMSE")] == "0"

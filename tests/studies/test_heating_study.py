@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from studies.common import TABLES
+from studies.common import STUDIES
 from studies.heating import backlash as heating_backlash
 from studies.heating import heating
 
@@ -35,7 +35,7 @@ def test_a_response_has_the_overshoot_and_the_settling_time_of_its_trace():
 
 
 def test_the_presets_have_the_gains_that_the_study_chose():
-    text = (TABLES / "heating_choice.md").read_text()
+    text = (STUDIES / "heating" / "tables" / "heating_choice.md").read_text()
     (chosen,) = [line for line in text.splitlines() if line.endswith("| chosen |")]
     kp, ti = (float(cell) for cell in chosen.split("|")[1:3])
     for name in heating_backlash.PRESETS:

@@ -261,13 +261,12 @@ def test_a_population_is_that_of_single_simulations():
 def test_the_command_writes_every_table_and_figure(written, tmp_path, monkeypatch):
     study = tmp_path / "hunting.toml"
     study.write_text(hunting_map.STUDY.read_text().replace(", 34]", ", 6]"))
-    monkeypatch.setattr(hunting_map, "STUDIES", tmp_path)
     monkeypatch.setattr(hunting_map, "STUDY", study)
     monkeypatch.setattr(hunting_map, "results", lambda name: fc.run_study(study, tmp_path / name))
     monkeypatch.setattr(hunting_parts, "CHANGES", {"as it is: x": {}, "ti × 2": {"ti": 2.0}})
     hunting.main(8, 2)
-    names = sorted(path.stem for path in report.TABLES.glob("*.md"))
+    names = sorted(path.stem for path in report.WRITTEN.glob("*/tables/*.md"))
     assert names == sorted(path.stem for path in (report.STUDIES / "hunting" / "tables").glob("hunting*.md"))
     assert all(len(written(name)[1]) > 1 for name in names)
     for name in ("hunting", "hunting_population"):
-        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+        assert (tmp_path / "studies" / "hunting" / f"{name}.png").stat().st_size > 20_000

@@ -192,10 +192,9 @@ def test_the_table_of_costs_holds_what_plain_python_finds(runs, written):
                 assert cells["right since, median"] == f"{since[(len(since) - 1) // 2]:.1f} h"
 
 
-def test_the_figure_is_drawn(runs, monkeypatch, tmp_path):
-    monkeypatch.setattr(learners_figure, "STUDIES", tmp_path)
+def test_the_figure_is_drawn(runs, written, tmp_path):
     learners_figure.draw(runs)
-    assert (tmp_path / "learners.png").stat().st_size > 20_000
+    assert (tmp_path / "studies" / "learning" / "learners.png").stat().st_size > 20_000
 
 
 @pytest.mark.full
@@ -204,8 +203,7 @@ def test_the_command_writes_every_table_and_the_figure(written, monkeypatch, tmp
     monkeypatch.setattr(learners_conditions, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
     for days in ("LOOP_DAYS", "VALVE_DAYS"):
         monkeypatch.setattr(learners_conditions, days, [1, 2])
-    monkeypatch.setattr(learners_figure, "STUDIES", tmp_path)
     learners.main(2)
     names = ("failures", "twenty", "worse", "good", "cost", "cost_morning")
     assert all(len(written(f"learners_{name}")[1]) > 3 for name in names)
-    assert (tmp_path / "learners.png").stat().st_size > 20_000
+    assert (tmp_path / "studies" / "learning" / "learners.png").stat().st_size > 20_000

@@ -12,7 +12,6 @@ from scipy import stats
 
 import fastcoil as fc
 from studies import days as kinds
-from studies.remedies import figure as remedies_figure
 from studies.remedies import found as remedies_found
 from studies.remedies import front as remedies_front
 from studies.remedies import remedies
@@ -29,7 +28,6 @@ DAYS = [2, 3]
 def short(monkeypatch, tmp_path):
     """Short days, few gains, two kinds of days, no figure in the repository."""
     monkeypatch.setattr(kinds, "HOURS", 2)
-    monkeypatch.setattr(remedies_figure, "STUDIES", tmp_path)
     for module in (remedies_run, remedies_front):
         monkeypatch.setattr(module, "GRID", SMALL_GRID)
     monkeypatch.setattr(remedies_run, "SEARCH_DAYS", [1])
@@ -263,4 +261,4 @@ def test_the_command_writes_every_table_and_the_figure(short, written, tmp_path,
     remedies.main(2)
     names = ["remedies", "remedies_simc", "remedies_tuned", "remedies_choice", "remedies_found", "remedies_valves"]
     assert all(len(written(name)[1]) > 3 for name in names)
-    assert (tmp_path / "remedies.png").stat().st_size > 20_000
+    assert (tmp_path / "studies" / "remedies" / "remedies.png").stat().st_size > 20_000

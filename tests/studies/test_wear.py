@@ -199,7 +199,6 @@ def noticed():
 
 
 def test_the_tables_hold_what_plain_python_finds(runs, noticed, written, monkeypatch, tmp_path):
-    monkeypatch.setattr(wear_figure, "STUDIES", tmp_path)
     wear_tables.write(runs, noticed, noticed)
     run = runs[0]
     ds = run.ds
@@ -230,4 +229,4 @@ def test_the_tables_hold_what_plain_python_finds(runs, noticed, written, monkeyp
     assert {row[1] for row in found} == {"0.5 %"}
     assert all(row[2].startswith("0 %") and row[4].startswith("100 %") for row in found)
     wear_figure.draw(runs, noticed, noticed)
-    assert (tmp_path / "wear.png").stat().st_size > 10_000
+    assert (tmp_path / "studies" / "wear" / "wear.png").stat().st_size > 10_000

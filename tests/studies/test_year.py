@@ -51,10 +51,9 @@ def test_rows_compare_each_loop_with_its_own_sound_valve(ds):
 @pytest.mark.kernel
 def test_the_tables_and_the_figure_are_written(ds, written, monkeypatch, tmp_path):
     monkeypatch.setattr(year, "results", lambda name: ds)
-    monkeypatch.setattr(year, "STUDIES", tmp_path)
     year.main()
     head, *rows = written("year_valve")[1]
     assert len(rows) == 12
     assert all(len(row) == len(head) for row in rows)
     assert [row[0] for row in rows[:3]] == ["sound"] * 3
-    assert (tmp_path / "year.png").stat().st_size > 10_000
+    assert (tmp_path / "studies" / "year" / "year.png").stat().st_size > 10_000
