@@ -7,6 +7,7 @@ import pytest
 from helpers.made_weather import made_weather
 
 import fastcoil as fc
+from studies.common import study_file
 from studies.year import year
 
 DAYS = [2, 3, 4]
@@ -18,7 +19,7 @@ def ds(tmp_path_factory):
     """Three hot days of the study with four loops."""
     folder = tmp_path_factory.mktemp("year")
     weather = made_weather(folder, lambda h: 27.0 + 4.0 * np.sin(2.0 * np.pi * (h - 9.0) / 24.0), T_dew=12.0)
-    text = (year.STUDIES / "year" / "year.toml").read_text()
+    text = study_file("year").read_text()
     for long, short in ((r"size = \d+", "size = 4"), ('path = ".*"', f'path = "{weather.name}"\ndays = {DAYS}')):
         text = re.sub(long, short, text)
     (folder / "year.toml").write_text(text)
