@@ -11,7 +11,7 @@ from conftest import Timed
 from helpers.browsers import chromium, exploring, settled, why_no_browser
 from suite import QUICK
 
-from fastcoil.deliver.explore.model.model import Model
+from fastcoil.deliver.explore.loop import Model
 
 GAPS, NOISES = 31, 11
 """Steps of two sliders."""

@@ -68,7 +68,7 @@ def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> 
 @click.option("--bibtex", "as_bibtex", is_flag=True, help="BibTeX instead of plain text.")
 def cite(folder: Path | None, as_bibtex: bool) -> None:
     """Print how to cite fastcoil and the paper, and with FOLDER its results and the version that made them."""
-    from fastcoil.deliver.report.citation import bibtex, citation
+    from fastcoil.deliver.report.computed import bibtex, citation
 
     results = None
     if folder is not None:
@@ -171,9 +171,8 @@ def export_table(
 
     by: sampled parameters whose groups are the rows of a LaTeX table.
     """
-    from fastcoil.deliver.tables.tidy import check_metrics
-    from fastcoil.study.analysis.binned import binned
-    from fastcoil.study.analysis.selected import in_words, selected
+    from fastcoil.deliver.tables import check_metrics
+    from fastcoil.study.analysis.selected import binned, in_words, selected
     from fastcoil.study.folder.results import open_results
 
     format, labels = _format(formats, by), all_labels_of(at)
@@ -232,10 +231,7 @@ def _format(formats: Sequence[str], by: Sequence[str]) -> str:
 
 def _write(format: str, ds: xr.Dataset, target: Path, metrics: tuple[str, ...]) -> str:
     """Write the file; return a description of its content."""
-    from fastcoil.deliver.tables.csv import write_csv
-    from fastcoil.deliver.tables.latex import write_latex
-    from fastcoil.deliver.tables.parquet import write_parquet
-    from fastcoil.deliver.tables.tidy import Tidy
+    from fastcoil.deliver.tables import Tidy, write_csv, write_latex, write_parquet
 
     if format == "latex":
         write_latex(ds, target, metrics)

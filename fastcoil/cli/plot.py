@@ -108,7 +108,7 @@ def plot(
 def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
     """Figures by file name; empty if nothing is swept."""
     from fastcoil.deliver.figures import study as plots
-    from fastcoil.deliver.figures.page import Page, control_dims, rows_of
+    from fastcoil.deliver.figures.study import Page, control_dims, rows_of
 
     part = _part(ds, asked)
     if asked.x is None:
@@ -133,10 +133,8 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
 
 def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
     """The part of the results to draw, with a title that describes it."""
-    from fastcoil.study.analysis.binned import binned, drawn_parameters
-    from fastcoil.study.analysis.panels import numeric_dims
-    from fastcoil.study.analysis.relative import relative_to
-    from fastcoil.study.analysis.selected import case_of, in_words, selected
+    from fastcoil.study.analysis.paired import relative_to
+    from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, numeric_dims, selected
 
     part, words = selected(ds, asked.at), [str(ds.attrs.get("title", ""))]
     if asked.at:

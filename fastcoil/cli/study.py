@@ -176,7 +176,7 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
 @click.option("--quick", is_flag=True, help="A few tunings and days only; not for quotation.")
 def paper(out: Path, jobs: int | None, quick: bool) -> None:
     """Reproduce the paper's simulated figures, with a scorecard of where its claims hold."""
-    from fastcoil.study.paper.regenerate import regenerate
+    from fastcoil.deliver.report.regenerate import regenerate
 
     announce_compilation()
     verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, report=lambda line: say(line, err=True))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.buffer.rule import LOWER_SCALE, PER_HOUR, mean_range, noise_factor
 from studies.buffer.run import ALLOWED, SIZES, Runs, Valves
 from studies.common import write_table

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.buffer.lower import NEAR, across
 from studies.buffer.rule import UPPER_SCALE, cycle, frequency, phase, swing_per_buffer
 from studies.buffer.run import SHARES, SWINGS, Runs, Valves

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import xarray as xr
 
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
 from studies.cost.bills import (
     AIR,

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.measured.diagnosis.identify import GOOD, TOLERANCE, identify_backlash
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
 from studies.days import STEPPED
 from studies.diagnosis.logs import (

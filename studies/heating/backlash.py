@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
 from studies.days import HEATING, OUTDOOR_AIR, WEATHER_FILE, of_kind
 from studies.inverse.conditions import GROWING

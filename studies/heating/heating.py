@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
 from studies.heating.backlash import PRESETS, write_backlash
 from studies.heating.figure import draw

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.study.analysis.shares import mean_of, share_of
+from fastcoil.study.analysis.paired import mean_of, share_of
 from studies.common import write_table
 from studies.hunting.loops import OPERATING, acting, conditions, joined, valves
 from studies.hunting.plants import foreseen

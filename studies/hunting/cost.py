@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.study.analysis.shares import mean_of, share_of
+from fastcoil.study.analysis.paired import mean_of, share_of
 from studies.common import write_table
 from studies.days import CONSTANT, DESIGN, HEATING, kinds, of_kind
 from studies.hunting.loops import acting, valves

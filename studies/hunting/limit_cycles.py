@@ -21,7 +21,7 @@ from fastcoil.design.theory import cycles
 from fastcoil.design.theory.cycles import Cycles, cycles_of
 from fastcoil.design.theory.operating_points import OperatingPoints
 from fastcoil.design.theory.plants import OPENINGS, Plants, plants_of
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
 from studies.days import HEATING, kinds, of_kind, settings
 from studies.hunting.limit_cycles_drawn import POPULATIONS, constant_days, drawn, textbook

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
-from fastcoil.study.analysis.shares import Share, share_of
+from fastcoil.study.analysis.paired import Share, share_of
 from studies.common import save_figure
 from studies.learning.learners_run import HARM, KNOWN, WORSE, Run, controllers, fails, harmed
 from studies.learning.learners_tables import LABELS

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.study.analysis.shares import Share, share_of
+from fastcoil.study.analysis.paired import Share, share_of
 from fastcoil.study.file.spec import read_study
 from studies.days import HEATING, STEPPED
 from studies.learning.learners_conditions import GOOD, STUDY, Condition, conditions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
 from studies.days import STEPPED
 from studies.learning.learners_conditions import LABELS as OF_KINDS

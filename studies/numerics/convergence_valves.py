@@ -10,7 +10,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.model.moist_air import humidity_ratio
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
 from studies.days import HEATING, WEATHER_FILE, kinds, of_kind, settings
 from studies.hunting.loops import acting, valves

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 import fastcoil as fc
-from fastcoil.study.paper.kinds import KINDS, T_SET, Days, replaced, stepped
-from fastcoil.study.paper.regenerate import regenerate
+from fastcoil.deliver.report.regenerate import regenerate
+from fastcoil.study.paper.grid import KINDS, T_SET, Days, replaced, stepped
 from studies.common import RESULTS, write_table
 from studies.days import SUMMER, WEATHER_FILE
 

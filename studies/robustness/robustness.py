@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xarray as xr
 
-from fastcoil.study.analysis.baselines import best_plain_pi
+from fastcoil.study.analysis.summary import best_plain_pi
 from studies.common import results, write_table
 
 

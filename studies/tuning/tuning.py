@@ -22,7 +22,7 @@ from fastcoil.design.tuning.simc import own_gains
 from fastcoil.design.tuning.space import space_of
 from fastcoil.design.tuning.split import Group
 from fastcoil.model.metric_table import WARM_UP
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
 from studies.days import HEATING, kinds, of_kind, settings
 from studies.robustness.best_pi import best_gains

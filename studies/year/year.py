@@ -13,8 +13,7 @@ from matplotlib.dates import DateFormatter, MonthLocator
 
 import fastcoil as fc
 from fastcoil.base.figures import COLOURS, apply_style
-from fastcoil.study.analysis.pairs import Middle, middle_of
-from fastcoil.study.analysis.shares import share_of
+from fastcoil.study.analysis.paired import Middle, middle_of, share_of
 from studies.common import results, save_figure, write_table
 
 PI, SOUND = "pi", "sound"

@@ -11,9 +11,9 @@ import pytest
 from fastcoil.base.errors import InputError, StorageError
 from fastcoil.base.files import exists, is_file, is_folder
 from fastcoil.cli.logs import require_writable
+from fastcoil.deliver.report.regenerate import _make_folder
 from fastcoil.loops.plan import check_disk
 from fastcoil.study.file.own_code import find_source
-from fastcoil.study.paper.regenerate import _make_folder
 
 
 @pytest.fixture

@@ -11,24 +11,26 @@ from fastcoil.base.arguments import checking, text_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, STYLE, wrapped
-from fastcoil.deliver.figures.place import in_style, one_place, width_of
-from fastcoil.loops.dataset import check_result
-from fastcoil.loops.labels import Quantity, label_in_words, quantity_of, quantity_of_values
-from fastcoil.model.metric_table import METRICS, metric_meant
-from fastcoil.study.analysis.binned import binned, drawn_parameters
-from fastcoil.study.analysis.panels import (
+from fastcoil.deliver.figures.axes import (
+    describe,
+    draw_curve,
     draw_map,
     exact_in_words,
     failed_in_words,
     from_zero,
+    in_style,
     label,
     mark_exact,
-    numeric_dims,
+    one_place,
     picked,
     pooled_dims,
     say_if_empty,
+    width_of,
 )
-from fastcoil.study.analysis.spread import describe, draw_curve
+from fastcoil.loops.dataset import check_result
+from fastcoil.loops.labels import Quantity, label_in_words, quantity_of, quantity_of_values
+from fastcoil.model.metric_table import METRICS, metric_meant
+from fastcoil.study.analysis.selected import binned, drawn_parameters, numeric_dims
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

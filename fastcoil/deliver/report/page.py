@@ -1,21 +1,105 @@
-"""A report as data, and as one HTML file: no script, no other file, nothing from a network.
+"""Numbers as a reader wants them: three digits, the unit that is spoken, a dash where there is none.
+
+A report as data, and as one HTML file: no script, no other file, nothing from a network.
 
 Every text on it is escaped, whoever wrote it, and shown with its control characters written out.
+
+Figures as pictures of a page: what their marks mean stands under them, not in them.
 """
 
 from __future__ import annotations
 
 import base64
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
 
 from fastcoil.base.errors import InputError
+from fastcoil.base.figures import encode
 from fastcoil.base.files import commit, exists, may_be_file, read_bytes
 from fastcoil.base.machine import package_version
-from fastcoil.base.text import printable
+from fastcoil.base.text import MINUS, NONE, printable, written
+from fastcoil.loops.labels import quantity
+from fastcoil.model.parameter_table import PARAMETERS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+MOST_ROWS, _A_FEW_MORE = 12, 4
+"""Of a table along a swept parameter; whoever wants all of them opens the results."""
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A measured number of so many digits, zeros at its end too, without an exponent as far as it can be read."""
+    if not math.isfinite(value):
+        return NONE
+    if value == 0.0:
+        return "0"
+    rounded = float(f"{value:.{digits - 1}e}")
+    if abs(rounded) >= 1e7 or abs(rounded) < 1e-4:
+        return f"{value:.{digits - 1}e}"
+    places = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
+    text = f"{rounded:.{places}f}".replace("-", MINUS)
+    return f"{rounded:,.0f}".replace("-", MINUS) if abs(rounded) >= 1e4 else text
+
+
+def exact(value: float) -> str:
+    """A number that somebody gave, as short as it can be written."""
+    return f"{value:.6g}"
+
+
+def change(share: float) -> str:
+    """A difference as a share of what it is compared with: ``−43 %``."""
+    if not math.isfinite(share):
+        return NONE
+    return f"{written(100.0 * share, 0, sign=True)} %"
+
+
+def span(low: float, high: float) -> str:
+    """An interval of such shares."""
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return NONE
+    return f"{change(low).removesuffix(' %')} to {change(high)}"
+
+
+def share(value: float) -> str:
+    """``12 %``; neither 0 nor 100 unless it is all or nothing."""
+    if not math.isfinite(value):
+        return NONE
+    if 0.0 < value < 0.005:
+        return "< 1 %"
+    return "> 99 %" if 0.995 < value < 1.0 else f"{100 * value:.0f} %"
+
+
+def setting(name: str, value: object) -> str:
+    """The value of a parameter with its unit: ``7 %``, ``0.03 1/K``, ``cooling``."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    shown = quantity(name)
+    entry = PARAMETERS.get(name)
+    if shown.factor == 1.0 and entry is not None and entry.whole:
+        return str(int(value))
+    return f"{exact(value * shown.factor)} {shown.unit}".rstrip()
+
+
+def picked(n: int, keep: tuple[int, ...] = (), most: int = MOST_ROWS) -> list[int]:
+    """Rows to show of ``n``: all, or evenly spaced ones with the first, the last and those to ``keep``."""
+    if n <= most + _A_FEW_MORE:
+        return list(range(n))
+    spaced = np.linspace(0, n - 1, most - len(keep)).round().astype(int).tolist()
+    return sorted({*spaced, *keep})
+
+
+def left_out(n: int, shown: int, what: str) -> str:
+    """A note on rows that are not shown; empty if all are."""
+    return "" if shown == n else f"{shown} of {n:,} {what} are shown; all of them are in results.nc."
+
 
 _MARK = b'<meta name="generator" content="fastcoil '
 _MARK_WITHIN = 2000
@@ -169,3 +253,20 @@ def _is_page(path: Path) -> bool:
         return _MARK in read_bytes(path, _LARGEST)[:_MARK_WITHIN]
     except (OSError, ValueError):
         return False
+
+
+DPI = 200
+"""Of an A4 page; a PNG is the same everywhere and no larger for a log of a million rows."""
+
+
+def picture(figure: Figure, caption: str, alt: str) -> Picture:
+    """A figure without its head, which the page has in words."""
+    figure.suptitle("")
+    return Picture(encode(figure, "png", DPI), caption, alt)
+
+
+def study_picture(figure: Figure, title: str, name: str, alt: str) -> Picture:
+    """A figure of a study, whose head, the title and what its marks mean, becomes the caption."""
+    words = " ".join(figure.get_suptitle().split())
+    head = " ".join(title.split())
+    return picture(figure, f"{name}.  {words.removeprefix(head).strip()}.", alt)

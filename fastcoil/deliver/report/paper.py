@@ -11,11 +11,10 @@ from fastcoil.base.errors import IntegrityError
 from fastcoil.base.files import exists, read_bytes, storage_errors
 from fastcoil.base.text import NONE
 from fastcoil.deliver.report.computed import here
-from fastcoil.deliver.report.numbers import number, share
-from fastcoil.deliver.report.page import Block, Code, Facts, Page, Picture, Section, Table, Words
+from fastcoil.deliver.report.page import Block, Code, Facts, Page, Picture, Section, Table, Words, number, share
+from fastcoil.deliver.report.regenerate import captions
 from fastcoil.deliver.report.study import cited
-from fastcoil.study.paper.regenerate import captions
-from fastcoil.study.paper.verdicts import SURELY
+from fastcoil.study.paper.scorecard import SURELY
 
 _LARGEST = 2**25
 """Bytes of the scorecard, and of a figure."""

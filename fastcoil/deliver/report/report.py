@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +19,8 @@ REPORT = "report.html"
 """Name of the page in a folder."""
 SCORECARD = "scorecard.json"
 """What `fastcoil paper` leaves in its folder."""
-_RESULTS = (
-    ("measured.fit.result", "Fit", "fit", "fit_page"),
-    ("measured.diagnosis.result", "Diagnosis", "diagnosis", "diagnosis_page"),
-    ("design.tuning.result", "Tuning", "tuning", "tuning_page"),
-    ("design.explanation.result", "Explanation", "explanation", "explanation_page"),
-)
-"""Module and class of a result, module and function of its page."""
+_PAGES = {"Fit": "fit_page", "Diagnosis": "diagnosis_page", "Tuning": "tuning_page", "Explanation": "explanation_page"}
+"""Class of a result, and the function of ``results`` that makes its page."""
 _CURE = (
     "give the folder of a study or of the paper's figures, or what fc.diagnose, fc.fit_valve, fc.fit_coil, "
     "fc.fit_loop, fc.tune or fc.explain returned"
@@ -61,7 +55,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
         folder = check(path_of, "what", what, _CURE) if of_folder else None
         where = check.unless_none(path_of, "path", path, "give a file NAME.html")
         if not of_folder:
-            check(_require_result, what)
+            check(_class_of, what)
             if path is None:
                 check.problems.append("path is missing: give a file NAME.html, such as 'report.html'")
     if folder is not None:
@@ -102,18 +96,15 @@ def page_of_folder(folder: Path) -> Page:
 
 def page_of_result(what: Any) -> Page:
     """The page of what a function returned."""
-    for home, name, page, maker in _RESULTS:
-        if isinstance(what, getattr(import_module(f"fastcoil.{home}"), name)):
-            made: Page = getattr(import_module(f"fastcoil.deliver.report.{page}"), maker)(what)
-            return made
+    from fastcoil.deliver.report import results
+
+    made: Page = getattr(results, _PAGES[_class_of(what)])(what)
+    return made
+
+
+def _class_of(what: Any) -> str:
+    """The class among those with a page that a result belongs to; found without importing them."""
+    for each in type(what).__mro__:
+        if each.__name__ in _PAGES and each.__module__.startswith("fastcoil."):
+            return each.__name__
     raise InputError(WrongType(f"what is a {type(what).__name__}: {_CURE}"))
-
-
-def _require_result(what: Any) -> None:
-    """Refuse anything of which there is no page, before it is drawn."""
-    if not any(type(what).__module__.startswith("fastcoil.") and _is_a(what, name) for _, name, _, _ in _RESULTS):
-        raise InputError(WrongType(f"what is a {type(what).__name__}: {_CURE}"))
-
-
-def _is_a(what: Any, name: str) -> bool:
-    return any(each.__name__ == name for each in type(what).__mro__)

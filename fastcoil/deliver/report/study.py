@@ -1,26 +1,237 @@
-"""The report of a study, from its results alone: they carry the text of the study, its settings and its versions."""
+"""Tables of a study: every estimate against the plain PI, every gap against the sound valve, names against the first.
+
+A change is that within a pair of scenarios that differ in nothing else.  Its interval is by bootstrap over drawn
+valves or days, where the study has several; values that were chosen for a sweep have no chance in them, and get a range
+instead.
+
+What a study of a single scenario says: every metric once.
+
+The report of a study, from its results alone: they carry the text of the study, its settings and its versions.
+"""
 
 from __future__ import annotations
 
+import math
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import FastcoilError
 from fastcoil.deliver.figures.study import standard_figures
-from fastcoil.deliver.report.citation import bibtex, citation
-from fastcoil.deliver.report.comparison import comparisons, failures
-from fastcoil.deliver.report.computed import how, question, study_tables, versions
-from fastcoil.deliver.report.page import Block, Code, Page, Section, Words
-from fastcoil.deliver.report.pictures import study_picture
-from fastcoil.deliver.report.single import answer as answer_of_one
-from fastcoil.deliver.report.single import metrics
-from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
-from fastcoil.study.analysis.cost_summary import Billing
-from fastcoil.study.analysis.summary import cautions, findings
+from fastcoil.deliver.report.computed import bibtex, citation, how, question, study_tables, versions
+from fastcoil.deliver.report.page import (
+    Block,
+    Code,
+    Page,
+    Section,
+    Table,
+    Words,
+    change,
+    left_out,
+    number,
+    picked,
+    share,
+    span,
+    study_picture,
+)
+from fastcoil.loops.labels import is_parameter, quantity, quantity_of
+from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
+from fastcoil.study.analysis.paired import Middle, middle_of
+from fastcoil.study.analysis.summary import Billing, cautions, findings, without_dead_band
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import open_finished
+
+_UNITS = {"sample": "drawn valves", "day": "days", "replicate": "noise realisations"}
+"""Dims that are chance, the first of them is what an interval is over."""
+_RATIOS = ("estimate_ratio", "backlash_estimate")
+_HEADS = {
+    "rmse_settled": "settled RMS error [K]",
+    "hunts": "share that hunts",
+    "motor_travel": "motor travel [strokes]",
+    "switch_frequency": "mode switches per 10 min",
+}
+_SHOWN = ("rmse", *_HEADS)
+_MOST_NAMES, _MOST_FAILED = 40, 10
+
+
+class _Baseline(NamedTuple):
+    """What the rows of a table are compared with, and why the scenarios of the table are not all of the study."""
+
+    dim: str
+    at: int
+    words: str
+    only: str = ""
+
+
+class ComparedTable(NamedTuple):
+    """A table, and what it says in a sentence; empty where it compares nothing."""
+
+    table: Table
+    sentence: str = ""
+
+
+def comparisons(ds: xr.Dataset) -> list[ComparedTable]:
+    """One for every dimension with labels that a reader can tell apart."""
+    ds = ds[[name for name in (*_SHOWN, "status") if name in ds]].where(ds["status"] == STATUS_OK).drop_vars("status")
+    found, dims = [], [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
+    ratio = next((d for d in _RATIOS if d in dims and bool((ds[d] == 0.0).any())), None)
+    plain, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), " with the plain PI")
+    for dim in dims:
+        if dim == ratio:
+            seen = without_dead_band(ds.where(ds["backlash"] > 0.0) if "backlash" in ds.coords else ds)
+            found.append(_against(seen, _Baseline(dim, _zero(ds, dim), "the plain PI of the same loop")))
+        elif dim == "backlash" and bool((ds[dim] == 0.0).any()):
+            found.append(_against(plain, _Baseline(dim, _zero(ds, dim), "the sound valve", only)))
+        elif ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _MOST_NAMES:
+            found.append(_against(plain, _Baseline(dim, 0, f"{ds[dim].values[0]}, the first", only)))
+        elif is_parameter(ds, dim):
+            found.append(ComparedTable(_along(plain, dim, only)))
+    return found
+
+
+def _zero(ds: xr.Dataset, dim: str) -> int:
+    return int((ds[dim].values == 0.0).argmax())
+
+
+def _unit(ds: xr.Dataset) -> str | None:
+    return next((unit for unit in _UNITS if ds.sizes.get(unit, 1) > 1), None)
+
+
+def _against(ds: xr.Dataset, of: _Baseline) -> ComparedTable:
+    """A row for every label, compared with the partner of each scenario under the baseline."""
+    dim, unit = of.dim, _unit(ds)
+    base = ds.isel({dim: of.at}, drop=True)
+    best = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(float("inf"))
+    rows_shown = picked(
+        ds.sizes[dim], (of.at, int(best.values.argmin())), _MOST_NAMES if ds[dim].dtype.kind in "OUST" else 12
+    )
+    head = [quantity_of(ds, dim).text, "RMS error [K]", "change", *(["95 % interval"] if unit else [])]
+    head += ["5 to 95 % of pairs", "lower in"] + _others_head(ds)
+    rows, middles = [], dict[int, Middle]()
+    for k in rows_shown:
+        one = ds.isel({dim: k}, drop=True)
+        cells = [_label(ds, dim, k), number(float(one["rmse"].median()))]
+        if k == of.at:
+            cells += ["baseline", *[""] * (2 + bool(unit))]
+        else:
+            relative = (one["rmse"] / base["rmse"].where(base["rmse"] > 0.0) - 1.0).rename("rmse")
+            middle = middle_of(relative, unit or "")
+            pair = one["rmse"].notnull() & base["rmse"].notnull()
+            lower = (one["rmse"] < base["rmse"]) + 0.5 * (one["rmse"] == base["rmse"])
+            cells += [change(middle.median), *([span(middle.low, middle.high)] if unit else [])]
+            middles[k] = middle
+            cells += [span(middle.q05, middle.q95), share(float(lower.where(pair).mean()))]
+        rows.append(cells + _others(one))
+    over = f"95 % interval: of the median change, over {ds.sizes[unit]} {_UNITS[unit]}.  " if unit else ""
+    what = "names" if ds[dim].dtype.kind in "OUST" else "values"
+    note = (
+        f"RMS error: median{of.only}.  Change: median within pairs that differ in nothing else.  {over}"
+        f"5 to 95 % of pairs: how much the change differs from loop to loop.  Lower in: share of pairs with less "
+        f"error, ties half.  {left_out(ds.sizes[dim], len(rows), what)}"
+    ).strip()
+    table = Table(f"{quantity_of(ds, dim).text.capitalize()}: against {of.words}", head, rows, note)
+    return ComparedTable(table, _sentence(ds, of, middles, unit))
+
+
+def _sentence(ds: xr.Dataset, of: _Baseline, middles: Mapping[int, Middle], unit: str | None) -> str:
+    """The largest gap, or the label of lowest error, against the baseline."""
+    known = {k: middle for k, middle in middles.items() if math.isfinite(middle.median)}
+    if not known:
+        return ""
+    k = max(known) if of.dim == "backlash" else min(known, key=lambda each: known[each].median)
+    found, text = known[k], quantity_of(ds, of.dim).text
+    over = f"; 95 %: {span(found.low, found.high)}, over {ds.sizes[unit]} {_UNITS[unit]}" if unit else ""
+    if unit and found.low < 0.0 < found.high:
+        over += ", which may be chance"
+    return (
+        f"{text.capitalize()} {_label(ds, of.dim, k)}{of.only}: RMS error {change(found.median)} against {of.words} "
+        f"(median{over})."
+    )
+
+
+def _along(ds: xr.Dataset, dim: str, only: str) -> Table:
+    """A row for every value, medians over all else."""
+    middle = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(float("inf"))
+    rows_shown = picked(ds.sizes[dim], (int(middle.values.argmin()),))
+    head = [quantity_of(ds, dim).text, "RMS error [K]", "5 to 95 % of scenarios", *_others_head(ds)]
+    rows = []
+    for k in rows_shown:
+        one = ds.isel({dim: k}, drop=True)
+        low, high = (float(one["rmse"].quantile(q)) for q in (0.05, 0.95))
+        rows.append(
+            [_label(ds, dim, k), number(float(one["rmse"].median())), f"{number(low)} to {number(high)}"] + _others(one)
+        )
+    note = f"Medians{only} over everything else.  {left_out(ds.sizes[dim], len(rows), 'values')}".strip()
+    return Table(f"Along {quantity_of(ds, dim).text}", head, rows, note)
+
+
+def _others_head(ds: xr.Dataset) -> list[str]:
+    return [words for name, words in _HEADS.items() if name in ds]
+
+
+def _others(one: xr.Dataset) -> list[str]:
+    cells = []
+    for name in _HEADS:
+        if name not in one:
+            continue
+        if name == "hunts":
+            cells.append(share(float(one[name].mean())))
+            continue
+        cells.append(number(float(one[name].median())))
+    return cells
+
+
+def _label(ds: xr.Dataset, dim: str, k: int) -> str:
+    value = ds[dim].values[k]
+    return str(value) if isinstance(value, str) else quantity_of(ds, dim).number(float(value))
+
+
+def failures(ds: xr.Dataset) -> Table | None:
+    """The scenarios that failed, the first of them by their labels; None if there is none."""
+    status = ds["status"]
+    failed = np.argwhere(status.values != STATUS_OK)
+    if not len(failed):
+        return None
+    dims = [str(d) for d in status.dims]
+    rows = []
+    for place in failed[:_MOST_FAILED]:
+        labels = [_label(ds, d, k) if d in ds.coords else str(k) for d, k in zip(dims, place, strict=True)]
+        rows.append([*labels, STATUS_MEANINGS[int(status.values[tuple(place)])]])
+    note = f"{len(rows)} of {len(failed):,} are shown." if len(rows) < len(failed) else ""
+    return Table("Scenarios that failed", [*dims, "status"], rows, note)
+
+
+_COUNTED = ("reversals", "half_periods")
+"""Metrics that are whole numbers."""
+
+
+def metrics(ds: xr.Dataset) -> Table:
+    """Every metric that is known, with its unit."""
+    rows = []
+    for name, output in METRICS.items():
+        if name not in ds or name == "hunts" or output.flags or not bool(ds[name].notnull().any()):
+            continue
+        shown = quantity(name)
+        value = float(ds[name].max()) * shown.factor
+        text = f"{value:.0f}" if name in _COUNTED else f"{number(value)} {shown.unit}".rstrip()
+        rows.append([output.long_name, text, name])
+    return Table("Every metric", ["metric", "value", "name in results.nc"], rows)
+
+
+def answer_of_one(ds: xr.Dataset) -> list[str]:
+    """The error, whether it hunts, and what the motor does for it."""
+    found = {name: float(ds[name].max()) for name in ("rmse", "hunts", "hunting_swing", "motor_travel") if name in ds}
+    lines = [f"RMS error {number(found['rmse'])} K."]
+    if "hunts" in found:
+        swing = f": {number(found['hunting_swing'], 2)} K peak to peak" if found["hunts"] else ""
+        lines.append(f"The loop {'hunts' if found['hunts'] else 'does not hunt'}{swing}.")
+    if "motor_travel" in found:
+        lines.append(f"The motor travels {number(found['motor_travel'])} strokes.")
+    return lines
 
 
 def study_page(folder: Path) -> Page:

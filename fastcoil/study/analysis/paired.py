@@ -1,13 +1,154 @@
-"""Statistics of differences within pairs: their mean with its interval, quantiles, and shares with theirs."""
+"""Statistics of differences within pairs, of shares and of medians, with their intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
-from fastcoil.study.analysis.shares import interval
+from fastcoil.base.errors import InputError
+from fastcoil.base.text import percent
+from fastcoil.model.metric_table import METRICS, STATUS_OK
+
+Z = 1.96
+CROSSED = ("sample", "day")
+"""Every valve meets every day."""
+
+
+class Share(NamedTuple):
+    """A share and its interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return self.written(0)
+
+    def written(self, decimals: int) -> str:
+        """In per cent."""
+        return percent(*self, decimals=decimals)
+
+
+def share_of(holds: xr.DataArray, among: xr.DataArray | None = None) -> Share:
+    """In how many of the valves, and days where there are any, something holds, with its 95 % interval.
+
+    The variance is that of the means of the valves and of the means of the days, see ``interval``.
+
+    among: the valves and days that count, all if None; of at least one.
+    """
+    values = holds.astype(float) if among is None else holds.astype(float).where(among.astype(bool))
+    p, means = float(values.mean()), _means(values)
+    labels = max(m.size for m in means)
+    low, high = interval(np.array(p), np.array(_variance(means)), int(values.count()), labels, Z)
+    return Share(p, float(low), float(high))
+
+
+def mean_of(values: xr.DataArray) -> tuple[float, float]:
+    """The mean over valves and days, and half of its 95 % interval over others of both."""
+    return float(values.mean()), Z * float(np.sqrt(_variance(_means(values))))
+
+
+def _means(values: xr.DataArray) -> list[xr.DataArray]:
+    """The means of the valves, and those of the days."""
+    dims = [dim for dim in CROSSED if dim in values.dims]
+    return [values.mean([other for other in dims if other != dim]).dropna(dim) for dim in dims]
+
+
+def _variance(means: list[xr.DataArray]) -> float:
+    """The variance of the mean of all."""
+    return sum((float(m.var(ddof=1)) / m.size for m in means if m.size > 1), 0.0)
+
+
+def interval(
+    share: np.ndarray,
+    variance: np.ndarray,
+    cases: np.ndarray | int,
+    labels: np.ndarray | int,
+    quantile: np.ndarray | float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The interval of shares by Wilson's formula (1927, doi:10.1080/01621459.1927.10502953).
+
+    Days of a valve are alike, and so are valves of a day: the number of cases is taken as what would have the variance
+    that is seen; where nothing varies, as that of the labels.
+
+    Parameters
+    ----------
+    share, variance
+        The shares, and the variances of their means.
+    cases
+        How many cases each is of.
+    labels
+        How many valves, or days if they are more.
+    quantile
+        Of the standard normal or Student's distribution.
+
+    Returns
+    -------
+    tuple
+        Lower and upper ends.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):  # nothing varies, or there is no case at all
+        n = np.where(variance > 0.0, np.minimum(cases, share * (1.0 - share) / variance), labels)
+        middle = share + quantile**2 / (2 * n)
+        half = quantile * np.sqrt(share * (1.0 - share) / n + quantile**2 / (4 * n**2))
+        low, high = ((middle + sign * half) / (1.0 + quantile**2 / n) for sign in (-1, 1))
+    return abs(np.maximum(low, 0.0)), np.minimum(high, 1.0)
+
+
+_RESAMPLES, _AT_ONCE = 1000, 20
+_SEED = 20261122
+"""Of the resamples: a summary says the same twice."""
+_LEVEL = 0.95
+_SPREAD = 0.05, 0.95
+
+
+class Middle(NamedTuple):
+    """Median of some values, its 95 % interval over the units, and what 5 and 95 % of the values stay below."""
+
+    median: float
+    low: float
+    high: float
+    q05: float
+    q95: float
+    n: int
+
+
+def middle_of(values: xr.DataArray, unit: str = "sample") -> Middle:
+    """The median and its bootstrap interval.
+
+    Parameters
+    ----------
+    values
+        Of pairs; NaN is left out.
+    unit
+        Dim whose labels are drawn anew, each with all that belongs to it; every value by itself if there is none.
+
+    Returns
+    -------
+    Middle
+        All NaN without a value; the interval is NaN with a single unit.
+    """
+    if unit in values.dims:
+        rows = values.transpose(unit, ...).values.reshape(values.sizes[unit], -1)
+    else:
+        rows = values.values.reshape(-1, 1)
+    rows = rows[np.isfinite(rows).any(axis=1)]
+    if not rows.size:
+        return Middle(np.nan, np.nan, np.nan, np.nan, np.nan, 0)
+    low = high = np.nan
+    if len(rows) > 1:
+        draw, n = np.random.default_rng(_SEED), len(rows)
+        median = np.nanmedian if np.isnan(rows).any() else np.median
+        drawn = (rows[draw.integers(n, size=(_AT_ONCE, n))] for _ in range(_RESAMPLES // _AT_ONCE))
+        medians = np.concatenate([median(part.reshape(_AT_ONCE, -1), axis=1) for part in drawn])
+        low, high = np.quantile(medians, [0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
+    q05, q95 = np.nanquantile(rows, _SPREAD)
+    n = int(np.isfinite(rows).sum())
+    return Middle(float(np.nanmedian(rows)), float(low), float(high), float(q05), float(q95), n)
+
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
 STATISTICS = ("baseline", "value", "mean", "low", "high", *QUANTILES, "share_lower", "n_pairs", "n_censored")
@@ -139,3 +280,37 @@ def _share(
     low, high = interval(share, variance, n_pairs, labels.max(axis=0), quantile)
     single = labels.min(axis=0) < 2
     return share, np.where(single, np.nan, low), np.where(single, np.nan, high)
+
+
+def relative_to(ds: xr.Dataset, case: Mapping[str, int], words: str) -> xr.Dataset:
+    """Metrics as shares of their value in one case: -0.2 is a fifth lower.
+
+    Parameters
+    ----------
+    ds
+        A result.
+    case
+        Dimension → position of the case along it; it is left out of what is returned.
+    words
+        The case, for people.
+
+    Returns
+    -------
+    xarray.Dataset
+        Where the value in the case is 0, or either failed, NaN, but 0 where both are 0.  Flags are left out.  The
+        attribute ``relative_to`` of a metric names the case.
+    """
+    ok = ds["status"] == STATUS_OK
+    rest = {d: np.delete(np.arange(ds.sizes[d]), k) for d, k in case.items()}
+    if any(keep.size == 0 for keep in rest.values()):
+        raise InputError(f"--relative-to {words}: the study has no other case to compare with it")
+    found = {}
+    for name, variable in ds.data_vars.items():
+        if name == "status" or variable.dims != ds["status"].dims or (name in METRICS and METRICS[name].flags):
+            continue
+        values = variable.where(ok)
+        own, partner = xr.broadcast(values, values.isel(case, drop=True))
+        change = own.copy(data=relative_change((own - partner).values, partner.values)).transpose(*variable.dims)
+        change.attrs = {}
+        found[name] = change.where(np.isfinite(change)).isel(rest).assign_attrs(in_shares(variable.attrs, words))
+    return xr.Dataset(found | {"status": ds["status"].isel(rest)}, attrs=ds.attrs)

@@ -1,4 +1,7 @@
-"""Part of a result by labels that a user typed."""
+"""Part of a result by labels that a user typed.
+
+Drawn parameters as axes: their values in groups, so that what is drawn along an axis can be drawn along them.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,18 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import InputError, nearest
-from fastcoil.loops.labels import is_parameter, quantity_of
+from fastcoil.loops.labels import is_parameter, quantity, quantity_of
 
 _MOST_LABELS = 12
 """That a message lists; a parameter with more values than that along another dimension has none to choose from."""
+
+
+def numeric_dims(values: xr.DataArray) -> list[str]:
+    """Dimensions that are axes of a swept number, with at least two values."""
+    return [
+        str(d) for d in values.dims
+        if is_parameter(values, d) and d in values.coords and values[d].dtype.kind in "if" and values.sizes[d] > 1
+    ]  # fmt: skip
 
 
 def is_label(label: object, text: str) -> bool:
@@ -127,3 +138,117 @@ def _nearest_first(labels: np.ndarray, text: str) -> np.ndarray:
 
 def _listed(words: Sequence[Any]) -> str:
     return ", ".join(words[:_MOST_LABELS]) + (", …" if len(words) > _MOST_LABELS else "")
+
+
+BINS = 8
+_MOST_VALUES = 12
+"""A parameter with no more values than this has a group for each."""
+_FEWEST = 5
+"""Members of a group, as a rule: their scatter would say nothing."""
+
+
+def drawn_parameters(ds: xr.Dataset) -> list[str]:
+    """Parameters whose numbers differ along dimensions that have other names, such as ``sample``."""
+    dims = ds["status"].dims
+    return [
+        str(n) for n, c in ds.coords.items()
+        if n not in dims and c.dims and set(c.dims) <= set(dims) and is_parameter(ds, n)
+        and c.dtype.kind in "if" and np.unique(c.values).size > 1
+    ]  # fmt: skip
+
+
+def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
+    """Group the scenarios by the values of drawn parameters.
+
+    Parameters
+    ----------
+    ds
+        A result.
+    names
+        One or two parameters that differ along other dimensions, such as ``sample``.
+
+    Returns
+    -------
+    xarray.Dataset
+        The metrics and the status with these parameters as dimensions, instead of those along which they were drawn;
+        their labels are the medians of the groups.  A group has the same number of members as another one, as near as
+        can be, or, where the parameter has few values, all that have one of them.  The members of a group lie along
+        ``sample``; groups have as many places as the largest one has members, and NaN, as status too, where there is
+        none.  The coordinate ``members`` says how many a group has; the attribute ``pooled_as`` of ``sample`` says it
+        in words.
+
+    Raises
+    ------
+    InputError
+        For a parameter that is not drawn, or for too few scenarios to group.
+    """
+    known = drawn_parameters(ds)
+    wrong = [n for n in names if n not in known]
+    if wrong:
+        has = f"drawn are {', '.join(known)}" if known else "nothing is drawn in this study"
+        raise InputError([f"{n} is no drawn parameter{nearest(n, known)}: {has}" for n in wrong])
+    dims = ds["status"].dims
+    drawn = [d for d in dims if any(d in ds[n].dims for n in names)]
+    others = [d for d in dims if d not in drawn]
+    values = [_along(ds, n, drawn) for n in names]
+    most = BINS if len(names) == 1 else int(np.clip(np.sqrt(values[0].size / _FEWEST), 2, BINS))
+    groups = [_groups(v, most) for v in values]
+    counts = [int(g.max()) + 1 for g in groups]
+    if min(counts) < 2 or values[0].size < 2 * np.prod(counts):
+        raise InputError(
+            f"{' and '.join(names)}: {values[0].size} drawn scenarios are too few to group, about {_FEWEST} in each: "
+            "draw more of them"
+        )
+    cell, place, members = _places(groups, counts)
+    found = {}
+    for name, variable in ds.data_vars.items():
+        if set(variable.dims) == set(dims):  # not traces, and answers of other forms
+            flat = variable.transpose(*others, *drawn).values
+            flat = flat.reshape(*flat.shape[: len(others)], -1)
+            whole = np.full((*flat.shape[:-1], members.size, members.max()), np.nan)
+            whole[..., cell, place] = flat
+            found[name] = ((*others, *names, "sample"), whole.reshape(*flat.shape[:-1], *counts, -1), variable.attrs)
+    coordinates: dict[Any, Any] = {n: c for n, c in ds.coords.items() if set(c.dims) <= set(others)}
+    for name, v, g, count in zip(names, values, groups, counts, strict=True):
+        coordinates[name] = (name, np.array([np.median(v[g == k]) for k in range(count)]), ds[name].attrs)
+    coordinates["members"] = (tuple(names), members.reshape(counts))
+    words = _in_words(members, counts, names)
+    coordinates["sample"] = ("sample", np.arange(members.max()), {"pooled_as": words})
+    return xr.Dataset(found, coords=coordinates, attrs=ds.attrs)
+
+
+def _along(ds: xr.Dataset, name: str, drawn: Sequence[Hashable]) -> np.ndarray:
+    """The values of a parameter at every drawn scenario, flat."""
+    missing = {d: ds.sizes[d] for d in drawn if d not in ds[name].dims}
+    whole = ds[name].reset_coords(drop=True).expand_dims(missing).transpose(*drawn)
+    values: np.ndarray = whole.values.ravel()
+    return values
+
+
+def _places(groups: Sequence[np.ndarray], counts: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The cell of every scenario, its place in it, and how many each cell has."""
+    cell = np.ravel_multi_index(tuple(groups), tuple(counts))
+    members = np.bincount(cell, minlength=int(np.prod(counts)))
+    place = np.empty(cell.size, dtype=int)
+    place[np.argsort(cell, kind="stable")] = np.arange(cell.size) - np.repeat(np.cumsum(members) - members, members)
+    return cell, place, members
+
+
+def _groups(values: np.ndarray, n: int) -> np.ndarray:
+    """The group of each value: one for each of few values, else ``n`` of equal counts; equal values stay together."""
+    distinct = np.unique(values)
+    if distinct.size <= _MOST_VALUES:
+        return np.searchsorted(distinct, values)
+    n = max(1, min(n, values.size // _FEWEST))
+    cuts = np.sort(values)[(np.arange(1, n) * values.size) // n]
+    groups = np.searchsorted(np.unique(cuts), values, side="right")
+    return np.unique(groups, return_inverse=True)[1].reshape(-1)
+
+
+def _in_words(members: np.ndarray, counts: Sequence[int], names: Sequence[str]) -> str:
+    filled = members[members > 0]
+    least, most = int(filled.min()), int(filled.max())
+    each = f"{least}" if least == most else f"{least} to {most}"
+    if len(counts) > 1:
+        return f"{each} samples in each of {' × '.join(map(str, counts))} cells"
+    return f"{each} samples in each of {counts[0]} groups of {quantity(names[0]).text}"

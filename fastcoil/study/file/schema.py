@@ -28,7 +28,7 @@ from fastcoil.loops.presets import PRESETS
 from fastcoil.model.metric_table import TRACES
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 from fastcoil.model.user_rules import KINDS
-from fastcoil.study.analysis.tariff import COP, COP_LIMITS, CURRENCY, DEAREST, LONGEST_CURRENCY, PRICES
+from fastcoil.study.analysis.cost import COP, COP_LIMITS, CURRENCY, DEAREST, LONGEST_CURRENCY, PRICES
 from fastcoil.study.file.loop import LONGEST_AXIS
 from fastcoil.study.file.sampling import (
     CHOICE,

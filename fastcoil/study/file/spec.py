@@ -37,9 +37,8 @@ from fastcoil.loops.plan import Plan, check_memory, plan_simulation
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
 from fastcoil.model.numerics.jit import model_sha256
-from fastcoil.study.analysis.cost import TAKEN
-from fastcoil.study.analysis.cost_summary import Billing
-from fastcoil.study.analysis.tariff import tariff_of
+from fastcoil.study.analysis.cost import TAKEN, tariff_of
+from fastcoil.study.analysis.summary import Billing
 from fastcoil.study.file.loop import axis_size, build_loop, read_includes
 from fastcoil.study.file.own_code import Source, find_rules, find_source
 from fastcoil.study.file.sampling import design_size

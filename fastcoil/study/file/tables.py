@@ -13,7 +13,7 @@ from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.design.tuning.plan import EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.model.metric_table import TRACES, WARM_UP
 from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
-from fastcoil.study.analysis.tariff import COP, CURRENCY, PRICES
+from fastcoil.study.analysis.cost import COP, CURRENCY, PRICES
 
 _MOST_PARTS = 20
 """Parts of a dotted key: a study needs four.  The time to parse one rises with their square."""

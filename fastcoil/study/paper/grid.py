@@ -1,4 +1,13 @@
-"""The grid of tunings on which the paper's claims are judged: gains × sample times × ideal and real loops.
+"""Kinds of days on which a claim is judged: set-points that step, as the paper's, or stand still, and design days.
+
+Days of all kinds with the same seed share air flow, water and noise, so that a claim is compared day by day.
+
+The simulations behind the paper's figures, as labelled Datasets.
+
+All of them run on the presets ``paper_like`` and ``paper_like_fast``: generic loops, searched for so that the
+paper's phenomena appear, not the paper's unpublished fit.  Nothing is digitised from its figures.
+
+The grid of tunings on which the paper's claims are judged: gains × sample times × ideal and real loops.
 
 Every simulation has the dim ``tuning``, with the presets first, by name, and those on days the dim ``kind``.  Nobody
 would accept a loop that hunts without any backlash: such tunings are tried and counted, but left out of the shares.
@@ -6,22 +15,219 @@ would accept a loop that hunts without any backlash: such tunings are tried and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.loops.boundary.days import constant_day, paper_day
+from fastcoil.loops.boundary.days import constant_day, design_day, paper_day
+from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.presets import COOLING
-from fastcoil.loops.provenance import provenance
+from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.simulate import simulate
 from fastcoil.loops.stability import stable
+from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.physics import water_flow
-from fastcoil.study.paper.kinds import KINDS, Days
-from fastcoil.study.paper.runs import BACKLASH, LITERAL, NOISE, RULES, SEED, along, buffers, percent, rehashed
+
+Days = Callable[[float, Sequence[int]], Boundary]
+"""Makes a day of so many hours from each seed."""
+
+T_SET = 14.0
+"""Where the set-point stands still, °C."""
+EXTREME = (33.3, 23.7)
+"""Dry and wet bulb of a design day, °C: those of ``design_day``."""
+MILDER = (0.0, 6.0)
+"""By how much a design day is milder than the extreme, K: limits of what the seed draws."""
+OUTDOOR_FRACTIONS = (0.2, 0.6)
+"""Limits of the share of outdoor air that the seed draws."""
+_STREAM = 20
+"""Tells these draws from others with the same seed."""
+
+
+def stepped(hours: float, seeds: Sequence[int]) -> Boundary:
+    """Days as the paper's, with set-point steps every 30 min."""
+    return paper_day(hours=hours, seed=list(seeds))
+
+
+def constant(hours: float, seeds: Sequence[int]) -> Boundary:
+    """The same days with a constant set-point."""
+    return replaced(stepped(hours, seeds), seeds)
+
+
+def design(hours: float, seeds: Sequence[int]) -> Boundary:
+    """Outdoor air of a design day, milder than the extreme and mixed as the seed draws, and a constant set-point."""
+    air = []
+    for seed in seeds:
+        draw = np.random.default_rng([seed, _STREAM])
+        milder, fraction = draw.uniform(*MILDER), draw.uniform(*OUTDOOR_FRACTIONS)
+        T_design, T_wet_bulb = (T - milder for T in EXTREME)
+        air.append(design_day(hours=hours, T_design=T_design, T_wet_bulb=T_wet_bulb, outdoor_fraction=fraction))
+    return replaced(stepped(hours, seeds), seeds, air)
+
+
+def replaced(days: Boundary, seeds: Sequence[int], air: Sequence[Boundary] = ()) -> Boundary:
+    """The days with a constant set-point and, if given, with the entering air of other days, one for each seed."""
+    series = dict(days.series)
+    series["T_set"] = np.full_like(series["m_a"], T_SET)
+    for name in ("T_a_in", "W_a_in") if air else ():
+        series[name] = np.concatenate([day.series[name] for day in air])
+    return Boundary(**series, day=list(seeds))
+
+
+KINDS: Mapping[str, Days] = {"stepped": stepped, "constant": constant, "design": design}
+"""Kinds of days by name, the paper's first."""
+
+
+def words(days: Days) -> str:
+    """What a kind of days is, from its docstring."""
+    return (days.__doc__ or "").strip().splitlines()[0].rstrip(".")
+
+
+FIGURE_PRESETS = ("paper_like", "paper_like_fast")
+BACKLASH = 0.07
+STEP = 0.007
+INTERVAL = 1800
+"""Backlash, step and interval of the learner: as printed in the paper."""
+THREE_HOURS = 3 * 3600
+"""In less than this, the paper says, the rule finds the backlash."""
+NOISE = 0.05
+"""Standard deviation of the measurement noise, K: our choice, the paper gives none."""
+BUFFER_SIGMAS = 6.0
+"""Buffer in standard deviations Kp σ of the noise on the PI's output: our choice, the paper gives none."""
+SEED = 2016
+"""Seed of the measurement noise."""
+FIGURE_DAY = 2000
+BAND_DAYS = range(2000, 2010)
+"""Seeds of the days: no other study of this repository uses them."""
+
+RULES: dict[str, dict[str, Any]] = {
+    "literal": {},
+    "every 15 min": {"learning_interval": 900},
+    "twice the step": {"learning_step": 2 * STEP, "backlash_estimate": 2 * STEP},
+    "growing steps": {"learning_growth": 1.5, "learning_early_trip": 1, "learning_shrink": 0.5},
+}
+"""The learning rule as printed, and variants meant to be faster."""
+LITERAL = {"learning_step": STEP, "backlash_estimate": STEP, "learning_interval": INTERVAL}
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Write a share in per cent."""
+    return f"{100 * share:.{digits}f} %"
+
+
+def buffers(is_buffered: xr.DataArray, loop: Loop, noise: float = NOISE) -> xr.DataArray:
+    """Buffers that keep most of the noise from turning the inverse where ``is_buffered`` is 1; else the default."""
+    wide = BUFFER_SIGMAS * noise * xr.DataArray(loop["kp"])
+    return (1 - is_buffered) * float(str(PARAMETERS["buffer"].default)) + is_buffered * wide
+
+
+def along(dim: str, cases: Mapping[str, Mapping[str, Any]]) -> dict[str, xr.DataArray]:
+    """Named alternatives zipped along ``dim``; a parameter that one of them does not give has its default there."""
+    names = list(dict.fromkeys(n for case in cases.values() for n in case))
+    labels = {dim: np.array(list(cases))}
+    return {
+        n: xr.DataArray([case.get(n, PARAMETERS[n].default) for case in cases.values()], dims=dim, coords=labels)
+        for n in names
+    }
+
+
+def preset_loops() -> Loop:
+    """The two loops of the figures along a dim ``preset``."""
+    names = ("C_c", "kp", "ti", "sample_time")
+    return Loop(**along("preset", {p: {n: Loop.preset(p)[n] for n in names} for p in FIGURE_PRESETS}))
+
+
+def valve_curves() -> xr.Dataset:
+    """Fig 1: simulate the valve driven open and closed, with a small loop inside, in open loop."""
+    knots = (0.0, 1.0, 0.0, 0.6, 0.4, 0.6, 0.5, 0.6, 0.0)
+    seconds = 600
+    command = np.interp(np.arange(seconds * (len(knots) - 1) + 1) / seconds, np.arange(len(knots)), knots)
+    day = constant_day(hours=command.size / 3600)
+    loop = Loop.preset(FIGURE_PRESETS[0]).assign(backlash=BACKLASH)
+    return simulate(loop, day, command=command, traces=["command", "opening", "m_w"], warm_up=0, progress=False)
+
+
+def tracking() -> xr.Dataset:
+    """Figs 7, 9 and 10: simulate one day without backlash, with it, and with inverses of 60 % and 95 %."""
+    cases = {"no backlash": {"backlash": 0.0, "backlash_estimate": 0.0}} | {
+        name: {"backlash": BACKLASH, "backlash_estimate": ratio * BACKLASH}
+        for name, ratio in (("plain PI", 0.0), ("60 %", 0.6), ("95 %", 0.95))
+    }
+    day = paper_day(hours=8, seed=FIGURE_DAY)
+    loop = preset_loops().assign(**along("case", cases))
+    ds = simulate(loop, day, traces=["T_sup", "command", "opening"], trace_interval=10, progress=False)
+    return with_set_point(ds, day)
+
+
+def with_set_point(ds: xr.Dataset, day: Any) -> xr.Dataset:
+    """Add the set-point at the points of the traces."""
+    points = ds["elapsed_time"].values.astype(int)
+    attrs = {"long_name": "set-point of the supply air temperature", "units": "degC"}
+    ds["T_set"] = ("elapsed_time", day.series["T_set"][0][points], attrs)
+    return rehashed(ds)
+
+
+def estimates(*, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
+    """Fig 11: simulate estimates of 0 to 150 % over days and noise realisations: no noise, noise, noise and buffer."""
+    loop = preset_loops()
+    cases = ("no noise", "noise", "noise, buffer")
+    labels = {"case": np.array(cases)}
+    is_buffered = xr.DataArray([0.0, 0.0, 1.0], dims="case", coords=labels)
+    loop = loop.assign(
+        backlash=BACKLASH,
+        estimate_ratio=np.linspace(0.0, 1.5, 7 if quick else 31),
+        noise_std=xr.DataArray([0.0, NOISE, NOISE], dims="case", coords=labels),
+        buffer=buffers(is_buffered, loop),
+    )
+    days = paper_day(hours=8, seed=BAND_DAYS[:2] if quick else BAND_DAYS)
+    return simulate(loop, days, seed=SEED, replicates=2 if quick else 3, n_jobs=n_jobs, progress=False)
+
+
+def staircases() -> xr.Dataset:
+    """Fig 12: simulate the learned estimate by rule, and the switches that it saw in blocks of 10 min."""
+    rules = {name: LITERAL | rule for name, rule in RULES.items()}
+    loop = preset_loops().assign(backlash=BACKLASH, **along("rule", rules))
+    ds = simulate(
+        loop, paper_day(hours=8, seed=FIGURE_DAY), traces=["estimate", "mode"], trace_interval=10, progress=False
+    )
+    ds["switches"] = switches_per_block(ds["mode"])
+    return rehashed(ds.drop_vars("mode"))
+
+
+def switches_per_block(mode: xr.DataArray, seconds: int = 600) -> xr.DataArray:
+    """Count the mode switches in every block of ``seconds``; the first rise counts."""
+    step = int(mode["elapsed_time"][1] - mode["elapsed_time"][0])
+    turned = mode != mode.shift(elapsed_time=1, fill_value=-1)
+    blocks = turned.coarsen(elapsed_time=seconds // step, boundary="trim").sum()
+    blocks = blocks.rename(elapsed_time="block_start")
+    start = seconds * np.arange(blocks.sizes["block_start"], dtype=float)
+    blocks = blocks.assign_coords(block_start=("block_start", start, {"long_name": "start of a block", "units": "s"}))
+    return blocks.astype(float).assign_attrs({"long_name": f"mode switches in {seconds} s", "units": "1"})
+
+
+def rehashed(ds: xr.Dataset, **attrs: Any) -> xr.Dataset:
+    """The Dataset with more attributes, and with the hash of its present content."""
+    ds = ds.assign_attrs(attrs)
+    ds.attrs["content_sha256"] = content_sha256(ds)
+    return ds
+
+
+def arithmetic() -> str:
+    """Why the literal rule cannot keep the paper's three hours, by its own numbers."""
+    steps = round((BACKLASH - STEP) / STEP)
+    reached, known = steps * INTERVAL, (steps + 2) * INTERVAL
+    updates = (THREE_HOURS - 1) // INTERVAL
+    start, backlash = percent(STEP, 1), percent(BACKLASH, 1)
+    return (
+        f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {backlash}: "
+        f"{steps} × {INTERVAL / 3600:g} h = {reached / 3600:g} h, and {known / 3600:g} h until "
+        f"{percent(BACKLASH + STEP, 1)} has been tried and taken back.  In less than {THREE_HOURS // 3600} h there are "
+        f"{updates} updates, which lead to {percent((updates + 1) * STEP, 1)} at most."
+    )
+
 
 REAL_LOOP = {n: Loop.preset("lbnl")[n] for n in ("C_c", "sensor_time_constant", "stroke_time")}
 DAYS = range(2010, 2015)

@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.deliver.explore.model.map import AXES
-from fastcoil.deliver.explore.model.model import Model
-from fastcoil.deliver.explore.model.run import TRACES
-from fastcoil.deliver.explore.model.settings import settings_of
-from fastcoil.deliver.explore.model.stories import STORIES, told
-from fastcoil.deliver.explore.model.take_home import python_lines, study_file
-from fastcoil.deliver.explore.model.words import headline, learning, outcome, prediction
+from fastcoil.deliver.explore.loop import AXES, TRACES, Model
+from fastcoil.deliver.explore.settings import STORIES, settings_of, told
+from fastcoil.deliver.explore.words import headline, learning, outcome, prediction, python_lines, study_file
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.maintenance import one_scenario
 

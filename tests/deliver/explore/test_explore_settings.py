@@ -6,11 +6,20 @@ from urllib.parse import parse_qsl
 
 import pytest
 
-from fastcoil.deliver.explore import model
-from fastcoil.deliver.explore.model.scene import scene_of
-from fastcoil.deliver.explore.model.settings import CHOICES, DIALS, query_of, read_query, settings_of, words_of
-from fastcoil.deliver.explore.model.start import starts
-from fastcoil.deliver.explore.model.stories import STORIES, told
+from fastcoil.deliver.explore import loop, words
+from fastcoil.deliver.explore import settings as settings_module
+from fastcoil.deliver.explore.loop import scene_of
+from fastcoil.deliver.explore.settings import (
+    CHOICES,
+    DIALS,
+    STORIES,
+    query_of,
+    read_query,
+    settings_of,
+    starts,
+    told,
+    words_of,
+)
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.presets import PRESETS
 
@@ -79,10 +88,6 @@ def test_the_load_is_the_air_of_days_that_have_none_of_their_own(name):
 
 
 def test_the_model_knows_no_page():
-    for path in Path(model.__file__).parent.glob("*.py"):
-        source = path.read_text(encoding="utf-8")
-        assert not [
-            word for word in ("bokeh", "tornado", "explore.view", "explore.server") if f"import {word}" in source
-        ]
-        assert "from bokeh" not in source
-        assert "from fastcoil.deliver.explore.view" not in source
+    for module in (settings_module, loop, words):
+        source = Path(module.__file__).read_text(encoding="utf-8")
+        assert not [w for w in ("bokeh", "tornado", "explore.page", "explore.figures", "explore.server") if w in source]

@@ -7,7 +7,7 @@ import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 
 import fastcoil as fc
-from fastcoil.deliver.figures.learned import switches
+from fastcoil.deliver.figures.traces import switches
 
 pytestmark = pytest.mark.kernel
 

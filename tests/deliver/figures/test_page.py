@@ -9,9 +9,9 @@ from helpers.results import drawn, result
 
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.figures import study as plots
-from fastcoil.deliver.figures.page import control_dims
-from fastcoil.study.analysis.binned import binned
-from fastcoil.study.analysis.relative import relative_to
+from fastcoil.deliver.figures.study import control_dims
+from fastcoil.study.analysis.paired import relative_to
+from fastcoil.study.analysis.selected import binned
 
 SHAPE = (2, 2, 3, 6)
 

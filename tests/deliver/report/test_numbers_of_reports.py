@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from fastcoil.deliver.report.numbers import change, left_out, number, picked, setting, share, span
+from fastcoil.deliver.report.page import change, left_out, number, picked, setting, share, span
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from helpers.simulated_logs import coil_log, flows, log_of, noisy, walk
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, InputTypeError
-from fastcoil.deliver.report import pictures
+from fastcoil.deliver.report import page as pictures
 
 pytestmark = pytest.mark.kernel
 

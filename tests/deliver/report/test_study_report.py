@@ -9,11 +9,11 @@ from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.deliver.report import pictures
+from fastcoil.deliver.report import page as pictures
 from fastcoil.deliver.report import study as module
-from fastcoil.deliver.report.comparison import comparisons
 from fastcoil.deliver.report.page import Code, Section, Table
 from fastcoil.deliver.report.page import Page as Made
+from fastcoil.deliver.report.study import comparisons
 
 pytestmark = pytest.mark.kernel
 

@@ -7,9 +7,8 @@ import pytest
 from helpers.results import drawn, result
 
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.tables.latex import latex_of
-from fastcoil.deliver.tables.tex import escaped
-from fastcoil.study.analysis.binned import binned
+from fastcoil.deliver.tables import escaped, latex_of
+from fastcoil.study.analysis.selected import binned
 
 
 def rows_of(text):

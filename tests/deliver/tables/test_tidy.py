@@ -7,11 +7,9 @@ import pandas as pd
 import pytest
 from helpers.results import drawn, result
 
+import fastcoil.deliver.tables as tidy
 from fastcoil.base.errors import InputError, StorageError
-from fastcoil.deliver.tables import tidy
-from fastcoil.deliver.tables.csv import write_csv
-from fastcoil.deliver.tables.parquet import write_parquet
-from fastcoil.deliver.tables.tidy import Tidy
+from fastcoil.deliver.tables import Tidy, write_csv, write_parquet
 
 ATTRS = {
     "title": "A title,\nwith # and a line",

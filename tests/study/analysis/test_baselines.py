@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.study.analysis import baselines
+from fastcoil.study.analysis import summary as baselines
 from fastcoil.study.analysis.summary import summary
 
 TUNINGS = {

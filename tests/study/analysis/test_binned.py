@@ -9,7 +9,7 @@ from helpers.results import drawn, result
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
-from fastcoil.study.analysis.binned import binned, drawn_parameters
+from fastcoil.study.analysis.selected import binned, drawn_parameters
 
 
 @pytest.mark.parametrize("n", [80, 101])

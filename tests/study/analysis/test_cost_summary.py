@@ -10,8 +10,8 @@ import xarray as xr
 from helpers.costly_results import PRICES, result
 
 import fastcoil as fc
-from fastcoil.study.analysis.cost_summary import Billing, cost_lines, sound
-from fastcoil.study.analysis.tariff import Tariff
+from fastcoil.study.analysis.cost import Tariff
+from fastcoil.study.analysis.summary import Billing, cost_lines, sound
 
 TARIFF = Tariff(**PRICES, currency="EUR")
 

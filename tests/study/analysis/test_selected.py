@@ -7,7 +7,7 @@ from helpers.results import drawn, result
 
 from fastcoil.base.errors import InputError
 from fastcoil.model.metric_table import STATUS_NON_FINITE
-from fastcoil.study.analysis.relative import relative_to
+from fastcoil.study.analysis.paired import relative_to
 from fastcoil.study.analysis.selected import case_of, in_words, is_label, selected
 
 

@@ -9,7 +9,9 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.loops.presets import COOLING
 from fastcoil.loops.stability import stable
-from fastcoil.study.paper import grid, kinds, runs
+from fastcoil.study.paper import grid
+from fastcoil.study.paper import grid as kinds
+from fastcoil.study.paper import grid as runs
 
 pytestmark = pytest.mark.kernel
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import fastcoil as fc
-from fastcoil.study.paper import kinds
+from fastcoil.study.paper import grid as kinds
 
 SEEDS = (5, 6)
 

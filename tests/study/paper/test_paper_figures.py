@@ -7,8 +7,8 @@ import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 
 from fastcoil.base.figures import GREY
+from fastcoil.deliver.figures import paper as figures
 from fastcoil.loops.netcdf import load
-from fastcoil.study.paper import figures
 
 pytestmark = pytest.mark.kernel
 

@@ -7,9 +7,9 @@ from click.testing import CliRunner
 
 from fastcoil.base.figures import encode
 from fastcoil.cli.main import main
+from fastcoil.deliver.figures import paper as figures
 from fastcoil.loops.netcdf import load
 from fastcoil.loops.provenance import content_sha256
-from fastcoil.study.paper import figures
 
 pytestmark = pytest.mark.kernel
 

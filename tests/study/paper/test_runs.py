@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 from fastcoil.loops.netcdf import load
-from fastcoil.study.paper import grid, runs
+from fastcoil.study.paper import grid
+from fastcoil.study.paper import grid as runs
 
 pytestmark = pytest.mark.kernel
 

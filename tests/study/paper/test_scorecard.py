@@ -7,9 +7,10 @@ import pytest
 
 from fastcoil.loops.netcdf import load
 from fastcoil.loops.presets import COOLING
-from fastcoil.study.paper import runs, verdicts
+from fastcoil.study.paper import grid as runs
+from fastcoil.study.paper import scorecard as verdicts
 from fastcoil.study.paper.claims import CLAIMS
-from fastcoil.study.paper.kinds import KINDS, words
+from fastcoil.study.paper.grid import KINDS, words
 
 pytestmark = pytest.mark.kernel
 

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from fastcoil.study.paper import verdicts
+from fastcoil.study.paper import scorecard as verdicts
 
 TUNINGS = xr.Dataset(
     {"sample_time": ("tuning", np.repeat([1.0, 10.0, 15.0, 30.0], 25)), "kp": ("tuning", np.full(100, 0.03))}

@@ -13,14 +13,15 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, YELLOW, apply_style
+from fastcoil.deliver.figures.axes import draw_curve
 from fastcoil.loops.labels import quantity
-from fastcoil.study.analysis.spread import draw_curve
-from fastcoil.study.paper.runs import BACKLASH, INTERVAL, NOISE, THREE_HOURS, percent
-from fastcoil.study.paper.verdicts import SURELY
+from fastcoil.study.paper.grid import BACKLASH, INTERVAL, NOISE, THREE_HOURS, percent
+from fastcoil.study.paper.scorecard import SURELY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+
 
 _CHANGES = {"legend_frameon": False, "axes_titlelocation": "left", "lines_linewidth": 1.2}
 _WIDTH = 7.0

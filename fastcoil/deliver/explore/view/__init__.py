@@ -1,1 +1,0 @@
-"""Figures and controls of the page, and how a session keeps them up to date."""

@@ -1,0 +1,277 @@
+"""Where a figure is drawn: the axes that are given, or those of a new figure as wide as a column.
+
+What is drawn into one pair of axes: a map over two swept parameters, a curve along one, marks and limits.
+
+A median and how its members scatter: a band if they are many, each of them if they are few; and words for it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.errors import InputError, WrongType
+from fastcoil.base.figures import DOTTED, STYLE, apply_style, wrapped
+from fastcoil.loops.labels import Quantity, is_parameter, quantity_of
+from fastcoil.model.metric_table import STATUS_OK
+from fastcoil.model.parameter_table import RESERVED_DIMS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+
+
+COLUMN = 3.5
+"""Width of a figure, inches: 89 mm, a column of a journal."""
+_LETTER, _HANDLE = 0.061, 0.42
+"""Widths in a legend, inches: of an average letter, of all before and between the letters."""
+_LONGEST = 36
+"""Letters of a line in a legend."""
+
+
+@contextmanager
+def in_style() -> Iterator[None]:
+    """Draw in the style of our figures, which is then taken back."""
+    import matplotlib.pyplot as plt
+
+    # a back end that is first loaded inside of a style, as that of a notebook, has what it sets taken back, too
+    plt.draw_if_interactive()  # type: ignore[no-untyped-call]
+    with apply_style():
+        yield
+
+
+def one_place(ax: Any, height: float) -> Axes:
+    """The axes that are given, or those of a new figure of this height [inches].
+
+    Raises
+    ------
+    InputError
+        Unless ``ax`` is one pair of axes, or None.
+    """
+    return places(ax, [height])[0]
+
+
+def places(ax: Any, heights: Sequence[float]) -> list[Axes]:
+    """The axes that are given, one for each of ``heights`` [inches], or those of a new figure, one above the other.
+
+    Raises
+    ------
+    InputError
+        Unless ``ax`` is as many axes as are needed, or None.
+    """
+    if ax is not None:
+        return _given(ax, len(heights))
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(
+        len(heights), squeeze=False, sharex=True, height_ratios=list(heights), figsize=(COLUMN, sum(heights)),
+        layout="constrained",
+    )  # fmt: skip
+    found = list(panels[:, 0])
+    for axes in found:
+        # ticks are made when they are first needed, when the style of this figure is no longer in force
+        axes.tick_params(labelsize=STYLE["font.size"])
+        axes.grid(visible=True, alpha=STYLE["grid.alpha"])
+    figure.align_ylabels(found)
+    return found
+
+
+def _given(ax: Any, n: int) -> list[Axes]:
+    from matplotlib.axes import Axes
+
+    wanted = f"give {n} matplotlib axes, one for each panel," if n > 1 else "give matplotlib axes,"
+    found = list(ax.ravel()) if isinstance(ax, np.ndarray) else list(ax) if isinstance(ax, (list, tuple)) else [ax]
+    if not all(isinstance(one, Axes) for one in found):
+        raise InputError(WrongType(f"ax is a {type(ax).__name__}: {wanted} or leave it out"))
+    if len(found) != n:
+        raise InputError(f"ax has {len(found)} axes: {wanted} or leave it out")
+    return found
+
+
+def several(axes: list[Axes]) -> Any:
+    """One pair of axes as it is, more as an array, as ``matplotlib.pyplot.subplots`` returns them."""
+    return axes[0] if len(axes) == 1 else np.array(axes)
+
+
+def width_of(axes: Axes, ax: Any) -> float:
+    """Inches that a text beside or above some axes has."""
+    return 0.8 * COLUMN if ax is None else float(axes.bbox.width / axes.figure.dpi)
+
+
+def legend_above(axes: Axes, width: float, handles: Sequence[Any] | None = None, **look: Any) -> None:
+    """A legend above its axes, in as many columns as fit; ``handles``: what it names, all that is drawn by default."""
+    if handles is None:
+        handles, _ = axes.get_legend_handles_labels()
+    if not handles:
+        return
+    labels = [fill(str(one.get_label()), _LONGEST) for one in handles]
+    longest = max(len(line) for text in labels for line in text.splitlines())
+    columns = max(1, min(len(labels), int(width / (_HANDLE + _LETTER * longest))))
+    axes.legend(
+        handles, labels, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, borderaxespad=0.2,
+        borderpad=0.2, handlelength=1.8, columnspacing=1.0, **look,
+    )  # fmt: skip
+
+
+_SIZES = {"backlash", "backlash_estimate"}
+_LETTERS = 9
+"""Points."""
+_CURVES = 3
+
+
+def picked(n: int) -> list[int]:
+    """Positions of the first, the middle and the last of ``n`` values: a figure shows three curves."""
+    return [int(k) for k in np.unique(np.linspace(0, n - 1, _CURVES).round())]
+
+
+def pooled_dims(values: xr.DataArray, *shown: str) -> list[str]:
+    """The dimensions that a figure does not show."""
+    return [str(d) for d in values.dims if d not in shown]
+
+
+def draw_map(axes: Axes, values: xr.DataArray, of: Quantity, x: str, y: str, width: float) -> QuadMesh | None:
+    """Draw the median of ``values`` over all dims but ``x`` and ``y`` as colours, in the unit of ``of``.
+
+    width: of the panel, inches.  Returns the colours, for a scale beside them; None where no value is finite.
+    """
+    of_x, of_y = quantity_of(values, x), quantity_of(values, y)
+    label(axes, of_x.axis, of_y.axis, width)
+    shown = of.factor * values.median(pooled_dims(values, x, y)).transpose(y, x)
+    if say_if_empty(axes, shown):
+        return None
+    mesh = axes.pcolormesh(
+        of_x.factor * values[x], of_y.factor * values[y], shown, cmap="cividis", shading="nearest", rasterized=True
+    )
+    axes.grid(visible=False)
+    mark_exact(axes, x, y)
+    return mesh
+
+
+def label(axes: Axes, x: str, y: str, width: float) -> None:
+    """Name both axes; an empty name leaves one as it is."""
+    if x:
+        axes.set_xlabel(wrapped(x, 0.8 * width, _LETTERS))
+    if y:
+        axes.set_ylabel(wrapped(y, 2.0, _LETTERS))
+
+
+def say_if_empty(axes: Axes, values: xr.DataArray) -> bool:
+    """Whether no value is finite; the panel then says so."""
+    if np.isfinite(values).any():
+        return False
+    axes.text(0.5, 0.5, "no finite value", ha="center", transform=axes.transAxes)
+    return True
+
+
+def from_zero(alike: Iterable[Axes], which: Literal["x", "y"]) -> None:
+    """Let the axis of some panels start at 0 and end above all that is drawn, unless some of it is negative."""
+    drawn = [getattr(axes.dataLim, f"interval{which}") for axes in alike]
+    low, high = min(d[0] for d in drawn), max(d[1] for d in drawn)
+    if low >= 0.0 and high > 0.0:
+        for axes in alike:
+            getattr(axes, f"set_{which}lim")(0.0, 1.05 * high)
+
+
+def failed_in_words(ds: xr.Dataset) -> str:
+    """How many scenarios of a result failed, as a clause of a heading; empty if none did."""
+    status = ds["status"].values[ds["status"].notnull().values]  # in groups that differ in size places stay empty
+    failed = int((status != STATUS_OK).sum())
+    return f"; without {failed:,} of {status.size:,} scenarios, which failed" if failed else ""
+
+
+def mark_exact(axes: Axes, x: str, y: str = "") -> None:
+    """Mark where the estimate is the backlash."""
+    look: Any = {"color": "white" if y else "black", "lw": 0.8, "ls": DOTTED}
+    if x == "estimate_ratio":
+        axes.axvline(100.0, **look)
+    if y == "estimate_ratio":
+        axes.axhline(100.0, **look)
+    if {x, y} == _SIZES:
+        axes.axline((0.0, 0.0), slope=1.0, **look)
+
+
+def exact_in_words(*shown: str) -> str:
+    """What ``mark_exact`` marks, as a clause of a heading."""
+    return "; dotted: estimate = backlash" if "estimate_ratio" in shown or {*shown} == _SIZES else ""
+
+
+BAND = (0.1, 0.9)
+FEWEST_FOR_A_BAND = 5
+"""Fewer members are drawn one by one: their percentiles would be interpolated between two or three numbers."""
+
+
+def count(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any]) -> int:
+    """How many members one point pools."""
+    return int(np.prod([ds.sizes[d] for d in pooled], dtype=int))
+
+
+def _band(values: xr.DataArray, pooled: list[Any]) -> tuple[xr.DataArray, xr.DataArray]:
+    with warnings.catch_warnings():
+        # where every member is NaN the band has a gap, which says enough
+        warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
+        low, high = values.quantile(BAND, pooled)
+    return low, high
+
+
+def draw_curve(axes: Axes, x: xr.DataArray, values: xr.DataArray, *, label: str | None = None, **look: Any) -> None:
+    """Draw the median of ``values`` over all dims but that of ``x``, with a band, or with a thin line per member."""
+    pooled = [d for d in values.dims if d not in x.dims]
+    if count(values, pooled) >= FEWEST_FOR_A_BAND:
+        low, high = _band(values, pooled)
+        axes.fill_between(x, low, high, color=look["color"], alpha=0.2, lw=0)
+    elif pooled:
+        members = values.transpose(*x.dims, ...).values.reshape(x.size, -1)
+        axes.plot(x, members, color=look["color"], lw=0.5, alpha=0.7)
+    axes.plot(x, values.median(pooled), label=label, **look)
+
+
+def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
+    """Draw the medians of ``values`` along ``dim`` as dots, with a line from 10 to 90 % or a small dot per member."""
+    rows = np.arange(values.sizes[dim])
+    pooled = [d for d in values.dims if d != dim]
+    if count(values, pooled) >= FEWEST_FOR_A_BAND:
+        low, high = _band(values, pooled)
+        axes.hlines(rows, low, high, color=color, lw=1.0)
+    elif pooled:
+        for member in values.transpose(..., dim).values.reshape(-1, rows.size):
+            axes.plot(member, rows, "o", color=color, ms=2.5, mfc="white", mew=0.7)
+    axes.plot(values.median(pooled), rows, "o", color=color, ms=5)
+
+
+def describe(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any], median: str, band: str, member: str) -> str:
+    """Say over what a figure pools, and what its marks are: those of the median, of a band, of a single member."""
+    pooled = [d for d in pooled if ds.sizes[d] > 1]
+    if not pooled:
+        return f"{median}: a single scenario"
+    n = count(ds, pooled)
+    over = " × ".join(_in_words(ds, str(d)) for d in pooled)
+    if len(pooled) > 1 and not any(d in ds.coords and "pooled_as" in ds[d].attrs for d in pooled):
+        over += f" = {n:,} scenarios"
+    if not band:
+        return f"{median}: median of {over}"
+    if n >= FEWEST_FOR_A_BAND:
+        return f"{median}: median of {over}; {band}: 10th to 90th percentile"
+    return f"{median}: median of {over}; {member}: each of these"
+
+
+def _in_words(ds: xr.Dataset | xr.DataArray, dim: str) -> str:
+    """A pooled dim: how many of what, from where to where, and that the plain PI is among them."""
+    size = ds.sizes[dim]
+    if dim in ds.coords and "pooled_as" in ds[dim].attrs:  # groups differ in size
+        return str(ds[dim].attrs["pooled_as"])
+    if dim in RESERVED_DIMS:
+        return f"{size} {dim}s"
+    if not is_parameter(ds, dim) or dim not in ds.coords or ds[dim].dtype.kind not in "if":
+        return f"{size} values of {dim.replace('_', ' ')}"
+    shown = quantity_of(ds, dim)
+    low, high = float(ds[dim].min()), float(ds[dim].max())
+    words = f"{size} values of {shown.text} ({low * shown.factor:.3g} to {shown.number(high)}"
+    if dim in ("estimate_ratio", "backlash_estimate") and low == 0.0:
+        words += ", 0 being the plain PI"
+    return words + ")"

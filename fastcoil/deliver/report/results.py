@@ -1,0 +1,359 @@
+"""The report of a fit: a valve, a coil, or the gap of a valve without a flow meter.
+
+The report of a diagnosis: whether it is the valve.
+
+The report of a tuning: which settings to take, and what they do on valves and days that the search never saw.
+
+The report of an explanation: will this loop hunt, why, and what to do.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.text import NONE
+from fastcoil.deliver.report.computed import changed, here
+from fastcoil.deliver.report.page import (
+    Block,
+    Code,
+    Facts,
+    Page,
+    Section,
+    Table,
+    Words,
+    change,
+    number,
+    picked,
+    picture,
+    setting,
+    share,
+)
+from fastcoil.deliver.report.study import cited
+from fastcoil.design.tuning.words import table_rows
+from fastcoil.loops.labels import quantity, unit_in_words
+from fastcoil.loops.provenance import content_sha256
+from fastcoil.measured.diagnosis.remedies import WORDS
+from fastcoil.measured.diagnosis.words import in_words
+from fastcoil.measured.fit.loop_result import LoopFit
+from fastcoil.measured.fit.split import FITTING, VALIDATION
+from fastcoil.model.parameter_table import PARAMETERS
+
+if TYPE_CHECKING:
+    from fastcoil.design.explanation.result import Explanation
+    from fastcoil.design.tuning.measures import Limit
+    from fastcoil.design.tuning.result import Tuning
+    from fastcoil.measured.diagnosis.result import Diagnosis
+    from fastcoil.measured.fit.result import Fit
+
+
+_QUESTIONS = {
+    "valve": "Which backlash and which flow curve does this valve have?",
+    "coil": "Which heat transfer and which heat capacity does this coil have?",
+    "loop": "Which backlash does this valve have, seen from the supply air temperature?",
+}
+_CAPTIONS = {
+    "valve": "Left: modelled over measured flow; on the line they are equal.  Middle: flow over command, dots as "
+    "measured, lines as the fitted valve gives it, opening and (dashed) closing.  Right: the error that is left with "
+    "the backlash held at each size; sizes below the dotted limit are within the 95 % interval.",
+    "coil": "Supply air, leaving water if it was logged, and flows over time, measured and (dashed) as the fitted coil "
+    "gives them; on the left the part that was fitted, on the right the part held back.  Grey: not compared.",
+    "loop": "Left: supply air, measured (broad line) and as the fitted loop gives it, with the gap (dashed) and "
+    "without (dotted), over the command.  Right: the error that is left with the backlash held at each size; shaded: "
+    "the 95 % interval.  Grey: not compared.",
+}
+
+
+def fit_page(fit: Fit) -> Page:
+    """The report of a fit."""
+    lines = fit.summary()
+    answer = [*_size(fit), *_held_back(fit)]
+    together = [line for line in lines if " are known only together " in line]
+    minded = [*together, *fit.notes]
+    warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
+    drawn: list[Block] = [picture(fit.plot(), _CAPTIONS[fit.kind], f"Measured and modelled {fit.kind}")]
+    include = f'Save this as {fit.kind}.toml; in a study file, [loop] include = ["{fit.kind}.toml"] takes it.'
+    sections = [
+        Section("Measured and modelled", drawn),
+        Section("In numbers", [_parameters(fit), _errors(fit)]),
+        Section("What to mind", [Words(minded, bullets=True)] if minded else []),
+        _how_fitted(fit),
+        Section("For a study", [Words([include]), Code(fit.to_toml())]),
+        here(),
+        cited(),
+    ]
+    title = f"{fit.kind.capitalize()} fitted to {fit.source}"
+    return Page("Fit", title, _QUESTIONS[fit.kind], warnings, answer, sections, content_sha256(fit.residuals))
+
+
+def _size(fit: Fit) -> list[str]:
+    """The size of the gap, which a coil has not."""
+    if fit.kind == "coil":
+        return []
+    if "backlash" not in fit.parameters:
+        return [f"The log does not tell the size of the gap: {fit.held.get('backlash', 'see what to mind')}."]
+    low, high = (f"{number(100 * bound)}" for bound in fit.intervals["backlash"])
+    return [f"The gap is {number(100 * fit.parameters['backlash'])} % of the stroke (95 %: {low} to {high} %)."]
+
+
+def _held_back(fit: Fit) -> list[str]:
+    """How far the model errs where it was fitted, where it was not, and without the gap."""
+    rmse, unit = fit.rmse, fit.unit
+    if VALIDATION not in rmse:
+        return [f"The model errs by {number(rmse[FITTING])} {unit} (RMS).  Nothing was held back to check it."]
+    plain = rmse.get(f"{VALIDATION}_without_backlash")
+    without = "" if plain is None else f"; without a gap it would be {number(plain)} {unit}"
+    return [
+        f"On the part of the log that it never saw, the model errs by {number(rmse[VALIDATION])} {unit} (RMS){without}."
+        f"  On the part that it was fitted to, by {number(rmse[FITTING])} {unit}."
+    ]
+
+
+def _parameters(fit: Fit) -> Table:
+    rows = []
+    for name, value in fit.parameters.items():
+        shown = quantity(name)
+        cells = [f"{number(value * shown.factor, 4)} {shown.unit}".rstrip()]
+        if name in fit.intervals:
+            low, high = (f"{number(bound * shown.factor, 4)}" for bound in fit.intervals[name])
+            cells += [number(fit.standard_errors[name] * shown.factor, 2), f"{low} to {high}"]
+        else:
+            cells += [NONE, fit.held[name]]
+        rows.append([name, *cells, PARAMETERS[name].text])
+    return Table("Parameters", ["name", "value", "standard error", "95 % interval", "meaning"], rows)
+
+
+def _errors(fit: Fit) -> Table:
+    rows = [[name.replace("_", " "), f"{number(value, 4)} {fit.unit}"] for name, value in fit.rmse.items()]
+    return Table(
+        "Error of the model, RMS", ["part of the log", "error"], rows,
+        "Fit: the part that the parameters were fitted to.  Validation: a part that they never saw.",
+    )  # fmt: skip
+
+
+def _how_fitted(fit: Fit) -> Section:
+    log = f"{fit.source}: {fit.n_used:,} samples compared, worth {fit.n_effective:,.0f} independent ones"
+    method = "the emulator behind the logged command, with each size of the gap" if isinstance(fit, LoopFit) else (
+        "least squares of the model behind the logged inputs; intervals allow for correlated errors"
+    )  # fmt: skip
+    others = " --loop PRESET" if fit.kind == "loop" else ""
+    command = f"fastcoil fit {fit.kind} LOG.csv{others} -o {fit.kind}.toml --report {fit.kind}.html"
+    return Section("How it was computed", [Facts([("Log", log), ("Method", method)]), Code(command)])
+
+
+_SPOKEN = {"d-1": "a day"}
+_CAPTION_OF_DIAGNOSIS = (
+    "From the top: supply air (line) and its set-point (dashed) in the two hours in which the motor moves most; the "
+    "command of the controller; the opening of the valve over the position of its motor as the model has it, where the "
+    "dotted lines are the two sides of the gap and the distance between them is its size; the probability of each size "
+    "of the gap (bars) with its 95 % interval (grey band), grey bars where the log does not identify it; what the loop "
+    "fitted to this log would do with another valve, gain or controller, as found = 100 %; indices of the loop."
+)
+
+
+def diagnosis_page(d: Diagnosis) -> Page:
+    """The report of a diagnosis."""
+    lines = [line for line in in_words(d)[1:] if not line.startswith("Note: ")]
+    warnings = [] if d.identified else [f"The log does not tell the size of the gap: {d.reason}"]
+    blocks: list[Block] = [
+        picture(d.plot(), _CAPTION_OF_DIAGNOSIS, "Signals, gap, probability, predictions and indices")
+    ]
+    sections = [Section("The diagnosis on one page", blocks), Section("What would help", _predictions(d))]
+    sections += [
+        Section("Indices of the loop", [_indices(d.indices)]),
+        Section("What to mind", [Words(list(d.notes), bullets=True)] if d.notes else []),
+        _how_diagnosed(d),
+        Section("For a study", [
+            Words(['Save this as diagnosis.toml; in a study file, [loop] include = ["diagnosis.toml"] takes the gap.']),
+            Code(d.to_toml()),
+        ]),
+        here(),
+        cited(),
+    ]  # fmt: skip
+    question = "How large is the gap of this valve, does its loop hunt, and is the valve to blame?"
+    return Page(
+        "Diagnosis", f"Is it the valve? {d.source}", question, warnings, lines, sections, content_sha256(d.signals)
+    )
+
+
+def _predictions(d: Diagnosis) -> list[Block]:
+    if d.predictions is None:
+        return [Words(["No model of the loop could be fitted to this log, so nothing is foretold: see what to mind."])]
+    found, rows = d.predictions, []
+    for k, case in enumerate(found["case"].values):
+        one = found.isel(case=k)
+        doubt = str(one["doubt"].values)
+        cells = [f"{number(float(one['rmse']))} K", number(float(one["travel_per_day"])),
+                 number(float(one["reversals_per_day"])), "yes" if float(one["hunts"]) > 0 else "no"]  # fmt: skip
+        rows.append([WORDS[str(case)], *([NONE] * 4 if doubt else cells), doubt])
+    head = ["", "RMS error", "motor, strokes a day", "stem, turns a day", "hunts", "doubt"]
+    if not any(row[-1] for row in rows):
+        head, rows = head[:-1], [row[:-1] for row in rows]
+    note = "What the loop that was fitted to this log does on the day of the log.  A dash: cannot be told."
+    return [Table("With another valve, gain or controller", head, rows, note)]
+
+
+def _indices(ds: xr.Dataset) -> Table:
+    rows = []
+    for name, value in ds.data_vars.items():
+        unit = str(value.attrs.get("units", "1"))
+        shown, size = quantity(str(name)), float(value)
+        if not np.isfinite(size):
+            text = NONE
+        elif "backlash" in str(name) and unit == "1":
+            text = share(size) if size >= 0.995 else f"{number(100 * size)} %"
+        else:
+            text = f"{number(size)} {_SPOKEN.get(unit) or unit_in_words(unit)}".rstrip()
+        rows.append([str(value.attrs.get("long_name", shown.text)), text])
+    return Table("Single numbers", ["index", "value"], rows, "A dash: it cannot be told from this log.")
+
+
+def _how_diagnosed(d: Diagnosis) -> Section:
+    hours, interval = d.signals.attrs["hours"], d.signals.attrs["interval"]
+    low, high = d.interval
+    facts = [
+        ("Log", f"{d.source}: {hours:.1f} h, a sample every {interval:g} s"),
+        ("Gap", f"each size is tried on the log; 95 % interval {100 * low:.3g} to {100 * high:.3g} % of the stroke"
+                if np.isfinite(low) else "no size could be tried"),
+        ("Cause", f"{d.cause}: {d.because}" if d.because else d.cause),
+        ("Predictions", "valve and coil as a curve behind two lags and a delay, fitted to the log, with the controller "
+                        "recovered from the same log"),
+    ]  # fmt: skip
+    command = "fastcoil diagnose LOG.csv -o diagnosis.toml --report diagnosis.html"
+    return Section("How it was computed", [Facts(facts), Code(command)])
+
+
+_CAPTION_OF_TUNING = (
+    "Dots joined by a line: every tuning that no other beats in both error and motor travel, on the valves and days of "
+    "the search; a grey line leads from each to its hollow dot, the same tuning held out.  Marks with bars: the tuning "
+    "of now, the chosen one and that of the SIMC rule, held out; bars are 95 % intervals for other valves and days.  "
+    "Dotted: a limit."
+)
+_NOTE = "In brackets: 95 % interval over valves and days, by bootstrap."
+
+
+def tuning_page(t: Tuning) -> Page:
+    """The report of a tuning."""
+    lines = t.summary()
+    answer = [lines[0], next(line for line in lines if line.startswith("Held out, "))]
+    warnings = [] if t.meets_limits else [
+        "No tuning keeps every limit: the one shown breaks them least, and is no recommendation."
+    ]  # fmt: skip
+    warnings += t.notes
+    drawn: list[Block] = [picture(t.plot(), _CAPTION_OF_TUNING, "Error against motor travel of the tunings")]
+    numbers: list[Block] = [_table("Held out", t.held_out, t), _table("Searched on", t.trained, t)]
+    facts = [
+        ("Sought", f"lowest {next(iter(t.held_out.data_vars.values())).attrs['long_name']}"),
+        ("Limits", "; ".join(_limit(t, each) for each in t.limits) or "none"),
+        ("Tried", f"{t.evaluations.sizes['evaluation']:,} tunings"),
+        ("Searched on", str(t.trained.attrs["group"])),
+        ("Held out", str(t.held_out.attrs["group"])),
+    ]
+    command = "fastcoil tune STUDY.toml -o results/tuning --report tuning.html"
+    include = 'Save this as tuning.toml; in a study file, [loop] include = ["tuning.toml"] takes the settings.'
+    sections = [
+        Section("The choice", drawn),
+        Section("Now and then", numbers),
+        Section("The front", [_front(t.front)]),
+        Section("How it was computed", [Facts(facts), Code(command)]),
+        Section("For a study", [Words([include]), Code(t.to_toml())]),
+        here(),
+        cited(),
+    ]
+    title = "Tuning of " + ", ".join(quantity(name).text for name in t.parameters)
+    question = "Which settings suit all these valves and days, and what do they do on valves and days not searched on?"
+    return Page("Tuning", title, question, warnings, answer, sections, content_sha256(t.evaluations))
+
+
+def _limit(t: Tuning, each: Limit) -> str:
+    words = t.held_out[each.measure.name].attrs["long_name"]
+    return f"{words}: {'as now' if each.as_now else each.measure.shown(each.most)}"
+
+
+def _table(title: str, ds: xr.Dataset, t: Tuning) -> Table:
+    head, *rows = table_rows(ds, t.limits)
+    return Table(f"{title}: {ds.attrs['group']}", ["measure", *head[1:]], rows, _NOTE)
+
+
+def _front(front: xr.Dataset) -> Table:
+    names = [str(n) for n, v in {**front.coords, **front.data_vars}.items() if v.dims == ("point",) and n != "point"]
+    shown = picked(front.sizes["point"], most=15)
+    rows = [[str(k + 1), *(number(float(front[name][k])) for name in names)] for k in shown]
+    head = [quantity(n).axis if n in PARAMETERS else str(front[n].attrs.get("long_name", n)) for n in names]
+    note = "" if len(rows) == front.sizes["point"] else f"{len(rows)} of {front.sizes['point']} are shown."
+    return Table("Tunings that no other beats in both error and travel", ["", *head], rows, note)
+
+
+_CAPTION_OF_EXPLANATION = (
+    "Top left: gain of the loop over its phase (blue line) and of the gap, -1/N (red, dashed); the loop hunts where it "
+    "is above, and the distance between the two dots is the margin.  Top right: which gains hunt (shaded), with lines "
+    "of equal margin, the loop as it is (red dot) and other tunings (marks).  Bottom: supply air as it is (red), with "
+    "the recommended cure (blue) if there is one, and the set-point (dashed)."
+)
+_DO = ("Do this", "If the error matters", "Leave it", "None of these")
+"""How an advice begins."""
+_DAY = "Supply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
+
+
+def explanation_page(e: Explanation) -> Page:
+    """The report of an explanation."""
+    first, *middle, last = "\n".join(e.text.splitlines()).split("\n\n")
+    advice = last.split("\n")[2 + e.cures.sizes["cure"] :]
+    do = [line for line in advice if line.startswith(_DO)]
+    drawn: list[Block] = [
+        picture(e.plot(), _DAY if e.phase is None else _CAPTION_OF_EXPLANATION, "Margin, gains and the day")
+    ]
+    loop, boundary = e._found.loop, e._found.boundary
+    facts = [
+        ("Day", boundary.describe()),
+        ("Foretold by", "the describing function of the gap in a linear model of the loop at each operating point"),
+        ("Simulated with", "a time step of 1 s, on this day, with each cure"),
+    ]
+    phase: list[Block] = [] if e.phase is None else [_phase(e.phase, middle[0].split("\n")[0] if middle else "")]
+    parameters: list[Block] = [Facts(facts)]
+    own = changed(loop.constants, "paper_like", "default")
+    parameters += [own] if own.rows else []
+    parameters.append(Code("fastcoil explain TARGET --report explanation.html"))
+    sections = [
+        Section("The loop in one figure", drawn),
+        Section("What can be done", [_cures(e.cures), Words([line for line in advice if line not in do])]),
+        Section("Where the phase goes", phase),
+        Section("How it was computed", parameters),
+        here(),
+        cited(),
+    ]
+    gains = ", ".join(f"{name} = {setting(name, loop[name])}" for name in ("kp", "ti"))
+    title = f"Will this loop hunt? {gains}"
+    question = "Will it hunt on this day, why, what would cure it, and what does that cost?"
+    return Page(
+        "Explanation", title, question, list(e.doubts), [*first.split("\n"), *do], sections, content_sha256(e.cures)
+    )
+
+
+def _cures(ds: xr.Dataset) -> Table:
+    rows = []
+    for k in range(ds.sizes["cure"]):
+        one, now = ds.isel(cure=k), ds.isel(cure=0)
+        error, travel = float(one["rmse"]), float(one["motor_travel"])
+        before = float(now["motor_travel"])
+        margin, swing = float(one["margin"]), float(one["hunting_swing"])
+        rows.append([
+            str(one["words"].item()), number(margin, 2), f"{number(error)} K",
+            change(error / float(now["rmse"]) - 1.0) if k else "", f"{number(swing, 2)} K",
+            f"{number(travel)}", f"× {number(travel / before, 2)}" if k and before > 0.0 else "",
+            str(one["verdict"].item()) if k else "",
+        ])  # fmt: skip
+    head = ["", "margin", "RMS error", "change", "swing", "motor travel", "change", "verdict"]
+    note = (
+        "Each cure alone, on the same day.  Margin: above 0.85 a loop hunts.  Swing: peak to peak, settled.  Motor "
+        f"travel: strokes.  {NONE}: cannot be told."
+    )
+    return Table("The loop as it is and with each cure", head, rows, note)
+
+
+def _phase(phase: xr.DataArray, title: str) -> Table:
+    order = phase.values.argsort()[::-1]
+    rows = [[str(phase["part"].values[k]), f"{float(phase[k]):.0f}°"] for k in order if abs(float(phase[k])) >= 0.5]
+    return Table(title.removesuffix(":") or "Phase", ["part of the loop", "takes"], rows)

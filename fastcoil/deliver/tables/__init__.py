@@ -1,1 +1,0 @@
-"""Results as tables: CSV, Parquet and LaTeX, and numbers as people write them."""
