@@ -1,0 +1,138 @@
+"""Fill the pages with the numbers and tables of the studies: ``python docs/builder/numbers.py``, or ``make pages``.
+
+A page marks each number that it quotes from ``studies/*/tables/NAME.md``; a code host does not show the marks::
+
+    <!-- number hunting_rules | margin | told right -->98.9 % (98.4 to 99.3)<!-- /number -->
+    <!-- table hunting_rules -->  the whole table  <!-- end hunting_rules -->
+
+The parts of a number are the table, the row, the column, and optionally how to write the cell (see ``FORMS``).  A row is
+named by the beginning of one of its cells, or of several joined by ``&``; a column by the beginning of its head.  Exactly
+one row and column must fit, or several rows with the form ``range``.  ``title`` instead of a row takes the group of a
+regular expression from the title of the table.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+NUMBER = re.compile(r"<!-- number (.+?) -->(.*?)<!-- /number -->", re.DOTALL)
+TABLE = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end \1 -->", re.DOTALL)
+FIRST = re.compile(r"-?\d[\d,]*(?:\.\d+)?")
+Row = dict[str, str]
+
+
+def pages(root: Path) -> list[Path]:
+    """Pages that may quote tables."""
+    return [*sorted((root / "docs").rglob("*.md")), root / "README.md", root / "studies" / "README.md"]
+
+
+def table_file(root: Path, name: str) -> Path:
+    """File of a table, in whichever folder of ``studies/``."""
+    found = [path for path in (root / "studies").rglob("tables/*.md") if path.stem == name]
+    if len(found) != 1:
+        raise ValueError(f"{len(found)} tables are called {name!r}")
+    return found[0]
+
+
+def rows(text: str) -> Iterator[Row]:
+    """Column → cell of each row; an empty cell repeats the one above, and of equal heads the first counts."""
+    lines = [re.split(r"(?<!\\)\|", line.strip().strip("|")) for line in text.splitlines() if line.startswith("|")]
+    head, _, *body = [[cell.strip() for cell in line] for line in lines]
+    above = head
+    for cells in body:
+        above = [cell or old for cell, old in zip(cells, above, strict=True)]
+        yield dict(reversed(list(zip(head, above, strict=True))))
+
+
+def _named(name: str, known: Iterable[str]) -> list[str]:
+    """Those of ``known`` that are ``name``; if none is, those that begin with it."""
+    known = list(known)
+    return [one for one in known if one == name] or [one for one in known if one.startswith(name)]
+
+
+def _fitting(found: list[Row], row: str) -> list[Row]:
+    for part in row.split(" & "):
+        exact = [cells for cells in found if part in cells.values()]
+        found = exact or [cells for cells in found if _named(part, cells.values())]
+    return found
+
+
+def _unsigned(cell: str) -> str:
+    """``30 % (25 to 34)`` of ``-30 % (-34 to -25)``."""
+    turned = re.sub(r"\((-[\d.]+) to (-[\d.]+)\)", r"(\2 to \1)", cell)
+    return re.sub(r"[-+](?=\d)", "", turned)
+
+
+def _whole(cell: str) -> str:
+    """``95 %`` of ``95.4%``."""
+    return f"{float(FIRST.findall(cell)[0]):.0f}" + (" %" if "%" in cell else "")
+
+
+FORMS: dict[str, Callable[[str], str]] = {
+    "short": lambda cell: cell.split(" (")[0],
+    "unsigned": _unsigned,
+    "whole": _whole,
+    "bare": lambda cell: FIRST.findall(cell)[0],
+    **{f"part {k}": lambda cell, k=k: cell.split(", ")[k - 1] for k in (1, 2, 3)},  # type: ignore[misc]
+}
+"""How to write a cell.  Besides these, ``range`` gives the least and the most of several rows, and ``of`` a regular
+expression takes its group from the cell."""
+
+
+def _group(pattern: str, text: str) -> str:
+    found = re.search(pattern, text)
+    if found is None:
+        raise ValueError(f"nothing in {text!r} fits {pattern!r}")
+    return found[1]
+
+
+def number(root: Path, mark: str) -> str:
+    """What the mark of a number stands for."""
+    name, row, column, *forms = (part.strip() for part in " ".join(mark.split()).split(" | "))
+    text = table_file(root, name).read_text(encoding="utf-8")
+    if row == "title":
+        return _group(column, text.splitlines()[0])
+    found = _fitting(list(rows(text)), row)
+    columns = _named(column, found[0]) if found else []
+    forms = [] if not forms else [forms[0]] if forms[0].startswith("of ") else forms[0].split(", ")
+    if len(columns) != 1 or (len(found) != 1 and "range" not in forms):
+        raise ValueError(f"{mark!r}: {len(found)} rows and {len(columns)} columns fit")
+    cells = [cells[columns[0]] for cells in found]
+    for form in forms:
+        if form == "range":
+            ordered = sorted(cells, key=lambda cell: float(FIRST.findall(cell)[0].replace(",", "")))
+            cells = [f"{FIRST.findall(ordered[0])[0]} to {ordered[-1]}"]
+        elif form.startswith("of "):
+            cells = [_group(form.removeprefix("of "), cell) for cell in cells]
+        else:
+            cells = [FORMS[form](cell) for cell in cells]
+    return cells[0]
+
+
+def filled(root: Path, page: str) -> str:
+    """The text of a page with every marked number and table as ``studies/`` has it now."""
+
+    def table(mark: re.Match[str]) -> str:
+        text = table_file(root, mark[1]).read_text(encoding="utf-8")
+        return f"<!-- table {mark[1]} -->\n\n{text}\n<!-- end {mark[1]} -->"
+
+    page = TABLE.sub(table, page)
+    return NUMBER.sub(lambda mark: f"<!-- number {mark[1]} -->{number(root, mark[1])}<!-- /number -->", page)
+
+
+def main() -> None:
+    """Refill all pages, and name those that changed."""
+    for page in pages(ROOT):
+        old = page.read_text(encoding="utf-8")
+        new = filled(ROOT, old)
+        if new != old:
+            page.write_text(new, encoding="utf-8")
+            sys.stdout.write(f"{page.relative_to(ROOT)}\n")
+
+
+if __name__ == "__main__":
+    main()
