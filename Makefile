@@ -34,6 +34,11 @@ lint: $(VENV)/.installed-lint
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# numbers and tables of the studies into the pages that quote them
+.PHONY: pages
+pages: $(VENV)/.installed
+	$(BIN)/python docs/builder/numbers.py
+
 # the site, build/docs/site/index.html, rebuilt from scratch so that its examples show the current behaviour; warnings
 # and dead links are errors
 DOCS := build/docs

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 MADE = ROOT / "build" / "docs"
 sys.path.insert(0, str(ROOT / "docs"))
 
-from builder.pages import shown_file  # noqa: E402
+from builder.pages import redirects, shown_file  # noqa: E402
 from builder.stage import home, stage, stage_scripts  # noqa: E402
 
 stage(ROOT, MADE / "pages")
@@ -100,6 +100,13 @@ def without_signature(app: Sphinx, what: str, name: str, thing: object, options:
     return ("", None) if what == "class" and re.search(r"[._]result[.]", name) else None
 
 
+def write_redirects(app: Sphinx, exception: Exception | None) -> None:
+    """Keep the addresses of pages that have moved."""
+    for name, text in redirects().items():
+        (app.outdir / name).write_text(text)
+
+
 def setup(app: Sphinx) -> None:
     """Besides the settings above."""
+    app.connect("build-finished", write_redirects)
     app.connect("autodoc-process-signature", without_signature)

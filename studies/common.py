@@ -1,8 +1,7 @@
-"""What the studies share: results of a study file, and tables that the pages of ``docs/`` quote."""
+"""What the studies share: results of a study file, tables and figures."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -16,7 +15,6 @@ STUDIES = Path(__file__).parent
 RESULTS = STUDIES.parent / "results"
 WRITTEN = STUDIES
 """Where tables and figures are written, each in the folder of its question."""
-PAGES = STUDIES.parent / "docs"
 
 
 def results(name: str) -> xr.Dataset:
@@ -38,17 +36,12 @@ def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Write the table ``FOLDER/NAME`` to ``FOLDER/tables/NAME.md``, and into every page that quotes it by NAME."""
+    """Write the table ``FOLDER/NAME`` to ``FOLDER/tables/NAME.md``; ``make pages`` puts it into the pages that quote it."""
     folder, name = name.split("/")
     text = f"**{title}**\n\n{markdown(head, rows)}"
     path = WRITTEN / folder / "tables" / f"{name}.md"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
-    for page in PAGES.glob("*.md"):
-        old = page.read_text(encoding="utf-8")
-        new = quoting(old, name, text)
-        if new != old:
-            page.write_text(new, encoding="utf-8")
     print(path)
 
 
@@ -59,9 +52,3 @@ def save_figure(figure: Figure, name: str, dpi: int = 150) -> None:
     figure.savefig(path, dpi=dpi)
     plt.close(figure)
     print(path)
-
-
-def quoting(page: str, name: str, table: str) -> str:
-    """The text of a page with ``table`` between its marks ``<!-- table NAME -->`` and ``<!-- end NAME -->``."""
-    between = re.compile(rf"(?<=<!-- table {name} -->\n).*?(?=<!-- end {name} -->)", re.DOTALL)
-    return between.sub(lambda _: f"\n{table}\n", page)

@@ -19,13 +19,19 @@ HEAD = "---\norphan: true\nnosearch: true\n---\n\n"
 
 
 def file_page(root: Path, path: str) -> str:
-    """A page that shows a file, or lists the files of a folder."""
+    """A page that shows a file, lists the Python files of a folder, or shows its tables."""
     title = f"{HEAD}# `{path}`\n\n"
+    if (root / path).name == "tables":
+        tables = sorted((root / path).glob("*.md"))
+        return title + "\n\n".join(f"## {table.stem}\n\n{table.read_text()}" for table in tables)
+    if (root / path).parent.name == "tables":
+        return title + (root / path).read_text()
     if not (root / path).is_dir():
         language = LANGUAGES.get(Path(path).suffix, "text")
         text = (root / path).read_text()
         if path.endswith(".ipynb"):
-            return title + "\n\n".join(_cells(json.loads(text)))
+            download = f"{{download}}`Download this notebook <../../../{path}>`\n\n"
+            return title + download + "\n\n".join(_cells(json.loads(text)))
         return f"{title}``````{{code-block}} {language}\n:linenos:\n\n{text.rstrip()}\n``````\n"
     files = sorted((root / path).glob("*.py"))
     return title + "\n".join(f"* [`{f.name}`]({Path(path).name}/{f.name}.md)" for f in files) + "\n"

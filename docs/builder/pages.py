@@ -1,8 +1,8 @@
-"""The pages as Sphinx wants them, in a folder of their own, from the pages as a code host shows them.
+"""The pages as Sphinx reads them, in a separate folder, from the pages as a code host shows them.
 
-The sources stay plain Markdown with links to files.  Here links between pages get the names that the pages have on the
-site, links to other files of the repository lead to a page that shows that file, and the lists of ``docs/index.md``
-become the sections of the site.
+The sources are plain Markdown with links to files.  Here links between pages get the names that the pages have on the
+site, links to other files of the repository lead to a page that shows the file, and the lists of ``docs/index.md``
+become the sections of the site.  ``MOVED`` keeps the addresses of pages that were merged.
 """
 
 from __future__ import annotations
@@ -29,10 +29,18 @@ TABLES = {
     "fastcoil/cli/main.py": "commands.md",
 }
 """What the page of reference shows as a table instead of the file."""
+MOVED = {
+    **dict.fromkeys(("inverse", "conditions", "populations"), "findings/inverse"),
+    **dict.fromkeys(("hunting", "limit-cycles"), "findings/hunting"),
+    **dict.fromkeys(("remedies", "buffer"), "findings/remedies"),
+    **{name: f"findings/{name}" for name in ("learning", "wear", "heating", "numerics", "cost", "paper", "tuning")},
+}
+"""Former page → page that has its content now; the former address leads there."""
 GALLERY = "docs/gallery"
 GLOSSARY = "glossary.md"
 WITHOUT_TERMS = {"docs/glossary.md", "docs/index.md", "docs/reference.md", "CHANGELOG.md"}
 """Pages that are lists, where a link to the glossary at each word would only distract."""
+MARKS = re.compile(r"<!-- /?number\b.*?-->", re.DOTALL)
 FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"(?<=\]\()[^)\s]+(?=\))|(?<=\]: )\S+$", re.MULTILINE)
 SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.DOTALL | re.MULTILINE)
@@ -44,8 +52,17 @@ NAMES = re.compile(r"^(?:`(?:fc|fastcoil)\.[\w.]+`[,\s]*)+$", re.MULTILINE)
 
 def sources(root: Path) -> dict[str, str]:
     """Page of the site → page of the repository."""
-    pages = {f"docs/{path.name}": path.name for path in sorted((root / "docs").glob("*.md"))}
+    docs = root / "docs"
+    paths = [path.relative_to(docs).as_posix() for path in sorted([*docs.glob("*.md"), *docs.glob("findings/*.md")])]
+    pages = {f"docs/{path}": path for path in paths}
     return {there: here for here, there in (pages | RENAMED).items()}
+
+
+def redirects() -> dict[str, str]:
+    """File of the site → its text, for the addresses of pages that have moved."""
+    page = '<!doctype html>\n<meta charset="utf-8">\n<title>Moved</title>\n'
+    page += '<meta http-equiv="refresh" content="0; url={0}">\n<p>This page is now <a href="{0}">{0}</a>.</p>\n'
+    return {f"{old}.html": page.format(f"{new}.html") for old, new in MOVED.items()}
 
 
 def outside_fences(text: str, change) -> str:
@@ -74,11 +91,17 @@ class Staging:
         self.root = root
         self.pages = {here: there for there, here in sources(root).items()}
         self.files: set[str] = set()
-        self.figures: set[str] = set()
+        self.copied: set[str] = set()
         self.terms = terms((root / "docs" / GLOSSARY).read_text()) if (root / "docs" / GLOSSARY).is_file() else {}
 
     def target(self, link: str, page: str) -> str:
         """Where a link of ``page`` leads on the site."""
+        found = self._target(link, page)
+        if ":" in link or link.startswith("#"):
+            return found
+        return posixpath.relpath(found, posixpath.dirname(self.pages.get(page, "")) or ".")
+
+    def _target(self, link: str, page: str) -> str:
         path, mark, anchor = link.partition("#")
         if not path or ":" in link:
             return link
@@ -92,19 +115,22 @@ class Staging:
         if not (self.root / here).exists():
             raise ValueError(f"{page} links to {link}, which does not exist")
         if here.endswith(".png"):
-            self.figures.add(here)
+            self.copied.add(here)
             return here
         self.files.add(here)
+        if here.endswith(".ipynb"):
+            self.copied.add(here)
         return shown_file(here) + ".md"
 
     def text(self, page: str) -> str:
         """A page as the site has it, with the headings of its fenced blocks and its links changed."""
-        text = (self.root / page).read_text()
+        text = MARKS.sub("", (self.root / page).read_text())
         text = text.replace("\n```math\n", "\n```{math}\n")
         text = outside_fences(text, lambda part: LINK.sub(lambda link: self.target(link[0], page), part))
         known = {term: anchor for term, anchor in self.terms.items() if f"{GLOSSARY}#{anchor})" not in text}
         known = {} if page in WITHOUT_TERMS else known
-        text = outside_fences(text, lambda part: linked(part, known, GLOSSARY))
+        glossary = posixpath.relpath(GLOSSARY, posixpath.dirname(self.pages[page]) or ".")
+        text = outside_fences(text, lambda part: linked(part, known, glossary))
         return NAMES.sub(_summaries, CODE.sub(self._listing, text))
 
     def _listing(self, marker: re.Match[str]) -> str:

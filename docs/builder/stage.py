@@ -33,9 +33,9 @@ def stage(root: Path, out: Path) -> None:
         texts[f"{shown_file(path)}.md"] = file_page(root, path)
     for page, text in texts.items():
         written(out / page, text.encode())
-    for figure in staging.figures:
-        written(out / figure, (root / figure).read_bytes())
-    keep = {out / name for name in (*texts, *staging.figures)}
+    for path in staging.copied:
+        written(out / path, (root / path).read_bytes())
+    keep = {out / name for name in (*texts, *staging.copied)}
     for path in out.rglob("*"):
         if path.is_file() and path not in keep and path.relative_to(out).parts[0] not in MADE:
             path.unlink()

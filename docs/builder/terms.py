@@ -23,7 +23,7 @@ MORE_MEANINGS = {
 }
 """Terms that are everyday words too, or that stand on every line."""
 TERM = re.compile(r"^### (.+)$", re.MULTILINE)
-LEFT_ALONE = r"\[[^\]]*\](?:\([^)]*\)|\[[^\]]*\]|: \S+)?|`[^`]*`|\$[^$\n]*\$|^#.*$|^\|.*$|^\s*<!--.*?-->|https?://\S+"
+LEFT_ALONE = r"\[[^\]]*\](?:\([^)]*\)|\[[^\]]*\]|: \S+)?|`[^`]*`|\$[^$\n]*\$|^#.*$|^\|.*$|<!--.*?-->|https?://\S+"
 """Links, code, formulas, headings, tables, comments."""
 
 

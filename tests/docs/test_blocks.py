@@ -30,7 +30,7 @@ ELSEWHERE = {
     ): "opens a page and waits: tests/deliver/explore do that; options are checked in test_pages",
     ("docs/extending.md", "diff"): "applied and tried in test_extending",
     ("docs/hand-over.md", "console"): "run below, with a compiler",
-    ("docs/paper.md", "sh"): "minutes of simulation: tests/study/paper runs it in parts",
+    ("docs/findings/paper.md", "sh"): "minutes of simulation: tests/study/paper runs it in parts",
     ("docs/trust.md", "sh"): "needs certificates and a network: names and options are checked, here and in test_pages",
     ("docs/trust.md", "text"): "compared below",
     ("docs/trust.md", "yaml"): "its settings are looked up below",

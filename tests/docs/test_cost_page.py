@@ -80,6 +80,6 @@ def answers():
 
 
 def test_the_page_says_what_its_tables_say():
-    page = re.sub(r"\s+", " ", (ROOT / "docs" / "cost.md").read_text())
+    page = re.sub(r"\s+", " ", (ROOT / "docs" / "findings" / "cost.md").read_text())
     missing = [answer for answer in answers() if answer not in page]
     assert not missing

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGE = " ".join((ROOT / "docs" / "heating.md").read_text().split())
+PAGE = " ".join((ROOT / "docs" / "findings" / "heating.md").read_text().split())
 
 
 def rows(table):

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGE = " ".join((ROOT / "docs" / "numerics.md").read_text().split())
+PAGE = " ".join((ROOT / "docs" / "findings" / "numerics.md").read_text().split())
 DAYS = ("stepped", "constant", "design", "weather", "heating")
 
 

@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [
     ROOT / "README.md",
     *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "findings").glob("*.md")),
     ROOT / "studies" / "README.md",
     ROOT / "benchmarks" / "README.md",
 ]
@@ -221,5 +222,6 @@ def test_every_file_that_is_named_exists(page):
 
 def test_every_page_can_be_reached_from_the_index():
     index = (ROOT / "docs" / "index.md").read_text()
-    pages = {page.name for page in (ROOT / "docs").glob("*.md")} - {"index.md"}
-    assert pages <= set(re.findall(r"\]\((\w[\w-]*\.md)\)", index))
+    docs = ROOT / "docs"
+    pages = {path.relative_to(docs).as_posix() for path in [*docs.glob("*.md"), *docs.glob("findings/*.md")]}
+    assert pages - {"index.md"} <= set(re.findall(r"\]\(([\w/-]+\.md)\)", index))

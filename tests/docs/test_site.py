@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ast
+import posixpath
 import re
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 from builder.links import check, problems
-from builder.pages import Staging, public, source_of
+from builder.pages import Staging, public, redirects, source_of
 from builder.stage import stage
 
 import fastcoil as fc
@@ -41,7 +42,15 @@ def test_links_lead_to_pages_of_the_site(pages):
         for link in re.findall(r"\]\(([^)\s]+\.(?:md|rst)(?:#[^)\s]*)?)\)", re.sub(r"(?ms)^```.*?^```$", "", text))
     }
     assert len(links) > 200
-    assert {(page, link) for page, link in links if link not in pages and not link.startswith(FROM_SPHINX)} == set()
+    led = {posixpath.normpath(posixpath.join(posixpath.dirname(page), link)) for page, link in links}
+    assert {page for page in led if page not in pages and not page.startswith(FROM_SPHINX)} == set()
+
+
+def test_a_former_address_leads_to_the_page_that_has_its_content_now(pages):
+    for name, text in redirects().items():
+        to = re.search(r"url=(\S+)\.html", text)[1]
+        assert f"{to}.md" in pages
+        assert name.replace(".html", ".md") not in pages, "a page of the site would be overwritten"
 
 
 def test_the_sections_of_the_index_are_the_order_of_the_site(pages):

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGE = " ".join((ROOT / "docs" / "tuning.md").read_text().split())
+PAGE = " ".join((ROOT / "docs" / "findings" / "tuning.md").read_text().split())
 
 
 def cells(table, *start):

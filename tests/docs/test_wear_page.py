@@ -108,6 +108,6 @@ def noticed():
 
 
 def test_the_page_says_what_the_tables_say():
-    page = " ".join((ROOT / "docs" / "wear.md").read_text().split())
+    page = " ".join((ROOT / "docs" / "findings" / "wear.md").read_text().split())
     said = [*answers(), *lives(), *noticed()]
     assert [words for words in said if words not in page] == []

@@ -40,7 +40,6 @@ def small(tmp_path_factory):
 def written(monkeypatch, tmp_path):
     """Have tables written elsewhere; return a function that reads one: title, then rows of cells, head first."""
     monkeypatch.setattr(report, "WRITTEN", tmp_path / "studies")
-    monkeypatch.setattr(report, "PAGES", tmp_path / "docs")
 
     def written(name):
         (path,) = (tmp_path / "studies").glob(f"*/tables/{name}.md")

@@ -1,40 +1,14 @@
-"""Tables of the studies are written to files, and pages quote them as they are."""
+"""Tables of the studies are written to files."""
 
 from __future__ import annotations
 
-import re
-
-from studies import common as report
+from studies import common
 from studies.paper import scorecard
 
-STUDIES, PAGES = report.STUDIES, report.PAGES
 
-
-def test_a_table_is_written_into_the_pages_that_quote_it(written, tmp_path):
-    page = tmp_path / "docs" / "page.md"
-    page.parent.mkdir()
-    page.write_text(
-        "before\n\n<!-- table one -->\nold\n<!-- end one -->\n\n<!-- table two -->\nkept\n<!-- end two -->\n"
-    )
-    for _ in range(2):
-        report.write_table("folder/one", "A \\title", ["a", "b"], [["1", "2"]])
+def test_a_table_is_written_into_the_folder_of_its_question(written):
+    common.write_table("folder/one", "A \\title", ["a", "b"], [["1", "2"]])
     assert written("one") == ("A \\title", [["a", "b"], ["1", "2"]])
-    table = "**A \\title**\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n"
-    assert page.read_text() == (
-        f"before\n\n<!-- table one -->\n\n{table}\n<!-- end one -->\n\n<!-- table two -->\nkept\n<!-- end two -->\n"
-    )
-
-
-def test_every_table_is_quoted_by_exactly_one_page_as_it_is():
-    quoted = []
-    for page in sorted(PAGES.glob("*.md")):
-        text = page.read_text()
-        for name in re.findall("<!-- table (.*) -->", text):
-            table = next(STUDIES.glob(f"*/tables/{name}.md")).read_text()
-            assert report.quoting(text, name, table) == text, f"{page.name} quotes an old {name}: run its script"
-            assert f"<!-- end {name} -->" in text
-            quoted.append(name)
-    assert sorted(quoted) == sorted(path.stem for path in STUDIES.glob("*/tables/*.md"))
 
 
 def test_the_scorecard_quotes_the_tables_of_verdicts(written, monkeypatch, tmp_path):
