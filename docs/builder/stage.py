@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 import shutil
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 from builder.listings import command_page, file_page, output_page, parameter_page, with_members
 from builder.pages import Staging, public, shown_file
@@ -16,9 +16,7 @@ MADE = ("api", "examples")
 
 def home(name: str) -> str:
     """File that defines a function, class, method or property, given by its dotted name."""
-    module, _, inner = name.rpartition(".")
-    thing = getattr(import_module(module), inner)
-    return inspect.getsourcefile(inspect.unwrap(thing)) or ""
+    return inspect.getsourcefile(inspect.unwrap(resolve_name(name))) or ""
 
 
 def stage(root: Path, out: Path) -> None:
