@@ -8,8 +8,11 @@ import importlib.metadata
 import re
 import sys
 from pathlib import Path
+from types import ModuleType
 
 from sphinx.application import Sphinx
+
+import fastcoil
 
 ROOT = Path(__file__).resolve().parents[1]
 MADE = ROOT / "build" / "docs"
@@ -17,6 +20,10 @@ sys.path.insert(0, str(ROOT / "docs"))
 
 from builder.pages import redirects, shown_file  # noqa: E402
 from builder.stage import home, stage, stage_scripts  # noqa: E402
+
+for name, thing in vars(fastcoil).items():  # fc.plot is a package of another name, which autodoc looks for as a module
+    if isinstance(thing, ModuleType):
+        sys.modules.setdefault(f"fastcoil.{name}", thing)
 
 stage(ROOT, MADE / "pages")
 stage_scripts(ROOT / "docs" / "gallery", MADE / "scripts")

@@ -36,7 +36,7 @@ def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Write the table ``FOLDER/NAME`` to ``FOLDER/tables/NAME.md``; ``make pages`` puts it into the pages that quote it."""
+    """Write the table ``FOLDER/NAME`` to ``FOLDER/tables/NAME.md``, from where ``make pages`` puts it into pages."""
     folder, name = name.split("/")
     text = f"**{title}**\n\n{markdown(head, rows)}"
     path = WRITTEN / folder / "tables" / f"{name}.md"
