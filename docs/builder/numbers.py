@@ -7,8 +7,8 @@ A page marks each number that it quotes from ``studies/*/tables/NAME.md``; a cod
 
 The parts of a number are the table, the row, the column, and optionally how to write the cell (see ``FORMS``).  A row
 is named by the beginning of one of its cells, or of several joined by ``&``; a column by the beginning of its head.
-Exactly one row and column must fit, or several rows with the form ``range``.  ``title`` instead of a row takes the group
-of a regular expression from the title of the table.
+Exactly one row and column must fit, or several rows with the form ``range``.  ``title`` instead of a row takes the
+group of a regular expression from the title of the table.
 """
 
 from __future__ import annotations
