@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-_ROWS = 50_000
-"""Of a piece."""
+_ROWS = 50_000  # of a piece
 _FACTS = {
     "title": "title",
     "question": "summary",
@@ -154,11 +153,6 @@ def write_csv(table: Tidy, path: Path) -> None:
     """Write a table as CSV: UTF-8, decimal points, an empty cell where there is no value.
 
     Comment lines begin with ``#``.  Should a label have one, all texts are quoted, so that readers do not cut it off.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be written; nothing half-written is left behind.
     """
     quoting = csv.QUOTE_NONNUMERIC if _has_comment(table) else csv.QUOTE_MINIMAL
     header = [column.header for column in table.columns]
@@ -180,20 +174,11 @@ def _has_comment(table: Tidy) -> bool:
     return any(COMMENT in str(text) for values in texts for text in values.ravel())
 
 
-_MORE = ("parameters", "study_toml")
-"""Attributes of a result, too long for other formats."""
+_MORE = ("parameters", "study_toml")  # attributes of a result, too long for other formats
 
 
 def write_parquet(table: Tidy, path: Path) -> None:
-    """Write a table as Parquet; words are categories.
-
-    Raises
-    ------
-    InputError
-        If pyarrow is not installed.
-    StorageError
-        If it cannot be written; nothing half-written is left behind.
-    """
+    """Write a table as Parquet; words are categories."""
     try:
         import pyarrow as pa
         from pyarrow import parquet
@@ -240,12 +225,9 @@ def escaped(text: str) -> str:
 
 
 STANDARD = ("rmse", "rmse_settled", "switch_frequency", "motor_travel")
-_MOST_ROWS, _MOST_METRICS = 60, 6
-"""Of a page."""
-_HEADER = 18
-"""Letters of a line in the header."""
-_SHARES = ("hunts", "predicted_hunts")
-"""0 or 1, so that the mean is a share."""
+_MOST_ROWS, _MOST_METRICS = 60, 6  # of a page
+_HEADER = 18  # letters of a line in the header
+_SHARES = ("hunts", "predicted_hunts")  # 0 or 1, so that the mean is a share
 
 
 def write_latex(ds: xr.Dataset, path: Path, metrics: Sequence[str] = ()) -> None:
@@ -253,13 +235,6 @@ def write_latex(ds: xr.Dataset, path: Path, metrics: Sequence[str] = ()) -> None
 
     The scatter is that over samples, days and replicates: from the 10th to the 90th percentile, or, of fewer than five,
     from the lowest to the highest.  Shares are means.  Failed scenarios are left out.
-
-    Raises
-    ------
-    InputError
-        For a metric that has no median, and for more metrics or rows than a page takes.
-    StorageError
-        If it cannot be written; nothing half-written is left behind.
     """
     commit(path, latex_of(ds, metrics).encode())
 

@@ -251,8 +251,7 @@ def _margin(point: ColumnDataSource) -> Any:
 
 MOST = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "hunting_swing": 1.5}}
 """Upper end of the colours, K: the same for all loops, so that maps can be compared."""
-_LABELLED = 3
-"""Every so many cells."""
+_LABELLED = 3  # every so many cells
 _FAILED = "#dddddd"
 
 

@@ -33,12 +33,9 @@ from fastcoil.study.maintenance import Scenario
 
 _RANGEABILITY, _FLOW = 50.0, 1.7
 """An equal-percentage valve, and the flow in kg/s that the cooling coil of the presets takes."""
-_LEARNING_STEP = 0.01
-"""Finds a gap of 7 % in half a day."""
-_SHARE = 0.95
-"""Of what is identified: an estimate above the gap chatters."""
-_HEATING_AIR, _HEATING_SET_POINT = 12.0, 25.0
-"""degC, the means of ``heating_day``."""
+_LEARNING_STEP = 0.01  # finds a gap of 7 % in half a day
+_SHARE = 0.95  # of what is identified: an estimate above the gap chatters
+_HEATING_AIR, _HEATING_SET_POINT = 12.0, 25.0  # degC, the means of ``heating_day``
 
 
 _MAKERS: Mapping[str, Callable[..., Boundary]] = {
@@ -180,13 +177,7 @@ class Run(NamedTuple):
 
 
 def run(scene: Scene) -> Run:
-    """Simulate a loop, twice more without what may be to blame or to thank, and ask theory.
-
-    Raises
-    ------
-    InputError
-        If loop and day cannot be simulated.
-    """
+    """Simulate a loop, twice more without what may be to blame or to thank, and ask theory."""
     loop = scene.loop
     ds = simulate(
         loop.assign(**_cases(loop)), scene.day, traces=TRACES, trace_interval=EVERY, warm_up=scene.warm_up,
@@ -270,13 +261,7 @@ def without_its_point(settings: Settings) -> Settings:
 
 
 def map_of(axes: str, scene: Scene) -> Map:
-    """Simulate all loops of the map.
-
-    Raises
-    ------
-    InputError
-        If one of them cannot be simulated on this day.
-    """
+    """Simulate all loops of the map."""
     x, y = AXES[axes]
     # the point of the scene is none of them: what it has along the sides is replaced
     swept = scene.loop.assign(**{y.name: list(y.values), x.name: list(x.values)})
@@ -284,8 +269,7 @@ def map_of(axes: str, scene: Scene) -> Map:
     return Map(x, y, {name: ds[name].transpose(y.name, x.name).values for name in METRICS})
 
 
-_RUNS, _MAPS = 200, 100
-"""So many are kept: 0.3 MB and 4 kB each."""
+_RUNS, _MAPS = 200, 100  # so many are kept: 0.3 MB and 4 kB each
 
 
 class Model:

@@ -176,11 +176,6 @@ def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
         0 takes any that is free.
     ready
         Called with the address of the page once it can be opened.
-
-    Raises
-    ------
-    InputError
-        If the port is taken, or not ours to take.
     """
     asyncio.run(_serve(model, port, ready))
 

@@ -47,13 +47,7 @@ class Start(NamedTuple):
 
 
 def starts(given: Scenario | None = None) -> Mapping[str, Start]:
-    """Loops to start from by name: the presets, after the one that was given.
-
-    Raises
-    ------
-    InputError
-        If the day of that one is too long.
-    """
+    """Loops to start from by name: the presets, after the one that was given."""
     found = {}
     if given is not None:
         if given.boundary.n_steps > LONGEST:

@@ -17,18 +17,13 @@ from fastcoil.loops.presets import PRESETS
 from fastcoil.model.metric_table import HUNTING_SWING, OFF
 from fastcoil.model.parameter_table import Scalar
 
-_LOST = 0.5
-"""Share of the time off the set-point from which a loop does not control."""
-_MORE = 1.5
-"""So many times the motor travel of the plain PI is chatter."""
+_LOST = 0.5  # share of the time off the set-point from which a loop does not control
+_MORE = 1.5  # so many times the motor travel of the plain PI is chatter
 _ABOVE = 1.02
 """So many times the gap is an estimate that is too large: an estimator finds it to a few thousandths."""
-_FEW_TURNS = 2.0
-"""Turns in 10 min that nobody calls chatter."""
-_CALM = 0.25
-"""Settled swing from peak to peak up to which nobody would call a loop restless, K."""
-_SEEN = 0.01
-"""K."""
+_FEW_TURNS = 2.0  # turns in 10 min that nobody calls chatter
+_CALM = 0.25  # settled swing from peak to peak up to which nobody would call a loop restless, K
+_SEEN = 0.01  # K
 _HALF = 0.5
 
 
@@ -141,8 +136,7 @@ def outcome(run: Run) -> str:
     return f"Simulated: does not hunt, swing {_half_swing(run, NOW)}.{apart}"
 
 
-_BASE = "paper_like"
-"""The preset that a loop which is none is told by."""
+_BASE = "paper_like"  # the preset that a loop which is none is told by
 
 
 def python_lines(settings: Settings, start: Start) -> str:

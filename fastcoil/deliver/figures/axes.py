@@ -31,8 +31,7 @@ COLUMN = 3.5
 """Width of a figure, inches: 89 mm, a column of a journal."""
 _LETTER, _HANDLE = 0.061, 0.42
 """Widths in a legend, inches: of an average letter, of all before and between the letters."""
-_LONGEST = 36
-"""Letters of a line in a legend."""
+_LONGEST = 36  # letters of a line in a legend
 
 
 @contextmanager
@@ -47,24 +46,12 @@ def in_style() -> Iterator[None]:
 
 
 def one_place(ax: Any, height: float) -> Axes:
-    """The axes that are given, or those of a new figure of this height [inches].
-
-    Raises
-    ------
-    InputError
-        Unless ``ax`` is one pair of axes, or None.
-    """
+    """The axes that are given, or those of a new figure of this height [inches]."""
     return places(ax, [height])[0]
 
 
 def places(ax: Any, heights: Sequence[float]) -> list[Axes]:
-    """The axes that are given, one for each of ``heights`` [inches], or those of a new figure, one above the other.
-
-    Raises
-    ------
-    InputError
-        Unless ``ax`` is as many axes as are needed, or None.
-    """
+    """The axes that are given, one for each of ``heights`` [inches], or those of a new figure, one above the other."""
     if ax is not None:
         return _given(ax, len(heights))
     import matplotlib.pyplot as plt
@@ -120,8 +107,7 @@ def legend_above(axes: Axes, width: float, handles: Sequence[Any] | None = None,
 
 
 _SIZES = {"backlash", "backlash_estimate"}
-_LETTERS = 9
-"""Points."""
+_LETTERS = 9  # points
 _CURVES = 3
 
 

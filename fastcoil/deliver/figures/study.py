@@ -43,10 +43,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_PANEL = 3.2
-"""Width of a panel where the figure may be as wide as it likes, inches."""
-_NARROWEST = 2.2
-"""Width in which a panel is still read, inches."""
+_PANEL = 3.2  # width of a panel where the figure may be as wide as it likes, inches
+_NARROWEST = 2.2  # width in which a panel is still read, inches
 _ABREAST = 3
 _MILLIMETRES = 25.4
 _MOST_ROWS = 6
@@ -80,13 +78,7 @@ class Page(NamedTuple):
         return -(-n // columns), columns
 
     def row(self, n: int) -> int:
-        """The columns of ``n`` panels that belong into one row.
-
-        Raises
-        ------
-        InputError
-            If they do not fit.
-        """
+        """The columns of ``n`` panels that belong into one row."""
         if self.width is not None and n > self.abreast:
             raise InputError(
                 f"a figure of {_MILLIMETRES * self.width:.0f} mm takes {self.abreast} panel"
@@ -104,13 +96,7 @@ class Page(NamedTuple):
 
 
 def page_of(width: float | None) -> Page:
-    """A page of a width in inches.
-
-    Raises
-    ------
-    InputError
-        Unless it is a number from 1 to 60.
-    """
+    """A page of a width in inches."""
     if width is None:
         return Page(None)
     return Page(number_of("width", width, "give the width in inches, from 1 to 60", least=1.0, most=60.0))
@@ -120,11 +106,6 @@ def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
     """Position and words of the labels that get a row of panels each.
 
     Those are up to six names; of more names, and of numbers, the first, the middle and the last.
-
-    Raises
-    ------
-    InputError
-        For a dimension that there is not.
     """
     if by is None:
         return [(None, "")]
@@ -160,8 +141,7 @@ def _plain(by: str, label: float) -> str:
 
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
 _OTHERS: Any = {"color": GREY, "lw": 0.8}
-_ALTERNATIVES = 100
-"""More rows of names than this are no figure."""
+_ALTERNATIVES = 100  # more rows of names than this are no figure
 
 
 @apply_style()

@@ -41,8 +41,7 @@ _MOST_COLUMNS, _MOST_ROWS = 7, 10
 """A map of so few cells has its numbers written into them; one of more has contours."""
 _LEVELS = 5
 _DEFAULT = "rmse"
-_DARK = 0.55
-"""Share of the scale of colours up to which white letters are read best."""
+_DARK = 0.55  # share of the scale of colours up to which white letters are read best
 
 
 class _Values(NamedTuple):

@@ -36,13 +36,7 @@ class Drawn(NamedTuple):
 
 
 def traced(data: Any) -> xr.Dataset:
-    """A result that has traces, as a Dataset.
-
-    Raises
-    ------
-    InputError
-        For anything else.
-    """
+    """A result that has traces, as a Dataset."""
     if isinstance(data, xr.DataArray):
         if data.name not in TRACES or "elapsed_time" not in data.dims:
             raise InputError(f"data is {shown(data.name)}, which is no trace along elapsed_time: {_CURE}")
@@ -56,13 +50,7 @@ def traced(data: Any) -> xr.Dataset:
 
 
 def scenarios_of(ds: xr.Dataset, names: Collection[str]) -> list[Drawn]:
-    """The scenarios of these traces.
-
-    Raises
-    ------
-    InputError
-        If a trace has volumes, or there are more scenarios than a figure shows.
-    """
+    """The scenarios of these traces."""
     sizes = {str(d): n for name in names for d, n in ds[name].sizes.items() if d != "elapsed_time"}
     if "volume" in sizes:
         raise InputError(f"the traces have {sizes['volume']} volumes: select one, such as ds.sel(volume=1)")
@@ -93,13 +81,7 @@ def _words(ds: xr.Dataset, dim: str, k: int) -> str:
 
 
 def parameter_of(one: xr.Dataset, name: str) -> float:
-    """A parameter of one scenario.
-
-    Raises
-    ------
-    InputError
-        If the Dataset does not hold it.
-    """
+    """A parameter of one scenario."""
     if name in one.coords and one[name].ndim == 0:
         return float(one[name])
     try:
@@ -125,8 +107,7 @@ def interval_of(one: xr.Dataset) -> float:
 
 _TEMPERATURES = ("T_sup", "T_measured", "T_w_out", "T_w", "T_c", "T_a")
 _VALVE = ("command", "position", "opening", "u", "integral")
-_SHARED = {"temperature [°C]": _TEMPERATURES, "valve [%]": _VALVE}
-"""Panels that several traces share."""
+_SHARED = {"temperature [°C]": _TEMPERATURES, "valve [%]": _VALVE}  # panels that several traces share
 _USUAL = ("T_sup", "command", "position", "opening", "estimate")
 _OF_BOUNDARY = "set-point"
 _TALL, _LOW = 1.9, 1.3  # height of the first panel and of the others, inches

@@ -1,7 +1,4 @@
-"""How results were computed, from what is written in them: model, preset, sweep, days; versions and hashes.
-
-How to cite fastcoil, the paper whose model it implements, and results of a study.
-"""
+"""How results were computed, which versions made them, and how to cite them: all from their attributes."""
 
 from __future__ import annotations
 
@@ -16,30 +13,24 @@ import xarray as xr
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import package_version
 from fastcoil.base.text import NONE
-from fastcoil.deliver.report.page import Block, Facts, Section, Table, setting
+from fastcoil.deliver.report.page import Block, Code, Facts, Section, Table, Words, setting
 from fastcoil.deliver.tables import escaped
 from fastcoil.loops.labels import is_parameter, quantity, quantity_of
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
 from fastcoil.loops.provenance import ABSENT, package_versions
-from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
+from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS, RESERVED_DIMS
 from fastcoil.study.file.tables import parse_toml
 
-_CHANCE = ("sample", "day", "replicate")
-"""Labels that are no values."""
 _SERIES = {
-    "m_a": "air flow",
-    "T_a_in": "entering air",
-    "W_a_in": "its humidity ratio",
-    "T_w_in": "entering water",
+    "m_a": "air flow", "T_a_in": "entering air", "W_a_in": "its humidity ratio", "T_w_in": "entering water",
     "T_set": "set-point",
-}
-"""What a reader calls the series that every boundary has."""
+}  # fmt: skip
+"""Names of the series that every boundary has."""
 _CARRIED = (
     "each begins as the one before ended, with coil, valve, controller and estimator (carry_over).  Intervals over "
     "days take them as independent, which days in a row are not quite"
 )
-_FEW = 6
-"""Labels that are listed one by one, and hashes of days."""
+_FEW = 6  # labels that are listed one by one
 
 
 def study_tables(ds: xr.Dataset) -> Mapping[str, Any]:
@@ -57,15 +48,14 @@ def how(ds: xr.Dataset) -> Section:
     loop = tables.get("loop")
     preset = str(loop.get("preset", "paper_like")) if isinstance(loop, dict) else "paper_like"
     substeps = constants.get("substeps", 1)
-    step = "1 s" if substeps == 1 else f"1 s, the coil in {substeps} substeps"
-    n = ds["status"].size
+    sizes = " × ".join(f"{size:,} {dim}" for dim, size in ds["status"].sizes.items())
     facts = [
         ("Model", "closed loop of sensor, PI, backlash inverse, motor, valve with backlash and coil, after Cai and "
                   "Braun (2016); every scenario is a day of the loop"),
         ("Control volumes of the coil", str(constants.get("n_volumes", "see the sweep"))),
-        ("Time step", step),
+        ("Time step", "1 s" if substeps == 1 else f"1 s, the coil in {substeps} substeps"),
         ("Preset", f"{preset}: {PRESETS[preset].text}. {NOT_THE_FIT}" if preset in PRESETS else preset),
-        ("Scenarios", f"{n:,} = {_sizes(ds)}" if ds["status"].dims else "1"),
+        ("Scenarios", f"{ds['status'].size:,} = {sizes}" if sizes else "1"),
         ("Days", _days(ds, tables)),
         *([("Between days", _CARRIED)] if ds.attrs.get("carry_over") else []),
         ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', NONE)} s"),
@@ -145,24 +135,17 @@ def _swept(ds: xr.Dataset) -> Table:
         if not dims or not set(dims) <= set(map(str, ds["status"].dims)) or values.dtype.kind == "M":
             continue
         label = str(name)
-        if label in _CHANCE:
+        if label in CHANCE_DIMS:
             continue
+        size = " × ".join(f"{ds.sizes[d]:,}" for d in dims)
+        along = f"{size} values" if dims == [label] else f"{' × '.join(dims)} ({size})"
         if values.dtype.kind in "if":
-            rows.append([label, quantity_of(ds, label).text, _range(ds, label), _along(ds, label, dims)])
+            rows.append([label, quantity_of(ds, label).text, _range(ds, label), along])
         else:
             words = sorted({str(v) for v in values.values.ravel()})
             listed = ", ".join(words[:_FEW]) + (", …" if len(words) > _FEW else "")
-            rows.append([label, quantity(label).text, listed, _along(ds, label, dims)])
+            rows.append([label, quantity(label).text, listed, along])
     return Table("What differs between scenarios", ["name", "what", "values", "along"], rows)
-
-
-def _along(ds: xr.Dataset, name: str, dims: list[str]) -> str:
-    size = " × ".join(f"{ds.sizes[d]:,}" for d in dims)
-    return f"{size} values" if dims == [name] else f"{' × '.join(dims)} ({size})"
-
-
-def _sizes(ds: xr.Dataset) -> str:
-    return " × ".join(f"{size:,} {dim}" for dim, size in ds["status"].sizes.items())
 
 
 def _days(ds: xr.Dataset, tables: Mapping[str, Any]) -> str:
@@ -208,7 +191,7 @@ PAPER: Mapping[str, str] = {
     "publisher": "Purdue e-Pubs",
     "url": "https://docs.lib.purdue.edu/iracc/1801",
 }
-"""CITATION.cff has the same; a test compares them."""
+"""The same as in CITATION.cff."""
 
 
 def citation(results: Mapping[str, Any] | None = None) -> list[str]:
@@ -260,3 +243,9 @@ def _version(results: Mapping[str, Any] | None) -> str:
 
 def _entry(kind: str, key: str, **fields: str) -> list[str]:
     return [f"@{kind}{{{key},", *(f"  {name} = {{{value}}}," for name, value in fields.items()), "}"]
+
+
+def cited(ds: xr.Dataset | None = None) -> Section:
+    """How to cite the results, or fastcoil alone."""
+    attrs = None if ds is None else {str(name): value for name, value in ds.attrs.items()}
+    return Section("How to cite", [Words(citation(attrs)), Code("\n".join(bibtex(attrs)))])

@@ -1,17 +1,12 @@
-"""Numbers as a reader wants them: three digits, the unit that is spoken, a dash where there is none.
+"""A report as data and as one HTML file without scripts or other files, and the numbers in it.
 
-A report as data, and as one HTML file: no script, no other file, nothing from a network.
-
-Every text on it is escaped, whoever wrote it, and shown with its control characters written out.
-
-Figures as pictures of a page: what their marks mean stands under them, not in them.
+All text on it is escaped, and shown with its control characters written out.
 """
 
 from __future__ import annotations
 
 import base64
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,11 +44,6 @@ def number(value: float, digits: int = 3) -> str:
     return f"{rounded:,.0f}".replace("-", MINUS) if abs(rounded) >= 1e4 else text
 
 
-def exact(value: float) -> str:
-    """A number that somebody gave, as short as it can be written."""
-    return f"{value:.6g}"
-
-
 def change(share: float) -> str:
     """A difference as a share of what it is compared with: ``−43 %``."""
     if not math.isfinite(share):
@@ -85,7 +75,7 @@ def setting(name: str, value: object) -> str:
     entry = PARAMETERS.get(name)
     if shown.factor == 1.0 and entry is not None and entry.whole:
         return str(int(value))
-    return f"{exact(value * shown.factor)} {shown.unit}".rstrip()
+    return f"{value * shown.factor:.6g} {shown.unit}".rstrip()
 
 
 def picked(n: int, keep: tuple[int, ...] = (), most: int = MOST_ROWS) -> list[int]:
@@ -102,14 +92,12 @@ def left_out(n: int, shown: int, what: str) -> str:
 
 
 _MARK = b'<meta name="generator" content="fastcoil '
-_MARK_WITHIN = 2000
-"""Bytes at the beginning of a page that hold its mark."""
-_LARGEST = 2**28
-"""Bytes of a page."""
-_BESIDE = ("baseline", "never", "yes", "no")
-"""Words in a column of numbers."""
-_LONGEST = 2000
-"""Characters of a text in a row or a sentence."""
+_MARK_WITHIN, _LARGEST = 2000, 2**28
+"""Bytes at the beginning of a page that hold its mark, and bytes of a page."""
+DPI = 200
+"""Of the pictures: for print on A4."""
+_BESIDE = ("baseline", "never", "yes", "no")  # words in a column of numbers
+_LONGEST = 2000  # characters of a text in a row or a sentence
 
 
 @dataclass(frozen=True)
@@ -221,52 +209,27 @@ class Page:
 
 def _shown(value: Any) -> Any:
     """Text of anybody as it may be shown; what the template makes itself as it is."""
-    if type(value) is not str:
-        return value
-    if value.startswith("data:"):
+    if type(value) is not str or value.startswith("data:"):
         return value
     cut = value if len(value) <= _LONGEST else f"{value[:_LONGEST]}… ({len(value):,} characters)"
     return printable(cut)
 
 
-def anchor(title: str) -> str:
-    """The name of a section in a link."""
-    return re.sub(r"\W+", "-", title.lower()).strip("-")
-
-
 def require_page(path: Path, option: str = "path") -> None:
-    """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report.
-
-    Raises
-    ------
-    InputError
-        With the name of the ``option`` that gave it.
-    """
+    """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
     if path.suffix.lower() not in (".html", ".htm") or not may_be_file(path):
         raise InputError(f"{option} {path}: give a file NAME.html in a folder that exists")
-    if exists(path) and not _is_page(path):
-        raise InputError(f"{option} {path}: this file exists and is no report, choose another name or delete it")
-
-
-def _is_page(path: Path) -> bool:
+    if not exists(path):
+        return
     try:
-        return _MARK in read_bytes(path, _LARGEST)[:_MARK_WITHIN]
+        is_page = _MARK in read_bytes(path, _LARGEST)[:_MARK_WITHIN]
     except (OSError, ValueError):
-        return False
-
-
-DPI = 200
-"""Of an A4 page; a PNG is the same everywhere and no larger for a log of a million rows."""
+        is_page = False
+    if not is_page:
+        raise InputError(f"{option} {path}: this file exists and is no report, choose another name or delete it")
 
 
 def picture(figure: Figure, caption: str, alt: str) -> Picture:
     """A figure without its head, which the page has in words."""
     figure.suptitle("")
     return Picture(encode(figure, "png", DPI), caption, alt)
-
-
-def study_picture(figure: Figure, title: str, name: str, alt: str) -> Picture:
-    """A figure of a study, whose head, the title and what its marks mean, becomes the caption."""
-    words = " ".join(figure.get_suptitle().split())
-    head = " ".join(title.split())
-    return picture(figure, f"{name}.  {words.removeprefix(head).strip()}.", alt)

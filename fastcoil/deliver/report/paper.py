@@ -10,25 +10,17 @@ from typing import Any
 from fastcoil.base.errors import IntegrityError
 from fastcoil.base.files import exists, read_bytes, storage_errors
 from fastcoil.base.text import NONE
-from fastcoil.deliver.report.computed import here
+from fastcoil.deliver.report.computed import cited, here
 from fastcoil.deliver.report.page import Block, Code, Facts, Page, Picture, Section, Table, Words, number, share
 from fastcoil.deliver.report.regenerate import captions
-from fastcoil.deliver.report.study import cited
 from fastcoil.study.paper.scorecard import SURELY
 
-_LARGEST = 2**25
-"""Bytes of the scorecard, and of a figure."""
+_LARGEST = 2**25  # bytes of the scorecard, and of a figure
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def paper_page(scorecard: Path) -> Page:
-    """The report of the folder in which a scorecard lies.
-
-    Raises
-    ------
-    StorageError, IntegrityError
-        If a file cannot be read; if it is not as it was written.
-    """
+    """The report of the folder in which a scorecard lies."""
     with storage_errors(scorecard, "read"):
         try:
             return _page(json.loads(read_bytes(scorecard, _LARGEST)), scorecard.parent)
@@ -126,7 +118,10 @@ def _claim(c: Mapping[str, Any], presets: list[str]) -> list[Block]:
         lines.append(f"{kind}: {found['verdict_text']}{among}.")
     columns = [*presets, "grid"]
     rows = [
-        [f"{name}, {kind}", *(_number(found["measured"][p][name]) for p in columns)]
+        [
+            f"{name}, {kind}",
+            *(_number(found["measured"][p][name]) for p in columns),
+        ]
         for kind, found in c["kinds"].items()
         for name in found["measured"]["grid"]
     ]

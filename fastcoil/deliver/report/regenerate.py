@@ -1,7 +1,4 @@
-"""The scorecard to read: in Markdown, and on one screen.
-
-``regenerate``: all simulations, figures and the scorecard into one folder.
-"""
+"""``fastcoil paper``: all simulations, figures and the scorecard in one folder, in Markdown, JSON and on one screen."""
 
 from __future__ import annotations
 
@@ -19,8 +16,7 @@ from fastcoil.deliver.figures import paper as figures
 from fastcoil.loops.netcdf import save
 from fastcoil.loops.simulate import workers
 from fastcoil.study.paper import grid
-from fastcoil.study.paper import grid as runs
-from fastcoil.study.paper.grid import KINDS, Days, percent, words
+from fastcoil.study.paper.grid import KINDS, Days, percent
 from fastcoil.study.paper.scorecard import COMMAND, scorecard
 
 if TYPE_CHECKING:
@@ -124,16 +120,12 @@ def screen(card: Mapping[str, Any]) -> list[str]:
         "Shares in which a claim holds, by kind of day:",
     ]
     head = "".join(f"{name:>10}" for name in kinds)
-    parts = (
-        ("changes with the kind of day", [c for c in card["claims"] if c["change"]]),
-        ("does not", [c for c in card["claims"] if not c["change"]]),
-    )
-    for title, claims in parts:
+    for title, changes in (("changes with the kind of day", True), ("does not", False)):
         lines.append(f"{head}  {title}")
-        for c in claims:
-            shares = [percent(found["share"]) for found in c["kinds"].values()]
-            cells = "".join(f"{share:>10}" for share in shares).ljust(len(head))
-            lines.append(f"{cells}  {c['claim']}")
+        for c in card["claims"]:
+            if bool(c["change"]) == changes:
+                cells = "".join(f"{percent(found['share']):>10}" for found in c["kinds"].values()).ljust(len(head))
+                lines.append(f"{cells}  {c['claim']}")
     lines += [f"{'no share':>10}".ljust(len(head)) + f"  {c['claim']}  It {c['verdict']}." for c in card["identities"]]
     return lines
 
@@ -160,7 +152,7 @@ def captions(*, quick: bool) -> dict[str, str]:
         "output.",
         "fig12": "**Fig 12.** (a, b) The estimate learned by the rule as printed.  (c, d) The mode switches that it "
         "saw.  (e, f) Variants, each until its first step down, which the dot marks.  Why the rule as printed cannot "
-        "keep the paper's three hours: " + runs.arithmetic(),
+        "keep the paper's three hours: " + grid.arithmetic(),
         "scorecard": "**Scorecard.** Share of the grid in which each claim holds, by kind of day (marks), and its 95 % "
         "interval over days (lines).  Above the line: claims that hold more often on one kind of day than on another.  "
         "Dotted: 5 and 95 %, the limits of the verdicts.",
@@ -178,9 +170,25 @@ def regenerate(
 ) -> tuple[list[str], list[Path]]:
     """Write figures (NetCDF, PNG, SVG) and the scorecard (Markdown, JSON) into ``folder``.
 
-    quick: a few tunings and days only.  report: is called with a line for each stage.  kinds: the days on which claims
-    are judged, the paper's first.  command: how the reader gets the same.
-    Returns the verdicts in lines, and the paths of the files written.
+    Parameters
+    ----------
+    folder
+        Made if need be.
+    quick
+        A few tunings and days only.
+    n_jobs
+        Number of threads; all cores by default.
+    report
+        Called with a line for each stage.
+    kinds
+        The days on which claims are judged, the paper's first.
+    command
+        What the reader may run to get the same.
+
+    Returns
+    -------
+    tuple
+        The verdicts in lines, and the paths of the files written.
 
     Raises
     ------
@@ -196,7 +204,7 @@ def regenerate(
 
     def save_data(name: str, ds: xr.Dataset) -> xr.Dataset:
         caption = captioned.get(name, "").replace("**", "")
-        ds = runs.rehashed(ds, caption=caption) if caption else ds
+        ds = grid.rehashed(ds, caption=caption) if caption else ds
         paths.append(folder / f"{name}.nc")
         save(ds, paths[-1])
         return ds
@@ -206,12 +214,12 @@ def regenerate(
             paths.extend(write({name: figure}, folder, format=suffix))
 
     report("Figures …")
-    save_figure("fig01", figures.valve_curves(save_data("fig01", runs.valve_curves())))
-    days = runs.tracking()
+    save_figure("fig01", figures.valve_curves(save_data("fig01", grid.valve_curves())))
+    days = grid.tracking()
     for name, other in (("fig07", "no backlash"), ("fig09", "60 %"), ("fig10", "95 %")):
         save_figure(name, figures.tracking(save_data(name, days.sel(case=["plain PI", other])), other))
-    save_figure("fig11", figures.estimates(save_data("fig11", runs.estimates(quick=quick, n_jobs=n_jobs))))
-    save_figure("fig12", figures.staircases(save_data("fig12", runs.staircases())))
+    save_figure("fig11", figures.estimates(save_data("fig11", grid.estimates(quick=quick, n_jobs=n_jobs))))
+    save_figure("fig12", figures.staircases(save_data("fig12", grid.staircases())))
 
     loop = grid.tunings(quick=quick)
     evidence: dict[str, xr.Dataset] = {}
@@ -227,7 +235,7 @@ def regenerate(
     for name, simulated in stages.items():
         report(f"Grid of {loop.sizes['tuning']} tunings: {name} …")
         evidence[name] = save_data(f"grid_{name}", simulated())
-    card = scorecard(evidence, {name: words(days) for name, days in kinds.items()}, command=command, quick=quick)
+    card = scorecard(evidence, {name: grid.words(days) for name, days in kinds.items()}, command=command, quick=quick)
     save_figure("scorecard", figures.shares(card))
     for suffix, text in (
         ("md", markdown(card, captioned)),

@@ -1,21 +1,18 @@
-"""The report of a fit: a valve, a coil, or the gap of a valve without a flow meter.
+"""Reports of single results: a fit, a diagnosis, a tuning, an explanation.
 
-The report of a diagnosis: whether it is the valve.
-
-The report of a tuning: which settings to take, and what they do on valves and days that the search never saw.
-
-The report of an explanation: will this loop hunt, why, and what to do.
+Each says what was asked, the answer, a figure, tables, how it was computed, and what a study takes of it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.base.text import NONE
-from fastcoil.deliver.report.computed import changed, here
+from fastcoil.deliver.report.computed import changed, cited, here
 from fastcoil.deliver.report.page import (
     Block,
     Code,
@@ -31,7 +28,6 @@ from fastcoil.deliver.report.page import (
     setting,
     share,
 )
-from fastcoil.deliver.report.study import cited
 from fastcoil.design.tuning.words import table_rows
 from fastcoil.loops.labels import quantity, unit_in_words
 from fastcoil.loops.provenance import content_sha256
@@ -48,6 +44,21 @@ if TYPE_CHECKING:
     from fastcoil.measured.diagnosis.result import Diagnosis
     from fastcoil.measured.fit.result import Fit
 
+
+def _how(facts: Sequence[tuple[str, str]], command: str, *tables: Table) -> Section:
+    return Section("How it was computed", [Facts(facts), *(table for table in tables if table.rows), Code(command)])
+
+
+def _for_a_study(name: str, takes: str, toml: str) -> Section:
+    words = f'Save this as {name}.toml; in a study file, [loop] include = ["{name}.toml"] takes {takes}.'
+    return Section("For a study", [Words([words]), Code(toml)])
+
+
+def _to_mind(lines: Sequence[str]) -> Section:
+    return Section("What to mind", [Words(list(lines), bullets=True)] if lines else [])
+
+
+# --- a fit ------------------------------------------------------------------------------------------------------------
 
 _QUESTIONS = {
     "valve": "Which backlash and which flow curve does this valve have?",
@@ -68,28 +79,30 @@ _CAPTIONS = {
 
 def fit_page(fit: Fit) -> Page:
     """The report of a fit."""
-    lines = fit.summary()
-    answer = [*_size(fit), *_held_back(fit)]
-    together = [line for line in lines if " are known only together " in line]
-    minded = [*together, *fit.notes]
-    warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
-    drawn: list[Block] = [picture(fit.plot(), _CAPTIONS[fit.kind], f"Measured and modelled {fit.kind}")]
-    include = f'Save this as {fit.kind}.toml; in a study file, [loop] include = ["{fit.kind}.toml"] takes it.'
+    kind = fit.kind
+    known_together = [line for line in fit.summary() if " are known only together " in line]
+    log = f"{fit.source}: {fit.n_used:,} samples compared, worth {fit.n_effective:,.0f} independent ones"
+    method = "least squares of the model behind the logged inputs; intervals allow for correlated errors"
+    if isinstance(fit, LoopFit):
+        method = "the emulator behind the logged command, with each size of the gap"
+    others = " --loop PRESET" if kind == "loop" else ""
+    command = f"fastcoil fit {kind} LOG.csv{others} -o {kind}.toml --report {kind}.html"
     sections = [
-        Section("Measured and modelled", drawn),
-        Section("In numbers", [_parameters(fit), _errors(fit)]),
-        Section("What to mind", [Words(minded, bullets=True)] if minded else []),
-        _how_fitted(fit),
-        Section("For a study", [Words([include]), Code(fit.to_toml())]),
+        Section("Measured and modelled", [picture(fit.plot(), _CAPTIONS[kind], f"Measured and modelled {kind}")]),
+        Section("In numbers", [_fitted_parameters(fit), _errors(fit)]),
+        _to_mind([*known_together, *fit.notes]),
+        _how([("Log", log), ("Method", method)], command),
+        _for_a_study(kind, "it", fit.to_toml()),
         here(),
         cited(),
     ]
-    title = f"{fit.kind.capitalize()} fitted to {fit.source}"
-    return Page("Fit", title, _QUESTIONS[fit.kind], warnings, answer, sections, content_sha256(fit.residuals))
+    title = f"{kind.capitalize()} fitted to {fit.source}"
+    warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
+    answer = [*_size_of_gap(fit), _held_back(fit)]
+    return Page("Fit", title, _QUESTIONS[kind], warnings, answer, sections, content_sha256(fit.residuals))
 
 
-def _size(fit: Fit) -> list[str]:
-    """The size of the gap, which a coil has not."""
+def _size_of_gap(fit: Fit) -> list[str]:
     if fit.kind == "coil":
         return []
     if "backlash" not in fit.parameters:
@@ -98,20 +111,20 @@ def _size(fit: Fit) -> list[str]:
     return [f"The gap is {number(100 * fit.parameters['backlash'])} % of the stroke (95 %: {low} to {high} %)."]
 
 
-def _held_back(fit: Fit) -> list[str]:
-    """How far the model errs where it was fitted, where it was not, and without the gap."""
+def _held_back(fit: Fit) -> str:
+    """The error of the model where it was fitted, where it was not, and without the gap."""
     rmse, unit = fit.rmse, fit.unit
     if VALIDATION not in rmse:
-        return [f"The model errs by {number(rmse[FITTING])} {unit} (RMS).  Nothing was held back to check it."]
+        return f"The model errs by {number(rmse[FITTING])} {unit} (RMS).  Nothing was held back to check it."
     plain = rmse.get(f"{VALIDATION}_without_backlash")
     without = "" if plain is None else f"; without a gap it would be {number(plain)} {unit}"
-    return [
+    return (
         f"On the part of the log that it never saw, the model errs by {number(rmse[VALIDATION])} {unit} (RMS){without}."
         f"  On the part that it was fitted to, by {number(rmse[FITTING])} {unit}."
-    ]
+    )
 
 
-def _parameters(fit: Fit) -> Table:
+def _fitted_parameters(fit: Fit) -> Table:
     rows = []
     for name, value in fit.parameters.items():
         shown = quantity(name)
@@ -127,24 +140,13 @@ def _parameters(fit: Fit) -> Table:
 
 def _errors(fit: Fit) -> Table:
     rows = [[name.replace("_", " "), f"{number(value, 4)} {fit.unit}"] for name, value in fit.rmse.items()]
-    return Table(
-        "Error of the model, RMS", ["part of the log", "error"], rows,
-        "Fit: the part that the parameters were fitted to.  Validation: a part that they never saw.",
-    )  # fmt: skip
+    note = "Fit: the part that the parameters were fitted to.  Validation: a part that they never saw."
+    return Table("Error of the model, RMS", ["part of the log", "error"], rows, note)
 
 
-def _how_fitted(fit: Fit) -> Section:
-    log = f"{fit.source}: {fit.n_used:,} samples compared, worth {fit.n_effective:,.0f} independent ones"
-    method = "the emulator behind the logged command, with each size of the gap" if isinstance(fit, LoopFit) else (
-        "least squares of the model behind the logged inputs; intervals allow for correlated errors"
-    )  # fmt: skip
-    others = " --loop PRESET" if fit.kind == "loop" else ""
-    command = f"fastcoil fit {fit.kind} LOG.csv{others} -o {fit.kind}.toml --report {fit.kind}.html"
-    return Section("How it was computed", [Facts([("Log", log), ("Method", method)]), Code(command)])
+# --- a diagnosis ------------------------------------------------------------------------------------------------------
 
-
-_SPOKEN = {"d-1": "a day"}
-_CAPTION_OF_DIAGNOSIS = (
+_ONE_PAGE = (
     "From the top: supply air (line) and its set-point (dashed) in the two hours in which the motor moves most; the "
     "command of the controller; the opening of the valve over the position of its motor as the model has it, where the "
     "dotted lines are the two sides of the gap and the distance between them is its size; the probability of each size "
@@ -155,35 +157,39 @@ _CAPTION_OF_DIAGNOSIS = (
 
 def diagnosis_page(d: Diagnosis) -> Page:
     """The report of a diagnosis."""
-    lines = [line for line in in_words(d)[1:] if not line.startswith("Note: ")]
-    warnings = [] if d.identified else [f"The log does not tell the size of the gap: {d.reason}"]
-    blocks: list[Block] = [
-        picture(d.plot(), _CAPTION_OF_DIAGNOSIS, "Signals, gap, probability, predictions and indices")
-    ]
-    sections = [Section("The diagnosis on one page", blocks), Section("What would help", _predictions(d))]
-    sections += [
+    low, high = d.interval
+    gap = f"each size is tried on the log; 95 % interval {100 * low:.3g} to {100 * high:.3g} % of the stroke"
+    facts = [
+        ("Log", f"{d.source}: {d.signals.attrs['hours']:.1f} h, a sample every {d.signals.attrs['interval']:g} s"),
+        ("Gap", gap if np.isfinite(low) else "no size could be tried"),
+        ("Cause", f"{d.cause}: {d.because}" if d.because else d.cause),
+        ("Predictions", "valve and coil as a curve behind two lags and a delay, fitted to the log, with the controller "
+                        "recovered from the same log"),
+    ]  # fmt: skip
+    drawn = picture(d.plot(), _ONE_PAGE, "Signals, gap, probability, predictions and indices")
+    sections = [
+        Section("The diagnosis on one page", [drawn]),
+        Section("What would help", [_predictions(d)]),
         Section("Indices of the loop", [_indices(d.indices)]),
-        Section("What to mind", [Words(list(d.notes), bullets=True)] if d.notes else []),
-        _how_diagnosed(d),
-        Section("For a study", [
-            Words(['Save this as diagnosis.toml; in a study file, [loop] include = ["diagnosis.toml"] takes the gap.']),
-            Code(d.to_toml()),
-        ]),
+        _to_mind(d.notes),
+        _how(facts, "fastcoil diagnose LOG.csv -o diagnosis.toml --report diagnosis.html"),
+        _for_a_study("diagnosis", "the gap", d.to_toml()),
         here(),
         cited(),
-    ]  # fmt: skip
+    ]
+    warnings = [] if d.identified else [f"The log does not tell the size of the gap: {d.reason}"]
+    answer = [line for line in in_words(d)[1:] if not line.startswith("Note: ")]
+    title = f"Is it the valve? {d.source}"
     question = "How large is the gap of this valve, does its loop hunt, and is the valve to blame?"
-    return Page(
-        "Diagnosis", f"Is it the valve? {d.source}", question, warnings, lines, sections, content_sha256(d.signals)
-    )
+    return Page("Diagnosis", title, question, warnings, answer, sections, content_sha256(d.signals))
 
 
-def _predictions(d: Diagnosis) -> list[Block]:
+def _predictions(d: Diagnosis) -> Block:
     if d.predictions is None:
-        return [Words(["No model of the loop could be fitted to this log, so nothing is foretold: see what to mind."])]
-    found, rows = d.predictions, []
-    for k, case in enumerate(found["case"].values):
-        one = found.isel(case=k)
+        return Words(["No model of the loop could be fitted to this log, so nothing is predicted: see what to mind."])
+    rows = []
+    for k, case in enumerate(d.predictions["case"].values):
+        one = d.predictions.isel(case=k)
         doubt = str(one["doubt"].values)
         cells = [f"{number(float(one['rmse']))} K", number(float(one["travel_per_day"])),
                  number(float(one["reversals_per_day"])), "yes" if float(one["hunts"]) > 0 else "no"]  # fmt: skip
@@ -192,58 +198,35 @@ def _predictions(d: Diagnosis) -> list[Block]:
     if not any(row[-1] for row in rows):
         head, rows = head[:-1], [row[:-1] for row in rows]
     note = "What the loop that was fitted to this log does on the day of the log.  A dash: cannot be told."
-    return [Table("With another valve, gain or controller", head, rows, note)]
+    return Table("With another valve, gain or controller", head, rows, note)
 
 
 def _indices(ds: xr.Dataset) -> Table:
     rows = []
     for name, value in ds.data_vars.items():
-        unit = str(value.attrs.get("units", "1"))
-        shown, size = quantity(str(name)), float(value)
+        unit, size = str(value.attrs.get("units", "1")), float(value)
         if not np.isfinite(size):
             text = NONE
         elif "backlash" in str(name) and unit == "1":
             text = share(size) if size >= 0.995 else f"{number(100 * size)} %"
         else:
-            text = f"{number(size)} {_SPOKEN.get(unit) or unit_in_words(unit)}".rstrip()
-        rows.append([str(value.attrs.get("long_name", shown.text)), text])
+            text = f"{number(size)} {'a day' if unit == 'd-1' else unit_in_words(unit)}".rstrip()
+        rows.append([str(value.attrs.get("long_name", quantity(str(name)).text)), text])
     return Table("Single numbers", ["index", "value"], rows, "A dash: it cannot be told from this log.")
 
 
-def _how_diagnosed(d: Diagnosis) -> Section:
-    hours, interval = d.signals.attrs["hours"], d.signals.attrs["interval"]
-    low, high = d.interval
-    facts = [
-        ("Log", f"{d.source}: {hours:.1f} h, a sample every {interval:g} s"),
-        ("Gap", f"each size is tried on the log; 95 % interval {100 * low:.3g} to {100 * high:.3g} % of the stroke"
-                if np.isfinite(low) else "no size could be tried"),
-        ("Cause", f"{d.cause}: {d.because}" if d.because else d.cause),
-        ("Predictions", "valve and coil as a curve behind two lags and a delay, fitted to the log, with the controller "
-                        "recovered from the same log"),
-    ]  # fmt: skip
-    command = "fastcoil diagnose LOG.csv -o diagnosis.toml --report diagnosis.html"
-    return Section("How it was computed", [Facts(facts), Code(command)])
+# --- a tuning ---------------------------------------------------------------------------------------------------------
 
-
-_CAPTION_OF_TUNING = (
+_CHOICE = (
     "Dots joined by a line: every tuning that no other beats in both error and motor travel, on the valves and days of "
     "the search; a grey line leads from each to its hollow dot, the same tuning held out.  Marks with bars: the tuning "
     "of now, the chosen one and that of the SIMC rule, held out; bars are 95 % intervals for other valves and days.  "
     "Dotted: a limit."
 )
-_NOTE = "In brackets: 95 % interval over valves and days, by bootstrap."
 
 
 def tuning_page(t: Tuning) -> Page:
     """The report of a tuning."""
-    lines = t.summary()
-    answer = [lines[0], next(line for line in lines if line.startswith("Held out, "))]
-    warnings = [] if t.meets_limits else [
-        "No tuning keeps every limit: the one shown breaks them least, and is no recommendation."
-    ]  # fmt: skip
-    warnings += t.notes
-    drawn: list[Block] = [picture(t.plot(), _CAPTION_OF_TUNING, "Error against motor travel of the tunings")]
-    numbers: list[Block] = [_table("Held out", t.held_out, t), _table("Searched on", t.trained, t)]
     facts = [
         ("Sought", f"lowest {next(iter(t.held_out.data_vars.values())).attrs['long_name']}"),
         ("Limits", "; ".join(_limit(t, each) for each in t.limits) or "none"),
@@ -251,17 +234,19 @@ def tuning_page(t: Tuning) -> Page:
         ("Searched on", str(t.trained.attrs["group"])),
         ("Held out", str(t.held_out.attrs["group"])),
     ]
-    command = "fastcoil tune STUDY.toml -o results/tuning --report tuning.html"
-    include = 'Save this as tuning.toml; in a study file, [loop] include = ["tuning.toml"] takes the settings.'
     sections = [
-        Section("The choice", drawn),
-        Section("Now and then", numbers),
+        Section("The choice", [picture(t.plot(), _CHOICE, "Error against motor travel of the tunings")]),
+        Section("Now and then", [_measures("Held out", t.held_out, t), _measures("Searched on", t.trained, t)]),
         Section("The front", [_front(t.front)]),
-        Section("How it was computed", [Facts(facts), Code(command)]),
-        Section("For a study", [Words([include]), Code(t.to_toml())]),
+        _how(facts, "fastcoil tune STUDY.toml -o results/tuning --report tuning.html"),
+        _for_a_study("tuning", "the settings", t.to_toml()),
         here(),
         cited(),
     ]
+    broken = "No tuning keeps every limit: the one shown breaks them least, and is no recommendation."
+    warnings = [*([] if t.meets_limits else [broken]), *t.notes]
+    lines = t.summary()
+    answer = [lines[0], next(line for line in lines if line.startswith("Held out, "))]
     title = "Tuning of " + ", ".join(quantity(name).text for name in t.parameters)
     question = "Which settings suit all these valves and days, and what do they do on valves and days not searched on?"
     return Page("Tuning", title, question, warnings, answer, sections, content_sha256(t.evaluations))
@@ -272,9 +257,10 @@ def _limit(t: Tuning, each: Limit) -> str:
     return f"{words}: {'as now' if each.as_now else each.measure.shown(each.most)}"
 
 
-def _table(title: str, ds: xr.Dataset, t: Tuning) -> Table:
+def _measures(title: str, ds: xr.Dataset, t: Tuning) -> Table:
     head, *rows = table_rows(ds, t.limits)
-    return Table(f"{title}: {ds.attrs['group']}", ["measure", *head[1:]], rows, _NOTE)
+    note = "In brackets: 95 % interval over valves and days, by bootstrap."
+    return Table(f"{title}: {ds.attrs['group']}", ["measure", *head[1:]], rows, note)
 
 
 def _front(front: xr.Dataset) -> Table:
@@ -286,64 +272,54 @@ def _front(front: xr.Dataset) -> Table:
     return Table("Tunings that no other beats in both error and travel", ["", *head], rows, note)
 
 
-_CAPTION_OF_EXPLANATION = (
+# --- an explanation ---------------------------------------------------------------------------------------------------
+
+_DAY = "upply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
+_THREE_PANELS = (
     "Top left: gain of the loop over its phase (blue line) and of the gap, -1/N (red, dashed); the loop hunts where it "
     "is above, and the distance between the two dots is the margin.  Top right: which gains hunt (shaded), with lines "
-    "of equal margin, the loop as it is (red dot) and other tunings (marks).  Bottom: supply air as it is (red), with "
-    "the recommended cure (blue) if there is one, and the set-point (dashed)."
+    f"of equal margin, the loop as it is (red dot) and other tunings (marks).  Bottom: s{_DAY}"
 )
-_DO = ("Do this", "If the error matters", "Leave it", "None of these")
-"""How an advice begins."""
-_DAY = "Supply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
+_ADVICE = ("Do this", "If the error matters", "Leave it", "None of these")  # how an advice begins
 
 
 def explanation_page(e: Explanation) -> Page:
     """The report of an explanation."""
     first, *middle, last = "\n".join(e.text.splitlines()).split("\n\n")
     advice = last.split("\n")[2 + e.cures.sizes["cure"] :]
-    do = [line for line in advice if line.startswith(_DO)]
-    drawn: list[Block] = [
-        picture(e.plot(), _DAY if e.phase is None else _CAPTION_OF_EXPLANATION, "Margin, gains and the day")
-    ]
+    do = [line for line in advice if line.startswith(_ADVICE)]
     loop, boundary = e._found.loop, e._found.boundary
     facts = [
         ("Day", boundary.describe()),
-        ("Foretold by", "the describing function of the gap in a linear model of the loop at each operating point"),
+        ("Predicted by", "the describing function of the gap in a linear model of the loop at each operating point"),
         ("Simulated with", "a time step of 1 s, on this day, with each cure"),
     ]
-    phase: list[Block] = [] if e.phase is None else [_phase(e.phase, middle[0].split("\n")[0] if middle else "")]
-    parameters: list[Block] = [Facts(facts)]
+    phase = [] if e.phase is None else [_phase(e.phase, middle[0].split("\n")[0] if middle else "")]
+    caption = f"S{_DAY}" if e.phase is None else _THREE_PANELS
     own = changed(loop.constants, "paper_like", "default")
-    parameters += [own] if own.rows else []
-    parameters.append(Code("fastcoil explain TARGET --report explanation.html"))
     sections = [
-        Section("The loop in one figure", drawn),
+        Section("The loop in one figure", [picture(e.plot(), caption, "Margin, gains and the day")]),
         Section("What can be done", [_cures(e.cures), Words([line for line in advice if line not in do])]),
         Section("Where the phase goes", phase),
-        Section("How it was computed", parameters),
+        _how(facts, "fastcoil explain TARGET --report explanation.html", own),
         here(),
         cited(),
     ]
-    gains = ", ".join(f"{name} = {setting(name, loop[name])}" for name in ("kp", "ti"))
-    title = f"Will this loop hunt? {gains}"
+    title = "Will this loop hunt? " + ", ".join(f"{name} = {setting(name, loop[name])}" for name in ("kp", "ti"))
     question = "Will it hunt on this day, why, what would cure it, and what does that cost?"
-    return Page(
-        "Explanation", title, question, list(e.doubts), [*first.split("\n"), *do], sections, content_sha256(e.cures)
-    )
+    answer = [*first.split("\n"), *do]
+    return Page("Explanation", title, question, list(e.doubts), answer, sections, content_sha256(e.cures))
 
 
 def _cures(ds: xr.Dataset) -> Table:
     rows = []
-    for k in range(ds.sizes["cure"]):
-        one, now = ds.isel(cure=k), ds.isel(cure=0)
-        error, travel = float(one["rmse"]), float(one["motor_travel"])
-        before = float(now["motor_travel"])
-        margin, swing = float(one["margin"]), float(one["hunting_swing"])
+    error, travel, margin, swing = (ds[n].values for n in ("rmse", "motor_travel", "margin", "hunting_swing"))
+    for k, words in enumerate(ds["words"].values):
         rows.append([
-            str(one["words"].item()), number(margin, 2), f"{number(error)} K",
-            change(error / float(now["rmse"]) - 1.0) if k else "", f"{number(swing, 2)} K",
-            f"{number(travel)}", f"× {number(travel / before, 2)}" if k and before > 0.0 else "",
-            str(one["verdict"].item()) if k else "",
+            str(words), number(margin[k], 2), f"{number(error[k])} K",
+            change(error[k] / error[0] - 1.0) if k else "", f"{number(swing[k], 2)} K", number(travel[k]),
+            f"× {number(travel[k] / travel[0], 2)}" if k and travel[0] > 0.0 else "",
+            str(ds["verdict"].values[k]) if k else "",
         ])  # fmt: skip
     head = ["", "margin", "RMS error", "change", "swing", "motor travel", "change", "verdict"]
     note = (

@@ -1,12 +1,7 @@
-"""Tables of a study: every estimate against the plain PI, every gap against the sound valve, names against the first.
+"""The report of a study, from its results: every estimate against the plain PI, every gap against the sound valve.
 
 A change is that within a pair of scenarios that differ in nothing else.  Its interval is by bootstrap over drawn
-valves or days, where the study has several; values that were chosen for a sweep have no chance in them, and get a range
-instead.
-
-What a study of a single scenario says: every metric once.
-
-The report of a study, from its results alone: they carry the text of the study, its settings and its versions.
+valves or days, where the study has several; swept values were chosen, so they get a range instead of an interval.
 """
 
 from __future__ import annotations
@@ -22,7 +17,7 @@ import xarray as xr
 
 from fastcoil.base.errors import FastcoilError
 from fastcoil.deliver.figures.study import standard_figures
-from fastcoil.deliver.report.computed import bibtex, citation, how, question, study_tables, versions
+from fastcoil.deliver.report.computed import cited, how, question, study_tables, versions
 from fastcoil.deliver.report.page import (
     Block,
     Code,
@@ -34,9 +29,9 @@ from fastcoil.deliver.report.page import (
     left_out,
     number,
     picked,
+    picture,
     share,
     span,
-    study_picture,
 )
 from fastcoil.loops.labels import is_parameter, quantity, quantity_of
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
@@ -97,13 +92,10 @@ def _zero(ds: xr.Dataset, dim: str) -> int:
     return int((ds[dim].values == 0.0).argmax())
 
 
-def _unit(ds: xr.Dataset) -> str | None:
-    return next((unit for unit in _UNITS if ds.sizes.get(unit, 1) > 1), None)
-
-
 def _against(ds: xr.Dataset, of: _Baseline) -> ComparedTable:
     """A row for every label, compared with the partner of each scenario under the baseline."""
-    dim, unit = of.dim, _unit(ds)
+    dim = of.dim
+    unit = next((unit for unit in _UNITS if ds.sizes.get(unit, 1) > 1), None)
     base = ds.isel({dim: of.at}, drop=True)
     best = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(float("inf"))
     rows_shown = picked(
@@ -174,15 +166,8 @@ def _others_head(ds: xr.Dataset) -> list[str]:
 
 
 def _others(one: xr.Dataset) -> list[str]:
-    cells = []
-    for name in _HEADS:
-        if name not in one:
-            continue
-        if name == "hunts":
-            cells.append(share(float(one[name].mean())))
-            continue
-        cells.append(number(float(one[name].median())))
-    return cells
+    shown = [name for name in _HEADS if name in one]
+    return [share(float(one[n].mean())) if n == "hunts" else number(float(one[n].median())) for n in shown]
 
 
 def _label(ds: xr.Dataset, dim: str, k: int) -> str:
@@ -205,8 +190,7 @@ def failures(ds: xr.Dataset) -> Table | None:
     return Table("Scenarios that failed", [*dims, "status"], rows, note)
 
 
-_COUNTED = ("reversals", "half_periods")
-"""Metrics that are whole numbers."""
+_COUNTED = ("reversals", "half_periods")  # metrics that are whole numbers
 
 
 def metrics(ds: xr.Dataset) -> Table:
@@ -260,7 +244,9 @@ def study_page(folder: Path) -> Page:
             Section("Figures", _pictures(ds, title)),
             Section("In numbers", [metrics(ds)] if single else [one.table for one in compared]),
         ]
-    sections += [how(ds), versions(ds), _study(ds), _again(folder, ds), cited(ds)]
+    toml = str(ds.attrs.get("study_toml", ""))
+    sections += [how(ds), versions(ds), Section("The study file", [Code(toml)] if toml.strip() else [])]
+    sections += [_again(folder, ds), cited(ds)]
     return Page("Study", title, question(ds), warnings, answer, sections, str(ds.attrs["content_sha256"]))
 
 
@@ -276,16 +262,13 @@ def _billing(folder: Path, ds: xr.Dataset) -> tuple[Billing | None, str]:
 
 
 def _pictures(ds: xr.Dataset, title: str) -> list[Block]:
-    drawn = {name: draw() for name, draw in standard_figures(ds).items()}
-    return [
-        study_picture(figure, title, f"Figure {k}", f"{name} of the study")
-        for k, (name, figure) in enumerate(drawn.items(), 1)
-    ]
-
-
-def _study(ds: xr.Dataset) -> Section:
-    text = str(ds.attrs.get("study_toml", ""))
-    return Section("The study file", [Code(text)] if text.strip() else [])
+    """The standard figures; their heads, the title and what the marks mean, become captions."""
+    found: list[Block] = []
+    for k, (name, draw) in enumerate(standard_figures(ds).items(), 1):
+        figure = draw()
+        words = " ".join(figure.get_suptitle().split()).removeprefix(" ".join(title.split())).strip()
+        found.append(picture(figure, f"Figure {k}.  {words}.", f"{name} of the study"))
+    return found
 
 
 def _again(folder: Path, ds: xr.Dataset) -> Section:
@@ -301,9 +284,3 @@ def _again(folder: Path, ds: xr.Dataset) -> Section:
         "and with the same versions, content_sha256 is the same to the last digit."
     )
     return Section("Do it again", [Words([words]), Code("\n".join(lines))])
-
-
-def cited(ds: xr.Dataset | None = None) -> Section:
-    """How to cite the results, or fastcoil alone."""
-    attrs = None if ds is None else {str(name): value for name, value in ds.attrs.items()}
-    return Section("How to cite", [Words(citation(attrs)), Code("\n".join(bibtex(attrs)))])

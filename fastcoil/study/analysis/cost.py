@@ -54,14 +54,7 @@ class Tariff:
 
 
 def tariff_of(given: Mapping[str, Any], cure: str = "give it") -> Tariff:
-    """The tariff of a table, where None stands for what is not given.
-
-    Raises
-    ------
-    InputError
-        With a sentence for each price that is missing, or negative, or no number, a COP that no chiller has, and a
-        currency of no or too many letters.
-    """
+    """The tariff of a table, where None stands for what is not given."""
     known = {name: value for name, value in given.items() if value is not None}
     with checking() as check:
         for name, (meaning, example) in PRICES.items():

@@ -99,8 +99,7 @@ def interval(
 
 
 _RESAMPLES, _AT_ONCE = 1000, 20
-_SEED = 20261122
-"""Of the resamples: a summary says the same twice."""
+_SEED = 20261122  # of the resamples: a summary says the same twice
 _LEVEL = 0.95
 _SPREAD = 0.05, 0.95
 

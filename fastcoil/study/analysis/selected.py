@@ -47,11 +47,6 @@ def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> xr.Dataset:
         A result.
     at
         Dimension, or a parameter with few values along another one, → its labels.
-
-    Raises
-    ------
-    InputError
-        For a name or a label that ``ds`` does not have; it lists those that there are.
     """
     dims, problems = ds["status"].dims, []
     known = [str(n) for n in ds.coords if len(ds[n].dims) == 1 and ds[n].dims[0] in dims]
@@ -78,13 +73,7 @@ def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> xr.Dataset:
 
 
 def case_of(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[str, int], str]:
-    """Position of one label along each of some dimensions, and the case in words.
-
-    Raises
-    ------
-    InputError
-        For a dimension or a label that ``ds`` does not have, or several labels of one.
-    """
+    """Position of one label along each of some dimensions, and the case in words."""
     dims = [str(d) for d in ds["status"].dims if d in ds.coords]
     problems = [
         f"--relative-to {name}: no dimension of what is drawn{nearest(name, dims)}; it has {_listed(dims) or 'none'}"
@@ -141,10 +130,8 @@ def _listed(words: Sequence[Any]) -> str:
 
 
 BINS = 8
-_MOST_VALUES = 12
-"""A parameter with no more values than this has a group for each."""
-_FEWEST = 5
-"""Members of a group, as a rule: their scatter would say nothing."""
+_MOST_VALUES = 12  # A parameter with no more values than this has a group for each
+_FEWEST = 5  # members of a group, as a rule: their scatter would say nothing
 
 
 def drawn_parameters(ds: xr.Dataset) -> list[str]:
@@ -176,11 +163,6 @@ def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
         ``sample``; groups have as many places as the largest one has members, and NaN, as status too, where there is
         none.  The coordinate ``members`` says how many a group has; the attribute ``pooled_as`` of ``sample`` says it
         in words.
-
-    Raises
-    ------
-    InputError
-        For a parameter that is not drawn, or for too few scenarios to group.
     """
     known = drawn_parameters(ds)
     wrong = [n for n in names if n not in known]

@@ -75,8 +75,7 @@ def dead_bands(plain: xr.Dataset) -> list[tuple[dict[Hashable, int], dict[Hashab
 
 _MOST_GROUPS, _MOST_LABELS = 4, 6
 """Labels of other dims that get sentences of their own; labels that one sentence compares."""
-_GROWN = 1e-4
-"""Fraction of stroke; less is no wear."""
+_GROWN = 1e-4  # fraction of stroke; less is no wear
 
 
 class Billing(NamedTuple):
@@ -225,8 +224,7 @@ def _money(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}" if abs(value) >= 0.005 else "0"
 
 
-_WHOLE = 0.99
-"""Of the scenarios: whoever ran fewer had others from an earlier run."""
+_WHOLE = 0.99  # of the scenarios: whoever ran fewer had others from an earlier run
 
 
 def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:

@@ -43,8 +43,7 @@ MILDER = (0.0, 6.0)
 """By how much a design day is milder than the extreme, K: limits of what the seed draws."""
 OUTDOOR_FRACTIONS = (0.2, 0.6)
 """Limits of the share of outdoor air that the seed draws."""
-_STREAM = 20
-"""Tells these draws from others with the same seed."""
+_STREAM = 20  # tells these draws from others with the same seed
 
 
 def stepped(hours: float, seeds: Sequence[int]) -> Boundary:
