@@ -1,8 +1,7 @@
-"""Does a trend log of command and supply temperature tell the backlash?  Measured on valves and days never seen before.
+"""Logs for ``diagnosis.py``: valves and loops drawn at random, on days of every kind, as a trend log would show them.
 
-Run with ``python -m studies diagnosis``.  It asks ``fastcoil.measured.diagnosis`` about the logs of
-``diagnosis_logs.py``.  The thresholds there were chosen on valves and days of seeds 301 to 503; those here share none
-of them.  Right means: within 20 % of the true backlash or 1 % of the stroke.
+A *population* is a kind of day and what sets its valves or its logs apart: an inverse that runs, a stem with other
+faults, a coarse sensor, a controller of another sample time.
 """
 
 from __future__ import annotations
@@ -12,20 +11,164 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+import fastcoil as fc
 from fastcoil.measured.diagnosis.identify import GOOD, TOLERANCE, identify_backlash
 from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
-from studies.days import STEPPED
-from studies.diagnosis.logs import (
-    DAYS_OF_KINDS,
-    GOOD_VALVES,
-    OTHERS,
-    SIMULATED,
-    STEPPED_HEATING,
-    Logs,
-    Population,
-    logs,
-)
+from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, kinds, of_kind, settings
+
+SIMULATED = 5
+"""Seconds between the samples of the traces that logs are thinned from."""
+HEATING_GAIN = 0.3
+"""The drawn kp is for cooling; a loop with water of 40 °C responds about three times as much."""
+SIZES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15]
+STEPPED_HEATING = "stepped heating"
+LEVELS = (25.0, 23.5, 27.0, 25.0, 22.5, 24.0, 28.0, 26.0, 24.5, 23.0, 22.0, 25.5, 29.0, 27.5, 24.0, 25.0)
+"""Set-points of a stepped day of heating, °C, half an hour each."""
+
+
+class Population(NamedTuple):
+    """What sets valves, loops and logs apart from the plain ones of a kind of day.
+
+    inverse: estimate over true backlash of a running inverse, from and to; that of a good valve thinks of 3 %.
+    slips: jump over backlash.  late: samples by which the temperatures stand late beside the commands.  coarse:
+    resolution of the logged command, fraction of stroke, and of the temperature, K.  of_the_gap: whether what lies
+    between the gap and the gap with the neutral zone, or without the slip jump, counts as right too.
+    """
+
+    kind: str = STEPPED
+    loop: dict[str, float] = {}
+    authority: tuple[float, float] = (0.05, 0.9)
+    kp: tuple[float, float] = (0.005, 0.06)
+    ti: tuple[float, float] = (20, 300)
+    sample_times: tuple[float, ...] = (5.0, 10.0, 15.0, 30.0)
+    inverse: tuple[float, float] = (0.0, 0.0)
+    neutral_zone: float = 0.0
+    slips: float = 0.0
+    stroke_time_wrong: float = 1.0
+    late: int = 0
+    coarse: tuple[float, float] = (0.0, 0.0)
+    intervals: tuple[int, ...] = (10, 15, 30)
+    tells_sample_time: bool = False
+    of_the_gap: bool = False
+
+
+class Logs(NamedTuple):
+    """Logs of a population.  Per valve: its backlash, least and most that counts.  Signals: (days, valves or 1, n)."""
+
+    backlash: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    sample_time: np.ndarray
+    stroke_time: np.ndarray
+    interval: np.ndarray
+    signals: dict[str, np.ndarray]
+    late: int
+    tells_sample_time: bool
+
+
+DAYS_OF_KINDS = {kind: Population(kind) for kind in (*kinds(), STEPPED_HEATING)}
+INVERSE = (0.2, 1.6)
+OTHERS = {
+    "inverse of 95 %": Population(inverse=(0.95, 0.95)),
+    "inverse of 95 %, sample time given": Population(inverse=(0.95, 0.95), tells_sample_time=True),
+    "inverse of 20 to 160 %": Population(inverse=INVERSE),
+    "inverse of 20 to 160 %, sample time given": Population(inverse=INVERSE, tells_sample_time=True),
+    "inverse of 20 to 160 %, constant days": Population(CONSTANT, inverse=INVERSE),
+    "0.1 K, 1 % of command": Population(loop={"sensor_resolution": 0.1, "command_resolution": 0.01}),
+    "log rounded to 0.1 K, 1 %": Population(coarse=(0.01, 0.1)),
+    "authority 0.02 to 0.1": Population(authority=(0.02, 0.1)),
+    "neutral zone up to 2 %": Population(neutral_zone=0.02),
+    "neutral zone up to 2 %, counted as gap": Population(neutral_zone=0.02, of_the_gap=True),
+    "slip jump 0.3 X": Population(slips=0.3),
+    "slip jump 0.3 X, 0.7 X to X counted": Population(slips=0.3, of_the_gap=True),
+    "leakage 0.1 %": Population(loop={"leakage": 0.001}),
+    "sample time 7 or 20 s": Population(sample_times=(7.0, 20.0)),
+    "fast tunings that hunt": Population(kp=(0.03, 0.1), ti=(8, 20)),
+    "stroke time wrong by up to 2": Population(stroke_time_wrong=2.0),
+    "temperature a sample late": Population(late=1),
+    "command a sample late": Population(late=-1),
+    "log of 60 s": Population(intervals=(60,)),
+    "log of 60 s, fast tunings": Population(intervals=(60,), kp=(0.03, 0.1), ti=(8, 20)),
+    "log of 60 s, sample time of 60 s given": Population(intervals=(60,), sample_times=(60.0,), tells_sample_time=True),
+}
+GOOD_VALVES = {
+    **{kind: population for kind, population in DAYS_OF_KINDS.items() if kind != DESIGN},
+    "inverse of 3 %": Population(inverse=(1.0, 1.0)),
+    "log of 60 s": Population(intervals=(60,)),
+}
+
+
+def valves(of: Population, seed: list[int], n: int, good_only: bool = False) -> dict[str, np.ndarray]:
+    """Parameters of the valves and loops.
+
+    A quarter has no backlash; of the others half have one of the sizes of ``remedies.toml``, half any size.
+    """
+    draw = np.random.default_rng(seed)
+
+    def loguniform(low: float, high: float) -> np.ndarray:
+        return np.exp(draw.uniform(np.log(low), np.log(high), n))
+
+    sizes = np.where(np.arange(n) % 2, draw.choice(SIZES, n), draw.uniform(0.005, 0.15, n))
+    backlash = np.where((np.arange(n) % 4 == 0) | good_only, 0.0, sizes)
+    inverse = draw.uniform(*of.inverse, n)
+    return {
+        "backlash": backlash,
+        "rangeability": loguniform(20, 100),
+        "authority": loguniform(*of.authority),
+        "C_w": draw.uniform(8.8, 14.0, n),
+        "C_c": loguniform(10, 30),
+        "kp": loguniform(*of.kp) * (HEATING_GAIN if HEATING in of.kind else 1.0),
+        "ti": loguniform(*of.ti),
+        "sample_time": draw.choice(of.sample_times, n),
+        "noise_std": draw.uniform(0.0, 0.05, n),
+        "sensor_time_constant": draw.uniform(5, 60, n),
+        "stroke_time": draw.uniform(30, 150, n),
+        "backlash_estimate": inverse * np.where(backlash > 0.0, backlash, 0.03),
+        "slip_jump": of.slips * backlash,
+        "neutral_zone": draw.uniform(0.0, of.neutral_zone, n),
+    }
+
+
+def days_of(kind: str, seeds: list[int]) -> fc.Boundary:
+    """Days of a kind of ``kinds.py``, or of heating with a set-point that steps."""
+    if kind != STEPPED_HEATING:
+        return of_kind(kind, seeds)
+    days = of_kind(HEATING, seeds)
+    series = {name: days.series[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
+    series["T_set"] = np.broadcast_to(np.repeat(LEVELS, 1800), series["T_set"].shape)
+    return fc.Boundary(**series, day=seeds)
+
+
+def logs(of: Population, seed: list[int], days: list[int], n: int, good_only: bool = False) -> Logs:
+    """Simulate the valves of a population on its days."""
+    drawn = valves(of, seed, n, good_only)
+    loop = fc.Loop.preset("lbnl").assign(
+        m_full=1.7, **{name: ("sample", values) for name, values in drawn.items()}, **of.loop,
+        **settings(HEATING if HEATING in of.kind else of.kind),
+    )  # fmt: skip
+    boundary = days_of(of.kind, days)
+    ds = fc.simulate(loop, boundary, traces=["command", "T_measured"], trace_interval=SIMULATED, seed=seed[0], n_jobs=1)
+    command, T = (
+        ds[n].transpose("day", "sample", "elapsed_time").values.astype(float) for n in ("command", "T_measured")
+    )
+    signals = {"command": _rounded(command, of.coarse[0]), "T_measured": _rounded(T, of.coarse[1])}
+    signals |= {
+        n: np.asarray(boundary.series[n], float)[:, np.newaxis, ::SIMULATED] for n in ("T_set", "m_a", "T_a_in")
+    }
+    draw = np.random.default_rng([*seed, 9])
+    wrong = np.log(of.stroke_time_wrong)
+    size, stroke_time = drawn["backlash"], drawn["stroke_time"] * np.exp(draw.uniform(-wrong, wrong, n))
+    least, most = size - of.of_the_gap * drawn["slip_jump"], size + of.of_the_gap * drawn["neutral_zone"]
+    interval = draw.choice(of.intervals, n)
+    return Logs(
+        size, least, most, drawn["sample_time"], stroke_time, interval, signals, of.late, of.tells_sample_time
+    )  # fmt: skip
+
+
+def _rounded(values: np.ndarray, step: float) -> np.ndarray:
+    return np.round(values / step) * step if step > 0.0 else values
+
 
 SEED = 9211
 VALVES, DAYS = 128, 3

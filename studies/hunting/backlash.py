@@ -12,8 +12,8 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.study.analysis.paired import mean_of, share_of
 from studies.common import write_table
-from studies.hunting.loops import OPERATING, acting, conditions, joined, valves
-from studies.hunting.plants import foreseen
+from studies.days import HEATING
+from studies.hunting.loops import OPERATING, SERIES, acting, conditions, foreseen, joined, valves
 
 SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SEEN, HOURS = 20, 8
@@ -38,7 +38,7 @@ def cycling(T: xr.DataArray, least: xr.DataArray) -> xr.Dataset:
     return xr.Dataset({"cycles": lasts, "swing": sizes[1], "period": times})
 
 
-def run(seed: int, size: int, days: int) -> xr.Dataset:
+def run_backlash(seed: int, size: int, days: int) -> xr.Dataset:
     """The same loops with every size of backlash: (sample, backlash, day)."""
     parts = {}
     for kind in OPERATING:
@@ -68,7 +68,7 @@ def quantiles(of: xr.DataArray, form: str = "{:.2g}") -> str:
     return f"{middle} ({low} to {high})"
 
 
-def write(ds: xr.Dataset, limit: float) -> None:
+def write_backlash(ds: xr.Dataset, limit: float) -> None:
     """Write whether, how much and how fast, by backlash; limit: of the margin."""
     ok = ds.reachable.astype(bool).all("backlash") & ds.hunts.notnull().all("backlash")
     at_one, good = ds.sel(backlash=0.01), ds.sel(backlash=0.0)
@@ -125,3 +125,141 @@ def write_bands(ds: xr.Dataset) -> None:
          "swing / (X K) at 7 %", "period / (T + θ) at 7 %"],
         table,
     )  # fmt: skip
+
+
+RAMP, HOLD, KICK, AFTER = 6, 2, 1, 6
+"""Hours: the set-point comes slowly from the temperature of the air, stands still, is elsewhere, and back."""
+KICKS = (0.0, 0.1, 0.3, 1.0, 3.0)
+"""K"""
+START_BANDS = ((0.0, 0.8), (0.8, 0.9), (0.9, 1.0), (1.0, 1.2), (1.2, 2.0), (2.0, np.inf))
+
+
+def kicked(kind: str, seed: int, days: int) -> tuple[fc.Boundary, fc.Boundary]:
+    """Days with each kick, (condition × kick), and the conditions themselves.
+
+    The set-point comes from the temperature of the entering air, with the valve closed, to that of the condition, so
+    the valve moves one way only.  The kick asks for more load for a while.
+    """
+    still = conditions(kind, seed, days, 1)
+    t = np.arange(3600 * (RAMP + HOLD + KICK + AFTER)) / 3600
+    come, away = np.clip(t / RAMP, 0.0, 1.0), (t >= RAMP + HOLD) & (t < RAMP + HOLD + KICK)
+    of_all = {name: np.repeat(still.series[name][:, 0], len(KICKS))[:, None] for name in SERIES}
+    start, end = of_all["T_a_in"], of_all["T_set"]
+    more = np.tile(KICKS, days)[:, None] * (1.0 if kind == HEATING else -1.0)
+    series = {name: values * np.ones(t.size) for name, values in of_all.items()}
+    return fc.Boundary(**{**series, "T_set": start + (end - start) * come + more * away}), still
+
+
+def run_start(seed: int, size: int, days: int) -> xr.Dataset:
+    """Whether each loop cycles in the end: (sample, day, kick); valves without backlash are left out."""
+    parts = {}
+    for kind in OPERATING:
+        loop = acting(valves(seed, size), kind)
+        of_kicks, still = kicked(kind, seed + 1, days)
+        ds = fc.simulate(loop, of_kicks, traces=["T_sup"], trace_interval=SEEN)
+        T = ds.T_sup.transpose("sample", "day", "elapsed_time").drop_vars("day")
+        shape = (T.sizes["sample"], days, len(KICKS), T.sizes["elapsed_time"])
+        folded = xr.DataArray(T.values.reshape(shape), dims=("sample", "day", "kick", "elapsed_time"))
+        plant = foreseen(loop, still)
+        late = folded.isel(elapsed_time=slice(-4 * (3600 * (AFTER - 1) // SEEN // 2), None))
+        X = xr.DataArray(loop["backlash"], dims="sample").reset_coords(drop=True)
+        found = cycling(late, 0.02 * X * plant.K.drop_vars("day")).assign(backlash=X)
+        parts[kind] = xr.merge([plant.drop_vars("day"), found]).assign_coords(kick=list(KICKS), day=range(days))
+    return joined(parts)
+
+
+def write_start(ds: xr.Dataset) -> None:
+    """Write the share that cycles by margin and kick."""
+    ok, table = ds.reachable.astype(bool) & (ds.backlash > 0.0), []
+    for low, high in START_BANDS:
+        inside = ok & (ds.margin >= low) & (ds.margin < high)
+        if not bool(inside.any()):
+            continue
+        cells = [str(share_of(ds.cycles.sel(kick=kick, drop=True), inside)) for kick in KICKS]
+        table.append([f"{low:g} to {high:g}", f"{int(inside.sum()):,}", *cells])
+    any_kick = ds.cycles.any("kick") & ok
+    alone = str(share_of(ds.cycles.sel(kick=0.0, drop=True), any_kick))
+    write_table(
+        "hunting/hunting_start",
+        f"Loops that come to their set-point in {RAMP} h without a turn of the valve, stand still, and are kicked by a "
+        f"set-point elsewhere for an hour: share that cycles in the last of {AFTER} h "
+        f"more; of those that cycle after any kick {alone} do without one",
+        ["margin", "loops", *(f"kick {kick:g} K" if kick else "no kick" for kick in KICKS)],
+        table,
+    )
+
+
+BASE = {"sensor_time_constant": 30.0, "stroke_time": 90.0, "sample_time": 10.0, "backlash": 0.05, "noise_std": 0.0}
+CHANGES: dict[str, dict[str, float]] = {
+    "as it is: sensor 30 s, stroke 90 s, sample 10 s, X 5 %": {},
+    "sensor lag 5 s": {"sensor_time_constant": 5.0},
+    "sensor lag 60 s": {"sensor_time_constant": 60.0},
+    "sample time 1 s": {"sample_time": 1.0},
+    "sample time 30 s": {"sample_time": 30.0},
+    "sample time 60 s": {"sample_time": 60.0},
+    "stroke 15 s": {"stroke_time": 15.0},
+    "stroke 300 s": {"stroke_time": 300.0},
+    "backlash 1 %": {"backlash": 0.01},
+    "backlash 15 %": {"backlash": 0.15},
+    "noise 0.05 K": {"noise_std": 0.05},
+    "ti × 2": {"ti": 2.0},
+    "ti × 4": {"ti": 4.0},
+}
+KP = np.geomspace(0.004, 0.4, 24)
+TI = (6.0, 100.0)
+PARTS_HOURS, WARM_UP = 6, 2 * 3600
+
+
+def run_parts(seed: int, size: int, days: int) -> xr.Dataset:
+    """Largest calm kp, simulated and foreseen: (change, sample, day)."""
+    ti = np.exp(np.random.default_rng([seed, 3]).uniform(*np.log(TI), size))
+    loop = valves(seed, size).assign(kp=1.0, ti=("sample", ti), **BASE)
+    names = list(CHANGES)
+    parts = {}
+    for kind in OPERATING:
+        day = conditions(kind, seed + 1, days, PARTS_HOURS)
+        found = []
+        for change in CHANGES.values():
+            given = {n: v * xr.DataArray(loop["ti"]) if n == "ti" else v for n, v in change.items()}
+            one = acting(loop.assign(**given), kind)
+            plant = foreseen(one, day)
+            scale = xr.DataArray(one["kp"])
+            hunts = fc.simulate(one.assign(kp=scale * xr.DataArray(KP, dims="kp_tried")), day, warm_up=WARM_UP).hunts
+            hunts = hunts.reset_coords(drop=True) > 0
+            simulated = xr.where(hunts.any("kp_tried"), scale * KP[0] * _first(hunts), np.nan)
+            ok = plant.reachable.astype(bool) & ~hunts.isel(kp_tried=0, drop=True)
+            found.append(xr.Dataset({"simulated": simulated, "foreseen": scale / plant.margin, "ok": ok}))
+        parts[kind] = xr.concat(found, xr.DataArray(names, dims="change", name="change"))
+    return joined(parts)
+
+
+def _first(hunts: xr.DataArray) -> xr.DataArray:
+    """First kp that hunts over the lowest kp tried."""
+    return xr.DataArray(KP / KP[0], dims="kp_tried").isel(kp_tried=hunts.argmax("kp_tried"))
+
+
+def change_of(of: xr.DataArray, ok: xr.DataArray) -> str:
+    """Mean change of the logarithm with its interval over valves and conditions, as a percentage."""
+    d = np.log(of).where(ok)
+    middle, half = mean_of(d)
+    value, low, high = (100.0 * np.expm1(x) for x in (middle, middle - half, middle + half))
+    return f"{value:+.0f} % ({low:+.0f} to {high:+.0f})"
+
+
+def write_parts(ds: xr.Dataset) -> None:
+    """Write the change of the largest calm kp with each part."""
+    base, table = ds.isel(change=0, drop=True), []
+    for name in list(CHANGES)[1:]:
+        at = ds.sel(change=name, drop=True)
+        simulated, foretold = at.simulated / base.simulated, at.foreseen / base.foreseen
+        ok = at.ok & base.ok & simulated.notnull()
+        ratio = (simulated / foretold).where(ok)
+        table.append([name, f"{int(ok.sum()):,}", change_of(simulated, ok), change_of(foretold, ok),
+                      f"{float(ratio.quantile(0.1)):.2f} to {float(ratio.quantile(0.9)):.2f}"])  # fmt: skip
+    write_table(
+        "hunting/hunting_parts",
+        f"Change of the lowest kp at which a loop hunts, against {list(CHANGES)[0].removeprefix('as it is: ')}: "
+        f"{ds.sizes['sample']} loops × {ds.sizes['day']} conditions, geometric mean (95 % over valves and conditions)",
+        ["change", "loops", "simulated", "foreseen from the margin", "simulated over foreseen, 10 to 90 %"],
+        table,
+    )

@@ -7,7 +7,7 @@ import xarray as xr
 
 import fastcoil as fc
 from studies.common import write_table
-from studies.remedies.run import BASELINE, SIMC
+from studies.remedies.runs import BASELINE, SIMC
 
 LABELS = {
     "PI as found": "PI as found",

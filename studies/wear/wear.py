@@ -1,20 +1,327 @@
-"""A gap that grows: who follows it, what that saves and wears, how long the motor lasts, and who notices first.
-
-Run with ``python -m studies wear``.  The valves and controllers are those of ``wear.toml``; a weather file beside it,
-as ``weather.toml`` asks for, adds days of a real year.
-"""
+"""The tables of ``wear.py``: who follows, what it costs and wears, how long a motor lasts, and who notices."""
 
 from __future__ import annotations
 
-from studies.wear import detect as wear_detect
-from studies.wear import figure as wear_figure
-from studies.wear import run as wear_year
-from studies.wear import tables as wear_tables
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
+from fastcoil.study.analysis.paired import share_of
+from studies.common import save_figure, write_table
+from studies.days import CONSTANT, STEPPED
+from studies.learning.learners_runs import HARM
+from studies.remedies.tables import cell
+from studies.wear import detect
+from studies.wear import runs as wear_runs
+from studies.wear.detect import (
+    AT_ONCE,
+    BEFORE,
+    GOOD,
+    HOURS,
+    KINDS,
+    SEQUENCE,
+    SLOWLY,
+    STEADY,
+    Estimates,
+    alarms,
+    threshold_of,
+)
+from studies.wear.runs import DAYS, DAYS_OF_YEAR, GROWTH, KNOWN, PI, Run, change, grown, of_year, wrong
+
+LABELS = {
+    PI: "plain PI",
+    KNOWN: "95 % of the gap of the first day",
+    "paper": "paper's rule",
+    "hagglund": "Hägglund",
+    "gradient": "gradient",
+    "identify": "identify",
+    "identify_8h": "identify, memory 8 h",
+}
+"""The names of the controllers for readers."""
+LAST = 4
+"""Days at the end of each third that count."""
+STROKES, STARTS = 20_000, 1_800_000
+"""What an actuator of up to 125 N m endures after EN 15714-2: 10,000 cycles of open and close (classes A and B), and
+starts where it modulates (class C)."""
+FEWEST = 5
+"""Valves of which something is said."""
+HUNTING = 0.5
+"""Share of the days on which a loop hunts that is said to hunt."""
+DETECTORS = {
+    "bank, plant known": "bank of models, plant known",
+    "bank, plant 5 % off": "bank of models, plant 5 % off",
+    "bank, plant 15 % off": "bank of models, plant 15 % off",
+    "identify": "identify",
+    "hagglund": "Hägglund",
+    "paper": "paper's rule",
+    "gradient": "gradient",
+}
+
+
+def others() -> list[str]:
+    """All controllers but the one they are compared with."""
+    return [name for name in LABELS if name != PI]
+
+
+def follow_rows(runs: list[Run]) -> list[list[str]]:
+    """Wrong estimates at the end of the year, or of the thirds in which the gap was larger and smaller."""
+    rows = []
+    for run in runs:
+        third = run.ds.sizes["day"] // 3
+        ends = {"": 3 * third}
+        if run.sequence.in_steps:
+            ends = {": loose": 2 * third, ": repaired": 3 * third}
+        for words, end in ends.items():
+            days = slice(max(end - LAST, 0), end)
+            name = run.sequence.name.removesuffix(", loose and repaired")
+            rows.append([f"{name}{words}", *(str(share_of(wrong(run, c).isel(day=days))) for c in others())])
+    return rows
+
+
+def cost_rows(runs: list[Run]) -> list[list[str]]:
+    """What each controller does to the error, to the motor and to the gap, against plain PI."""
+    rows = []
+    for name in others():
+        cells = []
+        for run in runs:
+            counted = run.ds.isel(day=np.flatnonzero(run.ds.rmse.notnull().all(["controller", "sample"])))
+            travel = 1.0 + float(of_year(run, name, "motor_travel").median())
+            wears = (grown(run, name) / grown(run, PI)).where(run.growth > 0.0)
+            cells.append(f"{cell(counted, name, PI)}, × {travel:.2f}, × {float(wears.median()):.2f}")
+        rows.append([LABELS[name], *cells])
+    return rows
+
+
+def energy_rows(runs: list[Run]) -> list[list[str]]:
+    """Heat at the coil, and heat that the air lacks or has too much, in the whole year."""
+    rows = []
+    for run in runs:
+        total = run.ds.sum("day")
+        lacks = (total.reheat_energy + total.recool_energy) / total.coil_energy.sel(controller=PI)
+        cells = [f"{100 * float(lacks.sel(controller=PI).median()):.1f} %"]
+        for name in others():
+            less = 100 * float((lacks.sel(controller=name) - lacks.sel(controller=PI)).median())
+            cells.append(f"{100 * float(of_year(run, name, 'coil_energy').median()):+.2f} %, {less:+.2f}")
+        rows.append([run.sequence.name, *cells])
+    return rows
+
+
+def life_rows(runs: list[Run]) -> list[list[str]]:
+    """Strokes and reversals in a year, and shares of what an actuator endures: the median valve, and 95 % of them."""
+    rows = []
+    for run in runs:
+        for hunts, words in ((False, ""), (True, ", loops that hunt")):
+            of_kind = (run.plain.hunts.mean("day") > HUNTING) == hunts
+            if int(of_kind.sum()) < FEWEST:
+                continue
+            for name in (PI, "identify", "gradient"):
+                year = run.ds.sel(controller=name).sum("day") * DAYS_OF_YEAR / DAYS
+                strokes, motor, turns = (
+                    year[metric].where(of_kind).quantile([0.5, 0.95]).values
+                    for metric in ("stem_travel", "motor_travel", "reversals")
+                )
+                counts = (f"{a:,.0f}, {b:,.0f}" for a, b in (strokes, motor, turns))
+                rows.append([
+                    f"{run.sequence.name}{words}", LABELS[name], *counts,
+                    f"{100 * motor[0] / STROKES:.1f}, {100 * motor[1] / STROKES:.0f} %",
+                    f"{100 * turns[0] / STARTS:.1f}, {100 * turns[1] / STARTS:.0f} %",
+                ])  # fmt: skip
+    return rows
+
+
+def feedback_rows(runs: list[Run]) -> list[list[str]]:
+    """Growth under plain PI against what it would be if a larger gap did not move the stem more."""
+    rows = []
+    for run in runs:
+        of_given = (grown(run, PI) / run.growth).where(run.growth > 0.0)
+        hunts = run.plain.hunts.mean("day") > HUNTING
+        cells = []
+        for group in (of_given.where(~hunts), of_given.where(hunts)):
+            n = int(group.count())
+            if n < FEWEST:
+                cells.append("—")
+                continue
+            low, middle, high = group.quantile([0.05, 0.5, 0.95]).values
+            cells.append(f"× {middle:.2f} ({low:.2f} to {high:.2f}), {n} valves")
+        rows.append([run.sequence.name, *cells])
+    return rows
+
+
+def good_rows(runs: list[Run]) -> list[list[str]]:
+    """Valves without gap and without wear: those that get worse, and what becomes of their RMSE."""
+    rows = []
+    for run in runs:
+        of_valves = {name: change(run, name).mean("day") for name in others()}
+        cells = (f"{share_of(of > HARM)}, {100 * float(of.median()):+.1f} %" for of in of_valves.values())
+        rows.append([run.sequence.kind, *cells])
+    return rows
+
+
+def noticed_rows(chosen_on: Estimates, fresh: Estimates) -> list[list[str]]:
+    """Alarms of each detector: false ones, true ones, and how long they take."""
+    rows = []
+    for name, words in DETECTORS.items():
+        threshold = threshold_of(chosen_on, name)
+        if np.isnan(threshold):
+            rows.append([words, "none", *["—"] * 6])
+            continue
+        raised = {key: alarms(found, threshold).sel(detector=name) for key, found in fresh.items()}
+        false = [
+            share_of(xr.concat([np.isfinite(raised[case, kind]) for kind in KINDS], "day")) for case in (STEADY, GOOD)
+        ]
+        true = []
+        for kind in KINDS:
+            for case in (AT_ONCE, SLOWLY):
+                hours = raised[case, kind]
+                middle = float(np.sort(hours.values.ravel())[(hours.size - 1) // 2])
+                true.append(f"{share_of(np.isfinite(hours))}, " + (f"{middle:.1f} h" if np.isfinite(middle) else "—"))
+        rows.append([words, f"{100 * threshold:g} %", *map(str, false), *true])
+    return rows
+
+
+def write(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
+    """Write every table."""
+    good = [run for run in runs if run.sequence.is_good]
+    worn = [run for run in runs if not run.sequence.is_good]
+    by_law = [run for run in worn if not run.sequence.in_steps]
+    names = [LABELS[name] for name in others()]
+    failed, n = sum(int((run.ds.status > 0).sum()) for run in runs), sum(run.ds.status.size for run in runs)
+    sizes = f"{runs[0].ds.sizes['sample']} valves × {DAYS} days that stand for a year"
+    write_table(
+        "wear/wear_follow",
+        f"Wrong estimates in the last {LAST} days: off by more than 20 % of the gap and 1 % of the stroke; {sizes} "
+        f"({failed} of {n:,} days failed)",
+        ["days", *names],
+        follow_rows(worn),
+    )
+    write_table(
+        "wear/wear_cost",
+        f"Against plain PI on the same valves: RMSE, mean over the year (95 %); motor travel and growth of the gap of "
+        f"the median valve; {sizes}",
+        ["controller", *(run.sequence.name for run in by_law)],
+        cost_rows(by_law),
+    )
+    write_table(
+        "wear/wear_energy",
+        "Heat that the air lacks of its set-point or has above it, under plain PI, as a share of the coil's; then the "
+        "change of the coil's heat, and of that share in points; the year of the median valve",
+        ["days", LABELS[PI], *names],
+        energy_rows(by_law),
+    )
+    write_table(
+        "wear/wear_life",
+        "A year of the median valve, and of the valve that 95 % stay below: strokes of stem and motor, reversals; "
+        "motor strokes as a share of 20,000, reversals as a share of 1.8 million",
+        ["days", "controller", "stem, strokes", "motor, strokes", "reversals", "of the strokes", "of the starts"],
+        life_rows(by_law),
+    )
+    write_table(
+        "wear/wear_feedback",
+        "Growth of the gap in the year under plain PI, as a multiple of what the travel without wear gives: median "
+        "(5 to 95 % of the valves)",
+        ["days", "loops that do not hunt", "loops that hunt"],
+        feedback_rows(by_law),
+    )
+    write_table(
+        "wear/wear_good",
+        "Valves without gap and wear: loops whose RMSE rises by more than 1 % in the year, and its median change",
+        ["days", *names],
+        good_rows(good),
+    )
+    heads = [f"{case}, {kind}" for kind in KINDS for case in (AT_ONCE, SLOWLY)]
+    some = next(iter(fresh.values()))
+    write_table(
+        "wear/wear_noticed",
+        f"A gap that becomes three times as large: alarms within 5 days of 6 h, and the hours until the median one; "
+        f"{some.sizes['sample']} fresh valves × {some.sizes['day']} sequences",
+        ["detector", "alarm at", "false: constant gap", "false: no gap", *heads],
+        noticed_rows(chosen_on, fresh),
+    )
+
+
+COLOURS = {PI: "black", "paper": YELLOW, "gradient": RED, "identify": BLUE, "identify_8h": BLUE, "hagglund": "0.55"}
+DRAWN = {"bank, plant known": "black", "bank, plant 15 % off": "0.55", "identify": BLUE, "gradient": RED}
+"""The detectors that are shown."""
+MONTHS = 12
+WORN = 0.02
+"""Gap from which on a loose linkage is shown, fraction of stroke."""
+
+
+@apply_style()
+def draw(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
+    """Draw the three panels."""
+    by_name = {run.sequence.name: run for run in runs}
+    figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.6), layout="constrained")
+    _grows(panels[0], by_name[STEPPED])
+    _loose(panels[1], by_name[f"{STEPPED}, loose and repaired"])
+    _noticed(panels[2], chosen_on, fresh)
+    save_figure(figure, "wear/wear.png")
+
+
+def _months(n: int) -> np.ndarray:
+    return (np.arange(n) + 1.0) * MONTHS / n
+
+
+def _mean(gap: xr.DataArray, some: xr.DataArray) -> xr.DataArray:
+    """Of some valves, by day; % of stroke."""
+    return 100 * gap.where(some).mean("sample")
+
+
+def _legend(panel: Axes) -> None:
+    """Below the panel: the lines fill it."""
+    panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False)
+
+
+def _grows(panel: Axes, run: Run) -> None:
+    """The mean gap under each controller, and what `identify` takes it for."""
+    some = run.growth == max(GROWTH)
+    months = _months(run.ds.sizes["day"])
+    for name in (PI, "identify", "paper", "gradient"):
+        gap = _mean(run.ds.backlash_final.sel(controller=name), some)
+        panel.plot(months, gap, color=COLOURS[name], label=f"gap under {LABELS[name]}")
+    estimate = _mean(run.ds.estimate_final.sel(controller="identify"), some)
+    panel.plot(months, estimate, "o", ms=3, color=BLUE, mfc="white", label="estimate of identify")
+    panel.set(xlabel="time [months]", ylabel="gap, mean [% of stroke]", xlim=(0, MONTHS), ylim=(0, None))
+    panel.set_title("Wear: set-point steps, the valves that wear most", fontsize=9)
+    _legend(panel)
+
+
+def _loose(panel: Axes, run: Run) -> None:
+    """The mean gap of a linkage that comes loose and is repaired, and each estimate."""
+    some = run.first >= WORN
+    months = _months(run.ds.sizes["day"])
+    gap = _mean(run.ds.backlash_final.sel(controller=PI), some)
+    panel.step(months, gap, color="black", where="mid", label="gap")
+    for name, line in (("identify", "-"), ("identify_8h", "--"), ("hagglund", "-"), ("paper", "-")):
+        estimate = _mean(run.ds.estimate_final.sel(controller=name), some)
+        panel.plot(months, estimate, line, color=COLOURS[name], label=LABELS[name])
+    panel.set(xlabel="time [months]", ylabel="gap, mean [% of stroke]", xlim=(0, MONTHS), ylim=(0, None))
+    panel.set_title("A linkage comes loose, and is repaired", fontsize=9)
+    _legend(panel)
+
+
+def _noticed(panel: Axes, chosen_on: Estimates, fresh: Estimates) -> None:
+    """The share of the loops whose loose linkage was noticed, over the hours of operation since."""
+    hours = np.linspace(0.0, (SEQUENCE - BEFORE) * HOURS, 200)
+    for name, colour in DRAWN.items():
+        threshold = threshold_of(chosen_on, name)
+        if np.isnan(threshold):
+            continue
+        for kind, line in ((STEPPED, "-"), (CONSTANT, "--")):
+            found = alarms(fresh[AT_ONCE, kind], threshold).sel(detector=name).values.ravel()
+            share = [100 * float((found <= hour).mean()) for hour in hours]
+            panel.plot(hours, share, line, color=colour, label=DETECTORS[name] if line == "-" else None)
+    panel.plot([], [], "--", color="0.3", label="dashed: constant set-point")
+    panel.set(xlabel="operation since it came loose [h]", ylabel="noticed [% of the loops]", ylim=(-3, 103))
+    panel.set_title("Three times the gap at once", fontsize=9)
+    _legend(panel)
 
 
 def main(size: int | None = None) -> None:
     """Run everything, write the tables and draw the figure; ``size``: only so many valves."""
-    runs = wear_year.run(size)
-    chosen_on, fresh = wear_detect.run(wear_detect.CHOSEN_ON), wear_detect.run(wear_detect.FRESH)
-    wear_tables.write(runs, chosen_on, fresh)
-    wear_figure.draw(runs, chosen_on, fresh)
+    runs = wear_runs.run(size)
+    chosen_on, fresh = detect.run(detect.CHOSEN_ON), detect.run(detect.FRESH)
+    write(runs, chosen_on, fresh)
+    draw(runs, chosen_on, fresh)

@@ -9,8 +9,19 @@ import xarray as xr
 
 import fastcoil as fc
 from studies.common import write_table
-from studies.wear.run import FRESH, SEED
-from studies.wear.valves import DAYS, DAYS_OF_YEAR, REAL, Sequence, days_of, growths, loops_of, rates, real_year
+from studies.wear.runs import (
+    DAYS,
+    DAYS_OF_YEAR,
+    FRESH,
+    REAL,
+    SEED,
+    Sequence,
+    days_of,
+    growths,
+    loops_of,
+    rates,
+    real_year,
+)
 
 METRICS = {
     "growth": "growth of the gap",

@@ -1,4 +1,4 @@
-"""``convergence.py``: its tables hold what plain Python finds in small runs."""
+"""``numerics.py``: its tables hold what plain Python finds in small runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pytest
 from scipy.stats import t
 
 import fastcoil as fc
-from studies.numerics import convergence, convergence_valves
+from studies.numerics import numerics
+from studies.numerics import populations as numerics_populations
 
 pytestmark = pytest.mark.kernel
 
@@ -18,14 +19,14 @@ DAYS = range(7, 10)
 
 
 def test_steps_are_compared_day_by_day_with_the_finest(written, monkeypatch):
-    monkeypatch.setattr(convergence, "SUBSTEPS", (1, 8, 32))
-    monkeypatch.setattr(convergence, "SHOWN", (("lagged", 1), ("quasistatic", 8)))
+    monkeypatch.setattr(numerics, "SUBSTEPS", (1, 8, 32))
+    monkeypatch.setattr(numerics, "SHOWN", (("lagged", 1), ("quasistatic", 8)))
     paper_day, heating_day = fc.paper_day, fc.heating_day
     monkeypatch.setattr(fc, "paper_day", lambda hours, seed: paper_day(hours=1, seed=seed))
     monkeypatch.setattr(fc, "heating_day", lambda hours, **given: heating_day(hours=1, **given))
-    ds = convergence.steps(DAYS)
-    convergence.write_steps(ds)
-    convergence.write_backlash(ds)
+    ds = numerics.steps(DAYS)
+    numerics.write_steps(ds)
+    numerics.write_backlash(ds)
     (_, *table), (_, *of_gap) = written("convergence_steps")[1], written("convergence_backlash")[1]
     assert [row[:3] for row in table[:2]] == [["paper_like", "lagged", "1"], ["paper_like", "quasistatic", "8"]]
     for name, march, n, rmse, *_ in table:
@@ -44,9 +45,9 @@ def test_steps_are_compared_day_by_day_with_the_finest(written, monkeypatch):
 
 
 def test_the_verdict_on_hunting_is_counted_loop_by_loop(written, tmp_path, monkeypatch):
-    monkeypatch.setattr(convergence_valves, "kinds", lambda weather: ("stepped", "constant"))
-    found = convergence_valves.hunting(24, range(2), tmp_path / "none.csv")
-    convergence_valves.write_hunting(found)
+    monkeypatch.setattr(numerics_populations, "kinds", lambda weather: ("stepped", "constant"))
+    found = numerics_populations.hunting(24, range(2), tmp_path / "none.csv")
+    numerics_populations.write_hunting(found)
     (head, *rows) = written("convergence_hunting")[1]
     assert [row[0] for row in rows] == [
         "stepped",
@@ -63,17 +64,17 @@ def test_the_verdict_on_hunting_is_counted_loop_by_loop(written, tmp_path, monke
         of = {"hunt as printed": [a for a, _ in pairs], "hunt only as printed": [a > b for a, b in pairs]}
         for name, holds in of.items():
             assert row[head.index(name)].split(" ")[0] == f"{100 * sum(holds) / 48:.1f}"
-    alone = convergence_valves.valves(convergence_valves.SEED, 24).assign(noise_std=0.01, converged=True)
-    one = fc.simulate(alone, convergence_valves.of_kind("constant", range(2)), seed=convergence_valves.SEED)
+    alone = numerics_populations.valves(numerics_populations.SEED, 24).assign(noise_std=0.01, converged=True)
+    one = fc.simulate(alone, numerics_populations.of_kind("constant", range(2)), seed=numerics_populations.SEED)
     np.testing.assert_array_equal(found["constant"].rmse.sel(way="converged").transpose(*one.rmse.dims), one.rmse)
 
 
 def test_a_coil_of_few_volumes_is_compared_with_one_of_many(written, monkeypatch):
-    monkeypatch.setattr(convergence_valves, "RH", (0.2, 0.6))
-    monkeypatch.setattr(convergence_valves, "OPENINGS", (0.3, 0.9))
-    monkeypatch.setattr(convergence_valves, "VOLUMES", (4, 64))
-    ds = convergence_valves.at_rest()
-    convergence_valves.write_rest(ds)
+    monkeypatch.setattr(numerics_populations, "RH", (0.2, 0.6))
+    monkeypatch.setattr(numerics_populations, "OPENINGS", (0.3, 0.9))
+    monkeypatch.setattr(numerics_populations, "VOLUMES", (4, 64))
+    ds = numerics_populations.at_rest()
+    numerics_populations.write_rest(ds)
     groups = {row[0]: row for row in written("convergence_wet")[1][1:]}
     assert sum(int(re.findall(r"\d+", name)[0]) for name in groups) == 4
     dry = (ds.wet_volumes.sel(n_volumes=64) == 0.0).values

@@ -7,9 +7,8 @@ import pytest
 import xarray as xr
 
 import fastcoil as fc
-from studies.cost import bills as of_bills
+from studies.cost import cost
 from studies.cost import cost as energy_cost
-from studies.cost import tables as energy_cost_tables
 from studies.days import CONSTANT, HEATING, kinds
 
 DAYS, VALVES, GAPS = 6, 24, (0.0, 0.07)
@@ -18,7 +17,7 @@ NAMES = [energy_cost.AS_FOUND, energy_cost.SIMC, energy_cost.INVERSE]
 
 @pytest.fixture(autouse=True)
 def _few_resamples(monkeypatch):
-    monkeypatch.setattr(of_bills, "RESAMPLES", 20)
+    monkeypatch.setattr(cost, "RESAMPLES", 20)
 
 
 def drawn(seed):
@@ -40,7 +39,7 @@ def found():
 
 def bill(ds, how="bill"):
     """Paid per year, (sample, controller, backlash): six days, of a month of 365/12."""
-    t, one = of_bills.TARIFF, {name: ds[name].values for name in energy_cost.KEPT}
+    t, one = cost.TARIFF, {name: ds[name].values for name in energy_cost.KEPT}
     chilled = t["electricity"] / t["cop"]
     energy = one["coil_energy"].sum(axis=0) * chilled * 365 / DAYS
     demand = one["coil_peak_power"].max(axis=0) / t["cop"] * t["demand"] * 12
@@ -53,26 +52,26 @@ def bill(ds, how="bill"):
 
 def test_bills_are_those_of_plain_numpy(found):
     ds = found[CONSTANT]
-    got = of_bills.bills(ds)
+    got = cost.bills(ds)
     for how in ("without", "evened", "bill"):
         np.testing.assert_allclose(got[how].transpose("sample", "controller", "backlash"), bill(ds, how), rtol=1e-9)
-    change = of_bills.against_sound(ds)
+    change = cost.against_sound(ds)
     paid = bill(ds)
     np.testing.assert_allclose(change.bill.sel(backlash=0.07), 100 * (paid[..., 1] / paid[..., 0] - 1), rtol=1e-6)
     np.testing.assert_allclose(change.money.sel(backlash=0.07), paid[..., 1] - paid[..., 0], rtol=1e-6)
-    other = of_bills.against_found(ds, NAMES[0], 0.07)
+    other = cost.against_found(ds, NAMES[0], 0.07)
     np.testing.assert_allclose(other.bill, 100 * (paid[..., 1] / paid[:, :1, 1] - 1), rtol=1e-6)
 
 
 def test_an_interval_is_wider_with_fewer_valves_and_holds_the_median(found):
     ds = found[CONSTANT].isel(controller=[0])
-    whole = of_bills.spread(ds, of_bills.against_sound).bill.sel(backlash=0.07).isel(controller=0)
+    whole = cost.spread(ds, cost.against_sound).bill.sel(backlash=0.07).isel(controller=0)
     paid = bill(ds)[:, 0]
     change = 100 * (paid[:, 1] / paid[:, 0] - 1)
     wanted = [np.median(change), *np.quantile(change, [0.05, 0.95])]
     np.testing.assert_allclose(whole.sel(statistic=["median", "q05", "q95"]), wanted, rtol=1e-6)
     few = xr.DataArray(np.arange(VALVES) < 6, dims="sample")
-    part = of_bills.spread(ds, of_bills.against_sound, few).bill.sel(backlash=0.07).isel(controller=0)
+    part = cost.spread(ds, cost.against_sound, few).bill.sel(backlash=0.07).isel(controller=0)
     for found_ in (whole, part):
         assert float(found_.sel(statistic="low")) <= float(found_.sel(statistic="median"))
         assert float(found_.sel(statistic="median")) <= float(found_.sel(statistic="high"))
@@ -81,7 +80,7 @@ def test_an_interval_is_wider_with_fewer_valves_and_holds_the_median(found):
 
 
 def test_the_table_of_the_claim_counts_valves(found, written):
-    energy_cost_tables.write_claim(found)
+    cost.write_claim(found)
     _, (head, *rows) = written("cost_claim")
     assert [row[:2] for row in rows] == [[k, v] for k in found for v in ("all: 24", "hunt by the gap: 12")]
     paid = bill(found[CONSTANT])[:, 0]
@@ -92,9 +91,9 @@ def test_the_table_of_the_claim_counts_valves(found, written):
 
 
 def test_every_other_table_is_written(found, written):
-    energy_cost_tables.write_sums(found)
-    energy_cost_tables.write_by_backlash(found)
-    energy_cost_tables.write_remedies(found)
+    cost.write_sums(found)
+    cost.write_by_backlash(found)
+    cost.write_remedies(found)
     _, (_, *rows) = written("cost_sums")
     assert len(rows) == 4
     title, (_, none, gap) = written("cost_backlash")

@@ -11,16 +11,10 @@ import fastcoil as fc
 from studies import common as report
 from studies import days as kinds
 from studies.hunting import backlash as hunting_backlash
-from studies.hunting import cost as hunting_cost
 from studies.hunting import cures as hunting_cures
 from studies.hunting import hunting
 from studies.hunting import loops as hunting_loops
-from studies.hunting import map as hunting_map
-from studies.hunting import parts as hunting_parts
-from studies.hunting import plants as hunting_plants
-from studies.hunting import rules as hunting_rules
-from studies.hunting import start as hunting_start
-from studies.hunting.rules import Rule
+from studies.hunting.loops import Rule
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +49,7 @@ def of_rule(ds, rule):
 
 
 def test_the_choice_finds_the_formula_by_which_loops_hunt(loops):
-    rules, (power, delays) = hunting_rules.chosen(loops)
+    rules, (power, delays) = hunting_loops.chosen(loops)
     assert (power, delays) == (0.8, 2.0)
     formula = rules[1]
     assert formula.limit == pytest.approx(5.0, rel=0.03)
@@ -76,15 +70,15 @@ def test_a_limit_is_the_best_of_all_by_plain_python():
         return sensitivity + sum(not a and not b for a, b in zip(told, hunts, strict=True)) / (~hunts).sum()
 
     among = xr.DataArray(np.ones(120, bool), dims="sample")
-    limit, safe = hunting_rules.limits(xr.DataArray(x, dims="sample"), xr.DataArray(hunts * 1.0, dims="sample"), among)
+    limit, safe = hunting_loops.limits(xr.DataArray(x, dims="sample"), xr.DataArray(hunts * 1.0, dims="sample"), among)
     assert both(limit) == pytest.approx(max(both(v + 1e-9) for v in x))
-    assert sum(v >= safe for v in x[hunts]) >= hunting_rules.SURE * hunts.sum() - 1
+    assert sum(v >= safe for v in x[hunts]) >= hunting_loops.SURE * hunts.sum() - 1
 
 
 def test_error_rates_count_worn_valves_that_reach_their_set_point(loops):
     rule = Rule("half of the truth", lambda ds: ds.kp, 0.04, 0.04)
     counted = of_rule(loops.isel(sample=slice(0, 60)), rule)
-    shares = hunting_rules.errors(loops.isel(sample=slice(0, 60)), rule)
+    shares = hunting_loops.errors(loops.isel(sample=slice(0, 60)), rule)
     right = [told == hunts for told, hunts in counted]
     parts = (
         right,
@@ -95,7 +89,7 @@ def test_error_rates_count_worn_valves_that_reach_their_set_point(loops):
 
 
 def test_one_step_a_valve_is_the_first_that_it_can_hold_and_no_longer_counts(loops):
-    one = hunting_rules.by_one_step(loops, hunting_rules.any_place)
+    one = hunting_loops.by_one_step(loops, hunting_loops.any_place)
     for i in range(0, 300, 17):
         if float(loops.backlash[i]) == 0.0:
             continue
@@ -109,8 +103,8 @@ def test_one_step_a_valve_is_the_first_that_it_can_hold_and_no_longer_counts(loo
 
 
 def test_a_misread_step_is_wrong_by_a_fifth_in_each_number_alone(loops):
-    wrong = hunting_rules.misread(loops)
-    errors = [np.log(wrong[name] / loops[name]).values.ravel() for name in hunting_rules.MODEL]
+    wrong = hunting_loops.misread(loops)
+    errors = [np.log(wrong[name] / loops[name]).values.ravel() for name in hunting_loops.MODEL]
     assert [float(e.std()) for e in errors] == pytest.approx([0.2] * 3, rel=0.1)
     assert abs(np.corrcoef(errors)[np.triu_indices(3, 1)]).max() < 0.1
     np.testing.assert_array_equal(wrong.kp, loops.kp)
@@ -149,10 +143,10 @@ def test_a_power_of_the_backlash_is_found_with_its_interval():
 
 @pytest.mark.parametrize("kind", hunting_loops.OPERATING)
 def test_a_kicked_loop_comes_quietly_and_is_asked_for_more_load(kind, monkeypatch):
-    monkeypatch.setattr(hunting_start, "KICKS", (0.0, 1.0))
-    days, still = hunting_start.kicked(kind, 5, 2)
+    monkeypatch.setattr(hunting_backlash, "KICKS", (0.0, 1.0))
+    days, still = hunting_backlash.kicked(kind, 5, 2)
     T_set, air = days.series["T_set"], days.series["T_a_in"]
-    before, away = 3600 * (hunting_start.RAMP + hunting_start.HOLD), 3600 * hunting_start.KICK
+    before, away = 3600 * (hunting_backlash.RAMP + hunting_backlash.HOLD), 3600 * hunting_backlash.KICK
     more = 1.0 if kind == kinds.HEATING else -1.0
     for row, (condition, kick) in enumerate([(0, 0.0), (0, 1.0), (1, 0.0), (1, 1.0)]):
         end = still.series["T_set"][condition, 0]
@@ -176,7 +170,7 @@ def test_cures_obey_the_formula_and_change_only_what_they_say():
     assert float(slower[0][0]) == 0.1
     assert float(weaker[1][0]) == 10.0
     assert [float(x[1]) for x in (*slower, *weaker)] == [0.01, 200.0, 0.01, 200.0]
-    kp, ti = cures[hunting_cures.SIMC]
+    kp, ti = cures[hunting_cures.BY_SIMC]
     assert (float(kp[0]), float(ti[0])) == pytest.approx((60.0 / (2 * 25 * 30), 60.0))
     assert float(cures["Ti at least T, kp as found"][1][0]) == 60.0
 
@@ -188,13 +182,13 @@ def test_hunting_where_nothing_moves_needs_size_and_periods_not_regularity():
         "hunting_swing": ("sample", [0.2, 0.05, 0.2, 0.2]),
         "hunting_period": ("sample", [most - 1.0, 300.0, most + 1.0, 300.0]),
     })  # fmt: skip
-    np.testing.assert_array_equal(hunting_loops.hunting(ds).hunts, [1.0, 0.0, 0.0, np.nan])
+    np.testing.assert_array_equal(hunting_loops.hunting_of(ds).hunts, [1.0, 0.0, 0.0, np.nan])
 
 
 def test_the_describing_function_of_a_gap_is_that_of_another_library():
     theirs = control.friction_backlash_nonlinearity(0.07)
     for depth in (0.02, 0.3, 0.6, 0.95):
-        lag, size = hunting_plants.gap(np.array(depth))
+        lag, size = hunting_loops.gap(np.array(depth))
         value = theirs.describing_function(0.5 * 0.07 / depth)
         assert size == pytest.approx(abs(value))
         assert lag == pytest.approx(-np.angle(value))
@@ -208,7 +202,7 @@ def test_the_margin_is_that_of_a_first_order_loop_by_hand_and_proportional_to_kp
         sensor_time_constant=2000.0, sample_time=1.0, kp=[0.5, 1.0], ti=100.0, backlash=0.07, C_w=8.8, C_c=8.0
     )
     day = fc.constant_day(hours=1)
-    plant = hunting_plants.foreseen(loop, day)
+    plant = hunting_loops.foreseen(loop, day)
     K, w = float(plant.K[0]), np.geomspace(1e-4, 1.0, 4000)
     s, coil = 1j * w, fc.linearise(loop.assign(sensor_time_constant=0.0, kp=0.5), day)
     L = 0.5 * (1.0 + 1.0 / (100.0 * s)) * K / ((1.0 + 2000.0 * s) * (1.0 + float(coil.lag) * s))
@@ -237,10 +231,10 @@ def test_wide_plants_lie_beyond_the_others_and_heating_has_less_gain():
 
 def test_a_change_of_the_calm_kp_is_a_geometric_mean():
     ratio = xr.DataArray([[2.0, 0.5], [8.0, 2.0]], dims=("sample", "day"))
-    cell = hunting_parts.change_of(ratio, xr.DataArray(np.ones((2, 2), bool), dims=("sample", "day")))
+    cell = hunting_backlash.change_of(ratio, xr.DataArray(np.ones((2, 2), bool), dims=("sample", "day")))
     assert cell.startswith("+100 % (")
-    assert hunting_cost.cost(ratio, ratio) == "0"
-    assert hunting_cost.cost(ratio, xr.ones_like(ratio)).startswith("+100 % (")
+    assert hunting_cures.cost(ratio, ratio) == "0"
+    assert hunting_cures.cost(ratio, xr.ones_like(ratio)).startswith("+100 % (")
 
 
 @pytest.mark.full
@@ -260,10 +254,10 @@ def test_a_population_is_that_of_single_simulations():
 @pytest.mark.kernel
 def test_the_command_writes_every_table_and_figure(written, tmp_path, monkeypatch):
     study = tmp_path / "hunting.toml"
-    study.write_text(hunting_map.STUDY.read_text().replace(", 34]", ", 6]"))
-    monkeypatch.setattr(hunting_map, "STUDY", study)
-    monkeypatch.setattr(hunting_map, "results", lambda name: fc.run_study(study, tmp_path / name))
-    monkeypatch.setattr(hunting_parts, "CHANGES", {"as it is: x": {}, "ti × 2": {"ti": 2.0}})
+    study.write_text(hunting.STUDY.read_text().replace(", 34]", ", 6]"))
+    monkeypatch.setattr(hunting, "STUDY", study)
+    monkeypatch.setattr(hunting, "results", lambda name: fc.run_study(study, tmp_path / name))
+    monkeypatch.setattr(hunting_backlash, "CHANGES", {"as it is: x": {}, "ti × 2": {"ti": 2.0}})
     hunting.main(8, 2)
     names = sorted(path.stem for path in report.WRITTEN.glob("*/tables/*.md"))
     assert names == sorted(path.stem for path in (report.STUDIES / "hunting" / "tables").glob("hunting*.md"))

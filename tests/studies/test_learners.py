@@ -12,18 +12,19 @@ import xarray as xr
 
 import fastcoil as fc
 from studies import days as kinds
-from studies.learning import learners, learners_conditions, learners_figure, learners_run, learners_tables
-from studies.learning.learners_conditions import Condition
-from studies.learning.learners_run import Run
+from studies.learning import learners
+from studies.learning import learners as learning_learners
+from studies.learning import learners_runs as learning_learners_runs
+from studies.learning.learners_runs import Condition, Run
 
-NAMES = list(learners_run.controllers())
+NAMES = list(learning_learners_runs.controllers())
 X = [0.0, 0.02, 0.10]
 
 
 def test_every_controller_has_a_name_and_the_figure_shows_those_that_the_study_has():
-    assert NAMES[:2] == [learners_run.PI, learners_run.KNOWN]
-    assert set(NAMES) <= set(learners_tables.LABELS)
-    assert set(learners_figure.MARKS) <= set(learners_tables.LABELS)
+    assert NAMES[:2] == [learning_learners_runs.PI, learning_learners_runs.KNOWN]
+    assert set(NAMES) <= set(learning_learners.LABELS)
+    assert set(learning_learners.MARKS) <= set(learning_learners.LABELS)
 
 
 def values_of(loop):
@@ -31,8 +32,8 @@ def values_of(loop):
 
 
 def test_each_condition_changes_what_it_says(monkeypatch):
-    monkeypatch.setattr(learners_conditions, "kinds", lambda: (kinds.STEPPED, kinds.WEATHER, kinds.HEATING))
-    found = {condition.name: condition for condition in learners_conditions.conditions(6)}
+    monkeypatch.setattr(learning_learners_runs, "kinds", lambda: (kinds.STEPPED, kinds.WEATHER, kinds.HEATING))
+    found = {condition.name: condition for condition in learning_learners_runs.conditions(6)}
     base = {of: values_of(found[f"{of}: set-point steps"].loop) for of in ("four loops", "valves")}
     changed = {
         name: {n for n, v in values_of(condition.loop).items() if base[of].get(n) != v}
@@ -55,8 +56,8 @@ def test_each_condition_changes_what_it_says(monkeypatch):
     outdoor = {name: condition.outdoor for name, condition in found.items() if condition.kind == kinds.WEATHER}
     assert [name for name, share in outdoor.items() if share == 1.0] == ["four loops: weather, 100 % outdoor air"]
     assert all(condition.loop.coordinates()["sample"].size == 6 for condition in found.values())
-    monkeypatch.setattr(learners_conditions, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
-    assert not any(condition.kind == kinds.WEATHER for condition in learners_conditions._of_loops())
+    monkeypatch.setattr(learning_learners_runs, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
+    assert not any(condition.kind == kinds.WEATHER for condition in learning_learners_runs._of_loops())
 
 
 def test_days_are_as_long_as_asked_for_and_weather_has_the_asked_share_of_outdoor_air(tmp_path):
@@ -72,10 +73,10 @@ def test_days_are_as_long_as_asked_for_and_weather_has_the_asked_share_of_outdoo
 
 @pytest.mark.kernel
 def test_every_controller_acts_on_the_same_days_and_the_same_noise(monkeypatch):
-    monkeypatch.setattr(learners_run, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))
-    loop = learners_conditions.four_loops([0.07])
-    loop = learners_conditions.picked(loop, sample=[1])
-    ds = learners_run.tried(Condition("one", loop, kinds.STEPPED, [3, 4], hours=4))
+    monkeypatch.setattr(learning_learners_runs, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))
+    loop = learning_learners_runs.four_loops([0.07])
+    loop = learning_learners_runs.picked(loop, sample=[1])
+    ds = learning_learners_runs.tried(Condition("one", loop, kinds.STEPPED, [3, 4], hours=4))
     assert int(ds.status.max()) == 0
     rmse = {name: ds.rmse.sel(controller=name).values.ravel().tolist() for name in NAMES}
     idle = [name for name in NAMES[1:] if rmse[name] == rmse["pi"]]
@@ -84,7 +85,7 @@ def test_every_controller_acts_on_the_same_days_and_the_same_noise(monkeypatch):
         loop.assign(learning_step=0.007, learning_interval=1800, learning_ratio=2.0),
         kinds.of_kind(kinds.STEPPED, [3, 4], hours=4),
     )
-    given = loop.assign(**learners_run.controllers()["identify"], plant_gain=12.0, identify_stroke_time=0.0)
+    given = loop.assign(**learning_learners_runs.controllers()["identify"], plant_gain=12.0, identify_stroke_time=0.0)
     known = fc.simulate(given, kinds.of_kind(kinds.STEPPED, [3, 4], hours=4)).estimate_final
     assert ds.estimate_final.sel(controller="identify_stroke").values.ravel().tolist() == known.values.ravel().tolist()
     assert known.values.max() > 0.0
@@ -96,7 +97,7 @@ def runs():
     """Results that nobody simulated: worn valves on two kinds of days, and good ones."""
     draw = np.random.default_rng(1)
     names = ["four loops: set-point steps", "valves: set-point steps", "valves: heating",
-             learners_conditions.MORNING, "no backlash, valves: heating"]  # fmt: skip
+             learning_learners_runs.MORNING, "no backlash, valves: heating"]  # fmt: skip
     days = {name: kinds.HEATING if "heating" in name else kinds.STEPPED for name in names}
     found = []
     for name in names:
@@ -112,7 +113,7 @@ def runs():
         )
         metrics["status"] = (dims, np.zeros(shape))
         ds = xr.Dataset(metrics, coords={"controller": NAMES, "day": [5, 6, 7, 8]})
-        condition = Condition(name, learners_conditions.four_loops([0.07]), days[name], [5, 6, 7, 8])
+        condition = Condition(name, learning_learners_runs.four_loops([0.07]), days[name], [5, 6, 7, 8])
         found.append(Run(condition, ds, xr.DataArray(x, dims="sample")))
     return found
 
@@ -139,9 +140,9 @@ def rounded(values):
 
 
 def test_tables_hold_what_plain_python_finds(runs, written):
-    learners_tables.write(runs)
+    learning_learners.write(runs)
     by_name = {run.condition.name: run for run in runs}
-    labels = {text: name for name, text in learners_tables.LABELS.items()}
+    labels = {text: name for name, text in learning_learners.LABELS.items()}
     title, _ = written("learners_failures")
     assert "3 loops × 4 days and 3 valves × 4 days" in title
     assert f"(0 of {5 * len(NAMES) * 12} days failed)" in title
@@ -168,8 +169,8 @@ def test_tables_hold_what_plain_python_finds(runs, written):
 
 
 def test_the_table_of_costs_holds_what_plain_python_finds(runs, written):
-    learners_tables.write(runs)
-    labels = {text: name for name, text in learners_tables.LABELS.items()}
+    learning_learners.write(runs)
+    labels = {text: name for name, text in learning_learners.LABELS.items()}
     for table, some in (("learners_cost", runs[1:3]), ("learners_cost_morning", runs[3:4])):
         _, (head, *rows) = written(table)
         for row in rows:
@@ -193,16 +194,16 @@ def test_the_table_of_costs_holds_what_plain_python_finds(runs, written):
 
 
 def test_the_figure_is_drawn(runs, written, tmp_path):
-    learners_figure.draw(runs)
+    learning_learners.draw(runs)
     assert (tmp_path / "studies" / "learning" / "learners.png").stat().st_size > 20_000
 
 
 @pytest.mark.full
 @pytest.mark.kernel
 def test_the_command_writes_every_table_and_the_figure(written, monkeypatch, tmp_path):
-    monkeypatch.setattr(learners_conditions, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
+    monkeypatch.setattr(learning_learners_runs, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
     for days in ("LOOP_DAYS", "VALVE_DAYS"):
-        monkeypatch.setattr(learners_conditions, days, [1, 2])
+        monkeypatch.setattr(learning_learners_runs, days, [1, 2])
     learners.main(2)
     names = ("failures", "twenty", "worse", "good", "cost", "cost_morning")
     assert all(len(written(f"learners_{name}")[1]) > 3 for name in names)

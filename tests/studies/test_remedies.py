@@ -12,31 +12,29 @@ from scipy import stats
 
 import fastcoil as fc
 from studies import days as kinds
-from studies.remedies import found as remedies_found
 from studies.remedies import front as remedies_front
 from studies.remedies import remedies
-from studies.remedies import run as remedies_run
+from studies.remedies import runs as remedies_runs
 from studies.remedies import tables as remedies_tables
-from studies.remedies import valves as remedies_valves
-from studies.remedies.by_count import by_count
+from studies.remedies.runs import by_count
 
 SMALL_GRID = {"kp": (1.0, 3.0), "ti": (1.0, 4.0)}
 DAYS = [2, 3]
 
 
 @pytest.fixture
-def short(monkeypatch, tmp_path):
-    """Short days, few gains, two kinds of days, no figure in the repository."""
+def short(monkeypatch):
+    """Short days, few gains, two kinds of days."""
     monkeypatch.setattr(kinds, "HOURS", 2)
-    for module in (remedies_run, remedies_front):
-        monkeypatch.setattr(module, "GRID", SMALL_GRID)
-    monkeypatch.setattr(remedies_run, "SEARCH_DAYS", [1])
-    monkeypatch.setattr(remedies_run, "FRESH_DAYS", DAYS)
-    monkeypatch.setattr(remedies_valves, "FRESH_DAYS", DAYS)
+    monkeypatch.setattr(remedies_runs, "GRID", SMALL_GRID)
+    monkeypatch.setattr(remedies_front, "OWN_GRID", SMALL_GRID)
+    monkeypatch.setattr(remedies_runs, "SEARCH_DAYS", [1])
+    monkeypatch.setattr(remedies_runs, "FRESH_DAYS", DAYS)
+    monkeypatch.setattr(remedies, "FRESH_DAYS", DAYS)
     monkeypatch.setattr(remedies_front, "DAYS", DAYS)
-    monkeypatch.setattr(remedies_run, "SIMC_VALVES", 2)
-    monkeypatch.setattr(remedies_found, "FRESH_DAYS", DAYS)
-    for module in (remedies_run, remedies_valves, remedies_found):
+    monkeypatch.setattr(remedies_runs, "SIMC_VALVES", 2)
+    monkeypatch.setattr(remedies, "FRESH_DAYS", DAYS)
+    for module in (remedies_runs, remedies, remedies):
         monkeypatch.setattr(module, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
 
 
@@ -52,12 +50,12 @@ def changes(ds, name, base):
 @pytest.mark.kernel
 def test_every_remedy_acts():
     """Behind the same gains each differs from plain PI on the valve that it is for."""
-    loop = remedies_run.population(64)
+    loop = remedies_runs.population(64)
     backlash = np.asarray(loop["backlash"])
     worn = [int(k) for k in np.flatnonzero(backlash == 0.07)[:1]]
-    one = remedies_run.picked(loop, sample=worn)
+    one = remedies_runs.picked(loop, sample=worn)
     gains = xr.Dataset({"kp": 0.06, "ti": 20.0, "plant_gain": 12.0})
-    ds = remedies_run.every_remedy(one, gains, kinds.CONSTANT, [1]).isel(sample=0, day=0)
+    ds = remedies_runs.every_remedy(one, gains, kinds.CONSTANT, [1]).isel(sample=0, day=0)
     plain = float(ds.rmse.sel(controller="pi"))
     assert int(ds.status.max()) == 0
     same = [str(n) for n in ds.controller.values if float(ds.rmse.sel(controller=n)) == plain]
@@ -67,9 +65,9 @@ def test_every_remedy_acts():
 
 @pytest.mark.kernel
 def test_gains_are_best_on_the_search_days_and_dearer_travel_means_less_of_it(short):
-    plain = remedies_run.picked(remedies_run.population(4), controller=0)
-    simc = remedies_run.simc_gains(plain, kinds.STEPPED)
-    best = remedies_run.tuned(plain, simc, [kinds.STEPPED], SMALL_GRID, [0.0, 5.0])
+    plain = remedies_runs.picked(remedies_runs.population(4), controller=0)
+    simc = remedies_runs.simc_gains(plain, kinds.STEPPED)
+    best = remedies_runs.tuned(plain, simc, [kinds.STEPPED], SMALL_GRID, [0.0, 5.0])
     day, found = kinds.of_kind(kinds.STEPPED, [1]), []
     for f_kp in SMALL_GRID["kp"]:
         for f_ti in SMALL_GRID["ti"]:
@@ -85,13 +83,13 @@ def test_gains_are_best_on_the_search_days_and_dearer_travel_means_less_of_it(sh
 
 @pytest.mark.kernel
 def test_remedies_run_with_the_best_gains_and_with_those_of_simc(short):
-    best_found, simc_found, edges = remedies_run.run(4)
+    best_found, simc_found, edges = remedies_runs.run(4)
     assert list(best_found) == [kinds.STEPPED, kinds.HEATING]
     assert set(edges) == {kinds.STEPPED, kinds.HEATING}
-    loop = remedies_run.population(4)
-    plain = remedies_run.picked(loop, controller=0)
-    simc = remedies_run.simc_gains(plain, kinds.STEPPED)
-    best = remedies_run.tuned(plain, simc, [kinds.STEPPED], SMALL_GRID, [0.0]).isel(price=0)
+    loop = remedies_runs.population(4)
+    plain = remedies_runs.picked(loop, controller=0)
+    simc = remedies_runs.simc_gains(plain, kinds.STEPPED)
+    best = remedies_runs.tuned(plain, simc, [kinds.STEPPED], SMALL_GRID, [0.0]).isel(price=0)
     day = kinds.of_kind(kinds.STEPPED, DAYS)
     for gains, found, n in ((best, best_found, 4), (simc, simc_found, 2)):
         alone = plain.assign(kp=gains.kp, ti=gains.ti, estimate_ratio=0.95, buffer=0.01)
@@ -113,7 +111,7 @@ def table_of_two_kinds():
 
     def of_kind():
         metrics = {
-            name: (("controller", "sample", "day"), draw.uniform(0.5, 1.5, (3, 3, 3))) for name in remedies_run.METRICS
+            name: (("controller", "sample", "day"), draw.uniform(0.5, 1.5, (3, 3, 3))) for name in remedies_runs.METRICS
         }
         metrics["status"] = (("controller", "sample", "day"), np.zeros((3, 3, 3)))
         return xr.Dataset(metrics, coords={"controller": names, "sample": range(3), "day": [5, 6, 7]})
@@ -175,10 +173,10 @@ def test_tables_hold_what_plain_python_finds(table_of_two_kinds, written):
 @pytest.mark.kernel
 def test_gains_of_their_own_and_the_choice_are_those_of_plain_python(short, written, monkeypatch):
     monkeypatch.setattr(remedies_front, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
-    own, by_simc = remedies_front.run(3)
-    remedies_front.write(own, by_simc)
+    own, by_simc = remedies_front.run_front(3)
+    remedies_front.write_front(own, by_simc)
     ours = np.asarray(remedies_front.other_valves(3)["kp"])
-    assert not np.isin(ours, np.asarray(remedies_run.population()["kp"])).any()
+    assert not np.isin(ours, np.asarray(remedies_runs.population()["kp"])).any()
     title, (head, *rows) = written("remedies_tuned")
     assert "3 other valves, 2 other days" in title
     shown = [(name, price) for name in remedies_front.MAIN for price in remedies_front.SHOWN]
@@ -215,17 +213,17 @@ def test_gains_of_their_own_and_the_choice_are_those_of_plain_python(short, writ
 @pytest.mark.kernel
 def test_each_imperfection_acts_and_is_compared_with_its_own_plain_pi(short, written, monkeypatch):
     gains = xr.Dataset({"kp": 0.06, "ti": 30.0, "plant_gain": 12.0})
-    monkeypatch.setattr(remedies_valves, "simc_gains", lambda loop, kind: gains)
-    found = remedies_valves.run(4)
+    monkeypatch.setattr(remedies, "simc_gains", lambda loop, kind: gains)
+    found = remedies.run_valves(4)
     plain = {name: of_kinds[kinds.STEPPED].rmse.sel(controller="PI by SIMC") for name, of_kinds in found.items()}
     assert len(found) == 5
     for name in list(found)[1:]:
         assert not np.array_equal(plain[name].values, plain["play alone"].values), name
-    remedies_valves.write(found)
+    remedies.write_valves(found)
     _, (head, first, *rows) = written("remedies_valves")
     assert head == ["remedy", *found]
     assert first[1] == "+0 %, × 1.00"
-    for row, remedy in zip(rows, remedies_valves.REMEDIES[1:], strict=True):
+    for row, remedy in zip(rows, remedies.OF_VALVES[1:], strict=True):
         for cell, of_kinds in zip(row[1:], found.values(), strict=True):
             shares = [c for ds in of_kinds.values() for c in changes(ds, remedy, "PI by SIMC")]
             assert cell.split(" ")[0] == f"{100 * statistics.mean(shares):+.0f}"
@@ -235,16 +233,16 @@ def test_each_imperfection_acts_and_is_compared_with_its_own_plain_pi(short, wri
 
 @pytest.mark.kernel
 def test_behind_the_gains_as_found_remedies_are_compared_with_them(short, written, monkeypatch):
-    monkeypatch.setattr(remedies_found, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))
-    found = remedies_found.run(4)
-    plain = remedies_run.picked(remedies_run.population(4), controller=0)
+    monkeypatch.setattr(remedies, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))
+    found = remedies.run_found(4)
+    plain = remedies_runs.picked(remedies_runs.population(4), controller=0)
     by_hand = fc.simulate(
         plain.assign(estimate_ratio=0.95, buffer=0.0025, action="heating", kp=0.3 * xr.DataArray(plain["kp"])),
         kinds.of_kind(kinds.HEATING, DAYS),
     ).rmse
     ours = found[kinds.HEATING].rmse.sel(controller="inverse_95_small_buffer")
     np.testing.assert_array_equal(ours.transpose(*by_hand.dims).values, by_hand.values)
-    remedies_found.write(found)
+    remedies.write_found(found)
     _, (_, *rows) = written("remedies_found")
     names = {text: name for name, text in remedies_tables.LABELS.items()}
     for name, change, stepped, *_ in rows[1:]:
@@ -257,7 +255,7 @@ def test_behind_the_gains_as_found_remedies_are_compared_with_them(short, writte
 @pytest.mark.kernel
 def test_the_command_writes_every_table_and_the_figure(short, written, tmp_path, monkeypatch):
     monkeypatch.setattr(remedies_front, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
-    monkeypatch.setattr(remedies_run, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
+    monkeypatch.setattr(remedies_runs, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
     remedies.main(2)
     names = ["remedies", "remedies_simc", "remedies_tuned", "remedies_choice", "remedies_found", "remedies_valves"]
     assert all(len(written(name)[1]) > 3 for name in names)

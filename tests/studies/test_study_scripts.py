@@ -12,8 +12,8 @@ import xarray as xr
 
 import fastcoil as fc
 from studies.inverse import conditions, population
-from studies.learning import learner
-from studies.paper import one_loop
+from studies.learning import learning
+from studies.paper import paper
 from studies.robustness import robustness as answers
 
 pytestmark = pytest.mark.kernel
@@ -67,9 +67,9 @@ def test_the_interval_of_a_share_is_that_of_compare():
 
 
 def test_answers_write_what_plain_python_finds(small, written, monkeypatch):
-    for script in (answers, one_loop, learner):
+    for script, of in ((answers, answers.main), (paper, paper.one_loop), (learning, learning.printed_rule)):
         monkeypatch.setattr(script, "results", small)
-        script.main()
+        of()
     ds = small("robustness")
     title, (_, *table) = written("robustness")
     everything, ds = ds, ds.isel(tuning=(ds.error_dead_band == 0.0).values)
@@ -117,8 +117,8 @@ def test_answers_write_what_plain_python_finds(small, written, monkeypatch):
 
 
 def test_times_that_never_came_count_as_later_than_all_others():
-    assert learner.hours(xr.DataArray([3600.0, np.nan, 7200.0])) == "2.00 h"
-    assert learner.hours(xr.DataArray([3600.0, np.nan, np.nan])) == "—"
+    assert learning.hours(xr.DataArray([3600.0, np.nan, 7200.0])) == "2.00 h"
+    assert learning.hours(xr.DataArray([3600.0, np.nan, np.nan])) == "—"
 
 
 def test_conditions_count_what_plain_python_counts(written, monkeypatch):

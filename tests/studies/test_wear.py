@@ -12,21 +12,18 @@ import xarray as xr
 
 import fastcoil as fc
 from studies.days import CONSTANT, STEPPED
-from studies.wear import bank as wear_bank
 from studies.wear import detect as wear_detect
-from studies.wear import figure as wear_figure
-from studies.wear import run as wear_year
-from studies.wear import tables as wear_tables
-from studies.wear import valves as wear_valves
-from studies.wear.run import Run
+from studies.wear import runs as wear_runs
+from studies.wear import wear
+from studies.wear.runs import Run
 
-NAMES = list(wear_valves.controllers())
+NAMES = list(wear_runs.controllers())
 
 
 def test_every_controller_has_a_name_and_the_known_size_is_that_of_the_first_day():
-    assert set(NAMES) == set(wear_tables.LABELS)
-    assert NAMES[0] == wear_valves.PI
-    known, found = wear_valves.controllers()[wear_valves.KNOWN], wear_valves.controllers()["identify"]
+    assert set(NAMES) == set(wear.LABELS)
+    assert NAMES[0] == wear_runs.PI
+    known, found = wear_runs.controllers()[wear_runs.KNOWN], wear_runs.controllers()["identify"]
     assert known["estimate_ratio"] == found["estimate_share"]
     assert {name for name in known if name.startswith("buffer")} == {
         name for name in found if name.startswith("buffer")
@@ -34,40 +31,41 @@ def test_every_controller_has_a_name_and_the_known_size_is_that_of_the_first_day
 
 
 def test_every_kind_of_days_has_valves_with_wear_and_good_ones_and_names_differ(monkeypatch):
-    monkeypatch.setattr(wear_valves, "kinds_here", lambda: (STEPPED, CONSTANT, wear_valves.MONTHLY))
-    found = wear_valves.sequences(7)
+    monkeypatch.setattr(wear_runs, "kinds_here", lambda: (STEPPED, CONSTANT, wear_runs.MONTHLY))
+    found = wear_runs.sequences(7)
     assert len({sequence.name for sequence in found}) == len(found)
-    for kind in (STEPPED, CONSTANT, wear_valves.MONTHLY):
+    for kind in (STEPPED, CONSTANT, wear_runs.MONTHLY):
         assert {s.is_good for s in found if s.kind == kind} == {True, False}
-    assert {s.kind for s in found if s.in_steps} == {STEPPED, wear_valves.MONTHLY}
+    assert {s.kind for s in found if s.in_steps} == {STEPPED, wear_runs.MONTHLY}
 
 
 def test_a_linkage_comes_loose_after_a_third_of_the_days_and_is_repaired_after_two():
-    sequence = wear_valves.Sequence("", STEPPED, False, True, False, 7301)
-    days = wear_valves.days_of(sequence, 6)
+    sequence = wear_runs.Sequence("", STEPPED, False, True, False, 7301)
+    days = wear_runs.days_of(sequence, 6)
     assert days.series["backlash_scale"][:, [0, -1]].tolist() == [[1.0] * 2] * 2 + [[2.0] * 2] * 2 + [[0.25] * 2] * 2
 
 
 def test_growth_is_given_alike_to_all_and_none_has_more_than_another_gets():
-    growth = wear_valves.growths(fc.Loop(backlash=("sample", np.linspace(0, 0.1, 64))))
-    assert sorted(growth.values.tolist()) == sorted([*wear_valves.GROWTH] * 16)
+    growth = wear_runs.growths(fc.Loop(backlash=("sample", np.linspace(0, 0.1, 64))))
+    assert sorted(growth.values.tolist()) == sorted([*wear_runs.GROWTH] * 16)
 
 
 @pytest.mark.kernel
 def test_the_gap_grows_with_the_travel_and_by_what_it_was_given_where_that_stays(monkeypatch):
-    monkeypatch.setattr(wear_year, "controllers", lambda: {name: wear_valves.controllers()[name] for name in NAMES[:2]})
-    monkeypatch.setattr(wear_year, "days_of", lambda sequence: wear_valves.days_of(sequence, 3))
-    monkeypatch.setattr(wear_valves, "GROWTH", (0.0, 0.001, 0.002, 0.003))
-    run = wear_year.lived(wear_valves.Sequence("", STEPPED, False, False, False, 7301), 8)
+    some, days_of = {name: wear_runs.controllers()[name] for name in NAMES[:2]}, wear_runs.days_of
+    monkeypatch.setattr(wear_runs, "controllers", lambda: some)
+    monkeypatch.setattr(wear_runs, "days_of", lambda sequence: days_of(sequence, 3))
+    monkeypatch.setattr(wear_runs, "GROWTH", (0.0, 0.001, 0.002, 0.003))
+    run = wear_runs.lived(wear_runs.Sequence("", STEPPED, False, False, False, 7301), 8)
     worn = run.growth > 0.0
     assert int(worn.sum()) == 6
-    grown = wear_year.grown(run, wear_valves.PI)
+    grown = wear_runs.grown(run, wear_runs.PI)
     rate = run.growth / run.plain.stem_travel.sum("day")
-    in_warm_up = (grown / rate - run.ds.stem_travel.sel(controller=wear_valves.PI).sum("day")).where(worn, drop=True)
+    in_warm_up = (grown / rate - run.ds.stem_travel.sel(controller=wear_runs.PI).sum("day")).where(worn, drop=True)
     assert float(in_warm_up.min()) > 0.1
     assert float(in_warm_up.max()) < 2.0
     assert 0.9 < float((grown / run.growth).where(worn).median()) < 1.1
-    assert float(abs(wear_year.grown(run, wear_valves.PI)).where(~worn).max()) == 0.0
+    assert float(abs(wear_runs.grown(run, wear_runs.PI)).where(~worn).max()) == 0.0
     assert (run.plain.backlash_final == run.first).all()
 
 
@@ -82,7 +80,7 @@ def in_plain_python(new, noise, leave):
             for k in beside:
                 after[k] += now[j] * leave / len(beside)
         weight = [p * math.exp(-0.5 * (e / noise) ** 2) for p, e in zip(after, row, strict=True)]
-        now = [max(w / sum(weight), wear_bank.LEAST) for w in weight]
+        now = [max(w / sum(weight), wear_detect.LEAST) for w in weight]
         now = [p / sum(now) for p in now]
         found.append(now)
     return found
@@ -90,17 +88,17 @@ def in_plain_python(new, noise, leave):
 
 def test_probabilities_follow_the_chain_and_the_likelihoods():
     new = np.random.default_rng(3).normal(0.0, 0.1, (20, 4))
-    expected = in_plain_python(new.tolist(), 0.08, wear_bank.INTERVAL / wear_bank.SOJOURN)
-    found = wear_bank.probabilities(new[None], np.array([0.08]))
+    expected = in_plain_python(new.tolist(), 0.08, wear_detect.INTERVAL / wear_detect.SOJOURN)
+    found = wear_detect.probabilities(new[None], np.array([0.08]))
     np.testing.assert_allclose(found[0], expected, rtol=1e-9)
 
 
 def test_a_disturbance_that_stays_is_nothing_new_and_a_step_of_it_is_new_once():
     error = np.where(np.arange(400) < 200, 0.0, 1.0)
-    new = wear_bank.innovations(error, np.zeros((400, 1)))[:, 0]
+    new = wear_detect.innovations(error, np.zeros((400, 1)))[:, 0]
     assert new[200] == 1.0
     assert (new[:200] == 0.0).all()
-    np.testing.assert_allclose(new[201:], 1.0 - math.exp(-wear_bank.INTERVAL / wear_bank.COLOUR), rtol=1e-12)
+    np.testing.assert_allclose(new[201:], 1.0 - math.exp(-wear_detect.INTERVAL / wear_detect.COLOUR), rtol=1e-12)
 
 
 @pytest.mark.kernel
@@ -110,10 +108,10 @@ def test_the_bank_finds_the_gap_of_a_loop_whose_plant_it_knows():
     seen = wear_detect._lived(loop.assign(noise_std=0.01), days, ["T_measured", "command"], 5)
     for k, gap in enumerate((0.0, 0.05)):
         command = np.repeat(seen.command.values[k], 5, axis=-1)
-        models = wear_bank.foretold(wear_detect.picked(loop, sample=k), days, command)
-        measured = seen.T_measured.values[k, :, :: wear_bank.INTERVAL // 5].ravel()
-        new = wear_bank.innovations(measured, models.sel(plant="known").values.reshape(measured.size, -1))
-        mean = wear_bank.probabilities(new[None], wear_bank.noise_of(new[None]))[0, -60:] @ wear_bank.CANDIDATES
+        models = wear_detect.foretold(wear_detect.picked(loop, sample=k), days, command)
+        measured = seen.T_measured.values[k, :, :: wear_detect.INTERVAL // 5].ravel()
+        new = wear_detect.innovations(measured, models.sel(plant="known").values.reshape(measured.size, -1))
+        mean = wear_detect.probabilities(new[None], wear_detect.noise_of(new[None]))[0, -60:] @ wear_detect.CANDIDATES
         assert abs(mean.mean() - gap) < 0.005
 
 
@@ -157,14 +155,14 @@ def runs():
 
     def made(name, kind, in_steps=False, is_good=False):
         dims = ("controller", "sample", "day")
-        values = {metric: (dims, dice.uniform(0.01, 0.1, shape)) for metric in wear_year.METRICS}
+        values = {metric: (dims, dice.uniform(0.01, 0.1, shape)) for metric in wear_runs.METRICS}
         ds = xr.Dataset(values, coords={"controller": NAMES, "day": np.arange(24)}).assign(
             status=(dims, np.zeros(shape))
         )
         of_valve = xr.DataArray(dice.uniform(0.01, 0.05, 6), dims="sample")
         plain = ds.isel(controller=0, drop=True)
         plain["hunts"] = plain["hunts"] * 0.0
-        return Run(wear_valves.Sequence(name, kind, False, in_steps, is_good, 1), ds, plain, of_valve * 0.5, of_valve)
+        return Run(wear_runs.Sequence(name, kind, False, in_steps, is_good, 1), ds, plain, of_valve * 0.5, of_valve)
 
     return [
         made(STEPPED, STEPPED),
@@ -178,14 +176,14 @@ def test_an_estimate_is_wrong_beyond_a_fifth_of_the_gap_and_a_hundredth_of_the_s
     gaps, found = [0.01, 0.02, 0.1, 0.1, 0.1, 0.0], [0.0, 0.0, 0.085, 0.075, math.nan, 0.02]
     for name, values in (("backlash_final", gaps), ("estimate_final", found)):
         ds[name].loc[{"controller": "identify"}] = np.array(values)[:, None]
-    wrong = wear_year.wrong(runs[0], "identify")
+    wrong = wear_runs.wrong(runs[0], "identify")
     assert wrong.isel(day=0).values.tolist() == [False, True, False, True, True, True]
 
 
 @pytest.fixture
 def noticed():
     dice = np.random.default_rng(9)
-    detectors = list(wear_tables.DETECTORS)
+    detectors = list(wear.DETECTORS)
     shape = (len(detectors), 2, 5, 8 * 36)
     return {
         (case, kind): xr.DataArray(
@@ -199,12 +197,12 @@ def noticed():
 
 
 def test_the_tables_hold_what_plain_python_finds(runs, noticed, written, monkeypatch, tmp_path):
-    wear_tables.write(runs, noticed, noticed)
+    wear.write(runs, noticed, noticed)
     run = runs[0]
     ds = run.ds
     _, (head, *follow) = written("wear_follow")
     assert [row[0] for row in follow] == [STEPPED, f"{STEPPED}: loose", f"{STEPPED}: repaired"]
-    assert head[1:] == [wear_tables.LABELS[name] for name in NAMES[1:]]
+    assert head[1:] == [wear.LABELS[name] for name in NAMES[1:]]
     last = ds.sel(controller="identify").isel(day=slice(20, 24))
     pairs = zip(last.estimate_final.values.ravel(), last.backlash_final.values.ravel(), strict=True)
     wrong = [abs(estimate - gap) > max(0.2 * gap, 0.01) for estimate, gap in pairs]
@@ -225,8 +223,8 @@ def test_the_tables_hold_what_plain_python_finds(runs, noticed, written, monkeyp
     _, (_, *good) = written("wear_good")
     assert [row[0] for row in good] == [STEPPED]
     _, (head, *found) = written("wear_noticed")
-    assert [row[0] for row in found] == list(wear_tables.DETECTORS.values())
+    assert [row[0] for row in found] == list(wear.DETECTORS.values())
     assert {row[1] for row in found} == {"0.5 %"}
     assert all(row[2].startswith("0 %") and row[4].startswith("100 %") for row in found)
-    wear_figure.draw(runs, noticed, noticed)
+    wear.draw(runs, noticed, noticed)
     assert (tmp_path / "studies" / "wear" / "wear.png").stat().st_size > 10_000

@@ -2,8 +2,8 @@
 
 Run with ``python -m studies numerics`` in the repository.  "As printed" is Eq (3) as the paper has it, one step a
 second with lagged air; "converged" is ``converged = true``.  What that word stands for was chosen on days 11 to 14; all
-that is written here comes from other days and valves.  The file has the four presets; ``convergence_valves.py``, which
-it runs too, has populations of valves and loops, and the coil at rest.
+that is written here comes from other days and valves.  This file has the four presets; ``populations.py`` has
+populations of valves and loops, and the coil at rest.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import fastcoil as fc
 from studies.common import write_table
 from studies.days import HEATING, WEATHER_FILE, kinds, of_kind
 from studies.learning.identify_online import IDENTIFY
-from studies.numerics import convergence_valves
+from studies.numerics import populations as numerics_populations
 from studies.robustness.best_pi import PRESETS as COOLING
 
 DAYS = range(9411, 9419)
@@ -230,4 +230,4 @@ def main(days: range = DAYS, weather: Path = WEATHER_FILE, **size: Any) -> None:
     write_kinds(of_kinds(days, weather))
     write_claims(claims(days))
     write_volumes(volumes(days))
-    convergence_valves.main(weather=weather, **size)
+    numerics_populations.main(weather=weather, **size)

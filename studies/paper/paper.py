@@ -15,7 +15,7 @@ import numpy as np
 import fastcoil as fc
 from fastcoil.deliver.report.regenerate import regenerate
 from fastcoil.study.paper.grid import KINDS, T_SET, Days, replaced, stepped
-from studies.common import RESULTS, write_table
+from studies.common import RESULTS, results, write_table
 from studies.days import SUMMER, WEATHER_FILE
 
 TITLES = {
@@ -65,5 +65,24 @@ def main(*, quick: bool = False) -> None:
         command="python -m studies paper",
     )
     found = tables((folder / "scorecard.md").read_text(encoding="utf-8"))
+    one_loop()
     for (name, title), (head, rows) in zip(TITLES.items(), found, strict=False):
         write_table(f"paper/{name}", title, head, rows)
+
+
+def one_loop() -> None:
+    """Section 3 of the paper on one loop, median of ten days."""
+    days = results("paper_like")
+    ds = days.median("day")
+    without = ds.sel(backlash=0.0, estimate_ratio=0.0)
+    columns = ("rmse", "rmse_settled", "hunting_swing", "switch_frequency")
+    rows = [["no backlash, plain PI", *(f"{float(without[c]):.3f}" for c in columns)]]
+    for ratio in (0.0, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.3, 1.5):
+        d = ds.sel(backlash=0.07, estimate_ratio=ratio)
+        rows.append([f"estimate {ratio:.0%}", *(f"{float(d[c]):.3f}" for c in columns)])
+    write_table(
+        "paper/paper_like",
+        f"The paper's phenomena on `paper_like`: backlash 7 %, median of {days.sizes['day']} days",
+        ["", "RMSE, K", "settled RMSE, K", "peak to peak, K", "switches per 10 min"],
+        rows,
+    )
