@@ -1,8 +1,7 @@
-"""The parameters of a loop as keywords, for editors and type checkers: they read no table.
+"""The parameters of a loop as keywords: for type checkers and editors, and in signatures and help.
 
-What runs takes its names from ``fastcoil.model.parameter_table``; a test compares the two.
-
-What completion and help show of a function that takes any parameter of a loop by name.
+Type checkers read no table, so the names stand here too; a test compares them with ``parameter_table``.  Parameters
+that a user's rule brings are passed as ``loop.assign(**{"gain": 0.5})``.
 """
 
 from __future__ import annotations
@@ -18,92 +17,90 @@ from fastcoil.loops.assignment import MEANING, WORD
 from fastcoil.model.parameter_table import COUNTS, PARAMETERS
 from fastcoil.model.user_rules import Rule
 
-Numbers: TypeAlias = float | Sequence[float] | tuple[str, Any] | np.ndarray[Any, Any] | xr.DataArray
-"""A number; a list, which is a dimension of its own; ``(dim, values)``; a DataArray."""
-Words: TypeAlias = Sequence[str] | tuple[str, Any] | np.ndarray[Any, Any] | xr.DataArray
-"""Several words, in the same ways."""
+Value: TypeAlias = float | str | Rule | Sequence[Any] | np.ndarray[Any, Any] | xr.DataArray
+"""A number, a word or a rule; a list, which is a dimension of its own; ``(dim, values)``; a DataArray."""
 PresetName: TypeAlias = Literal["paper_like", "paper_like_fast", "lbnl", "g36", "heating", "heating_45"]
 
 
 class Keywords(TypedDict, total=False):
     """Parameters by name."""
 
-    converged: bool
-    C_w: Numbers
-    C_c: Numbers
-    beta1: Numbers
-    beta2: Numbers
-    beta3: Numbers
-    beta4: Numbers
-    beta5: Numbers
-    beta6: Numbers
-    cp_w: Numbers
-    cp_a: Numbers
-    pressure: Numbers
-    n_volumes: Numbers
-    air_march: Literal["lagged", "quasistatic"] | Words
-    substeps: Numbers
-    T_initial: Numbers
-    m_max: Numbers
-    valve_a: Numbers
-    valve_b: Numbers
-    valve_c: Numbers
-    rangeability: Numbers
-    authority: Numbers
-    m_full: Numbers
-    leakage: Numbers
-    backlash: Numbers
-    stroke_time: Numbers
-    command_resolution: Numbers
-    neutral_zone: Numbers
-    slip_jump: Numbers
-    wear_rate: Numbers
-    sensor_time_constant: Numbers
-    noise_std: Numbers
-    sensor_resolution: Numbers
-    kp: Numbers
-    ti: Numbers
-    sample_time: Numbers
-    error_dead_band: Numbers
-    action: Literal["cooling", "heating"] | Words
-    plant_gain: Numbers
-    law: Literal["pi"] | Rule | Words
-    backlash_estimate: Numbers
-    estimate_ratio: Numbers
-    buffer: Numbers
-    buffer_ratio: Numbers
-    buffer_noise: Literal["given", "measured"] | Words
-    buffer_swing: Numbers
-    compensation: Literal["inverse", "additive", "smooth"] | Words
-    smooth_rate: Numbers
-    estimator: Literal["none", "learner", "hagglund", "gradient", "identify"] | Rule | Words
-    estimate_share: Numbers
-    learning_step: Numbers
-    learning_interval: Numbers
-    learning_ratio: Numbers
-    learning_floor: Numbers
-    learning_cap: Numbers
-    learning_min_switches: Numbers
-    learning_max_reference: Numbers
-    learning_early_trip: Numbers
-    learning_growth: Numbers
-    learning_shrink: Numbers
-    learning_final: Numbers
-    learning_reference: Numbers
-    learning_error_ratio: Numbers
-    learning_stop: Literal["never", "first_step_down"] | Words
-    hagglund_filter_ratio: Numbers
-    hagglund_least_half_periods: Numbers
-    gradient_gain: Numbers
-    gradient_filter_time: Numbers
-    gradient_reference_time: Numbers
-    gradient_dead_zone: Numbers
-    gradient_pause: Numbers
-    gradient_cap: Numbers
-    identify_stroke_time: Numbers
-    identify_memory: Numbers
-    identify_interval: Numbers
-    identify_certainty: Numbers
+    converged: bool | Value
+    C_w: Value
+    C_c: Value
+    beta1: Value
+    beta2: Value
+    beta3: Value
+    beta4: Value
+    beta5: Value
+    beta6: Value
+    cp_w: Value
+    cp_a: Value
+    pressure: Value
+    n_volumes: Value
+    air_march: Literal["lagged", "quasistatic"] | Value
+    substeps: Value
+    T_initial: Value
+    m_max: Value
+    valve_a: Value
+    valve_b: Value
+    valve_c: Value
+    rangeability: Value
+    authority: Value
+    m_full: Value
+    leakage: Value
+    backlash: Value
+    stroke_time: Value
+    command_resolution: Value
+    neutral_zone: Value
+    slip_jump: Value
+    wear_rate: Value
+    sensor_time_constant: Value
+    noise_std: Value
+    sensor_resolution: Value
+    kp: Value
+    ti: Value
+    sample_time: Value
+    error_dead_band: Value
+    action: Literal["cooling", "heating"] | Value
+    plant_gain: Value
+    law: Literal["pi"] | Value
+    backlash_estimate: Value
+    estimate_ratio: Value
+    buffer: Value
+    buffer_ratio: Value
+    buffer_noise: Literal["given", "measured"] | Value
+    buffer_swing: Value
+    compensation: Literal["inverse", "additive", "smooth"] | Value
+    smooth_rate: Value
+    estimator: Literal["none", "learner", "hagglund", "gradient", "identify"] | Value
+    estimate_share: Value
+    learning_step: Value
+    learning_interval: Value
+    learning_ratio: Value
+    learning_floor: Value
+    learning_cap: Value
+    learning_min_switches: Value
+    learning_max_reference: Value
+    learning_early_trip: Value
+    learning_growth: Value
+    learning_shrink: Value
+    learning_final: Value
+    learning_reference: Value
+    learning_error_ratio: Value
+    learning_stop: Literal["never", "first_step_down"] | Value
+    hagglund_filter_ratio: Value
+    hagglund_least_half_periods: Value
+    gradient_gain: Value
+    gradient_filter_time: Value
+    gradient_reference_time: Value
+    gradient_dead_zone: Value
+    gradient_pause: Value
+    gradient_cap: Value
+    identify_stroke_time: Value
+    identify_memory: Value
+    identify_interval: Value
+    identify_certainty: Value
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -111,12 +108,13 @@ Class = TypeVar("Class", bound=type)
 
 
 class _Unchanged:
+    """Stands in a signature for the value that a parameter has already."""
+
     def __repr__(self) -> str:
         return "unchanged"
 
 
 UNCHANGED = _Unchanged()
-"""Stands in a signature for the value that a parameter has already."""
 
 
 def take_parameters(defaults: Mapping[str, object]) -> Callable[[Function], Function]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Unpack, overload
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import xarray as xr
@@ -46,12 +46,8 @@ class Loop:
     _values: dict[str, Scalar | xr.DataArray]
     _rules: Mapping[str, Rule]
 
-    @overload
-    def __init__(self, **values: Unpack[Keywords]) -> None: ...
-    @overload
-    def __init__(self, **values: Any) -> None: ...  # with parameters that a rule brings
     @take_parameters(_DEFAULTS | {WORD: False})
-    def __init__(self, **values: Any) -> None:
+    def __init__(self, **values: Unpack[Keywords]) -> None:
         self._values, self._rules = assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values)
 
     @classmethod
@@ -104,12 +100,8 @@ class Loop:
         loop._values = constants | _defaults_of_missing(constants, swept, table)
         return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
 
-    @overload
-    def assign(self, **values: Unpack[Keywords]) -> Loop: ...
-    @overload
-    def assign(self, **values: Any) -> Loop: ...
     @take_parameters(dict.fromkeys((*PARAMETERS, WORD), UNCHANGED))
-    def assign(self, **values: Any) -> Loop:
+    def assign(self, **values: Unpack[Keywords]) -> Loop:
         """Return a copy with parameters changed.
 
         Raises
@@ -132,11 +124,11 @@ class Loop:
         """Every parameter that this loop may have: those of ``fc.parameters()``, then its rules' own."""
         return table_of(self._rules)
 
-    def __getitem__(self, name: str) -> Scalar | xr.DataArray | None:
+    def __getitem__(self, name: str) -> Any:
         """Value of a parameter; ``None`` for one that is not given."""
         return self._values.get(check_name(name, self.parameters))
 
-    def __getattr__(self, name: str) -> Scalar | xr.DataArray | None:
+    def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self.parameters:
             near = "" if name.startswith("_") else nearest(name, dir(self))
             # of None, so that Python adds no guess of its own to a traceback

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -252,7 +252,8 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
         raise InputError(problems)
     one = layout.loop.assign(**_at(layout.loop, position)) if layout.loop.sizes else layout.loop
     others = [name for name in unread_values(one) if name not in changes] if layout.loop.sizes else []
-    one = one.assign(**{name: PARAMETERS[name].default for name in others})
+    unread: dict[str, Any] = {name: PARAMETERS[name].default for name in others}
+    one = one.assign(**unread)
     rules = Layout(one, boundary).loop.rules
     foreign = [word for word, rule in rules.items() if not rule.is_loaded]
     if foreign:

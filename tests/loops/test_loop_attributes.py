@@ -12,9 +12,8 @@ from helpers.rules import by_error
 
 import fastcoil as fc
 from fastcoil.loops.assignment import WORD
-from fastcoil.loops.keywords import Keywords, Numbers, PresetName, Words
+from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, Value
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.user_rules import Rule
 
 
 def test_every_parameter_is_an_attribute_with_the_value_of_the_loop():
@@ -64,22 +63,64 @@ def test_keywords_for_type_checkers_are_those_of_the_table_with_its_words():
     hints = typing.get_type_hints(Keywords)
     assert list(hints) == [WORD, *PARAMETERS]
     for name, p in PARAMETERS.items():
-        parts = typing.get_args(hints[name])
-        words = next((typing.get_args(part) for part in parts if typing.get_origin(part) is typing.Literal), ())
-        assert words == p.choices, name
-        own = {Rule} if name in ("estimator", "law") else set()
-        shape = Words if p.is_word else Numbers
-        assert set(parts) == {*typing.get_args(shape), *own, *([typing.Literal[p.choices]] if words else [])}, name
+        words = {typing.Literal[p.choices]} if p.is_word else set()
+        assert set(typing.get_args(hints[name])) == {*typing.get_args(Value), *words}, name
+
+
+CHECKED = """
+import fastcoil as fc
+loop = fc.Loop(backlash=0.1, kp=("tuning", [0.01, 0.02]), action="heating", converged=True)
+doubled = loop.backlash * 2, loop["kp"] * 2
+loop = loop.assign(**{"gain": 3.0})
+fc.Loop(backlsh=0.1)
+loop.assign(backlsh=0.1)
+"""
+
+
+def test_a_type_checker_refuses_a_mistyped_parameter_and_nothing_else(tmp_path):
+    mypy = pytest.importorskip("mypy.api")
+    (tmp_path / "checked.py").write_text(CHECKED)
+    said, _, _ = mypy.run([str(tmp_path / "checked.py")])
+    errors = [line.partition("checked.py:")[2] for line in said.splitlines() if ": error:" in line]
+    assert [line.split(":")[0] for line in errors] == ["6", "7"], said
+    assert all('did you mean "backlash"' in line for line in errors)
 
 
 def test_presets_for_type_checkers_are_all_of_them():
     assert typing.get_args(PresetName) == tuple(fc.presets())
 
 
-@pytest.mark.parametrize("function", [fc.Loop, fc.Loop().assign])
-def test_a_signature_has_every_parameter(function):
-    names = list(inspect.signature(function).parameters)
-    assert names == [*PARAMETERS, WORD]
+def test_a_loop_shows_every_parameter_as_a_keyword_with_its_default():
+    shown = inspect.signature(fc.Loop).parameters
+    assert list(shown) == [*PARAMETERS, "converged"]
+    for name, parameter in shown.items():
+        assert parameter.kind is inspect.Parameter.KEYWORD_ONLY
+        assert parameter.default == (PARAMETERS[name].default if name in PARAMETERS else False)
+    given = {name: p.default for name, p in shown.items() if p.default is not None}
+    assert fc.Loop(**given) == fc.Loop()
+
+
+def test_assign_shows_every_parameter_as_unchanged():
+    shown = inspect.signature(fc.Loop().assign).parameters
+    assert list(shown) == [*PARAMETERS, "converged"]
+    assert all(p.kind is inspect.Parameter.KEYWORD_ONLY and p.default is UNCHANGED for p in shown.values())
+    assert "kp=unchanged" in str(inspect.signature(fc.Loop.assign))
+
+
+def test_help_lists_every_parameter_with_unit_text_and_bounds():
+    lines = inspect.getdoc(fc.Loop).splitlines()
+    for name, parameter in PARAMETERS.items():
+        row = next(k for k, line in enumerate(lines) if line.startswith(f"{name} : "))
+        assert parameter.unit in ("", "1") or lines[row].endswith(parameter.unit)
+        assert lines[row + 1].strip() == f"{parameter.text} ({parameter.bounds})."
+    assert lines.index("Parameters") < lines.index("Examples")
+
+
+def test_calls_are_as_strict_as_before():
+    with pytest.raises(TypeError):
+        fc.Loop(0.03)
+    with pytest.raises(fc.InputError, match="kp = None"):
+        fc.Loop(kp=None)
 
 
 def completed(text):

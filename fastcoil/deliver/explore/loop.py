@@ -80,7 +80,8 @@ def loop_of(settings: Settings, start: Start) -> Loop:
     if settings.estimator == "own":
         return loop
     loop = loop.assign(estimator=settings.estimator, **_learning(settings))
-    return loop.assign(**{name: PARAMETERS[name].default for name in unread_values(loop)})
+    unread: dict[str, Any] = {name: PARAMETERS[name].default for name in unread_values(loop)}
+    return loop.assign(**unread)
 
 
 def _valve(settings: Settings, start: Start) -> dict[str, Scalar]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,7 @@ _HELD, _MOVES = 2e-3, 0.25
 """A command that changes by more than the first in more than this share of the samples moves between them, too."""
 _INPUTS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
 _LONGEST = 60 * 86400
-_NEUTRAL = {"noise_std": 0.0, "sensor_resolution": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0,
+_NEUTRAL: dict[str, Any] = {"noise_std": 0.0, "sensor_resolution": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0,
             "estimator": "none", "law": "pi"}  # fmt: skip
 """What a loop may have and an emulator in open loop does not use."""
 
