@@ -8,9 +8,7 @@ opened here is left to the garbage collector, which takes no lock.
 from __future__ import annotations
 
 import os
-import threading
-from collections import deque
-from collections.abc import Callable, Collection, Hashable, Iterator
+from collections.abc import Collection, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -27,42 +25,22 @@ COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True
 LARGE = 64
 """Values; a variable with more is compressed."""
 AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
-Source = str | Path | bytes | Callable[[], netCDF4.Dataset]
-"""A file: its name, its bytes, or what opens it, called inside."""
-left_open: deque[netCDF4.Dataset] = deque()
-"""Files that nobody reads any more; whoever enters next closes them."""
 abandoned: list[netCDF4.Dataset] = []
 """Files that could not be written or closed, for a disk was full, say: in closing them the library may crash, and the
 garbage collector would try it."""
 
-
-_forking: set[int] = set()
-"""The thread that has entered in order to fork."""
-
-
-def _enter_to_fork() -> None:
-    NETCDF4_PYTHON_LOCK.acquire()
-    _forking.add(threading.get_ident())
-
-
-def _leave_after_fork() -> None:
-    # not of a thread that began to fork before this file was loaded
-    if threading.get_ident() in _forking:
-        _forking.clear()
-        NETCDF4_PYTHON_LOCK.release()
-
-
 # a child of a fork inherits the lock as it is: no thread may be inside then
-os.register_at_fork(before=_enter_to_fork, after_in_parent=_leave_after_fork, after_in_child=_leave_after_fork)
+os.register_at_fork(
+    before=NETCDF4_PYTHON_LOCK.acquire,
+    after_in_parent=NETCDF4_PYTHON_LOCK.release,
+    after_in_child=NETCDF4_PYTHON_LOCK.release,
+)
 
 
 @contextmanager
 def entered() -> Iterator[None]:
     """Enter the library: no other thread is in it."""
     with NETCDF4_PYTHON_LOCK:
-        while left_open:
-            with suppress(OSError, RuntimeError):  # of a file that was only read
-                close(left_open.popleft())
         yield
 
 
@@ -109,7 +87,7 @@ def parse(source: str | Path | bytes) -> netCDF4.Dataset:
     return netCDF4.Dataset("in memory", memory=source)
 
 
-def load(source: Source, leave_out: Collection[str] = ()) -> xr.Dataset:
+def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:
     """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything.
 
     Raises
@@ -117,29 +95,15 @@ def load(source: Source, leave_out: Collection[str] = ()) -> xr.Dataset:
     MemoryError
         If it takes more than is available: a small file may hold a large array of one value.
     """
-    with _opened(source, leave_out) as ds:
-        if ds.nbytes > available_memory():
-            raise MemoryError(f"its values take {gib(ds.nbytes)}, {gib(available_memory())} are available")
-        return with_times(ds.load())
-
-
-def outline(source: Source) -> xr.Dataset:
-    """The variables of a file as ``parse`` opens it; only coordinates have values."""
-    with _opened(source) as ds:
-        for coordinate in ds.coords.values():
-            coordinate.load()
-        return with_times(ds)
-
-
-@contextmanager
-def _opened(source: Source, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
     with entered():
-        file = source() if callable(source) else parse(source)
+        file = parse(source)
         try:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
             ds = xr.open_dataset(stored, drop_variables=list(leave_out), **AS_STORED)
-            ds.set_close(None)  # whoever gets it finds the file closed
-            yield ds
+            ds.set_close(None)  # the caller gets it with the file closed
+            if ds.nbytes > available_memory():
+                raise MemoryError(f"its values take {gib(ds.nbytes)}, {gib(available_memory())} are available")
+            return with_times(ds.load())
         finally:
             close(file)
 

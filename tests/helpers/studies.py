@@ -149,15 +149,14 @@ def resume(folder: Path, text: str = PLAIN, **options: Any) -> list[str]:
     return [str(w.message) for w in warned]
 
 
-def as_version_0_1(folder: Path) -> None:
-    """Turn a folder into one of version 0.1: without hashes, traces known only by their file."""
+def without_hashes(folder: Path) -> None:
+    """Take the recorded hashes of its files out of a folder, as if ``run.json`` had been lost and written anew."""
     path = folder / "run.json"
     found = json.loads(path.read_text())
     identity = ("study_sha256", "boundary_sha256", "model_sha256", "relative_to")
     path.write_text(json.dumps({name: found[name] for name in identity} | {"format": 1}))
-    ds = netcdf.load(str(folder / "results.nc")).drop_vars(["elapsed_time", "volume"], errors="ignore")
-    for name in ("trace_layout", "computed_on"):
-        ds.attrs.pop(name, None)
+    ds = netcdf.load(str(folder / "results.nc"))
+    ds.attrs.pop("computed_on", None)
     netcdf.save(ds, folder / "results.nc")
 
 

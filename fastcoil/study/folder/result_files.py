@@ -21,7 +21,7 @@ from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, Stor
 from fastcoil.base.files import commit_written, exists
 from fastcoil.loops.netcdf import CLOCK, write
 from fastcoil.loops.provenance import FORMAT, combined_sha256, environments_of, variable_sha256
-from fastcoil.loops.stored_file import StoredFile, file_sha256, layout_of, open_lazily, try_reading
+from fastcoil.loops.stored_file import StoredFile, file_sha256, open_lazily, try_reading
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.folder.manifest import Manifest
@@ -179,15 +179,9 @@ def add_traces(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> xr.Da
     file = trace_file(ds, folder, manifest)
     if file is None:
         return ds
-    file.hold()
-    if "trace_layout" in ds.attrs:
-        traces = open_lazily(file, json.loads(ds.attrs["trace_layout"]))
-    else:  # of version 0.1
-        outline = file.outline()
-        layout = layout_of((str(name), variable.variable) for name, variable in outline.data_vars.items())
-        traces = open_lazily(file, layout).assign_coords(outline.coords)
-    close, opened = traces.close, ds.assign(traces.data_vars).assign_coords(traces.coords)
-    opened.set_close(close)
+    file.identity()  # it is there
+    traces = open_lazily(file, json.loads(ds.attrs["trace_layout"]))
+    opened = ds.assign(traces.data_vars)
     if manifest is None or not manifest.outputs.get(file.path.name):
         sha256 = file.check()
         problems = [] if sha256 in _sound else find_variable_problems(opened, file.path)

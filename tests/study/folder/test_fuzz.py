@@ -10,7 +10,7 @@ import warnings
 import numpy as np
 import pytest
 from helpers.damage import damaged, edited
-from helpers.studies import DAYS, TRACED, as_version_0_1, golden, run, run_until_interrupted
+from helpers.studies import DAYS, TRACED, golden, run, run_until_interrupted, without_hashes
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
@@ -34,8 +34,8 @@ def originals(tmp_path_factory):
     with fc.open_study(place / "finished") as ds:
         right = ds.load()
     run_until_interrupted(TRACED, place / "unfinished", DAYS - 1)
-    shutil.copytree(place / "finished", place / "of 0.1")
-    as_version_0_1(place / "of 0.1")
+    shutil.copytree(place / "finished", place / "without hashes")
+    without_hashes(place / "without hashes")
     return place, right
 
 
@@ -67,7 +67,7 @@ def outcome(what):
 
 def forget():
     """What this process knows of files: they are written faster than the clock of the file system runs."""
-    stored_file._hashes.clear()
+    stored_file._sha256_of.cache_clear()
     trial._passed.clear()
     final._sound.clear()
 
@@ -115,7 +115,7 @@ def test_damage_gives_the_right_numbers_or_a_sentence(originals, out, kind, time
 
 def test_damage_without_recorded_hashes_gives_the_right_numbers_or_a_sentence(originals, out, monkeypatch):
     monkeypatch.setattr(trial, "_SECONDS", 5)
-    ordeals(originals, out, "of 0.1", range(2))
+    ordeals(originals, out, "without hashes", range(2))
 
 
 @pytest.mark.full
@@ -127,4 +127,4 @@ def test_very_much_damage(originals, out, kind, times):
 @pytest.mark.full
 def test_very_much_damage_without_recorded_hashes(originals, out, monkeypatch):
     monkeypatch.setattr(trial, "_SECONDS", 5)
-    ordeals(originals, out, "of 0.1", range(2, 100))
+    ordeals(originals, out, "without hashes", range(2, 100))

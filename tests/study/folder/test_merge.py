@@ -38,14 +38,16 @@ def test_shards_lost_before_the_merge_make_no_finished_result(out, monkeypatch, 
     resume(out, text)
 
 
-def test_a_reader_of_results_keeps_its_data_while_an_extension_replaces_them(out):
+def test_a_reader_of_results_keeps_its_metrics_while_an_extension_replaces_them(out):
     copied(TRACED, out)
     with fc.open_study(out) as old, xr.open_dataset(out / "results.nc") as raw:
         assert run(larger(TRACED), out, extend=True) == golden(larger(TRACED))
         assert old["T_sup"].sizes["backlash"] == raw["rmse"].sizes["backlash"] == 2
         with fc.open_study(out) as new:
             assert raw["rmse"].equals(new["rmse"].sel(backlash=raw["backlash"]))
-            assert old["T_sup"].equals(new["T_sup"].sel(backlash=old["backlash"]))
+            assert old["rmse"].equals(new["rmse"].sel(backlash=old["backlash"]))
+        with pytest.raises(IntegrityError, match="is missing, open the study again or delete"):
+            old["T_sup"].load()
 
 
 @pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])

@@ -11,11 +11,12 @@ import stat
 import netCDF4
 import pytest
 from click.testing import CliRunner
-from helpers.studies import DAYS, PLAIN, TRACED, as_version_0_1, contents, copied, larger, resume, run, verify
+from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, larger, resume, run, verify, without_hashes
 
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError
 from fastcoil.cli.main import main
+from fastcoil.loops import stored_file
 from fastcoil.study import maintenance
 from fastcoil.study.folder.results import open_study
 from fastcoil.study.folder.shards import Shards
@@ -139,7 +140,7 @@ def test_a_file_that_a_finished_study_must_have_is_missed(out, name):
 
 def test_a_finished_study_of_version_0_1_without_its_results_is_not_sound(out):
     copied(PLAIN, out)
-    as_version_0_1(out)
+    without_hashes(out)
     assert verify(out) == []
     (out / "results.nc").unlink()
     assert "results.nc is missing" in verify(out)[0]
@@ -175,12 +176,12 @@ def test_a_folder_with_the_name_of_traces_is_found_while_the_study_is_unfinished
 def test_results_that_cannot_be_read_are_no_damage(out, monkeypatch):
     copied(PLAIN, out)
 
-    def closed(path, *rest, plain=os.open, **options):
+    def closed(path, *rest, plain=open, **options):
         if str(path).endswith("results.nc"):
             raise OSError(errno.EACCES, os.strerror(errno.EACCES))
         return plain(path, *rest, **options)
 
-    monkeypatch.setattr(os, "open", closed)
+    monkeypatch.setattr(stored_file, "open", closed, raising=False)
     done = CliRunner().invoke(main, ["verify", str(out)])
     assert done.exit_code == 4, done.output
     assert "cannot be read: Permission denied; check its permissions" in done.output
