@@ -98,7 +98,7 @@ def number(root: Path, mark: str) -> str:
         return _group(column, text.splitlines()[0])
     found = _fitting(list(rows(text)), row)
     columns = _named(column, found[0]) if found else []
-    forms = [] if not forms else [forms[0]] if forms[0].startswith("of ") else forms[0].split(", ")
+    forms = forms[0].split(", ") if forms else []
     if len(columns) != 1 or (len(found) != 1 and "range" not in forms):
         raise ValueError(f"{mark!r}: {len(found)} rows and {len(columns)} columns fit")
     cells = [cells[columns[0]] for cells in found]
