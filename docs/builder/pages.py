@@ -34,6 +34,11 @@ MOVED = {
     **dict.fromkeys(("hunting", "limit-cycles"), "findings/hunting"),
     **dict.fromkeys(("remedies", "buffer"), "findings/remedies"),
     **{name: f"findings/{name}" for name in ("learning", "wear", "heating", "numerics", "cost", "paper", "tuning")},
+    **dict.fromkeys(("days", "operation"), "years"),
+    **dict.fromkeys(("notebooks", "tables"), "python"),
+    **dict.fromkeys(("diagnosis", "own-ahu"), "logs"),
+    **{"linearise": "explain", "extending": "own-rule", "explore": "first-steps"},
+    **{"equations": "model", "decisions": "promises", "trust": "clusters"},
 }
 """Former page → page that has its content now; the former address leads there."""
 GALLERY = "docs/gallery"

@@ -19,21 +19,14 @@ RUN_IN_ORDER = {"python", "toml", "sh", "text"}
 """Kinds of blocks that ``test_pages`` runs, or compares with what is printed, on every page with Python."""
 ELSEWHERE = {
     ("README.md", "console"): "what it prints is compared with the page on diagnosis, in test_pages",
-    (
-        "docs/clusters.md",
-        "sh",
-    ): "starts clusters for a long study: names and options are checked, here and in test_pages",
-    ("docs/equations.md", "math"): "drawn when the site is built",
-    (
-        "docs/explore.md",
-        "sh",
-    ): "opens a page and waits: tests/deliver/explore do that; options are checked in test_pages",
-    ("docs/extending.md", "diff"): "applied and tried in test_extending",
+    ("docs/clusters.md", "sh"): "needs a network: names and options are checked, here and in test_pages",
+    ("docs/model.md", "math"): "drawn when the site is built",
+    ("docs/first-steps.md", "console"): "opens a page and waits: tests/deliver/explore do that",
+    ("docs/own-rule.md", "diff"): "applied and tried in test_extending",
     ("docs/hand-over.md", "console"): "run below, with a compiler",
     ("docs/findings/paper.md", "sh"): "minutes of simulation: tests/study/paper runs it in parts",
-    ("docs/trust.md", "sh"): "needs certificates and a network: names and options are checked, here and in test_pages",
-    ("docs/trust.md", "text"): "compared below",
-    ("docs/trust.md", "yaml"): "its settings are looked up below",
+    ("docs/clusters.md", "text"): "compared below",
+    ("docs/clusters.md", "yaml"): "its settings are looked up below",
 }
 
 
@@ -51,13 +44,12 @@ def named(page, kind):
     return [text for _, text in blocks(path, kind)]
 
 
-@pytest.mark.parametrize("page", ["clusters.md", "trust.md"])
-def test_the_options_of_dask_exist(page):
+def test_the_options_of_dask_exist():
     cli = pytest.importorskip("distributed.cli", reason="dask is an extra")
     from distributed.cli import dask_scheduler, dask_worker
 
     assert cli
-    given = [words for text in named(page, "sh") for words in commands(text) if words[0] == "dask"]
+    given = [words for text in named("clusters.md", "sh") for words in commands(text) if words[0] == "dask"]
     assert {words[1] for words in given} == {"scheduler", "worker"}
     for _, name, *words in given:
         command = dask_scheduler.main if name == "scheduler" else dask_worker.main
@@ -76,7 +68,7 @@ def test_the_settings_of_dask_exist():
     yaml = pytest.importorskip("yaml", reason="dask is an extra")
     dask = pytest.importorskip("dask", reason="dask is an extra")
     pytest.importorskip("distributed", reason="dask is an extra")
-    (text,) = named("trust.md", "yaml")
+    (text,) = named("clusters.md", "yaml")
     known = {path for settings in dask.config.defaults for path in paths(settings)}
     assert set(paths(yaml.safe_load(text))) <= known
 
@@ -85,7 +77,7 @@ def test_a_study_says_whose_code_it_runs(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("def overshoot(traces):\n    return traces.max('elapsed_time')\n")
     (tmp_path / "mine.toml").write_text('[loop]\n[run]\ntraces = ["T_sup"]\nreduce = "mine:overshoot"\n')
     monkeypatch.chdir(tmp_path)
-    (shown,) = named("trust.md", "text")
+    (shown,) = named("clusters.md", "text")
     said = CliRunner().invoke(main, ["plan", "mine.toml"]).output
     assert shown.strip().replace("/home/you/studies", str(tmp_path)) in said
 

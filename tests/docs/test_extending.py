@@ -1,4 +1,4 @@
-"""The example of ``docs/extending.md`` fits the sources, and works."""
+"""The example of ``docs/own-rule.md`` fits the sources, and works."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 import fastcoil as fc
 
 PACKAGE = Path(fc.__file__).parent
-PAGE = PACKAGE.parent / "docs" / "extending.md"
+PAGE = PACKAGE.parent / "docs" / "own-rule.md"
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def extended(tmp_path):
         old = "".join(f"{text}\n" for sign, text in lines if sign != "+")
         new = "".join(f"{text}\n" for sign, text in lines if sign != "-")
         path = tmp_path / name
-        assert path.read_text().count(old) == 1, f"{name} has changed: change docs/extending.md with it"
+        assert path.read_text().count(old) == 1, f"{name} has changed: change docs/own-rule.md with it"
         path.write_text(path.read_text().replace(old, new))
     return tmp_path
 

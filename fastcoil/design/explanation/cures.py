@@ -18,7 +18,7 @@ AS_IS, LOWER_KP, LONGER_TI, SIMC, DEAD_BAND, INVERSE, BOTH, REPAIRED = (
 )  # fmt: skip
 TUNINGS = (LOWER_KP, LONGER_TI, SIMC)
 INVERSE_SHARE, BUFFER_RATIO, BUFFER_SWING = 0.95, 6.0, 0.1
-"""Of an inverse with a buffer that goes with the noise; K of the last: what docs/remedies.md recommends."""
+"""Of an inverse with a buffer that goes with the noise; K of the last: what docs/findings/remedies.md recommends."""
 LEAST_GAIN = 0.2
 """Smallest plant gain that the buffer may reckon with, K per stroke: the buffer has to stay below 1."""
 DEAD_BAND_WIDTHS = (0.1, 0.5)
