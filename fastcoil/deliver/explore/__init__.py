@@ -1,4 +1,6 @@
-"""A local page to play with one loop.
+"""A local page to play with one loop, in reading order.
 
-``model``: settings in, numbers and sentences out; ``view``: figures and controls; ``server``: the page on this machine.
+``settings``: what can be moved, and the loops to start from.  ``loop``: settings in, traces, metrics and predictions
+out.  ``words``: what is seen, in sentences, as Python and as a study file.  ``figures`` and ``page``: the Bokeh page.
+``server``: one session per reader, on this machine alone.
 """

@@ -1,9 +1,4 @@
-"""Large type and few colours, for all figures of the page.
-
-The figures of the page, empty, and how they are filled.
-
-The map: a coloured cell for every loop, and where this one lies.
-"""
+"""The figures of the page: empty at first, then filled with a loop or a map; large type and few colours."""
 
 from __future__ import annotations
 
@@ -33,22 +28,23 @@ for (const [model, name] of letters) model[name] = size
 """JavaScript: all letters as large as those of the page."""
 
 
-def plain() -> dict[str, Any]:
-    """Of every figure: it fills its place, and there is nothing to click by mistake."""
-    return {"sizing_mode": "stretch_both", "toolbar_location": None, "tools": "", "min_height": 60, "min_width": 120}
+def _figure(name: str, x_range: Range1d, y_range: Range1d, **options: Any) -> Any:
+    """A figure that fills its place, without tools that could be clicked by mistake."""
+    return figure(
+        name=name, x_range=x_range, y_range=y_range, sizing_mode="stretch_both", toolbar_location=None, tools="",
+        min_height=60, min_width=120, **options,
+    )  # fmt: skip
 
 
 def text(fig: Any) -> Any:
     """A figure with letters that the last row can read."""
-    fig.title.text_font_size = MARK
-    fig.title.text_color = INK
+    fig.title.update(text_font_size=MARK, text_color=INK)
     for axis in fig.axis:
-        axis.axis_label_text_font_size = MARK
-        axis.axis_label_text_font_style = "normal"
-        axis.axis_label_standoff = 4
-        axis.major_label_text_font_size = MARK
-        axis.axis_label_text_color = axis.major_label_text_color = INK
-        axis.minor_tick_line_color = None
+        axis.update(
+            axis_label_text_font_size=MARK, axis_label_text_font_style="normal", axis_label_standoff=4,
+            axis_label_text_color=INK, major_label_text_font_size=MARK, major_label_text_color=INK,
+            minor_tick_line_color=None,
+        )  # fmt: skip
     fig.outline_line_color = None
     fig.grid.grid_line_alpha = 0.5
     return fig
@@ -58,11 +54,10 @@ def legend(fig: Any) -> Any:
     """A figure with its legend in a row above it."""
     box = fig.legend[0]
     fig.add_layout(box, "above")
-    box.orientation = "horizontal"
-    box.label_text_font_size = MARK
-    box.label_text_color = INK
-    box.border_line_color = None
-    box.padding, box.margin, box.spacing, box.glyph_width = 0, 2, 14, 24
+    box.update(
+        orientation="horizontal", label_text_font_size=MARK, label_text_color=INK, border_line_color=None, padding=0,
+        margin=2, spacing=14, glyph_width=24,
+    )  # fmt: skip
     return fig
 
 
@@ -126,8 +121,8 @@ class Figures(NamedTuple):
             "backlash": backlash,
         }
         self.play.data = _play(run.parameter("backlash"))
-        margin = float(np.clip(np.nan_to_num(run.foretold.margin), *_MARKED))
-        self.point.data = {"margin": [] if run.foretold.doubt else [margin], "at": [] if run.foretold.doubt else [0]}
+        margin = float(np.clip(np.nan_to_num(run.predicted.margin), *_MARKED))
+        self.point.data = {"margin": [] if run.predicted.doubt else [margin], "at": [] if run.predicted.doubt else [0]}
         self.temperature.x_range.update(start=float(run.hours[first]), end=float(run.hours[-1]))
         self.estimate.visible = run.learns
         senses = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
@@ -180,10 +175,7 @@ def figures() -> Figures:
 
 
 def _temperature(traces: ColumnDataSource, hours: Range1d) -> Any:
-    fig = figure(
-        name="temperature", x_range=hours, y_range=Range1d(12.0, 16.0), y_axis_label="temperature [°C]",
-        **plain(),
-    )  # fmt: skip
+    fig = _figure("temperature", hours, Range1d(12.0, 16.0), y_axis_label="temperature [°C]")
     measured = fig.line("hours", "T_measured", source=traces, color=_GREY, width=1, legend_label="sensor")
     measured.name = "measured"
     fig.line("hours", "T_set", source=traces, color=INK, width=2, dash=[8, 4], legend_label="set-point")
@@ -192,10 +184,7 @@ def _temperature(traces: ColumnDataSource, hours: Range1d) -> Any:
 
 
 def _opening(traces: ColumnDataSource, hours: Range1d) -> Any:
-    fig = figure(
-        name="opening", x_range=hours, y_range=Range1d(0.0, 100.0), x_axis_label="time [h]",
-        y_axis_label="valve [%]", **plain(),
-    )  # fmt: skip
+    fig = _figure("opening", hours, Range1d(0.0, 100.0), x_axis_label="time [h]", y_axis_label="valve [%]")
     asked = fig.step(
         "hours", "u", source=traces, color=INK, width=1.5, dash=[2, 3], mode="after", legend_label="PI asks"
     )
@@ -206,10 +195,7 @@ def _opening(traces: ColumnDataSource, hours: Range1d) -> Any:
 
 
 def _estimate(traces: ColumnDataSource, hours: Range1d) -> Any:
-    fig = figure(
-        name="estimate", x_range=hours, y_range=Range1d(0.0, 8.0), x_axis_label="time [h]",
-        y_axis_label="gap [%]", visible=False, **plain(),
-    )  # fmt: skip
+    fig = _figure("estimate", hours, Range1d(0.0, 8.0), x_axis_label="time [h]", y_axis_label="gap [%]", visible=False)
     fig.line("hours", "backlash", source=traces, color=INK, width=2, dash=[8, 4], legend_label="gap")
     fig.step("hours", "estimate", source=traces, color=RED, width=LINE, mode="after", legend_label="estimate")
     fig.yaxis.ticker.desired_num_ticks = 3
@@ -217,10 +203,8 @@ def _estimate(traces: ColumnDataSource, hours: Range1d) -> Any:
 
 
 def _gap(traces: ColumnDataSource, play: ColumnDataSource) -> Any:
-    fig = figure(
-        name="gap", x_range=Range1d(0.0, 100.0), y_range=Range1d(0.0, 100.0), x_axis_label="command [%]",
-        y_axis_label="opening [%]", **plain(),
-    )  # fmt: skip
+    whole = (Range1d(0.0, 100.0), Range1d(0.0, 100.0))
+    fig = _figure("gap", *whole, x_axis_label="command [%]", y_axis_label="opening [%]")
     fig.line("command", "opening", source=play, color=_GREY, width=1.5, dash=[4, 4], legend_label="edges")
     fig.line("command", "opening", source=traces, color=RED, width=1.5, legend_label="over command")
     asked = fig.line("u", "opening", source=traces, color=BLUE, width=LINE, legend_label="over what PI asks")
@@ -229,16 +213,12 @@ def _gap(traces: ColumnDataSource, play: ColumnDataSource) -> Any:
 
 
 def _margin(point: ColumnDataSource) -> Any:
-    fig = figure(
-        name="margin", x_axis_type="log", x_range=Range1d(*_MARGINS), y_range=Range1d(-1.0, 1.0),
-        title="Margin, foretold by theory", **plain(),
-    )  # fmt: skip
-    fig.add_layout(
-        BoxAnnotation(
-            left=UNSURE[0], right=UNSURE[1], fill_color=SHADE, fill_alpha=0.5, line_alpha=0.0, level="underlay"
-        )
+    fig = _figure(
+        "margin", Range1d(*_MARGINS), Range1d(-1.0, 1.0), x_axis_type="log", title="Margin, predicted by theory"
     )
-    fig.add_layout(BoxAnnotation(left=UNSURE[1], fill_color=YELLOW, fill_alpha=0.5, line_alpha=0.0, level="underlay"))
+    band: Any = {"fill_alpha": 0.5, "line_alpha": 0.0, "level": "underlay"}
+    fig.add_layout(BoxAnnotation(left=UNSURE[0], right=UNSURE[1], fill_color=SHADE, **band))
+    fig.add_layout(BoxAnnotation(left=UNSURE[1], fill_color=YELLOW, **band))
     fig.add_layout(Span(location=HUNTS_ABOVE, dimension="height", line_color=INK, line_dash=[6, 4], line_width=2))
     fig.text([0.15, 7.0], [-0.35, -0.35], text=["calm", "hunts"], text_align="center", text_font_size=MARK)
     fig.scatter("margin", "at", source=point, marker="diamond", size=26, color=BLUE, line_color="white")
@@ -322,7 +302,7 @@ def map_figure(on_tap: Callable[[int, int], None]) -> MapFigure:
     """Make it.  on_tap: called with the cell that somebody clicks, x first."""
     cells = ColumnDataSource({name: [] for name in ("x", "y", "value", "at_x", "at_y")}, name="cells")
     point = ColumnDataSource({"x": [], "y": []}, name="here")
-    fig = figure(name="map", x_range=Range1d(-0.5, 15.5), y_range=Range1d(-0.5, 11.5), title="Map", **plain())
+    fig = _figure("map", Range1d(-0.5, 15.5), Range1d(-0.5, 11.5), title="Map: click to move the ring")
     colours = LinearColorMapper(Cividis256, low=0.0, high=MOST["tuning"]["rmse"], nan_color=_FAILED)
     drawn = fig.rect(
         "x", "y", 1.0, 1.0, source=cells, fill_color={"field": "value", "transform": colours}, line_color=None
@@ -340,5 +320,4 @@ def map_figure(on_tap: Callable[[int, int], None]) -> MapFigure:
     fig.on_event(Tap, lambda event: on_tap(round(event.x), round(event.y)))
     text(fig)
     fig.grid.visible = False
-    fig.title.text = "Map: click to move the ring"
     return MapFigure(fig, cells, point, colours, bar)

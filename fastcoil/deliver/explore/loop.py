@@ -1,11 +1,4 @@
-"""From settings to a loop and a day: what is simulated.
-
-One loop simulated and foretold: the traces, and the same loop without its gap and without its inverse.
-
-The map: one sweep of the kernel around the loop.
-
-Settings in, everything that the page shows out; asked again, at no cost.
-"""
+"""Settings in; traces, metrics, predictions and a map of the loop out.  Repeated requests cost nothing."""
 
 from __future__ import annotations
 
@@ -19,7 +12,17 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.explore.settings import GIVEN, STORIES, Settings, Start, estimator_of, settings_of, starts, told
+from fastcoil.deliver.explore.settings import (
+    DIALS,
+    GIVEN,
+    STORIES,
+    Settings,
+    Start,
+    estimator_of,
+    settings_of,
+    settings_of_story,
+    starts,
+)
 from fastcoil.design.theory.limit_cycle import limit_cycle
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import W_IN, constant_day, design_day, heating_day, paper_day
@@ -39,14 +42,11 @@ _HEATING_AIR, _HEATING_SET_POINT = 12.0, 25.0  # degC, the means of ``heating_da
 
 
 _MAKERS: Mapping[str, Callable[..., Boundary]] = {
-    "paper_day": paper_day,
-    "heating_day": heating_day,
-    "constant_day": constant_day,
-    "design_day": design_day,
+    maker.__name__: maker for maker in (paper_day, heating_day, constant_day, design_day)
 }
 
 
-class Day(NamedTuple):
+class DayCall(NamedTuple):
     """A day by the function of fastcoil that makes it, and its arguments."""
 
     maker: str
@@ -72,10 +72,7 @@ def scene_of(settings: Settings, start: Start) -> Scene:
 
 def loop_of(settings: Settings, start: Start) -> Loop:
     """The loop of some settings."""
-    numbers: dict[str, Scalar] = {
-        name: getattr(settings, name)
-        for name in ("backlash", "backlash_estimate", "kp", "ti", "noise_std", "stroke_time")
-    }
+    numbers: dict[str, Scalar] = {name: getattr(settings, name) for name in DIALS if name != "m_a"}
     loop = start.loop.assign(**numbers, **_valve(settings, start))
     if settings.estimator == "own":
         return loop
@@ -100,19 +97,19 @@ def _learning(settings: Settings) -> dict[str, Scalar]:
     return {}
 
 
-def day_of(settings: Settings, start: Start) -> Day | None:
+def day_of(settings: Settings, start: Start) -> DayCall | None:
     """The day of some settings; None for that of the loop."""
     if settings.day == "own":
         return None
     if settings.day == "steps":
-        return Day("heating_day", {"T_w_in": start.T_w_in}) if start.heats else Day("paper_day", {})
+        return DayCall("heating_day", {"T_w_in": start.T_w_in}) if start.heats else DayCall("paper_day", {})
     load = {"m_a": settings.m_a}
     if settings.day == "design":
-        return Day("design_day", {"mode": "heating", "T_w_in": start.T_w_in} | load if start.heats else load)
+        return DayCall("design_day", {"mode": "heating", "T_w_in": start.T_w_in} | load if start.heats else load)
     if start.heats:
         air = {"T_a_in": _HEATING_AIR, "W_a_in": W_IN, "T_w_in": start.T_w_in, "T_set": _HEATING_SET_POINT}
-        return Day("constant_day", air | load)
-    return Day("constant_day", load)
+        return DayCall("constant_day", air | load)
+    return DayCall("constant_day", load)
 
 
 @lru_cache(maxsize=64)
@@ -128,7 +125,7 @@ NOW, NO_GAP, PLAIN = range(3)
 _OF_A_GAP = ("backlash", "slip_jump", "wear_rate")
 
 
-class Foretold(NamedTuple):
+class Prediction(NamedTuple):
     """What theory says of a loop in the mean conditions of its day; doubt: why it says nothing, else empty.
 
     swing: peak to peak, K.  period: s.  Both are NaN where it does not hunt.
@@ -151,7 +148,7 @@ class Run(NamedTuple):
     hours: Array
     traces: Mapping[str, Array]
     metrics: xr.Dataset
-    foretold: Foretold
+    predicted: Prediction
 
     def value(self, metric: str, case: int = NOW) -> float:
         """A metric of a case."""
@@ -188,7 +185,7 @@ def run(scene: Scene) -> Run:
     T_set = scene.day.series["T_set"][0][::EVERY]
     traces = {name: now[name].values for name in TRACES} | {"T_set": T_set}
     metrics = ds.drop_vars(TRACES)
-    return Run(scene, ds["elapsed_time"].values / 3600.0, traces, metrics, foretell(scene))
+    return Run(scene, ds["elapsed_time"].values / 3600.0, traces, metrics, predict(scene))
 
 
 def _cases(loop: Loop) -> dict[str, tuple[str, list[Scalar]]]:
@@ -204,20 +201,16 @@ def _cases(loop: Loop) -> dict[str, tuple[str, list[Scalar]]]:
     return found
 
 
-def foretell(scene: Scene) -> Foretold:
+def predict(scene: Scene) -> Prediction:
     """What theory says in the mean conditions of the day."""
     try:
         found = limit_cycle(scene.loop, scene.day)
     except InputError as error:
         # behind the first colon stands the reason, behind the second what to do about it in Python
         parts = error.problems[0].split(": ")
-        return Foretold(doubt=parts[1] if len(parts) > 1 else parts[0])
-    return Foretold(
-        float(found["margin"]),
-        bool(found["hunts"] > 0),
-        2.0 * float(found["amplitude"]),
-        float(found["period"]),
-    )
+        return Prediction(doubt=parts[1] if len(parts) > 1 else parts[0])
+    margin, amplitude, period = (float(found[name]) for name in ("margin", "amplitude", "period"))
+    return Prediction(margin, bool(found["hunts"] > 0), 2.0 * amplitude, period)
 
 
 METRICS = ("rmse", "hunting_swing")
@@ -291,7 +284,7 @@ class Model:
         return settings_of(self.first, self.starts[self.first])
 
     def run(self, settings: Settings) -> Run:
-        """The loop of some settings, simulated and foretold."""
+        """The loop of some settings, simulated and predicted."""
         return self._run(settings.turned(axes="tuning", colour="rmse", window="day"))
 
     def map(self, settings: Settings) -> Map:
@@ -301,7 +294,7 @@ class Model:
     def prepare(self) -> None:
         """Compile the kernel, and have what the page shows first and its stories ready."""
         compile_kernel()
-        for settings in (self.usual, *(told(story, self.starts) for story in STORIES)):
+        for settings in (self.usual, *(settings_of_story(story, self.starts) for story in STORIES)):
             # a loop that cannot be simulated is refused on the page
             with suppress(InputError):
                 self.run(settings)

@@ -143,8 +143,8 @@ _AT_ONCE = "document.body.dataset.phase = 'loop'"
 _COPY = """
 const of = {link: () => location.href, python: () => texts.data.python[0]}
 navigator.clipboard.writeText(of[what]()).then(
-    () => { document.getElementById('told').textContent = said },
-    () => { document.getElementById('told').textContent = 'The browser does not let this page copy.' })
+    () => { document.getElementById('said').textContent = said },
+    () => { document.getElementById('said').textContent = 'The browser does not let this page copy.' })
 """
 _DOWNLOAD = """
 const link = document.createElement('a')
@@ -152,7 +152,7 @@ link.href = URL.createObjectURL(new Blob([texts.data.toml[0]], {type: 'text/plai
 link.download = 'loop.toml'
 link.click()
 URL.revokeObjectURL(link.href)
-document.getElementById('told').textContent = 'Saved as loop.toml: fastcoil run loop.toml'
+document.getElementById('said').textContent = 'Saved as loop.toml: fastcoil run loop.toml'
 """
 _LOST = """
 document.getElementById('headline').textContent =

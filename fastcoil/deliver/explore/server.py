@@ -1,7 +1,4 @@
-"""One session: a reader moves things, the page follows, and says so while it does not.
-
-The server: one page, for this machine alone.
-"""
+"""The server: one page, for this machine alone, and a session for each reader."""
 
 from __future__ import annotations
 
@@ -28,7 +25,7 @@ from tornado.routing import Matcher, Rule, RuleRouter
 from fastcoil.base.errors import InputError, StorageError
 from fastcoil.deliver.explore.loop import AXES, Map, Model
 from fastcoil.deliver.explore.page import Page
-from fastcoil.deliver.explore.settings import STORIES, Settings, Value, read_query, settings_of, told
+from fastcoil.deliver.explore.settings import STORIES, Settings, Value, read_query, settings_of, settings_of_story
 from fastcoil.model.numerics.jit import is_compiled
 
 REFUSED = "This loop cannot be simulated."
@@ -71,7 +68,7 @@ class Session:
             self._doc.add_next_tick_callback(self._work)
 
     def _tell(self, number: int) -> None:
-        self.move(told(STORIES[number], self._model.starts))
+        self.move(settings_of_story(STORIES[number], self._model.starts))
 
     def _go(self, i: int, j: int) -> None:
         """To a cell of the map."""
@@ -183,7 +180,7 @@ def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
 async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     listening = _bound(port)
     port = listening.getsockname()[1]
-    # a stranger who knocks, and a reader who leaves, are nothing to be told about
+    # foreign connections, and readers who leave, are no errors
     for name in ("tornado.access", "bokeh"):
         logging.getLogger(name).setLevel(logging.ERROR)
     # no environment variable opens the page to others, or has it loaded from elsewhere

@@ -1,9 +1,4 @@
-"""Loops to start from: every preset, and the one that was given.
-
-The settings of the page: every number and word that can be moved, with its limits.
-
-Stories to begin with: settings that show one thing each.
-"""
+"""The settings of the page: every number and word that can be moved, the loops to start from, and stories."""
 
 from __future__ import annotations
 
@@ -135,16 +130,12 @@ CHOICES = {
             "Learning",
             {"none": "none", "learner": "learner", "identify": "identify", "own": "of the loop"},
         ),
-        Choice(
-            "day",
-            "Day",
-            {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"},
-        ),
+        Choice("day", "Day", {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"}),
         Choice("axes", "Map over", {"tuning": "Kp and Ti", "size": "gap and estimate"}),
         Choice("colour", "Colour", {"rmse": "RMS error", "hunting_swing": "hunting swing"}),
         Choice("window", "Time shown", {"day": "whole day", "2h": "2 h", "half": "30 min"}),
     )
-}
+}  # fmt: skip
 STEADY_LOAD = {"cooling": 1.15, "heating": 0.9}
 """Air flow of the days on which nothing happens, kg/s."""
 
@@ -251,11 +242,11 @@ def _value(name: str, text: str, usual: Settings, start: Start) -> Value:
 
 
 ON = "paper_like"
-"""The loop that the stories are told of."""
+"""The loop of all stories."""
 
 
 class Story(NamedTuple):
-    """A story: what its button says, and what differs from ``ON``."""
+    """Settings that show one thing: what their button says, and what differs from ``ON``."""
 
     title: str
     values: Mapping[str, Value]
@@ -271,6 +262,6 @@ STORIES = (
 )
 
 
-def told(story: Story, starts: Mapping[str, Start]) -> Settings:
+def settings_of_story(story: Story, starts: Mapping[str, Start]) -> Settings:
     """The settings of a story."""
     return settings_of(ON, starts[ON]).turned(**story.values)

@@ -1,7 +1,4 @@
-"""What is seen, in sentences for a lecture hall.
-
-The loop and its day to take home: lines of Python, or a study file.
-"""
+"""What is seen, in sentences for a lecture hall; the loop and its day as Python and as a study file."""
 
 from __future__ import annotations
 
@@ -90,15 +87,15 @@ def _blame(run: Run) -> str:
     return "without the gap it would not"
 
 
-def _thanks(run: Run, told: Callable[[Run, int], str]) -> str:
-    """What a loop that does not hunt owes to what.  told: the number that the sentence is about."""
+def _thanks(run: Run, shown: Callable[[Run, int], str]) -> str:
+    """What a loop that does not hunt owes to what.  shown: the number that the sentence is about."""
     if run.compensates and run.value("hunts", PLAIN) > 0:
         return f"without the inverse it would hunt, {_swing(run, PLAIN)}"
     if run.compensates:
-        return f"without the inverse: {told(run, PLAIN)}"
+        return f"without the inverse: {shown(run, PLAIN)}"
     if not run.parameter("backlash"):
         return "the valve has no gap"
-    return f"without the gap: {told(run, NO_GAP)}"
+    return f"without the gap: {shown(run, NO_GAP)}"
 
 
 def learning(run: Run) -> str:
@@ -112,36 +109,36 @@ def learning(run: Run) -> str:
 
 
 def prediction(run: Run) -> str:
-    """What theory foretells without simulating."""
-    told = run.foretold
-    if told.doubt:
-        return f"Theory cannot tell: {told.doubt}."
-    margin, limit = number(told.margin), f"a gap keeps a loop swinging from {HUNTS_ABOVE:g}"
-    if not told.hunts and told.margin > HUNTS_ABOVE:
-        return f"Theory: hardly hunts.  Margin {margin}; {limit}, but no swing that counts is foretold."
-    if not told.hunts:
+    """What theory predicts without simulating."""
+    predicted = run.predicted
+    if predicted.doubt:
+        return f"Theory cannot tell: {predicted.doubt}."
+    margin, limit = number(predicted.margin), f"a gap keeps a loop swinging from {HUNTS_ABOVE:g}"
+    if not predicted.hunts and predicted.margin > HUNTS_ABOVE:
+        return f"Theory: hardly hunts.  Margin {margin}; {limit}, but no swing that counts is forepredicted."
+    if not predicted.hunts:
         return f"Theory: will not hunt.  Margin {margin}; {limit}."
-    swing = f"±{kelvin(_HALF * told.swing)}" if math.isfinite(told.swing) else "by an unknown swing"
-    return f"Theory: will hunt, {swing} every {seconds(told.period)}.  Margin {margin}; {limit}."
+    swing = f"±{kelvin(_HALF * predicted.swing)}" if math.isfinite(predicted.swing) else "by an unknown swing"
+    return f"Theory: will hunt, {swing} every {seconds(predicted.period)}.  Margin {margin}; {limit}."
 
 
 def outcome(run: Run) -> str:
     """What the simulation shows, to be compared with ``prediction``."""
     if run.failed:
         return "Simulated: failed."
-    hunts, told = run.value("hunts") > 0, run.foretold
-    apart = "" if told.doubt or told.hunts == hunts else "  The two disagree: go by the simulation."
+    hunts, predicted = run.value("hunts") > 0, run.predicted
+    apart = "" if predicted.doubt or predicted.hunts == hunts else "  The two disagree: go by the simulation."
     if hunts:
         return f"Simulated: hunts, {_swing(run, NOW)}.{apart}"
     return f"Simulated: does not hunt, swing {_half_swing(run, NOW)}.{apart}"
 
 
-_BASE = "paper_like"  # the preset that a loop which is none is told by
+_BASE = "paper_like"  # the preset from which the changes of any other loop are listed
 
 
 def python_lines(settings: Settings, start: Start) -> str:
     """A script that simulates the loop."""
-    preset, changed = _told_by(settings, start)
+    preset, changed = _preset_and_changes(settings, start)
     assign = f".assign({_arguments(changed)})" if changed else ""
     day = day_of(settings, start)
     made = f"fc.{day.maker}({_arguments(day.arguments)})" if day else f"fc.paper_day()  # give that of {start.title}"
@@ -157,7 +154,7 @@ def python_lines(settings: Settings, start: Start) -> str:
 
 def study_file(settings: Settings, start: Start) -> str:
     """A study file for ``fastcoil run``."""
-    preset, changed = _told_by(settings, start)
+    preset, changed = _preset_and_changes(settings, start)
     day = day_of(settings, start)
     lines = ["# from `fastcoil explore`", "[loop]", f"preset = {_quoted(preset)}", *_rows(changed), ""]
     if day is None:
@@ -165,7 +162,7 @@ def study_file(settings: Settings, start: Start) -> str:
     return "\n".join([*lines, "[boundary]", f"kind = {_quoted(day.maker)}", *_rows(day.arguments), ""])
 
 
-def _told_by(settings: Settings, start: Start) -> tuple[str, dict[str, Scalar]]:
+def _preset_and_changes(settings: Settings, start: Start) -> tuple[str, dict[str, Scalar]]:
     """A preset, and what differs from it."""
     preset = _BASE if settings.loop == GIVEN else settings.loop
     constants = loop_of(settings, start).constants

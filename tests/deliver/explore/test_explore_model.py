@@ -5,7 +5,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.deliver.explore.loop import AXES, TRACES, Model
-from fastcoil.deliver.explore.settings import STORIES, settings_of, told
+from fastcoil.deliver.explore.settings import STORIES, settings_of, settings_of_story
 from fastcoil.deliver.explore.words import headline, learning, outcome, prediction, python_lines, study_file
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.maintenance import one_scenario
@@ -31,7 +31,7 @@ def tell(model):
 
     def show(title):
         (story,) = [one for one in STORIES if one.title == title]
-        settings = told(story, model.starts)
+        settings = settings_of_story(story, model.starts)
         return settings, model.run(settings)
 
     return show
@@ -60,9 +60,9 @@ def test_the_other_cases_are_the_loop_without_its_gap_and_without_its_inverse(te
 def test_theory_is_that_of_limit_cycle(tell, working_day):
     _, run = tell("7 % gap, plain PI")
     c = fc.limit_cycle(fc.Loop(), working_day)
-    assert (run.foretold.margin, run.foretold.period) == (c.margin, c.period)
-    assert run.foretold.swing == 2.0 * c.amplitude
-    assert run.foretold.hunts
+    assert (run.predicted.margin, run.predicted.period) == (c.margin, c.period)
+    assert run.predicted.swing == 2.0 * c.amplitude
+    assert run.predicted.hunts
     _, learner = tell("Learning")
     assert prediction(learner) == "Theory cannot tell: an estimator changes the estimate as it goes."
 

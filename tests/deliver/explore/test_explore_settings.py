@@ -16,8 +16,8 @@ from fastcoil.deliver.explore.settings import (
     query_of,
     read_query,
     settings_of,
+    settings_of_story,
     starts,
-    told,
     words_of,
 )
 from fastcoil.loops.plan import plan_simulation
@@ -31,7 +31,7 @@ def read(query):
 
 
 def test_a_link_gives_the_settings_back():
-    asked = [told(story, STARTS) for story in STORIES]
+    asked = [settings_of_story(story, STARTS) for story in STORIES]
     for name, start in STARTS.items():
         usual = settings_of(name, start)
         asked += [usual.turned(**{dial.name: step}) for dial in DIALS.values() for step in dial.steps]
