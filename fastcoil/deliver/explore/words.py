@@ -115,7 +115,7 @@ def prediction(run: Run) -> str:
         return f"Theory cannot tell: {predicted.doubt}."
     margin, limit = number(predicted.margin), f"a gap keeps a loop swinging from {HUNTS_ABOVE:g}"
     if not predicted.hunts and predicted.margin > HUNTS_ABOVE:
-        return f"Theory: hardly hunts.  Margin {margin}; {limit}, but no swing that counts is forepredicted."
+        return f"Theory: hardly hunts.  Margin {margin}; {limit}, but no swing that counts is predicted."
     if not predicted.hunts:
         return f"Theory: will not hunt.  Margin {margin}; {limit}."
     swing = f"±{kelvin(_HALF * predicted.swing)}" if math.isfinite(predicted.swing) else "by an unknown swing"

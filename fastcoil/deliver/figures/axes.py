@@ -1,12 +1,8 @@
-"""Where a figure is drawn: the axes that are given, or those of a new figure as wide as a column.
-
-What is drawn into one pair of axes: a map over two swept parameters, a curve along one, marks and limits.
-
-A median and how its members scatter: a band if they are many, each of them if they are few; and words for it.
-"""
+"""What all figures draw with: axes to draw into, maps, curves, dots, marks, and words for what was pooled."""
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -39,7 +35,7 @@ def in_style() -> Iterator[None]:
     """Draw in the style of our figures, which is then taken back."""
     import matplotlib.pyplot as plt
 
-    # a back end that is first loaded inside of a style, as that of a notebook, has what it sets taken back, too
+    # a back end loaded inside a style, as that of a notebook, would have its own settings taken back
     plt.draw_if_interactive()  # type: ignore[no-untyped-call]
     with apply_style():
         yield
@@ -79,11 +75,6 @@ def _given(ax: Any, n: int) -> list[Axes]:
     if len(found) != n:
         raise InputError(f"ax has {len(found)} axes: {wanted} or leave it out")
     return found
-
-
-def several(axes: list[Axes]) -> Any:
-    """One pair of axes as it is, more as an array, as ``matplotlib.pyplot.subplots`` returns them."""
-    return axes[0] if len(axes) == 1 else np.array(axes)
 
 
 def width_of(axes: Axes, ax: Any) -> float:
@@ -192,9 +183,8 @@ FEWEST_FOR_A_BAND = 5
 """Fewer members are drawn one by one: their percentiles would be interpolated between two or three numbers."""
 
 
-def count(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any]) -> int:
-    """How many members one point pools."""
-    return int(np.prod([ds.sizes[d] for d in pooled], dtype=int))
+def _count(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any]) -> int:
+    return math.prod(ds.sizes[d] for d in pooled)
 
 
 def _band(values: xr.DataArray, pooled: list[Any]) -> tuple[xr.DataArray, xr.DataArray]:
@@ -208,7 +198,7 @@ def _band(values: xr.DataArray, pooled: list[Any]) -> tuple[xr.DataArray, xr.Dat
 def draw_curve(axes: Axes, x: xr.DataArray, values: xr.DataArray, *, label: str | None = None, **look: Any) -> None:
     """Draw the median of ``values`` over all dims but that of ``x``, with a band, or with a thin line per member."""
     pooled = [d for d in values.dims if d not in x.dims]
-    if count(values, pooled) >= FEWEST_FOR_A_BAND:
+    if _count(values, pooled) >= FEWEST_FOR_A_BAND:
         low, high = _band(values, pooled)
         axes.fill_between(x, low, high, color=look["color"], alpha=0.2, lw=0)
     elif pooled:
@@ -221,7 +211,7 @@ def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
     """Draw the medians of ``values`` along ``dim`` as dots, with a line from 10 to 90 % or a small dot per member."""
     rows = np.arange(values.sizes[dim])
     pooled = [d for d in values.dims if d != dim]
-    if count(values, pooled) >= FEWEST_FOR_A_BAND:
+    if _count(values, pooled) >= FEWEST_FOR_A_BAND:
         low, high = _band(values, pooled)
         axes.hlines(rows, low, high, color=color, lw=1.0)
     elif pooled:
@@ -235,7 +225,7 @@ def describe(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any], median: str, 
     pooled = [d for d in pooled if ds.sizes[d] > 1]
     if not pooled:
         return f"{median}: a single scenario"
-    n = count(ds, pooled)
+    n = _count(ds, pooled)
     over = " × ".join(_in_words(ds, str(d)) for d in pooled)
     if len(pooled) > 1 and not any(d in ds.coords and "pooled_as" in ds[d].attrs for d in pooled):
         over += f" = {n:,} scenarios"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Collection
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from fastcoil.base.arguments import checking, instance_of, names_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, STYLE, YELLOW, wrapped
-from fastcoil.deliver.figures.axes import in_style, legend_above, one_place, places, say_if_empty, several, width_of
+from fastcoil.deliver.figures.axes import in_style, legend_above, one_place, places, say_if_empty, width_of
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import is_parameter, label_in_words, quantity, quantity_of
@@ -164,15 +165,16 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
     panels_axes[-1].set_xlabel(words, loc="left" if is_dated else "center")
     for axes in panels_axes:
         axes.margins(x=0.0)
-    return several(panels_axes)
+    return panels_axes[0] if len(panels_axes) == 1 else np.array(panels_axes)
 
 
 def _names(ds: xr.Dataset, show: Any) -> list[str]:
+    """The traces to draw: those that are asked for, or the usual ones."""
     there = [n for n in TRACES if n in ds and "elapsed_time" in ds[n].dims]
     if show is None:
         usual = [n for n in _USUAL if n in there and (n != "estimate" or bool((ds[n] > 0.0).any()))]
         if any(size > 1 for dim, size in ds[there[0]].sizes.items() if dim != "elapsed_time"):
-            # of several scenarios the last of them is enough: the opening, if it is there
+            # of several scenarios the last of command, position and opening is enough
             valve = [n for n in usual if n in _VALVE]
             usual = [n for n in usual if n not in valve[:-1]]
         return usual or there
@@ -294,7 +296,7 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
 
 
 def _mark(axes: Axes, one: xr.Dataset, colour: str) -> None:
-    """Where the learner reached and confirmed the backlash, if it did."""
+    """Mark where the learner reached and confirmed the backlash, if it did."""
     for name, mark in (("learn_time_reached", "o"), ("learn_time_confirmed", "s")):
         at = float(one[name]) if name in one and one[name].ndim == 0 else math.nan
         if math.isfinite(at):
@@ -329,31 +331,31 @@ _HEIGHT_OF_SWING = 3.0
 _PERIODS = 4  # the last periods of a swing that are drawn
 _LAST = 3600.0  # seconds that are drawn of a loop without a period
 _PLANE = ("command", "opening")
-_FORETOLD = ("margin", "hunts", "period", "amplitude")
+_PREDICTED = ("margin", "hunts", "period", "amplitude")
 _KINDS = (
-    ("foretold and seen", True, True, "o", BLUE),
-    ("seen, not foretold", False, True, "s", RED),
-    ("foretold, not seen", True, False, "^", YELLOW),
+    ("predicted and seen", True, True, "o", BLUE),
+    ("seen, not predicted", False, True, "s", RED),
+    ("predicted, not seen", True, False, "^", YELLOW),
     ("neither", False, False, "x", GREY),
 )
-"""What became of the loops in a scatter of swings: words, foretold, seen, mark, colour."""
+"""What became of the loops in a scatter of swings: words, predicted, seen, mark, colour."""
 
 
 @in_style()
-def limit_cycle(data: Any, foretold: xr.Dataset | None = None, *, ax: Any = None) -> Axes:
-    """Draw how a loop swings, and what was foretold of it.
+def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = None) -> Axes:
+    """Draw how a loop swings, and a prediction of it.
 
     Of up to three scenarios with the traces ``command`` and ``opening``: the opening over the command in the last
     swings; the gap is the width of the parallelogram, between the dotted lines on which Eq (1) moves the stem.  The
-    heading compares the swing with the one foretold.
+    heading compares the swing with the one predicted.
 
-    Of a sweep without these traces: the swing seen over the swing foretold of every scenario, peak to peak.
+    Of a sweep without these traces: the swing seen over the swing predicted of every scenario, peak to peak.
 
     Parameters
     ----------
     data
         Dataset of ``simulate``, ``run_study`` or ``open_study``.
-    foretold
+    predicted
         What ``fc.limit_cycle(loop, boundary)`` gives for the same sweep.  A study with ``[run] predict`` has it itself.
     ax
         Axes to draw into; a new figure if left out.
@@ -364,117 +366,114 @@ def limit_cycle(data: Any, foretold: xr.Dataset | None = None, *, ax: Any = None
         With one sentence for each mistake.
     """
     ds = instance_of("data", data, xr.Dataset, "give a Dataset of fastcoil.simulate or open_study")
-    if foretold is not None:
+    if predicted is not None:
         cure = "give what fastcoil.limit_cycle(loop, boundary) returns"
-        instance_of("foretold", foretold, xr.Dataset, cure)
-        missing = [name for name in _FORETOLD if name not in foretold]
+        instance_of("predicted", predicted, xr.Dataset, cure)
+        missing = [name for name in _PREDICTED if name not in predicted]
         if missing:
-            raise InputError(f"foretold has no {', '.join(missing)}: {cure}")
+            raise InputError(f"predicted has no {', '.join(missing)}: {cure}")
     if all(name in ds for name in _PLANE):
-        return _plane(traced(ds), foretold, ax)
+        return _plane(traced(ds), predicted, ax)
     check_result(ds)
-    foretold = _foretold_by(ds) if foretold is None else foretold
-    if foretold is None:
+    predicted = _predictions_of(ds) if predicted is None else predicted
+    if predicted is None:
         raise InputError(
-            'data has neither the traces command and opening nor what was foretold: simulate with traces=["command", '
-            '"opening"], or give foretold=fc.limit_cycle(loop, boundary)'
+            'data has neither the traces command and opening nor a prediction: simulate with traces=["command", '
+            '"opening"], or give predicted=fc.limit_cycle(loop, boundary)'
         )
-    return _swings(ds, foretold, ax)
+    return _swings(ds, predicted, ax)
 
 
-def _foretold_by(ds: xr.Dataset) -> xr.Dataset | None:
+def _predictions_of(ds: xr.Dataset) -> xr.Dataset | None:
     """The predictions of a study, as ``fc.limit_cycle`` names them."""
     if "predicted_swing" not in ds:
         return None
-    told = {"margin": "predicted_margin", "hunts": "predicted_hunts", "period": "predicted_period"}
-    return xr.Dataset({name: ds[of] for name, of in told.items()} | {"amplitude": 0.5 * ds["predicted_swing"]})
+    return xr.Dataset(
+        {name: ds[f"predicted_{name}"] for name in ("margin", "hunts", "period")}
+        | {"amplitude": 0.5 * ds["predicted_swing"]}
+    )
 
 
-def _plane(ds: xr.Dataset, foretold: xr.Dataset | None, ax: Any) -> Axes:
+def _plane(ds: xr.Dataset, predicted: xr.Dataset | None, ax: Any) -> Axes:
     found = scenarios_of(ds, _PLANE)
     gaps = [parameter_of(one.ds, "backlash") for one in found]
-    told = [_told_of(one, foretold) for one in found]
+    words = [_compared(one.ds, _prediction_for(one, predicted)) for one in found]
     axes = one_place(ax, _HEIGHT_OF_SWING)
     axes.set(xlabel="command [%]", ylabel="opening [%]")
     if say_if_empty(axes, ds["opening"]):
         return axes
-    lines = []
+    low, high = math.inf, -math.inf
     for k, (one, gap) in enumerate(zip(found, gaps, strict=True)):
-        seen = one.ds.isel(elapsed_time=_last(one.ds))
-        command, opening = 100.0 * seen["command"].values, 100.0 * seen["opening"].values
-        words = _compared(one.ds, told[k])
+        last = one.ds.isel(elapsed_time=_last_swings(one.ds))
+        command, opening = 100.0 * last["command"].values, 100.0 * last["opening"].values
         axes.plot(command, opening, color=COLOURS[k], ls=LINE_STYLES[k], lw=1.2, label=one.words or "_only")
-        lines.append(": ".join(filter(None, [one.words, words])))
         ends = np.array([command.min(), command.max()])
         for shift in {0.0, 100.0 * gap}:
             edge = np.clip((ends - shift) / (1.0 - gap), 0.0, 100.0)
             axes.plot(ends, edge, color="black", lw=0.7, ls=DOTTED, zorder=1)
-    openings = [100.0 * one.ds["opening"].values[_last(one.ds)] for one in found]
-    low, high = float(np.nanmin(np.concatenate(openings))), float(np.nanmax(np.concatenate(openings)))
-    room = max(0.15 * (high - low), 0.5)
-    axes.set_ylim(low - room, high + room)
+        low, high = np.fmin.reduce(opening, initial=low), np.fmax.reduce(opening, initial=high)
+    room = max(0.15 * float(high - low), 0.5)
+    axes.set_ylim(float(low) - room, float(high) + room)
     if found[0].words:
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
+    lines = [": ".join(filter(None, [one.words, text])) for one, text in zip(found, words, strict=True)]
     heading = "\n".join([*lines, "dotted: the edges of the gap"])
     axes.set_title(wrapped(heading, width_of(axes, ax), 7), loc="left", fontsize=7)
     return axes
 
 
-def _last(one: xr.Dataset) -> slice:
-    """The last swings of a scenario."""
+def _last_swings(one: xr.Dataset) -> slice:
     period = float(one["hunting_period"]) if "hunting_period" in one else math.nan
     seconds = one["elapsed_time"].values
     width = _PERIODS * period if math.isfinite(period) else _LAST
     return slice(int(np.searchsorted(seconds, seconds[-1] - width)), None)
 
 
-def _told_of(one: Drawn, foretold: xr.Dataset | None) -> xr.Dataset | None:
-    """What was foretold of one scenario."""
-    if foretold is None:
-        return _foretold_by(one.ds)
-    place = {d: one.ds[d].item() for d in foretold["margin"].dims if d in one.ds.coords and one.ds[d].ndim == 0}
-    try:
-        told = foretold.sel(place)
-    except (KeyError, ValueError):
-        told = foretold
-    if told["margin"].ndim:
-        dims = ", ".join(str(dim) for dim in told["margin"].dims)
-        raise InputError(f"foretold has other labels along {dims} than data: give that of the same sweep")
-    return told
+def _prediction_for(one: Drawn, predicted: xr.Dataset | None) -> xr.Dataset | None:
+    """The prediction of one scenario."""
+    if predicted is None:
+        return _predictions_of(one.ds)
+    place = {d: one.ds[d].item() for d in predicted["margin"].dims if d in one.ds.coords and one.ds[d].ndim == 0}
+    with suppress(KeyError, ValueError):
+        predicted = predicted.sel(place)
+    if predicted["margin"].ndim:
+        dims = ", ".join(str(dim) for dim in predicted["margin"].dims)
+        raise InputError(f"predicted has other labels along {dims} than data: give that of the same sweep")
+    return predicted
 
 
-def _compared(one: xr.Dataset, told: xr.Dataset | None) -> str:
-    """The swing that was seen, and the one that was foretold."""
+def _compared(one: xr.Dataset, predicted: xr.Dataset | None) -> str:
+    """The simulated and the predicted swing in words."""
     words = []
     if "hunting_swing" in one:
         words.append(f"simulated {_swing(float(one['hunting_swing']), float(one['hunting_period']))}")
-    if told is not None:
-        swings = float(told["hunts"]) > 0.0
-        swing = _swing(2.0 * float(told["amplitude"]), float(told["period"])) if swings else "no swing"
-        words.append(f"foretold {swing} (margin {float(told['margin']):.2g})")
+    if predicted is not None:
+        margin, hunts, period, amplitude = (float(predicted[name]) for name in _PREDICTED)
+        swing = _swing(2.0 * amplitude, period) if hunts > 0.0 else "no swing"
+        words.append(f"predicted {swing} (margin {margin:.2g})")
     return ", ".join(words)
 
 
 def _swing(peak_to_peak: float, period: float) -> str:
-    every = f" every {period:.0f} s" if math.isfinite(period) else ""
-    return f"{peak_to_peak:.2g} K{every}"
+    return f"{peak_to_peak:.2g} K" + (f" every {period:.0f} s" if math.isfinite(period) else "")
 
 
-def _swings(ds: xr.Dataset, foretold: xr.Dataset, ax: Any) -> Axes:
-    seen, told, hunts = xr.broadcast(ds["hunting_swing"], 2.0 * foretold["amplitude"], foretold["hunts"])
+def _swings(ds: xr.Dataset, predicted: xr.Dataset, ax: Any) -> Axes:
+    """The simulated over the predicted swing of every scenario."""
+    seen, swing, hunts = xr.broadcast(ds["hunting_swing"], 2.0 * predicted["amplitude"], predicted["hunts"])
     if seen.sizes != ds["hunting_swing"].sizes:
-        raise InputError("foretold has other dims or labels than data: give that of the same sweep")
+        raise InputError("predicted has other dims or labels than data: give that of the same sweep")
     known = np.isfinite(seen.values) & np.isfinite(hunts.values)
-    y, x = seen.values[known], np.nan_to_num(told.values[known])
+    y, x = seen.values[known], np.nan_to_num(swing.values[known])
     does = ds["hunts"].broadcast_like(seen).transpose(*seen.dims).values[known] > 0.0
     axes = one_place(ax, _HEIGHT_OF_SWING)
-    for words, is_told, is_seen, mark, colour in _KINDS:
-        of_kind = ((hunts.values[known] > 0.0) == is_told) & (does == is_seen)
+    for words, is_predicted, is_seen, mark, colour in _KINDS:
+        of_kind = ((hunts.values[known] > 0.0) == is_predicted) & (does == is_seen)
         label = f"{words}: {int(of_kind.sum()):,}"
         axes.plot(x[of_kind], y[of_kind], mark, color=colour, ms=3.5, mew=0.8, mfc="none", ls="none", label=label)
     top = 1.05 * max(float(x.max(initial=0.1)), float(y.max(initial=0.1)))
     axes.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8, ls=DOTTED)
-    axes.set(xlabel="foretold swing, peak to peak [K]", ylabel="simulated swing,\npeak to peak [K]",
+    axes.set(xlabel="predicted swing, peak to peak [K]", ylabel="simulated swing,\npeak to peak [K]",
              xlim=(-0.02 * top, top), ylim=(-0.02 * top, top))  # fmt: skip
     legend_above(axes, width_of(axes, ax), title="hunting", title_fontsize=8, alignment="left")
     return axes

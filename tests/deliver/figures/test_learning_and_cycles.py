@@ -1,4 +1,4 @@
-"""``fc.plot.learning`` and ``fc.plot.limit_cycle``: estimates against the true gap, swings against those foretold."""
+"""``fc.plot.learning`` and ``fc.plot.limit_cycle``: estimates against the true gap, swings against those predicted."""
 
 from __future__ import annotations
 
@@ -73,9 +73,9 @@ def test_several_learners_share_the_line_of_one_gap(learned):
 
 
 def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swinging):
-    ds, foretold = swinging
+    ds, predicted = swinging
     one = ds.isel(backlash=1)
-    axes = fc.plot.limit_cycle(one, foretold)
+    axes = fc.plot.limit_cycle(one, predicted)
     (loop,) = (line for line in axes.lines if line.get_color() == "#004488")
     command, opening = loop.get_xdata() / 100, loop.get_ydata() / 100
     assert command.size == pytest.approx(4 * float(one.hunting_period) / 5, abs=2)
@@ -89,41 +89,41 @@ def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swinging):
     ]
     heading = axes.get_title(loc="left").replace("\n", " ")
     swing, period = float(one.hunting_swing), float(one.hunting_period)
-    told = foretold.isel(backlash=1)
+    predicted = predicted.isel(backlash=1)
     assert f"simulated {swing:.2g} K every {period:.0f} s" in heading
-    assert f"foretold {2 * float(told.amplitude):.2g} K every {float(told.period):.0f} s" in heading
-    assert f"margin {float(told.margin):.2g}" in heading
+    assert f"predicted {2 * float(predicted.amplitude):.2g} K every {float(predicted.period):.0f} s" in heading
+    assert f"margin {float(predicted.margin):.2g}" in heading
 
 
-def test_each_of_several_loops_is_compared_with_what_was_foretold_of_it(swinging):
+def test_each_of_several_loops_is_compared_with_what_was_predicted_of_it(swinging):
     axes = fc.plot.limit_cycle(*swinging)
     first, second = axes.get_title(loc="left").replace("\n", " ").split("backlash = 7 %")
     assert "backlash = 0 %: simulated" in first
-    assert "foretold no swing" in first
-    assert "foretold no swing" not in second
+    assert "predicted no swing" in first
+    assert "predicted no swing" not in second
     assert_texts_fit(axes.figure)
     assert_palette(axes.figure)
 
 
 def test_a_sweep_without_traces_has_a_mark_for_every_loop_by_what_became_of_it(day):
     loop = fc.Loop(kp=("valve", [0.01, 0.03, 0.05, 0.05]), backlash=("valve", [0.0, 0.07, 0.1, 0.0]))
-    ds, foretold = fc.simulate(loop, day, n_jobs=1), fc.limit_cycle(loop, day)
-    axes = fc.plot.limit_cycle(ds, foretold)
+    ds, predicted = fc.simulate(loop, day, n_jobs=1), fc.limit_cycle(loop, day)
+    axes = fc.plot.limit_cycle(ds, predicted)
     found = {text.get_text() for text in axes.get_legend().get_texts()}
-    both = int(((ds.hunts > 0) & (foretold.hunts > 0)).sum())
-    assert f"foretold and seen: {both}" in found
+    both = int(((ds.hunts > 0) & (predicted.hunts > 0)).sum())
+    assert f"predicted and seen: {both}" in found
     assert both
     marks = [line for line in axes.lines if line.get_linestyle() == "None"]
     drawn = np.concatenate([[line.get_xdata(), line.get_ydata()] for line in marks], axis=1)
-    expected = [2 * foretold.amplitude.fillna(0.0).values, ds.hunting_swing.values]
+    expected = [2 * predicted.amplitude.fillna(0.0).values, ds.hunting_swing.values]
     np.testing.assert_allclose(np.sort(drawn, axis=1), np.sort(expected, axis=1))
     assert_texts_fit(axes.figure)
     assert_palette(axes.figure)
     study = ds.assign(
-        predicted_margin=foretold.margin,
-        predicted_hunts=foretold.hunts,
-        predicted_period=foretold.period,
-        predicted_swing=2 * foretold.amplitude,
+        predicted_margin=predicted.margin,
+        predicted_hunts=predicted.hunts,
+        predicted_period=predicted.period,
+        predicted_swing=2 * predicted.amplitude,
     )
     again = fc.plot.limit_cycle(study)
     assert {text.get_text() for text in again.get_legend().get_texts()} == found
@@ -140,11 +140,17 @@ def test_a_loop_that_failed_has_no_plane(swinging):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda ds, told: fc.plot.limit_cycle(ds.isel(elapsed_time=[])), "data has no point along elapsed_time"),
-        (lambda ds, told: fc.plot.limit_cycle(ds.drop_vars("command")), "data has neither the traces command and "),
-        (lambda ds, told: fc.plot.limit_cycle(ds, ds), "foretold has no margin, period, amplitude: give what "),
-        (lambda ds, told: fc.plot.limit_cycle(ds, told.assign_coords(backlash=[1, 2])), "foretold has other labels "),
-        (lambda ds, told: fc.plot.learning(ds), "data has no trace estimate: simulate with "),
+        (lambda ds, p: fc.plot.limit_cycle(ds.isel(elapsed_time=[])), "data has no point along elapsed_time"),
+        (
+            lambda ds, p: fc.plot.limit_cycle(ds.drop_vars("command")),
+            "data has neither the traces command and ",
+        ),
+        (lambda ds, p: fc.plot.limit_cycle(ds, ds), "predicted has no margin, period, amplitude: give what "),
+        (
+            lambda ds, p: fc.plot.limit_cycle(ds, p.assign_coords(backlash=[1, 2])),
+            "predicted has other labels ",
+        ),
+        (lambda ds, predicted: fc.plot.learning(ds), "data has no trace estimate: simulate with "),
     ],
 )
 def test_what_is_missing_gets_a_sentence(swinging, call, words):
