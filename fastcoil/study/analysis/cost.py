@@ -1,7 +1,4 @@
-"""What energy costs: the prices of a bill, and the months that it counts.
-
-``cost``: what the energy of a result costs, month by month and in a year.
-"""
+"""``cost``: what the energy of a result costs by a tariff, month by month and in a year."""
 
 from __future__ import annotations
 
@@ -15,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, instance_of, number_of, text_of
+from fastcoil.base.arguments import checking, flag_of, number_of, text_of
 from fastcoil.base.errors import InputError, shown
 from fastcoil.loops.dataset import attributes, check_result
-from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY, Output
+from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY
 
 COP = 4.0
 """Of a chiller with its tower, at the mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5."""
@@ -122,12 +119,7 @@ def billing_months(n_days: int, start: np.ndarray | None) -> Months:
 SUMS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")
 """Metrics that are summed over the days of a month."""
 NEEDED = (*SUMS, "coil_peak_power")
-TAKEN = {
-    *("month", "n_days", "month_share"),
-    *SUMS,
-    *COSTS,
-    *(f"{YEARLY}{name}" for name in (*SUMS, *COSTS)),
-}
+TAKEN = {"month", "n_days", "month_share", *SUMS, *COSTS, *(f"{YEARLY}{name}" for name in (*SUMS, *COSTS))}
 """Names in the answer that no dim of a result may have."""
 _NO_DATES = (
     f"the results have no dates: {MONTH} days are taken for a month; give the boundary a start to have the months of "
@@ -186,13 +178,9 @@ def cost(
         If a price is missing or impossible, or ``ds`` lacks a metric.
     """
     given = {
-        "electricity": electricity,
-        "demand": demand,
-        "heat": heat,
-        "cop": cop,
-        "electric_heat": electric_heat,
+        "electricity": electricity, "demand": demand, "heat": heat, "cop": cop, "electric_heat": electric_heat,
         "currency": currency,
-    }
+    }  # fmt: skip
     check_result(ds)
     with checking() as check:
         check(_require_metrics, ds)
@@ -234,7 +222,7 @@ def _require_names(ds: xr.Dataset) -> None:
 
 
 def _require_dates(ds: xr.Dataset) -> None:
-    """Refuse a coordinate ``start`` that is no date on each day."""
+    """Refuse a coordinate ``start`` that is no date on each day: numbers would be taken for months since 1970."""
     start = ds.coords.get("start")
     if start is not None and (start.dtype.kind != "M" or not set(start.dims) <= {"day"} or bool(start.isnull().any())):
         raise InputError("start has something else than a date for each day: drop it with ds.drop_vars('start')")
@@ -244,11 +232,8 @@ def _asked_in_study(ds: xr.Dataset) -> dict[str, Any]:
     """``[tariff]`` of the study that made the result; the reader of the study checked its form."""
     import tomllib
 
-    try:
-        table = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
-        return {name: value for name, value in instance_of("tariff", table, dict, "").items() if name != "baseline"}
-    except ValueError:  # no study that fastcoil wrote
-        return {}
+    table = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
+    return {name: value for name, value in table.items() if name != "baseline"}
 
 
 def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
@@ -266,10 +251,10 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
         _month(days.isel(day=at), share, tariff, heating) for at, share in zip(months.days, months.share, strict=True)
     ]
     monthly = xr.concat(parts, xr.DataArray(months.labels, dims="month", name="month"))
-    found = _described(monthly, {**METRICS, **COSTS}, tariff.currency)
+    found = _described(monthly, tariff.currency)
     yearly = monthly.sum("month", skipna=False) / months.years
     yearly["demand"] = monthly["demand"].max("month", skipna=False)
-    yearly = _described(yearly, {**METRICS, **COSTS}, tariff.currency)
+    yearly = _described(yearly, tariff.currency)
     result = found.assign({f"{YEARLY}{name}": values for name, values in yearly.data_vars.items()})
     result["status"] = status.max("day", keep_attrs=True).reset_coords(drop=True)
     kept = {name: c for name, c in ds.coords.items() if set(c.dims) <= set(result["status"].dims) and name != "start"}
@@ -279,16 +264,9 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
 
 def _heats(ds: xr.Dataset) -> xr.DataArray:
     """1 for each loop with a heating coil, else 0."""
-    action = ds.coords.get("action", xr.DataArray(_constant_action(ds)))
+    constant = json.loads(ds.attrs.get("parameters", "{}")).get("action") or "cooling"
+    action = ds.coords.get("action", xr.DataArray(constant))
     return xr.DataArray(action == "heating").astype(float).reset_coords(drop=True)
-
-
-def _constant_action(ds: xr.Dataset) -> str:
-    """The action that all loops have in common."""
-    try:
-        return str(json.loads(ds.attrs.get("parameters", "{}")).get("action") or "cooling")
-    except (ValueError, TypeError, AttributeError):  # nothing that fastcoil wrote
-        return "cooling"
 
 
 def _month(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray) -> xr.Dataset:
@@ -306,10 +284,10 @@ def _month(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray
     return found
 
 
-def _described(ds: xr.Dataset, table: Mapping[str, Output], currency: str) -> xr.Dataset:
+def _described(ds: xr.Dataset, currency: str) -> xr.Dataset:
     """The variables with their attributes; what is money in its currency."""
     for name in ds.data_vars:
-        attrs = attributes(table[str(name)])
+        attrs = attributes({**METRICS, **COSTS}[str(name)])
         ds[name].attrs = attrs | ({"units": currency} if attrs["units"] == "currency" else {})
     return ds
 

@@ -1,7 +1,4 @@
-"""Part of a result by labels that a user typed.
-
-Drawn parameters as axes: their values in groups, so that what is drawn along an axis can be drawn along them.
-"""
+"""Part of a result by labels that a user typed, and drawn parameters in groups, as axes."""
 
 from __future__ import annotations
 

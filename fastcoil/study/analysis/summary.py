@@ -1,9 +1,4 @@
-"""What an inverse has to beat beside the plain PI of the same loop: the best plain PI, and an error dead band.
-
-What backlash costs a year, in a few sentences.
-
-The findings of a study in a few lines.
-"""
+"""The findings of a study in sentences: the inverse against plain PIs and dead bands, cautions, costs."""
 
 from __future__ import annotations
 
@@ -224,11 +219,11 @@ def _money(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}" if abs(value) >= 0.005 else "0"
 
 
-_WHOLE = 0.99  # of the scenarios: whoever ran fewer had others from an earlier run
+_WHOLE = 0.99  # of the scenarios: a run of fewer resumed an earlier one
 
 
 def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
-    """Return a few lines: how much was run, how fast, and the answer; with ``billing`` what it costs, too."""
+    """Return a few lines: how much was run, how fast, and the answer; with ``billing`` also what it costs."""
     n, failed = ds["status"].size, int((ds["status"].values != STATUS_OK).sum())
     sizes = " × ".join(f"{size} {dim}" for dim, size in ds["status"].sizes.items())
     lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
@@ -250,8 +245,8 @@ def cautions(ds: xr.Dataset) -> list[str]:
 
 
 def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
-    """The answer of results of which not everything failed, with ``billing`` its costs too: a sentence a line."""
-    lines = _foretold(ds)
+    """The answer of results of which not everything failed, with ``billing`` also its costs: a sentence a line."""
+    lines = _predicted(ds)
     costs = [] if billing is None else cost_lines(ds, billing)
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds["status"])), None)
     if ratio and bool((ds[ratio] == 0.0).any()):
@@ -272,7 +267,7 @@ def _idle(ds: xr.Dataset) -> list[str]:
 
 
 def _off(ds: xr.Dataset) -> list[str]:
-    """Scenarios that hardly ever hold their set-point: nobody would look for them in a mean."""
+    """Scenarios that hardly ever hold their set-point, which no mean shows."""
     if "share_off" not in ds:
         return []
     off = ds["share_off"] > 0.5
@@ -286,24 +281,24 @@ def _off(ds: xr.Dataset) -> list[str]:
     ]
 
 
-def _foretold(ds: xr.Dataset) -> list[str]:
-    """The hunting that theory foretold and the one that was seen."""
+def _predicted(ds: xr.Dataset) -> list[str]:
+    """The hunting that theory predicted and that was simulated."""
     if "predicted_hunts" not in ds:
         return []
-    told = ds["predicted_hunts"].notnull() & (ds["status"] == STATUS_OK)
-    n = int(told.sum())
+    known = ds["predicted_hunts"].notnull() & (ds["status"] == STATUS_OK)
+    n = int(known.sum())
     if not n:
         return ["Hunting: theory says nothing about these loops."]
-    foretold, seen = (ds[name].where(told) > 0.0 for name in ("predicted_hunts", "hunts"))
-    agree = float((foretold == seen).where(told).mean())
+    predicted, seen = (ds[name].where(known) > 0.0 for name in ("predicted_hunts", "hunts"))
+    agree = float((predicted == seen).where(known).mean())
     return [
-        f"Hunting: foretold for {int(foretold.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}; "
+        f"Hunting: predicted for {int(predicted.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}; "
         f"{_cut(agree)} % agree."
     ]
 
 
 def _frozen(ds: xr.Dataset) -> list[str]:
-    """Days with frost, and with ice, if there are any; results of earlier versions do not tell."""
+    """Days with frost, and with ice, if there are any; earlier versions have no such metrics."""
     lines = []
     for name, what in (("frost_time", "Frost forms on the coil"), ("freeze_time", "Water freezes in the coil")):
         hours = ds[name].values / 3600.0 if name in ds else np.zeros(1)
