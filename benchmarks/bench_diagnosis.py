@@ -7,7 +7,7 @@ from conftest import Timed
 from suite import QUICK
 
 import fastcoil as fc
-from fastcoil.measured.diagnosis.identify import identify_backlash
+from fastcoil.measured.identify import identify_backlash
 
 HOURS, INTERVAL = 2 if QUICK else 8, 10
 

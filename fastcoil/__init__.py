@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from fastcoil.loops.loop import Loop as Loop
     from fastcoil.loops.presets import presets as presets
     from fastcoil.loops.simulate import simulate as simulate
-    from fastcoil.measured.diagnosis.diagnose import diagnose as diagnose
-    from fastcoil.measured.fit.coil import fit_coil as fit_coil
-    from fastcoil.measured.fit.loop import fit_loop as fit_loop
-    from fastcoil.measured.fit.replay import replay as replay
-    from fastcoil.measured.fit.valve import fit_valve as fit_valve
+    from fastcoil.measured.diagnose import diagnose as diagnose
+    from fastcoil.measured.fit_coil import fit_coil as fit_coil
+    from fastcoil.measured.fit_loop import fit_loop as fit_loop
+    from fastcoil.measured.fit_valve import fit_valve as fit_valve
+    from fastcoil.measured.replay import replay as replay
     from fastcoil.model.user_rules import estimator as estimator
     from fastcoil.model.user_rules import law as law
     from fastcoil.model.user_rules import parameter as parameter
@@ -68,13 +68,13 @@ _HOME = {
     "constant_day": "loops.boundary.days",
     "cost": "study.analysis.cost",
     "design_day": "loops.boundary.days",
-    "diagnose": "measured.diagnosis.diagnose",
+    "diagnose": "measured.diagnose",
     "estimator": "model.user_rules",
     "explain": "design.explanation.explain",
     "export_controller": "deliver.export.export",
-    "fit_coil": "measured.fit.coil",
-    "fit_loop": "measured.fit.loop",
-    "fit_valve": "measured.fit.valve",
+    "fit_coil": "measured.fit_coil",
+    "fit_loop": "measured.fit_loop",
+    "fit_valve": "measured.fit_valve",
     "heating_day": "loops.boundary.days",
     "law": "model.user_rules",
     "limit_cycle": "design.theory.limit_cycle",
@@ -84,7 +84,7 @@ _HOME = {
     "paper_day": "loops.boundary.days",
     "parameter": "model.user_rules",
     "presets": "loops.presets",
-    "replay": "measured.fit.replay",
+    "replay": "measured.replay",
     "report": "deliver.report.report",
     "run_study": "study.run",
     "simulate": "loops.simulate",

@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from fastcoil.loops.loop import Loop
-    from fastcoil.measured.fit.result import Fit
+    from fastcoil.measured.fit import Fit
 
 
 @contextmanager
 def fit_progress() -> Iterator[None]:
     """Show the progress of the fits inside."""
-    from fastcoil.measured.fit.work import told
+    from fastcoil.measured.least_squares import reported_to
 
     shown = _Bar() if is_terminal() else _Lines()
-    with told(shown):
+    with reported_to(shown):
         try:
             yield
         finally:
@@ -153,7 +153,7 @@ def fit_valve_command(
     Time is elapsed_time or timestamp.  The optional column batch numbers the experiments in the log; the optional
     column enabled is 0 while the pump is off.
     """
-    from fastcoil.measured.fit.valve import fit_valve
+    from fastcoil.measured.fit_valve import fit_valve
 
     require_writable(out)
     announce_compilation("valve_flows")
@@ -211,7 +211,7 @@ def fit_coil_command(
     T_w_out is compared if present.  Time is elapsed_time or timestamp.  The model restarts after a gap, and after a
     time without air flow (or with 0 in the optional column enabled).
     """
-    from fastcoil.measured.fit.coil import fit_coil
+    from fastcoil.measured.fit_coil import fit_coil
 
     require_writable(out)
     announce_compilation("march_coil")
@@ -299,7 +299,7 @@ def fit_loop_command(
     Each candidate is simulated with the logged command.  Small errors of the coil and the valve curve do little harm;
     the log needs a sample every minute or more often.
     """
-    from fastcoil.measured.fit.loop import fit_loop
+    from fastcoil.measured.fit_loop import fit_loop
 
     require_writable(out)
     loop = _loop_of(parts)

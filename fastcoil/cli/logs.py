@@ -66,7 +66,7 @@ def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def require_writable(out: Path) -> None:
     """Raise, before any work, unless ``out`` can be written and is new or an earlier fit."""
-    from fastcoil.measured.fit.result import is_fit
+    from fastcoil.measured.fit import is_fit
 
     if out.suffix != ".toml" or not may_be_file(out):
         raise InputError(f"-o {out}: give a file NAME.toml in a folder that exists")
@@ -98,7 +98,7 @@ def diagnose(
     DATA is a CSV file with the columns command and T_sup, optionally T_set, m_a, T_a_in and enabled, and with
     elapsed_time or timestamp.  It needs two hours or more, a row every 30 s or faster, and changes of the set-point.
     """
-    from fastcoil.measured.diagnosis.diagnose import diagnose as diagnosed
+    from fastcoil.measured.diagnose import diagnose as diagnosed
 
     if out is not None:
         require_writable(out)
@@ -144,7 +144,7 @@ def join(
     unit (command [%]); for a single column the file name may (command.csv).
     """
     from fastcoil.base.arguments import checking, number_of
-    from fastcoil.logs.arguments import max_gap_of
+    from fastcoil.logs.columns import max_gap_of
     from fastcoil.logs.join import join_points
     from fastcoil.logs.timestamps import time_format_of
 

@@ -2,4 +2,4 @@
 
 from fastcoil.logs.log import Log as Log
 from fastcoil.logs.log import read_log as read_log
-from fastcoil.logs.notes import warn_of_reading as warn_of_reading
+from fastcoil.logs.series import warn_of_reading as warn_of_reading

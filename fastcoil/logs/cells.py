@@ -1,4 +1,7 @@
-"""What a cell says: a number in the writing of a country, with a unit or a status, or that there is none."""
+"""How messages and notes say how many samples they mean and where the first one is.
+
+What a cell says: a number in the writing of a country, with a unit or a status, or that there is none.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.logs.units import is_unit
-from fastcoil.logs.written_dates import MOST_LETTERS
+from fastcoil.logs.series import is_unit
+from fastcoil.logs.timestamps import MOST_LETTERS
 
 MISSING = frozenset(
     ("", "-", "--", "---", "nan", "null", "none", "nil", "n/a", "na", "#n/a", "#na", "no data", "nodata", "missing")

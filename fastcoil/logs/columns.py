@@ -1,20 +1,144 @@
-"""Which column of a log holds which series, and in which unit."""
+"""What a caller wants of a log and declares about it, and the checks of both.
+
+Columns of status beside the values, as building systems export them: which values they speak against.
+
+Which column of a log holds which series, and in which unit.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import is_number
-from fastcoil.base.errors import collecting, nearest, shown
-from fastcoil.logs.arguments import Declared, Wanted
-from fastcoil.logs.series import COLUMNS, TIMES, Series
-from fastcoil.logs.status import status_columns
-from fastcoil.logs.table import Table, label_and_unit
+from fastcoil.base.arguments import checking, is_number, mapping_of, path_of, plain
+from fastcoil.base.arrays import Mask
+from fastcoil.base.errors import InputError, collecting, nearest, shown
+from fastcoil.logs.series import COLUMNS, TIMES, Series, counted, first_row
+from fastcoil.logs.table import STATUS, Table, label_and_unit
 from fastcoil.logs.timestamps import is_time
+from fastcoil.model.parameter_table import Parameter
+
+MAX_GAP = Parameter("max_gap", "boundary", "s", None, "longest step of a log that is bridged", 1.0)
+_EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
+
+
+class Wanted(NamedTuple):
+    """The series that a caller reads.
+
+    needed: must be in the log, of a tuple exactly one.  optional: may be in the log.  measured: outputs of the model
+    among both; a bad value of one becomes NaN, and its row stays.
+    """
+
+    needed: Sequence[str | tuple[str, ...]]
+    optional: Sequence[str] = ()
+    measured: Sequence[str] = ()
+
+    @property
+    def names(self) -> list[str]:
+        return [name for one in (*self.needed, *self.optional) for name in ((one,) if isinstance(one, str) else one)]
+
+
+class Declared(NamedTuple):
+    """What the caller declares about a log in addition to its header.
+
+    columns: our name → header; None if the log has our names.  units: our name → unit, for headers without one.
+    constants: our name → number, for series that the log lacks; None where the caller offers none.  has_command:
+    whether a command offers the same as options, so that messages name these too.
+    """
+
+    columns: Mapping[str, str] | None
+    units: Mapping[str, str]
+    constants: Mapping[str, float] | None
+    has_command: bool
+
+    def cure(self, argument: str, option: str) -> str:
+        """An argument of the function, and the option of the command that does the same."""
+        return f"{argument}, {option}" if self.has_command else argument
+
+    def column_cure(self, name: str) -> str:
+        """How to say which column holds ``name``."""
+        return self.cure(f"columns={{{name!r}: 'its header'}}", f"--column {name}='its header'")
+
+
+def require_mappings(**given: Any) -> None:
+    """Raise one `InputError` for all of columns, units and constants that do not map names; None passes."""
+    with checking() as check:
+        for name, value in given.items():
+            cure = f"give a mapping of names, such as {_EXAMPLES[name]}"
+            check.unless_none(mapping_of, name, value, cure, to_text=name != "constants")
+
+
+def max_gap_of(max_gap: Any) -> float | None:
+    """The longest step to be bridged; None passes."""
+    value: float | None = plain(max_gap)
+    if value is not None and (problem := MAX_GAP.problem(value)):
+        raise InputError(problem)
+    return value
+
+
+def log_of(name: str, source: Any) -> Any:
+    """A log as it can be read: the path of a CSV file, or a Dataset.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+    """
+    if hasattr(type(source), "data_vars"):
+        return source
+    return path_of(name, source, "give the path of a CSV file or an xarray.Dataset")
+
+
+_GOOD = frozenset(("ok", "{ok}", "{}", "good", "normal", "valid"))
+_BAD = frozenset(
+    ("fault", "down", "stale", "bad", "uncertain", "invalid", "error", "failed", "null", "disabled", "offline", "alarm",
+     "unreliable", "fail", "faulted")
+)  # fmt: skip
+_BLANK = ""
+_ROWS = 1000
+"""Rows in which some status is good, or the column is none of status."""
+
+
+def status_columns(table: Table) -> list[int]:
+    """Indices of the columns of status: by their name, and by what is in them."""
+    return [
+        k
+        for k, header in enumerate(table.header)
+        if label_and_unit(header)[0].strip().lower() in STATUS
+        and any(row[k].strip().lower() in _GOOD for row in table.rows[:_ROWS])
+        and all(_is_status(row[k]) for row in table.rows[:_ROWS])
+    ]
+
+
+def marked_by_status(table: Table, columns: Mapping[str, int]) -> dict[str, Mask]:
+    """Where a column of status speaks against a value, (n,) by name.
+
+    One column of status is for all values of its row; of several, each is for the column on its left.
+    """
+    found = [k for k in status_columns(table) if k not in columns.values()]
+    marked: dict[str, Mask] = {}
+    for k in found:
+        bad = np.array([row[k].strip().lower() not in (*_GOOD, _BLANK) for row in table.rows])
+        names = [
+            name
+            for name, column in columns.items()
+            if name not in ("elapsed_time", "batch") and (len(found) == 1 or column == k - 1)
+        ]
+        marked |= dict.fromkeys(names, bad)
+        if bad.any() and names:
+            first = first_row(table.row_numbers, bad)
+            table.notes.append(f"{counted(bad, 'row')} marked as bad by the column {table.header[k]!r} ({first})")
+    return marked
+
+
+def _is_status(cell: str) -> bool:
+    word = cell.strip().lower()
+    return word in _GOOD or word in _BAD or word == _BLANK or (word[:1] == "{" and word[-1:] == "}")
+
 
 _OUTPUTS = ("command", "T_sup", "T_w_out")
 """Always measured: no message suggests a constant for them."""

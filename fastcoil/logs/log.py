@@ -11,14 +11,11 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.logs.arguments import Declared, Wanted, max_gap_of, require_mappings
-from fastcoil.logs.columns import find_columns
-from fastcoil.logs.dataset import table_of
-from fastcoil.logs.holes import fill_or_cut
-from fastcoil.logs.readings import read_columns
+from fastcoil.logs.columns import Declared, Wanted, find_columns, max_gap_of, require_mappings
+from fastcoil.logs.pieces import RowTimes, TimeRules, longest_bridged, number_pieces, rows_at
+from fastcoil.logs.readings import fill_or_cut, read_columns
 from fastcoil.logs.series import COLUMNS
-from fastcoil.logs.table import Table
-from fastcoil.logs.time import RowTimes, TimeRules, longest_bridged, number_pieces, rows_at
+from fastcoil.logs.table import Table, table_of
 from fastcoil.logs.timestamps import time_format_of
 from fastcoil.model import moist_air
 

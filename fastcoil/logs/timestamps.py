@@ -1,4 +1,9 @@
-"""The column ``timestamp`` as seconds: ISO 8601, the writing of a country, serial days of a spreadsheet, epoch."""
+"""Dates and times in the writing of a country: 01/07/2024 8:05 PM, 01.07.2024 20:05, 01-Jul-24 20:05:00 PDT.
+
+The column ``timestamp`` as seconds: ISO 8601, the writing of a country, serial days of a spreadsheet, epoch.
+
+Date and time of day in columns of their own, as many building systems export them, as one column of times.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +13,229 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fastcoil.base.arguments import text_of
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, shown
-from fastcoil.logs.written_dates import MICROSECONDS, MOST_LETTERS, Parts, parts_of, read_dates
+from fastcoil.logs.series import counted
+
+MOST_LETTERS = 64
+"""Of a cell that can be a time or a number."""
+_MONTHS = (
+    "january", "february", "march", "april", "may", "june",
+    "july", "august", "september", "october", "november", "december",
+)  # fmt: skip
+_WRITTEN = re.compile(
+    r"\s*(?:(?i:mon|tue|wed|thu|fri|sat|sun)[a-z]{0,6},?\s+)?"
+    r"(?P<a>\d{1,4}|[A-Za-z]{3,9})(?P<mark>[-./ ])(?P<b>\d{1,2}|[A-Za-z]{3,9}),?(?P=mark)(?P<c>\d{1,4})"
+    r"(?:[T,\s]\s*(?P<h>\d{1,2}):(?P<min>\d{2})(?::(?P<s>\d{2})(?:[.,](?P<part>\d{1,9}))?)?"
+    r"\s*(?:(?P<half>[AaPp])\.?[Mm]\.?(?![A-Za-z]))?"
+    r"\s*\(?(?:Z|(?:UTC|GMT)?(?P<offset>[+-]\d{2}:?\d{2}|[+-]\d{1,2}))?\s*[\[]?(?P<zone>[A-Za-z_/]{1,32})?[)\]]?)?\s*"
+)
+_DAYLIGHT = {
+    "pdt": "pst", "mdt": "mst", "cdt": "cst", "edt": "est", "akdt": "akst", "adt": "ast", "ndt": "nst",
+    "cest": "cet", "mesz": "mez", "eest": "eet", "west": "wet", "bst": "gmt", "aedt": "aest", "acdt": "acst",
+    "nzdt": "nzst",
+}  # fmt: skip
+"""Zones an hour ahead of the one that the same place has in winter."""
+_UNEVEN = 5.0
+"""The order of day and month that makes a log this much longer than the other one, and uneven, is wrong."""
+_SECOND = 1_000_000
+MICROSECONDS = np.dtype("datetime64[us]")
+
+
+class Parts(NamedTuple):
+    """A time as it is written, before the order of day and month is known.
+
+    a, b, c: the three numbers of the date.  month: index of the one that is a name, -1 if none is.  half: 0 AM, 1 PM,
+    -1 neither.  offset: from UTC in minutes; None if there is none.
+    """
+
+    a: int
+    b: int
+    c: int
+    month: int
+    clock: int
+    half: int
+    hour: int
+    offset: int | None
+    zone: str
+    dotted: bool
+    year_first: bool
+
+
+class Dates(NamedTuple):
+    """Times of the rows since 1970, µs, (n,); ``good`` where a cell holds one; how they were read."""
+
+    microseconds: Index
+    good: Mask
+    notes: list[str]
+
+
+def parts_of(cell: str) -> Parts | None:
+    """The numbers of a date and a time, or None if the cell is written otherwise."""
+    found = _WRITTEN.fullmatch(cell) if len(cell) <= MOST_LETTERS else None
+    if found is None:
+        return None
+    numbers, month = [], -1
+    for k, text in enumerate(found.group("a", "b", "c")):
+        if text.isdigit():
+            numbers.append(int(text))
+        elif month >= 0 or not (named := [n for n, name in enumerate(_MONTHS, 1) if name.startswith(text.lower())]):
+            return None
+        else:
+            numbers.append(named[0])
+            month = k
+    hour, minute, second = (int(found[name] or 0) for name in ("h", "min", "s"))
+    if minute > 59 or second > 59 or hour > 24:
+        return None
+    part = int((found["part"] or "0")[:6].ljust(6, "0"))
+    half = -1 if found["half"] is None else int(found["half"] in "Pp")
+    if half >= 0 and not 1 <= hour <= 12:
+        return None
+    return Parts(
+        a=numbers[0],
+        b=numbers[1],
+        c=numbers[2],
+        month=month,
+        clock=(60 * minute + second) * _SECOND + part,
+        half=half,
+        hour=hour if half < 0 else hour % 12 + 12 * half,
+        offset=_offset(found["offset"]) if found["offset"] else 0 if _is_utc(cell, found["zone"]) else None,
+        zone="" if found["offset"] else (found["zone"] or "").lower(),
+        dotted=found["mark"] == ".",
+        year_first=len(found["a"]) == 4 and month != 0,
+    )
+
+
+def _is_utc(cell: str, zone: str | None) -> bool:
+    return zone is None and cell.rstrip().endswith("Z")
+
+
+def _offset(text: str) -> int:
+    sign, digits = (-1 if text[0] == "-" else 1), text[1:].replace(":", "")
+    return sign * (60 * int(digits[:2]) + int(digits[2:] or 0))
+
+
+def read_dates(parts: list[Parts | None], row_numbers: list[int], cure: str) -> Dates:
+    """The times of a column of ``parts``; None is a cell that is no time.
+
+    cure: how to give the format, for messages.
+
+    Raises
+    ------
+    InputError
+        If the order of day and month cannot be told, or time zones are mixed.
+    """
+    good = np.array([one is not None for one in parts])
+    some = [one for one in parts if one is not None]
+    rows = [number for number, is_good in zip(row_numbers, good, strict=True) if is_good]
+    notes: list[str] = []
+    a, b, c = (np.array([one[k] for one in some], dtype=np.int64) for k in range(3))
+    clock = np.array([3600 * _SECOND * one.hour + one.clock for one in some], dtype=np.int64)
+    late = _zones(some, rows, notes)
+    halves = np.array([one.half >= 0 for one in some])
+    complete = halves | ~halves.any()  # a time without AM or PM among others is none
+    named = {one.month for one in some}
+    if all(one.year_first for one in some):
+        day, valid = _days(a, b, c)
+    elif named == {0}:
+        day, valid = _days(c, a, b)
+    elif named == {1}:
+        day, valid = _days(c, b, a)
+    else:
+        first = _day_is_first(a, b, c, clock, rows, all(one.dotted for one in some), cure, notes)
+        day, valid = _days(c, b, a) if first else _days(c, a, b)
+    valid &= complete
+    microseconds = np.zeros(len(parts), dtype=np.int64)
+    microseconds[good] = np.where(valid, 86400 * _SECOND * day + clock - late, 0)
+    good[good] = valid
+    return Dates(microseconds, good, notes)
+
+
+def _days(year: Index, month: Index, day: Index) -> tuple[Index, Mask]:
+    """Days since 1970, and where there is such a day; years of two digits are from 1970 to 2069."""
+    year = np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
+    valid = (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31) & (year >= 1900)
+    months = np.where(valid, 12 * (year - 1970) + month - 1, 0).astype("datetime64[M]")
+    days = months.astype("datetime64[D]") + (np.where(valid, day, 1) - 1).astype("timedelta64[D]")
+    return days.astype(np.int64), valid & (days.astype("datetime64[M]") == months)
+
+
+def _day_is_first(
+    a: Index, b: Index, c: Index, clock: Index, rows: list[int], dotted: bool, cure: str, notes: list[str]
+) -> bool:
+    """Whether the day is written before the month: from numbers above 12, or from the order in which time goes on."""
+    large_a, large_b = a > 12, b > 12
+    if large_a.any() and large_b.any():
+        i, j = rows[int(np.argmax(large_a))], rows[int(np.argmax(large_b))]
+        raise InputError(
+            f"timestamp has the day before the month in row {i} and after it in row {j}: write one order, "
+            "such as 2024-07-01T08:00:00"
+        )
+    if large_a.any() or large_b.any():
+        which, much = ("first", large_a) if large_a.any() else ("second", large_b)
+        notes.append(f"timestamp read as {_words(bool(large_a.any()), dotted)}: the {which} number exceeds 12 in "
+                     f"{counted(much, 'row')}")  # fmt: skip
+        return bool(large_a.any())
+    if dotted:
+        notes.append(f"timestamp read as {_words(True, True)}, the order that goes with points")
+        return True
+    ways = [86400 * _SECOND * _days(c, *order)[0] + clock for order in ((b, a), (a, b))]
+    if np.ptp(ways[0] - ways[1]) == 0:
+        notes.append("timestamp: the order of day and month cannot be told, and makes no difference within this log")
+        return True
+    (day_length, _), (month_length, _) = lengths = [_length_and_unevenness(way) for way in ways]
+    day_first = day_length < month_length
+    length, uneven = lengths[day_first]  # of the other order
+    if uneven and length > _UNEVEN * min(day_length, month_length):
+        notes.append(f"timestamp read as {_words(day_first, dotted)}: in the other order time would jump")
+        return day_first
+    raise InputError(
+        "timestamp: no number shows whether the day or the month comes first: say it with "
+        f"{cure.format(format='%d/%m/%Y %H:%M')} or '%m/%d/%Y %H:%M'"
+    )
+
+
+def _words(day_first: bool, dotted: bool) -> str:
+    return ("dd.mm.yyyy" if day_first else "mm.dd.yyyy") if dotted else "dd/mm/yyyy" if day_first else "mm/dd/yyyy"
+
+
+def _length_and_unevenness(times: Index) -> tuple[float, bool]:
+    """Length of the way that time goes, µs, and whether one of its steps is far longer than the others."""
+    steps = np.abs(np.diff(times)).astype(np.float64)
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    return float(steps.sum()), bool(steps.size and steps.max() > _UNEVEN * usual)
+
+
+def _zones(some: list[Parts], rows: list[int], notes: list[str]) -> NDArray[np.int64]:
+    """How much later than the first zone the clock of each time shows, µs; mixed zones are refused."""
+    with_offset = [one.offset is not None for one in some]
+    zones = dict.fromkeys(one.zone for one in some)
+    if any(with_offset) and not all(with_offset):
+        k = with_offset.index(not with_offset[0])
+        raise InputError(
+            f"timestamp in row {rows[k]} has {'a' if with_offset[k] else 'no'} UTC offset, unlike the first: "
+            "write one time zone"
+        )
+    if all(with_offset):
+        return np.array([60 * (one.offset or 0) * _SECOND for one in some], dtype=np.int64)
+    if set(zones) == {""}:
+        return np.zeros(len(some), dtype=np.int64)
+    if "" in zones:
+        k = next(i for i, one in enumerate(some) if bool(one.zone) != bool(some[0].zone))
+        raise InputError(f"timestamp names a time zone in some rows only, first unlike in row {rows[k]}: write one")
+    winter = {_DAYLIGHT.get(zone, zone) for zone in zones}
+    shown_zones = " and ".join(zone.upper() for zone in list(zones)[:2])
+    if len(zones) == 1:
+        notes.append(f"timestamp is in {shown_zones} throughout: its times are read as they stand")
+    elif len(zones) == 2 and len(winter) == 1:
+        notes.append(f"timestamp is in {shown_zones}: read as one time, an hour apart")
+    else:
+        raise InputError(f"timestamp has the time zones {shown(', '.join(map(str.upper, zones)))}: write one")
+    return np.array([3600 * _SECOND * (len(zones) == 2 and one.zone in _DAYLIGHT) for one in some], dtype=np.int64)
+
 
 SERIAL, EPOCH = "excel", "epoch"
 """Formats that are numbers."""
@@ -193,3 +416,37 @@ def _number(cell: str) -> float:
         return float(cell.replace(",", ".")) if len(cell) <= MOST_LETTERS else np.nan
     except ValueError:
         return np.nan
+
+
+_DATES, _CLOCKS = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")
+"""Headers, in small letters."""
+_CLOCK = re.compile(r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?\s*(?:[AaPp]\.?[Mm]\.?)?(?:\s?[A-Za-z+:\d-]{1,9})?")
+_ROWS_LOOKED_AT = 3
+
+
+class ClockColumns(NamedTuple):
+    """Index of the column of dates, and of the one of times of day."""
+
+    date: int
+    clock: int
+
+
+def find_clock_columns(header: list[str], rows: list[list[str]]) -> ClockColumns | None:
+    """The two columns of a date and a time of day; None if the table has none, or more than one of either."""
+    found = []
+    for names in (_DATES, _CLOCKS):
+        fits = [k for k, cell in enumerate(header) if cell.strip().lower() in names]
+        if len(fits) != 1:
+            return None
+        found += fits
+    columns = ClockColumns(*found)
+    first = rows[:_ROWS_LOOKED_AT]
+    dates = all(is_time(row[columns.date]) and ":" not in row[columns.date] for row in first)
+    clocks = all(_CLOCK.fullmatch(row[columns.clock].strip()) for row in first)
+    return columns if dates and clocks else None
+
+
+def join_cells(row: list[str], columns: ClockColumns) -> str:
+    """Date and time of day of a row as one text; blank if one of them is."""
+    date, clock = row[columns.date].strip(), row[columns.clock].strip()
+    return f"{date} {clock}" if date and clock else ""

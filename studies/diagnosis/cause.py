@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.measured.diagnosis.identify import GOOD, TOLERANCE
+from fastcoil.measured.identify import GOOD, TOLERANCE
 from studies.common import write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from studies.diagnosis.diagnosis import share

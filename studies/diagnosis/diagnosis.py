@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.measured.diagnosis.identify import GOOD, TOLERANCE, identify_backlash
+from fastcoil.measured.identify import GOOD, TOLERANCE, identify_backlash
 from fastcoil.study.analysis.paired import share_of
 from studies.common import write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, kinds, of_kind, settings

@@ -15,9 +15,8 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.measured.diagnosis.fitted_loop import fit_loop_model, what_if
-from fastcoil.measured.diagnosis.identify import identify_backlash
-from fastcoil.measured.diagnosis.outcome import Outcome
+from fastcoil.measured.fitted_loop import Outcome, fit_loop_model, what_if
+from fastcoil.measured.identify import identify_backlash
 from studies.common import write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from studies.diagnosis.diagnosis import share

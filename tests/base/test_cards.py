@@ -11,9 +11,9 @@ import pytest
 import fastcoil as fc
 from fastcoil.base.results import Result, Section, card
 from fastcoil.design.tuning.result import Tuning
-from fastcoil.measured.diagnosis.result import Diagnosis
-from fastcoil.measured.fit.loop_result import LoopFit
-from fastcoil.measured.fit.result import Fit
+from fastcoil.measured.diagnosis import Diagnosis
+from fastcoil.measured.fit import Fit
+from fastcoil.measured.fit_loop import LoopFit
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS
 
 VOID = {"br", "hr", "img", "polyline"}

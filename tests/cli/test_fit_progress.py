@@ -17,7 +17,7 @@ from helpers.processes import environment
 
 from fastcoil.cli import fit as fit_progress
 from fastcoil.cli.main import main
-from fastcoil.measured.fit import work
+from fastcoil.measured.least_squares import report_part, report_step
 
 
 @pytest.fixture
@@ -30,19 +30,19 @@ def clock(monkeypatch):
 
 def test_every_ten_seconds_a_line_says_how_much_is_done_and_how_long_the_rest_takes(clock, capsys):
     with fit_progress.fit_progress():
-        work.part("starts", 0, 768)
+        report_part("starts", 0, 768)
         clock[0] += 9.0
-        work.step()
+        report_step()
         assert capsys.readouterr().err == ""
-        work.part("descents", 0, 5)
+        report_part("descents", 0, 5)
         clock[0] += 24.0
-        work.part("descents", 2, 5)
+        report_part("descents", 2, 5)
         clock[0] += 1.0
-        work.step()
+        report_step()
     assert capsys.readouterr().err == "Fitting for 33 s: 2 of 5 descents done, 36 s to go with them\n"
-    work.step()
+    report_step()
     clock[0] += 60.0
-    work.step()
+    report_step()
     assert capsys.readouterr().err == ""
 
 
@@ -56,10 +56,10 @@ def test_on_a_terminal_it_is_a_bar_that_goes_away(clock, monkeypatch):
 
     def interrupted_fit():
         with fit_progress.fit_progress():
-            work.part("starts", 0, 768)
+            report_part("starts", 0, 768)
             assert shown.getvalue() == ""
             clock[0] += 2.0
-            work.part("descents", 2, 5)
+            report_part("descents", 2, 5)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

@@ -54,13 +54,13 @@ def public_calls():
 
 
 def type_of_fit():
-    from fastcoil.measured.fit.result import Fit
+    from fastcoil.measured.fit import Fit
 
     return Fit
 
 
 def type_of_diagnosis():
-    from fastcoil.measured.diagnosis.result import Diagnosis
+    from fastcoil.measured.diagnosis import Diagnosis
 
     return Diagnosis
 
@@ -191,7 +191,7 @@ def base_calls(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def _cheap_and_in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("fastcoil.measured.fit.coil_problem._N_STARTS", 2)
+    monkeypatch.setattr("fastcoil.measured.coil_problem._N_STARTS", 2)
     yield
     plt.close("all")
 

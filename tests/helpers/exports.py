@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from fastcoil.logs import read_log
-from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.columns import Wanted
 
 START = datetime(2024, 7, 11, 23, 30)
 ROWS, STEP = 60, 60

@@ -193,11 +193,10 @@ def limit_memory() -> None:
 def main(seed: int, count: int, folder: Path) -> None:
     """Damage and read ``count`` files of each kind."""
     from fastcoil.logs import read_log
-    from fastcoil.logs.arguments import Wanted
+    from fastcoil.logs.columns import Wanted
     from fastcoil.logs.join import join_points
     from fastcoil.loops.boundary import Boundary
     from fastcoil.loops.boundary.weather import weather_day
-    from fastcoil.measured.fit import coil_record, valve_record  # noqa: F401 — so that the limit counts no library
     from fastcoil.study.file.spec import read_study
 
     whole = {"valve.toml": VALVE, "log.csv": LOG, "weather.csv": WEATHER}

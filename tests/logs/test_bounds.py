@@ -9,8 +9,8 @@ import pytest
 from helpers.refusals import only_problem, problems
 
 import fastcoil as fc
-from fastcoil.logs import layout
-from fastcoil.logs.seconds import MOST_SECONDS
+from fastcoil.logs import table as layout
+from fastcoil.logs.pieces import MOST_SECONDS
 from fastcoil.logs.table import label_and_unit
 
 HEADER = ["elapsed_time [s]", "m_a [kg/s]", "T_a_in [degC]", "W_a_in", "T_w_in [degC]", "T_set [degC]"]

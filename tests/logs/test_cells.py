@@ -16,8 +16,8 @@ from helpers.exports import (
 from helpers.refusals import only_problem, problems
 
 from fastcoil.logs import read_log
-from fastcoil.logs.arguments import Wanted
 from fastcoil.logs.cells import cells_of, writing_of
+from fastcoil.logs.columns import Wanted
 
 
 def with_comma(values, decimals=2):

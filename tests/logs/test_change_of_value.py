@@ -5,9 +5,9 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.logs import read_log
-from fastcoil.logs.arguments import Wanted
-from fastcoil.measured.fit.coil_record import record_of
-from fastcoil.measured.fit.valve_record import why_unidentified
+from fastcoil.logs.columns import Wanted
+from fastcoil.measured.coil_problem import record_of
+from fastcoil.measured.valve_problem import why_unidentified
 
 WANTED = Wanted(needed=("command", "m_w"), measured=("m_w",))
 HEADER = ["elapsed_time [s]", "command [%]", "m_w [kg/s]"]

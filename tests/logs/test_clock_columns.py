@@ -4,7 +4,7 @@ import pytest
 from helpers.exports import COMMAND, HEADER, ISO, T_SUP, assert_same_log, read, rows, saved, text_of, times
 from helpers.refusals import only_problem, refusal
 
-from fastcoil.logs.points import Files
+from fastcoil.logs.join import Files
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from helpers.exports import read as read_text
 from helpers.refusals import only_problem, problems
 
 from fastcoil.logs import read_log
-from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.columns import Wanted
 
 WANTED = Wanted(needed=("command", "m_a", "T_a_in", "T_sup"), optional=("enabled",), measured=("T_sup",))
 HEADER = ["elapsed_time [s]", "command [%]", "m_a [kg/s]", "T_a_in [degC]", "T_sup [degC]", "enabled"]

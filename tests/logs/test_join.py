@@ -7,7 +7,7 @@ import pytest
 from helpers.refusals import only_problem, problems
 
 from fastcoil.logs import read_log
-from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.columns import Wanted
 from fastcoil.logs.join import join_points
 
 START = datetime(2024, 7, 25, 8)

@@ -5,7 +5,7 @@ import pytest
 from helpers.refusals import only_problem, problems
 
 from fastcoil.logs import read_log
-from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.columns import Wanted
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.model import moist_air
 

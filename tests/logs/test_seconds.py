@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.refusals import only_problem
 
-from fastcoil.logs.seconds import at_seconds, require_whole_seconds
+from fastcoil.logs.pieces import at_seconds, require_whole_seconds
 
 TIME = np.array([0.0, 4.0, 6.0])
 

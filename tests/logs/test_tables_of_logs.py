@@ -6,7 +6,7 @@ from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, 
 from helpers.refusals import only_problem, problems
 
 from fastcoil.logs import read_log
-from fastcoil.logs.arguments import Wanted
+from fastcoil.logs.columns import Wanted
 from fastcoil.logs.table import label_and_unit
 
 MAPPED = {"columns": {"timestamp": "Time", "command": "Cmd", "T_sup": "SAT"}}

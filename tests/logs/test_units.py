@@ -3,7 +3,7 @@
 import pytest
 from helpers.refusals import only_problem
 
-from fastcoil.logs.units import AIR_FLOW, TEMPERATURE, WATER_FLOW, spelled
+from fastcoil.logs.series import AIR_FLOW, TEMPERATURE, WATER_FLOW, spelled
 
 
 @pytest.mark.parametrize(

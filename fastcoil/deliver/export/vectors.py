@@ -14,7 +14,7 @@ from fastcoil.deliver.export.settings import Settings
 from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.fit.replay import replay
+from fastcoil.measured.replay import replay
 
 OUTPUTS = {"command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate"}
 """What the code calls a trace."""

@@ -31,18 +31,18 @@ from fastcoil.deliver.report.page import (
 from fastcoil.design.tuning.words import table_rows
 from fastcoil.loops.labels import quantity, unit_in_words
 from fastcoil.loops.provenance import content_sha256
-from fastcoil.measured.diagnosis.remedies import WORDS
-from fastcoil.measured.diagnosis.words import in_words
-from fastcoil.measured.fit.loop_result import LoopFit
-from fastcoil.measured.fit.split import FITTING, VALIDATION
+from fastcoil.measured.cause import WORDS
+from fastcoil.measured.diagnosis import in_words
+from fastcoil.measured.fit_loop import LoopFit
+from fastcoil.measured.reading import FITTING, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
     from fastcoil.design.explanation.result import Explanation
     from fastcoil.design.tuning.measures import Limit
     from fastcoil.design.tuning.result import Tuning
-    from fastcoil.measured.diagnosis.result import Diagnosis
-    from fastcoil.measured.fit.result import Fit
+    from fastcoil.measured.diagnosis import Diagnosis
+    from fastcoil.measured.fit import Fit
 
 
 def _how(facts: Sequence[tuple[str, str]], command: str, *tables: Table) -> Section:

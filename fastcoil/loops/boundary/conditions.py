@@ -6,7 +6,7 @@ from typing import Any
 
 from fastcoil.base.arguments import plain
 from fastcoil.base.errors import InputError
-from fastcoil.logs.arguments import MAX_GAP
+from fastcoil.logs.columns import MAX_GAP
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 
 _TABLE = (

@@ -15,8 +15,7 @@ from fastcoil.base.arguments import whole_of
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
 from fastcoil.base.machine import available_memory, gib
-from fastcoil.logs.series import Series
-from fastcoil.logs.units import DIFFERENCE
+from fastcoil.logs.series import DIFFERENCE, Series
 from fastcoil.loops.boundary.clock import SECONDS, Clock, Times
 from fastcoil.loops.boundary.series import (
     ADDED_SERIES,

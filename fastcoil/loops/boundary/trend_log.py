@@ -12,8 +12,8 @@ from fastcoil.base.arguments import checking, path_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log, read_log, warn_of_reading
-from fastcoil.logs.arguments import Wanted, max_gap_of, require_mappings
-from fastcoil.logs.seconds import at_seconds, require_span, require_whole_seconds
+from fastcoil.logs.columns import Wanted, max_gap_of, require_mappings
+from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.logs.timestamps import time_format_of
 from fastcoil.loops.boundary.conditions import condition_of, whole_seconds

@@ -12,9 +12,9 @@ import numpy as np
 from fastcoil.base.arguments import checking, path_of, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.logs.arguments import require_mappings
-from fastcoil.logs.notes import warn_of_reading
-from fastcoil.logs.seconds import MOST_SECONDS
+from fastcoil.logs.columns import require_mappings
+from fastcoil.logs.pieces import MOST_SECONDS
+from fastcoil.logs.series import warn_of_reading
 from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import Values

@@ -21,11 +21,9 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.columns import asked_columns
-from fastcoil.logs.notes import counted
 from fastcoil.logs.readings import read_numbers
-from fastcoil.logs.series import Series, in_total
+from fastcoil.logs.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Series, counted, in_total
 from fastcoil.logs.table import Table
-from fastcoil.logs.units import FRACTION, NUMBER, PRESSURE, TEMPERATURE
 from fastcoil.loops.boundary.clock import YEARS, Times
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 

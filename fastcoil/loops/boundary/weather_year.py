@@ -21,8 +21,8 @@ from typing import Literal, NamedTuple, cast
 
 from fastcoil.base.arguments import checking, is_number, path_of, plain, text_of, whole_of
 from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.logs.arguments import require_mappings
-from fastcoil.logs.notes import warn_of_reading
+from fastcoil.logs.columns import require_mappings
+from fastcoil.logs.series import warn_of_reading
 from fastcoil.loops.boundary.air_handler import chosen_settings, series_of_day, settings_of
 from fastcoil.loops.boundary.air_handler_parts import DAY, outdoors_of
 from fastcoil.loops.boundary.conditions import condition_of

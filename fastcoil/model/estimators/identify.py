@@ -2,7 +2,7 @@
 
 The play operator turns the command into an opening behind each of CANDIDATES.  A linear model from opening to
 temperature is fitted to each: the change of the temperature over a horizon, from its own changes before, a constant,
-and the last changes of the opening behind the candidate, as in ``fastcoil.measured.diagnosis.likelihood``.  The
+and the last changes of the opening behind the candidate, as in ``fastcoil.measured.identify``.  The
 candidates that fit best are the likely ones.  After Jelali (2008), done recursively.
 
 Only the hours after a step of the set-point count, and not the minutes after a step of the air flow.  Between steps the

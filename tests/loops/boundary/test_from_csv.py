@@ -8,7 +8,7 @@ import pytest
 from helpers.shared_data import measured
 from helpers.trend_logs import HEADER, ROWS, replaced, row
 
-from fastcoil.logs.units import AIR_FLOW, DIFFERENCE, TEMPERATURE
+from fastcoil.logs.series import AIR_FLOW, DIFFERENCE, TEMPERATURE
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import paper_day
 from fastcoil.model import moist_air

@@ -1,0 +1,266 @@
+"""Samples of a log on 1-s steps: held, or on straight lines between them.
+
+Logs of which a row is written when some value has changed, instead of every minute: their long steps are no gaps.
+
+The time of a log: where it jumps or has gaps, and the unbroken pieces between.
+
+A lag between two columns is to be sought piece by piece, as `number_pieces` numbers them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.errors import InputError, collecting, shown
+from fastcoil.logs.columns import Declared
+from fastcoil.logs.series import counted
+from fastcoil.logs.table import Table
+from fastcoil.logs.timestamps import read_stamps
+
+_LEAST_STEP = 0.999
+MOST_SECONDS = 50_000_000
+"""Of a record on 1-s steps, 19 months: a few GB with its series."""
+
+
+def require_whole_seconds(name: str, step: float) -> None:
+    """Refuse a log whose samples are less than a second apart; ``step``: its median step, s."""
+    if step < _LEAST_STEP:
+        raise InputError(f"{name}: the rows are {step:g} s apart: thin or average the log to 1 s or more")
+
+
+def require_span(name: str, seconds: float, cure: str = "cut the log") -> None:
+    """Refuse a record that would fill the memory on 1-s steps; ``seconds``: from its first to its last."""
+    if seconds > MOST_SECONDS:
+        raise InputError(
+            f"{name} lasts {seconds:,.0f} s from the first row to the last: at most {MOST_SECONDS:,} s can be read, "
+            f"check the unit of the time, or {cure}"
+        )
+
+
+def at_seconds(
+    time: Array, values: Mapping[str, Array], seconds: Array, hold: Collection[str], slack: float = 0.0
+) -> dict[str, Array]:
+    """Each series at the ``seconds`` asked for, (n_seconds,), within the log.
+
+    Parameters
+    ----------
+    time, values
+        Time of the samples [s], ascending, and their values by name, each (n,).
+    seconds
+        Where to take them [s].
+    hold
+        Names of the series that hold until the next sample; the others run straight.
+    slack
+        A sample up to this much late still counts for its second [s]: for times with round-off.
+    """
+    latest = np.searchsorted(time, seconds + slack, side="right") - 1
+    return {
+        name: series[latest] if name in hold else np.interp(seconds, time, series) for name, series in values.items()
+    }
+
+
+LONG_STEP = 3.0
+"""Steps longer than this many median steps are gaps, but in a log of changes."""
+_REGULAR, _ABOUT = 0.6, 0.2
+"""Steps are regular where more than this share of them is within so much of the median."""
+_SHORT_AND_LONG, _SPREAD = (0.1, 0.9), 4.0
+"""They are uneven where they are not regular and these quantiles are so far apart: further than lost rows make them."""
+_LONG = 0.05
+"""Share of steps that would be gaps, at least."""
+_CHANGES, _REPEATS = 0.9, 0.2
+"""In so many of the rows something changes, while one series stays as it was in so many of them."""
+_FEWEST = 20
+"""Steps."""
+_USUAL, _LONGER = 0.95, 10.0
+"""A step so many times longer than this share of all steps is a gap of such a log, too."""
+
+
+def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> float | None:
+    """Longest step that is no gap [s], if this is a log of changes; else None.
+
+    Parameters
+    ----------
+    time, values
+        Time of the rows [s] and the series by name, each (n,).
+    within
+        Where two rows follow each other in time, (n - 1,).
+    """
+    steps = np.diff(time)[within]
+    if steps.size < _FEWEST:
+        return None
+    if not may_be_of_changes(steps) or np.mean(steps > LONG_STEP * np.median(steps)) < _LONG:
+        return None
+    changed = {name: _changed(series)[within] for name, series in values.items() if name != "batch"}
+    if not changed or np.mean(np.any(list(changed.values()), axis=0)) < _CHANGES:
+        return None
+    if not any(change.sum() > 2 and np.mean(~change) >= _REPEATS for change in changed.values()):
+        return None
+    return float(_LONGER * np.quantile(steps, _USUAL))
+
+
+def may_be_of_changes(steps: Array) -> bool:
+    """Whether steps are uneven; a single sample has none, and may be of changes, too."""
+    if not steps.size:
+        return True
+    median = float(np.median(steps))
+    regular = np.mean(np.abs(steps - median) <= _ABOUT * median) > _REGULAR
+    short, long = np.quantile(steps, _SHORT_AND_LONG)
+    return bool(not regular and long >= _SPREAD * short)
+
+
+def _changed(series: Array) -> Mask:
+    """Where a series is not what it was in the row before, (n - 1,)."""
+    same = (series[1:] == series[:-1]) | (np.isnan(series[1:]) & np.isnan(series[:-1]))
+    return np.asarray(~same)
+
+
+_DAY = 86400.0
+_HOUR, _MOST_CLOCK_CHANGES = 3600.0, 5
+_MANY = 0.1
+"""If more than this share of the steps go back in time, the log is out of order."""
+
+
+class TimeRules(NamedTuple):
+    """What to do where time does not simply go on.
+
+    jumps: ``refuse`` time that goes back or stands still within a batch, or ``split`` the batch there; None where the
+    caller does not offer it.  max_gap: longest step that ends no piece, s; None for three times the median step, or
+    more in a log of changes.  unbroken: refuse a log of more than one piece.  jumps_cure, gap_cure: how to ask for
+    ``split``, and for another longest step.
+    """
+
+    jumps: str | None
+    max_gap: float | None
+    unbroken: bool
+    jumps_cure: str
+    gap_cure: str
+
+
+class Pieces(NamedTuple):
+    """Number of the unbroken piece of each row, (n,), from 0; whether rows were written when a value changed."""
+
+    number: Index
+    change_of_value: bool
+
+
+class RowTimes(NamedTuple):
+    """Times of the rows of a log.
+
+    since: the first good one, s, (n_rows,); NaN in rows without one.  start: date and time of that one, on the clock of
+    ``time_zone``; None and blank if unknown.
+    """
+
+    since: Array
+    start: np.datetime64 | None = None
+    time_zone: str = ""
+
+
+def rows_at(table: Table, column: int, declared: Declared, time_format: str | None, drop: bool | None) -> RowTimes:
+    """Time of every row, from timestamps.
+
+    Nothing, (0,), if something is wrong with them that becomes a problem of the table.
+    """
+    cure = declared.cure("time_format='{format}'", "--time-format '{format}'")
+    with collecting(table.problems):
+        stamps = read_stamps([row[column] for row in table.rows], table.row_numbers, time_format, cure)
+        table.notes += stamps.notes
+        if not (stamps.good.all() or drop):
+            k = int(np.argmin(stamps.good))
+            cell, number = table.rows[k][column], table.row_numbers[k]
+            table.problems.append(f"timestamp = {shown(cell)} in row {number} {stamps.wrong}")
+        else:
+            since = stamps.microseconds - stamps.microseconds[np.argmax(stamps.good)]
+            return RowTimes(np.where(stamps.good, since / 1e6, np.nan), *stamps.first())
+    return RowTimes(np.zeros(0))
+
+
+def longest_bridged(time: Array, max_gap: float | None) -> float:
+    """Longest step that is no gap of a log of regular steps, s."""
+    steps = np.diff(time[np.isfinite(time)])
+    forward = steps[steps > 0.0]
+    return max_gap or LONG_STEP * (float(np.median(forward)) if forward.size else 0.0)
+
+
+def number_pieces(
+    table: Table, time: Array, values: Mapping[str, Array], rules: TimeRules, notes: list[str], *, stamped: bool
+) -> Pieces:
+    """The unbroken pieces of a log of these ``values``, ``batch`` among them; ``stamped``: by timestamps.
+
+    A new piece starts where ``batch`` changes, after a gap, and after a jump.  What is not allowed becomes a problem of
+    the table.
+    """
+    steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
+    new = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
+    back = (steps <= 0.0) & ~new
+    if back.any() and rules.jumps != "split":
+        table.problems.append(_backward(time, back, rows, rules, stamped))
+        return Pieces(np.zeros(time.size, dtype=np.int64), False)
+    if back.any():
+        notes.append(f"time goes back or stands still {counted(back, 'time')}: the record starts again there")
+    forward = steps[~new & ~back]
+    median = float(np.median(forward)) if forward.size else np.inf
+    of_changes = longest_step(time, ~new & ~back, values)
+    if of_changes and not rules.max_gap:
+        table.notes.append(
+            f"rows are {forward.min():g} to {forward.max():g} s apart, and each has a change: a log of changes, "
+            f"values hold between rows; steps of up to {of_changes:g} s are no gaps (another limit: {rules.gap_cure})"
+        )
+    gaps = ~new & ~back & (steps > (rules.max_gap or of_changes or LONG_STEP * median))
+    if rules.unbroken and (new | gaps).any():
+        table.problems.append(_broken(steps, new, gaps, median, rows, stamped))
+    elif gaps.any():
+        k = int(np.argmax(gaps))
+        notes.append(
+            f"{counted(gaps, 'gap')} in time (first: {steps[k]:g} s between rows {rows[k]} and {rows[k + 1]}): "
+            "the record starts again after each"
+            + (" (a step of an hour more than usual: clocks set forward?)" if _hour(steps[k] - median, stamped) else "")
+        )
+    return Pieces(np.concatenate([[0], np.cumsum(new | back | gaps)]), bool(of_changes))
+
+
+def _hour(step: float, stamped: bool) -> bool:
+    return stamped and step == _HOUR
+
+
+def _backward(time: Array, back: Mask, rows: list[int], rules: TimeRules, stamped: bool) -> str:
+    """Where time first goes back, how often it does, and the cure."""
+    steps = np.diff(time)
+    k, times = int(np.argmax(back)), int(back.sum())
+    if stamped and times > _MANY * steps.size and not (time % 60.0).any():
+        most = int(np.unique(time, return_counts=True)[1].max())
+        if most > 1 and (steps >= 0.0).all() and not (time % _DAY).any():
+            return f"timestamp has dates only, up to {most} rows to a day: put date and time of day into one column"
+        if most > 1 and (steps >= 0.0).all():
+            return (
+                f"timestamp is to the minute, with up to {most} rows in one (first: rows {rows[k]} and {rows[k + 1]}): "
+                "export it with seconds, or keep one row of each minute"
+            )
+    what = "is at the same time as" if steps[k] == 0.0 else "is earlier than"
+    cure = "sort the rows and drop doubles"
+    if rules.jumps is not None:
+        cure += f", or let the record start again there: {rules.jumps_cure}"
+    if times > 1 and back.mean() > _MANY:
+        cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
+    forward = steps[steps > 0.0]
+    if forward.size and times <= _MOST_CLOCK_CHANGES and _hour(float(np.median(forward)) - steps[k], stamped):
+        cure = f"clocks were set back an hour here: log UTC or the UTC offset; else {cure}"
+    more = f" ({times} such rows)" if times > 1 else ""
+    return f"elapsed_time: row {rows[k + 1]} {what} row {rows[k]}{more}: {cure}"
+
+
+def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int], stamped: bool) -> str:
+    """Where a log that should be one piece breaks, and the cure."""
+    if new.any():
+        k = int(np.argmax(new))
+        return f"batch changes between rows {rows[k]} and {rows[k + 1]}: give the rows of one batch only"
+    k = int(np.argmax(np.where(gaps, steps, 0.0)))
+    gap, ends = f"{steps[k]:g}", f"{rows[k]} and {rows[k + 1]}"
+    clocks = ", as where clocks are set forward" if _hour(steps[k] - median, stamped) else ""
+    return (
+        f"rows {ends} are {gap} s apart, others {median:g} s{clocks}: fill the gap, cut the log, "
+        f"or pass max_gap={gap} to bridge it"
+    )

@@ -1,0 +1,158 @@
+"""Why a loop swings: the gap of its valve, its tuning, or something from outside.
+
+What the fitted loop would do with another valve, tuning or controller.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.measured.fitted_loop import FittedLoop, Outcome, outcome_of, play, what_if
+from fastcoil.measured.measures import Measures, Swing, running_mean
+
+NONE, BACKLASH, TUNING, DISTURBANCE, UNKNOWN = "none", "backlash", "tuning", "disturbance", "unknown"
+FULL_SWING = 0.6
+"""Swing of the command that no gap makes, fraction of stroke: the loop is unstable, the ends of the valve hold it."""
+ALIKE, LEAST_SIZE = 1.6, 0.5
+"""A model swings as the log does if the periods differ by less than this factor, and if its swing has at least this
+share of the logged one."""
+LEAST_EXPLAINED = 0.1
+"""Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
+GAINS, _MOST = (1.0 / 1.1, 1.0, 1.1), 2
+"""Times the gain of the model, which no log tells exactly, and how many of these have to agree."""
+FORETELLS = 0.8
+"""Margin max |L||N| above which a gap may make the loop hunt; 0.85 where the plant is known and not fitted."""
+_KICKED, _LEAST_KICK = 600.0, 1.0
+"""Seconds and K by which the set-point is off at first, so that a cycle that needs a start gets it."""
+
+
+class Cause(NamedTuple):
+    """The cause, one word of those above, and why, a sentence."""
+
+    name: str
+    because: str
+
+
+def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) -> Cause:
+    """Judge why a loop swings.
+
+    The fitted loop is simulated on the day of the log with all fast disturbances taken away, with its gap and without.
+    What still swings then swings by itself.
+
+    Parameters
+    ----------
+    measures
+        What the log shows.
+    fitted
+        The loop as a model, or why there is none.  A loop that does not repeat its log to the letter may do.
+    identified
+        Whether the log tells the backlash; no valve is blamed for one that it does not tell.
+    """
+    swing, stroke = measures.swing, measures.command_swing
+    if not swing.is_regular:
+        return Cause(UNKNOWN, measures.blind) if measures.blind else Cause(NONE, "no swing comes back regularly")
+    if stroke > FULL_SWING:
+        return Cause(
+            TUNING,
+            f"the command swings over {100 * stroke:.0f} % of the stroke, more than a gap makes it: lower the gain",
+        )
+    if isinstance(fitted, str):
+        return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
+    if sentence := too_little(fitted):
+        return Cause(UNKNOWN, sentence)
+    return _of_model(fitted, swing, identified)
+
+
+def too_little(fitted: FittedLoop) -> str:
+    """Why the model of a loop holds too little of it to be used, or nothing."""
+    share = fitted.explained_temperature
+    if share >= LEAST_EXPLAINED:
+        return ""
+    return f"the command explains only {100 * share:.0f} % of the changes of the temperature"
+
+
+def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
+    quiet = by_itself(fitted, swing)
+    with_gap, without = _alike(quiet, swing, fitted.backlash), _alike(quiet, swing, 0.0)
+    if without >= _MOST:
+        return Cause(TUNING, "the loop would hunt with a perfect valve, too: lower the gain")
+    if with_gap >= _MOST and without == 0:
+        if identified:
+            return Cause(BACKLASH, "the loop would not hunt without it")
+        size = 100 * fitted.backlash
+        return Cause(UNKNOWN, f"it would with a gap of {size:.2g} % and not without, but the log does not tell the gap")
+    if with_gap == 0 and fitted.margin < FORETELLS:
+        return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
+    return Cause(
+        UNKNOWN, "whether the loop would hunt by itself turns on a tenth of its gain, which the log does not tell"
+    )
+
+
+def _alike(quiet: FittedLoop, swing: Swing, backlash: float) -> int:
+    """With how many of ``GAINS`` the loop swings by itself as the log does."""
+    count = 0
+    for factor in GAINS:
+        pi = quiet.pi._replace(kp=factor * quiet.pi.kp)
+        played = play(quiet.plant, pi, quiet.day, quiet.stroke_time, backlash, 0.0, 0.0)
+        count += _swings_alike(outcome_of(played, quiet.day, quiet.plant.step), swing)
+    return count
+
+
+def by_itself(fitted: FittedLoop, swing: Swing) -> FittedLoop:
+    """The loop on its day without noise, and without any disturbance as fast as the swing."""
+    day, step = fitted.day, fitted.plant.step
+    everywhere = np.ones(day.disturbance.size, dtype=bool)
+    slow = running_mean(day.disturbance, everywhere, max(3, round(2.0 * swing.period / step)))
+    started = np.arange(day.T_set.size) * step >= _KICKED
+    kick = np.where(started, 0.0, max(swing.peak_to_peak, _LEAST_KICK))
+    return fitted._replace(day=day._replace(disturbance=slow, noise=np.zeros_like(day.noise), T_set=day.T_set + kick))
+
+
+def _swings_alike(outcome: Outcome, swing: Swing) -> bool:
+    if not outcome.hunts or 2.0 * outcome.amplitude < LEAST_SIZE * swing.peak_to_peak:
+        return False
+    return bool(abs(np.log(outcome.period / swing.period)) < np.log(ALIKE))
+
+
+BUFFER = 0.01
+"""Of the backlash inverse that is tried, fraction of stroke."""
+CASES = ("as_found", "no_gap", "half_gap", "half_gain", "inverse")
+WORDS = {
+    "as_found": "as found",
+    "no_gap": "no gap",
+    "half_gap": "half the gap",
+    "half_gain": "half the gain",
+    "inverse": "a backlash inverse",
+}
+_MEANINGS = {
+    "rmse": ("K", "RMS control error"),
+    "amplitude": ("K", "amplitude of the swing, half of peak to peak"),
+    "period": ("s", "period of the swing"),
+    "travel_per_day": ("1", "strokes of the motor in a day"),
+    "reversals_per_day": ("1", "turns of the stem in a day"),
+    "hunts": ("1", "whether the loop hunts"),
+}
+
+
+def outcomes_of(fitted: FittedLoop, backlash: float) -> dict[str, Outcome | str]:
+    """Simulate the fitted loop in every case; ``backlash``: of its valve, fraction of stroke."""
+    return {
+        "as_found": what_if(fitted),
+        "no_gap": what_if(fitted, backlash=0.0),
+        "half_gap": what_if(fitted, backlash=0.5 * backlash),
+        "half_gain": what_if(fitted, kp_factor=0.5),
+        "inverse": what_if(fitted, estimate=backlash, buffer=BUFFER),
+    }
+
+
+def as_dataset(outcomes: dict[str, Outcome | str]) -> xr.Dataset:
+    """The outcomes along ``case``: numbers, NaN where one is a sentence, which is then the ``doubt``."""
+    ds = xr.Dataset(coords={"case": list(outcomes)})
+    for name, (unit, meaning) in _MEANINGS.items():
+        values = [np.nan if isinstance(one, str) else float(getattr(one, name)) for one in outcomes.values()]
+        ds[name] = ("case", values, {"units": unit, "long_name": meaning})
+    ds["doubt"] = ("case", [one if isinstance(one, str) else "" for one in outcomes.values()])
+    return ds

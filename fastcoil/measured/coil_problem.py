@@ -1,0 +1,408 @@
+"""A log of a coil as 1-s series, and the model run over it with many parameter sets at once.
+
+The least-squares problem of a coil: which samples are compared, which parameters are held, and its solution.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from threading import current_thread, main_thread
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.errors import InputError
+from fastcoil.logs import Log
+from fastcoil.logs.pieces import at_seconds, require_whole_seconds
+from fastcoil.logs.series import counted, first_row
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.running import within
+from fastcoil.loops.scenarios import columns_of
+from fastcoil.measured.least_squares import FORBIDDEN, Estimate, Model, Uncertainty, minimise, uncertainty
+from fastcoil.measured.reading import fitted_part
+from fastcoil.model import moist_air
+from fastcoil.model.engine.lanes import parameter_matrix
+from fastcoil.model.engine.plant import worst_numbers
+from fastcoil.model.engine.recorded import COIL_COLUMNS, run_coil
+from fastcoil.model.engine.rows import PARAMETER_ROWS
+
+COIL = ("C_w", "C_c", "beta1", "beta2", "beta3", "beta4", "beta5", "beta6")
+LOGS = np.array([True, True, True, False, True, False, True, False])
+"""Which of ``COIL`` are searched by their logarithm."""
+LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
+"""The searched parameters: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
+_ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
+_AIR_FLOWS = 9
+_LONGEST = 60 * 86400
+_SHORT = 4_000_000
+"""Steps of parameter sets that take about a second."""
+_STILL, _MOSTLY = 0.05, 0.95
+"""Air stands still below the first share of the flow that it stays below for the second share of the time."""
+_ROUND_OFF = 1e-6
+"""Of times counted from the start of a piece, s."""
+
+
+class Piece(NamedTuple):
+    """An unbroken piece of a record: series (n_steps, 5) as ``COIL_COLUMNS``; ``at`` (n,), second of each sample."""
+
+    series: Array
+    at: Index
+
+
+class CoilRun(NamedTuple):
+    """Output of the model at each sample for each parameter set, (n, sets): °C, °C, number of wet volumes."""
+
+    T_sup: Array
+    T_w_out: Array
+    wet_volumes: Array
+
+
+class Limits(NamedTuple):
+    """What decides whether a coil is stable: largest water flow, least and largest air flow, kg/s, largest dh_s/dT."""
+
+    m_w_max: float
+    m_a_span: tuple[float, float]
+    wet_slope: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """The series that enter the coil second by second, and the seconds of the samples.
+
+    pieces: the unbroken pieces of the log; each starts from ``T_initial``.  m_w, m_a: typical flows of the part to fit,
+    kg/s.  limits, limits_of_all: of stability, in the part to fit and in all of the log.
+    """
+
+    pieces: tuple[Piece, ...]
+    loop: Loop
+    m_w: float
+    m_a: float
+    limits: Limits
+    limits_of_all: Limits
+
+    def until(self, n_samples: int) -> Record:
+        """The record up to its first samples."""
+        kept = []
+        for piece in self.pieces:
+            if n_samples > 0:
+                here = piece.at[:n_samples]
+                kept.append(Piece(piece.series[: int(here[-1]) + 1], here))
+            n_samples -= piece.at.size
+        return replace(self, pieces=tuple(kept))
+
+    def named(self) -> Array:
+        """Matrix from the searched parameters to (the logarithms of) ``COIL``: ln β = ln NTU - β' ln m."""
+        A = np.eye(8)
+        A[LN_NTU_W, BETA2] = -math.log(self.m_w)
+        A[LN_NTU_A, BETA4] = A[LN_NTU_STAR, BETA6] = -math.log(self.m_a)
+        return A
+
+    def values(self, sets: Array) -> Array:
+        """``COIL`` of parameter sets as searched, (8, sets)."""
+        y = self.named() @ sets
+        return np.where(LOGS[:, None], np.exp(np.minimum(y, 50.0)), y)
+
+    def run(self, sets: Array) -> CoilRun:
+        """The model over the record with each parameter set (8, sets); NaN for sets that are unstable."""
+        matrix = self._matrix(sets)
+        of_pieces = [_run(matrix, piece) for piece in self.pieces]
+        found = CoilRun(*(np.concatenate(parts) for parts in zip(*of_pieces, strict=True)))
+        unstable = self._unstable(sets)
+        for whole in found:
+            whole[:, unstable] = np.nan
+        return found
+
+    def is_stable(self, x: Array) -> bool:
+        """Whether a parameter set (8, 1) is stable over all of the log, the held-back part included."""
+        return not replace(self, limits=self.limits_of_all)._unstable(x)[0]
+
+    def _unstable(self, sets: Array) -> Mask:
+        """Sets (8, sets) with γ or λ above 1 at the flows of ``limits``, (sets,)."""
+        matrix = self._matrix(sets)
+        # a valve that delivers just that at full opening
+        most = {"m_max": self.limits.m_w_max, "valve_a": 1.0, "valve_b": 100.0, "valve_c": -5.0, "rangeability": np.nan}
+        for name, value in most.items():
+            matrix[PARAMETER_ROWS.index(name)] = value
+        air_flows = np.linspace(*self.limits.m_a_span, _AIR_FLOWS)
+        gamma, lam = worst_numbers(matrix, air_flows, self.limits.wet_slope)
+        return np.asarray(~((gamma <= 1.0) & (lam <= 1.0)))
+
+    def _matrix(self, sets: Array) -> Array:
+        base = parameter_matrix(columns_of(self.loop, {}, np.array([0])))
+        matrix = np.repeat(base, sets.shape[1], axis=1)
+        matrix[_ROWS] = self.values(sets)
+        return matrix
+
+
+def _run(matrix: Array, piece: Piece) -> tuple[Array, ...]:
+    """The model over one piece; Ctrl-C is heard while a long one runs."""
+    if piece.series.shape[0] * matrix.shape[1] < _SHORT or current_thread() is not main_thread():
+        return run_coil(matrix, piece.series, piece.at)
+    return within(None, lambda: run_coil(matrix, piece.series, piece.at))
+
+
+def residual_rows(found: Array, measured: Array, used: Mask) -> Array:
+    """Modelled less measured, (n, sets): 0 where not compared, ``FORBIDDEN`` where the model could not be run."""
+    r = np.where(used[:, None], found - np.where(used, measured, 0.0)[:, None], 0.0)
+    return np.where(np.isfinite(r), r, FORBIDDEN)
+
+
+def in_operation(log: Log) -> Log:
+    """The log without the times at which no air flows or ``enabled`` is 0: the sensors then say nothing of the coil.
+
+    A batch ends at each of them, as it does at a gap.
+    """
+    m_a, enabled = log.values["m_a"], log.values.pop("enabled", np.ones(log.time.size))
+    on = (m_a > _STILL * np.quantile(m_a, _MOSTLY)) & (enabled != 0.0)
+    if not on.any():
+        raise InputError(f"{log.name}: m_a is 0 throughout: give a log with air flow")
+    if on.all():
+        return log
+    spells = int(on[0] == 0) + int(np.sum(np.diff(on.astype(int)) < 0))
+    log.notes.append(
+        f"{counted(~on, 'sample')} in {counted(spells, 'spell')} left out, no air flows "
+        f"({first_row(log.rows.tolist(), ~on)}): the record starts again after each"
+    )
+    return log.where(on)
+
+
+def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Record:
+    """The log on 1-s steps: straight lines between samples, or held where ``holds`` names the series.
+
+    fitting: (n,), samples of the part to fit; the others have no influence on its scales and limits.
+    """
+    require_whole_seconds(log.name, log.step)
+    pressure = float(loop["pressure"])  # type: ignore[arg-type]
+    values = log.values | {"W_a_in": log.humidity_ratio(pressure)}
+    if not values["m_w"][fitting].any():
+        raise InputError(f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow")
+    if log.change_of_value:
+        holds = COIL_COLUMNS
+    unbroken = np.split(np.arange(log.time.size), np.flatnonzero(np.diff(log.batch)) + 1)
+    seconds_in_all = sum(log.time[samples[-1]] - log.time[samples[0]] for samples in unbroken)
+    if seconds_in_all > _LONGEST:
+        days = f"{seconds_in_all / 86400:.0f} days: cut it to {_LONGEST // 86400} at most"
+        raise InputError(f"{log.name}: the log lasts {days}, a fit of more takes many minutes")
+    coldest = float(loop["T_initial"])  # type: ignore[arg-type]
+    return Record(
+        pieces=tuple(_piece(log.time[i], {name: values[name][i] for name in COIL_COLUMNS}, holds) for i in unbroken),
+        loop=loop,
+        m_w=_typical(values["m_w"][fitting]),
+        m_a=_typical(values["m_a"][fitting]),
+        limits=_limits({name: series[fitting] for name, series in values.items()}, coldest, pressure),
+        limits_of_all=_limits(values, coldest, pressure),
+    )
+
+
+def _limits(values: Mapping[str, Array], T_initial: float, pressure: float) -> Limits:
+    dew_point = float(moist_air.wetting_point(values["W_a_in"].max(), pressure))
+    coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), T_initial)
+    return Limits(
+        m_w_max=float(values["m_w"].max()),
+        m_a_span=(float(values["m_a"].min()), float(values["m_a"].max())),
+        wet_slope=0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure)),
+    )
+
+
+def _piece(time: Array, values: dict[str, Array], holds: tuple[str, ...]) -> Piece:
+    time = time - time[0]
+    seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
+    series = at_seconds(time, values, seconds, holds, slack=_ROUND_OFF)
+    return Piece(series=np.stack(list(series.values()), axis=1), at=np.floor(time + 0.5).astype(np.int64))
+
+
+def _typical(flow: Array) -> float:
+    """Geometric mean of a flow where it flows, kg/s."""
+    return float(np.exp(np.mean(np.log(flow[flow > 0.01 * flow.max()]))))
+
+
+_PRIOR_EXPONENT = {BETA2: -0.2, BETA4: -0.45, BETA6: -0.42}
+"""Exponents of turbulent flow: NTU = UA/(m cp) with UA rising as m^0.8 in the tubes, m^0.55 over the fins."""
+_UNKNOWN = {True: 0.7, False: 0.5}
+"""A parameter with a larger standard error is not identified: of a logarithm (a factor of 2), of an exponent."""
+_CONSTANT = 0.02
+"""A flow that varies by less than this share is constant."""
+_N_STARTS = 256
+_STEP = 2e-3
+"""Of the differences: long compared with the jumps where a volume turns wet."""
+_FEWEST_SAMPLES = 16
+_SMALL_SWING = 0.02
+"""Water stands still below this share of its typical flow: its sensor then says nothing of the coil."""
+_COARSE = 10.0
+"""Between samples further apart than this an input may step, s."""
+COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
+"""Parameters that the data may not tell apart: the first is then held at the value of the second."""
+_AS_DRY = "as that of heat alone"
+
+
+class CoilSolution(NamedTuple):
+    """The minimum, how well it is known, and the wet volumes of the fitted samples, (n,)."""
+
+    estimate: Estimate
+    uncertainty: Uncertainty
+    wet_volumes: Array
+
+
+class CoilProblem:
+    """The record, which samples of it are compared, and which parameters are held."""
+
+    def __init__(
+        self,
+        data: Log,
+        record: Record,
+        outputs: tuple[str, ...],
+        warm_up: float,
+        split: float | None,
+        fit_until: float | None,
+        holds: tuple[str, ...] = (),
+    ) -> None:
+        self.data, self.record, self.outputs = data, record, outputs
+        self.notes = list(data.notes)
+        self.warm = data.since_batch() >= warm_up
+        self.fitting = fitted_part(data, split, fit_until)
+        self.n_fit = int(self.fitting.sum())
+        flowing = data.values["m_w"] > _SMALL_SWING * record.m_w
+        self.compared = {
+            name: self.warm & np.isfinite(values) & (flowing | (name == "T_sup"))
+            for name in ("T_sup", "T_w_out")
+            if (values := data.values.get(name)) is not None
+        }
+        self._note_what_is_not_compared(warm_up, flowing)
+        compared = self.compared["T_sup"] & self.fitting
+        if compared.sum() < _FEWEST_SAMPLES:
+            raise InputError(
+                f"{data.name}: {counted(compared, 'temperature')} to compare between the warm-up of {warm_up:g} s and "
+                f"the end of the part to fit, at {data.time[self.n_fit - 1]:g} s: give at least {_FEWEST_SAMPLES}, "
+                f"lower warm_up, raise split, or give a longer log ({'; '.join(self.notes) or 'no gaps'})"
+            )
+        T_sup = data.values["T_sup"][compared]
+        if np.ptp(T_sup) == 0.0:
+            raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor")
+        if data.step > _COARSE and not holds:
+            self.notes.append(
+                f"samples are {data.step:g} s apart and the inputs run straight between them: if some hold until the "
+                "next sample, name them: holds=['m_w'], --hold m_w"
+            )
+        self.prior = self._prior()
+        self.held: dict[int, str] = {}
+        for flow, exponents, what in (("m_a", (BETA4, BETA6), "air"), ("m_w", (BETA2,), "water")):
+            values = data.values[flow][compared]
+            if np.ptp(values) < _CONSTANT * values.mean():
+                self.held |= {k: f"held at a prior: the {what} flow is constant" for k in exponents}
+
+    def _note_what_is_not_compared(self, warm_up: float, flowing: Mask) -> None:
+        batch = self.data.batch
+        if self.data.n_batches > 1:
+            short = self.data.n_batches - np.unique(batch[self.warm]).size
+            self.notes.append(
+                f"{counted(self.data.n_batches, 'unbroken piece')}, each starting at "
+                f"{self.record.loop['T_initial']:g} degC, the first {warm_up:g} s of each left out "
+                f"({short} shorter than that)"
+            )
+        if "T_w_out" in self.compared and not flowing.all():
+            self.notes.append(f"{counted(~flowing, 'sample')} of T_w_out not compared: no water flows")
+
+    def _prior(self) -> Array:
+        """The values of parameters that the data do not identify."""
+        x = np.array([self._least_C_w() + math.log(1.05), 0.0, math.log(0.35), 0.0, math.log(0.35), 0.0, 0.0, 0.0])
+        x[LN_C_C] = x[LN_C_W] + math.log(10.0 / 8.8)
+        x[LN_NTU_STAR] = x[LN_NTU_A]
+        for k, value in _PRIOR_EXPONENT.items():
+            x[k] = value
+        return x
+
+    def _least_C_w(self) -> float:
+        """ln of the C_w with γ = 1 at the largest flow."""
+        loop = self.record.loop
+        cp_w, n_volumes, substeps = (float(loop[name]) for name in ("cp_w", "n_volumes", "substeps"))  # type: ignore[arg-type]
+        return math.log(self.record.limits.m_w_max * cp_w * n_volumes / 8.0 / substeps)
+
+    def complete(self, sets: Array) -> Array:
+        """Parameter sets with the coupled ones filled in: a dry coil's ε* is its ε."""
+        sets = sets.copy()
+        for k, other in COUPLED.items():
+            if is_coupled(self.held, k):
+                sets[k] = sets[other]
+        return sets
+
+    def model(self) -> Model:
+        """The least-squares problem of the part to fit."""
+        part = self.record.until(self.n_fit)
+        n = self.n_fit
+        measured = [self.data.values[name][:n] for name in self.outputs]
+        used = [self.compared[name][:n] for name in self.outputs]
+
+        def residuals(sets: Array) -> Array:
+            run = part.run(self.complete(sets))
+            rows = [residual_rows(getattr(run, o), m, u) for o, m, u in zip(self.outputs, measured, used, strict=True)]
+            return np.concatenate(rows)
+
+        low = self._least_C_w()
+        lower = np.array([low, low - 5.0, -5.0, -2.0, -5.0, -2.0, -5.0, -2.0])
+        upper = np.array([low + 4.0, low + 8.0, 3.0, 1.0, 3.0, 1.0, 3.0, 1.0])
+        segment = np.concatenate([self.data.batch[:n] + k * self.data.n_batches for k in range(len(measured))])
+        return Model(residuals, lower, upper, np.full(8, _STEP), segment, np.concatenate(used))
+
+    def starts(self) -> Array:
+        """A space-filling set of physical guesses, (8, sets)."""
+        from scipy.stats import qmc
+
+        unit = qmc.Sobol(8, seed=0).random(_N_STARTS).T
+        low, least = np.array([0.02, -1.0, -2.5, -0.6, -2.5, -0.7, -0.4, -0.7]), self._least_C_w()
+        high = np.array([1.5, 3.0, 1.0, 0.0, 1.0, 0.0, 0.4, 0.0])
+        x = low[:, None] + (high - low)[:, None] * unit
+        x[LN_C_W] += least
+        x[LN_C_C] += x[LN_C_W]
+        x[LN_NTU_STAR] += x[LN_NTU_A]
+        for k in self.held:
+            x[k] = self.prior[k]
+        return np.asarray(x)
+
+    def solve(self) -> CoilSolution:
+        """Fit, hold parameters that turn out to be unknown, and fit again until all free ones are known."""
+        model, starts = self.model(), self.starts()
+        best = minimise(model, starts, fixed=list(self.held))
+        run = self.record.until(self.n_fit).run(self.complete(best.x[:, None]))
+        wet = run.wet_volumes[self.warm[: self.n_fit], 0]
+        if not wet.any():
+            self.held |= {k: f"{_AS_DRY}: the coil is never wet" for k in COUPLED}
+            best = minimise(model, best.x[:, None], fixed=list(self.held))
+        spread = uncertainty(model, best, list(self.held))
+        needed: set[int] = set()
+        while (k := self._least_known(model, best, spread, needed)) is not None:
+            x = best.x.copy()
+            x[k] = self.prior[k]
+            if k in COUPLED:
+                self.held[k] = f"{_AS_DRY}: the data do not tell them apart"
+            else:
+                self.held[k] = "held at a prior: the data do not identify it"
+            tried = minimise(model, x[:, None], fixed=list(self.held))
+            if tried.rss - best.rss > spread.quantile() ** 2 * spread.variance * spread.inflation[k]:
+                del self.held[k]  # little is known of it, but it is not the prior
+                needed.add(k)
+                continue
+            best, needed = tried, set()
+            spread = uncertainty(model, best, list(self.held))
+        return CoilSolution(estimate=best, uncertainty=spread, wet_volumes=wet)
+
+    def _least_known(self, model: Model, best: Estimate, spread: Uncertainty, needed: set[int]) -> int | None:
+        """The free parameter that the data say least about, if they do not identify it."""
+        error = np.sqrt(np.diag(spread.covariance)) / np.where(LOGS, _UNKNOWN[True], _UNKNOWN[False])
+        span = model.upper - model.lower
+        far_down = best.x < model.lower + 1e-6 * span
+        far_down[LN_C_W] = False  # a good answer: there the scheme is just stable
+        far = far_down | (best.x > model.upper - 1e-6 * span)
+        error = np.where(far | np.isin(np.arange(8), spread.dead), np.inf, np.nan_to_num(error, posinf=np.inf))
+        # give up a factor last: without it no heat is exchanged
+        rank = np.where(np.isin(np.arange(8), (LN_NTU_W, LN_NTU_A)), error / 10.0, error)
+        rank[[*self.held, *needed]] = 0.0
+        k = int(np.argmax(rank))
+        return k if error[k] > 1.0 and rank[k] > 0.0 else None
+
+
+def is_coupled(held: Mapping[int, str], k: int) -> bool:
+    """Whether a parameter is held at the value of another."""
+    return held.get(k, "").startswith(_AS_DRY)

@@ -1,0 +1,213 @@
+"""``diagnose``: whether a valve has backlash, and whether that is why its loop hunts, from a trend log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, choice_of, flag_of, number_of
+from fastcoil.logs import read_log
+from fastcoil.logs.columns import Wanted, log_of, max_gap_of, require_mappings
+from fastcoil.logs.series import COLUMNS
+from fastcoil.logs.timestamps import time_format_of
+from fastcoil.measured.cause import as_dataset, cause_of, outcomes_of, too_little
+from fastcoil.measured.diagnosis import Diagnosis, scalars
+from fastcoil.measured.fitted_loop import FittedLoop, fit_and_doubt
+from fastcoil.measured.grid import Grid, on_grid
+from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, identify_backlash
+from fastcoil.measured.measures import Measures, loop_indices, measures_of
+
+_WANTED = Wanted(
+    needed=("command", "T_sup"), optional=("T_set", "m_a", "T_a_in", "enabled"), measured=("T_sup", "m_a", "T_a_in")
+)
+_LONGEST, _SHORTEST_SAMPLE = 3600.0, 0.1
+"""Of a stroke or of the time between two samples of a controller, s."""
+WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
+"""Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
+size is claimed."""
+WIDEST = 0.1
+"""Interval of a backlash that may be claimed, fraction of stroke."""
+
+
+def diagnose(
+    log: Any,
+    stroke_time: float | None = None,
+    sample_time: float | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None = None,
+    drop: bool = False,
+    jumps: str = "refuse",
+    max_gap: float | None = None,
+    time_format: str | None = None,
+) -> Diagnosis:
+    """Find the backlash of a valve in a trend log of its loop, and why the loop hunts if it does.
+
+    Parameters
+    ----------
+    log
+        Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``T_sup`` (°C, °F, K),
+        and ``elapsed_time`` or ``timestamp``; of a Dataset of ``fc.simulate``, ``T_measured`` is taken if it is there.
+        Optional: ``T_set``, without which no cause can be told; ``m_a`` and ``T_a_in``, air flow and entering air,
+        with which smaller gaps show; ``enabled``, 0 where the plant is off.
+    stroke_time
+        Seconds of the motor from closed to open, 0 if it is as good as immediate; 90 if left out.
+    sample_time
+        Seconds between two samples of the controller; found from the log if left out.
+    units, columns
+        As in ``fc.Boundary.from_csv``.
+    drop, jumps, max_gap, time_format
+        What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
+        ``fastcoil.logs.read_log``.
+
+    Returns
+    -------
+    Diagnosis
+        ``backlash`` counts only if ``identified``; ``reason`` says why it is not.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the log or the arguments.
+    """
+    with checking() as check:
+        log = check(log_of, "log", log)
+        stroke_time = check.unless_none(_seconds_of, "stroke_time", stroke_time, 0.0)
+        sample_time = check.unless_none(_seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
+        check(flag_of, "drop", drop)
+        check(choice_of, "jumps", jumps, ("refuse", "split"))
+        check(max_gap_of, max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
+        check(require_mappings, units=units, columns=columns)
+    if hasattr(log, "data_vars") and "T_measured" in log and "T_sup" not in (columns or {}):
+        log = log.assign(T_sup=log["T_measured"])
+    data = read_log(
+        log,
+        _WANTED,
+        units=units,
+        columns=columns,
+        drop=drop,
+        jumps=jumps,
+        max_gap=max_gap,
+        time_format=time_format,
+        has_command=True,
+    )
+    grid, notes = on_grid(data)
+    known = [name for name in ("m_a", "T_a_in") if name in grid.values]
+    found = identify_backlash(
+        grid.values["command"],
+        grid.values["T_sup"],
+        grid.interval,
+        grid.values.get("T_set"),
+        tuple(grid.values[name] for name in known),
+        grid.on,
+        stroke_time,
+        sample_time,
+    )
+    measures = measures_of(grid, stroke_time)
+    found = _doubted(found, grid, measures)
+    modelled = _modelled(grid, found, stroke_time, sample_time)
+    loop, doubt = (modelled, modelled) if isinstance(modelled, str) else modelled
+    cause = cause_of(measures, loop, identified=found.identified)
+    fitted = doubt or loop
+    outcomes = {} if isinstance(fitted, str) else outcomes_of(fitted, fitted.backlash)
+    notes = [*data.notes, *notes, *_remarks(grid, stroke_time, sample_time, fitted)]
+    return Diagnosis(
+        source=data.name,
+        backlash=found.backlash,
+        interval=(found.low, found.high),
+        identified=found.identified,
+        reason=found.reason,
+        cause=cause.name,
+        because=cause.because,
+        hunts=measures.swing.is_regular,
+        profile=_profile(found),
+        indices=scalars(measures.indices | loop_indices(measures, grid.interval, loop, trusted=not doubt)),
+        predictions=as_dataset(outcomes) if outcomes else None,
+        signals=_signals(grid, measures),
+        notes=notes,
+    )
+
+
+def _seconds_of(name: str, value: Any, least: float) -> float:
+    return number_of(name, value, f"give seconds, from {least:g} to {_LONGEST:g}", least=least, most=_LONGEST)
+
+
+def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identification:
+    """The backlash, not identified where the log holds a trap that the likelihood does not know."""
+    if not found.identified:
+        return found
+    unknown = found._replace(low=0.0, high=float(found.candidates[-1]), identified=False)
+    if measures.swing.is_regular and measures.command_swing > WIDE_SWING:
+        # the squared opening of the model does not follow the curve of a valve over so much of its stroke
+        reason = (
+            f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
+            "hides the gap: halve the gain and log again"
+        )
+        return unknown._replace(reason=reason)
+    if grid.increment > LARGEST_INCREMENT:
+        reason = (
+            f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it "
+            "at fixed times, or at changes of 0.05 K"
+        )
+        return unknown._replace(reason=reason)
+    if found.high - found.low > WIDEST:
+        reason = (
+            f"gaps from {100 * found.low:.2g} to {100 * found.high:.2g} % explain the log: change the set-point up and "
+            "down, or log longer"
+        )
+        return found._replace(identified=False, reason=reason)
+    return found
+
+
+def _modelled(
+    grid: Grid, found: Identification, stroke_time: float | None, sample_time: float | None
+) -> tuple[FittedLoop, str] | str:
+    """The loop as a model with why it is not to be trusted, empty if it is, or why there is none."""
+    values = grid.values
+    if "T_set" not in values:
+        return "the log has no set-point (T_set)"
+    seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
+    backlash = found.backlash if np.isfinite(found.backlash) else 0.0
+    modelled = fit_and_doubt(
+        values["command"], values["T_sup"], values["T_set"], grid.interval, backlash, seconds, sample_time, grid.on
+    )
+    return modelled if isinstance(modelled, str) else (modelled[0], too_little(modelled[0]) or modelled[1])
+
+
+def _remarks(grid: Grid, stroke_time: float | None, sample_time: float | None, fitted: FittedLoop | str) -> list[str]:
+    """What was assumed, and what could not be computed."""
+    notes = []
+    if stroke_time is None:
+        notes.append(
+            f"the motor is taken to need {USUAL_STROKE_TIME:g} s for its stroke: give stroke_time if it is known"
+        )
+    if "T_set" not in grid.values:
+        notes.append("without a set-point (T_set) no error, no index of it, no cause and no prediction is computed")
+    elif isinstance(fitted, str):
+        notes.append(f"no prediction: {fitted}")
+    if sample_time is not None and sample_time < grid.interval:
+        notes.append(
+            f"the log has a sample every {grid.interval:g} s, the controller one every {sample_time:g} s: turns of the "
+            "command between two samples are lost"
+        )
+    return notes
+
+
+def _profile(found: Identification) -> xr.Dataset:
+    profile = {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})}
+    attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
+    return xr.Dataset(profile, {"backlash": ("backlash", found.candidates, attrs)})
+
+
+def _signals(grid: Grid, measures: Measures) -> xr.Dataset:
+    """The log as it was used."""
+    series = {name: ("elapsed_time", values, {"units": COLUMNS[name].unit}) for name, values in grid.values.items()}
+    series["position"] = ("elapsed_time", measures.position, {"units": "1"})
+    calm = xr.DataArray(measures.calm, dims="elapsed_time")
+    attrs = {"interval": grid.interval, "hours": float(grid.on.sum()) * grid.interval / 3600.0}
+    ds = xr.Dataset(series, {"elapsed_time": ("elapsed_time", grid.time, {"units": "s"})}, attrs)
+    return ds.assign(calm=calm)

@@ -1,0 +1,270 @@
+"""The result of a coil fit: parameters as a study takes them, their uncertainty, residuals of the whole log.
+
+``fit_coil``: C_c, C_w, β1 … β6 of Eqs (3) and (4) from recorded flows and temperatures (section 2.2).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from itertools import islice
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, choice_of, number_of, plain
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.logs import Log, read_log
+from fastcoil.logs.columns import Wanted, log_of
+from fastcoil.logs.series import HUMIDITIES
+from fastcoil.logs.timestamps import time_format_of
+from fastcoil.loops.loop import Loop
+from fastcoil.measured.coil_problem import (
+    COIL,
+    COUPLED,
+    LN_C_W,
+    LOGS,
+    CoilProblem,
+    CoilSolution,
+    in_operation,
+    is_coupled,
+    record_of,
+)
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, rms, sample_variables
+from fastcoil.measured.reading import FITTING, UNUSED, VALIDATION, check_reading, fitted_part, split_of, validated_with
+from fastcoil.model.metric_table import WARM_UP
+from fastcoil.model.parameter_table import PARAMETERS
+
+_NOTHING = 5.0
+"""Half an interval this wide means nothing: a factor of 150, or an exponent."""
+_MARCH = ("n_volumes", "air_march", "substeps")
+_STABLE = "at the stability limit (γ = 1 at the largest flow)"
+
+
+def coil_fit(problem: CoilProblem, solution: CoilSolution, started: float) -> Fit:
+    """The fit with everything a user may ask of it; ``started``: time of the call, by ``time.perf_counter``."""
+    record, data, notes = problem.record, problem.data, problem.notes
+    best, spread, wet = solution
+    x = problem.complete(best.x[:, None])
+    values = record.values(x)[:, 0]
+    A = record.named() @ _coupling(problem.held)
+    spread_y = A @ np.nan_to_num(spread.covariance, posinf=0.0) @ A.T
+    half = spread.quantile() * np.sqrt(np.diag(spread_y))
+    slope = np.where(LOGS, values, 1.0)
+    covariance = spread_y * np.outer(slope, slope)
+    held = {COIL[k]: why for k, why in sorted(problem.held.items())}
+    for k, variance in enumerate(np.diag(spread.covariance)):
+        if COIL[k] not in held and (math.isinf(variance) or half[k] > _NOTHING):
+            held[COIL[k]] = NOT_UNIQUE
+        if COIL[k] not in held and math.isnan(variance):
+            least = k == LN_C_W and best.x[k] < problem.prior[k]
+            held[COIL[k]] = _STABLE if least else AT_BOUND
+    estimated = [k for k, name in enumerate(COIL) if name not in held]
+    y = A @ x[:, 0]
+    residuals, rmse = _residuals(problem, x)
+    fitted = problem.compared["T_sup"] & problem.fitting
+    notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns, and how the inputs run between samples")
+    notes.append(f"{100 * (wet > 0).mean():.0f} % of the fitted samples have wet volumes, {wet.mean():.1f} on average")
+    most = record.limits.m_w_max
+    notes.append(f"stable up to the {most:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion")
+    marched = {n: record.loop[n] for n in _MARCH if record.loop[n] != PARAMETERS[n].default}
+    if marched:
+        given = ", ".join(f"{name} = {value!r}" for name, value in marched.items())
+        notes.append(f"fitted with {given}: give the loop the same, the parameters belong to it")
+    return Fit(
+        kind="coil",
+        source=data.name,
+        parameters={name: float(v) for name, v in zip(COIL, values, strict=True)},
+        standard_errors={COIL[k]: float(np.sqrt(covariance[k, k])) for k in estimated},
+        intervals={COIL[k]: natural_interval(y[k], half[k], bool(LOGS[k])) for k in estimated},
+        covariance=labelled(covariance[np.ix_(estimated, estimated)], [COIL[k] for k in estimated]),
+        profile=None,
+        residuals=residuals,
+        rmse=rmse,
+        unit="K",
+        n_used=spread.n_used,
+        n_effective=spread.n_effective,
+        held=held,
+        notes=notes,
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _coupling(held: Mapping[int, str]) -> Array:
+    """Matrix (8, 8) that gives a coupled parameter the value, and the uncertainty, of the other."""
+    C = np.eye(8)
+    for k, other in COUPLED.items():
+        if is_coupled(held, k):
+            C[k, k], C[k, other] = 0.0, 1.0
+    return C
+
+
+def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, float]]:
+    """Measured and modelled temperatures over all samples, and RMSE by part."""
+    data, compared = problem.data, problem.compared
+    found = {name: values[:, 0] for name, values in problem.record.run(x)._asdict().items()}
+    if not problem.record.is_stable(x):
+        for values in found.values():
+            values[~problem.fitting] = np.nan
+        problem.notes.append(
+            f"not validated: the coil is unstable at the flows of the part held back, up to "
+            f"{problem.record.limits_of_all.m_w_max:.3g} kg/s of water: fit a part that has such flows"
+        )
+    part = np.where(problem.fitting, FITTING, VALIDATION)
+    variables: dict[str, Any] = sample_variables(data, np.where(compared["T_sup"], part, UNUSED))
+    rmse = {}
+    for name in ("T_sup", "T_w_out"):
+        measured = data.values.get(name, np.full(part.size, np.nan))
+        variables |= {
+            name: ("elapsed_time", measured, {"units": "degC"}),
+            f"{name}_modelled": ("elapsed_time", found[name], {"units": "degC"}),
+            f"{name}_residual": ("elapsed_time", measured - found[name], {"units": "K"}),
+        }
+        for p in (FITTING, VALIDATION):
+            here = compared.get(name, np.zeros(part.size, dtype=bool)) & (part == p) & np.isfinite(found[name])
+            if here.any():
+                rmse[p if name == "T_sup" else f"{p}_{name}"] = rms((found[name] - measured)[here])
+    variables["wet_volumes"] = ("elapsed_time", found["wet_volumes"], {"units": "1"})
+    for name in ("m_w", "m_a"):
+        variables[name] = ("elapsed_time", data.values[name], {"units": "kg s-1"})
+    return xr.Dataset(variables, {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})}), rmse
+
+
+OUTPUTS = {"T_sup": ("T_sup",), "both": ("T_sup", "T_w_out")}
+_INPUTS = ("m_w", "m_a", "T_w_in", "T_a_in", *HUMIDITIES)
+_NEEDED = ("m_w", "m_a", "T_w_in", "T_a_in", HUMIDITIES, "T_sup")
+
+
+def fit_coil(
+    log: Any,
+    *,
+    units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    minimise_on: str = "T_sup",
+    warm_up: float = WARM_UP,
+    T_initial: float = 20.0,
+    n_volumes: int = 8,
+    air_march: str = "lagged",
+    substeps: int = 1,
+    pressure: float = 101325.0,
+    holds: str | Sequence[str] | None = None,
+    split: float | None = None,
+    fit_until: float | None = None,
+    validation: Any = None,
+    drop: bool = False,
+    jumps: str = "refuse",
+    max_gap: float | None = None,
+    time_format: str | None = None,
+) -> Fit:
+    """Fit the eight parameters of a coil to a log of its flows and temperatures.
+
+    Parameters
+    ----------
+    log
+        Path of a CSV file, or a Dataset.  Needed: ``m_w``, ``m_a``, ``T_w_in``, ``T_a_in``, one of ``W_a_in``,
+        ``RH_a_in``, ``T_dp_in``, ``T_sup``, and ``elapsed_time`` or ``timestamp``; optional: ``T_w_out`` and
+        ``enabled``.  Samples are 1 s apart or more.  After a gap, and after a time without air flow or ``enabled``, the
+        model starts again from ``T_initial``.
+    units, columns, constants
+        As in ``fc.Boundary.from_csv``.
+    minimise_on
+        ``T_sup`` as in the paper, or ``both`` to compare the leaving water too.
+    warm_up, T_initial
+        Seconds left out at each start of the model [s], and all temperatures there [degC].
+    n_volumes, air_march, substeps, pressure
+        Of the model, see ``fc.parameters()``.  Fit with those that the loop will have: parameters take up the error of
+        the march that they were fitted with.
+    holds
+        Name or names of inputs that hold between samples; the others run straight.
+    split, fit_until
+        Share of the log that is fitted (of its pieces, if it has at least four), 0.7 if left out; or the last second
+        that is fitted.  The rest is held back for validation.
+    validation
+        Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
+        ``fit_until``.  It has no influence on the fit.
+    drop, jumps, max_gap
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+    time_format
+        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
+
+    Returns
+    -------
+    Fit
+        All eight parameters, as for 8 control volumes; those that the data do not identify are held at a stated
+        prior, see ``held``.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the log or the arguments.
+
+    Notes
+    -----
+    Cai and Braun (2016), section 2.2: start at 20 °C, the first 1,800 s left out, T_sup alone minimised.  A trial set
+    that is unstable at the recorded flows gets a large residual.
+    """
+    started = time.perf_counter()
+    with checking() as check:
+        log = check(log_of, "log", log)
+        validation = check.unless_none(log_of, "validation", validation)
+        minimise_on = check(choice_of, "minimise_on", minimise_on, OUTPUTS)
+        warm_up = check(number_of, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
+        held_inputs = check(_held_inputs, holds)
+        loop = check(Loop, n_volumes=n_volumes, air_march=air_march, substeps=substeps, pressure=pressure,
+                     T_initial=T_initial)  # fmt: skip
+        for name, array in loop.swept.items() if loop else ():
+            check.problems.append(f"{name} = {shown(array.values.tolist())}: give one value")
+        check_reading(check, units=units, columns=columns, constants=constants, drop=drop, jumps=jumps, max_gap=max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
+        split, fit_until = split_of(check, split, fit_until)
+    both = minimise_on == "both"
+    wanted = Wanted(
+        needed=(*_NEEDED, "T_w_out") if both else _NEEDED,
+        optional=("enabled",) if both else ("enabled", "T_w_out"),
+        measured=("T_sup", "T_w_out"),
+    )
+
+    def read(source: Any) -> Log:
+        found = read_log(
+            source,
+            wanted,
+            units=units,
+            columns=columns,
+            constants={} if constants is None else constants,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            time_format=time_format,
+            has_command=True,
+        )
+        return in_operation(found)
+
+    data = read(log)
+    if validation is not None:
+        data, fit_until = validated_with(data, read(validation), fit_until), None
+    if "T_w_out" in data.values and not both:
+        data.notes.append(
+            "T_w_out is compared, but only the error of T_sup is minimised: minimise_on='both', --both uses it too"
+        )
+    record = record_of(data, loop, held_inputs, fitted_part(data, split, fit_until))
+    problem = CoilProblem(data, record, OUTPUTS[minimise_on], warm_up, split, fit_until, held_inputs)
+    return coil_fit(problem, problem.solve(), started)
+
+
+def _held_inputs(holds: Any) -> tuple[str, ...]:
+    """The inputs that hold, under the names that the model has for them."""
+    try:
+        # an endless generator has to end
+        names = () if holds is None else (holds,) if isinstance(holds, str) else tuple(islice(holds, len(_INPUTS) + 1))
+    except Exception:  # nothing to iterate over; a user's class may raise anything
+        names = (holds,)
+    wrong = [name for name in map(plain, names) if not (isinstance(name, str) and name in _INPUTS)]
+    known = f"choose from {', '.join(_INPUTS)}"
+    if wrong:
+        sentences = {isinstance(name, str): f"holds has {shown(name)}: {known}" for name in wrong}
+        raise InputError([text if of_text else WrongType(text) for of_text, text in sentences.items()])
+    return tuple("W_a_in" if name in HUMIDITIES else name for name in names)

@@ -1,0 +1,320 @@
+"""Figure of a fitted loop: the profile over the backlash, and the temperatures that it was read from.
+
+The result of a fit of a loop: the backlash, how well it is known, residuals, in words and as a figure.
+
+``fit_loop``: the backlash of a valve from recorded commands and supply temperatures, with a model of its coil.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, instance_of, number_of
+from fastcoil.base.errors import shown
+from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style
+from fastcoil.logs import Log, read_log
+from fastcoil.logs.columns import Wanted, log_of
+from fastcoil.logs.series import HUMIDITIES
+from fastcoil.logs.timestamps import time_format_of
+from fastcoil.loops.loop import Loop
+from fastcoil.measured.coil_problem import in_operation
+from fastcoil.measured.fit import Fit, labelled, poor, rms, sample_variables
+from fastcoil.measured.loop_problem import LARGEST, LoopProblem, LoopSolution
+from fastcoil.measured.reading import FITTING, UNUSED, VALIDATION, check_reading, split_of, validated_with
+from fastcoil.model.metric_table import WARM_UP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@apply_style()
+def loop_figure(residuals: xr.Dataset, profile: xr.Dataset, *, identified: bool) -> Figure:
+    """Measured and modelled supply temperature with and without the gap, the command, and the profile.
+
+    residuals, profile: as in the fit.  identified: whether the log identifies the backlash.
+    """
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(10.5, 5.0), layout="constrained")
+    places = fig.add_gridspec(1, 2, width_ratios=(2, 1))
+    left, right = fig.add_subfigure(places[0, 0]), fig.add_subfigure(places[0, 1])
+    above, below = left.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    looks: tuple[tuple[str, str, dict[str, Any]], ...] = (
+        ("T_sup", "measured", {"color": YELLOW, "lw": 2.4}),
+        ("modelled_without_backlash", "modelled without the gap", {"color": RED, "lw": 1.0, "ls": ":"}),
+        ("modelled", "modelled", {"color": BLUE, "lw": 1.0, "ls": "--"}),
+    )
+    for name, label, style in looks:
+        _by_piece(above, residuals, name, label=label, **style)
+    above.set_ylabel("supply air [°C]")
+    above.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)
+    _by_piece(below, residuals, "command", 100.0, color=GREY)
+    below.set(xlabel="time [h]", ylabel="command [%]")
+    hours, unused = residuals["elapsed_time"].values / 3600, residuals["part"].values == UNUSED
+    for axes in (above, below):
+        axes.fill_between(
+            hours, 0.0, 1.0, where=unused, transform=axes.get_xaxis_transform(), color=FAINT, lw=0, zorder=0
+        )
+    _profile(right.subplots(), profile, identified)
+    if unused.any():
+        left.supxlabel("Grey: not compared", fontsize=8)
+    return fig
+
+
+def _by_piece(axes: Axes, ds: xr.Dataset, name: str, scale: float = 1.0, **style: Any) -> None:
+    """A line with a break wherever the record has one."""
+    breaks = np.flatnonzero(np.diff(ds["batch"])) + 1
+    hours, values = (np.insert(ds[n].values.astype(float), breaks, np.nan) for n in ("elapsed_time", name))
+    axes.plot(hours / 3600, scale * values, **style)
+
+
+def _profile(axes: Axes, ds: xr.Dataset, identified: bool) -> None:
+    axes.plot(100 * ds["backlash"], ds["rmse"], color=BLUE)
+    low, high = (100 * bound for bound in ds.attrs["interval_95"])
+    axes.axvspan(low, high, color=RED, alpha=0.3, lw=0, label="95 % interval")
+    title = f"95 % interval {low:.3g} to {high:.3g} %" if identified else "The backlash is not identified"
+    axes.set(xlabel="backlash [%]", ylabel="RMSE of the changes over two minutes [K]", title=title)
+    axes.legend(loc="upper center")
+
+
+FEWEST_REVERSALS, FEWEST_BLOCKS = 2, 6
+TOLERANCE, GOOD = 0.2, 0.01
+"""A size is identified if its interval reaches no further than this share of it, or this share of the stroke."""
+LEAST_EXPLAINED = 0.8
+"""Share of the changes of T_sup below which the model is one of another coil."""
+
+
+@dataclass(frozen=True, repr=False)
+class LoopFit(Fit):
+    """A fitted loop; see ``Fit`` for what it shares with the other fits."""
+
+    @property
+    def backlash(self) -> float:
+        """The best size, fraction of stroke, identified or not."""
+        return float(self.extras["backlash"])
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Of 95 %."""
+        low, high = self.extras["interval"]
+        return float(low), float(high)
+
+    @property
+    def identified(self) -> bool:
+        """Whether the log tells the size, to 20 % of itself or 1 % of the stroke."""
+        return not self.reason
+
+    @property
+    def reason(self) -> str:
+        """Why not; empty if identified."""
+        return self.held.get("backlash", "")
+
+    def plot(self) -> Figure:
+        """The profile over the backlash, and measured and modelled temperatures, as a matplotlib ``Figure``."""
+        assert self.profile is not None
+        return loop_figure(self.residuals, self.profile, identified=self.identified)
+
+
+def loop_fit(problem: LoopProblem, solution: LoopSolution, started: float) -> LoopFit:
+    """The fit with everything a user may ask of it; ``started``: time of the call, by ``time.perf_counter``."""
+    residuals, rmse = _residuals(problem, solution)
+    fitted = problem.compared & problem.fitting
+    why = why_unidentified(problem, solution)
+    problem.notes += poor(
+        rmse, problem.T_sup[fitted], "T_sup", "units, columns, and whether the loop is that of the log"
+    )
+    known = {} if why else {"backlash": solution.backlash}
+    n = float(fitted.sum())
+    return LoopFit(
+        kind="loop",
+        source=problem.data.name,
+        parameters=known,
+        standard_errors={name: solution.error for name in known},
+        intervals=dict.fromkeys(known, solution.interval),
+        covariance=labelled(np.full((len(known), len(known)), solution.error**2), list(known)),
+        profile=xr.Dataset(
+            {"rmse": ("backlash", solution.rmse, {"units": "K"})},
+            {"backlash": ("backlash", solution.grid, {"units": "1"})},
+            {"interval_95": list(solution.interval)},
+        ),
+        residuals=residuals,
+        rmse=rmse,
+        unit="K",
+        n_used=int(n),
+        n_effective=float(solution.n_blocks),
+        held={"backlash": why} if why else {},
+        notes=problem.notes,
+        seconds=time.perf_counter() - started,
+        extras={
+            "backlash": np.array(solution.backlash),
+            "interval": np.array(solution.interval),
+            "explained": np.array(solution.explained),
+        },
+    )
+
+
+def why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:
+    """Why the log does not tell the backlash; empty if it does."""
+    low, high = solution.interval
+    x = solution.backlash
+    why = ""
+    if problem.n_reversals < FEWEST_REVERSALS:
+        why = (
+            f"the command turns {problem.n_reversals} times by more than 1 % of stroke, and only reversals show "
+            "backlash; give a log in which it goes up and down"
+        )
+    elif solution.n_blocks < FEWEST_BLOCKS:
+        why = f"{solution.n_blocks} half hours are left to compare: give a log of five hours or more"
+    elif problem.is_coarse:
+        why = (
+            f"samples are {problem.data.step:g} s apart and the command moves between them; turns are missed, so that "
+            f"the {x:.3g} that fits best is too small: log every 60 s or faster"
+        )
+    elif not solution.explained > LEAST_EXPLAINED:
+        why = (
+            f"the model explains {100 * max(solution.explained, 0.0):.0f} % of the changes of T_sup: fit the coil "
+            "first, or check units and columns"
+        )
+    elif high >= LARGEST:
+        why = f"the gap is {low:.3g} or more, and {LARGEST:g} is the largest that is tried"
+    elif max(high - x, x - low) > max(TOLERANCE * x, GOOD):
+        why = (
+            f"anything from {low:.3g} to {high:.3g} fits as well (95 %): give a longer log, or one in which the "
+            "set-point goes up and down"
+        )
+    return f"not identified: {why}" if why else ""
+
+
+def _residuals(problem: LoopProblem, solution: LoopSolution) -> tuple[xr.Dataset, dict[str, float]]:
+    """Measured and modelled temperatures over the whole log, also without backlash; RMSE by part."""
+    found, plain, measured = solution.modelled, solution.without_backlash, problem.T_sup
+    part = np.where(problem.compared, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
+    rmse = {}
+    for name in (FITTING, VALIDATION):
+        here = (part == name) & np.isfinite(found)
+        if here.any():
+            rmse[name] = rms((found - measured)[here])
+            rmse[f"{name}_without_backlash"] = rms((plain - measured)[here])
+    values = {
+        "T_sup": measured, "modelled": found, "modelled_without_backlash": plain, "residual": measured - found,
+        "command": problem.data.values["command"],
+    }  # fmt: skip
+    ds = xr.Dataset(
+        {
+            name: ("elapsed_time", v, {"units": {"command": "1", "residual": "K"}.get(name, "degC")})
+            for name, v in values.items()
+        }
+        | sample_variables(problem.data, part),
+        {"elapsed_time": ("elapsed_time", problem.data.time, {"units": "s"})},
+    )
+    return ds, rmse
+
+
+_WANTED = Wanted(
+    needed=("command", "m_a", "T_w_in", "T_a_in", HUMIDITIES, "T_sup"), optional=("enabled",), measured=("T_sup",)
+)
+
+
+def fit_loop(
+    log: Any,
+    loop: Loop,
+    *,
+    units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    warm_up: float = WARM_UP,
+    split: float | None = None,
+    fit_until: float | None = None,
+    validation: Any = None,
+    drop: bool = False,
+    jumps: str = "refuse",
+    max_gap: float | None = None,
+    time_format: str | None = None,
+) -> LoopFit:
+    """Fit the backlash of a valve to a log of commands and supply temperatures; no flow meter is needed.
+
+    Parameters
+    ----------
+    log
+        Path of a CSV file, or a Dataset.  Needed: ``command``, ``T_sup``, ``m_a``, ``T_w_in``, ``T_a_in``, one of
+        ``W_a_in``, ``RH_a_in``, ``T_dp_in``, and ``elapsed_time`` or ``timestamp``; optional: ``enabled``.  The
+        command holds until the next sample.
+    loop
+        Valve curve, coil, motor and sensor: fitted (``fc.Loop(**fit.parameters)``) or of a preset.  They need not be
+        quite right: the modelled temperature is corrected by a straight line in each unbroken piece of the log.  Its
+        ``backlash`` and its controller play no part.
+    units, columns, constants
+        As in ``fc.Boundary.from_csv``.
+    warm_up
+        Seconds left out at each start of the model [s].
+    split, fit_until, validation
+        As in ``fc.fit_valve``.
+    drop, jumps, max_gap
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+    time_format
+        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
+
+    Returns
+    -------
+    LoopFit
+        ``backlash``, ``interval``, ``identified`` and, if not, the ``reason``; ``backlash`` is not among its
+        ``parameters`` if the log does not identify it.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the log or the arguments, and for a loop that is unstable.
+
+    Notes
+    -----
+    The emulator of Cai and Braun (2016) in open loop behind the logged command, once for each candidate backlash.
+    """
+    started = time.perf_counter()
+    with checking() as check:
+        log = check(log_of, "log", log)
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        validation = check.unless_none(log_of, "validation", validation)
+        warm_up = check(number_of, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
+        check_reading(check, units=units, columns=columns, constants=constants, drop=drop, jumps=jumps, max_gap=max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
+        split, fit_until = split_of(check, split, fit_until)
+        for name, values in loop.swept.items() if isinstance(loop, Loop) else ():
+            if name != "backlash":
+                check.problems.append(f"loop has {name} = {shown(values.values.tolist())}: give one value")
+        if isinstance(loop, Loop) and (loop["slip_jump"] or 0.0) != 0.0:
+            check.problems.append("loop has a slip_jump: give it none, a backlash without one is fitted")
+
+    def read(source: Any) -> Log:
+        found = read_log(
+            source,
+            _WANTED,
+            units=units,
+            columns=columns,
+            constants={} if constants is None else constants,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            time_format=time_format,
+            has_command=True,
+        )
+        return in_operation(found)
+
+    data = read(log)
+    if validation is not None:
+        data, fit_until = validated_with(data, read(validation), fit_until), None
+    problem = LoopProblem(data, loop, warm_up, split, fit_until)
+    if problem.is_coarse:
+        warnings.warn(
+            f"{data.name}: samples are {data.step:g} s apart and the command moves between them: the backlash comes "
+            "out too small, log every 60 s or faster",
+            stacklevel=2,
+        )
+    return loop_fit(problem, problem.solve(), started)

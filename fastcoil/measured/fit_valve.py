@@ -1,0 +1,354 @@
+"""What a fit of a valve shows of a signal that was read the wrong way: inverted, or 2-10 V taken for 0-10 V.
+
+The result of a valve fit: parameters as a study takes them, their uncertainty, residuals of the whole log.
+
+``fit_valve``: x_BL, m_max, a, b, c of Eqs (1) and (2) from recorded commands and flows (section 2.1.3).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, choice_of, number_of, plain
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError
+from fastcoil.logs import Log, read_log
+from fastcoil.logs.columns import Wanted, log_of
+from fastcoil.logs.timestamps import time_format_of
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, rms, sample_variables
+from fastcoil.measured.lag import with_lag, without_lag
+from fastcoil.measured.reading import FITTING, UNUSED, VALIDATION, check_reading, split_of, validated_with
+from fastcoil.measured.valve_problem import FEWEST_SAMPLES, LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
+from fastcoil.measured.valve_sampling import judged
+from fastcoil.model.engine.recorded import VALVE_ROWS
+
+_INVERTED = -0.5
+"""With a correlation of command and flow below this the command is probably inverted."""
+_LIVE_ZERO = (0.185, 0.215)
+"""Where the least command of a 2-10 V signal lies if it is read as 0-10 V."""
+_FAR = 0.5
+"""A signal that is never above this says nothing of its range."""
+_LOWEST, _CLOSED = 0.02, 0.1
+"""At commands this close to the least, a closed valve passes no more than this share of the largest flow."""
+_FEWEST = 3
+
+
+class Suspicions(NamedTuple):
+    """Sentences for the user, each with its cure; whether the command is inverted, the first of them then."""
+
+    notes: list[str]
+    inverted: bool
+
+
+def suspicions(command: Array, flow: Array) -> Suspicions:
+    """What the samples that are fitted show, (n,) each: fractions of stroke, kg/s."""
+    with np.errstate(invalid="ignore", divide="ignore"):  # a command that is constant here
+        correlation = float(np.corrcoef(command, flow)[0, 1])
+    if correlation < _INVERTED:
+        return Suspicions(
+            ["the flow falls as the command rises: if a full command closes the valve, log 1 - command"], True
+        )
+    least = float(command.min())
+    lowest = flow[command <= least + _LOWEST]
+    closed = lowest.size >= _FEWEST and float(np.median(lowest)) <= _CLOSED * float(flow.max())
+    if _LIVE_ZERO[0] <= least <= _LIVE_ZERO[1] and command.max() > _FAR and closed:
+        return Suspicions(
+            [
+                f"the valve is closed at a command of {least:.2g} and the command never falls below: it looks like a "
+                "signal of 2-10 V that was read as 0-10 V, which makes the backlash a fifth too small; declare its "
+                "unit, units={'command': 'V 2-10'}, --unit command='V 2-10', or log (command - 0.2) / 0.8"
+            ],
+            False,
+        )
+    return Suspicions([], False)
+
+
+def valve_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:
+    """The fit with everything a user may ask of it.
+
+    holds: the command holds between the rows.  started: time of the call, by ``time.perf_counter``.
+    """
+    best, spread, profiled = solution.estimate, solution.uncertainty, solution.profile
+    fitted = problem.good & problem.fitting
+    of_signal = suspicions(problem.command[fitted], problem.flow[fitted])
+    natural = best.x[:5].copy()
+    natural[list(LOGS)] = np.exp(natural[list(LOGS)])
+    slope = np.where(np.isin(np.arange(5), LOGS), natural, 1.0)
+    covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
+    found = judged(problem, solution, holds or of_signal.inverted or problem.data.change_of_value)
+    why = f"not identified: {of_signal.notes[0]}" if of_signal.inverted else found.why
+    covariance = _as_wide(covariance, profiled.interval, found.interval)
+    profiled = profiled._replace(interval=found.interval)
+    held = {"backlash": why} if why else {}
+    if M_MAX in solution.fixed:
+        held["m_max"] = "given"
+    for name, variance in zip(VALVE_ROWS[1:], np.diag(spread.covariance)[1:5], strict=True):
+        if math.isnan(variance) and name not in held:
+            held[name] = AT_BOUND
+        elif math.isinf(variance) and name not in held:
+            held[name] = NOT_UNIQUE
+    parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
+    estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
+    half = spread.quantile() * np.sqrt(np.diag(spread.covariance)[:5])
+    bounds = [natural_interval(best.x[k], half[k], k in LOGS) for k in range(5)]
+    bounds[X_BL] = profiled.interval
+    intervals = {VALVE_ROWS[k]: bounds[k] for k in estimated}
+    if why:
+        del parameters["backlash"]
+        problem.notes.append(
+            f"the curve belongs to a backlash of {round(natural[X_BL], 4):g}, which is not identified: "
+            "sweep it in a study"
+        )
+    reach = float(problem.command[: problem.n_fit].max())
+    if reach < 0.9:
+        problem.notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
+    problem.notes += [*of_signal.notes, *filter(None, [found.note])]
+    n_compared = solution.model.used.sum()
+    residuals, rmse = _residuals(problem, solution)
+    problem.notes += poor(rmse, problem.flow[fitted], "m_w", "units, columns, and whether the pump ran")
+    errors = np.sqrt(np.diag(covariance))
+    return Fit(
+        kind="valve",
+        source=problem.data.name,
+        parameters=parameters,
+        standard_errors={VALVE_ROWS[k]: float(errors[k]) for k in estimated},
+        intervals=intervals,
+        covariance=labelled(covariance[np.ix_(estimated, estimated)], [VALVE_ROWS[k] for k in estimated]),
+        profile=xr.Dataset(
+            {"rmse": ("backlash", np.sqrt(profiled.sums / n_compared), {"units": "kg s-1"})},
+            {"backlash": ("backlash", profiled.grid, {"units": "1"})},
+            {"limit": math.sqrt(profiled.limit / n_compared), "interval_95": list(profiled.interval)},
+        ),
+        residuals=residuals,
+        rmse=rmse,
+        unit="kg/s",
+        n_used=spread.n_used,
+        n_effective=spread.n_effective,
+        held=held,
+        notes=problem.notes,
+        seconds=time.perf_counter() - started,
+        extras={"floor": np.array(problem.floor)} | {"curve": natural},
+    )
+
+
+def _as_wide(covariance: Array, before: tuple[float, float], after: tuple[float, float]) -> Array:
+    """The covariance with the deviation of the backlash as much larger as its interval has become."""
+    factor = np.ones(covariance.shape[0])
+    factor[X_BL] = max((after[1] - after[0]) / max(before[1] - before[0], 1e-12), 1.0)
+    return np.asarray(covariance * np.outer(factor, factor))
+
+
+def _residuals(problem: ValveProblem, solution: ValveSolution) -> tuple[xr.Dataset, dict[str, float]]:
+    """Measured and modelled flows over the whole log, also without backlash; RMSE by part."""
+    n, n_batches = problem.command.size, int(problem.batch[-1]) + 1
+    modelled = []
+    for one in (solution.estimate, solution.without_backlash):
+        start = np.full((n_batches, 1), 0.5)  # unknown for a batch held back
+        start[: one.x.size - 5, 0] = one.x[5:]
+        modelled.append([a[:, 0] for a in problem.flows(one.x[:5, None], start, n)])
+    (openings, flow), (_, plain) = modelled
+    part = np.where(problem.good, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
+    rmse = {}
+    for name in (FITTING, VALIDATION):
+        here = part == name
+        if here.any():
+            rmse[name] = rms((flow - problem.flow)[here])
+            rmse[f"{name}_without_backlash"] = rms((plain - problem.flow)[here])
+    names = ("m_w", "modelled", "modelled_without_backlash", "residual", "command", "opening")
+    values = (problem.flow, flow, plain, problem.flow - flow, problem.command, openings)
+    ds = xr.Dataset(
+        {
+            name: ("elapsed_time", v, {"units": "1" if name in ("command", "opening") else "kg s-1"})
+            for name, v in zip(names, values, strict=True)
+        }
+        | sample_variables(problem.data, part),
+        {"elapsed_time": ("elapsed_time", problem.data.time, {"units": "s"})},
+    )
+    return ds, rmse
+
+
+_LEAST_REACH = 0.02
+"""A command that stays below this share of the stroke has the wrong unit."""
+_LEAST_SHARE = 0.8
+"""Noise may lift readings above the asymptotic flow, but it is at least this share of them."""
+_LARGEST_FLOW = 1e6
+"""Of any valve, kg/s."""
+_FEWEST_ROWS = 3
+"""Rows of a piece of the log, on average: where in its gap a piece starts is one more unknown."""
+_LONGEST_LAG = 86400.0
+_MANY_PIECES = 50
+"""A fit of more takes minutes."""
+_WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
+
+
+def fit_valve(
+    log: Any,
+    *,
+    units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None = None,
+    m_max: float | None = None,
+    floor: float | None = None,
+    settle: float | None = None,
+    initial: str = "unknown",
+    split: float | None = None,
+    fit_until: float | None = None,
+    validation: Any = None,
+    lag: float | str = "auto",
+    holds: str | None = None,
+    drop: bool = False,
+    jumps: str = "refuse",
+    max_gap: float | None = None,
+    time_format: str | None = None,
+) -> Fit:
+    """Fit the backlash and the flow curve of a valve to a log of commands and flows.
+
+    Parameters
+    ----------
+    log
+        Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s,
+        m3/h, gpm, …), and ``elapsed_time`` or ``timestamp``; optional: ``enabled``, 0 where the pump is off, and
+        ``batch``, the number of the experiment if the log holds several.
+    units, columns
+        As in ``fc.Boundary.from_csv``.
+    m_max
+        Asymptotic flow of Eq (2) [kg/s], if it is known; estimated if left out.
+    floor
+        Lowest reading of the flow meter [kg/s], 0 for none; found from the data if left out.
+    settle
+        Seconds after a change of the command in which the flow is not compared; half of a typical hold if left out
+        and the command is held, else 0.
+    initial
+        Where in the gap each batch starts: ``unknown`` (estimated), ``rising`` or ``falling``.
+    split, fit_until
+        Share of the log that is fitted (of its batches, if it has at least four), 0.7 if left out; or the last second
+        that is fitted.  The rest is held back for validation.
+    validation
+        Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
+        ``fit_until``.  It has no influence on the fit.
+    lag
+        Seconds by which the flow is logged after the command, negative if before; ``auto``: sought in each piece of the
+        log, told, and taken out.
+    holds
+        ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
+        between the rows, and the interval of the backlash allows for that.
+    drop, jumps, max_gap
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+    time_format
+        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
+
+    Returns
+    -------
+    Fit
+        ``backlash`` is not among its parameters if the data do not identify it; ``held`` then says why.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the log or the arguments.
+
+    Notes
+    -----
+    Cai and Braun (2016), section 2.1.3.  Only b/(1 - x_BL) and (1 - x_BL) c enter Eq (2): α = 1/(1 - x_BL) assumes
+    that a full command opens the valve fully.
+    """
+    started = time.perf_counter()
+    flow = {"least": math.nextafter(0.0, 1.0), "most": _LARGEST_FLOW}
+    with checking() as check:
+        log = check(log_of, "log", log)
+        validation = check.unless_none(log_of, "validation", validation)
+        m_max = check.unless_none(number_of, "m_max", m_max, "give a number above 0 and at most 1e6 kg/s", **flow)
+        floor = check.unless_none(number_of, "floor", floor, "give a number, 0 or more", least=0.0)
+        settle = check.unless_none(number_of, "settle", settle, "give a number, 0 or more", least=0.0)
+        initial = check(choice_of, "initial", initial, ("unknown", "rising", "falling"))
+        lag = check(_lag_of, lag)
+        holds = check.unless_none(choice_of, "holds", holds, ("command",))
+        check_reading(check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
+        split, fit_until = split_of(check, split, fit_until)
+
+    def read(source: Any) -> Log:
+        return read_log(
+            source,
+            _WANTED,
+            units=units,
+            columns=columns,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            time_format=time_format,
+            has_command=True,
+        )
+
+    data = read(log)
+    _check_order(data)
+    _check(data, floor, m_max)
+    if validation is not None:
+        to_validate = read(validation)
+        _check_order(to_validate)
+        data, fit_until = validated_with(data, to_validate, fit_until), None
+    if isinstance(lag, float):
+        data = with_lag(data, lag)
+    problem = ValveProblem(data, floor, settle, split, fit_until)
+    if lag == "auto":
+        moved = without_lag(data, problem.good, problem.fitting)
+        problem = problem if moved is data else ValveProblem(moved, floor, settle, split, fit_until)
+    return valve_fit(problem, problem.solve(m_max, initial), holds is not None, started)
+
+
+def _lag_of(lag: Any) -> float | str:
+    """A shift in seconds, or ``auto``."""
+    if isinstance(lag := plain(lag), str) and lag == "auto":
+        return lag
+    cure = "give seconds by which the flow is logged after the command, or 'auto'"
+    return float(number_of("lag", lag, cure, least=-_LONGEST_LAG, most=_LONGEST_LAG))
+
+
+def _check_order(data: Log) -> None:
+    """Refuse a log that is no record in time, before any work; warn of one whose fit takes long."""
+    n_back, n_rows, n_pieces = int((np.diff(data.time) <= 0.0).sum()), data.time.size, data.n_batches
+    if 2 * n_back > n_rows:
+        raise InputError(
+            f"{data.name}: time goes back after {n_back:,} of {n_rows:,} rows: the log looks reversed, newest row "
+            "first; sort its rows, oldest first"
+        )
+    if n_rows < _FEWEST_ROWS * n_pieces:
+        raise InputError(
+            f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces, each with a start of its own to be found: "
+            f"give at least {_FEWEST_ROWS} rows for each piece; where gaps cut the log, pass max_gap to bridge them, "
+            "where time goes back, sort the rows, oldest first"
+        )
+    if n_pieces > _MANY_PIECES:
+        warnings.warn(
+            f"{data.name} is in {n_pieces:,} pieces, each with a start of its own to be found: this takes minutes; "
+            "where gaps cut the log, max_gap bridges them",
+            stacklevel=3,
+        )
+
+
+def _check(data: Log, floor: float | None, m_max: float | None) -> None:
+    command, flow = data.values["command"], data.values["m_w"]
+    problems = []
+    if np.isfinite(flow).sum() < FEWEST_SAMPLES:
+        problems.append(f"{data.name}: {np.isfinite(flow).sum()} flows: give at least {FEWEST_SAMPLES}")
+    for name, values in (("command", command), ("m_w", flow[np.isfinite(flow)])):
+        if values.size and np.ptp(values) == 0.0:
+            problems.append(
+                f"{data.name}: {name} is {values[0]:g} from row {data.rows[0]} to row {data.rows[-1]}: "
+                "give a log in which the valve moves"
+            )
+    top, reach = float(np.nanmax(flow)), float(command.max())
+    if reach < _LEAST_REACH:
+        problems.append(f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit")
+    if floor is not None and floor >= top:
+        problems.append(f"floor = {floor:g} kg/s: {data.name} has no larger flow than {top:.3g} kg/s, lower it")
+    if m_max is not None and m_max < _LEAST_SHARE * top:
+        problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give at least that")
+    if problems:
+        raise InputError(problems)

@@ -1,0 +1,440 @@
+"""The day of a log once more, with a fitted loop in place of the real one.
+
+What a day of a loop was like: control error, hunting and travel, by the meanings of the metrics of a simulation.
+
+The loop behind a trend log, fitted, and what its day would have been with another valve or controller.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.design.theory.describing_function import describing_function
+from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, fit_plant, lagged, recover_pi
+from fastcoil.measured.identify import HORIZON
+from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SAMPLE, HUNTING_SWING, SETTLING_TIME, WARM_UP
+
+BUFFER = 1e-9
+"""Least buffer of the inverse, so that round-off is no reversal."""
+
+
+class Day(NamedTuple):
+    """What a replay takes from the log, at the steps of the simulation, (n_steps,).
+
+    disturbance: without noise, K.  noise: that the controller reads, K.  T_set: °C.  command: as logged.
+    works: whether the controller works; else the logged command acts.
+    """
+
+    disturbance: Array
+    noise: Array
+    T_set: Array
+    command: Array
+    works: Mask
+
+
+class Played(NamedTuple):
+    """Signals of a replay, (n_steps,): true temperature, °C; command, motor position and opening, fractions."""
+
+    temperature: Array
+    command: Array
+    position: Array
+    opening: Array
+
+
+def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> Day:
+    """The day of a log; the noise is told from the disturbance by how it changes from sample to sample.
+
+    period: samples to a period of a loop that hunts, else 0.  What is left of the hunting in the disturbance is what
+    the plant does not get right, and would go on in a loop that is calm: a mean over whole periods takes it out.
+    """
+    n = plant.disturbance.size
+    smooth, level = without_noise(plant.disturbance, good)
+    noise_seen = plant.disturbance - smooth
+    if period > 0.0:
+        smooth = mean_over(smooth, period)
+    at = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
+    sample = at.astype(int)
+    noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples nobody knows it
+    noise[:: plant.per_sample] = noise_seen
+    works = good[sample] & good[np.minimum(sample + 1, n - 1)]
+    return Day(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], works)
+
+
+def mean_over(series: Array, width: float) -> Array:
+    """Moving mean over ``width`` samples around each; fewer at the ends."""
+    total = np.concatenate([[0.0], np.cumsum(series)])
+    k = np.arange(series.size)
+    half = np.minimum(np.minimum(k, series.size - 1 - k) + 0.5, 0.5 * width)
+    ends = np.arange(total.size, dtype=float)
+    return np.asarray((np.interp(k + 0.5 + half, ends, total) - np.interp(k + 0.5 - half, ends, total)) / (2.0 * half))
+
+
+def without_noise(series: Array, good: Mask) -> tuple[Array, float]:
+    """A random walk seen through white noise, smoothed, and the noise's standard deviation.
+
+    Changes from sample to sample have the variance q + 2 r and, one after the other, the covariance -r, with r that of
+    the noise and q that of a step of the walk; the smoother is the one that is best for these (Muth 1960, both ways).
+    """
+    changes = np.diff(series)
+    changes = changes[good[1:] & good[:-1]]
+    most = 6.0 * 1.4826 * float(np.median(np.abs(changes)))
+    changes = np.clip(changes, -most, most)
+    variance = float(changes @ changes) / changes.size
+    r = min(-float(changes[1:] @ changes[:-1]) / changes.size, 0.499 * variance)
+    if r <= 0.0:
+        return series, 0.0
+    q = variance - 2.0 * r
+    ahead = 0.5 * (q + math.sqrt(q * q + 4.0 * q * r))
+    share = ahead / (ahead + r)
+    once = lagged(series, share)[::-1]
+    return lagged(once, share)[::-1], math.sqrt(r)
+
+
+def play(
+    plant: FittedPlant,
+    pi: RecoveredPI,
+    day: Day,
+    stroke_time: float,
+    backlash: float,
+    estimate: float,
+    buffer: float,
+) -> Played:
+    """Replay a day: PI with clamped integral, inverse, motor, play operator, plant, recorded disturbance.
+
+    estimate, buffer: of the inverse, fractions of stroke; an estimate of 0 is the plain PI.
+    """
+    n, step = day.T_set.size, plant.step
+    c_1, c_2 = plant.curve
+    least, most = plant.least, plant.most
+    a_1, a_2 = (math.exp(-step / lag) for lag in plant.lags)
+    every = max(1, round(pi.sample_time / step))
+    kp, ki = pi.kp, pi.kp * every * step / pi.ti
+    travel = step / stroke_time if stroke_time > 0.0 else 1.0
+    stretch = 1.0 / (1.0 - backlash)
+    buffer = max(buffer, BUFFER)
+    disturbance, noise, T_set, logged = (s.tolist() for s in (day.disturbance, day.noise, day.T_set, day.command))
+    works = day.works.tolist()
+    position = command = u_ext = logged[0]
+    mode = 1.0
+    q = min(max(position - 0.5 * backlash, 0.0), 1.0 - backlash)
+    inside = min(max(q * stretch, least), most)
+    level = (c_1 + c_2 * inside) * inside + (c_1 + 2.0 * c_2 * inside) * (q * stretch - inside)
+    slow = fast = level
+    waiting = [level] * (plant.delay + 1)
+    integral, worked = 0.0, False
+    temperatures, commands, positions, opens = ([0.0] * n for _ in range(4))
+    for k in range(n):
+        temperature = fast + disturbance[k]
+        if not works[k]:
+            command = u_ext = logged[k]
+            worked = False
+        elif k % every == 0 or not worked:
+            error = temperature + noise[k] - T_set[k]
+            integral = integral + ki * error if worked else logged[k] - kp * error
+            integral = 0.0 if integral < 0.0 else 1.0 if integral > 1.0 else integral
+            u = kp * error + integral
+            u = 0.0 if u < 0.0 else 1.0 if u > 1.0 else u
+            turned = u < u_ext - buffer if mode > 0.0 else u > u_ext + buffer
+            if turned:
+                mode = -mode
+            if turned or (u > u_ext if mode > 0.0 else u < u_ext):
+                u_ext = u
+                command = (1.0 - estimate) * u + (estimate if mode > 0.0 else 0.0)
+                command = 0.0 if command < 0.0 else 1.0 if command > 1.0 else command
+            worked = True
+        ahead = command - position
+        position = position + travel if ahead > travel else position - travel if ahead < -travel else command
+        q = position - backlash if q < position - backlash else q
+        q = position if q > position else q
+        opening = q * stretch
+        inside = least if opening < least else most if opening > most else opening
+        level = (c_1 + c_2 * inside) * inside + (c_1 + 2.0 * c_2 * inside) * (opening - inside)
+        temperatures[k], commands[k], positions[k], opens[k] = temperature, command, position, opening
+        waiting[k % len(waiting)] = level
+        slow += (waiting[(k + 1) % len(waiting)] - slow) * (1.0 - a_1)
+        fast += (slow - fast) * (1.0 - a_2)
+    return Played(*map(np.array, (temperatures, commands, positions, opens)))
+
+
+LARGEST_WARM_UP = 0.125
+"""Share of a short log that is left out at its start in place of ``WARM_UP``."""
+MOVED = 1e-9
+"""Change of opening that counts as a movement, fraction of stroke."""
+DAY = 86400.0
+
+
+class Outcome(NamedTuple):
+    """A day of a loop.
+
+    rmse: of the true temperature against the set-point, K.  amplitude: half of the mean peak to peak of the settled
+    windows, K.  period: settled seconds per upward crossing of the set-point, NaN below two.  travel_per_day: of the
+    motor, strokes.  reversals_per_day: of the stem.  hunts: as the metric of that name.
+    A day is 24 h of operation.
+    """
+
+    rmse: float
+    amplitude: float
+    period: float
+    travel_per_day: float
+    reversals_per_day: float
+    hunts: bool
+
+
+def counted_steps(day: Day, step: float) -> Mask:
+    """Steps that count, (n_steps,): the loop works, and the warm-up is over."""
+    counted = day.works.copy()
+    counted[: int(min(WARM_UP, LARGEST_WARM_UP * counted.size * step) / step)] = False
+    return counted
+
+
+def outcome_of(played: Played, day: Day, step: float) -> Outcome:
+    """What a replayed day was like; step: s."""
+    n = day.T_set.size
+    counted = counted_steps(day, step)
+    error = played.temperature - day.T_set
+    changed = np.diff(day.T_set, prepend=day.T_set[:1]) != 0.0
+    changed |= ~day.works
+    last = np.maximum.accumulate(np.where(changed, np.arange(n), 0))
+    settled = counted & ((np.arange(n) - last) * step >= SETTLING_TIME)
+    starts = np.flatnonzero(settled & ~np.concatenate([[False], settled[:-1]]))
+    ends = np.flatnonzero(settled & ~np.concatenate([settled[1:], [False]])) + 1
+    windows = [slice(a, b) for a, b in zip(starts.tolist(), ends.tolist(), strict=True)]
+    swing = float(np.mean([np.ptp(played.temperature[w]) for w in windows])) if windows else math.nan
+    periods = _periods([error[w] for w in windows], step)
+    alike = np.sum(5.0 * np.abs(np.diff(periods)) <= np.maximum(periods[1:], periods[:-1]))
+    crossings = sum(_upward(error[w]).size for w in windows)
+    days = max(int(counted.sum()), 1) * step / DAY
+    both = counted[1:] & counted[:-1]
+    turns = np.sign(np.diff(played.opening)[both & (np.abs(np.diff(played.opening)) > MOVED)])
+    return Outcome(
+        rmse=float(np.sqrt(np.mean(error[counted] ** 2))) if counted.any() else math.nan,
+        amplitude=0.5 * swing,
+        period=float(settled.sum()) * step / crossings if crossings >= 2 else math.nan,
+        travel_per_day=float(np.sum(np.abs(np.diff(played.position))[both])) / days,
+        reversals_per_day=float(np.sum(np.diff(turns) != 0.0)) / days,
+        hunts=bool(swing > HUNTING_SWING and periods.size >= HUNTING_PERIODS and 3 * alike >= 2 * periods.size),
+    )
+
+
+def _upward(error: Array) -> Index:
+    """Where the error comes up through 0."""
+    return np.asarray(np.flatnonzero((error[:-1] < 0.0) & (error[1:] >= 0.0)) + 1)
+
+
+def _periods(errors: list[Array], step: float) -> Array:
+    """Seconds between upward crossings within each window, seen every ``HUNTING_SAMPLE`` s."""
+    every = max(1, round(HUNTING_SAMPLE / step))
+    return np.concatenate([np.zeros(0), *(np.diff(_upward(error[::every])) * every * step for error in errors)])
+
+
+MOST_SECONDS = 172800.0
+"""Of a longer log the end is replayed."""
+LARGEST_ERROR, LARGEST_TRAVEL_ERROR = 0.2, 0.4
+"""By how much control error and motor travel of the replayed log may differ from the logged ones, as logarithms."""
+GAIN_ERROR, LARGEST_SPREAD = 1.15, 1.5
+"""A what-if is told if that much more and less loop gain change no verdict, and the control error by less than this."""
+HUNTS_ABOVE = 0.8
+"""Margin that foretells hunting; less than that of a plant that is known, 0.85: the gain of this one is fitted."""
+_FREQUENCIES, _DEPTHS = 400, 400
+
+
+class FittedLoop(NamedTuple):
+    """A loop fitted to a log, ready to be replayed.
+
+    kp: 1/K.  ti, sample_time: s.  action: ``cooling`` or ``heating``.
+    gain: K per stroke at the middle opening, below 0 for cooling.
+    margin: largest |L| |N| where 0–90° of phase margin are left; above ``HUNTS_ABOVE`` the loop hunts behind any gap.
+    explained_command, explained_temperature: shares of the variance of their changes that PI and plant explain.
+    """
+
+    kp: float
+    ti: float
+    sample_time: float
+    action: str
+    gain: float
+    margin: float
+    explained_command: float
+    explained_temperature: float
+    backlash: float
+    stroke_time: float
+    pi: RecoveredPI
+    plant: FittedPlant
+    day: Day
+
+
+def fit_loop_model(
+    command: Array,
+    temperature: Array,
+    T_set: Array,
+    interval: float,
+    backlash: float,
+    stroke_time: float,
+    sample_time: float | None = None,
+    enabled: Mask | None = None,
+) -> FittedLoop | str:
+    """Fit controller and plant to a trend log; one sentence if that cannot be done, or not be trusted.
+
+    Parameters
+    ----------
+    command, temperature, T_set
+        (n,): fraction of stroke, °C, °C; NaN where missing.
+    interval
+        Seconds from sample to sample.
+    backlash, stroke_time
+        Of valve (fraction of stroke) and motor (s, 0 if it is as good as immediate).
+    sample_time
+        Of the controller, s; found from the log if None.
+    enabled
+        Whether the plant was on; all of it if None.
+    """
+    found = fit_and_doubt(command, temperature, T_set, interval, backlash, stroke_time, sample_time, enabled)
+    return found if isinstance(found, str) else found[1] or found[0]
+
+
+def fit_and_doubt(
+    command: Array,
+    temperature: Array,
+    T_set: Array,
+    interval: float,
+    backlash: float,
+    stroke_time: float,
+    sample_time: float | None = None,
+    enabled: Mask | None = None,
+) -> tuple[FittedLoop, str] | str:
+    """As ``fit_loop_model``, with the loop and why it is not to be trusted (empty if it is) where it can be fitted."""
+    if interval > HORIZON:
+        return f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster"
+    last = slice(-int(MOST_SECONDS / interval), None)
+    command, temperature, T_set = (np.asarray(series, float)[last] for series in (command, temperature, T_set))
+    good = np.isfinite(command) & np.isfinite(temperature) & np.isfinite(T_set)
+    good = good if enabled is None else good & np.asarray(enabled, bool)[last]
+    if not good.any():
+        return "no sample has command, temperature and set-point with the plant on"
+    command, temperature, T_set = (_held(series) for series in (command, temperature, T_set))
+    pi = recover_pi(command, temperature, T_set, interval, good, sample_time)
+    if isinstance(pi, str):
+        return pi
+    is_held = pi.sample_time >= interval
+    sign = -1.0 if pi.kp > 0.0 else 1.0
+    plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, is_held, sign)
+    if plant is None:
+        return "no plant that answers the valve explains the log: the temperature hardly follows the command"
+    action = "cooling" if pi.kp > 0.0 else "heating"
+    fitted = FittedLoop(
+        abs(pi.kp), pi.ti, pi.sample_time, action, plant.gain, margin(pi, plant), pi.explained, plant.explained,
+        backlash, stroke_time, pi, plant,
+        day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval)),
+    )  # fmt: skip
+    return fitted, _doubt(fitted, command, temperature, T_set)
+
+
+def what_if(
+    fitted: FittedLoop,
+    backlash: float | None = None,
+    kp_factor: float = 1.0,
+    ti_factor: float = 1.0,
+    estimate: float = 0.0,
+    buffer: float = 0.0,
+) -> Outcome | str:
+    """What the logged day would have been with another backlash, kp, ti, or with a backlash inverse.
+
+    A sentence where the answer turns on less than the fit can know: what changes is simulated with ``GAIN_ERROR`` more
+    and less loop gain too, and all three have to agree.
+
+    Parameters
+    ----------
+    backlash
+        Fraction of stroke; that of the fit if None.
+    kp_factor, ti_factor
+        Times the kp and ti of the log.
+    estimate, buffer
+        Of the inverse, fractions of stroke; an estimate of 0 is the plain PI.
+    """
+    size = fitted.backlash if backlash is None else backlash
+
+    def with_gain(factor: float) -> Outcome:
+        pi = fitted.pi._replace(kp=factor * kp_factor * fitted.pi.kp, ti=ti_factor * fitted.pi.ti)
+        played = play(fitted.plant, pi, fitted.day, fitted.stroke_time, size, estimate, buffer)
+        return outcome_of(played, fitted.day, fitted.plant.step)
+
+    found = with_gain(1.0)
+    if (size, kp_factor, ti_factor, estimate) == (fitted.backlash, 1.0, 1.0, 0.0):
+        return found  # the log itself, which is known
+    more, less = with_gain(GAIN_ERROR), with_gain(1.0 / GAIN_ERROR)
+    if not found.hunts == more.hunts == less.hunts:
+        turns_on = f"{100 * (GAIN_ERROR - 1.0):.0f} % of its gain"
+        return f"whether the loop would hunt turns on {turns_on}, which the log does not tell"
+    errors = [found.rmse, more.rmse, less.rmse]
+    if not max(errors) < LARGEST_SPREAD * min(errors):
+        return (
+            f"the control error would be {min(errors):.2g} to {max(errors):.2g} K: it turns on "
+            f"{100 * (GAIN_ERROR - 1.0):.0f} % of the loop's gain, which the log does not tell"
+        )
+    return found
+
+
+def margin(pi: RecoveredPI, plant: FittedPlant) -> float:
+    """Largest |L| |N| over the frequencies at which L has 0–90° of phase margin and N takes just these.
+
+    L: PI, zero-order hold, plant; N: describing function of the play operator, whose phase goes from 0 to -90° as its
+    input shrinks to the gap.  A limit cycle asks for 1.  The motor's rate limit is left out: at the amplitude of a gap
+    it takes a few seconds.
+    """
+    ts = pi.sample_time
+    w = np.geomspace(1e-4, math.pi / ts, _FREQUENCIES)
+    s = 1j * w
+    law = abs(pi.kp) * (1.0 + ts / pi.ti / (1.0 - np.exp(-s * ts)))
+    hold = (1.0 - np.exp(-s * ts)) / (s * ts)
+    slow, fast = plant.lags
+    answer = abs(plant.gain) * np.exp(-s * plant.delay * plant.step) / ((1.0 + s * slow) * (1.0 + s * fast))
+    L = law * hold * answer
+    left = 180.0 + np.degrees(np.unwrap(np.angle(L)))
+    inside = (left > 0.0) & (left < 90.0)
+    if not inside.any():
+        return 0.0
+    k = np.linspace(1e-6, 1.0 - 1e-6, _DEPTHS)  # half the gap over the amplitude of its input
+    gap = np.ones(_DEPTHS)
+    N = describing_function(0.5 / k, gap, gap)
+    size = np.interp(left[inside], -np.degrees(np.angle(N)), np.abs(N))
+    return float(np.max(np.abs(L[inside]) * size))
+
+
+def _period(temperature: Array, T_set: Array, good: Mask, interval: float) -> float:
+    """Samples to a period if the logged loop hunts, else 0."""
+    nothing = np.zeros(T_set.size)
+    seen = outcome_of(
+        Played(temperature, nothing, nothing, nothing), Day(nothing, nothing, T_set, nothing, good), interval
+    )
+    return seen.period / interval if seen.hunts else 0.0
+
+
+def _doubt(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:
+    """Why the fitted loop is not to be trusted, or nothing: it has to repeat the log that it was fitted to."""
+    day, plant = fitted.day, fitted.plant
+    played = play(plant, fitted.pi, day, fitted.stroke_time, fitted.backlash, 0.0, 0.0)
+    counted = counted_steps(day, plant.step)[:: plant.per_sample]
+    at = slice(None, None, plant.per_sample)
+    true = temperature - day.noise[at]
+    logged = float(np.sqrt(np.mean((true - T_set)[counted] ** 2)))
+    replayed = float(np.sqrt(np.mean((played.temperature[at] - T_set)[counted] ** 2)))
+    if not abs(math.log(replayed / logged)) < LARGEST_ERROR:
+        return (
+            f"the fitted loop does not repeat the log: it errs by {replayed:.2g} K where the log errs by {logged:.2g} K"
+        )
+    moves = [float(np.sum(np.abs(np.diff(series))[counted[1:]])) for series in (played.command[at], command)]
+    if not abs(math.log(max(moves[0], 1e-9) / max(moves[1], 1e-9))) < LARGEST_TRAVEL_ERROR:
+        return (
+            f"the fitted loop does not repeat the log: its command travels {moves[0]:.3g} strokes where that of the "
+            f"log travels {moves[1]:.3g}"
+        )
+    return ""
+
+
+def _held(series: Array) -> Array:
+    """Missing values replaced by the last before them, those at the beginning by the first there is."""
+    known = np.flatnonzero(np.isfinite(series))
+    return series[known[np.maximum(np.searchsorted(known, np.arange(series.size), side="right") - 1, 0)]]

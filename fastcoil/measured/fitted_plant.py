@@ -1,0 +1,402 @@
+"""The PI controller that wrote a log, found again from its error and its command.
+
+A plant fitted to a log: valve and coil as a static curve behind two lags and a delay, and what else moved the air.
+
+The temperature is c₁ o + c₂ o² of the opening o, delayed and filtered, plus a disturbance: all that the opening does
+not explain, measurement noise included.  The curve is linear in its coefficients, so that lags and delay are searched
+on a grid (separable least squares).  The disturbance drifts, and the controller answers it: its changes are whitened
+by an autoregression fitted along with the plant, without which a loop that works well would hide its own plant.
+
+The ARIX of ``likelihood`` foretells the next half minute better.  It is not taken here, since a controller that
+samples every few seconds cannot be run on half minutes, and nothing makes the loop that it closes a stable one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.measured.grid import motor_positions, openings
+
+HELD = 1e-9
+"""A command that changes by less is held."""
+LEAST_CHANGES, LEAST_PI_ROWS = 20, 30
+BUSY = 20
+"""Changes of the command in a row whose mean distance is the sample time, where it is shortest."""
+EXACT = 1e-3
+"""Residual, as a share of the changes, below which the log holds every sample of the controller."""
+ROW_LAGS = (1, 2, 4)
+"""Changes that a row of the fit spans."""
+USUAL = 10.0
+"""Seconds between samples of a controller that a coarser log does not tell."""
+LESS = 0.9
+"""Share of what one sample leaves unexplained that the sample before may leave at most to be taken in its place."""
+LEAST_EXPLAINED = 0.9
+"""Share of the variance of the command's changes that a PI has to explain."""
+EDGE = 1e-6
+"""A command this close to 0 or 1 is saturated."""
+
+
+class Fit(NamedTuple):
+    """kp and kp/ti, and the share explained."""
+
+    kp: float
+    ki: float
+    explained: float
+
+
+class RecoveredPI(NamedTuple):
+    """A PI controller, Δu = kp Δe + kp (sample_time/ti) e with e = T - T_set.
+
+    kp: 1/K, below 0 for heating.  ti, sample_time: s.  explained: share of the variance of the command's changes.
+    """
+
+    kp: float
+    ti: float
+    sample_time: float
+    explained: float
+
+
+def recover_pi(
+    command: Array, temperature: Array, T_set: Array, interval: float, good: Mask, sample_time: float | None
+) -> RecoveredPI | str:
+    """Find kp, ti and, if it is not given, the sample time; a sentence if the command follows no PI.
+
+    Parameters
+    ----------
+    command, temperature, T_set
+        (n,): fraction of stroke, °C, °C.
+    interval
+        Seconds from sample to sample of the log.
+    good
+        (n,): samples that may be used.
+    """
+    changes = np.flatnonzero((np.abs(np.diff(command)) > HELD) & good[1:] & good[:-1]) + 1
+    if changes.size < LEAST_CHANGES:
+        return f"the command changes {changes.size} times only: log a day on which the loop works"
+    every = _sample_time(command, changes, interval) if sample_time is None else sample_time
+    found = _recovered(command, temperature, T_set, interval, good, changes, every, sample_time)
+    # many logs write the command that answers a temperature one sample after it
+    before = np.maximum(np.arange(command.size) - 1, 0)
+    both = good & good[before]
+    both[0] = False
+    later = _recovered(command, temperature[before], T_set[before], interval, both, changes, every, sample_time)
+    if found is None or (later is not None and 1.0 - later.explained < LESS * (1.0 - found.explained)):
+        found = later
+    if found is None:
+        return "too little of the log shows the controller at work: the command is saturated or hardly moves"
+    if found.explained < LEAST_EXPLAINED:
+        return (
+            f"a PI of the logged error explains {100 * max(found.explained, 0.0):.0f} % of the command's changes "
+            "only: another law runs, or an inverse, or the set-point in the log is not that of the controller"
+        )
+    if found.ti <= 0.0 or not np.isfinite(found.ti):
+        return "the command goes on without an error and comes back with one: no PI does that"
+    return found
+
+
+def _recovered(
+    command: Array, temperature: Array, T_set: Array, interval: float, good: Mask, changes: Index, every: float,
+    given: float | None,
+) -> RecoveredPI | None:  # fmt: skip
+    """The PI whose command answers the temperature of the same sample."""
+    error = temperature - T_set
+    if every > 1.2 * interval:
+        return _slower(command, error, changes, interval, every)
+    between = 0.5 * (temperature[1:] + temperature[:-1]) - T_set[:-1]
+    return _faster(command, error, interval * between, good, interval, given)
+
+
+def _sample_time(command: Array, changes: Index, interval: float) -> float:
+    """Seconds between the controller's samples, or ``interval`` if the log is coarser.
+
+    A saturated command is held for as long as it stays so, and tells nothing.
+    """
+    held = command[changes[:-1]]
+    gaps = np.diff(changes)[(held > EDGE) & (held < 1.0 - EDGE)]
+    if gaps.size == 0:
+        return interval
+    busy = min(BUSY, gaps.size)
+    total = np.concatenate([[0], np.cumsum(gaps)])
+    found = float(np.quantile(total[busy:] - total[:-busy], 0.1)) * interval / busy
+    nice = 5.0 * round(found / 5.0)
+    return nice if abs(found - nice) < 0.05 * found and nice > 0.0 else found
+
+
+def _slower(command: Array, error: Array, changes: Index, interval: float, every: float) -> RecoveredPI | None:
+    """From a log at least as fine as the controller: a row for each few changes that are one sample apart each."""
+    apart = np.diff(changes) * interval
+    one = np.abs(apart - every) < max(interval, 0.5 * every) - HELD
+    total = np.concatenate([[0.0], np.cumsum(every * error[changes])])
+
+    def rows(lag: int) -> tuple[Index, Index, Array]:
+        all_one = np.flatnonzero(_moving_sum(one, lag) == lag)
+        return changes[all_one], changes[all_one + lag], total[all_one + lag + 1] - total[all_one + 1]
+
+    fit = _best_pi(command, error, rows)
+    return fit and RecoveredPI(fit.kp, _ti(fit.kp, fit.ki), every, fit.explained)
+
+
+def _faster(
+    command: Array, error: Array, between: Array, good: Mask, interval: float, given: float | None
+) -> RecoveredPI | None:
+    """From a log as fine as the controller or coarser; ``between``: K s from each sample of it to the next.
+
+    The temperature runs straight between them, and the set-point holds.
+    """
+
+    def fit_of(sums: Array) -> Fit | None:
+        total = np.concatenate([[0.0], np.cumsum(np.where(good[1:] & good[:-1], sums, 0.0))])
+
+        def rows(lag: int) -> tuple[Index, Index, Array]:
+            first = np.flatnonzero(_moving_sum(good, lag + 1) == lag + 1)
+            return first, first + lag, total[first + lag] - total[first]
+
+        return _best_pi(command, error, rows)
+
+    fit = fit_of(interval * error[1:])
+    if fit is not None and 1.0 - fit.explained < EXACT**2:
+        return RecoveredPI(fit.kp, _ti(fit.kp, fit.ki), interval, fit.explained)
+    fit = fit_of(between)
+    if fit is None:
+        return None
+    # each sample adds the new error before use: half a sample more than the straight line
+    every = min(0.5 * interval, USUAL) if given is None else given
+    kp = fit.kp - 0.5 * every * fit.ki
+    return RecoveredPI(kp, _ti(kp, fit.ki), every, fit.explained)
+
+
+def _ti(kp: float, ki: float) -> float:
+    return kp / ki if ki else np.inf
+
+
+def _moving_sum(flags: Mask, width: int) -> Index:
+    total = np.concatenate([[0], np.cumsum(flags)])
+    return np.asarray(total[width:] - total[:-width])
+
+
+def _best_pi(command: Array, error: Array, rows: Callable[[int], tuple[Index, Index, Array]]) -> Fit | None:
+    """The fit over the lag that explains most.
+
+    A log whose samples fall between those of the controller sees one of these now and two then; a longer lag evens
+    that out, and what a coarse resolution does too.
+    """
+    fits = [fit for lag in ROW_LAGS if (fit := _regressed(command, error, *rows(lag))) is not None]
+    return max(fits, key=lambda fit: fit.explained, default=None)
+
+
+def _regressed(command: Array, error: Array, before: Index, after: Index, integral: Array) -> Fit | None:
+    """(kp, kp/ti, share explained) from changes of the command; saturated ones, and those of the integral, left out."""
+    du, de = command[after] - command[before], error[after] - error[before]
+    inside = np.minimum(command[before], command[after]) > EDGE
+    inside &= np.maximum(command[before], command[after]) < 1.0 - EDGE
+    X = np.stack([de, integral], axis=1)
+    kept = inside
+    for _ in range(3):
+        if kept.sum() < LEAST_PI_ROWS or not np.any(du[kept]):
+            return None
+        kp, ki = np.linalg.lstsq(X[kept], du[kept], rcond=None)[0]
+        sums = np.stack([command[i] - kp * error[i] for i in (before, after)])
+        kept = inside & (sums.min(axis=0) > EDGE) & (sums.max(axis=0) < 1.0 - EDGE)
+    left = du[kept] - X[kept] @ (kp, ki)
+    return Fit(float(kp), float(ki), 1.0 - float(left @ left) / float(du[kept] @ du[kept]))
+
+
+STEP = 5.0
+"""The loop is simulated at this many seconds or less."""
+PLANT_LAGS = (5.0, 12.0, 25.0, 45.0, 80.0, 140.0)
+DELAYS = (0.0, 10.0, 20.0)
+"""Seconds, tried first; then the neighbours of the best."""
+APART, MEMORY = 15.0, 120.0
+"""Seconds between the changes that are compared, and over which the autoregression remembers."""
+ROUNDS = 3
+PRECISION = 0.01
+"""Of the prior of the curve's coefficients, 1/K², as in ``likelihood``."""
+LEAST_PLANT_ROWS = 60
+
+
+class FittedPlant(NamedTuple):
+    """A plant and its day.
+
+    curve: c₁, c₂, K per stroke; beyond the openings from ``least`` to ``most`` it goes on straight.
+    lags: s.  delay: whole steps.  step: s of the simulation, a whole number of them to a sample of the log.
+    disturbance: (n,), K, at the samples of the log.
+    explained: share of the whitened changes of the temperature that the opening explains.
+    """
+
+    curve: tuple[float, float]
+    least: float
+    most: float
+    lags: tuple[float, float]
+    delay: int
+    step: float
+    per_sample: int
+    disturbance: Array
+    explained: float
+
+    def slope(self, opening: float) -> float:
+        """K per stroke at an opening, once all has settled."""
+        return self.curve[0] + 2.0 * self.curve[1] * min(max(opening, self.least), self.most)
+
+    @property
+    def gain(self) -> float:
+        """K per stroke in the middle of the openings of the log."""
+        return self.slope(0.5 * (self.least + self.most))
+
+
+def fit_plant(
+    command: Array,
+    temperature: Array,
+    good: Mask,
+    interval: float,
+    backlash: float,
+    stroke_time: float,
+    is_held: bool,
+    sign: float,
+) -> FittedPlant | None:
+    """Fit the plant between command and temperature; None if no plant with gains of the ``sign`` explains the log.
+
+    Parameters
+    ----------
+    command, temperature
+        (n,), without NaN: fraction of stroke, °C.
+    good
+        (n,): samples that may be used.
+    is_held
+        Whether the command is held between samples of the log; else it runs straight.
+    sign
+        -1 where a higher opening lowers the temperature, else 1.
+    """
+    per_sample = math.ceil(interval / STEP)
+    step = interval / per_sample
+    at = np.arange((command.size - 1) * per_sample + 1) / per_sample
+    fine = command[at.astype(int)] if is_held else np.interp(at, np.arange(command.size), command)
+    position = motor_positions(fine, step / stroke_time if stroke_time > 0.0 else 1.0)[:-1]
+    opening = openings(position, np.array([backlash]))[:, 0]
+    seen = opening[::per_sample][good]
+    rows = _Rows(temperature, good, interval)
+    if rows.used.sum() < LEAST_PLANT_ROWS:
+        return None
+    for powers in (2, 1):
+        found = _searched(np.stack([opening**k for k in range(1, powers + 1)], axis=1), rows, step, per_sample)
+        curve = (float(found.curve[0]), float(found.curve[1]) if powers > 1 else 0.0)
+        plant = FittedPlant(
+            curve, float(seen.min()), float(seen.max()), found.lags, found.delay, step, per_sample,
+            temperature - found.filtered @ found.curve, found.explained,
+        )  # fmt: skip
+        if min(sign * plant.slope(opening) for opening in (plant.least, plant.most)) > 0.0:
+            return plant
+    return None
+
+
+class _Rows:
+    """Changes of series of the log over about ``APART`` s, whitened, where all that they need may be used."""
+
+    def __init__(self, temperature: Array, good: Mask, interval: float) -> None:
+        self.width = max(1, round(APART / interval))
+        self.order = max(2, round(MEMORY / (self.width * interval)))
+        bad = np.concatenate([[0], np.cumsum(~good)])
+        ends = np.arange((self.order + 1) * self.width, good.size, self.width)
+        self.used = bad[ends + 1] == bad[ends - (self.order + 1) * self.width]
+        self.y = self.changes(temperature)
+        self.memory = np.zeros(self.order)
+
+    def changes(self, series: Array) -> Array:
+        """(n_changes, …): between each ``width`` samples, first axis of ``series``."""
+        return np.asarray(np.diff(series[:: self.width], axis=0))
+
+    def whitened(self, changes: Array) -> Array:
+        """Less what the autoregression foretells, in the rows that are used; first axis of ``changes``."""
+        left = changes[self.order :].copy()
+        for lag, share in enumerate(self.memory, 1):
+            left -= share * changes[self.order - lag : changes.shape[0] - lag]
+        return np.asarray(left[self.used])
+
+    def learn(self, residual: Array) -> None:
+        """Fit the autoregression to the changes of a disturbance."""
+        n = residual.size
+        X = np.stack([residual[self.order - lag : n - lag] for lag in range(1, self.order + 1)], axis=1)
+        self.memory = np.linalg.lstsq(X[self.used], residual[self.order :][self.used], rcond=None)[0]
+
+
+class _Found(NamedTuple):
+    """The best of a search; filtered: (n, powers), what the curve weights, at the samples of the log."""
+
+    rss: float
+    lags: tuple[float, float]
+    delay: int
+    curve: Array
+    filtered: Array
+    explained: float
+
+
+def _searched(basis: Array, rows: _Rows, step: float, per_sample: int) -> _Found:
+    """The best lags, delay and curve on the grid, then among the neighbours of these."""
+    rows.memory = np.zeros(rows.order)
+    grid = [
+        (slow, fast, round(delay / step))
+        for slow in PLANT_LAGS
+        for fast in PLANT_LAGS
+        if fast <= slow
+        for delay in DELAYS
+    ]
+    candidates = _filtered(basis, grid, step, per_sample)
+    for _ in range(ROUNDS):
+        best = _best(candidates, rows)
+        rows.learn(rows.y - rows.changes(best.filtered) @ best.curve)
+    near = (0.75, 1.0, 1.33)
+    slow, fast = best.lags
+    delays = {max(best.delay + more, 0) for more in (-1, 0, 1)}
+    grid = [(slow * a, fast * b, delay) for a in near for b in near for delay in sorted(delays)]
+    return _best(_filtered(basis, grid, step, per_sample), rows)
+
+
+def _filtered(
+    basis: Array, grid: list[tuple[float, float, int]], step: float, per_sample: int
+) -> list[tuple[tuple[float, float, int], Array]]:
+    """The basis behind the lags and delay of each point of a grid, at the samples of the log."""
+    slows = sorted({slow for slow, _, _ in grid})
+    pairs = sorted({(slow, fast) for slow, fast, _ in grid})
+    once = lagged(np.repeat(basis[:, :, np.newaxis], len(slows), axis=2), _shares(slows, step))
+    both = lagged(once[:, :, [slows.index(slow) for slow, _ in pairs]], _shares([fast for _, fast in pairs], step))
+    twice = {pair: both[:, :, k] for k, pair in enumerate(pairs)}
+    found = []
+    for slow, fast, delay in grid:
+        series = twice[slow, fast]
+        early = np.repeat(series[:1], delay, axis=0)
+        found.append(((slow, fast, delay), np.concatenate([early, series[: series.shape[0] - delay]])[::per_sample]))
+    return found
+
+
+def _shares(lags: list[float], step: float) -> Array:
+    """Of the way to its input that a lag goes in a step."""
+    return np.asarray(1.0 - np.exp(-step / np.array(lags)))
+
+
+def lagged(series: Array, share: Array | float) -> Array:
+    """First-order lag along the first axis that goes ``share`` of the way to each new input; it starts at rest."""
+    found = np.empty_like(series)
+    state = series[0]
+    for k, wanted in enumerate(series):
+        found[k] = state = state + share * (wanted - state)
+    return found
+
+
+def _best(candidates: list[tuple[tuple[float, float, int], Array]], rows: _Rows) -> _Found:
+    y = rows.whitened(rows.y)
+    total = float(y @ y)
+    precision = PRECISION * total / y.size
+    best: _Found | None = None
+    for (slow, fast, delay), filtered in candidates:
+        X = rows.whitened(rows.changes(filtered))
+        curve = np.asarray(np.linalg.solve(X.T @ X + precision * np.eye(X.shape[1]), X.T @ y), float)
+        left = y - X @ curve
+        rss = float(left @ left + precision * curve @ curve)
+        if best is None or rss < best.rss:
+            best = _Found(rss, (slow, fast), delay, curve, filtered, 1.0 - float(left @ left) / total)
+    assert best is not None
+    return best

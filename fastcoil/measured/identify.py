@@ -1,0 +1,419 @@
+"""What the commands of a log say about the controller: what moved them, and whether the columns fit in time.
+
+How well each candidate backlash explains the supply temperature of a log: a linear model, solved for all at once.
+
+The model is an ARIX: the change of the temperature over half a minute from its own changes before, those of known
+disturbances, and those of the opening and of its square, each a mean over half a minute that ends before the sample.
+It is linear in all but the backlash, so that each candidate takes one small set of normal equations (separable least
+squares, as in Jelali 2008).  The coefficients of the opening have a wide normal prior and are integrated out.
+
+A loop in closed loop has a trap.  The command between two samples answers temperatures that the model has not seen, so
+that the bare command foretells the temperature, and a candidate of 0 is its opening.  ``reaction`` gives the command
+itself coefficients of its own; then only what the play operator changes counts.
+
+The backlash of a valve from the command and the supply temperature of a trend log, or why the log cannot tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.measured.grid import mean_openings, motor_positions, turns
+
+LEAST_SET_POINT_CHANGE, LEAST_SET_POINT_CHANGES = 0.3, 2
+USUAL, JUMP, LEAST_JUMPS, APART = 0.9, 4.0, 3, 600.0
+"""What a change of the command leaves unexplained is a jump if it exceeds this quantile of all that many times.  A
+start-up makes some, so that three are asked for, these many seconds apart."""
+FEWEST, CLOSED = 40, 1e-3
+TO_AND_FRO = 0.01
+"""Of the stroke: what a command moves one way and at once back again, sample by sample."""
+FARTHEST, EXPLAINED, CLEARER = 4, 0.8, 3.0
+"""Samples by which columns are moved at most; a shift is told where the control law explains that share of the
+variance with it, and leaves so many times less of it than without."""
+
+
+def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | None, interval: float) -> bool:
+    """Whether the set-point changed; where the log has none, whether the command jumped as it does then.
+
+    A PI controller answers temperatures alone: its command changes by a linear function of the last temperatures and
+    their changes.  What a robust fit of that leaves is 0 but for changes of the set-point, and the like.
+    """
+    if T_set is not None:
+        changed = np.abs(np.diff(np.asarray(T_set, float)))[good[1:] & good[:-1]]
+        return bool(np.sum(changed >= LEAST_SET_POINT_CHANGE) >= LEAST_SET_POINT_CHANGES)
+    at = np.flatnonzero(np.diff(command) != 0.0) + 1
+    if at.size < FEWEST:
+        return False
+    now, before, long_before = at[2:], at[1:-1], at[:-2]
+    bad_before = np.concatenate([[0], np.cumsum(~good)])
+    whole = bad_before[now + 1] == bad_before[long_before]
+    for end in (now, before):  # a command at its end does not follow the law
+        whole &= (command[end] > CLOSED) & (command[end] < 1.0 - CLOSED)
+    now, before, long_before = now[whole], before[whole], long_before[whole]
+    if now.size < FEWEST:
+        return False
+    last, one_before = temperature[now] - temperature[before], temperature[before] - temperature[long_before]
+    X = np.stack([last, one_before, temperature[now], np.ones(now.size)], axis=1)
+    left = np.abs(_left(X, command[now] - command[before]))
+    jumps = now[left > JUMP * np.quantile(left, USUAL)]
+    return jumps.size > 0 and 1 + int(np.sum(np.diff(jumps) * interval > APART)) >= LEAST_JUMPS
+
+
+def share_to_and_fro(command: Array, good: Mask) -> float:
+    """Share of the samples at which the command moves back what it moved the sample before, or more than it.
+
+    An inverse that chatters does so, and a controller that answers noise.  Where a log shows much of it, the stem may
+    have moved between its samples unseen.
+    """
+    moved = np.diff(command)
+    both = good[2:] & good[1:-1] & good[:-2]
+    turns = (moved[1:] * moved[:-1] < 0.0) & (np.minimum(np.abs(moved[1:]), np.abs(moved[:-1])) > TO_AND_FRO)
+    return float(np.mean(turns[both])) if both.any() else 0.0
+
+
+def arrivals(command: Array, good: Mask) -> int:
+    """How often the command arrives at one of its ends."""
+    at_end = (command <= CLOSED) | (command >= 1.0 - CLOSED)
+    return int(np.sum(at_end[1:] & ~at_end[:-1] & good[1:] & good[:-1]))
+
+
+def late(command: Array, temperature: Array, good: Mask) -> int:
+    """By how many samples the temperatures stand too late beside the commands; negative: too early; 0 if not sure.
+
+    The change of a command minus the one before is a linear function of temperatures of the same samples.  The lag
+    that explains it best tells: a command cannot answer a temperature to come.
+    """
+    changed = np.flatnonzero(np.diff(command) != 0.0) + 1
+    changed = changed[(changed > 2 * FARTHEST) & (changed < command.size - FARTHEST)]
+    if changed.size < FEWEST:
+        return 0
+    first, middle, last = changed[:-2], changed[1:-1], changed[2:]
+    even = (middle - first == last - middle) & (last - middle <= 2 * FARTHEST)
+    whole = np.concatenate([[0], np.cumsum(~good)])
+    even &= first >= FARTHEST
+    even &= whole[np.minimum(last + FARTHEST + 1, command.size)] == whole[np.maximum(first - FARTHEST, 0)]
+    first, middle, last = first[even], middle[even], last[even]
+    if first.size < FEWEST:
+        return 0
+    moved = command[last] - 2.0 * command[middle] + command[first]
+    left = {s: _share_left(moved, temperature, first + s, middle + s, last + s) for s in range(-FARTHEST, FARTHEST + 1)}
+    best = min(left, key=lambda s: left[s])
+    return best if left[best] <= 1.0 - EXPLAINED and CLEARER * left[best] < left[0] else 0
+
+
+def _share_left(moved: Array, temperature: Array, first: Index, middle: Index, last: Index) -> float:
+    """Share of the variance of second differences of the command that temperatures at these samples leave."""
+    change = temperature[last] - temperature[middle]
+    left = _left(np.stack([change - (temperature[middle] - temperature[first]), change * (last - middle)], 1), moved)
+    usual = np.abs(left) <= np.quantile(np.abs(left), USUAL)
+    return float(np.sum(left[usual] ** 2) / max(np.sum(moved[usual] ** 2), 1e-300))
+
+
+def _left(X: Array, y: Array) -> Array:
+    """What a linear model leaves, fitted without the largest tenth of what it leaves."""
+    solved = np.linalg.lstsq(X, y, rcond=None)[0]
+    for _ in range(3):
+        left = np.abs(y - X @ solved)
+        usual = left <= np.quantile(left, USUAL)
+        solved = np.linalg.lstsq(X[usual], y[usual], rcond=None)[0]
+    return np.asarray(y - X @ solved)
+
+
+HORIZON = 30.0
+"""Seconds over which the model foretells: long against the noise of a sensor, short against a coil.  An interval, where
+the log has longer ones."""
+OWN_LAGS, OPENING_LAGS, DISTURBANCE_LAGS = 8, 4, 3
+"""Changes of the temperature, the opening and each known disturbance that enter, one a horizon."""
+PRECISION = 0.01
+"""Of the prior of the opening's coefficients, 1/K²: each is known to ± 10 K per stroke before the log is read."""
+MODEL_ERROR = 0.1
+"""Share of what the stem explains that counts as if it were noise: coil and valve curve are not linear, and where the
+temperature swings far, as in a loop that hunts, that is what the residuals are made of."""
+LEAST_ROWS = 60
+
+
+class Likelihood(NamedTuple):
+    """Log-likelihood of each candidate, without and with coefficients for the command itself; rows that it rests on."""
+
+    plain: Array
+    reaction: Array
+    rows: int
+
+
+def likelihoods(
+    temperature: Array, positions: Array, disturbances: Sequence[Array], good: Mask, interval: float, candidates: Array
+) -> Likelihood | None:
+    """Compare candidate sizes of the backlash; None if the log is too short.
+
+    Parameters
+    ----------
+    temperature
+        (n,), °C.
+    positions
+        (n + 1,), of the motor, see ``motor_positions``.
+    disturbances
+        Each (n,): what else moves the temperature and is in the log.
+    good
+        (n,): samples that may be used.  A row of the model uses all its lags or is left out.
+    interval
+        Seconds from sample to sample.
+    candidates
+        Fractions of stroke, from 0.
+    """
+    n, width = temperature.size, max(1, round(HORIZON / interval))
+    span = (max(OWN_LAGS, OPENING_LAGS) + 1) * width + 1
+    rows = np.arange(-(-span // width) * width, n, width)
+    bad_before = np.concatenate([[0], np.cumsum(~good)])
+    rows = rows[bad_before[rows + 1] == bad_before[rows - span + 1]]
+    if rows.size < LEAST_ROWS:
+        return None
+
+    def change(series: Array, lag: int) -> Array:
+        return np.asarray(series[rows - lag * width] - series[rows - (lag + 1) * width])
+
+    y = change(temperature, 0)
+    common = [change(temperature, lag) for lag in range(1, OWN_LAGS + 1)]
+    common += [change(series, lag) for series in disturbances for lag in range(DISTURBANCE_LAGS)]
+    Z, _ = np.linalg.qr(np.stack([*common, np.ones(rows.size)], axis=1))
+    y = y - Z @ (Z.T @ y)
+    total, freedom = float(y @ y), rows.size - Z.shape[1]
+    if total <= 0.0:
+        return None
+    # positions after the last sample have no temperature
+    gram, product = _normal_equations(positions[:n], candidates, width, rows, Z, y)
+    k = 2 * OPENING_LAGS
+    plain = _evidence(gram[:, :k, :k], product[:, :k], total, freedom)
+    return Likelihood(plain, _evidence(gram, product, total, freedom), rows.size)
+
+
+def _normal_equations(
+    positions: Array, candidates: Array, width: int, rows: Index, Z: Array, y: Array
+) -> tuple[Array, Array]:
+    """Left and right sides for each candidate, for what is orthogonal to Z: its opening, the square, then the motor."""
+    # the piece that ends at sample r is r / width - 1
+    ends, k = rows // width - 2, 2 * OPENING_LAGS
+    X = np.empty((candidates.size, k, rows.size))
+    for first, means in enumerate(mean_openings(positions, candidates, width)):
+        moved = np.ascontiguousarray(np.diff(means, axis=0).T)
+        for lag in range(OPENING_LAGS):
+            X[:, first * OPENING_LAGS + lag] = moved[:, ends - lag]
+    motor = np.diff(mean_openings(positions, np.zeros(1), width)[0][:, 0])
+    M = np.stack([motor[ends - lag] for lag in range(OPENING_LAGS)])
+    M -= (M @ Z) @ Z.T
+    in_common = (X.reshape(-1, rows.size) @ Z).reshape(candidates.size, k, -1)
+    gram = np.empty((candidates.size, k + len(M), k + len(M)))
+    gram[:, :k, :k] = X @ X.transpose(0, 2, 1) - in_common @ in_common.transpose(0, 2, 1)
+    gram[:, :k, k:] = X @ M.T
+    gram[:, k:, :k] = gram[:, :k, k:].transpose(0, 2, 1)
+    gram[:, k:, k:] = M @ M.T
+    return gram, np.concatenate([X @ y, np.broadcast_to(M @ y, (candidates.size, len(M)))], axis=1)
+
+
+def _evidence(gram: Array, product: Array, total: float, freedom: int) -> Array:
+    """Log-likelihood with the coefficients integrated out, for each candidate."""
+    unit = np.eye(gram.shape[1])
+    precision = PRECISION * total / freedom
+    solved = np.linalg.solve(gram + precision * unit, product[..., np.newaxis])[..., 0]
+    left = np.maximum(total - np.sum(product * solved, axis=1), 1e-12 * total)
+    left += MODEL_ERROR * (total - left.min())
+    return np.asarray(-0.5 * freedom * np.log(left / total) - 0.5 * np.linalg.slogdet(unit + gram / precision)[1])
+
+
+CANDIDATES = np.arange(0.0, 0.2501, 0.0025)
+"""Sizes that are tried, fractions of stroke."""
+SURE = 0.95
+"""Probability of being right from which a size counts as identified."""
+CONFIDENCE = 0.95
+"""Of the interval."""
+WEIGHT, WEIGHT_REACTION = 0.8, 0.3
+"""Share of the log-likelihood that counts, without and with the reaction: residuals are neither independent nor
+normal.  Chosen on populations of their own, see ``studies/diagnosis/diagnosis.py``."""
+GOOD = 0.01
+"""Up to this backlash a valve is called good; also the least tolerance of a size, beside ``TOLERANCE`` of it."""
+TOLERANCE = 0.2
+LEAST_ODDS = 300.0
+"""Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
+USUAL_STROKE_TIME = 90.0
+"""Seconds, where nobody gives it."""
+LEAST_TURN = 0.005
+MOST_ARRIVALS, SWING = (10, 0.2), 0.05
+"""Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
+LONGEST_INTERVAL = 60.0
+MOST_TO_AND_FRO, JUMPY_COUNTS = 0.01, 0.5
+"""Share of the samples at which the command may move back what it moved the sample before; the share of the likelihood
+that counts of a log with more."""
+
+
+class Identification(NamedTuple):
+    """What a log tells of the backlash.
+
+    backlash: the most probable size, fraction of stroke; NaN where the log was not fit to compare any.
+    low, high: interval of 95 %.
+    identified: whether the size is right, to 20 % of itself or 1 % of stroke, with 95 % probability.
+    reason: why not; empty if identified.
+    candidates, probability: the profile.
+    late: seconds by which the temperatures of the log stand late beside the commands; they were moved back by that.
+    Negative: the commands stand late, or their controller is slow to read; both were reckoned with.
+    """
+
+    backlash: float
+    low: float
+    high: float
+    identified: bool
+    reason: str
+    candidates: Array
+    probability: Array
+    late: float = 0.0
+
+
+def identify_backlash(
+    command: Array,
+    temperature: Array,
+    interval: float,
+    T_set: Array | None = None,
+    disturbances: tuple[Array, ...] = (),
+    enabled: Mask | None = None,
+    stroke_time: float | None = None,
+    sample_time: float | None = None,
+) -> Identification:
+    """Identify the backlash of a valve from a trend log.
+
+    Parameters
+    ----------
+    command, temperature
+        (n,): command to the actuator, fraction of stroke, and measured supply temperature, °C.  NaN where missing.
+    interval
+        Seconds from sample to sample.
+    T_set
+        Set-point, °C, if the log has it.
+    disturbances
+        What else the log has that moves the temperature: air flow, entering air temperature.
+    enabled
+        Whether the plant was on; all of it if None.
+    stroke_time
+        Of the motor, s; 90 if None, 0 if it is as good as immediate.
+    sample_time
+        Of the controller, s, if known.
+    """
+    command, temperature = np.asarray(command, float), np.asarray(temperature, float)
+    good = np.isfinite(command) & np.isfinite(temperature)
+    for series in disturbances:
+        good &= np.isfinite(series)
+    good = good if enabled is None else good & np.asarray(enabled, bool)
+    if interval > LONGEST_INTERVAL:
+        return _cannot(f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster")
+    if not good.any():
+        return _cannot("no sample has both a command and a temperature with the plant on")
+    seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
+    travel = interval / seconds if seconds > 0.0 else 1.0
+    log = _Log(_held(command), _held(temperature), tuple(np.asarray(d, float) for d in disturbances), good)
+    positions = motor_positions(log.command, travel)
+    if turns(positions, LEAST_TURN) == 0:
+        return _cannot("the command never turns back, and a gap shows at turns only: change the set-point up and down")
+    samples = late(log.command, log.temperature, good)
+    # a command that answers old temperatures may be that of a slow controller, and stand where it belongs
+    logs = [log.moved(samples)] if samples >= 0 else [log, log.moved(samples)]
+    found = [each for each in (_compared(one, interval, travel) for one in logs) if each is not None]
+    if not found:
+        return _cannot("too little of the log can be used, or its temperature stands still: log for two hours or more")
+    provoked = is_provoked(log.command, log.temperature, good, T_set, interval)
+    unseen = sample_time is None or sample_time < interval
+    in_step = sample_time is not None and not unseen and (sample_time / interval) % 1.0 < 1e-6
+    doubt, counts = "", min(1.0, HORIZON / interval) if unseen else 1.0
+    jumpy = share_to_and_fro(log.command, good) > MOST_TO_AND_FRO
+    counts *= JUMPY_COUNTS if jumpy else 1.0
+    if jumpy and not (provoked and in_step):
+        doubt = (
+            "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log "
+            "as often as the controller acts, say its sample time, and change the set-point up and down"
+        )
+    elif arrivals(log.command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
+        doubt = "the command runs to its ends again and again: lower the gain of the controller, and log again"
+    return _judged(found, provoked, doubt, counts)._replace(late=samples * interval)
+
+
+class _Log(NamedTuple):
+    """What is compared, each (n,)."""
+
+    command: Array
+    temperature: Array
+    disturbances: tuple[Array, ...]
+    good: Mask
+
+    def moved(self, samples: int) -> _Log:
+        """The temperatures and all that is measured with them moved to where they belong, if they stand late."""
+        if samples == 0:
+            return self
+        n = self.command.size
+        at, seen = slice(max(-samples, 0), n - max(samples, 0)), slice(max(samples, 0), n - max(-samples, 0))
+        disturbances = tuple(series[seen] for series in self.disturbances)
+        return _Log(self.command[at], self.temperature[seen], disturbances, self.good[at] & self.good[seen])
+
+
+def _compared(log: _Log, interval: float, travel: float) -> Likelihood | None:
+    positions = motor_positions(log.command, travel)
+    return likelihoods(log.temperature, positions, log.disturbances, log.good, interval, CANDIDATES)
+
+
+def _judged(found: Sequence[Likelihood], provoked: bool, doubt: str, counts: float) -> Identification:
+    """The most probable size and whether it may be claimed.
+
+    found: of each way in which the columns may fit in time.  provoked: whether something else than the temperature
+    moved the command.  If nothing did, the command itself gets coefficients of its own, and a good valve is never
+    claimed: a stem that stands still looks the same.  doubt: why nothing may be claimed of this log, if so.  counts:
+    share of the likelihood that counts, less where the controller moves the valve between the samples.
+    """
+    probability = np.zeros(CANDIDATES.size)
+    for one in found:
+        likelihood = counts * (WEIGHT * one.plain if provoked else WEIGHT_REACTION * one.reaction)
+        of_one = np.exp(likelihood - likelihood.max())
+        probability += of_one / of_one.sum() / len(found)
+    right = np.abs(CANDIDATES[:, np.newaxis] - CANDIDATES) <= np.maximum(TOLERANCE * CANDIDATES, GOOD) + 1e-9
+    surely = right @ probability
+    best = int(probability.argmax())
+    if surely[best] < SURE <= surely.max():
+        best = int(surely.argmax())
+    backlash, good = float(CANDIDATES[best]), CANDIDATES <= GOOD + 1e-9
+    worse = bool(probability.max() >= LEAST_ODDS * probability[good].max())
+    low, high = _interval(probability)
+    low = low if worse else 0.0
+    reason = doubt
+    if doubt:
+        low, high = 0.0, float(CANDIDATES[-1])
+    elif backlash <= GOOD and not provoked:
+        reason = (
+            "the command only follows the temperature, and a stuck stem looks like a good one: change the set-point"
+        )
+        low, high = 0.0, float(CANDIDATES[-1])
+    elif surely[best] < SURE or (backlash > GOOD and not worse):
+        sizes = f"gaps from {100 * low:.1f} % to {100 * high:.1f} %"
+        reason = f"{sizes} explain the log: change the set-point up and down, or log longer"
+    elif high >= CANDIDATES[-1]:
+        reason = f"the gap may be {100 * high:.0f} % of the stroke or more, and larger ones are not looked for"
+    return Identification(backlash, low, high, not reason, reason, CANDIDATES, probability)
+
+
+def _interval(probability: Array) -> tuple[float, float]:
+    """The tails outside hold the same probability; a step of the candidates is added on both sides.
+
+    Half of it is the width of a candidate, the rest for what a linear model sampled every 30 s gets wrong.
+    """
+    below, step = np.cumsum(probability), CANDIDATES[1] - CANDIDATES[0]
+    low = CANDIDATES[np.argmax(below > 0.5 * (1.0 - CONFIDENCE))] - step
+    high = CANDIDATES[np.argmax(below >= 0.5 * (1.0 + CONFIDENCE) - 1e-12)] + step
+    return max(float(low), 0.0), min(float(high), float(CANDIDATES[-1]))
+
+
+def _held(series: Array) -> Array:
+    """Missing values replaced by the last before them, those at the beginning by the first there is."""
+    known = np.flatnonzero(np.isfinite(series))
+    return series[known[np.maximum(np.searchsorted(known, np.arange(series.size), side="right") - 1, 0)]]
+
+
+def _cannot(reason: str) -> Identification:
+    nothing = np.full(CANDIDATES.size, 1.0 / CANDIDATES.size)
+    return Identification(np.nan, 0.0, float(CANDIDATES[-1]), False, reason, CANDIDATES, nothing)

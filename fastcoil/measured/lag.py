@@ -1,0 +1,311 @@
+"""A curve of straight lines from opening to flow, which needs no shape of Eq (2).
+
+The time shift of each stretch of a log that fits best, with one curve and one backlash for all of it.
+
+The time shift between the command and the flow of a log: sought stretch by stretch, told, and taken out.
+
+Each candidate shift and backlash turns the command into an opening; a curve of straight lines from opening to flow,
+one for the whole log, is solved for linearly.  Shift and backlash are sought at once, so that neither passes for the
+other.  The shift of each stretch is the one that fits best, less a price for every shift and every change of it
+(Viterbi's search), so that chance moves no log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.logs import Log
+from fastcoil.measured.least_squares import autocorrelation
+from fastcoil.measured.valve_problem import step_of
+from fastcoil.model.engine.recorded import valve_flows
+
+N_KNOTS = 11
+_RIDGE = 1e-9
+_TINY = 1e-300
+
+
+def hats(opening: Array) -> Array:
+    """Weights of the knots, evenly spaced from 0 to 1, at each opening: (…,) → (…, knots)."""
+    place = np.clip(opening, 0.0, 1.0) * (N_KNOTS - 1)
+    return np.asarray(np.maximum(1.0 - np.abs(place[..., None] - np.arange(N_KNOTS)), 0.0))
+
+
+def solved(products: Array) -> Array:
+    """Flows at the knots, (…, k - 1), from sums of products of the weights and, last, the flow, (…, k, k)."""
+    A, b = products[..., :-1, :-1], products[..., :-1, -1]
+    ridge = _RIDGE * np.trace(A, axis1=-2, axis2=-1) + _TINY
+    return np.asarray(np.linalg.solve(A + ridge[..., None, None] * np.eye(A.shape[-1]), b[..., None])[..., 0])
+
+
+def errors_of(products: Array, flows: Array) -> Array:
+    """Sums of squared residuals, (…,), of a curve, (…, k - 1) or (k - 1,)."""
+    v = np.concatenate([flows, np.full((*flows.shape[:-1], 1), -1.0)], axis=-1)
+    return np.asarray(np.maximum(np.einsum("...ij,...i,...j", products, v, v), 0.0))
+
+
+BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
+_WORTHWHILE = 0.8
+"""A shift leaves at most this share of the squared residuals of the rows that it moves."""
+_ROUNDS = 10
+_ROUND_OFF = 1e-6
+
+
+class Curve(NamedTuple):
+    """The backlash, an index in ``BACKLASHES``; flows at the knots, kg/s; variance of a residual, (kg/s)².
+
+    worth: samples that are worth one independent one.  likelihood: logarithm of it.
+    """
+
+    backlash: int
+    flows: Array
+    variance: float
+    worth: float
+    likelihood: float
+
+
+class Stretches(NamedTuple):
+    """What the search needs of a log.
+
+    lags: that are tried, in samples, (lags,).  number: of the stretch of each sample, (n,).  sums: of products of the
+    curve's terms and the flow, (stretches, lags, backlashes, knots + 1, knots + 1).  counts: samples in each sum,
+    (stretches, lags).  price: of each change of the lag
+    from one stretch to the next, (stretches,), the first is that of any lag but 0.  fitted: (stretches,).
+    """
+
+    lags: Index
+    number: Index
+    sums: Array
+    counts: Array
+    price: Array
+    fitted: Mask
+
+    def of(self, which: Mask) -> Stretches:
+        """Some of the stretches."""
+        return self._replace(sums=self.sums[which], counts=self.counts[which], price=self.price[which])
+
+
+def search(found: Stretches, worth: float) -> tuple[Index, Curve]:
+    """The lag of each stretch, an index in ``lags``, and the curve: from each common lag until neither changes.
+
+    worth: samples that are worth one independent one.
+    """
+    ways = []
+    n = found.counts.sum(axis=0)
+    for common in np.flatnonzero(n >= 0.5 * n.max()):
+        chosen = np.full(found.sums.shape[0], common)
+        for _ in range(_ROUNDS):
+            curve, before = _curve(found, chosen, worth), chosen
+            chosen = cheapest(found, curve)
+            if (chosen == before).all():
+                break
+        curve = _curve(found, chosen, worth)
+        changed = np.append(found.lags[chosen[0]] != 0, np.diff(chosen) != 0)
+        ways.append((found.price[changed].sum() - curve.likelihood, chosen, curve))
+    _, chosen, curve = min(ways, key=lambda one: float(one[0]))
+    return chosen, curve
+
+
+def _curve(found: Stretches, chosen: Index, worth: float) -> Curve:
+    """The best curve with each stretch at its lag."""
+    at = np.arange(chosen.size), chosen
+    total, n = found.sums[at].sum(axis=0), max(float(found.counts[at].sum()), 1.0)
+    flows = solved(total)
+    errors = errors_of(total, flows)
+    j = int(np.argmin(errors))
+    mean = max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY)
+    n_all = float(found.counts.max(axis=1).sum())
+    return Curve(j, flows[j], mean, worth, -0.5 * n_all / worth * float(np.log(mean)))
+
+
+def cheapest(found: Stretches, curve: Curve) -> Index:
+    """The lag of each stretch, an index in ``lags``: the way through the stretches with the least errors and prices.
+
+    Samples that a lag leaves without a command cost as much as others; they may not be most of a stretch.  Where all
+    of a stretch fits worse than the rest, chance moves it more easily: its own variance counts.
+    """
+    most = found.counts.max(axis=1, keepdims=True)
+    errors = errors_of(found.sums[:, :, curve.backlash], curve.flows)
+    errors = np.where(found.counts < 0.5 * most, np.inf, errors + curve.variance * (most - found.counts))
+    own = errors.min(axis=1, keepdims=True) / np.maximum(most, 1.0)
+    costs = errors / (2.0 * curve.worth * np.maximum(own, curve.variance))
+    lags, ways = found.lags, []
+    best = costs[0] + found.price[0] * (lags != 0)
+    for cost, of_change in zip(costs[1:], found.price[1:], strict=True):
+        whole = best[:, None] + of_change * (lags[:, None] != lags)
+        ways.append(whole.argmin(axis=0))
+        best = whole.min(axis=0) + cost
+    chosen = [int(best.argmin())]
+    for way in reversed(ways):
+        chosen.append(int(way[chosen[-1]]))
+    return np.array(chosen[::-1])
+
+
+def worthwhile(found: Stretches, chosen: Index, curve: Curve) -> Index:
+    """The lag of each stretch in samples, 0 where a run of stretches with one lag gains little by it."""
+    errors = errors_of(found.sums[:, :, curve.backlash], curve.flows)
+    kept, none = found.lags[chosen], int(np.flatnonzero(found.lags == 0)[0])
+    for run in np.split(np.arange(chosen.size), np.flatnonzero(np.diff(chosen)) + 1):
+        if errors[run, chosen[run]].sum() > _WORTHWHILE * errors[run, none].sum():
+            kept[run] = 0
+    return kept
+
+
+_NEAR, _AROUND = 6, 2
+"""Shifts tried: up to so many samples either way, and around the one that the cross-correlation proposes."""
+_FARTHEST = 7200.0
+"""The cross-correlation proposes shifts up to this, s: clocks that differ by an hour."""
+_STRETCH = 100
+"""Samples: a longer piece is cut into stretches of one to two times this."""
+_PRICE, _PRICE_WITHIN = 12.0, 30.0
+"""Of a shift and of a change of it between pieces, and of a change within one, in logarithms of likelihood."""
+_MOST_MEMORY = 0.98
+
+
+def delayed(log: Log, lag: Array | float) -> tuple[Array, Mask]:
+    """The command ``lag`` seconds before each sample, (n,) each, and where no row of its piece gives it."""
+    given, lag = log.values["command"], np.broadcast_to(lag, log.time.shape)
+    command, outside = given.copy(), np.zeros(given.size, dtype=bool)
+    for piece in np.split(np.arange(given.size), np.flatnonzero(np.diff(log.batch)) + 1):
+        time = log.time[piece]
+        wanted = time - lag[piece] + _ROUND_OFF
+        at = np.searchsorted(time, wanted, side="right") - 1
+        command[piece] = given[piece[np.maximum(at, 0)]]
+        outside[piece] = (at < 0) | (wanted > time[-1] + 2.0 * _ROUND_OFF)
+    return command, outside
+
+
+def with_lag(log: Log, lag: float) -> Log:
+    """The log with the command that was given ``lag`` seconds before each flow."""
+    note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
+    return log if lag == 0.0 else _moved(log, np.full(log.time.size, lag), [note])
+
+
+def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
+    """The log with the shift of each stretch taken out, and a note of it; itself if it has none.
+
+    good, fitting: (n,), samples that may be compared, and those of the part to fit; what follows that part has no
+    influence on its shifts.
+    """
+    step = step_of(log, fitting)
+    lags_tried = _lags_to_try(log, good & fitting, step)
+    found = _stretches(log, good, fitting, step, lags_tried, 0.0)
+    chosen, curve = search(found.of(found.fitted), 1.0)
+    memory, _ = _correlation(log, good & fitting, found, chosen, curve, step, 0.0)
+    found = _stretches(log, good, fitting, step, lags_tried, memory)
+    chosen, curve = search(found.of(found.fitted), 1.0)
+    _, worth = _correlation(log, good & fitting, found, chosen, curve, step, memory)
+    chosen, curve = search(found.of(found.fitted), worth)
+    lags = np.zeros(found.fitted.size)
+    lags[found.fitted] = worthwhile(found.of(found.fitted), chosen, curve)
+    if not found.fitted.all():
+        rest = found.of(~found.fitted)
+        lags[~found.fitted] = worthwhile(rest, cheapest(rest, curve), curve)
+    shifts = lags[found.number]
+    return _moved(log, shifts * step, _told(log, shifts, step)) if shifts.any() else log
+
+
+def _moved(log: Log, lag: Array, notes: list[str]) -> Log:
+    command, outside = delayed(log, lag)
+    values = log.values | {"command": command, "m_w": np.where(outside, np.nan, log.values["m_w"])}
+    return replace(log, values=values, notes=log.notes + notes)
+
+
+def _told(log: Log, shifts: Array, step: float) -> list[str]:
+    """A sentence for each shift."""
+    ends = np.flatnonzero(np.diff(shifts)) + 1
+    notes = []
+    for run in np.split(np.arange(shifts.size), ends):
+        n = int(shifts[run[0]])
+        if n == 0:
+            continue
+        samples = "one sample" if abs(n) == 1 else f"{abs(n)} samples"
+        first, last = int(run[0]), int(run[-1])
+        where = "throughout" if run.size == shifts.size else f"from row {log.rows[first]}"
+        if run.size < shifts.size and log.n_batches > 1:
+            where += f" (piece {log.batch[first] + 1} of {log.n_batches})"
+        if run.size < shifts.size:
+            where += " on" if last == shifts.size - 1 else f" to row {log.rows[last]}"
+        what = ("flow", "command") if n > 0 else ("command", "flow")
+        notes.append(
+            f"{where} the {what[0]} is logged {samples} ({abs(n) * step:g} s) after the {what[1]}: the fit takes this "
+            "shift out; lag=0, --lag 0 leaves it in"
+        )
+    return notes
+
+
+def _stretches(log: Log, good: Mask, fitting: Mask, step: float, lags: Index, memory: float) -> Stretches:
+    """Pieces, long ones cut and none partly fitted, and their sums.
+
+    memory: of the residuals, from one sample to the next; that share of the sample before is subtracted from each.
+    """
+    n = log.time.size
+    border = (np.diff(log.batch) != 0) | (np.diff(fitting.astype(int)) != 0)
+    number, price = np.zeros(n, dtype=np.int64), [_PRICE]
+    for part in np.split(np.arange(n), np.flatnonzero(border) + 1):
+        cuts = max(part.size // _STRETCH, 1)
+        number[part] = len(price) - 1 + np.arange(part.size) * cuts // part.size
+        price += [_PRICE_WITHIN] * (cuts - 1) + [_PRICE]
+    ends = np.searchsorted(number, np.arange(len(price)))
+    rows, start = np.ones((5, BACKLASHES.size)), np.full((log.n_batches, BACKLASHES.size), 0.5)
+    rows[0] = BACKLASHES
+    openings, flows = np.empty((n, BACKLASHES.size)), np.empty((n, BACKLASHES.size))
+    sums = np.zeros((len(price) - 1, lags.size, BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
+    counts = np.zeros((len(price) - 1, lags.size))
+    follows = np.append(False, ~border)
+    for i, lag in enumerate(lags):
+        command, outside = delayed(log, lag * step)
+        valve_flows(command, log.batch, rows, start, openings, flows)
+        used = good & ~outside
+        if memory:
+            used &= follows & np.append(False, used[:-1])
+        counts[:, i] = np.add.reduceat(used, ends[:-1])
+        for j in range(BACKLASHES.size):
+            A = np.column_stack([hats(openings[:, j]), log.values["m_w"]])
+            if memory:
+                A[1:] -= memory * A[:-1]
+            A = np.where(used[:, None], A, 0.0)
+            for s in range(len(price) - 1):
+                part = A[ends[s] : ends[s + 1]]
+                sums[s, i, j] = part.T @ part
+    return Stretches(lags, number, sums, counts, np.array(price[:-1]), fitting[ends[:-1]])
+
+
+def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
+    """Shifts in samples: a few either way, and some around the peak of the cross-correlation of the changes."""
+    lags = np.arange(-_NEAR, _NEAR + 1)
+    most = min(int(_FARTHEST / step), log.time.size // 4)
+    both = used[1:] & used[:-1] & (np.diff(log.batch) == 0)
+    if most <= _NEAR or not both.any():
+        return lags
+    moves, answers = (np.where(both, np.diff(log.values[name]), 0.0) for name in ("command", "m_w"))
+    size = 1 << (2 * moves.size - 1).bit_length()
+    product = np.fft.irfft(np.fft.rfft(answers, size) * np.conj(np.fft.rfft(moves, size)), size)
+    far = np.concatenate([np.arange(-most, -_NEAR), np.arange(_NEAR + 1, most + 1)])
+    peak = int(far[np.argmax(product[far])])
+    return np.union1d(lags, np.arange(peak - _AROUND, peak + _AROUND + 1))
+
+
+def _correlation(
+    log: Log, used: Mask, found: Stretches, chosen: Index, curve: Curve, step: float, memory: float
+) -> tuple[float, float]:
+    """Of the residuals of the fitted part: from one to the next; samples that are worth one independent one.
+
+    memory: what is subtracted from each first, as a share of the one before.
+    """
+    lags = np.zeros(found.fitted.size)
+    lags[found.fitted] = found.lags[chosen]
+    command, outside = delayed(log, lags[found.number] * step)
+    rows = np.ones((5, 1))
+    rows[0] = BACKLASHES[curve.backlash]
+    openings, flows = np.empty((log.time.size, 1)), np.empty((log.time.size, 1))
+    valve_flows(command, log.batch, rows, np.full((log.n_batches, 1), 0.5), openings, flows)
+    used = used & ~outside
+    r = np.where(used, hats(openings[:, 0]) @ curve.flows - log.values["m_w"], 0.0)
+    r[1:] -= memory * r[:-1]
+    n = int(np.flatnonzero(used)[-1]) + 1
+    rho = autocorrelation(r[:n], log.batch[:n], used[:n])
+    return min(float(rho[0]), _MOST_MEMORY) if rho.size else 0.0, max(1.0 + 2.0 * float(rho.sum()), 1.0)

@@ -1,0 +1,138 @@
+"""``replay``: what a controller would have commanded on a recorded day, without acting on it (shadow mode)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, instance_of, whole_of
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError
+from fastcoil.base.machine import available_memory, gib
+from fastcoil.logs import Log, read_log, warn_of_reading
+from fastcoil.logs.columns import Wanted, log_of, max_gap_of, require_mappings
+from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
+from fastcoil.logs.timestamps import time_format_of
+from fastcoil.loops.clashes import controller_clashes, missing_parameters
+from fastcoil.loops.dataset import attributes, coordinate_attrs
+from fastcoil.loops.loop import Loop, words_used
+from fastcoil.loops.provenance import provenance
+from fastcoil.loops.scenarios import columns_of
+from fastcoil.model.engine.lanes import parameter_matrix
+from fastcoil.model.engine.recorded import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
+from fastcoil.model.metric_table import TRACES
+
+_NEEDED = ("T_sup", "T_set")
+_SEE_AIR = {"gradient", "identify"}
+"""Estimators that rest after a step of the air flow."""
+_ROUND_OFF = 1e-6
+"""Of the times of a log, s."""
+
+
+def replay(
+    loop: Loop,
+    log: Any,
+    *,
+    units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    trace_interval: int = 1,
+    max_gap: float | None = None,
+    time_format: str | None = None,
+) -> xr.Dataset:
+    """Feed recorded temperatures and set-points to the controllers of a loop, and return what they command.
+
+    The loop stays open: the commands do not change the record.  Plant and sensor parameters play no part, except
+    ``sensor_resolution``, and ``noise_std`` where it sizes the buffer; the record has its own noise.
+
+    Parameters
+    ----------
+    loop
+        One loop or a sweep of them: PI, inverse and estimator.
+    log
+        Path of a CSV file, or a Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
+        ``elapsed_time`` or ``timestamp``; optional: ``enabled``, and ``m_a``, after whose steps ``gradient`` and
+        ``identify`` rest.
+        Samples are 1 s apart or more.  A value holds until the next.
+    units, columns, constants
+        As in ``fc.Boundary.from_csv``.
+    trace_interval
+        Seconds between the samples of the result.
+    max_gap
+        Longest step to be bridged [s]; three times the median step if left out.
+    time_format
+        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``u``, ``integral``, ``command``, ``estimate``, ``mode`` over the dims of the sweep and ``elapsed_time``.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the log or the arguments.
+
+    Notes
+    -----
+    Cai and Braun (2016), section 3.3 and Fig 8.  With ``T_measured`` of a simulation as ``T_sup`` it returns the
+    commands of that simulation to the last bit.
+    """
+    with checking() as check:
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        log = check(log_of, "log", log)
+        trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
+        check(max_gap_of, max_gap)
+        time_format = check.unless_none(time_format_of, "time_format", time_format)
+        if isinstance(loop, Loop):
+            used = [name for name, rule in loop.rules.items() if name in words_used(loop, rule.kind)]
+            check.problems += [f"loop has the rule {name}: replay runs no rules of your own" for name in used]
+        check(require_mappings, columns=columns, units=units, constants=constants)
+    if missing := missing_parameters(loop):
+        raise InputError(missing)
+    sees_air = not _SEE_AIR.isdisjoint(words_used(loop, "estimator"))
+    data = read_log(
+        log,
+        Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)),
+        units=units,
+        columns=columns,
+        constants={} if constants is None else constants,
+        max_gap=max_gap,
+        time_format=time_format,
+        unbroken=True,
+    )
+    warn_of_reading(data.name, data.told)
+    series = _seconds(data)
+    if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
+        raise InputError(problems)
+    whole_of("trace_interval", trace_interval, 1, series.shape[0])
+    n = math.prod(loop.sizes.values())
+    points = np.arange(0, series.shape[0], trace_interval)
+    needed = 8 * n * len(REPLAY_TRACES) * points.size
+    if 2 * needed > available_memory():
+        raise InputError(f"the commands need {gib(needed)} of memory: raise trace_interval or sweep fewer values")
+    found = run_replay(parameter_matrix(columns_of(loop, loop.sizes, np.arange(n))), series, trace_interval)
+    ds = xr.Dataset(coords={name: c.assign_attrs(coordinate_attrs(name)) for name, c in loop.coordinates().items()})
+    ds = ds.assign_coords(
+        elapsed_time=("elapsed_time", points.astype(float), coordinate_attrs("elapsed_time")),
+    )
+    for name, values in found.items():
+        shape = (*loop.sizes.values(), points.size)
+        ds[name] = ((*loop.sizes, "elapsed_time"), values.T.reshape(shape), attributes(TRACES[name]))
+    ds.attrs = {"title": "fastcoil replay", **provenance(), "parameters": json.dumps(loop.constants), "log": data.name}
+    return ds
+
+
+def _seconds(log: Log) -> Array:
+    """Input of the controller at every second, (n_steps, 4): the last recorded values, NaN for an unknown air flow."""
+    require_whole_seconds(log.name, log.step)
+    require_span(log.name, float(log.time[-1]))
+    recorded = {"enabled": np.ones(log.time.size), "m_a": np.full(log.time.size, np.nan), **log.values}
+    values = {name: recorded[name] for name in REPLAY_COLUMNS}
+    seconds = np.arange(int(log.time[-1] + _ROUND_OFF) + 1, dtype=float)
+    return np.stack(list(at_seconds(log.time, values, seconds, REPLAY_COLUMNS, _ROUND_OFF).values()), axis=1)

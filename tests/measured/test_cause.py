@@ -1,0 +1,105 @@
+"""The steps to a cause: what is calm, what swings by itself, what is not trusted."""
+
+import numpy as np
+import pytest
+from helpers.loop_logs import loop_log
+
+from fastcoil.measured.cause import by_itself, cause_of
+from fastcoil.measured.diagnose import _doubted
+from fastcoil.measured.fitted_loop import fit_and_doubt
+from fastcoil.measured.grid import Grid
+from fastcoil.measured.identify import CANDIDATES, Identification
+from fastcoil.measured.measures import measures_of
+
+FOUND = Identification(0.08, 0.07, 0.09, True, "", CANDIDATES, np.full(CANDIDATES.size, 1.0 / CANDIDATES.size))
+
+
+def grid_of(**options):
+    log = loop_log(**options)
+    values = {str(name): log[name].values for name in log.data_vars}
+    return Grid(10.0, log.elapsed_time.values, values, np.ones(log.sizes["elapsed_time"], bool), 0.0)
+
+
+@pytest.fixture(scope="module")
+def restless():
+    """It swings from end to end."""
+    grid = grid_of(kp=0.08, ti=20.0)
+    return grid, measures_of(grid, 90.0)
+
+
+@pytest.fixture(scope="module")
+def forced():
+    """The air outside swings."""
+    grid = grid_of(backlash=0.02, swing=1.5, period=400.0)
+    return grid, measures_of(grid, 90.0)
+
+
+def test_only_what_is_settled_counts_for_the_swing(restless):
+    grid, measures = restless
+    changed = np.flatnonzero(np.diff(grid.values["T_set"])) + 1
+    assert changed.size >= 6
+    assert not any(measures.calm[k : k + 59].any() for k in changed)
+    assert measures.calm.any()
+
+
+def test_a_command_that_swings_from_end_to_end_needs_no_model_to_blame_the_tuning(restless, forced):
+    assert cause_of(restless[1], "no model", identified=False).name == "tuning"
+    assert cause_of(forced[1], "no model", identified=False).name == "unknown"
+
+
+def test_no_size_is_claimed_where_the_command_swings_over_most_of_the_stroke(restless, forced):
+    doubted = _doubted(FOUND, *restless)
+    assert not doubted.identified
+    assert (doubted.low, doubted.high) == (0.0, CANDIDATES[-1])
+    assert "halve the gain" in doubted.reason
+    assert _doubted(FOUND, *forced) is FOUND
+    wide = _doubted(FOUND._replace(low=0.0, high=0.2), *forced)
+    assert (wide.identified, wide.high) == (False, 0.2)
+    coarse = _doubted(FOUND, forced[0]._replace(increment=0.1), forced[1])
+    assert "logged when it has changed" in coarse.reason
+
+
+def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
+    grid, measures = forced
+    values = grid.values
+    loop, _ = fit_and_doubt(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    day, step = loop.day, loop.plant.step
+    shaken = day.disturbance + 1.5 * np.sin(2 * np.pi * np.arange(day.noise.size) * step / measures.swing.period)
+    noisy = loop._replace(day=day._replace(disturbance=shaken, noise=day.noise + 0.1))
+    quiet = by_itself(noisy, measures.swing).day
+    middle = slice(shaken.size // 4, -shaken.size // 4)
+    assert np.abs(quiet.disturbance - day.disturbance)[middle].max() < 0.3
+    assert not quiet.noise.any()
+
+
+def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):
+    grid, measures = forced
+    values = grid.values
+    loop, _ = fit_and_doubt(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    said = cause_of(measures, loop._replace(explained_temperature=0.04), identified=True)
+    assert said.name == "unknown"
+    assert "4 %" in said.because
+
+
+def seen(amplitude, noise, *, T_set=True, pieces=False):
+    """What is said of a loop whose temperature swings every 4 min under noise: of 6 h, the set-point held."""
+    n = 2160
+    swing = amplitude * np.sin(2 * np.pi * np.arange(n) / 24)
+    T = 14.0 + swing + noise * np.random.default_rng(3).standard_normal(n)
+    values = {"command": 0.5 + 0.02 * swing, "T_sup": T} | ({"T_set": np.full(n, 14.0)} if T_set else {})
+    on = np.arange(n) % 40 > 0 if pieces else np.ones(n, bool)
+    measures = measures_of(Grid(10.0, 10.0 * np.arange(n), values, on, 0.0), 90.0)
+    return cause_of(measures, "no model", identified=False), measures.swing
+
+
+def test_a_wide_swing_that_is_not_even_enough_is_not_called_calm():
+    said, swing = seen(0.7, 0.8)
+    assert not swing.is_regular
+    assert said.name == "unknown"
+    assert "every 4 min, but not evenly enough" in said.because
+    assert seen(0.07, 0.08)[0].name == "none"
+
+
+def test_a_log_without_set_point_or_in_short_pieces_is_not_called_calm():
+    assert "no set-point" in seen(0.0, 0.05, T_set=False)[0].because
+    assert "6 min in one piece" in seen(0.0, 0.05, pieces=True)[0].because

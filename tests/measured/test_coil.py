@@ -1,0 +1,175 @@
+"""fit_coil: known coils are found within the stated intervals; parameters that the data do not identify are held."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from helpers.shared_data import measured
+from helpers.simulated_logs import COIL_TRUTH, assert_covered, coil_log, held
+
+import fastcoil as fc
+from fastcoil.measured.coil_problem import COIL
+
+pytestmark = pytest.mark.kernel
+
+
+# --------------------------------------------------------------------------------------------------- what is recovered
+
+
+@pytest.mark.parametrize(
+    ("phi", "seed"),
+    [pytest.param(0.0, 1, marks=pytest.mark.full), pytest.param(0.0, 2, marks=pytest.mark.full), (0.99, 3)],
+)
+def test_known_coils_with_white_and_autocorrelated_noise_are_found_within_the_intervals(phi, seed):
+    fit = fc.fit_coil(coil_log(hours=2, seed=seed, phi=phi), split=1.0)
+    assert fit.held.keys() <= {"C_w"}  # which may end where the scheme is just stable
+    assert_covered(fit, COIL_TRUTH)
+    assert (fit.n_effective < 0.1 * fit.n_used) == (phi > 0.5)
+    fc.Loop().assign(**fit.parameters)
+
+
+def test_validation_is_as_good_as_the_noise_and_the_leaving_water_comes_out_too():
+    fit = fc.fit_coil(coil_log(hours=3, seed=4, sd=0.1))
+    assert fit.rmse["fit"] == pytest.approx(0.1, rel=0.05)
+    assert fit.rmse["validation"] == pytest.approx(0.1, rel=0.05)
+    assert fit.rmse["validation_T_w_out"] < 0.1
+    part = fit.residuals["part"].values
+    assert set(part[:1800]) == {"unused"}
+    assert set(part[1800:7560]) == {"fit"}
+    assert set(part[7560:]) == {"validation"}
+
+
+def test_both_temperatures_identify_more_than_one():
+    log = coil_log(hours=2, seed=5, sd=0.2)
+    one, both = fc.fit_coil(log, split=1.0), fc.fit_coil(log, split=1.0, minimise_on="both")
+    assert both.n_used == 2 * one.n_used
+    assert both.standard_errors["beta1"] < one.standard_errors["beta1"]
+
+
+@pytest.mark.parametrize("form", ["n_volumes", "air_march", "substeps"])
+def test_another_form_of_the_model_is_fitted_as_such(form):
+    other = {
+        "n_volumes": {"n_volumes": 6},
+        "air_march": {"air_march": "quasistatic"},
+        "substeps": {"air_march": "quasistatic", "substeps": 3},
+    }[form]
+    # in parts of a second the water of a volume may be renewed within less than one
+    truth = {"C_w": 4.0} if form == "substeps" else {}
+    fit = fc.fit_coil(coil_log(seed=6, sd=0.02, **other, **truth), split=1.0, **other)
+    assert fit.parameters["C_w"] == pytest.approx(truth.get("C_w", 8.8), rel=0.1)
+    assert fit.rmse["fit"] == pytest.approx(0.02, rel=0.1)
+    assert fit.parameters["C_c"] == pytest.approx(30.0, rel=0.02)
+    (note,) = (text for text in fit.notes if text.startswith("fitted with "))
+    assert all(f"{name} = {value!r}" in note for name, value in other.items())
+    assert note.endswith(": give the loop the same, the parameters belong to it")
+
+
+def test_coarse_samples_of_inputs_that_hold():
+    fit = fc.fit_coil(coil_log(hours=4, seed=17, every=60), split=1.0, holds=["m_w", "m_a"])
+    assert_covered(fit, COIL_TRUTH)
+
+
+@pytest.mark.full
+def test_intervals_of_95_per_cent_cover_the_truth_that_often():
+    """100 logs of 2 h, half with AR(1) noise: at least 88 % of the intervals of each parameter hold the truth."""
+    hits = {name: [0, 0] for name in COIL}
+    for seed in range(100):
+        fit = fc.fit_coil(coil_log(hours=2, seed=100 + seed, phi=0.95 * (seed % 2)), split=1.0)
+        for name, (low, high) in fit.intervals.items():
+            hits[name][0] += low <= COIL_TRUTH[name] <= high
+            hits[name][1] += 1
+    assert all(inside >= 0.88 * n for inside, n in hits.values()), hits
+    assert min(n for _, n in hits.values()) > 40
+
+
+# -------------------------------------------------------------------------------------------- what is not identified
+
+
+def test_a_constant_air_flow_holds_its_exponents_at_a_prior():
+    fit = fc.fit_coil(coil_log(seed=8, air=False), split=1.0)
+    assert {"beta4", "beta6"} <= fit.held.keys()
+    assert "the air flow is constant" in fit.held["beta4"]
+    assert fit.parameters["beta4"] == -0.45
+    assert fit.rmse["fit"] == pytest.approx(0.05, rel=0.05)
+
+
+def test_a_coil_that_is_never_wet_says_so():
+    fit = fc.fit_coil(coil_log(seed=9, dry=True), split=1.0)
+    assert fit.held["beta5"] == fit.held["beta6"] == "as that of heat alone: the coil is never wet"
+    assert fit.parameters["beta5"] == fit.parameters["beta3"]
+    assert_covered(fit, COIL_TRUTH)
+
+
+@pytest.mark.full
+def test_a_slow_log_holds_the_heat_capacity_of_the_water():
+    """Samples at the end of holds, 20 min apart: little is seen of the dynamics."""
+    slow = coil_log(hours=7, seed=10, sd=0.02).isel(elapsed_time=slice(299, None, 1200))
+    fit = fc.fit_coil(slow, split=1.0)
+    assert fit.held["C_w"] == "held at a prior: the data do not identify it"
+    assert any(line.startswith("C_w = ") and "held at a prior" in line for line in fit.summary())
+    assert any("1200 s apart and the inputs run straight" in note for note in fit.notes)
+
+
+def test_zeros_of_a_sensor_that_is_off_are_left_out_and_counted():
+    log = coil_log(hours=2, seed=15)
+    log["T_sup"][3000:3050] = 0.0
+    fit = fc.fit_coil(log, split=1.0)
+    assert fit.rmse["fit"] == pytest.approx(0.05, rel=0.1)
+    assert "50 values left out: T_sup is 0, sensor off (first in row 3000)" in fit.notes
+
+
+def test_a_log_that_the_model_cannot_explain_is_noted():
+    log = coil_log(hours=1, seed=14)
+    rng = np.random.default_rng(14)
+    log["T_sup"] = ("elapsed_time", held(rng, 10.0, 20.0, 200, 3600), {"units": "degC"})
+    assert any("explains only" in note for note in fc.fit_coil(log, split=1.0).notes)
+
+
+# ------------------------------------------------------------------------------------------------------ what comes out
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return fc.fit_coil(coil_log(seed=13, air=False))
+
+
+def test_the_result_has_what_is_promised(fit):
+    assert list(fit.parameters) == list(COIL)
+    names = [name for name in COIL if name not in fit.held]
+    assert list(fit.covariance["parameter"].values) == names == list(fit.intervals)
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), [fit.standard_errors[n] for n in names])
+    assert fit.profile is None
+    ds = fit.residuals
+    np.testing.assert_allclose(ds["T_sup_residual"], ds["T_sup"] - ds["T_sup_modelled"])
+    read = tomllib.loads(fit.to_toml())
+    assert read["loop"] == fit.parameters
+    assert any(line.startswith("beta4: held") for line in read["fit"]["held"])
+
+
+def test_the_figure_has_training_and_validation_with_the_leaving_water(fit):
+    titles = [axes.get_title(loc="left") for axes in fit.plot().axes]
+    assert titles[0].startswith("fit: RMSE")
+    assert titles[1].startswith("validation: RMSE")
+    assert titles[2].startswith("leaving water, RMSE")
+
+
+# ----------------------------------------------------------------------------------------------------------- real data
+
+
+def test_a_coil_of_another_library_is_matched_as_well_as_two_of_its_models_match_each_other():
+    """Buildings' WetCoilCounterFlowPControl: fitted on 36-1,200 s, validated after: within 0.57 K."""
+    columns = {
+        "elapsed_time": "time_s",
+        "m_w": "m_water_kg_s",
+        "m_a": "m_air_kg_s",
+        "T_w_in": "T_water_in_C__from_mo",
+        "T_a_in": "T_air_in_C__from_mo",
+        "RH_a_in": "RH_air_in__from_mo",
+        "T_sup": "T_sup_C",
+    }
+    units = {"elapsed_time": "s", "m_w": "kg/s", "m_a": "kg/s", "RH_a_in": "1"}
+    units |= dict.fromkeys(("T_w_in", "T_a_in", "T_sup"), "degC")
+    path = measured("wetcoil_counterflow_picontrol.csv")
+    fit = fc.fit_coil(path, columns=columns, units=units, warm_up=36, fit_until=1200)
+    assert fit.rmse["validation"] < 0.57
+    assert {"beta4", "beta6"} <= fit.held.keys()

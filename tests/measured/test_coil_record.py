@@ -1,0 +1,107 @@
+"""A coil's log with gaps, nights and still water: where the model starts again and what is compared."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.simulated_logs import (
+    COIL_TRUTH,
+    INPUTS,
+    assert_covered,
+    coil_log,
+    joined,
+    shifted,
+)
+
+import fastcoil as fc
+from fastcoil.logs import read_log
+from fastcoil.logs.columns import Wanted
+from fastcoil.measured.coil_problem import in_operation, record_of
+
+pytestmark = pytest.mark.kernel
+
+
+COIL_SERIES = Wanted(needed=("m_w", *INPUTS, "T_sup"), optional=("T_w_out",), measured=("T_sup", "T_w_out"))
+
+
+def night(log, hours=1.0):
+    """Between two days: no flow, and sensors at room temperature."""
+    n = int(hours * 3600)
+    off = log.isel(elapsed_time=np.zeros(n, dtype=int)).copy(deep=True)
+    for name, value in (("m_w", 0.0), ("m_a", 0.004), ("T_sup", 24.0), ("T_w_out", 23.0)):
+        off[name] = xr.full_like(off[name], value).assign_attrs(log[name].attrs)
+    return off.assign_coords(elapsed_time=("elapsed_time", np.arange(n) + 1.0, {"units": "s"}))
+
+
+@pytest.fixture(scope="module")
+def two_days():
+    return coil_log(hours=1.5, seed=41), coil_log(hours=1.5, seed=42)
+
+
+@pytest.fixture(scope="module")
+def broken(two_days):
+    first, second = two_days
+    return fc.fit_coil(joined(first, shifted(second, 9000.0)), split=1.0)
+
+
+def test_after_a_gap_the_model_starts_again_with_a_warm_up(broken):
+    assert_covered(broken, COIL_TRUTH)
+    assert broken.rmse["fit"] == pytest.approx(0.05, rel=0.05)
+    assert any("1 gap in time (first: 3601 s between rows 5399 and 5400)" in note for note in broken.notes)
+    assert any("2 unbroken pieces, each starting at 20 degC, the first 1800 s of each" in note for note in broken.notes)
+    part = broken.residuals["part"].values
+    for first in (0, 5400):
+        assert set(part[first : first + 1800]) == {"unused"}
+        assert set(part[first + 1800 : first + 5400]) == {"fit"}
+
+
+def test_every_piece_starts_as_the_whole_record_does(two_days):
+    """For the same day twice, with a gap between, the model gives the same twice, to the bit."""
+    first, _ = two_days
+    log = read_log(joined(first, shifted(first, 9000.0)), COIL_SERIES)
+    record = record_of(log, fc.Loop(), (), np.ones(log.time.size, dtype=bool))
+    assert len(record.pieces) == 2
+    rng = np.random.default_rng(43)
+    sets = np.log([[8.8], [10.0], [0.35], [1.0], [0.35], [1.0], [0.4], [1.0]]) + rng.uniform(0.0, 0.2, (8, 3))
+    for values in record.run(sets):
+        assert np.isfinite(values).all()
+        np.testing.assert_array_equal(values[:5400], values[5400:])
+
+
+def test_nights_without_air_are_left_out_and_counted(two_days):
+    first, second = two_days
+    log = joined(first, shifted(night(first), 5399.0), shifted(second, 9000.0))
+    fit = fc.fit_coil(log, split=1.0)
+    assert_covered(fit, COIL_TRUTH)
+    assert fit.rmse["fit"] == pytest.approx(0.05, rel=0.05)
+    assert any("3,600 samples in 1 spell left out, no air flows (first in row 5400)" in note for note in fit.notes)
+    assert 24.0 not in fit.residuals["T_sup"]
+
+
+def test_a_declared_shut_off_is_as_one_without_air(two_days):
+    first, second = two_days
+    log = joined(first, shifted(night(first), 5399.0), shifted(second, 9000.0))
+    log["m_a"].values[log["m_a"].values < 0.1] = 1.0
+    log["enabled"] = ("elapsed_time", log["T_sup"].values != 24.0)
+    fit = fc.fit_coil(log, split=1.0)
+    assert fit.rmse["fit"] == pytest.approx(0.05, rel=0.05)
+    undeclared = in_operation(read_log(log, COIL_SERIES))
+    assert undeclared.time.size == log.sizes["elapsed_time"]
+    assert 24.0 in undeclared.values["T_sup"]
+
+
+def test_leaving_water_that_stands_still_is_not_compared(two_days):
+    log = two_days[0].copy(deep=True)
+    log["m_w"][4000:4600] = 0.0
+    log["T_w_out"][4000:4600] = 60.0
+    fit = fc.fit_coil(log, split=1.0, minimise_on="both")
+    assert fit.rmse["fit_T_w_out"] < 3.0
+    assert "600 samples of T_w_out not compared: no water flows" in fit.notes
+
+
+def test_four_pieces_or_more_are_held_back_whole():
+    pieces = [shifted(coil_log(hours=h, seed=30 + i), 20000.0 * i) for i, h in enumerate((1.0, 1.5, 0.7, 0.15, 0.8))]
+    fit = fc.fit_coil(joined(*pieces), warm_up=600.0)
+    ds = fit.residuals
+    assert set(ds["batch"].values[ds["part"] == "fit"]) == {0, 1, 2}
+    assert set(ds["batch"].values[ds["part"] == "validation"]) == {4}
+    assert any("5 unbroken pieces" in note and "(1 shorter than that)" in note for note in fit.notes)

@@ -1,0 +1,93 @@
+"""What the commands of a log say about the controller."""
+
+import numpy as np
+import pytest
+
+from fastcoil.measured.identify import arrivals, is_provoked, late, share_to_and_fro
+
+INTERVAL = 10.0
+
+
+def loop(T_set=None, n=2160, every=1, seed=0, offset=0.5):
+    """Temperatures that wander with noise, and what a PI controller answers every so many samples: (command, T)."""
+    draw = np.random.default_rng(seed)
+    T = 14.0 + np.convolve(draw.normal(0, 0.05, n + 60), np.ones(60) / 8, "same")[:n] + draw.normal(0, 0.02, n)
+    e = T - (14.0 if T_set is None else T_set)
+    acts = np.arange(0, n, every)
+    u = offset + 0.02 * e[acts] + 0.0005 * np.cumsum(e[acts] - e[acts].mean())
+    return np.repeat(u, every)[:n], T
+
+
+def steps(n=2160):
+    """A set-point that steps by 1 K or more every half hour."""
+    return np.repeat(14.0 + np.array([0, 1, -1, 2, 0, 1.5, -0.5, 1, 0, -1, 0.5, 2]), n // 12)
+
+
+GOOD = np.ones(2160, bool)
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_steps_of_the_set_point_are_seen_without_its_column(every):
+    T_set = steps()
+    command, T = loop(T_set, every=every)
+    assert is_provoked(command, T, GOOD, None, INTERVAL)
+    assert not is_provoked(*loop(every=every), GOOD, None, INTERVAL)
+
+
+def test_a_noisy_command_hides_no_step_of_the_set_point():
+    command, T = loop(steps())
+    assert is_provoked(command + np.random.default_rng(6).normal(0, 0.001, 2160), T, GOOD, None, INTERVAL)
+
+
+def test_a_column_of_the_set_point_decides_where_there_is_one():
+    command, T = loop()
+    assert is_provoked(command, T, GOOD, steps(), INTERVAL)
+    assert not is_provoked(*loop(steps()), GOOD, np.full(2160, 14.0), INTERVAL)
+    off = np.diff(steps(), prepend=14.0) != 0  # no sample at which it steps may be used
+    assert not is_provoked(command, T, ~off, steps(), INTERVAL)
+
+
+def test_what_jumps_only_at_the_start_and_at_its_ends_provokes_nothing():
+    command, T = loop()
+    command[:12] = np.linspace(0, 0.5, 12)
+    assert not is_provoked(command, T, GOOD, None, INTERVAL)
+    for k in range(200, 2000, 300):
+        command[k : k + 60] = 1.0
+    assert not is_provoked(command, T, GOOD, None, INTERVAL)
+    assert arrivals(command, GOOD) == 6
+    assert arrivals(command, np.arange(2160) > 600) == 4
+
+
+def test_a_chattering_inverse_moves_to_and_fro_and_a_loop_that_hunts_does_not():
+    t = np.arange(2160)
+    hunts = 0.5 + 0.3 * np.sin(t / 8)
+    assert share_to_and_fro(hunts, GOOD) == 0.0
+    assert share_to_and_fro(hunts + 0.005 * (t % 2), GOOD) == 0.0
+    chatters = hunts + 0.05 * (np.random.default_rng(2).random(2160) < 0.5)
+    assert 0.1 < share_to_and_fro(chatters, GOOD) < 0.5
+    assert share_to_and_fro(chatters, ~GOOD) == 0.0
+
+
+@pytest.mark.parametrize("samples", [-3, -1, 0, 1, 3])
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_column_that_stands_late_is_found_by_the_control_law(samples, every):
+    command, T = loop(steps(), every=every)
+    stands = np.roll(T, samples)
+    assert late(command, stands, GOOD) == samples
+
+
+def test_a_shift_is_told_only_where_the_control_law_shows():
+    draw = np.random.default_rng(5)
+    command, T = loop()
+    assert late(np.clip(0.5 + np.cumsum(draw.normal(0, 0.01, 2160)), 0, 1), np.roll(T, 2), GOOD) == 0
+    assert late(command + draw.normal(0, 0.02, 2160), np.roll(T, 2), GOOD) == 0
+    assert late(command + np.random.default_rng(5).normal(0, 3e-4, 2160), np.roll(T, 2), GOOD) == 0
+    assert late(np.full(2160, 0.5), T, GOOD) == 0
+    assert late(command, np.roll(T, 2), np.arange(2160) % 8 > 0) == 0
+
+
+def test_a_temperature_that_moves_slowly_tells_no_shift():
+    T = 14.0 + np.sin(np.arange(2160) / 15)
+    command = 0.5 + 0.02 * (T - 14) + 0.0005 * np.cumsum(T - 14)
+    noises = [np.random.default_rng(seed).normal(0, 3e-6, 2160) for seed in range(8)]
+    assert not any(late(command + noise, np.roll(T, 1), GOOD) for noise in noises)

@@ -1,0 +1,120 @@
+"""What both fits refuse of their arguments and of logs that show nothing."""
+
+import numpy as np
+import pytest
+from helpers.log_files import coil_rows, valve_rows
+from helpers.refusals import refusal
+from helpers.simulated_logs import log_of
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+
+def test_constants_short_logs_and_other_units_are_refused(valve_log):
+    still = [[t, "0.5", m] for t, _, m in valve_rows()]
+    assert "command is 0.5 from row 2 to row 61" in refusal(fc.fit_valve, valve_log(still))
+    flat = [[t, c, "1.0"] for t, c, _ in valve_rows()]
+    assert "m_w is 1 from row" in refusal(fc.fit_valve, valve_log(flat))
+    assert "at least 20" in refusal(fc.fit_valve, valve_log(valve_rows(12)))
+    hundredth = [[t, float(c) / 100, m] for t, c, m in valve_rows()]
+    assert "command is never above 0.0" in refusal(fc.fit_valve, valve_log(hundredth))
+
+
+def test_a_dead_sensor_and_a_dry_pipe_are_refused(coil_log):
+    still = [[*r[:6], 15.0] for r in coil_rows()]
+    assert "T_sup is 15 throughout" in refusal(fc.fit_coil, coil_log(still))
+    empty = [[r[0], 0.0, *r[2:]] for r in coil_rows()]
+    assert "m_w is 0 throughout" in refusal(fc.fit_coil, coil_log(empty))
+    calm = [[*r[:2], 0.0, *r[3:]] for r in coil_rows()]
+    assert "m_a is 0 throughout" in refusal(fc.fit_coil, coil_log(calm))
+
+
+def test_bad_arguments_of_a_valve_are_refused(valve_log):
+    path = valve_log(valve_rows())
+    for options, words in (
+        ({"split": 2.0}, "split = 2.0"),
+        ({"initial": "up"}, "initial = 'up'"),
+        ({"m_max": -1}, "m_max = -1"),
+        ({"m_max": float("inf")}, "m_max = inf"),
+        ({"m_max": 0.1}, "m_max = 0.1 kg/s: valve.csv has flows up to"),
+        ({"floor": 99.0}, "floor = 99 kg/s: valve.csv has no larger flow"),
+        ({"floor": float("nan")}, "floor = nan"),
+        ({"settle": -1}, "settle = -1"),
+        ({"jumps": "x"}, "jumps = 'x'"),
+        ({"fit_until": 0}, "fit_until = 0"),
+    ):
+        assert words in refusal(fc.fit_valve, path, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"m_max": "2"}, "m_max = '2': give a number above 0 and at most 1e6 kg/s"),
+        ({"floor": "2"}, "floor = '2': give a number, 0 or more"),
+        ({"settle": True}, "settle = True: give a number, 0 or more"),
+        ({"fit_until": "2"}, "fit_until = '2': give seconds after the first row, which is 0"),
+        ({"split": True}, "split = True: give the share to fit, above 0 and at most 1"),
+        ({"units": "kg/s"}, "units = 'kg/s': give a mapping of names, such as {'m_w': 'kg/s'}"),
+        ({"units": {"m_w": 3}}, "units = {'m_w': 3}: give a mapping of names, such as {'m_w': 'kg/s'}"),
+        ({"columns": ["m_w"]}, "columns = ['m_w']: give a mapping of names, such as {'m_w': 'its header'}"),
+        ({"columns": {3: "m_w"}}, "columns = {3: 'm_w'}: give a mapping of names, such as {'m_w': 'its header'}"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_refused_for_a_valve(valve_log, options, sentence):
+    assert refusal(fc.fit_valve, valve_log(valve_rows()), **options) == sentence
+    assert refusal(fc.fit_valve, log_of(*np.array(valve_rows(), dtype=float).T[1:]), **options) == sentence
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"warm_up": "2"}, "warm_up = '2': give a number of seconds, 0 or more"),
+        ({"T_initial": "x"}, "T_initial = 'x': give a number (from 0 to 50)"),
+        ({"n_volumes": [4, 8]}, "n_volumes = [4, 8]: give one value"),
+        ({"pressure": [101325.0]}, "pressure = [101325.0]: give one value"),
+        ({"minimise_on": ["T_sup"]}, "minimise_on = ['T_sup']: choose 'T_sup' or 'both'"),
+        ({"holds": "m_x"}, "holds has 'm_x': choose from m_w, m_a, T_w_in, T_a_in, W_a_in, RH_a_in, T_dp_in"),
+        ({"holds": 3}, "holds has 3: choose from m_w, m_a, T_w_in, T_a_in, W_a_in, RH_a_in, T_dp_in"),
+        ({"constants": ["m_a"]}, "constants = ['m_a']: give a mapping of names, such as {'m_a': 1.2}"),
+        ({"constants": {"T_w_out": "x"}}, "coil.csv: constants has T_w_out = 'x': give a number from 0.1 to 150 degC"),
+        ({"constants": {"T_w_out": [7]}}, "coil.csv: constants has T_w_out = [7]: give a number from 0.1 to 150 degC"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_refused_for_a_coil(coil_log, options, sentence):
+    assert refusal(fc.fit_coil, coil_log(coil_rows()), **options) == sentence
+
+
+def test_one_name_or_none_holds_as_a_list_of_them_does(coil_log, monkeypatch):
+    held = []
+
+    class Reached(Exception):
+        pass
+
+    def problem(*arguments):
+        held.append(arguments[-1])
+        raise Reached
+
+    monkeypatch.setattr("fastcoil.measured.fit_coil.CoilProblem", problem)
+    for holds in ("m_w", ["m_w"], None, ()):
+        with pytest.raises(Reached):
+            fc.fit_coil(coil_log(coil_rows()), holds=holds)
+    assert held == [("m_w",), ("m_w",), (), ()]
+
+
+def test_numbers_of_numpy_are_numbers(valve_log):
+    path = valve_log(valve_rows())
+    plain = fc.fit_valve(path, floor=0.0, settle=0.0, split=0.75)
+    same = fc.fit_valve(path, floor=np.float32(0.0), settle=np.int64(0), split=np.float32(0.75))
+    assert same.parameters == plain.parameters
+
+
+def test_a_pump_that_is_off_by_declaration_is_not_compared():
+    rng = np.random.default_rng(3)
+    rows = np.array(valve_rows(200), dtype=float)
+    flow, enabled = rows[:, 2].copy(), np.ones(200)
+    enabled[60:80] = 0.0
+    flow[60:80] = rng.uniform(0, 2, 20)
+    fit = fc.fit_valve(log_of(rows[:, 1], flow, enabled=enabled))
+    assert fit.parameters["backlash"] == pytest.approx(0.07, abs=1e-3)
+    assert "20 flows not compared: enabled is 0" in fit.notes

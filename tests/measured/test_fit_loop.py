@@ -1,0 +1,185 @@
+"""``fit_loop``: the backlash from commands and supply temperatures, with a coil that is not quite the right one."""
+
+import warnings
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.commands import fastcoil
+from helpers.refusals import refusal
+
+import fastcoil as fc
+from fastcoil.measured.fit_loop import GOOD, TOLERANCE
+from fastcoil.measured.loop_problem import Sums, corrected
+
+pytestmark = pytest.mark.kernel
+
+MODEL = fc.Loop.preset("lbnl")
+ENTERING = {"m_a": "kg/s", "T_a_in": "degC", "W_a_in": "kg/kg", "T_w_in": "degC"}
+
+
+def simulated(backlash=0.09, every=60, noise=0.03, seed=1, hours=7, T_set=None, **changed):
+    """A log of a closed loop: set-point steps, or a constant set-point."""
+    day = fc.paper_day(hours=hours, seed=seed)
+    series = {name: day.series[name][0] for name in (*ENTERING, "T_set")}
+    if T_set is not None:
+        series["T_set"] = T_set
+    loop = MODEL.assign(backlash=backlash, noise_std=noise, **changed)
+    ds = fc.simulate(loop, fc.Boundary(**series), traces=["command", "T_measured"], seed=seed, n_jobs=1)
+    columns = {"command": (ds.command.values, "1"), "T_sup": (ds.T_measured.values, "degC")}
+    columns |= {name: (series[name], unit) for name, unit in ENTERING.items()}
+    t = ("elapsed_time", np.arange(ds.sizes["elapsed_time"], dtype=float), {"units": "s"})
+    log = xr.Dataset(
+        {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in columns.items()},
+        {"elapsed_time": t},
+    )
+    return log.isel(elapsed_time=slice(None, None, every))
+
+
+@pytest.fixture(scope="module")
+def log():
+    return simulated()
+
+
+WRONG = [
+    {"C_c": 20.0},
+    {"valve_c": 0.45},
+    *(pytest.param(wrong, marks=pytest.mark.full) for wrong in ({}, {"beta1": 0.4}, {"m_max": 1.6}, {"valve_b": 7.0})),
+    pytest.param({"stroke_time": 45.0}, marks=pytest.mark.full),
+]
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: next(iter(wrong), "right"))
+def test_the_backlash_is_found_with_a_model_that_is_not_quite_right(log, wrong):
+    fit = fc.fit_loop(log, MODEL.assign(**wrong))
+    assert fit.identified
+    assert fit.backlash == pytest.approx(0.09, abs=0.004)
+    low, high = fit.interval
+    assert low <= 0.09 <= high
+    assert fit.parameters == {"backlash": fit.backlash}
+    assert fit.rmse["validation"] < 0.5 * fit.rmse["validation_without_backlash"]
+
+
+def test_with_another_log_to_validate_the_rest_after_fit_until_is_left_out(log):
+    until = float(log.elapsed_time[log.sizes["elapsed_time"] * 3 // 4])
+    both = fc.fit_loop(log, MODEL, validation=log, fit_until=until)
+    alone = fc.fit_loop(log, MODEL, fit_until=until)
+    assert both.parameters == alone.parameters
+    assert any("left out: the other log validates the fit" in note for note in both.notes)
+
+
+def test_a_good_valve_has_none():
+    fit = fc.fit_loop(simulated(backlash=0.0), MODEL.assign(C_c=20.0))
+    assert fit.identified
+    assert fit.backlash <= 0.0025
+    assert fit.interval[0] == 0.0
+
+
+def test_missing_temperatures_and_a_gap_cost_what_they_are(log):
+    """The model starts again after the gap; a temperature that is missing costs itself and the change from it."""
+    T = log.T_sup.values.copy()
+    T[200:204] = np.nan
+    holed = log.assign(T_sup=("elapsed_time", T, log.T_sup.attrs)).drop_isel(elapsed_time=range(240, 250))
+    fit = fc.fit_loop(holed, MODEL, drop=True)
+    assert fit.backlash == pytest.approx(0.09, abs=0.004)
+    assert any("2 unbroken pieces" in note for note in fit.notes)
+    assert set(np.unique(fit.residuals.batch)) == {0, 1}
+
+
+def test_a_coarse_log_of_a_command_that_moves_is_warned_of_and_nothing_is_claimed():
+    """The size comes out too small, as turns between samples are missed."""
+    with pytest.warns(UserWarning, match="300 s apart and the command moves"):
+        fit = fc.fit_loop(simulated(backlash=0.03, every=300, hours=8), MODEL)
+    assert not fit.identified
+    assert "too small" in fit.reason
+    assert fit.backlash < 0.01
+    assert fit.parameters == {}
+    assert any("backlash: not identified" in line for line in fit.summary())
+
+
+@pytest.mark.full
+def test_a_coarse_log_of_a_held_command_is_as_good_as_a_fine_one():
+    day, rng = fc.paper_day(hours=16, seed=2), np.random.default_rng(4)
+    command = np.repeat(rng.uniform(0.15, 0.6, 32), 1800)
+    ds = fc.simulate(MODEL.assign(backlash=0.06), day, command=command, traces=["T_measured"], n_jobs=1)
+    columns = {"command": (command, "1"), "T_sup": (ds.T_measured.values, "degC")}
+    columns |= {name: (day.series[name][0], unit) for name, unit in ENTERING.items()}
+    t = ("elapsed_time", np.arange(command.size, dtype=float), {"units": "s"})
+    log = xr.Dataset({n: ("elapsed_time", v, {"units": u}) for n, (v, u) in columns.items()}, {"elapsed_time": t})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fit = fc.fit_loop(log.isel(elapsed_time=slice(None, None, 120)), MODEL)
+    assert fit.backlash == pytest.approx(0.06, abs=0.004)
+
+
+def test_what_the_log_cannot_tell_is_not_claimed(log):
+    still = log.assign(command=log.command * 0.0 + 0.4)
+    assert "turns 0 times" in fc.fit_loop(still, MODEL).reason
+    shuffled = log.assign(T_sup=log.T_sup.copy(data=np.random.default_rng(1).permutation(log.T_sup.values)))
+    assert "explains" in fc.fit_loop(shuffled, MODEL).reason
+
+
+def test_two_mistakes_are_two_sentences(log):
+    said = refusal(fc.fit_loop, log, MODEL.assign(kp=[0.01, 0.02], slip_jump=0.01, backlash=0.02), warm_up=-1)
+    assert "warm_up" in said
+    assert "kp" in said
+    assert "slip_jump" in said
+    assert "to compare" in refusal(fc.fit_loop, log.isel(elapsed_time=slice(0, 60)), MODEL)
+    short = simulated(every=1, noise=0.0, hours=1).isel(elapsed_time=slice(0, 100))
+    assert "0 changes" in refusal(fc.fit_loop, short, MODEL, warm_up=0, split=1.0)
+    assert "W_a_in" in refusal(fc.fit_loop, log.drop_vars("W_a_in"), MODEL)
+
+
+def test_each_piece_has_a_factor_of_its_own():
+    """Against the least squares of NumPy, piece by piece."""
+    rng = np.random.default_rng(3)
+    m = rng.normal(size=(2, 40))
+    y = np.stack([0.7 * m[0] + 0.2, 1.4 * m[1] - 0.1]) + 0.01 * rng.normal(size=(2, 40))
+    sums = [np.array([f(k) for k in range(2)]) for f in (lambda k: 40.0, lambda k: y[k].sum(), lambda k: y[k] @ y[k])]
+    sums += [
+        np.array([[f(k)] for k in range(2)])
+        for f in (lambda k: m[k].sum(), lambda k: m[k] @ m[k], lambda k: m[k] @ y[k])
+    ]
+    found = corrected(Sums(np.array([0, 1]), *sums))
+    fits = [np.polyfit(m[k], y[k], 1, full=True) for k in range(2)]
+    assert found.slope[:, 0] == pytest.approx([fit[0][0] for fit in fits])
+    assert found.rss[0] == pytest.approx(sum(float(fit[1][0]) for fit in fits))
+
+
+def test_the_command_writes_what_the_function_finds(log, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {name: f"{name} [{log[name].attrs['units']}]" for name in log.data_vars}
+    table = log.to_dataframe().rename(columns=names)
+    table.index.name = "elapsed_time [s]"
+    table.to_csv(tmp_path / "log.csv")
+    coil = tmp_path / "coil.toml"
+    coil.write_text("[loop]\nC_c = 20.0\nbacklash = 0.01\n")
+    done = fastcoil("fit", "loop", "log.csv", "--loop", "lbnl", "--loop", "coil.toml")
+    assert "backlash = 0.0" in done.stdout
+    fit = fc.fit_loop(log, MODEL.assign(C_c=20.0))
+    assert f"backlash = {fit.backlash!r}" in (tmp_path / "loop.toml").read_text()
+    assert (tmp_path / "loop.png").is_file()
+
+
+@pytest.mark.full
+def test_what_is_claimed_is_right_whatever_the_coil_is_taken_for():
+    """Valves, coils, motors, sensors and tunings drawn anew; the model knows the valve to half and none of the rest."""
+    rng, claimed = np.random.default_rng(2711), []
+    for i in range(40):
+        backlash = 0.0 if i % 4 == 0 else rng.uniform(0.005, 0.15)
+        authority, rangeability = np.exp(rng.uniform(np.log(0.05), np.log(0.9))), np.exp(rng.uniform(3.0, 4.6))
+        log = simulated(
+            backlash, int(rng.choice([10, 30, 60])), rng.uniform(0.0, 0.05), 300 + i, authority=authority, m_full=1.7,
+            rangeability=rangeability, C_w=rng.uniform(8.8, 14.0), C_c=rng.uniform(10.0, 30.0),
+            stroke_time=rng.uniform(30.0, 150.0), sensor_time_constant=rng.uniform(5.0, 60.0),
+            kp=np.exp(rng.uniform(-5.3, -2.8)), ti=np.exp(rng.uniform(3.0, 5.7)), T_set=None if i % 2 else 14.0,
+        )  # fmt: skip
+        model = MODEL.assign(
+            C_w=10.0, C_c=18.0, rangeability=50.0, m_full=1.7 * rng.uniform(0.85, 1.15),
+            authority=float(np.clip(authority * rng.uniform(0.6, 1.6), 0.03, 0.95)),
+        )  # fmt: skip
+        fit = fc.fit_loop(log, model)
+        if fit.identified:
+            claimed.append(abs(fit.backlash - backlash) <= max(TOLERANCE * backlash, GOOD))
+    assert len(claimed) >= 20
+    assert np.mean(claimed) >= 0.95

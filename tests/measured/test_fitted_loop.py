@@ -1,0 +1,261 @@
+"""The loop fitted to a log: its controller, its plant, and what its day would have been otherwise."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers.shared_data import measured
+
+from fastcoil.measured.fitted_loop import (
+    HUNTS_ABOVE,
+    Day,
+    FittedLoop,
+    Played,
+    fit_loop_model,
+    margin,
+    outcome_of,
+    what_if,
+    without_noise,
+)
+from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, recover_pi
+
+INTERVAL, STROKE = 15.0, 90.0
+
+
+def day(hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0, estimate=0.0, seed=3, swing=1.5):
+    """A loop second by second, written here on its own: PI, inverse, motor, play, two lags, a drifting load."""
+    draw = np.random.default_rng(seed)
+    n = hours * 3600
+    set_points = np.repeat(14.5 + draw.uniform(-swing, swing, hours * 2), 1800)
+    load = np.cumsum(draw.normal(0.0, 0.003, n // 10)).repeat(10)
+    white = draw.normal(0.0, noise, n)
+    position = q = u = u_ext = command = integral = 0.5
+    q *= 1.0 - backlash
+    mode, metal, T = 1.0, 0.5, 24.0 - 18.0 * 0.5 * sign
+    temperatures, commands, travel, errors = [], [], 0.0, []
+    for t in range(n):
+        y = T + load[t] + white[t]
+        if t % every == 0:
+            e = sign * (y - set_points[t])
+            integral = min(max(integral + kp * every / ti * e, 0.0), 1.0)
+            u = min(max(kp * e + integral, 0.0), 1.0)
+            turned = mode * (u - u_ext) < -0.002
+            mode = -mode if turned else mode
+            if turned or mode * (u - u_ext) > 0.0:
+                u_ext = u
+                command = min(max((1.0 - estimate) * u + estimate * (mode > 0.0), 0.0), 1.0)
+            command = u if estimate == 0.0 else command
+        temperatures.append(y)
+        commands.append(command)
+        errors.append(T + load[t] - set_points[t])
+        before = position
+        position += min(max(command - position, -1.0 / STROKE), 1.0 / STROKE)
+        travel += abs(position - before) * (t >= 1800)
+        q = min(max(q, position - backlash), position)
+        metal += (q / (1.0 - backlash) - metal) / 40.0
+        T += (24.0 - 18.0 * metal * sign - 9.0 * (1.0 - sign) - T) / 20.0
+    at = slice(None, None, int(INTERVAL))
+    log = np.array(commands)[at], np.array(temperatures)[at], set_points[at]
+    return log, float(np.sqrt(np.mean(np.square(errors[1800:])))), travel / (n - 1800) * 86400
+
+
+@pytest.fixture(scope="module")
+def logged():
+    return day()
+
+
+@pytest.fixture(scope="module")
+def fitted(logged):
+    found = fit_loop_model(*logged[0], INTERVAL, 0.08, STROKE)
+    assert isinstance(found, FittedLoop)
+    return found
+
+
+def test_controller_and_plant_are_found(fitted):
+    assert fitted.kp == pytest.approx(0.03, rel=0.03)
+    assert fitted.ti == pytest.approx(80.0, rel=0.03)
+    assert fitted.sample_time == 15.0
+    assert fitted.action == "cooling"
+    assert fitted.gain == pytest.approx(-18.0, rel=0.15)
+    assert sum(fitted.plant.lags) + fitted.plant.delay * fitted.plant.step == pytest.approx(60.0, abs=12.0)
+    assert fitted.explained_command > 0.99
+    assert 0.0 < fitted.explained_temperature < 1.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "truly"),
+    [
+        ({}, {}),
+        ({"backlash": 0.0}, {"backlash": 0.0}),
+        ({"kp_factor": 0.5}, {"kp": 0.015}),
+        ({"ti_factor": 2.0}, {"ti": 160.0}),
+        ({"estimate": 0.076, "buffer": 0.002}, {"estimate": 0.076}),
+    ],
+    ids=["as it is", "no gap", "half kp", "twice ti", "inverse"],
+)
+def test_what_is_foretold_is_what_happens(fitted, changed, truly):
+    """On the same day of the loop simulated here; the log itself is repeated."""
+    _, rmse, travel = day(**truly)
+    found = what_if(fitted, **changed)
+    assert found.rmse == pytest.approx(rmse, rel=0.1)
+    assert found.travel_per_day == pytest.approx(travel, rel=0.15)
+    assert not found.hunts
+
+
+def test_a_gap_is_worth_something_at_all(logged):
+    assert day(backlash=0.0)[1] < 0.93 * logged[1]
+
+
+def test_a_loop_that_hunts_is_foretold_to_stop_with_a_slower_controller():
+    log, rmse, travel = day(kp=0.05, ti=11.0, backlash=0.1)
+    found = fit_loop_model(*log, INTERVAL, 0.1, STROKE)
+    assert found.margin > HUNTS_ABOVE
+    as_it_is = what_if(found)
+    assert as_it_is.hunts
+    assert as_it_is.rmse == pytest.approx(rmse, rel=0.1)
+    assert as_it_is.travel_per_day == pytest.approx(travel, rel=0.1)
+    assert 150.0 < as_it_is.period < 300.0
+    calm, (_, rmse, travel) = what_if(found, kp_factor=0.5, ti_factor=5.0), day(kp=0.025, ti=55.0, backlash=0.1)
+    assert not calm.hunts
+    assert calm.rmse == pytest.approx(rmse, rel=0.15)
+    assert calm.travel_per_day == pytest.approx(travel, rel=0.3)
+    assert travel < 0.2 * as_it_is.travel_per_day
+
+
+def test_a_heating_loop_is_told_by_its_controller():
+    log, rmse, _ = day(sign=-1.0)
+    found = fit_loop_model(*log, INTERVAL, 0.08, STROKE)
+    assert found.action == "heating"
+    assert found.gain > 0.0
+    assert found.kp == pytest.approx(0.03, rel=0.03)
+    assert what_if(found).rmse == pytest.approx(rmse, rel=0.1)
+
+
+def test_missing_samples_and_a_plant_that_is_off_are_left_out(logged, fitted):
+    command, T, T_set = (series.copy() for series in logged[0])
+    T[100], command[300:303] = np.nan, np.nan
+    enabled = np.ones(T.size, bool)
+    enabled[600:700] = False
+    T[600:700], command[600:700] = 21.0, 0.0
+    found = fit_loop_model(command, T, T_set, INTERVAL, 0.08, STROKE, enabled=enabled)
+    assert found.kp == pytest.approx(fitted.kp, rel=0.05)
+    assert what_if(found).rmse == pytest.approx(what_if(fitted).rmse, rel=0.2)
+
+
+def test_a_command_that_is_not_the_pi_s_is_refused(logged):
+    command, T, T_set = logged[0]
+    assert "no sample" in fit_loop_model(command, np.full(T.size, np.nan), T_set, INTERVAL, 0.08, STROKE)
+    assert "changes 0 times" in fit_loop_model(np.full(T.size, 0.4), T, T_set, INTERVAL, 0.08, STROKE)
+    assert "every 60 s" in fit_loop_model(command, T, T_set, 60.0, 0.08, STROKE)
+    walk = 0.5 + 0.3 * np.sin(np.arange(T.size) / 9.0)
+    assert "another law" in fit_loop_model(walk, T, T_set, INTERVAL, 0.08, STROKE)
+    inverse, _, _ = day(estimate=0.076)
+    assert "an inverse" in fit_loop_model(*inverse, INTERVAL, 0.08, STROKE)
+
+
+@pytest.mark.parametrize("bound", ["LARGEST_ERROR", "LARGEST_TRAVEL_ERROR"])
+def test_a_replay_that_does_not_repeat_the_log_is_refused(logged, monkeypatch, bound):
+    monkeypatch.setattr(f"fastcoil.measured.fitted_loop.{bound}", 0.0)
+    assert "does not repeat the log" in fit_loop_model(*logged[0], INTERVAL, 0.08, STROKE)
+
+
+@pytest.mark.parametrize(("every", "found"), [(5, 7.5), (30, 30.0)])
+def test_a_controller_may_sample_faster_or_slower_than_the_log(every, found):
+    """Faster ones show no sample time of theirs; given it, kp and ti are theirs."""
+    (command, T, T_set), _, _ = day(every=every, hours=3, noise=0.002)
+    good = np.ones(T.size, bool)
+    pi = recover_pi(command, T, T_set, INTERVAL, good, None)
+    assert pi.sample_time == found
+    pi = recover_pi(command, T, T_set, INTERVAL, good, float(every))
+    assert pi.kp == pytest.approx(0.03, rel=0.04)
+    assert pi.ti == pytest.approx(80.0, rel=0.04)
+
+
+def test_the_margin_is_that_of_the_describing_function():
+    """First-order lag without delay, ρ = Ti/T = 0.5, sampled fast: critical loop gain 7.6 (describing function)."""
+    plant = FittedPlant((-10.0, 0.0), 0.2, 0.8, (100.0, 1e-6), 0, 5.0, 1, np.zeros(1), 1.0)
+    for factor in (0.5, 1.0):
+        pi = RecoveredPI(factor * 0.76, 50.0, 0.01, 1.0)
+        assert margin(pi, plant) == pytest.approx(factor, rel=0.05)
+
+
+def test_a_command_that_is_logged_one_sample_late_is_no_other_law(logged):
+    command, T, T_set = logged[0]
+    late = np.concatenate([command[:1], command[:-1]])
+    pi = recover_pi(late, T, T_set, INTERVAL, np.ones(T.size, bool), None)
+    assert pi.kp == pytest.approx(0.03, rel=0.01)
+    assert pi.ti == pytest.approx(80.0, rel=0.01)
+    assert pi.explained > 0.999
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("every", [1, 2])
+def test_the_recorded_tuning_of_a_real_loop_is_found(every):
+    """LBNL building 33 AHU-2: kp 0.018 1/K, ti 30 s, sample time 15 s, as the preset ``lbnl`` has them."""
+    columns = np.genfromtxt(measured("b33_ahu2_5s.csv"), delimiter=",", names=True)[::every]
+    good = columns["fan_enable"] > 0
+    pi = recover_pi(
+        columns["valve_command_pct"] / 100, columns["T_sup_C"], columns["T_sup_set_C"], 5.0 * every, good, None
+    )
+    assert pi.sample_time == 15.0
+    assert pi.kp == pytest.approx(0.018, rel=0.1)
+    assert pi.ti == pytest.approx(30.0, rel=0.1)
+    assert pi.explained > 0.99
+
+
+def test_a_slow_sample_and_a_delay_take_from_the_margin():
+    plant = FittedPlant((-10.0, 0.0), 0.2, 0.8, (100.0, 10.0), 0, 5.0, 1, np.zeros(1), 1.0)
+    pi = RecoveredPI(0.3, 50.0, 0.01, 1.0)
+    assert margin(pi._replace(sample_time=40.0), plant) > 1.2 * margin(pi, plant)
+    assert margin(pi, plant._replace(delay=2)) > 1.4 * margin(pi, plant)
+
+
+def test_a_controller_that_holds_the_temperature_does_not_hide_its_plant():
+    """The command answers the load and leaves no trace of it; without whitened changes the gain comes out as 26."""
+    log, _, _ = day(swing=0.0, backlash=0.04, seed=4)
+    found = fit_loop_model(*log, INTERVAL, 0.04, STROKE)
+    assert found.gain == pytest.approx(-18.0, rel=0.25)
+    assert sum(found.plant.lags) > 10.0
+
+
+def test_noise_is_told_from_a_drift():
+    draw = np.random.default_rng(5)
+    walk, white = np.cumsum(draw.normal(0.0, 0.01, 4000)), draw.normal(0.0, 0.05, 4000)
+    smooth, level = without_noise(walk + white, np.ones(4000, bool))
+    assert level == pytest.approx(0.05, rel=0.1)
+    assert np.std(smooth - walk) < 0.4 * 0.05
+    assert without_noise(walk, np.ones(4000, bool))[1] < 0.006
+
+
+def test_outcome_has_the_meanings_of_the_metrics():
+    n, step = 7200, 5.0
+    t = np.arange(n) * step
+    T_set = np.where(t < 18000.0, 14.0, 15.0)
+    error = 0.3 * np.sin(2.0 * math.pi * t / 250.0)
+    opening = 0.5 + 0.05 * np.sin(2.0 * math.pi * t / 250.0)
+    log = Day(np.zeros(n), np.zeros(n), T_set, opening, np.ones(n, bool))
+    found = outcome_of(Played(T_set + error, opening, opening, opening), log, step)
+    assert found.rmse == pytest.approx(0.3 / math.sqrt(2.0), rel=1e-3)
+    assert found.amplitude == pytest.approx(0.3, rel=1e-2)
+    assert found.period == pytest.approx(250.0, rel=0.02)
+    assert found.travel_per_day == pytest.approx(0.2 * 86400 / 250.0, rel=0.02)
+    assert found.reversals_per_day == pytest.approx(2 * 86400 / 250.0, rel=0.02)
+    assert found.hunts
+    calm = outcome_of(Played(T_set + 0.15 * error, opening, opening, opening), log, step)
+    assert not calm.hunts
+
+
+def test_a_verdict_that_turns_on_a_little_gain_is_a_sentence(fitted, monkeypatch):
+    """Between a kp at which the loop is calm and one at which it hunts lies one of which nothing is said."""
+    factors = np.geomspace(0.5, 5.0, 9)
+    found = [what_if(fitted, kp_factor=factor, ti_factor=0.3) for factor in factors]
+    kinds = ["a sentence" if isinstance(one, str) else one.hunts for one in found]
+    assert kinds[0] is False
+    assert kinds[-1] is True
+    assert "a sentence" in kinds
+    monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_SPREAD", 1e9)
+    assert "whether the loop would hunt" in what_if(
+        fitted, kp_factor=float(factors[kinds.index("a sentence")]), ti_factor=0.3
+    )
+    monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_SPREAD", 1.0)
+    assert "the control error would be" in what_if(fitted, kp_factor=0.5)

@@ -1,0 +1,90 @@
+"""Logs of any rhythm at equal intervals: jitter is moved, gaps stay gaps, changes of value hold."""
+
+import numpy as np
+import pytest
+from helpers.refusals import refusal
+
+from fastcoil.logs import Log
+from fastcoil.measured.grid import increment_of, on_grid
+
+
+def log(time, batch=None, **values):
+    time = np.asarray(time, float)
+    batch = np.zeros(time.size, np.int64) if batch is None else np.asarray(batch)
+    values = {"command": 0.5 + 0.001 * time, "T_sup": 14.0 + 0.01 * time} | values
+    return Log(
+        names=("a log",), source=np.zeros_like(batch), time=time,
+        values={name: np.asarray(series, float) for name, series in values.items()}, batch=batch,
+        rows=np.arange(time.size),
+    )  # fmt: skip
+
+
+def test_a_regular_log_stays_as_it_is():
+    grid, notes = on_grid(log(np.arange(0, 600, 10)))
+    assert (grid.interval, notes) == (10.0, [])
+    np.testing.assert_array_equal(grid.time, np.arange(0, 600, 10))
+    np.testing.assert_allclose(grid.values["T_sup"], 14.0 + 0.01 * grid.time)
+    assert grid.on.all()
+
+
+def test_jitter_is_moved_and_a_lost_sample_is_missing_while_its_command_holds():
+    time = np.delete(np.arange(0, 3000, 10) + np.random.default_rng(1).uniform(-1.5, 1.5, 300), [100, 101])
+    command = 0.5 + 0.0001 * np.arange(300)
+    grid, _ = on_grid(log(time - time[0], command=np.delete(command, [100, 101]), T_sup=np.repeat(14.0, 298)))
+    assert grid.interval == 10.0
+    assert grid.time.size == 300
+    assert list(np.flatnonzero(np.isnan(grid.values["T_sup"]))) == [100, 101]
+    np.testing.assert_allclose(grid.values["command"][99:103], command[[99, 99, 99, 102]])
+
+
+def test_a_log_of_changes_holds_every_value():
+    draw = np.random.default_rng(2)
+    time = np.cumsum(draw.integers(1, 25, 200)).astype(float)
+    time -= time[0]
+    T = 14.0 + np.arange(200)
+    grid, notes = on_grid(log(time, T_sup=T))
+    assert "irregular" in notes[0]
+    assert np.isfinite(grid.values["T_sup"]).all()
+    k = 40
+    tick = round(float(time[k] / grid.interval))
+    assert grid.values["T_sup"][tick] == T[np.flatnonzero(np.rint(time / grid.interval) == tick)[-1]]
+
+
+def test_a_long_silence_is_cut_and_nothing_is_known_in_it():
+    time = np.concatenate([np.arange(0, 600, 10), 86400 + np.arange(0, 600, 10)])
+    grid, _ = on_grid(log(time, batch=np.repeat([0, 1], 60)))
+    silent = ~grid.on
+    assert 55 <= silent.sum() <= 65
+    assert np.isnan(grid.values["command"][silent]).all()
+    assert grid.time[-1] == 86400 + 590
+
+
+def test_pieces_follow_each_other_where_time_goes_back():
+    time = np.concatenate([np.arange(0, 600, 10), np.arange(0, 600, 10)])
+    grid, _ = on_grid(log(time, batch=np.repeat([0, 1], 60)))
+    assert np.isfinite(grid.values["T_sup"]).sum() == 120
+
+
+def test_a_plant_that_is_off_is_told():
+    enabled = np.where(np.arange(60) < 30, 1.0, 0.0)
+    grid, _ = on_grid(log(np.arange(0, 600, 10), enabled=enabled))
+    np.testing.assert_array_equal(grid.on, enabled > 0)
+
+
+@pytest.mark.parametrize(
+    ("time", "says"), [(np.arange(0, 100, 10), "10 samples"), (np.arange(2.1e5) * 1.0, "give the most")]
+)
+def test_a_log_too_short_or_too_long_is_refused(time, says):
+    assert says in refusal(on_grid, log(time))
+
+
+def test_the_change_that_a_temperature_needs_to_be_logged_is_found():
+    walk = 14.0 + np.cumsum(np.random.default_rng(3).normal(0, 0.03, 4000))
+    kept, last = [walk[0]], walk[0]
+    for value in walk:
+        if abs(value - last) >= 0.3:
+            kept.append(value)
+            last = value
+    assert increment_of(np.array(kept)) == pytest.approx(0.3, abs=0.03)
+    assert increment_of(walk) == 0.0
+    assert increment_of(np.round(walk, 1)) == 0.0

@@ -1,0 +1,254 @@
+"""Backlash from a trend log: found where the log can tell it, never claimed where it cannot."""
+
+import numpy as np
+import pytest
+from helpers.shared_data import measured
+
+from fastcoil.measured.identify import CANDIDATES, GOOD, Likelihood, _held, _judged, identify_backlash
+
+pytestmark = pytest.mark.kernel
+INTERVAL = 10.0
+
+
+def plant(command, backlash, noise=0.01, seed=0, gain=-20.0, tau=90.0, stroke_time=90.0):
+    """A first-order plant behind motor and play, written here step by step."""
+    draw = np.random.default_rng(seed)
+    position = q = float(command[0])
+    q *= 1.0 - backlash
+    T, drift, found = 24.0 + gain * q / (1.0 - backlash), 0.0, []
+    for target in command:
+        found.append(T + noise * draw.standard_normal())
+        step = INTERVAL / stroke_time
+        position += min(max(target - position, -step), step)
+        q = min(max(q, position - backlash), position)
+        drift += 0.002 * draw.standard_normal()
+        T += (24.0 + drift + gain * q / (1.0 - backlash) - T) * INTERVAL / tau
+    return np.array(found)
+
+
+def steps(hours=6, seed=1):
+    """A command that steps up and down every 10 min, and set-points that say so."""
+    draw = np.random.default_rng(seed)
+    levels = draw.uniform(0.2, 0.8, hours * 6)
+    command = np.repeat(levels, int(600 / INTERVAL))
+    return command, 24.0 - 20.0 * command
+
+
+@pytest.mark.parametrize("backlash", [0.0, 0.03, 0.063, 0.15])
+def test_the_true_backlash_is_found_claimed_and_covered(backlash):
+    command, T_set = steps()
+    found = identify_backlash(command, plant(command, backlash), INTERVAL, T_set)
+    assert found.identified
+    assert not found.reason
+    assert found.backlash == pytest.approx(backlash, abs=0.005)
+    assert found.low <= backlash <= found.high
+    assert found.probability.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("stroke_time", [None, 45.0, 0.0])
+def test_the_stroke_time_need_not_be_known(stroke_time):
+    command, T_set = steps()
+    found = identify_backlash(command, plant(command, 0.05, stroke_time=60.0), INTERVAL, T_set, stroke_time=stroke_time)
+    assert found.identified
+    assert found.backlash == pytest.approx(0.05, abs=0.01)
+
+
+def test_resolution_of_command_and_sensor_does_no_harm():
+    command, T_set = steps()
+    command, T = np.round(command, 2), np.round(plant(np.round(command, 2), 0.06), 1)
+    found = identify_backlash(command, T, INTERVAL, T_set)
+    assert found.identified
+    assert found.backlash == pytest.approx(0.06, abs=0.012)
+
+
+def test_gaps_and_times_off_are_left_out():
+    command, T_set = steps()
+    T = plant(command, 0.08)
+    enabled = np.ones(T.size, bool)
+    enabled[700:900] = False
+    T[700:900] = 35.0  # the fan stands still
+    T[300:305] = np.nan
+    command[1200:1203] = np.nan
+    found = identify_backlash(command, T, INTERVAL, T_set, enabled=enabled)
+    assert found.identified
+    assert found.backlash == pytest.approx(0.08, abs=0.01)
+    assert not identify_backlash(command, T, INTERVAL, T_set, enabled=np.zeros(T.size, bool)).identified
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"interval": 61.0}, "every 30 s or faster"),
+        ({"command": np.linspace(0.2, 0.8, 2160)}, "never turns back"),
+        ({"command": np.full(2160, 0.5)}, "never turns back"),
+        ({"temperature": np.full(2160, 14.0)}, "too little"),
+        ({"temperature": np.full(2160, np.nan)}, "no sample"),
+    ],
+)
+def test_what_cannot_tell_says_why(change, says):
+    command, T_set = steps()
+    given = {"command": command, "temperature": plant(command, 0.05), "interval": INTERVAL, "T_set": T_set} | change
+    found = identify_backlash(**given)
+    assert not found.identified
+    assert says in found.reason
+    assert (found.low, found.high) == (0.0, 0.25)
+
+
+def test_no_relation_between_command_and_temperature_is_not_claimed():
+    command, T_set = steps()
+    claimed = [
+        identify_backlash(command, 14.0 + np.cumsum(draw.normal(0, 0.02, command.size)), INTERVAL, T_set).identified
+        for draw in map(np.random.default_rng, range(20))
+    ]
+    assert sum(claimed) <= 1
+
+
+def test_a_stuck_stem_under_a_command_that_follows_the_temperature_is_not_called_good():
+    """The temperature wanders by itself; the command follows its noise and drift, the stem never moves."""
+    for seed in range(8):
+        draw = np.random.default_rng(seed)
+        true = 14.0 + np.convolve(np.cumsum(draw.normal(0, 0.01, 2400)), np.ones(30) / 30, "same")[:2160]
+        T = true + draw.normal(0, 0.03, true.size)
+        command = np.clip(0.5 + 0.03 * (T - T.mean()) + 0.0005 * np.cumsum(T - T.mean()), 0.0, 1.0)
+        found = identify_backlash(command, T, INTERVAL, np.full(T.size, 14.0))
+        assert not (found.identified and found.backlash <= GOOD)
+        assert not identify_backlash(command, T, INTERVAL).identified
+
+
+def judged(likelihood, reaction=None, provoked=True, doubt="", counts=1.0):
+    reaction = likelihood if reaction is None else reaction
+    return _judged([Likelihood(likelihood, reaction, 900)], provoked, doubt, counts)
+
+
+def peak(size, width=0.001):
+    return -(((CANDIDATES - size) / width) ** 2)
+
+
+def test_a_good_valve_is_claimed_only_if_something_else_than_the_temperature_moved_the_command():
+    assert judged(peak(0.0)).identified
+    found = judged(peak(0.0), provoked=False)
+    assert not found.identified
+    assert "stuck stem" in found.reason
+    assert (found.low, found.high) == (0.0, 0.25)
+    assert judged(peak(0.0), reaction=peak(0.08), provoked=False).backlash == pytest.approx(0.08)
+
+
+def test_a_valve_is_called_worse_than_good_only_at_odds_of_300_to_1():
+    """0.8 of the log-likelihood counts: a gain of 6 is 121 to 1, one of 8 is 602 to 1."""
+    for gain, claimed in ((6.0, False), (8.0, True)):
+        best, good = np.isclose(CANDIDATES, 0.0125), np.isclose(CANDIDATES, 0.005)
+        found = judged(np.where(best, 0.0, np.where(good, -gain, -50.0)))
+        assert found.backlash == pytest.approx(0.0125)
+        assert found.identified == claimed
+        assert (found.low == 0.0) == (not claimed)
+
+
+def test_of_sizes_that_explain_alike_the_one_that_is_surely_right_is_named():
+    """0, 1 and 2 % are as probable: within 1 % of all of them lies 1 % alone."""
+    three = np.isclose(CANDIDATES, 0.0) | np.isclose(CANDIDATES, 0.01) | np.isclose(CANDIDATES, 0.02)
+    found = judged(np.where(three, 0.0, -50.0) + 1e-3 * np.isclose(CANDIDATES, 0.0))
+    assert found.identified
+    assert found.backlash == pytest.approx(0.01)
+
+
+def test_doubt_the_largest_size_and_what_counts_for_less_are_not_claimed():
+    assert judged(peak(0.1)).identified
+    assert judged(peak(0.1), doubt="because").reason == "because"
+    assert "larger ones are not looked for" in judged(peak(0.25)).reason
+    assert "larger ones are not looked for" in judged(peak(0.245, 0.003)).reason
+    assert not judged(peak(0.1, 0.012), counts=0.5).identified
+    assert judged(peak(0.1, 0.012)).identified
+
+
+def test_readings_of_columns_that_do_not_agree_are_not_claimed():
+    one, other = (Likelihood(peak(size), peak(size), 900) for size in (0.03, 0.1))
+    assert not _judged([one, other], True, "", 1.0).identified
+    assert _judged([one, one], True, "", 1.0).identified
+
+
+def controlled(backlash, samples=0, every=1):
+    """A PI loop around ``plant`` with set-points that step: (command, temperatures that stand late, T_set)."""
+    _, T_set = steps()
+    draw = np.random.default_rng(7)
+    position = q = 0.5
+    T, u, integral, commands, temperatures = 14.0, 0.5, 0.5, [], []
+    for k, target in enumerate(T_set):
+        reading = T + 0.01 * draw.standard_normal()
+        if k % every == 0:
+            integral += 0.03 * (reading - target) * every * INTERVAL / 150
+            integral = min(max(integral, 0), 1)
+            u = min(max(0.03 * (reading - target) + integral, 0), 1)
+        commands.append(u)
+        temperatures.append(reading)
+        position += min(max(u - position, -0.11), 0.11)
+        q = min(max(q, position - backlash), position)
+        T += (24 - 20 * q / (1 - backlash) - T) * INTERVAL / 90
+    return np.array(commands), np.roll(temperatures, samples), T_set
+
+
+def test_temperatures_that_stand_late_are_moved_back():
+    command, T, T_set = controlled(0.07, 2)
+    found = identify_backlash(command, T, INTERVAL, T_set)
+    assert found.late == 2 * INTERVAL
+    assert found.identified
+    belongs = controlled(0.07)
+    n = command.size - 2
+    same = identify_backlash(belongs[0][:n], belongs[1][:n], INTERVAL, T_set[2:])
+    assert found[:5] == same[:5]
+
+
+def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(monkeypatch):
+    command, T, T_set = controlled(0.07, -2)
+    found = identify_backlash(command, T, INTERVAL, T_set)
+    assert found.late == -2 * INTERVAL
+    assert found.backlash == pytest.approx(0.07, abs=0.014)
+    monkeypatch.setattr("fastcoil.measured.identify.late", lambda *_: 0)
+    as_is, moved = (
+        identify_backlash(command[cut:], T[: T.size - cut], INTERVAL, T_set[cut:]).probability for cut in (0, 2)
+    )
+    np.testing.assert_allclose(found.probability, (as_is + moved) / 2, atol=1e-9)
+
+
+def test_a_command_that_jumps_to_and_fro_needs_the_sample_time_and_counts_for_less(monkeypatch):
+    command, T_set = steps()
+    chatter = command + 0.04 * (np.random.default_rng(9).random(command.size) < 0.5)
+    given = (chatter, plant(chatter, 0.05), INTERVAL, T_set)
+    assert "to and fro" in identify_backlash(*given).reason
+    assert "to and fro" in identify_backlash(*given, sample_time=15.0).reason
+    found = identify_backlash(*given, sample_time=10.0)
+    assert found.backlash == pytest.approx(0.05, abs=0.01)
+    assert "to and fro" not in found.reason
+    monkeypatch.setattr("fastcoil.measured.identify.share_to_and_fro", lambda *_: 0.0)
+    whole = identify_backlash(*given, sample_time=10.0).probability
+    np.testing.assert_allclose(found.probability, np.sqrt(whole) / np.sqrt(whole).sum(), atol=1e-9)
+
+
+def test_a_command_that_runs_from_end_to_end_is_not_judged():
+    command = np.clip(0.5 + np.sin(np.arange(2160) / 4), 0, 1)
+    assert "runs to its ends" in identify_backlash(command, plant(command, 0.05), INTERVAL, steps()[1]).reason
+
+
+def test_a_log_coarser_than_the_controller_counts_for_less():
+    command, T_set = steps(hours=12)
+    T = plant(command, 0.06, noise=0.04)
+    given = (command[::6], T[::6], 60.0, T_set[::6])
+    coarse, fine = identify_backlash(*given), identify_backlash(*given, sample_time=60.0)
+    assert fine.identified
+    assert coarse.backlash == fine.backlash == pytest.approx(0.06, abs=0.012)
+    assert coarse.high - coarse.low > fine.high - fine.low
+
+
+def test_a_measured_loop_without_backlash_is_never_accused():
+    """105 h of a loop that hunts for another reason, whole and in pieces, with and without its set-point."""
+    rows = np.genfromtxt(measured("b33_ahu2_5s.csv"), delimiter=",", skip_header=1)
+    hours = 720
+    for first, last in [(0, len(rows)), *((k, k + 8 * hours) for k in range(0, len(rows) - 8 * hours, 8 * hours))]:
+        command, T, T_set, on = rows[first:last, 1] / 100, rows[first:last, 2], rows[first:last, 3], rows[first:last, 6]
+        for given in (T_set, None):
+            found = identify_backlash(command, T, 5.0, given, enabled=on > 0)
+            assert not (found.identified and found.backlash > 0.02), (first, found)
+
+
+def test_a_missing_command_is_the_last_before_it():
+    given = np.array([np.nan, 0.2, np.nan, np.nan, 0.4, np.nan])
+    np.testing.assert_array_equal(_held(given), [0.2, 0.2, 0.2, 0.2, 0.4, 0.4])

@@ -1,0 +1,107 @@
+"""A time shift between the columns of a log is told and taken out; logs without one are left as they are."""
+
+import numpy as np
+import pytest
+from helpers.simulated_logs import VALVE_TRUTH, flows, log_of, noise, noisy, walk
+
+import fastcoil as fc
+from fastcoil.logs import Log
+from fastcoil.measured.lag import delayed, without_lag
+
+pytestmark = pytest.mark.kernel
+
+
+def log_in_pieces(seed, shifts, n=60, sd=0.03, backlash=0.07):
+    """Batches of ``n`` rows of a valve, the flow of each logged so many rows late."""
+    rng = np.random.default_rng(seed)
+    commands, logged = [], []
+    for shift in shifts:
+        command = walk(rng, n=n + 40)
+        flow = flows(command, start=rng.uniform(), backlash=backlash) + noise(rng, n + 40, sd, 0.5)
+        commands.append(command[20 : n + 20])
+        logged.append(np.maximum(flow[20 - shift : n + 20 - shift], 1e-3))
+    batch = np.repeat(np.arange(float(len(shifts))), n)
+    return log_of(np.concatenate(commands), np.concatenate(logged), batch=batch)
+
+
+def checked(log):
+    """The same as a checked log, all of it fitted."""
+    n = log["command"].size
+    values = {name: log[name].values for name in ("command", "m_w")}
+    batch = log["batch"].values.astype(np.int64)
+    time = log["elapsed_time"].values
+    found = Log(names=("log",), source=np.zeros(n, int), time=time, values=values, batch=batch, rows=np.arange(n))
+    return found, np.ones(n, dtype=bool)
+
+
+def test_a_shift_from_one_piece_on_is_told_and_taken_out():
+    log = log_in_pieces(1, [0, 0, 1, 1], n=80)
+    fit = fc.fit_valve(log, split=1.0, holds="command")
+    low, high = fit.intervals["backlash"]
+    assert low <= VALVE_TRUTH["backlash"] <= high
+    assert high - low < 0.04
+    assert any(
+        note.startswith("from row 160 (piece 3 of 4) on the flow is logged one sample (60 s) after the command")
+        for note in fit.notes
+    )
+    left = fc.fit_valve(log, split=1.0, lag=0, m_max=2.0, holds="command")
+    assert not any("logged" in note for note in left.notes)
+    assert left.rmse["fit"] > 2.0 * fit.rmse["fit"]
+
+
+@pytest.mark.parametrize(
+    ("shift", "words"),
+    [
+        (2, "the flow is logged 2 samples (120 s) after the command"),
+        (-1, "the command is logged one sample (60 s) after the flow"),
+    ],
+)
+def test_a_shift_throughout_is_found_in_either_direction(shift, words):
+    log, all_of_it = checked(log_in_pieces(2, [shift] * 4))
+    moved = without_lag(log, all_of_it, all_of_it)
+    assert [note for note in moved.notes if note.startswith(f"throughout {words}")]
+    np.testing.assert_array_equal(moved.values["command"], delayed(log, 60.0 * shift)[0])
+
+
+def test_a_shift_of_many_samples_is_found():
+    """Clocks that differ by 20 min, in a log of a row a minute."""
+    rng = np.random.default_rng(3)
+    command = walk(rng, n=320)
+    flow = noisy(rng, flows(command), 0.03)
+    log, all_of_it = checked(log_of(command[20:], flow[:-20], batch=np.zeros(300)))
+    (note,) = without_lag(log, all_of_it, all_of_it).notes
+    assert note.startswith("throughout the flow is logged 20 samples (1200 s) after the command")
+
+
+def test_no_shift_is_found_where_there_is_none():
+    """Clean logs of four kinds, white and autocorrelated noise up to 0.1 kg/s, backlash or none: none is moved."""
+    for seed in range(8):
+        rng = np.random.default_rng(3000 + seed)
+        backlash = (0.0, 0.05, 0.12)[seed % 3]
+        command = (walk(rng, n=240), 0.5 + 0.3 * np.sin(np.arange(240) / 8.0), np.repeat(rng.uniform(0, 1, 24), 10),
+                   np.clip(0.5 + np.cumsum(rng.normal(0.0, 0.03, 240)), 0.05, 0.95))[seed % 4]  # fmt: skip
+        flow = noisy(rng, flows(command, backlash=backlash), (0.02, 0.1)[seed % 2], (0.0, 0.9)[seed // 2 % 2])
+        log, all_of_it = checked(log_of(command, flow, batch=np.arange(240) // (80, 12)[seed // 4]))
+        assert without_lag(log, all_of_it, all_of_it) is log, seed
+
+
+def test_a_given_lag_is_taken_as_it_is():
+    log = log_in_pieces(4, [2, 2])
+    fit = fc.fit_valve(log, split=1.0, lag=np.float32(120.0), holds="command")
+    assert "the flow is compared with the command 120 s before it, as given" in fit.notes
+    assert fit.parameters["backlash"] == pytest.approx(VALVE_TRUTH["backlash"], abs=0.01)
+    assert (fit.residuals["part"].values[:2] == "unused").all()  # no row says what the command was
+    for wrong in ("later", True, 1e9, [60.0]):
+        with pytest.raises(fc.InputError, match="lag = .*give seconds by which the flow is logged after the command"):
+            fc.fit_valve(log, lag=wrong)
+
+
+def test_the_shift_of_the_part_to_fit_does_not_depend_on_what_follows():
+    log = log_in_pieces(5, [0, 1, 1, 0, 0])
+    fitting = np.arange(300) < 180
+    found, good = checked(log)
+    other, _ = checked(log_in_pieces(5, [0, 1, 1, 3, -2], sd=0.3))
+    for name in ("command", "m_w"):
+        other.values[name][:180] = found.values[name][:180]
+    one, two = (without_lag(a, good, fitting).values["command"][:180] for a in (found, other))
+    np.testing.assert_array_equal(one, two)

@@ -1,0 +1,174 @@
+"""How a fit is computed: the loops of the emulator, the Jacobian from lanes, the minimum, the autocorrelation."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers.simulated_logs import COIL_TRUTH, INPUTS, VALVE_TRUTH, coil_log, flows, log_of, noise, noisy, walk
+from scipy.optimize import least_squares
+
+import fastcoil as fc
+from fastcoil.logs import read_log
+from fastcoil.logs.columns import Wanted
+from fastcoil.measured.coil_problem import CoilProblem, record_of
+from fastcoil.measured.least_squares import FORBIDDEN, autocorrelation, evaluate
+from fastcoil.measured.valve_problem import ValveProblem
+from fastcoil.model.engine.recorded import valve_flows
+
+COIL_SERIES = Wanted(needed=("m_w", *INPUTS, "T_sup"), measured=("T_sup", "T_w_out"), optional=("T_w_out",))
+pytestmark = pytest.mark.kernel
+
+
+def problem_of(log, **truth):
+    data = read_log(log, COIL_SERIES)
+    return CoilProblem(
+        data, record_of(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool)), ("T_sup",), 600.0, 1.0, None
+    )
+
+
+def searched(problem, values):
+    """The parameters as the search sees them."""
+    y = np.array([np.log(v) if name not in ("beta2", "beta4", "beta6") else v for name, v in values.items()])
+    return np.linalg.solve(problem.record.named(), y)
+
+
+def assert_jacobian_is_of_single_runs(model, x):
+    r, J = evaluate(model, x)
+    np.testing.assert_array_equal(r, model.residuals(x[:, None])[:, 0])
+    for k in range(x.size):
+        up, down = x.copy(), x.copy()
+        up[k] += model.step[k]
+        down[k] -= model.step[k]
+        single = (model.residuals(up[:, None]) - model.residuals(down[:, None]))[:, 0] / (up[k] - down[k])
+        np.testing.assert_allclose(J[:, k], single, rtol=1e-9, atol=1e-9)
+
+
+# --------------------------------------------------------------------------------------------------------------- valve
+
+
+def test_the_loop_is_that_of_the_emulator():
+    """A valve alone and the valve of an open-loop simulation, to round-off."""
+    rng = np.random.default_rng(13)
+    command = np.repeat(walk(rng, n=60), 60)
+    day = fc.paper_day(hours=1, seed=1)
+    ds = fc.simulate(fc.Loop(), day, command=command, traces=["m_w", "opening"], warm_up=0)
+    sets = np.array([[VALVE_TRUTH[n] for n in ("backlash", "m_max", "valve_a", "valve_b", "valve_c")]]).T
+    # the emulator starts with the gear at 0
+    command0 = np.concatenate([[0.0], command])
+    openings, found = np.empty((3601, 1)), np.empty((3601, 1))
+    valve_flows(command0, np.zeros(3601, dtype=np.int64), sets, np.zeros((1, 1)), openings, found)
+    np.testing.assert_allclose(found[1:, 0], ds["m_w"], rtol=1e-13)
+    np.testing.assert_allclose(openings[1:, 0], ds["opening"], atol=1e-15)
+    assert np.allclose(flows(command0), found[:, 0], rtol=1e-13)
+
+
+def test_the_jacobian_of_a_valve_is_that_of_single_runs():
+    rng = np.random.default_rng(14)
+    command = walk(rng, n=120)
+    batch = np.repeat([0.0, 1.0, 2.0, 3.0], 30)
+    log = log_of(command, noisy(rng, flows(command), 0.01), batch=batch)
+    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, 1.0, None)
+    model, _ = problem.model(None, "unknown")
+    x = np.array([0.05, math.log(2.1), math.log(0.8), math.log(8.0), 0.4, 0.3, 0.5, 0.6, 0.7])
+    assert_jacobian_is_of_single_runs(model, x)
+
+
+def test_autocorrelation_of_an_ar_process_gives_its_effective_size():
+    rng = np.random.default_rng(15)
+    n, phi = 20000, 0.8
+    r = noise(rng, n, 1.0, phi)
+    rho = autocorrelation(r, np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool))
+    assert 1.0 + 2.0 * rho.sum() == pytest.approx((1 + phi) / (1 - phi), rel=0.15)
+    white = autocorrelation(rng.normal(size=n), np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool))
+    assert abs(white.sum()) < 0.1
+
+
+# ---------------------------------------------------------------------------------------------------------------- coil
+
+
+@pytest.mark.parametrize("form", [{}, {"n_volumes": 4}, {"air_march": "quasistatic"}])
+def test_the_coil_alone_is_that_of_the_emulator(form):
+    log = coil_log(hours=1, sd=0.0, **form)
+    problem = problem_of(log, **form)
+    x = searched(problem, COIL_TRUTH)
+    T_sup, T_w_out, wet = problem.record.run(np.repeat(x[:, None], 3, axis=1))
+    np.testing.assert_allclose(T_sup[:, 1], log["T_sup"], atol=1e-9)
+    np.testing.assert_allclose(T_w_out[:, 2], log["T_w_out"], atol=1e-9)
+    assert wet.max() > 0
+
+
+def test_water_that_stands_still_exchanges_nothing():
+    log = coil_log(hours=0.5, sd=0.0)
+    log["m_w"] = log["m_w"].where(log["elapsed_time"] < 900, 0.0).assign_attrs(units="kg s-1")
+    problem = problem_of(log)
+    for beta2 in (-0.2, 0.0, 0.2):
+        T_w_out = problem.record.run(searched(problem, COIL_TRUTH | {"beta2": beta2})[:, None])[1][:, 0]
+        assert np.isfinite(T_w_out).all()
+        np.testing.assert_array_equal(T_w_out[901:], T_w_out[901])
+
+
+def test_the_jacobian_of_a_coil_is_that_of_single_runs():
+    problem = problem_of(coil_log(hours=0.5))
+    model = problem.model()
+    x = searched(problem, COIL_TRUTH) + 0.05
+    assert_jacobian_is_of_single_runs(model, x)
+
+
+def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not():
+    problem = problem_of(coil_log(hours=0.5))
+    model = problem.model()
+    good = searched(problem, COIL_TRUTH)
+    bad = searched(problem, COIL_TRUTH | {"C_c": 1.5})
+    r = model.residuals(np.stack([good, bad, good], axis=1))
+    assert (np.abs(r[model.used, 1]) == FORBIDDEN).all()
+    np.testing.assert_array_equal(r[:, 0], r[:, 2])
+    assert np.abs(r[:, 0]).max() < 1.0
+
+
+def test_a_coil_near_its_limit_of_stability_is_fitted():
+    truth = {"C_c": 3.3}
+    fit = fc.fit_coil(coil_log(hours=1.5, seed=11, sd=0.02, **truth), split=1.0)
+    assert fit.rmse["fit"] == pytest.approx(0.02, rel=0.1)
+
+
+# ----------------------------------------------------------------------------------------------------------- minimum
+
+
+def minimum_by_lm(model, x0, free):
+    """The paper's method, which knows no bounds, on the same residuals and Jacobian."""
+    x = x0.copy()
+
+    def at(part):
+        x[free] = part
+        r, J = evaluate(model, x)
+        return r, J[:, free]
+
+    found = least_squares(lambda part: at(part)[0], x0[free], jac=lambda part: at(part)[1], method="lm", xtol=1e-12)
+    return found.x, 2.0 * found.cost
+
+
+def test_levenberg_marquardt_without_bounds_ends_in_the_same_minimum_of_a_valve():
+    """From 10 to 20 % away; the residual of Eq (1) has kinks, so the two agree to a tenth of a standard error."""
+    rng = np.random.default_rng(19)
+    command = walk(rng, n=400)
+    log = log_of(command, noisy(rng, flows(command, start=1.0), 0.02))
+    fit = fc.fit_valve(log, split=1.0, initial="rising")
+    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, 1.0, None)
+    model, _ = problem.model(None, "rising")
+    x0 = np.array([0.06, math.log(2.2), math.log(0.8), math.log(8.0), 0.42, 1.0])
+    x, rss = minimum_by_lm(model, x0, np.arange(5))
+    x[1:4] = np.exp(x[1:4])
+    assert rss == pytest.approx(fit.rmse["fit"] ** 2 * fit.n_used, rel=1e-4)
+    for value, name in zip(x, VALVE_TRUTH, strict=True):
+        assert value == pytest.approx(fit.parameters[name], abs=0.1 * fit.standard_errors[name]), name
+
+
+def test_levenberg_marquardt_without_bounds_ends_in_the_same_minimum_of_a_coil():
+    log = coil_log(hours=2, seed=1)
+    problem = problem_of(log)
+    x, rss = minimum_by_lm(problem.model(), searched(problem, COIL_TRUTH) + 0.1, np.arange(8))
+    fit = fc.fit_coil(log, split=1.0, warm_up=600.0)
+    assert rss == pytest.approx(fit.rmse["fit"] ** 2 * fit.n_used, rel=1e-6)
+    values = problem.record.values(x[:, None])[:, 0]
+    for value, name in zip(values, fit.parameters, strict=True):
+        assert value == pytest.approx(fit.parameters[name], abs=0.05 * fit.standard_errors[name]), name

@@ -1,0 +1,138 @@
+"""Swings and the indices that people know: what comes back regularly, how far, how fast, and what it costs."""
+
+import numpy as np
+import pytest
+
+from fastcoil.measured.measures import (
+    hagglund_gap,
+    half_periods,
+    harris_index,
+    in_control,
+    oscillation_index,
+    settled,
+    swing_of,
+    travel,
+)
+
+N, INTERVAL = 2880, 10.0
+TIME = np.arange(N) * INTERVAL
+EVERYWHERE = np.ones(N, bool)
+
+
+def drawn(seed):
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("period", [200.0, 700.0, 2400.0])
+def test_a_swing_under_noise_drift_and_gaps_is_found_with_its_size_and_period(period):
+    series = (
+        0.4 * np.sin(2 * np.pi * TIME / period) + drawn(1).normal(0, 0.1, N) + np.cumsum(drawn(2).normal(0, 0.01, N))
+    )
+    good = EVERYWHERE.copy()
+    good[1000:1040] = False
+    found = swing_of(np.where(good, series, 99.0), good, INTERVAL)
+    assert found.is_regular
+    assert found.period == pytest.approx(period, rel=0.05)
+    assert found.peak_to_peak == pytest.approx(0.8, rel=0.25)
+
+
+def test_what_wanders_without_a_rhythm_is_no_swing():
+    found = [
+        swing_of(np.convolve(drawn(s).normal(size=N), np.exp(-np.arange(60) / 15), "same"), EVERYWHERE, INTERVAL)
+        for s in range(20)
+    ]
+    assert sum(one.is_regular for one in found) <= 1
+
+
+def test_regularity_is_a_third_of_the_mean_over_the_deviation_of_the_intervals():
+    """Between zero crossings of the autocovariance, here in plain Python for every running mean that is taken away."""
+    series = np.sin(2 * np.pi * TIME / 200.0) + drawn(5).normal(0, 1.0, N)
+    expected = []
+    for half in (30, 90, 180):
+        rest = np.array([series[k] - series[max(k - half, 0) : k + half].mean() for k in range(N)])
+        covariance = np.array([rest[lag:] @ rest[: N - lag] / (N - lag) for lag in range(240)])
+        at = np.flatnonzero(covariance[1:] * covariance[:-1] < 0.0)
+        between = np.diff(at + covariance[at] / (covariance[at] - covariance[at + 1]))[:10]
+        expected.append(pytest.approx(between.mean() / (3 * between.std(ddof=1)), rel=0.01))
+    assert swing_of(series, EVERYWHERE, INTERVAL).regularity in expected
+
+
+def test_a_swing_that_nobody_minds_or_that_is_seen_seven_times_is_not_called_regular():
+    small = swing_of(0.04 * np.sin(2 * np.pi * TIME / 600), EVERYWHERE, INTERVAL)
+    assert small.regularity > 1.0
+    assert not small.is_regular
+    seven = swing_of(np.sin(2 * np.pi * TIME / 4000), EVERYWHERE, INTERVAL)
+    assert seven.period == pytest.approx(4000.0, rel=0.05)
+    assert not seven.is_regular
+    assert not swing_of(np.zeros(N), EVERYWHERE, INTERVAL).is_regular
+
+
+def test_the_loop_is_settled_ten_minutes_after_the_set_point_stood_still():
+    T_set = np.where(TIME < 10000, 14.0, 16.0)
+    found = settled(T_set, EVERYWHERE, INTERVAL)
+    assert found[TIME < 10000][61:].all()
+    assert not found[(TIME >= 10000) & (TIME < 10590)].any()
+    assert found[TIME >= 10600].all()
+    slow_reset = 14.0 + TIME / 3600.0  # 1 K in an hour
+    assert settled(slow_reset, EVERYWHERE, INTERVAL)[61:].all()
+    assert not settled(5 * slow_reset, EVERYWHERE, INTERVAL).any()
+
+
+def test_a_valve_that_stays_closed_is_out_of_control_and_one_that_touches_the_end_is_not():
+    command = np.where((TIME > 5000) & (TIME < 9000), 0.0, 0.5)
+    command[2000:2030] = 1.0
+    found = in_control(command, EVERYWHERE, INTERVAL)
+    assert not found[(TIME > 5000) & (TIME < 9000)].any()
+    assert found[2000:2030].all()
+
+
+def test_half_periods_have_the_duration_integral_and_peak_of_the_error_between_two_crossings():
+    e = np.where((np.arange(N) // 40) % 2, 0.5, -0.5)
+    found = half_periods(e, EVERYWHERE, INTERVAL)
+    assert found.duration.size == N // 40 - 2  # the first and the last are cut
+    np.testing.assert_allclose(found.duration, 400.0)
+    np.testing.assert_allclose(found.iae, 200.0)
+    np.testing.assert_allclose(found.peak, 0.5)
+    broken = EVERYWHERE.copy()
+    broken[100] = False
+    assert half_periods(e, broken, INTERVAL).duration.size == found.duration.size - 1
+
+
+def test_hagglunds_index_exceeds_1_for_a_loop_that_swings_by_more_than_a_tenth_of_a_kelvin():
+    swing = np.sin(2 * np.pi * TIME / 600 + 0.1)
+    assert oscillation_index(0.3 * swing, EVERYWHERE, INTERVAL, 600.0) > 1.0
+    assert oscillation_index(0.05 * swing, EVERYWHERE, INTERVAL, 600.0) == 0.0
+    once = np.where((TIME > 9000) & (TIME < 9600), 1.0, -0.001)
+    assert oscillation_index(once, EVERYWHERE, INTERVAL, 600.0) < 0.3
+
+
+def test_the_harris_index_is_0_for_noise_1_for_what_could_be_foretold_and_known_in_between():
+    """Of an autoregression e = a e + s in steps of 30 s, two steps hold 1 - a⁴ of the variance."""
+    noise = drawn(3).normal(0, 0.1, 8000)
+    assert harris_index(noise, np.ones(8000, bool), 30.0) < 0.05
+    assert harris_index(np.sin(np.arange(8000) / 9) + 0.001 * noise, np.ones(8000, bool), 30.0) > 0.95
+    a, e = 0.9, np.zeros(8000)
+    for k in range(1, 8000):
+        e[k] = a * e[k - 1] + noise[k]
+    assert harris_index(e, np.ones(8000, bool), 30.0) == pytest.approx(a**4, abs=0.05)
+    assert harris_index(e + 1.0, np.ones(8000, bool), 30.0) > a**4 + 0.05
+    assert np.isnan(harris_index(e[:50], np.ones(50, bool), 30.0))
+
+
+def test_hagglunds_gap_of_a_square_error_is_what_the_integral_crosses():
+    e = np.where((np.arange(N) // 40) % 2, 0.5, -0.5)  # 400 s on each side
+    kp, ti, gain = 0.02, 50.0, 20.0
+    expected = kp * (400.0 / ti - 1.0 / (kp * gain)) * 0.5
+    assert hagglund_gap(e, EVERYWHERE, INTERVAL, kp, ti, gain) == pytest.approx(expected)
+    peaked = np.where(np.arange(N) % 40 == 0, 6.0, 0.5) * np.sign(e)
+    assert np.isnan(hagglund_gap(peaked, EVERYWHERE, INTERVAL, kp, ti, gain))
+    assert np.isnan(hagglund_gap(e, EVERYWHERE, INTERVAL, kp, 100.0, gain))  # shorter than 5 integral times
+
+
+def test_travel_and_turns_are_counted_in_a_day_of_operation():
+    positions = np.tile([0.2, 0.3, 0.3, 0.4, 0.2], 144)[: 144 * 5]
+    positions = np.concatenate([positions, positions[-1:]])
+    strokes, turns = travel(positions, np.ones(720, bool), 60.0)  # half a day
+    assert strokes == pytest.approx(0.4 * 144 * 2, rel=0.01)
+    assert turns == pytest.approx(2 * 144 * 2, rel=0.01)
+    assert np.isnan(travel(positions, np.zeros(720, bool), 60.0)[0])

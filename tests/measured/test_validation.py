@@ -1,0 +1,145 @@
+"""Fits that are validated with a second log."""
+
+import numpy as np
+import pytest
+from helpers.simulated_logs import (
+    VALVE_TRUTH,
+    assert_covered,
+    coil_log,
+    flows,
+    log_of,
+    noisy,
+    walk,
+)
+
+import fastcoil as fc
+from fastcoil.logs import read_log
+from fastcoil.logs.columns import Wanted
+from fastcoil.measured.coil_problem import LN_C_W, CoilProblem, record_of
+from fastcoil.measured.fit import poor
+from fastcoil.measured.fit_coil import _residuals
+
+pytestmark = pytest.mark.kernel
+
+COIL_SERIES = ("m_w", "m_a", "T_w_in", "T_a_in", "W_a_in", "T_sup")
+
+
+@pytest.fixture(scope="module")
+def two_days():
+    return coil_log(hours=1.5, seed=41), coil_log(hours=1.5, seed=42)
+
+
+@pytest.fixture(scope="module")
+def validated(two_days):
+    first, second = two_days
+    return fc.fit_coil(first, validation=second)
+
+
+def test_a_coil_is_validated_with_a_second_log(two_days, validated):
+    fit, alone = validated, fc.fit_coil(two_days[0], split=1.0)
+    assert fit.parameters == alone.parameters
+    assert fit.intervals == alone.intervals
+    assert fit.rmse["validation"] == pytest.approx(0.05, rel=0.1)
+    assert any("minimise_on='both', --both uses it too" in note for note in fit.notes)
+    ds = fit.residuals
+    assert set(ds["part"].values[:5400]) == {"unused", "fit"}
+    assert set(ds["part"].values[5400:]) == {"unused", "validation"}
+    assert float(ds["elapsed_time"][5400]) == 0.0
+    assert "nothing was held back: the fit is not validated" in alone.notes
+
+
+def test_a_valve_is_validated_with_a_second_log(tmp_path):
+    rng = np.random.default_rng(23)
+    logs = [log_of(c := walk(rng), noisy(rng, flows(c, start=s), 0.02)) for s in (0.3, 0.9)]
+    fit = fc.fit_valve(logs[0], validation=logs[1])
+    assert fit.parameters == fc.fit_valve(logs[0], split=1.0).parameters
+    assert_covered(fit, VALVE_TRUTH)
+    assert fit.rmse["validation"] == pytest.approx(0.02, rel=0.2)
+    other = log_of(c := walk(rng), flows(c, backlash=0.2))
+    assert any("the validation errs" in note for note in fc.fit_valve(logs[0], validation=other).notes)
+
+
+def test_what_a_valve_is_validated_with_has_no_influence_on_its_fit():
+    """Logs with larger flows, a floor, longer holds and intervals, a pump that is off: they change no bit."""
+    rng = np.random.default_rng(25)
+    command = np.repeat(walk(rng, n=40, top=0.6), 4)
+    flow = np.maximum(noisy(rng, flows(command), 0.02), 0.1)
+    flow[np.argsort(command)[-8:-4]] = 0.1  # the pump is off
+    log, options = log_of(command, flow), {"lag": 0, "holds": "command"}
+    alone = fc.fit_valve(log, split=1.0, **options)
+    assert any("flows left out, sensor or pump off" in note for note in alone.notes)
+    assert any("taken as its floor" in note for note in alone.notes)
+    assert any("flows not compared: less than 120 s" in note for note in alone.notes)
+    long_holds = np.repeat(rng.permutation(np.linspace(0.0, 1.0, 80)), 10)
+    for other in (
+        log_of(long_holds, np.where(long_holds < 0.5, 5e-4, 3.0 * flows(long_holds)), interval=600.0),
+        log_of(long_holds, np.where(long_holds < 0.9, 0.1, 1.0)),
+    ):
+        fit = fc.fit_valve(log, validation=other, **options)
+        assert fit.parameters == alone.parameters
+        assert fit.intervals == alone.intervals
+        assert fit.rmse["fit"] == alone.rmse["fit"]
+        assert fit.n_used == alone.n_used
+
+
+def test_the_fit_of_the_first_rows_may_be_validated_with_a_second_log():
+    rng = np.random.default_rng(26)
+    log = log_of(c := walk(rng, n=150), noisy(rng, flows(c), 0.02))
+    other = log_of(c := walk(rng, n=60), noisy(rng, flows(c), 0.02))
+    fit = fc.fit_valve(log, fit_until=79 * 60, validation=other, lag=0, holds="command")
+    alone = fc.fit_valve(log.isel(elapsed_time=slice(80)), split=1.0, lag=0, holds="command")
+    assert fit.parameters == alone.parameters
+    assert (fit.residuals["part"] == "validation").sum() == 60
+    assert "70 rows after fit_until left out: the other log validates the fit" in fit.notes
+
+
+def test_scales_and_limits_of_a_coil_come_from_the_part_to_fit(two_days):
+    """A second log with five times the flows: the same fit would be unstable there, and says so."""
+    first, second = two_days
+    large = second.assign(m_w=5.0 * second["m_w"], m_a=0.3 * second["m_a"])
+    for name in ("m_w", "m_a"):
+        large[name].attrs["units"] = "kg/s"
+    records = []
+    for other in (second, large):
+        wanted = Wanted(needed=COIL_SERIES, optional=("T_w_out",), measured=("T_sup", "T_w_out"))
+        data = read_log(first, wanted).followed_by(read_log(other, wanted))
+        records.append((data, record_of(data, fc.Loop(), (), data.source == 0)))
+    (_, one), (data, two) = records
+    assert (one.m_w, one.m_a, one.limits) == (two.m_w, two.m_a, two.limits)
+    assert two.limits_of_all.m_w_max > 4.0 * two.limits.m_w_max
+    problem = CoilProblem(data, two, ("T_sup",), 600.0, None, None)
+    x = problem.starts()[:, :1]
+    x[LN_C_W] = problem._least_C_w() + 0.1
+    residuals, rmse = _residuals(problem, x)
+    assert set(rmse) == {"fit", "fit_T_w_out"}
+    assert np.isnan(residuals["T_sup_modelled"].values[5400:]).all()
+    assert any(note.startswith("not validated: the coil is unstable at the flows") for note in problem.notes)
+
+
+def test_a_fit_to_round_off_is_not_called_worse_in_validation():
+    for of_fit in (0.0, 1e-13):
+        assert poor({"fit": of_fit, "validation": 3e-13}, np.array([10.0, 20.0]), "T_sup", "units") == []
+
+
+def test_what_is_wrong_with_the_second_log_names_it(two_days, tmp_path):
+    rng = np.random.default_rng(24)
+    log = log_of(c := walk(rng), flows(c))
+    (tmp_path / "other.csv").write_text("elapsed_time [s],command [1],m_w [kg/s]\n0,0.1,0.2\n60,7,0.2\n")
+    with pytest.raises(fc.InputError, match=r"other\.csv: command = 7 in row 3"):
+        fc.fit_valve(log, validation=tmp_path / "other.csv")
+    with pytest.raises(fc.InputError, match="split and validation both say what is held back"):
+        fc.fit_valve(log, validation=log, split=0.5)
+    first, second = two_days
+    dew_point = second.rename(W_a_in="T_dp_in").assign(T_dp_in=second["T_a_in"] - 5.0)
+    dew_point["T_dp_in"].attrs["units"] = "degC"
+    with pytest.raises(fc.InputError, match="has no T_dp_in, W_a_in: log the same in both"):
+        fc.fit_coil(first, validation=dew_point)
+
+
+def test_both_figures_show_the_second_log(two_days, validated):
+    axes = validated.plot().axes
+    assert axes[0].get_title(loc="left").startswith("fit: RMSE")
+    assert axes[1].get_title(loc="left").startswith("validation: RMSE")
+    line = axes[1].get_lines()[0]
+    assert line.get_xdata()[0] == 0.0
+    np.testing.assert_array_equal(line.get_ydata(), two_days[1]["T_sup"])

@@ -1,0 +1,265 @@
+"""fit_valve: known valves are found within the stated intervals, and a backlash that is not identified says why."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from helpers.shared_data import measured
+from helpers.simulated_logs import VALVE_TRUTH, assert_covered, flows, log_of, noisy, walk
+
+import fastcoil as fc
+from fastcoil.measured.fit_valve import suspicions
+
+pytestmark = pytest.mark.kernel
+
+
+# --------------------------------------------------------------------------------------------------- what is recovered
+
+
+def test_a_known_valve_without_noise_is_found_from_an_unknown_start():
+    rng = np.random.default_rng(1)
+    command = walk(rng)
+    fit = fc.fit_valve(log_of(command, flows(command, start=0.4)))
+    for name, value in VALVE_TRUTH.items():
+        assert fit.parameters[name] == pytest.approx(value, rel=2e-3), name
+    assert fit.rmse["validation"] < 1e-4
+    assert fit.rmse["validation_without_backlash"] > 0.01
+
+
+@pytest.mark.parametrize(("phi", "seed"), [(0.0, 2), (0.0, 3), (0.8, 4), (0.9, 5)])
+def test_known_valves_with_white_and_autocorrelated_noise_are_found_within_the_intervals(phi, seed):
+    rng = np.random.default_rng(seed)
+    command = walk(rng, n=800)
+    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, start=0.7), 0.03, phi)))
+    assert_covered(fit, VALVE_TRUTH)
+    assert fit.intervals["backlash"][1] - fit.intervals["backlash"][0] < 0.03
+    assert (fit.n_effective < 0.5 * fit.n_used) == (phi > 0.5)
+
+
+def test_batches_start_anywhere_within_their_backlash():
+    rng = np.random.default_rng(6)
+    parts = [walk(rng, n=60) for _ in range(8)]
+    flow = np.concatenate([flows(c, start=s) for c, s in zip(parts, np.linspace(0, 1, 8), strict=True)])
+    batch = np.repeat(np.arange(8.0), 60)
+    log = log_of(np.concatenate(parts), noisy(rng, flow, 0.01), batch=batch)
+    fit = fc.fit_valve(log, split=0.7)
+    assert_covered(fit, VALVE_TRUTH)
+    assert fit.rmse["fit"] == pytest.approx(0.01, rel=0.2)
+    here = fit.residuals["part"] == "validation"
+    assert set(fit.residuals["batch"].values[here]) == {6, 7}
+
+
+def test_no_backlash_is_not_an_unknown_backlash():
+    rng = np.random.default_rng(7)
+    command = walk(rng, n=500)
+    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, backlash=0.0), 0.01)))
+    low, high = fit.intervals["backlash"]
+    assert low == 0.0
+    assert high < 0.02
+    assert fit.parameters["backlash"] < 0.01
+
+
+def test_holds_are_detected_and_only_settled_flows_compared():
+    rng = np.random.default_rng(8)
+    command = np.repeat(walk(rng, n=120), 10)
+    flow, delivered = flows(command), []
+    for wanted in flow:  # a slow meter
+        delivered.append(wanted if not delivered else delivered[-1] + 0.6 * (wanted - delivered[-1]))
+    log = log_of(command, noisy(rng, np.array(delivered), 0.005), interval=30.0)
+    fit = fc.fit_valve(log)
+    assert fit.parameters["backlash"] == pytest.approx(0.07, abs=0.005)
+    assert any("less than 150 s after the command changed" in note for note in fit.notes)
+    assert (fit.residuals["part"] == "unused").sum() > 500
+    raw = fc.fit_valve(log, settle=0.0)
+    assert raw.rmse["fit"] > 3 * fit.rmse["fit"]
+
+
+def test_the_floor_of_the_flow_meter_is_found_and_a_pump_that_is_off_is_not_compared():
+    rng = np.random.default_rng(9)
+    command = walk(rng, n=600)
+    flow = np.maximum(noisy(rng, flows(command), 0.01), 0.25)
+    flow[command < 0.1] = 0.25
+    off = np.flatnonzero(command > 0.8)[:7]
+    flow[off] = 0.0
+    fit = fc.fit_valve(log_of(command, flow))
+    assert_covered(fit, VALVE_TRUTH, ["backlash"])
+    assert any(
+        note.startswith("7 flows left out, sensor or pump off") and f"row {off[0]})" in note for note in fit.notes
+    )
+    assert any("0.25 kg/s" in note and "floor" in note for note in fit.notes)
+    assert set(fit.residuals["part"].values[off]) == {"unused"}
+
+
+def test_a_known_asymptotic_flow_is_held():
+    rng = np.random.default_rng(10)
+    command = walk(rng, top=0.5)
+    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.005)), m_max=2.0)
+    assert fit.parameters["m_max"] == 2.0
+    assert fit.held == {"m_max": "given"}
+    assert "m_max" not in fit.intervals
+    assert_covered(fit, VALVE_TRUTH, ["backlash", "valve_a", "valve_b", "valve_c"])
+    assert any("commands reach 0.5: beyond it" in note for note in fit.notes)
+    wrong = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.005)), m_max=2.5)
+    assert wrong.parameters["m_max"] == 2.5
+    assert float(wrong.profile["rmse"].min()) > (1.0 - 1e-6) * wrong.rmse["fit"]
+
+
+@pytest.mark.full
+def test_intervals_of_95_per_cent_cover_the_truth_that_often():
+    """120 short logs with AR(1) noise: between 90 and 100 % of the intervals of x_BL and c hold the truth."""
+    hits = {"backlash": 0, "valve_c": 0}
+    n = 120
+    for seed in range(n):
+        rng = np.random.default_rng(1000 + seed)
+        command = walk(rng, n=200)
+        phi = (0.0, 0.5, 0.8)[seed % 3]
+        fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, start=rng.uniform()), 0.03, phi)), split=1.0)
+        for name in hits:
+            low, high = fit.intervals.get(name, (0.0, 1.0))
+            hits[name] += low <= VALVE_TRUTH[name] <= high
+    shares = {name: count / n for name, count in hits.items()}
+    assert all(0.90 <= share <= 1.0 for share in shares.values()), shares
+
+
+# -------------------------------------------------------------------------------------------- what is not identified
+
+
+def test_a_log_without_reversals_gives_no_backlash():
+    command = np.linspace(0.0, 1.0, 100)
+    rng = np.random.default_rng(11)
+    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.01)), split=1.0)
+    assert "backlash" not in fit.parameters
+    assert "turns 0 times" in fit.held["backlash"]
+    fc.Loop().assign(**fit.parameters)
+    assert not any(line.startswith("backlash =") for line in fit.summary())
+
+
+def test_noise_larger_than_the_effect_of_the_backlash_gives_none():
+    rng = np.random.default_rng(12)
+    command = walk(rng, n=60)
+    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, backlash=0.02) + 1.0, 0.5)), split=1.0)
+    assert "backlash" not in fit.parameters
+    assert "noise is larger" in fit.held["backlash"]
+    assert "not identified" in fit.plot().axes[2].get_title()
+
+
+def test_a_backlash_that_is_only_noise_is_not_identified():
+    """Some of these logs seem to exclude a backlash below 1 %: by chance, and their estimate is twice too large."""
+    for seed in range(10):
+        rng = np.random.default_rng(5000 + seed)
+        command = walk(rng, n=100)
+        fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, backlash=0.02), 0.3, 0.5)), split=1.0)
+        assert "backlash" not in fit.parameters, seed
+        assert "fits as well" in fit.held["backlash"]
+
+
+def test_two_positions_identify_neither_the_backlash_nor_the_curve():
+    rng = np.random.default_rng(18)
+    command = np.where(np.arange(300) // 20 % 2, 0.8, 0.2)
+    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.02)), split=1.0)
+    assert "backlash" not in fit.parameters
+    assert "the largest value tried" in fit.held["backlash"]
+    assert any("one of many that fit as well" in why for why in fit.held.values())
+    assert np.isfinite(list(fit.intervals.values())).all()
+    tomllib.loads(fit.to_toml())
+
+
+def test_an_inverted_command_is_suspected():
+    rng = np.random.default_rng(20)
+    command = walk(rng, n=100)
+    hint = "the flow falls as the command rises: if a full command closes the valve, log 1 - command"
+    inverted = fc.fit_valve(log_of(1.0 - command, flows(command)), split=1.0)
+    assert hint in inverted.notes
+    assert inverted.held["backlash"] == f"not identified: {hint}"
+    assert hint not in fc.fit_valve(log_of(command, flows(command)), split=1.0).notes
+
+
+def test_a_signal_of_2_to_10_V_read_as_one_of_0_to_10_V_is_suspected():
+    """The valve is then closed at 20 %; a valve that merely passes no water below 20 % is below it at times."""
+    rng = np.random.default_rng(21)
+    command = walk(rng, n=150)
+    command[[3, 70, 120]] = 0.0
+    flow = noisy(rng, flows(command), 0.01)
+    read_wrong = fc.fit_valve(log_of(0.2 + 0.8 * command, flow), split=1.0, lag=0)
+    (note,) = [one for one in read_wrong.notes if "2-10 V" in one]
+    assert note.startswith("the valve is closed at a command of 0.2 and the command never falls below")
+    assert note.endswith("or log (command - 0.2) / 0.8")
+    assert read_wrong.parameters["backlash"] == pytest.approx(0.8 * 0.07, abs=0.004)
+    for right in (command, 0.3 + 0.7 * command):
+        assert not any("2-10 V" in one for one in suspicions(right, flow).notes)
+    assert not suspicions(0.2 + 0.8 * command, flow + 1.0).notes  # water flows at 20 %
+
+
+# ------------------------------------------------------------------------------------------------------ what comes out
+
+
+@pytest.fixture(scope="module")
+def fit():
+    rng = np.random.default_rng(16)
+    command = walk(rng, n=300)
+    return fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.02)))
+
+
+def test_the_result_has_what_is_promised(fit):
+    assert fc.Loop().assign(**fit.parameters)["backlash"] == fit.parameters["backlash"]
+    names = list(VALVE_TRUTH)
+    assert list(fit.covariance["parameter"].values) == names
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), [fit.standard_errors[n] for n in names])
+    np.testing.assert_allclose(np.diag(fit.correlation), 1.0)
+    best = fit.profile["backlash"][int(fit.profile["rmse"].values.argmin())]
+    assert float(best) == pytest.approx(fit.parameters["backlash"], abs=0.005)
+    ds = fit.residuals
+    np.testing.assert_allclose(ds["residual"], ds["m_w"] - ds["modelled"])
+    used = ds["part"] == "fit"
+    assert fit.rmse["fit"] == pytest.approx(float(np.sqrt((ds["residual"].where(used) ** 2).mean())))
+    assert (ds["part"] == "validation").sum() == 90
+
+
+def test_the_toml_reads_back(fit, tmp_path):
+    path = tmp_path / "valve.toml"
+    read = tomllib.loads(fit.to_toml(path))
+    assert path.read_text() == fit.to_toml()
+    assert read["loop"] == fit.parameters
+    assert read["fit"]["interval_95"]["backlash"] == list(fit.intervals["backlash"])
+    assert read["fit"]["rmse"] == fit.rmse
+    with pytest.raises(fc.InputError, match="cannot be written"):
+        fit.to_toml(tmp_path / "no" / "valve.toml")
+
+
+@pytest.mark.parametrize("seed", [1, 10, 17])
+def test_the_interval_of_a_backlash_estimated_at_0_allows_for_correlated_noise(seed):
+    rng = np.random.default_rng(seed)
+    command = np.repeat(rng.uniform(0.0, 1.0, 60), 20)
+    log = log_of(command, noisy(rng, flows(command, backlash=0.005), 0.06, phi=0.97), 30.0)
+    fit = fc.fit_valve(log, split=1.0, settle=0.0)
+    assert fit.extras["curve"][0] < 1e-6
+    low, high = fit.profile.attrs["interval_95"]
+    assert low == 0.0
+    assert high > 0.005
+
+
+def test_the_figure_has_parity_curves_and_profile(fit):
+    titles = [axes.get_title() for axes in fit.plot().axes]
+    assert titles[:2] == ["Parity", "Data over the hysteresis curves"]
+    assert titles[2].startswith("Profile: 95 % interval")
+
+
+# ----------------------------------------------------------------------------------------------------------- real data
+
+
+def test_on_a_hospitals_ahu_the_backlash_model_beats_the_one_without():
+    """Maddalena et al. (2022): batches 0-12 are fitted, 13-25 tested, whose flow is logged one sample late."""
+    fit = fc.fit_valve(
+        measured("riskbr_ahu1.csv"),
+        columns={"elapsed_time": "time_s", "command": "valve_pos_deg", "m_w": "water_flow_l_min", "batch": "batch"},
+        units={"elapsed_time": "s", "command": "deg", "m_w": "L/min"},
+        split=0.5,
+        jumps="split",
+        holds="command",
+    )
+    (shift,) = [note for note in fit.notes if "logged" in note]
+    assert shift.startswith("from row 3706 (piece 14 of 27) on the flow is logged one sample (600 s) after the command")
+    assert fit.rmse["validation"] < 0.18  # kg/s; 0.246 with the shift left in
+    assert fit.rmse["validation"] < 0.9 * fit.rmse["validation_without_backlash"]
+    assert 0.12 < fit.parameters["backlash"] < 0.18
+    assert any("0.1043 kg/s" in note and "floor" in note for note in fit.notes)
