@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 @click.argument("study", type=PATH)
 @click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
 @click.option("-j", "--jobs", type=int, help="Number of workers; all cores by default.  Does not affect results.")
-@click.option("--backend", help="threads, loky (processes) or dask.  [default: threads]")
-@click.option("--engine", hidden=True, help="Earlier name of --backend.")
+@click.option("--backend", default="threads", show_default=True, help="threads, loky (processes) or dask.")
 @click.option("--scheduler", help="Address of a dask scheduler; a cluster on this machine by default.")
 @click.option("--extend", is_flag=True, help="Extend a smaller version of the study: only new scenarios are run.")
 @click.option("--figures/--no-figures", default=True, help="Whether to draw the standard figures.")
@@ -36,8 +35,7 @@ def run(
     study: Path,
     out: Path | None,
     jobs: int | None,
-    backend: str | None,
-    engine: str | None,
+    backend: str,
     scheduler: str | None,
     extend: bool,
     figures: bool,
@@ -53,10 +51,8 @@ def run(
         from fastcoil.study.file.spec import read_study
         from fastcoil.study.folder.result_files import RESULTS
         from fastcoil.study.run import Finished, default_folder, execute
-        from fastcoil.study.workers.pools import resolve_backend
 
     folder = out or default_folder(study)
-    chosen = resolve_backend(backend, engine)
     asked = read_study(study, prepare=run_own_code)
 
     def progress(n_todo: int) -> Advance:
@@ -80,7 +76,7 @@ def run(
             asked,
             folder,
             n_jobs=jobs,
-            backend=chosen,
+            backend=backend,
             scheduler=scheduler,
             extend=extend,
             progress=progress,

@@ -42,7 +42,7 @@ from fastcoil.study.analysis.selected import is_label
 from fastcoil.study.archive import archive_problems
 from fastcoil.study.file.own_code import Source
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.folder import StudyFolder, hold
+from fastcoil.study.folder.folder import StudyFolder, find_holder, hold
 from fastcoil.study.folder.results import is_current, open_study
 from fastcoil.study.folder.verify import find_problems
 from fastcoil.study.workers.user_code import load
@@ -54,7 +54,7 @@ def status(folder: Path) -> list[str]:
     """The progress of the study in a folder, in words."""
     store = StudyFolder(folder)
     manifest = store.require_manifest()
-    holder = store.find_holder()
+    holder = find_holder(folder)
     running = [f"It is being run by {holder}."] if holder else []
     try:
         ds = open_study(folder)

@@ -10,8 +10,9 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
+import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, choice_of, flag_of, path_of, text_of
@@ -21,7 +22,7 @@ from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.dataset import check_same_form
 from fastcoil.loops.plan import check_disk, check_workers
 from fastcoil.loops.provenance import environments_of
-from fastcoil.loops.shards import END_STATE, first_shards
+from fastcoil.loops.shards import END_STATE, Reached, first_shards
 from fastcoil.loops.simulate import workers
 from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import same_model
@@ -33,9 +34,12 @@ from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.result_files import WORDS, finished_manifest, reworded
 from fastcoil.study.folder.results import Computed, is_current, is_of, match_scenarios, open_study
 from fastcoil.study.workers.dispatch import Dispatcher
-from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, resolve_backend
+from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool
 from fastcoil.study.workers.user_code import load, load_rules
 from fastcoil.study.workers.worker import Job
+
+_LONGEST_DIFFERENCE = 10
+"""Lines."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +51,35 @@ class Finished:
     n_run: int
 
 
+class _Work(NamedTuple):
+    """What is left to do.
+
+    manifest: of the run.  computed: what the folder has of it.  missing: flat indices of the scenarios to run.
+    reached: how far its chains of days are.
+    """
+
+    manifest: Manifest
+    computed: Computed
+    missing: np.ndarray
+    reached: Reached
+
+
+class _Workers(NamedTuple):
+    """Who is to run it; see ``run_study``."""
+
+    n_jobs: int
+    backend: str
+    scheduler: str | None
+
+
 def run_study(
     path: str | Path,
     out: str | Path | None = None,
     *,
     n_jobs: int | None = None,
-    backend: str | None = None,
+    backend: str = "threads",
     scheduler: str | None = None,
     extend: bool = False,
-    engine: str | None = None,
     progress: bool | None = None,
 ) -> xr.Dataset:
     """Run a study file and return its results.
@@ -79,8 +103,6 @@ def run_study(
         Address of a dask scheduler, such as ``tcp://host:8786``; a cluster on this machine by default.
     extend
         Whether ``out`` may hold a smaller version of the study, all of which is kept.
-    engine
-        Earlier name of ``backend``.
     progress
         Whether to show how many scenario-days are done, on stderr or in the notebook: True always, False never; None
         on a terminal and in a notebook, after 2 s.
@@ -101,24 +123,21 @@ def run_study(
         path = check(path_of, "path", path, "give the path of a study file")
         folder = check.unless_none(path_of, "out", out, "give the path of a folder")
         n_jobs = check(workers, n_jobs)
-        backend = check.unless_none(choice_of, "backend", backend, BACKENDS)
-        engine = check.unless_none(choice_of, "engine", engine, BACKENDS)
+        backend = check(choice_of, "backend", backend, BACKENDS)
         scheduler = check.unless_none(text_of, "scheduler", scheduler)
         extend = check(flag_of, "extend", extend)
         progress = check.unless_none(flag_of, "progress", progress)
-    chosen = resolve_backend(backend, engine)
     study = read_study(path, prepare=load)
-    folder = folder or default_folder(path)
     n = study.plan.n_scenarios
     with progress_of_call(progress) as shown:
         return execute(
             study,
-            folder,
+            folder or default_folder(path),
             n_jobs=n_jobs,
-            backend=chosen,
+            backend=backend,
             scheduler=scheduler,
             extend=extend,
-            progress=lambda n_todo: shown.start(n, n - n_todo),
+            progress=lambda n_missing: shown.start(n, n - n_missing),
         ).results
 
 
@@ -148,116 +167,127 @@ def execute(
     if problems:
         raise InputError(problems)
     with storage_errors(folder, "found"):
-        # a study's own code may change the current folder meanwhile, of this thread or another
+        # a study's own code may change the current folder meanwhile
         store = StudyFolder(folder.absolute())
     with ExitStack() as held:
         try:
             held.enter_context(store.hold())
         except StorageError:
-            found = _find_finished(study, store)  # which needs no writing
-            if found is None:
+            ds = _finished_results(study, store, Manifest.of(study))  # which needs no writing
+            if ds is None:
                 raise
-            finished = found
+            finished = Finished(store.path, ds, 0)
         else:
-            finished = _finish(study, store, n_jobs, backend, scheduler, extend, progress)
+            load_rules(study.plan.layout.loop.rules, study.rules)
+            work = _decide(study, store, extend)
+            if isinstance(work, _Work):
+                finished = _run_and_merge(study, store, work, _Workers(n_jobs, backend, scheduler), progress)
+            else:
+                finished = Finished(store.path, work, 0)
         present(finished)
     return finished
 
 
-def _find_finished(study: Study, store: StudyFolder) -> Finished | None:
-    """The study in a folder that cannot be written, if it is finished there."""
-    asked, stored = Manifest.of(study, study.model_sha256), store.read_manifest()
-    if stored is None or not stored.finished or stored.study_sha256 != asked.study_sha256 or not store.has_results:
+def _finished_results(study: Study, store: StudyFolder, asked: Manifest) -> xr.Dataset | None:
+    """The results in the folder, if they are those of the study and complete."""
+    ds = store.open_results() if store.has_results else None
+    if ds is None or not is_current(ds, asked):
         return None
-    ds = store.open_results()
-    refuse_other_code(asked.own_code, stored.own_code)
-    return Finished(store.path, ds, 0) if is_current(ds, asked) else None
+    refuse_other_code(asked.own_code, json.loads(ds.attrs.get("own_code", "{}")))
+    return ds
 
 
-def _finish(
-    study: Study,
-    store: StudyFolder,
-    n_jobs: int,
-    backend: str,
-    scheduler: str | None,
-    extend: bool,
-    progress: Callable[[int], Advance] | None,
-) -> Finished:
-    """Run a study in a folder that is held; see ``execute``."""
-    plan, folder = study.plan, store.path
-    in_the_way = store.in_the_way()
-    if in_the_way:
-        raise StorageError("\n".join(in_the_way))
-    load_rules(plan.layout.loop.rules, study.rules)
-    asked, stored = Manifest.of(study, study.model_sha256), store.read_manifest()
-    if stored is not None and stored.study_sha256 != asked.study_sha256 and store.has_none_of(stored):
-        stored = None  # it was killed before its first scenario
+def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Dataset:
+    """What is left to do of a study in its folder, which is held; its results, if nothing is."""
+    asked, stored = Manifest.of(study), store.read_manifest()
     if stored is not None and stored.study_sha256 != asked.study_sha256:
-        if not extend:
-            refuse_other_study(store, study)
-        stored = _merge_unfinished(store, study, stored, asked)
-    elif store.has_results:
-        ds = store.open_results()
-        if is_current(ds, asked):
-            refuse_other_code(asked.own_code, json.loads(ds.attrs.get("own_code", "{}")))
-            found = finished_manifest(ds, folder, asked.knowing(stored))
-            words = {name: value for name, value in study_attributes(study, asked).items() if name in WORDS}
-            if any(ds.attrs.get(name) != value for name, value in words.items()):
-                ds, found = reworded(ds, words, folder, found)
-            if not store.records(found, study.text):  # run.json or study.toml was lost, or of version 0.1
-                store.write_manifest(found, study.text)
-            store.remove_superseded(ds, found)
-            return Finished(folder, ds, 0)
+        if not store.has_results and not store.shards(stored).any():
+            stored = None  # it was killed before its first scenario
+        elif not extend:
+            _refuse_other_study(store, study)
+        else:
+            stored = _merge_unfinished(store, study, stored, asked)
+    else:
+        ds = _finished_results(study, store, asked)
+        if ds is not None:
+            return _put_right(study, store, ds, asked.knowing(stored))
     if stored is not None and not same_model(stored.model_sha256, asked.model_sha256):
         warnings.warn(
-            f"{folder} was computed with other sources of the model: everything is computed again", stacklevel=2
+            f"{store.path} was computed with other sources of the model: everything is computed again", stacklevel=2
         )
     elif stored is not None and stored.study_sha256 == asked.study_sha256:
         refuse_other_code(asked.own_code, stored.own_code)
     manifest = asked.knowing(stored)
     computed = Computed.find(store, study, manifest)
-    todo, environments, reached = computed.survey()
-    manifest = replace(manifest, computed_on=environments, finished=False)
-    check_disk(plan.disk_bytes(traces_kept=study.reduction is None), folder)
-    if scheduler is None and todo.size:
-        check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
-    start = time.monotonic()
-    recorded = store.records(manifest, study.text)
-    n_run = sum(shard.lost.size for shard in first_shards(plan, n_jobs, todo, reached))
-    if todo.size:
-        if study.reduction is not None:
-            load("reduce", study.reduction)  # its mistakes before the work
-        for rule in plan.layout.loop.rules.values():
-            rule.check()
-        advance = progress(n_run) if progress else _ignore
-        compile_kernel()
-        job = Job(manifest.key, plan, study.reduction, study.rules, asked.own_code)
-        first: xr.Dataset | None = None
-        with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
-            n_jobs = pool.n_workers  # a cluster may have another number
-            for part in Dispatcher(pool, job).run(first_shards(plan, pool.n_workers, todo, reached)):
-                for environment in environments_of(part):
-                    if environment not in manifest.computed_on:
-                        warn_of_difference(folder, environment, manifest.computed_on)
-                        manifest = replace(manifest, computed_on=[*manifest.computed_on, environment])
-                        recorded = False
-                if not recorded:
-                    store.write_manifest(manifest, study.text)
-                    recorded = True
-                first = check_same_form(first, part.drop_vars(END_STATE, errors="ignore"))
-                computed.shards.commit(part)
-                advance(part.sizes["scenario"])
-    elif not recorded:
+    missing, environments, reached = computed.survey()
+    return _Work(replace(manifest, computed_on=environments, finished=False), computed, missing, reached)
+
+
+def _put_right(study: Study, store: StudyFolder, ds: xr.Dataset, manifest: Manifest) -> xr.Dataset:
+    """Complete the folder of a finished study: other words about it, files that were lost, files it no longer needs."""
+    found = finished_manifest(ds, store.path, manifest)
+    words = {name: value for name, value in study_attributes(study, manifest).items() if name in WORDS}
+    if any(ds.attrs.get(name) != value for name, value in words.items()):
+        ds, found = reworded(ds, words, store.path, found)
+    if not store.records(found, study.text):
+        store.write_manifest(found, study.text)
+    store.remove_superseded(ds, found)
+    return ds
+
+
+def _run_and_merge(
+    study: Study, store: StudyFolder, work: _Work, asked: _Workers, progress: Callable[[int], Advance] | None
+) -> Finished:
+    """Run what is missing, shard by shard, and merge all of it."""
+    plan = study.plan
+    check_disk(plan.disk_bytes(traces_kept=study.reduction is None), store.path)
+    start, n_jobs, n_run, manifest = time.monotonic(), asked.n_jobs, 0, work.manifest
+    if work.missing.size:
+        if asked.scheduler is None:
+            check_workers(*plan.memory_of_run(n_jobs, asked.backend), n_jobs)
+        n_run = sum(shard.lost.size for shard in first_shards(plan, n_jobs, work.missing, work.reached))
+        advance = progress(n_run) if progress else lambda n: None
+        n_jobs, manifest = _run(study, store, work, asked, advance)
+    elif not store.records(manifest, study.text):
         store.write_manifest(manifest, study.text)
     seconds = time.monotonic() - start
-    speed = {"wall_time_s": round(seconds, 3), "scenario_days_per_s": round(n_run / max(seconds, 1e-9), 1)}
     # stored results call the backend ``engine``
-    ds = merge(store, study, manifest, computed.parts, speed | {"n_jobs": n_jobs, "engine": backend})
-    return Finished(folder, ds, n_run)
+    speed = {
+        "wall_time_s": round(seconds, 3),
+        "scenario_days_per_s": round(n_run / max(seconds, 1e-9), 1),
+        "n_jobs": n_jobs,
+        "engine": asked.backend,
+    }
+    return Finished(store.path, merge(store, study, manifest, work.computed.parts, speed), n_run)
 
 
-def _ignore(_: int) -> None:
-    pass
+def _run(
+    study: Study, store: StudyFolder, work: _Work, asked: _Workers, advance: Callable[[int], object]
+) -> tuple[int, Manifest]:
+    """Run the missing scenarios and commit their shards; returns the number of workers and the manifest with theirs."""
+    plan, manifest = study.plan, work.manifest
+    if study.reduction is not None:
+        load("reduce", study.reduction)  # its mistakes before the work
+    for rule in plan.layout.loop.rules.values():
+        rule.check()
+    compile_kernel()
+    job = Job(manifest.key, plan, study.reduction, study.rules, Manifest.of(study).own_code)
+    recorded, first = store.records(manifest, study.text), None
+    with closing(make_pool(asked.backend, job, asked.n_jobs, asked.scheduler)) as pool:
+        n_jobs = pool.n_workers  # a cluster may have another number
+        for part in Dispatcher(pool, job).run(first_shards(plan, n_jobs, work.missing, work.reached)):
+            for environment in environments_of(part):
+                if environment not in manifest.computed_on:
+                    _warn_of_difference(store.path, environment, manifest.computed_on)
+                    manifest = replace(manifest, computed_on=[*manifest.computed_on, environment])
+                    recorded = False
+            if not recorded:
+                store.write_manifest(manifest, study.text)
+                recorded = True
+            first = check_same_form(first, part.drop_vars(END_STATE, errors="ignore"))
+            work.computed.shards.commit(part)
+            advance(part.sizes["scenario"])
+    return n_jobs, manifest
 
 
 def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked: Manifest) -> Manifest | None:
@@ -282,13 +312,9 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked:
     return store.read_manifest()
 
 
-_LONGEST_DIFFERENCE = 10
-"""Lines."""
-
-
-def warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:
-    """Warn if other scenarios were computed where bits may differ; one that nobody recorded may be this one."""
-    for other in filter(None, others):
+def _warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:
+    """Warn if other scenarios were computed where bits may differ."""
+    for other in others:
         differs = [
             f"{name} {other.get(name, 'unknown')}, now {environment.get(name, 'unknown')}"
             for name in sorted({*other, *environment})
@@ -301,16 +327,8 @@ def warn_of_difference(folder: Path, environment: Environment, others: Sequence[
         )
 
 
-def refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
-    """Refuse to replace the study in a folder by another one, and say in what they differ.
-
-    Raises
-    ------
-    InputError
-        If their texts differ.
-    IntegrityError
-        If a file that they read does, or the text in the folder is lost.
-    """
+def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
+    """Refuse to replace the study in a folder by another one, and say in what they differ."""
     text = store.read_text()
     if text is None:
         raise IntegrityError(

@@ -149,7 +149,7 @@ def test_all_mistakes_of_a_call_come_together():
         lambda: fc.Boundary.from_dataset(5),
         lambda: fc.Boundary(m_a=xr.Dataset(), T_a_in=25, W_a_in=0.01, T_w_in=7, T_set=[14.0]),
         lambda: fc.design_day(mode=[]),
-        lambda: fc.run_study("x.toml", engine=np.array([1, 2])),
+        lambda: fc.run_study("x.toml", backend=np.array([1, 2])),
         lambda: fc.fit_valve("x.csv", drop=pd.NA),
         lambda: fc.open_study(None),
     ],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import json
 import shutil
 import tempfile
 import warnings
@@ -147,17 +146,6 @@ def resume(folder: Path, text: str = PLAIN, **options: Any) -> list[str]:
     assert unfinished(folder) == []
     assert shards(folder) == []
     return [str(w.message) for w in warned]
-
-
-def without_hashes(folder: Path) -> None:
-    """Take the recorded hashes of its files out of a folder, as if ``run.json`` had been lost and written anew."""
-    path = folder / "run.json"
-    found = json.loads(path.read_text())
-    identity = ("study_sha256", "boundary_sha256", "model_sha256", "relative_to")
-    path.write_text(json.dumps({name: found[name] for name in identity} | {"format": 1}))
-    ds = netcdf.load(str(folder / "results.nc"))
-    ds.attrs.pop("computed_on", None)
-    netcdf.save(ds, folder / "results.nc")
 
 
 SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {

@@ -260,10 +260,3 @@ def test_a_finished_study_that_cannot_be_written_is_found_and_no_other(finished,
         fc.run_study(study, out)
     with pytest.raises(StorageError, match="Read-only"):
         fc.run_study(study, tmp_path / "other")
-
-
-def test_a_folder_with_the_name_of_traces_is_named_before_anything_runs(study, tmp_path, monkeypatch):
-    (tmp_path / "out" / "traces-mine.nc").mkdir(parents=True)
-    monkeypatch.setattr(runner, "make_pool", None)
-    with pytest.raises(StorageError, match=r"traces-mine\.nc is a folder with the name of a file: move it away"):
-        fc.run_study(study, tmp_path / "out")

@@ -17,7 +17,6 @@ import errno
 import fcntl
 import os
 import platform
-import stat
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -28,6 +27,7 @@ from typing import TypeVar
 
 import xarray as xr
 
+from fastcoil.base.arguments import is_text
 from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError, shown
 from fastcoil.base.figures import FIGURES
 from fastcoil.base.files import (
@@ -48,154 +48,15 @@ from fastcoil.study.folder.manifest import MANIFEST, Manifest
 from fastcoil.study.folder.result_files import RESULTS, TRACE_FILES, open_final
 from fastcoil.study.folder.shards import Shards
 
+STUDY = "study.toml"
 _LOCK, _HOLDER = ".lock", ".holder"
 _LONGEST_HOLDER = 4096
 _PATIENCE, _PAUSE = 0.5, 0.01
-"""Seconds to try to get the lock, since somebody may just be looking whether it is held; seconds between two trials."""
-_WITHOUT_LOCKS = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS)
-"""Answers of a file system that has no locks, or has run out of them."""
-
-
-@contextmanager
-def hold(folder: Path) -> Iterator[None]:
-    """Hold the folder for one writer, make it if it is missing; one made here that stays empty is removed again.
-
-    Raises
-    ------
-    InputError
-        If there is a file of that name, or no folder can have that name.
-    LockedError
-        If another process holds it; the operating system frees it when that process ends, however it ends.
-    StorageError
-        If it cannot be written or its file system has no locks.
-    """
-    require_usable(folder, "choose another folder with -o")
-    try:
-        str(folder.absolute()).encode()
-    except UnicodeEncodeError:  # the NetCDF library would refuse it, after everything was run
-        raise InputError(f"{str(folder)!r} is not UTF-8: choose another folder with -o") from None
-    if "\\" in str(folder):
-        raise InputError(
-            f"{shown(str(folder))} holds a backslash, which the NetCDF library takes for a slash: choose another "
-            "folder with -o"
-        )
-    with storage_errors(folder, "written"):  # a folder above it may be closed to us
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"{folder} is a file: choose another folder with -o")
-        made = [p for p in (folder, *folder.parents) if not p.exists()]
-    lock = None
-    try:
-        with storage_errors(folder, "written"):
-            make_folder(folder, parents=True)
-            try:
-                lock = _acquire(folder)
-            except StorageError:
-                if made:  # where there are no locks, nobody holds this one
-                    (folder / _LOCK).unlink(missing_ok=True)
-                raise
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        text = f"process {os.getpid()} on {platform.node()} since {now}"
-        commit(folder / _HOLDER, text.encode(errors="replace"))
-        remove_unfinished(folder)
-        yield
-    finally:
-        if lock is not None:
-            with suppress(OSError):  # whatever is left is in nobody's way
-                (folder / _HOLDER).unlink(missing_ok=True)
-                if made and [p.name for p in folder.iterdir()] == [_LOCK]:
-                    (folder / _LOCK).unlink()
-            os.close(lock)
-        with suppress(OSError):  # one that is not empty stays
-            for path in made:
-                path.rmdir()
-
-
-def find_holder(folder: Path) -> str | None:
-    """Who is writing to the folder, in words, or ``None``."""
-    try:
-        lock = _open(folder / _LOCK, os.O_RDONLY)
-    except (OSError, StorageError):  # nobody can write here
-        return None
-    try:
-        # shared, so that two who look do not take each other for a writer
-        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        return _describe_holder(folder)
-    except OSError:
-        return None
-    finally:
-        os.close(lock)
-    return None
-
-
-def _acquire(folder: Path) -> int:
-    """The descriptor of the lock file, which holds the lock until it is closed."""
-    path, last = folder / _LOCK, time.monotonic() + _PATIENCE
-    while True:
-        lock, held = _open(path, os.O_RDWR | os.O_CREAT), False
-        try:
-            # whoever held it before may have removed the file of that name
-            held = _try_to_lock(lock, folder) and _is_same(lock, path)
-        finally:
-            if not held:
-                os.close(lock)
-        if held:
-            return lock
-        if time.monotonic() > last:
-            raise LockedError(
-                f"{folder} is in use by {_describe_holder(folder)}: wait for it to end, or choose another folder"
-            )
-        time.sleep(_PAUSE)
-
-
-def _try_to_lock(lock: int, folder: Path) -> bool:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):  # some file systems answer EACCES
-        return False
-    except OSError as error:
-        if error.errno not in _WITHOUT_LOCKS:
-            raise
-        raise StorageError(
-            f"{folder} is on a file system without locks ({error.strerror}), where two runs could spoil each other's "
-            "results: choose a folder on another one with -o"
-        ) from None
-    return True
-
-
-def _open(path: Path, flags: int) -> int:
-    """Open the lock file itself: a link could lead to a file of somebody else."""
-    try:
-        lock = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, 0o666)
-    except OSError as error:
-        if error.errno not in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
-            raise
-    else:
-        if stat.S_ISREG(os.fstat(lock).st_mode):
-            return lock
-        os.close(lock)
-    raise StorageError(f"{path} is a link, a pipe or a folder, but not a file: delete it, then run the same again")
-
-
-def _is_same(lock: int, path: Path) -> bool:
-    """Whether the open file is still the one of that name."""
-    try:
-        return os.path.samestat(os.fstat(lock), os.stat(path, follow_symlinks=False))
-    except FileNotFoundError:
-        return False
-
-
-def _describe_holder(folder: Path) -> str:
-    try:
-        text = read_bytes(folder / _HOLDER, _LONGEST_HOLDER, follow=False).decode(errors="replace")
-    except (OSError, ValueError):
-        return "another run"
-    return f"another run ({printable(text)})"
-
-
-STUDY = "study.toml"
+"""Seconds to try to get the lock, which a reader may hold for a moment; seconds between two trials."""
 _SETTLING = 1.0
 """Seconds that a run may need between two files that belong together."""
+_WITHOUT_LOCKS = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS)
+"""Answers of a file system that has no locks, or has run out of them."""
 Read = TypeVar("Read")
 
 
@@ -226,30 +87,18 @@ class StudyFolder:
 
     @contextmanager
     def hold(self) -> Iterator[None]:
-        """Hold the folder for one writer, of results or of figures; see ``lock.hold``."""
+        """Hold the folder for one writer, of results or of figures; see ``hold``."""
         with hold(self.path):
             if is_folder(self.path / FIGURES):
                 remove_unfinished(self.path / FIGURES)
             yield
-
-    def find_holder(self) -> str | None:
-        """Who is writing to the folder, in words, or ``None``."""
-        return find_holder(self.path)
 
     def read_manifest(self) -> Manifest | None:
         """The manifest of the run, ``None`` before its first shard; see ``Manifest.read``."""
         return Manifest.read(self.path)
 
     def require_manifest(self) -> Manifest:
-        """The manifest of the run.
-
-        Raises
-        ------
-        InputError
-            If the folder holds no study.
-        IntegrityError
-            If it holds results, and the manifest is lost.
-        """
+        """The manifest of the run; ``InputError`` if the folder holds no study, ``IntegrityError`` if it is lost."""
         manifest = self.read_manifest()
         if manifest is None and self.has_results:
             raise IntegrityError(
@@ -276,14 +125,12 @@ class StudyFolder:
 
     def read_text(self) -> str | None:
         """The text of the study that is run, or ``None`` if it is missing or damaged."""
+        if not exists(self.study):
+            return None
         try:
             with storage_errors(self.study, "read"):
                 return read_bytes(self.study, LARGEST_FILE).decode()
         except ValueError:  # not UTF-8, or too large
-            return None
-        except StorageError:
-            if exists(self.study):
-                raise
             return None
 
     def read_study(self, manifest: Manifest) -> Study:
@@ -306,10 +153,11 @@ class StudyFolder:
                 + "\n".join(error.problems)
             ) from None
         if study.sha256 != manifest.study_sha256:
+            same_boundary = study.plan.layout.boundary.sha256 == manifest.boundary_sha256
             what = (
-                "the series of its [boundary]"
-                if study.plan.layout.boundary.sha256 != manifest.boundary_sha256
-                else f"{STUDY}, a file that it includes, or its own code"
+                f"{STUDY}, a file that it includes, or its own code"
+                if same_boundary
+                else "the series of its [boundary]"
             )
             raise IntegrityError(
                 f"{self.path}: {what} changed since the run was started: restore it, or use another folder; {cure}"
@@ -319,10 +167,6 @@ class StudyFolder:
     def shards(self, manifest: Manifest) -> Shards:
         """The finished shards of a run."""
         return Shards(self.path, manifest.key)
-
-    def has_none_of(self, manifest: Manifest) -> bool:
-        """Whether nothing of a run would be lost if the folder were used for another one."""
-        return not self.has_results and not self.shards(manifest).any()
 
     def open_results(self) -> xr.Dataset:
         """Open the results, see ``open_final``."""
@@ -335,15 +179,11 @@ class StudyFolder:
             try:
                 return read()
             except IntegrityError:
-                if not self._changes(before):
+                end = time.monotonic() + (_SETTLING if find_holder(self.path) else 0.0)
+                while (same := self._state() == before) and time.monotonic() < end:
+                    time.sleep(_SETTLING / 50)
+                if same:
                     raise
-
-    def _changes(self, before: list[object]) -> bool:
-        patience = _SETTLING if self.find_holder() else 0.0
-        end = time.monotonic() + patience
-        while (same := self._state() == before) and time.monotonic() < end:
-            time.sleep(patience / 50)
-        return not same
 
     def _state(self) -> list[object]:
         found: list[object] = []
@@ -357,11 +197,6 @@ class StudyFolder:
         """All files of traces, whether they are of these results or not."""
         return [path for path in entries(self.path) if path.match(TRACE_FILES)]
 
-    def in_the_way(self) -> list[str]:
-        """A sentence for each folder that has the name of a file of traces."""
-        found = [path for path in self.trace_files() if is_folder(path)]
-        return [f"{path} is a folder with the name of a file: move it away, then run the study again" for path in found]
-
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:
         """Remove shards and traces that the results ``ds`` replace."""
         with storage_errors(self.path, "cleaned up"):
@@ -369,3 +204,134 @@ class StudyFolder:
                 if path.name != ds.attrs.get("trace_file"):
                     path.unlink()
         self.shards(manifest).discard()
+
+
+@contextmanager
+def hold(folder: Path) -> Iterator[None]:
+    """Hold the folder for one writer, make it if it is missing; one made here that stays empty is removed again.
+
+    Raises
+    ------
+    InputError
+        If there is a file of that name, or no folder of results can have that name.
+    LockedError
+        If another process holds it; the operating system frees it when that process ends, however it ends.
+    StorageError
+        If it cannot be written or its file system has no locks.
+    """
+    require_usable(folder, "choose another folder with -o")
+    if "\\" in str(folder) or not is_text(str(folder.absolute())):
+        raise InputError(
+            f"{shown(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF library cannot "
+            "write: choose another folder with -o"
+        )
+    with storage_errors(folder, "written"):  # a folder above it may be closed to us
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder} is a file: choose another folder with -o")
+        made = [p for p in (folder, *folder.parents) if not p.exists()]
+    lock = None
+    try:
+        with storage_errors(folder, "written"):
+            make_folder(folder, parents=True)
+            try:
+                lock = _acquire(folder)
+            except StorageError:
+                if made:  # where there are no locks, nothing holds this one
+                    (folder / _LOCK).unlink(missing_ok=True)
+                raise
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        text = f"process {os.getpid()} on {platform.node()} since {now}"
+        commit(folder / _HOLDER, text.encode(errors="replace"))
+        remove_unfinished(folder)
+        yield
+    finally:
+        if lock is not None:
+            with suppress(OSError):  # what is left does no harm
+                (folder / _HOLDER).unlink(missing_ok=True)
+                if made and [p.name for p in folder.iterdir()] == [_LOCK]:
+                    (folder / _LOCK).unlink()
+            os.close(lock)
+        with suppress(OSError):  # one that is not empty stays
+            for path in made:
+                path.rmdir()
+
+
+def find_holder(folder: Path) -> str | None:
+    """Who is writing to the folder, in words, or ``None``."""
+    try:
+        lock = _open(folder / _LOCK, os.O_RDONLY)
+    except (OSError, StorageError):  # nothing can write here
+        return None
+    try:
+        # shared, so that two readers do not take each other for a writer
+        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return _describe_holder(folder)
+    except OSError:
+        return None
+    finally:
+        os.close(lock)
+    return None
+
+
+def _acquire(folder: Path) -> int:
+    """The descriptor of the lock file, which holds the lock until it is closed."""
+    path, last = folder / _LOCK, time.monotonic() + _PATIENCE
+    while True:
+        lock, held = _open(path, os.O_RDWR | os.O_CREAT), False
+        try:
+            # its last holder may have removed the file of that name
+            held = _try_to_lock(lock, folder) and _is_same(lock, path)
+        finally:
+            if not held:
+                os.close(lock)
+        if held:
+            return lock
+        if time.monotonic() > last:
+            raise LockedError(
+                f"{folder} is in use by {_describe_holder(folder)}: wait for it to end, or choose another folder"
+            )
+        time.sleep(_PAUSE)
+
+
+def _try_to_lock(lock: int, folder: Path) -> bool:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):  # some file systems answer EACCES
+        return False
+    except OSError as error:
+        if error.errno not in _WITHOUT_LOCKS:
+            raise
+        raise StorageError(
+            f"{folder} is on a file system without locks ({error.strerror}), where two runs could spoil each other's "
+            "results: choose a folder on another one with -o"
+        ) from None
+    return True
+
+
+def _open(path: Path, flags: int) -> int:
+    """Open the lock file itself: a link could lead to any other file."""
+    try:
+        return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno not in (errno.ELOOP, errno.EISDIR):
+            raise
+        raise StorageError(
+            f"{path} is a link or a folder, but not a file: delete it, then run the same again"
+        ) from None
+
+
+def _is_same(lock: int, path: Path) -> bool:
+    """Whether the open file is still the one of that name."""
+    try:
+        return os.path.samestat(os.fstat(lock), os.stat(path, follow_symlinks=False))
+    except FileNotFoundError:
+        return False
+
+
+def _describe_holder(folder: Path) -> str:
+    try:
+        text = read_bytes(folder / _HOLDER, _LONGEST_HOLDER, follow=False).decode(errors="replace")
+    except (OSError, ValueError):
+        return "another run"
+    return f"another run ({printable(text)})"

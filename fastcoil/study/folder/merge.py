@@ -6,6 +6,7 @@ import json
 import math
 import os
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -27,71 +28,15 @@ from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.result_files import add_traces, finished_manifest, publish
 
-_AT_ONCE = 2048
-"""Scenarios; their responses take up to 60 MB."""
-_DIGITS = "%.6g"
-"""Theory is not that good, and the last bits are those of the machine's libraries."""
-
-
-def predictions(plan: Plan) -> xr.Dataset:
-    """Foretell margin and limit cycle of every scenario of a study.
-
-    The mean conditions and the mean set-point of each day's enabled seconds after the warm-up count, as if they were
-    held for ever; noise does not, so that all replicates are alike.  All scenarios are foretold together, whoever ran
-    them and when, so that their number alone decides the numbers.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN, if they
-        are.
-    """
-    from fastcoil.design.theory.cycles import cycles_of
-    from fastcoil.design.theory.elements import unknown
-    from fastcoil.design.theory.operating_points import mean_conditions
-    from fastcoil.design.theory.plants import plants_of
-
-    loop, sizes = plan.layout.loop, plan.layout.sizes
-    alike = {dim: n for dim, n in sizes.items() if dim != "replicate"}
-    n = math.prod(alike.values())
-    entering = mean_conditions(plan.layout.boundary, plan.warm_up, carry_over=plan.carry_over)
-    found = {name: np.full(n, np.nan) for name in PREDICTIONS}
-    reasons: dict[str, int] = {}
-    for start in range(0, n, _AT_ONCE):
-        index = np.arange(start, min(start + _AT_ONCE, n))
-        day = columns_of(loop, alike, index)["day"]
-        seen = index[np.isfinite(entering["T_set"][day])]
-        if seen.size < index.size:
-            _count(reasons, "no second is enabled after the warm-up", index.size - seen.size)
-        if not seen.size:
-            continue
-        columns = columns_of(loop, alike, seen)
-        for reason, loops in unknown(columns).items():
-            _count(reasons, reason, int(loops.sum()))
-        conditions = {name: means[columns["day"]] for name, means in entering.items()}
-        cycles = cycles_of(columns, plants_of(columns, conditions))
-        told = cycles.margin, cycles.hunts, cycles.period, 2.0 * cycles.amplitude
-        for name, value in zip(found, told, strict=True):
-            found[name][seen] = np.char.mod(_DIGITS, value).astype(float)
-    ds = xr.Dataset()
-    for name, flat in found.items():
-        values = xr.DataArray(flat.reshape(tuple(alike.values())), dims=tuple(alike))
-        whole = values.expand_dims({d: k for d, k in sizes.items() if d not in alike}).transpose(*sizes)
-        ds[name] = (tuple(sizes), np.array(whole.values), attributes(PREDICTIONS[name]))
-    note = "; ".join(f"{reason}: {count:,} of {n:,}" for reason, count in reasons.items())
-    return ds.assign_attrs({"prediction_note": f"theory says nothing: {note}"} if note else {})
-
-
-def _count(reasons: dict[str, int], reason: str, n: int) -> None:
-    if n:
-        reasons[reason] = reasons.get(reason, 0) + n
-
-
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
 """Reads the flat parts of the study without the named variables, afresh at every call: they need not fit in memory
 together."""
 _LARGE = 2**24
 """Bytes."""
+_AT_ONCE = 2048
+"""Scenarios; their responses take up to 60 MB."""
+_DIGITS = "%.6g"
+"""Theory is not more accurate, and the last bits depend on the machine's libraries."""
 
 
 def merge(
@@ -136,19 +81,19 @@ def merge(
                 f"{folder.path}: {n:,} scenarios were lost after they had been run: run the study again"
             )
 
-    plan, allocate = study.plan, _allocator(folder.path)
-    untraced = map(_without_trace_coordinates, counted(TRACES, plan.n_scenarios if complete else 0))
+    plan = study.plan
+    untraced = (p.drop_vars(_trace_coordinates(p)) for p in counted(TRACES, plan.n_scenarios if complete else 0))
     with storage_errors(folder.results, "written"):
-        whole = join_flat(plan.n_scenarios, untraced, allocate=allocate)
+        whole = join_flat(plan.n_scenarios, untraced, allocate=_allocator(folder.path))
     ds = unflatten(whole, plan.layout)
     n_run = int((ds["status"].values != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
-    foretold = predictions(plan) if study.predict and complete else xr.Dataset()
-    ds = ds.assign(foretold.data_vars)
-    ds.attrs = study_attributes(study, manifest) | foretold.attrs | (attrs or {})
+    predicted = predictions(plan) if study.predict and complete else xr.Dataset()
+    ds = ds.assign(predicted.data_vars)
+    ds.attrs = study_attributes(study, manifest) | predicted.attrs | (attrs or {})
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
     if study.kept_traces:
-        # a part of the traces is another file than all of them: results and traces are not replaced at once
+        # a part of the traces is another file than all of them: results and traces are not replaced together
         file = folder.path / f"traces-{manifest.key[:8]}{'' if complete else f'-{n_run}'}.nc"
         manifest, traces = _merge_traces(file, study, lambda leave_out: counted(leave_out, n_run), ds.attrs, manifest)
         ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
@@ -184,6 +129,53 @@ def study_attributes(study: Study, manifest: Manifest) -> dict[str, Any]:
     return attrs
 
 
+def predictions(plan: Plan) -> xr.Dataset:
+    """Predict margin and limit cycle of every scenario of a study (``[run] predict``).
+
+    The mean conditions and the mean set-point of each day's enabled seconds after the warm-up count, as if they were
+    held for ever; noise does not, so that all replicates are alike.  All scenarios are predicted together, so that the
+    numbers depend on their number alone and not on who ran them when.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN, if they
+        are.
+    """
+    from fastcoil.design.theory.cycles import cycles_of
+    from fastcoil.design.theory.elements import unknown
+    from fastcoil.design.theory.operating_points import mean_conditions
+    from fastcoil.design.theory.plants import plants_of
+
+    loop, sizes = plan.layout.loop, plan.layout.sizes
+    alike = {dim: n for dim, n in sizes.items() if dim != "replicate"}
+    n = math.prod(alike.values())
+    entering = mean_conditions(plan.layout.boundary, plan.warm_up, carry_over=plan.carry_over)
+    found = {name: np.full(n, np.nan) for name in PREDICTIONS}
+    reasons: Counter[str] = Counter()
+    for start in range(0, n, _AT_ONCE):
+        index = np.arange(start, min(start + _AT_ONCE, n))
+        day = columns_of(loop, alike, index)["day"]
+        seen = index[np.isfinite(entering["T_set"][day])]
+        reasons["no second is enabled after the warm-up"] += index.size - seen.size
+        if not seen.size:
+            continue
+        columns = columns_of(loop, alike, seen)
+        reasons.update({reason: int(loops.sum()) for reason, loops in unknown(columns).items()})
+        conditions = {name: means[columns["day"]] for name, means in entering.items()}
+        cycles = cycles_of(columns, plants_of(columns, conditions))
+        predicted = cycles.margin, cycles.hunts, cycles.period, 2.0 * cycles.amplitude
+        for name, value in zip(found, predicted, strict=True):
+            found[name][seen] = np.char.mod(_DIGITS, value).astype(float)
+    ds = xr.Dataset()
+    for name, flat in found.items():
+        values = xr.DataArray(flat.reshape(tuple(alike.values())), dims=tuple(alike))
+        whole = values.expand_dims({d: k for d, k in sizes.items() if d not in alike}).transpose(*sizes)
+        ds[name] = (tuple(sizes), np.array(whole.values), attributes(PREDICTIONS[name]))
+    note = "; ".join(f"{reason}: {count:,} of {n:,}" for reason, count in reasons.items() if count)
+    return ds.assign_attrs({"prediction_note": f"theory says nothing: {note}"} if note else {})
+
+
 def _merge_traces(
     path: Path, study: Study, parts: Parts, attrs: dict[str, Any], manifest: Manifest
 ) -> tuple[Manifest, xr.Dataset]:
@@ -208,29 +200,23 @@ def _merge_traces(
             write(ds, unfinished, mode="a" if k else "w")
 
     recorded = publish(path, write_all, manifest)
-    described = {
-        "trace_file": path.name, "trace_sha256": json.dumps(hashes), "trace_layout": json.dumps(layout)
-    }  # fmt: skip
-    return recorded, xr.Dataset(coords=coordinates, attrs=described)
+    described = {"trace_sha256": json.dumps(hashes), "trace_layout": json.dumps(layout)}
+    return recorded, xr.Dataset(coords=coordinates, attrs={"trace_file": path.name, **described})
 
 
 def _trace_coordinates(ds: xr.Dataset) -> list[str]:
     return [n for n in ("elapsed_time", "time", "volume") if n in ds.coords]
 
 
-def _without_trace_coordinates(part: xr.Dataset) -> xr.Dataset:
-    return part.drop_vars(_trace_coordinates(part))
-
-
 def _allocator(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray]:
-    """Makes arrays; large ones lie in nameless files, so that a study may be larger than the memory."""
+    """Makes arrays; large ones are in nameless files, so that a study may be larger than the memory."""
 
     def allocate(shape: tuple[int, ...], value: Any, dtype: np.dtype[Any]) -> np.ndarray:
         size = dtype.itemsize * int(np.prod(shape))
         if size < _LARGE:
             return np.full(shape, value, dtype)
         with tempfile.TemporaryFile(dir=folder) as file:
-            # taken now: a full disk would kill whoever writes to the array later
+            # reserved now: on a full disk, a later write to the array would kill the process
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(file.fileno(), 0, size)
             else:

@@ -7,124 +7,29 @@ So a run that is killed at any moment leaves files with hashes that are recorded
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.base.files import commit_written, exists
-from fastcoil.loops.netcdf import CLOCK, write
+from fastcoil.loops.dataset import check_result
+from fastcoil.loops.netcdf import write
 from fastcoil.loops.provenance import FORMAT, combined_sha256, environments_of, variable_sha256
 from fastcoil.loops.stored_file import StoredFile, file_sha256, open_lazily, try_reading
-from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, TRACES
-from fastcoil.model.parameter_table import PARAMETERS
+from fastcoil.model.metric_table import TRACES
 from fastcoil.study.folder.manifest import Manifest
-
-_LONGEST_TITLE = 2**20
-"""Characters; that of a whole study file."""
-_TEXTS = ("study_toml", "study_sha256", "model_sha256", "engine", "trace_file", "trace_sha256", "trace_layout")
-_SPEED = ("wall_time_s", "n_jobs", "scenario_days_per_s")
-"""Attributes that may be absent."""
-
-
-def malformed(ds: xr.Dataset) -> list[str]:
-    """Names of the attributes, metrics, coordinates and other variables that no result of a study has like this."""
-    checks: tuple[Callable[[xr.Dataset], Iterator[str]], ...] = (_attributes, _status, _metrics, _labels, _answers)
-    return [name for check in checks for name in check(ds)]
-
-
-def _attributes(ds: xr.Dataset) -> Iterator[str]:
-    title = ds.attrs.get("title")
-    if not isinstance(title, str) or len(title) > _LONGEST_TITLE:
-        yield "title"
-    yield from (name for name in _TEXTS if not isinstance(ds.attrs.get(name, ""), str))
-    if any(name in ds.attrs for name in _SPEED):
-        yield from (name for name in _SPEED if not isinstance(ds.attrs.get(name), Real))
-    if not isinstance(_parsed(ds, "parameters"), dict):
-        yield "parameters"
-    for name in ("rules", "own_code"):
-        if name in ds.attrs and not _is_table_of_texts(_parsed(ds, name)):
-            yield name
-    days = _parsed(ds, "day_sha256")
-    if not isinstance(days, list) or len(days) != ds["status"].sizes.get("day", 1):
-        yield "day_sha256"
-
-
-def _parsed(ds: xr.Dataset, name: str) -> Any:
-    try:
-        return json.loads(ds.attrs[name])
-    except (KeyError, TypeError, ValueError, RecursionError):
-        return None
-
-
-def _is_table_of_texts(value: Any) -> bool:
-    """Whether it is name → name → text, as what is written of a study's own rules."""
-    return isinstance(value, dict) and all(
-        isinstance(each, dict) and all(isinstance(text, str) for text in each.values()) for each in value.values()
-    )
-
-
-def _status(ds: xr.Dataset) -> Iterator[str]:
-    status = ds["status"]
-    if status.dtype.kind not in "iu" or not np.isin(status.values, np.arange(len(STATUS_MEANINGS))).all():
-        yield "status"
-
-
-def _metrics(ds: xr.Dataset) -> Iterator[str]:
-    known = [name for name in METRICS if name in ds.data_vars]  # an older version wrote fewer
-    yield from (name for name in known if ds[name].dims != ds["status"].dims or ds[name].dtype != float)
-    if "rmse" not in known:
-        yield "rmse"
-
-
-def _labels(ds: xr.Dataset) -> Iterator[str]:
-    """Labels of every dimension of the status; what is swept along them, and labels of further dimensions."""
-    dims = ds["status"].dims
-    yield from (str(dim) for dim in dims if dim not in ds.coords)
-    for name, label in ds.coords.items():
-        kind, parameter = _kind(label.values), PARAMETERS.get(str(name))
-        expected = "d" if name in CLOCK else "nt" if parameter is None else "t" if parameter.is_word else "n"
-        placed = label.dims == (name,) or set(label.dims) <= set(dims)  # a rule's own parameters are in no table
-        placed |= name == "time" and label.dims == ("elapsed_time",)
-        if not placed or kind not in expected or (name in dims and not _tell_apart(label.values, kind)):
-            yield str(name)
-
-
-def _kind(values: np.ndarray) -> str:
-    """``n`` for numbers, ``t`` for text, ``d`` for dates, ``?`` for anything else."""
-    if values.dtype.kind in "iufM":
-        return "d" if values.dtype.kind == "M" else "n"
-    is_text = values.dtype.kind == "U" or all(isinstance(value, str) for value in values.ravel())
-    return "t" if is_text else "?"
-
-
-def _tell_apart(labels: np.ndarray, kind: str) -> bool:
-    return np.unique(labels).size == labels.size and (kind == "t" or bool(np.isfinite(labels).all()))
-
-
-def _answers(ds: xr.Dataset) -> Iterator[str]:
-    """Traces, and what a function of the user returned."""
-    dims = ds["status"].dims
-    for name, variable in ds.data_vars.items():
-        if name != "status" and (variable.dims[: len(dims)] != dims or variable.dtype.kind not in "biuf"):
-            yield str(name)
-
 
 RESULTS = "results.nc"
 TRACE_FILES = "traces-*.nc"
 WORDS = ("title", "summary", "study_toml")
-"""Attributes that tell of a study what no scenario depends on."""
+"""Attributes of a study that no scenario depends on."""
 _CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
 """What to do about a damaged file, by whether it has the results."""
-_MOST_NAMES = 5
-_sound: set[str] = set()
-"""SHA-256 of files without a recorded one whose content was checked."""
 
 
 def publish(path: Path, write: Callable[[Path], object], manifest: Manifest) -> Manifest:
@@ -157,21 +62,23 @@ def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
     path = folder / RESULTS
     if not exists(path):
         raise InputError(f"{path} does not exist: run the study first")
+    ds = _stored(path, manifest).load()
     try:
-        ds = _stored(path, manifest).load()
         if int(ds.attrs.get("fastcoil_format", 0)) > FORMAT:
             raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
-        if ds.attrs.get("content_sha256") != combined_sha256(ds) or "status" not in ds:
+        if ds.attrs.get("content_sha256") != combined_sha256(ds):
             raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_CURES[True]}")
-        wrong = malformed(ds)
-        if wrong:
-            names = ", ".join(wrong[:_MOST_NAMES])
-            raise IntegrityError(f"{path} is no result of a study: {names} is missing or damaged; {_CURES[True]}")
-        return add_traces(ds, folder, manifest)
-    except (FastcoilError, MemoryError):
-        raise
-    except Exception as error:  # attributes that no version of fastcoil wrote may raise anything
+    except (ValueError, TypeError) as error:
+        if isinstance(error, FastcoilError):
+            raise
         raise IntegrityError(f"{path} cannot be understood ({error}); {_CURES[True]}") from error
+    try:
+        check_result(ds)
+    except InputError:
+        raise IntegrityError(
+            f"{path} is no result of a study (its status or metrics are missing, or no numbers); {_CURES[True]}"
+        ) from None
+    return add_traces(ds, folder, manifest)
 
 
 def add_traces(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> xr.Dataset:
@@ -180,22 +87,18 @@ def add_traces(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> xr.Da
     if file is None:
         return ds
     file.identity()  # it is there
-    traces = open_lazily(file, json.loads(ds.attrs["trace_layout"]))
-    opened = ds.assign(traces.data_vars)
-    if manifest is None or not manifest.outputs.get(file.path.name):
-        sha256 = file.check()
-        problems = [] if sha256 in _sound else find_variable_problems(opened, file.path)
-        if problems:
-            raise IntegrityError("\n".join(problems))
-        _sound.add(sha256)
+    opened = ds.assign(open_lazily(file, json.loads(ds.attrs["trace_layout"])).data_vars)
+    problems = [] if manifest else find_variable_problems(opened, file.path)  # without the hash of the whole file
+    if problems:
+        raise IntegrityError("\n".join(problems))
     return opened
 
 
 def trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> StoredFile | None:
     """The file with the traces of the results ``ds``, if they have any."""
-    name = ds.attrs.get("trace_file")
-    if name is None:
+    if "trace_file" not in ds.attrs:
         return None
+    name = str(ds.attrs["trace_file"])
     if not fnmatchcase(name, TRACE_FILES) or Path(name).name != name:
         raise IntegrityError(f"{folder / RESULTS} names traces in {shown(name)}, which holds none; {_CURES[True]}")
     return _stored(folder / name, manifest)
@@ -206,10 +109,9 @@ def reworded(ds: xr.Dataset, attrs: Mapping[str, Any], folder: Path, manifest: M
 
     attrs: the words.  Traces stay as they are.  Returns the results and their manifest.
     """
-    path = folder / RESULTS
     plain = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).load().assign_attrs(attrs)
     plain.attrs["content_sha256"] = combined_sha256(plain)
-    recorded = publish(path, lambda unfinished: write(plain, unfinished, mode="w"), manifest)
+    recorded = publish(folder / RESULTS, lambda unfinished: write(plain, unfinished, mode="w"), manifest)
     result = add_traces(plain, folder, recorded)
     return result, finished_manifest(result, folder, recorded)
 
@@ -249,5 +151,6 @@ def finished_manifest(ds: xr.Dataset, folder: Path, manifest: Manifest) -> Manif
 
 
 def _stored(path: Path, manifest: Manifest | None) -> StoredFile:
+    """A final file by its recorded hash; without one, as where ``run.json`` was lost, a child process tries it."""
     accepted, cure = manifest.outputs.get(path.name) if manifest else None, _CURES[path.name == RESULTS]
     return StoredFile(path, accepted, cure) if accepted else try_reading(path, cure)

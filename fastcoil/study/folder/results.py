@@ -25,7 +25,7 @@ from fastcoil.loops.scenarios import columns_of
 from fastcoil.loops.shards import END_STATE, Reached
 from fastcoil.loops.stored_file import try_reading
 from fastcoil.model.engine.lanes import parameter_matrix
-from fastcoil.model.metric_table import FORMER_METRICS, METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
+from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.model.numerics.jit import same_model
 from fastcoil.model.user_rules import KINDS, refuse_other_code
 from fastcoil.study.file.spec import Study
@@ -35,6 +35,7 @@ from fastcoil.study.folder.merge import study_attributes
 from fastcoil.study.folder.result_files import RESULTS, find_problems
 from fastcoil.study.folder.shards import Shards
 
+_CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
 _AT_ONCE = 10_000
 _MUST_AGREE = {
     "seed": "[run] seed",
@@ -47,6 +48,105 @@ _MUST_AGREE = {
 """What a scenario depends on besides its parameters and its day: attribute and its name in messages."""
 
 
+def open_study(folder: str | Path) -> xr.Dataset:
+    """Open the results of a study by its folder, checked against their hash.
+
+    An unfinished study can be opened too: scenarios that are not finished yet have the status ``not_run``.  Traces of
+    a finished one stay on the disk until they are asked for.
+
+    Parameters
+    ----------
+    folder
+        What ``fastcoil run`` wrote, such as ``results/robustness``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Metrics and ``status`` over the dims of the study, and its traces.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no study, or no scenario is finished yet.
+    StorageError, IntegrityError
+        If it cannot be read; if a file in it is damaged.
+    """
+    store = StudyFolder(path_of("folder", folder, "give the folder of a study"))
+    return store.settled(lambda: _open(store))
+
+
+def open_finished(folder: Path) -> xr.Dataset:
+    """Open the results of a finished study; ``InputError`` if scenarios are missing, the rest as ``open_study``."""
+    ds = open_study(folder)
+    missing = int((ds["status"].values == STATUS_NOT_RUN).sum())
+    if missing or "content_sha256" not in ds.attrs:
+        done = ds["status"].size - missing
+        command = f"fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"
+        raise InputError(
+            f"{folder} is unfinished: {done:,} of {ds['status'].size:,} scenarios are done; finish it with `{command}`"
+        )
+    return ds
+
+
+def open_results(path: Path) -> xr.Dataset:
+    """Open whatever a user has of results: the folder of a study, its results.nc, or a NetCDF file of their own.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    StorageError, IntegrityError
+        If it cannot be read; if it is damaged.
+    """
+    if is_folder(path):
+        return open_study(path)
+    if path.name == RESULTS and exists(path.with_name(MANIFEST)):
+        return open_study(path.parent)
+    if not is_file(path):
+        raise InputError(f"{path} does not exist: {_CURE}")
+    require_no_archive(path)
+    try:
+        ds = try_reading(path, _CURE).load()
+        check_result(ds)
+    except IntegrityError:
+        raise InputError(f"{path} is no NetCDF file, or it is damaged: {_CURE}") from None
+    except InputError:
+        raise InputError(f"{path} holds no result of fastcoil: {_CURE}") from None
+    return ds
+
+
+def _open(store: StudyFolder) -> xr.Dataset:
+    manifest = store.require_manifest()
+    has_shards = store.shards(manifest).any()
+    if store.has_results:
+        ds = store.open_results()
+        # with no shard, all that is known of an unfinished study is there
+        if is_current(ds, manifest) or (is_of(ds, manifest) and not has_shards):
+            return ds
+    elif manifest.finished:
+        raise IntegrityError(f"{store.results} is missing: run the study again")
+    elif not has_shards:
+        raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
+    study = store.read_study(manifest)
+    parts = Computed.find(store, study, manifest).parts(quarantine=False)
+    ds = unflatten(join_flat(study.plan.n_scenarios, parts), study.plan.layout)
+    if not ds.data_vars:
+        raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
+    ds.attrs = study_attributes(study, manifest) | {"computed_on": json.dumps(list(manifest.computed_on))}
+    return ds
+
+
+def is_current(ds: xr.Dataset, manifest: Manifest) -> bool:
+    """Whether a result is that of the run, complete and of the same model."""
+    return is_of(ds, manifest) and not bool((ds["status"].values == STATUS_NOT_RUN).any())
+
+
+def is_of(ds: xr.Dataset, manifest: Manifest) -> bool:
+    """Whether a result is of the run, complete or not, and of the same model."""
+    found = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
+    return found == (manifest.study_sha256, manifest.model_sha256)
+
+
 class Match(NamedTuple):
     """Flat indices, equally many, of the scenarios that were run: in the earlier result and in the study."""
 
@@ -55,7 +155,9 @@ class Match(NamedTuple):
 
 
 def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> Match:
-    """Match the scenarios of an earlier result with those of a plan, whose results will have the attributes ``attrs``.
+    """Match the scenarios of an earlier result with those of a plan, by everything their outcome depends on.
+
+    attrs: those that the results of the plan will have.
 
     Raises
     ------
@@ -77,16 +179,15 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> M
         json.loads(earlier.attrs.get("own_code", "{}")),
     )
     loop = plan.layout.loop
-    keys = _keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now)
-    new = {key: k for k, key in enumerate(keys)}
-    sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
     unknown = sorted(before.keys() - loop.rules.keys())
     if unknown:
         raise InputError(
             f"--extend: the rule {unknown[0]} is no longer in the study: keep it, or choose another folder with -o"
         )
+    sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
     smaller = Loop.from_dataset(earlier, [loop.rules[name] for name in before])
     old = _keys(smaller, sizes, json.loads(earlier.attrs["day_sha256"]), before)
+    new = {key: k for k, key in enumerate(_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now))}
     place = np.array([new.get(key, -1) for key in old])
     dropped = int((place < 0).sum())
     if dropped:
@@ -98,22 +199,6 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> M
         )
     run = np.flatnonzero(earlier["status"].values.ravel() != STATUS_NOT_RUN)
     return Match(run, place[run])
-
-
-def as_part(earlier: xr.Dataset, match: Match, n_volumes: int) -> xr.Dataset:
-    """The matched scenarios of an earlier result as a flat part of the study.
-
-    n_volumes: the largest number of volumes there; the earlier result may have had only smaller coils.
-    """
-    dims = earlier["status"].dims
-    part = xr.Dataset(coords={"scenario": match.new})
-    for name, variable in earlier.data_vars.items():
-        values = variable.values.reshape(-1, *variable.shape[len(dims) :])
-        part[name] = (("scenario", *variable.dims[len(dims) :]), values[match.old], variable.attrs)
-    part = part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
-    if "volume" in part.dims and part.sizes["volume"] < n_volumes:
-        part = part.reindex(volume=np.arange(1, n_volumes + 1))
-    return part
 
 
 def _rules(attrs: dict[Any, Any]) -> dict[str, str]:
@@ -134,87 +219,6 @@ def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, s
             own = [f"{w} {rules[w]} {[(n, float(columns[n][k])) for n in read[w]]}" for w in words if w in rules]
             keys.append(hashlib.blake2b(row.tobytes() + "".join([days[day], *own]).encode(), digest_size=16).digest())
     return keys
-
-
-def open_study(folder: str | Path) -> xr.Dataset:
-    """Open the results of a study by its folder, checked against their hash.
-
-    An unfinished study can be opened too: scenarios that are not finished yet have the status ``not_run``.  Traces of
-    a finished one stay on the disk until they are asked for.  Metrics of an earlier version have their names of today.
-
-    Parameters
-    ----------
-    folder
-        What ``fastcoil run`` wrote, such as ``results/robustness``.
-
-    Returns
-    -------
-    xarray.Dataset
-        Metrics and ``status`` over the dims of the study, and its traces.
-
-    Raises
-    ------
-    InputError
-        If the folder holds no study, or no scenario is finished yet.
-    StorageError, IntegrityError
-        If it cannot be read; if a file in it is damaged.
-    """
-    store = StudyFolder(path_of("folder", folder, "give the folder of a study"))
-    ds = store.settled(lambda: _open(store))
-    return ds.rename({name: today for name, (today, _) in FORMER_METRICS.items() if name in ds and today not in ds})
-
-
-def open_finished(folder: Path) -> xr.Dataset:
-    """Open the results of a finished study.
-
-    Raises
-    ------
-    InputError
-        If the folder holds none, or scenarios are missing.
-    StorageError, IntegrityError
-        As ``open_study``.
-    """
-    ds = open_study(folder)
-    missing = int((ds["status"].values == STATUS_NOT_RUN).sum())
-    if missing or "content_sha256" not in ds.attrs:
-        done = ds["status"].size - missing
-        command = f"fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"
-        raise InputError(
-            f"{folder} is unfinished: {done:,} of {ds['status'].size:,} scenarios are done; finish it with `{command}`"
-        )
-    return ds
-
-
-def _open(store: StudyFolder) -> xr.Dataset:
-    manifest = store.require_manifest()
-    if store.has_results:
-        ds = store.open_results()
-        # with no shard, all that is known of an unfinished study is there
-        if is_current(ds, manifest) or (is_of(ds, manifest) and not store.shards(manifest).any()):
-            return ds
-    elif manifest.finished:
-        raise IntegrityError(f"{store.results} is missing: run the study again")
-    elif not store.shards(manifest).any():
-        raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
-    study = store.read_study(manifest)
-    computed = Computed.find(store, study, manifest)
-    parts = computed.parts(quarantine=False)
-    ds = unflatten(join_flat(study.plan.n_scenarios, parts), study.plan.layout)
-    if not ds.data_vars:
-        raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
-    ds.attrs = study_attributes(study, manifest) | {"computed_on": json.dumps(list(manifest.computed_on))}
-    return ds
-
-
-def is_current(ds: xr.Dataset, manifest: Manifest) -> bool:
-    """Whether a result is that of the run, complete and of the same model."""
-    return is_of(ds, manifest) and not bool((ds["status"].values == STATUS_NOT_RUN).any())
-
-
-def is_of(ds: xr.Dataset, manifest: Manifest) -> bool:
-    """Whether a result is of the run, complete or not, and of the same model."""
-    found = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
-    return found == (manifest.study_sha256, manifest.model_sha256)
 
 
 class Survey(NamedTuple):
@@ -249,10 +253,8 @@ class Computed:
             If they are damaged.
         """
         shards, nothing = folder.shards(manifest), Match(np.array([], dtype=np.int64), np.array([], dtype=np.int64))
-        if not folder.has_results:
-            return cls(study, shards, None, nothing)
-        results = folder.open_results()
-        if not same_model(str(results.attrs.get("model_sha256")), manifest.model_sha256):
+        results = folder.open_results() if folder.has_results else None
+        if results is None or not same_model(str(results.attrs.get("model_sha256")), manifest.model_sha256):
             return cls(study, shards, None, nothing)
         match = match_scenarios(study.plan, study_attributes(study, manifest), results)
         # damaged traces must not be written again with a hash of their own
@@ -281,9 +283,7 @@ class Computed:
         """
         parts = self.shards.read(quarantine=quarantine, leave_out={*leave_out, END_STATE})
         if self.earlier is not None and self.match.new.size:
-            # foretold anew for the whole study
-            names = [n for n in self.earlier.data_vars if n not in leave_out and n not in PREDICTIONS]
-            parts = chain([as_part(self.earlier[names], self.match, self.study.plan.n_volumes)], parts)
+            parts = chain([self._earlier_part(self.earlier, leave_out)], parts)
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:
             index = part["scenario"].values
@@ -291,32 +291,16 @@ class Computed:
             yield part.isel(scenario=~seen[index]) if seen[index].any() else part
             seen[index] = True
 
-
-_CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
-
-
-def open_results(path: Path) -> xr.Dataset:
-    """Open a result.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    StorageError, IntegrityError
-        If it cannot be read; if it is damaged.
-    """
-    if is_folder(path):
-        return open_study(path)
-    if path.name == RESULTS and exists(path.with_name(MANIFEST)):
-        return open_study(path.parent)
-    if not is_file(path):
-        raise InputError(f"{path} does not exist: {_CURE}")
-    require_no_archive(path)
-    try:
-        ds = try_reading(path, _CURE).load()
-        check_result(ds)
-    except IntegrityError:
-        raise InputError(f"{path} is no NetCDF file, or it is damaged: {_CURE}") from None
-    except InputError:
-        raise InputError(f"{path} holds no result of fastcoil: {_CURE}") from None
-    return ds
+    def _earlier_part(self, earlier: xr.Dataset, leave_out: Collection[str]) -> xr.Dataset:
+        """The matched scenarios as a flat part; predictions are computed again for the whole study."""
+        dims = earlier["status"].dims
+        part = xr.Dataset(coords={"scenario": self.match.new})
+        for name, variable in earlier.data_vars.items():
+            if name not in leave_out and name not in PREDICTIONS:
+                values = variable.values.reshape(-1, *variable.shape[len(dims) :])
+                part[name] = (("scenario", *variable.dims[len(dims) :]), values[self.match.old], variable.attrs)
+        part = part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
+        n_volumes = self.study.plan.n_volumes  # the earlier result may have had only smaller coils
+        if "volume" in part.dims and part.sizes["volume"] < n_volumes:
+            part = part.reindex(volume=np.arange(1, n_volumes + 1))
+        return part

@@ -58,10 +58,10 @@ class Shards:
         return self.folder / SHARDS
 
     def commit(self, part: xr.Dataset) -> None:
-        """Keep the flat results of a shard for good."""
+        """Write the flat results of a shard."""
         try:
             data = netcdf_bytes(part.assign_attrs(study=self.key))
-        except (OSError, RuntimeError) as error:  # no disk is asked
+        except (OSError, RuntimeError) as error:  # no disk is involved
             raise out_of_memory(f"{self.path}: a shard cannot be made ({error})") from error
         with storage_errors(self.path, "made"):
             make_folder(self.path)
@@ -105,13 +105,7 @@ class Shards:
             yield inspection
 
     def require_within(self, part: xr.Dataset, n_scenarios: int) -> None:
-        """Refuse a sound shard with a scenario that the study does not have.
-
-        Raises
-        ------
-        IntegrityError
-            If there is one.
-        """
+        """Refuse a sound shard with a scenario that the study does not have (``IntegrityError``)."""
         last = int(part["scenario"].values[-1])
         if last >= n_scenarios:
             raise IntegrityError(
@@ -119,7 +113,7 @@ class Shards:
             )
 
     def discard(self) -> None:
-        """Remove the shards; a foreign file among them is kept in quarantine."""
+        """Remove the shards; a foreign file among them is moved to quarantine."""
         if not is_folder(self.path):
             return
         remove_unfinished(self.path)

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
-from fastcoil.base.files import is_folder
 from fastcoil.loops.dataset import check_same_form
 from fastcoil.loops.shards import END_STATE
-from fastcoil.study.folder import result_files as final
+from fastcoil.study.folder import result_files
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.results import is_current
@@ -26,33 +25,27 @@ def find_problems(store: StudyFolder) -> list[str]:
     StorageError
         If the results cannot be read.
     IntegrityError
-        If nobody knows which one, for ``run.json`` is lost or damaged.
+        If ``run.json`` is lost or damaged, so that it is unknown which study the folder holds.
     """
     manifest = store.require_manifest()
     problems, n_scenarios = [], None
     try:
         n_scenarios = store.read_study(manifest).plan.n_scenarios
-    except InputError as error:
-        problems = error.problems
-    except IntegrityError as error:
-        problems = str(error).splitlines()
-    return [
-        *problems,
-        *store.in_the_way(),
-        *problems_of_results(store, manifest),
-        *_shards(store.shards(manifest), n_scenarios),
-    ]
+    except (InputError, IntegrityError) as error:
+        problems = error.problems if isinstance(error, InputError) else str(error).splitlines()
+    problems += problems_of_results(store, manifest)
+    return [*problems, *_problems_of_shards(store.shards(manifest), n_scenarios)]
 
 
 def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
     """What is wrong with the final files of a folder, whether or not its study can still be read."""
     if not store.has_results:
-        if manifest.finished or (manifest.finished is None and not store.shards(manifest).any()):
+        if manifest.finished:
             yield f"{store.results} is missing: run the study again"
         return
     try:
         ds = store.open_results()
-        yield from final.find_problems(ds, store.path, manifest)
+        yield from result_files.find_problems(ds, store.path, manifest)
     except StorageError:
         raise
     except FastcoilError as error:
@@ -66,13 +59,13 @@ def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]
     elif (store.read_text() or "").replace("\r\n", "\n") != ds.attrs.get("study_toml"):
         yield f"{store.study} is not the text of the study that was run: {again}"
     for path in store.trace_files():
-        if not is_folder(path) and path.name != ds.attrs.get("trace_file"):
+        if path.name != ds.attrs.get("trace_file"):
             yield f"{path} is not of this run: {again}"
     for path in stale_figures(store.path, ds.attrs["content_sha256"]):
         yield f"{path} was drawn from other results: run `fastcoil plot {store.path}`, or delete it"
 
 
-def _shards(shards: Shards, n_scenarios: int | None) -> Iterator[str]:
+def _problems_of_shards(shards: Shards, n_scenarios: int | None) -> Iterator[str]:
     """n_scenarios: of the study, ``None`` if it cannot be read."""
     first = None
     for shard in shards.inspect({END_STATE}):

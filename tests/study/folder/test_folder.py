@@ -17,7 +17,7 @@ from fastcoil.cli.main import main
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.folder.folder import StudyFolder, find_holder
 
 pytestmark = pytest.mark.kernel
 
@@ -42,7 +42,7 @@ def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_run(tmp_pa
         out.parent.mkdir()
     except OSError:
         pytest.skip("the file system takes only UTF-8")
-    with pytest.raises(InputError, match="is not UTF-8: choose another folder"):
+    with pytest.raises(InputError, match="bytes that are not UTF-8"):
         runner.execute(read_study(written(tmp_path / "study.toml")), out)
     assert not out.exists()
 
@@ -107,7 +107,7 @@ def test_figures_are_drawn_while_the_folder_is_held(out):
     holders = []
 
     def present(finished):
-        holders.append(StudyFolder(out).find_holder())
+        holders.append(find_holder(out))
         assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 5
         with pytest.raises(LockedError):
             run(PLAIN, out)

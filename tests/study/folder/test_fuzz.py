@@ -10,7 +10,7 @@ import warnings
 import numpy as np
 import pytest
 from helpers.damage import damaged, edited
-from helpers.studies import DAYS, TRACED, golden, run, run_until_interrupted, without_hashes
+from helpers.studies import DAYS, TRACED, golden, run, run_until_interrupted
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
@@ -18,7 +18,6 @@ from fastcoil.loops import stored_file
 from fastcoil.loops import stored_file as trial
 from fastcoil.study import maintenance
 from fastcoil.study.folder import manifest
-from fastcoil.study.folder import result_files as final
 
 pytestmark = pytest.mark.kernel
 
@@ -34,8 +33,7 @@ def originals(tmp_path_factory):
     with fc.open_study(place / "finished") as ds:
         right = ds.load()
     run_until_interrupted(TRACED, place / "unfinished", DAYS - 1)
-    shutil.copytree(place / "finished", place / "without hashes")
-    without_hashes(place / "without hashes")
+    shutil.copytree(place / "finished", place / "without run.json", ignore=shutil.ignore_patterns("run.json"))
     return place, right
 
 
@@ -69,7 +67,6 @@ def forget():
     """What this process knows of files: they are written faster than the clock of the file system runs."""
     stored_file._sha256_of.cache_clear()
     trial._passed.clear()
-    final._sound.clear()
 
 
 def ordeal(originals, out, kind, seed):
@@ -115,7 +112,7 @@ def test_damage_gives_the_right_numbers_or_a_sentence(originals, out, kind, time
 
 def test_damage_without_recorded_hashes_gives_the_right_numbers_or_a_sentence(originals, out, monkeypatch):
     monkeypatch.setattr(trial, "_SECONDS", 5)
-    ordeals(originals, out, "without hashes", range(2))
+    ordeals(originals, out, "without run.json", range(2))
 
 
 @pytest.mark.full
@@ -127,4 +124,4 @@ def test_very_much_damage(originals, out, kind, times):
 @pytest.mark.full
 def test_very_much_damage_without_recorded_hashes(originals, out, monkeypatch):
     monkeypatch.setattr(trial, "_SECONDS", 5)
-    ordeals(originals, out, "without hashes", range(2, 100))
+    ordeals(originals, out, "without run.json", range(2, 100))

@@ -11,7 +11,7 @@ import stat
 import netCDF4
 import pytest
 from click.testing import CliRunner
-from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, larger, resume, run, verify, without_hashes
+from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, larger, resume, run, verify
 
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError
@@ -138,15 +138,6 @@ def test_a_file_that_a_finished_study_must_have_is_missed(out, name):
         resume(out, TRACED)
 
 
-def test_a_finished_study_of_version_0_1_without_its_results_is_not_sound(out):
-    copied(PLAIN, out)
-    without_hashes(out)
-    assert verify(out) == []
-    (out / "results.nc").unlink()
-    assert "results.nc is missing" in verify(out)[0]
-    resume(out)
-
-
 def test_files_of_other_runs_in_a_finished_study_are_named(out, tmp_path):
     copied(TRACED, out)
     other = tmp_path / "other"
@@ -159,18 +150,6 @@ def test_files_of_other_runs_in_a_finished_study_are_named(out, tmp_path):
     assert "results.nc is damaged, or not of this run" in verify(out)[0]
     shutil.copy(other / "study.toml", out)
     assert len(verify(out)) >= 2
-
-
-def test_a_folder_with_the_name_of_traces_is_found_while_the_study_is_unfinished_and_after(out):
-    copied(TRACED, out, 1)
-    wrong = out / "traces-mine.nc"
-    wrong.mkdir()
-    (problem,) = verify(out)
-    assert problem == f"{wrong} is a folder with the name of a file: move it away, then run the study again"
-    wrong.rmdir()
-    run(TRACED, out)
-    wrong.mkdir()
-    assert verify(out) == [problem]
 
 
 def test_results_that_cannot_be_read_are_no_damage(out, monkeypatch):

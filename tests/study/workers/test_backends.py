@@ -10,7 +10,6 @@ from helpers.processes import N_SCENARIOS, cut, ended, started, wait_for
 import fastcoil as fc
 from fastcoil.cli.main import main
 from fastcoil.loops import plan
-from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.run import execute
 
@@ -38,27 +37,6 @@ def hash_of(results):
 def test_every_backend_with_any_number_of_workers_gives_the_same_bits(small_study, golden, tmp_path, backend, n_jobs):
     assert hash_of(fc.run_study(small_study, tmp_path / "out", backend=backend, n_jobs=n_jobs)) == golden
     assert hash_of(fc.open_study(tmp_path / "out")) == golden
-
-
-@pytest.mark.parametrize(
-    ("names", "expected"),
-    [
-        ({}, "threads"),
-        ({"engine": "loky"}, "loky"),
-        ({"backend": "dask"}, "dask"),
-        ({"backend": "loky", "engine": "loky"}, "loky"),
-    ],
-)
-def test_engine_is_the_earlier_name_of_backend(small_study, tmp_path, monkeypatch, names, expected):
-    asked = []
-
-    def execute(*_, backend, **__):
-        asked.append(backend)
-        return runner.Finished(tmp_path, xr.Dataset(), 0)
-
-    monkeypatch.setattr(runner, "execute", execute)
-    fc.run_study(small_study, tmp_path / "out", **names)
-    assert asked == [expected]
 
 
 @pytest.mark.parametrize("lane_steps", [1.0, 64 * 900.0, 1e12])

@@ -50,8 +50,6 @@ def here(tmp_path, monkeypatch):
     [
         (["--backend", "mpi"], "backend = 'mpi': choose one of threads, loky, dask"),
         (["--backend", "Dask"], "choose one of threads, loky, dask"),
-        (["--engine", "mpi"], "backend = 'mpi': choose one of threads, loky, dask"),
-        (["--backend", "loky", "--engine", "dask"], "backend = 'loky' and engine = 'dask' differ"),
         (["--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
         (["--backend", "loky", "--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
         (["--backend", "dask", "--scheduler", ""], "scheduler is empty"),
