@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -27,60 +28,36 @@ from fastcoil.loops.boundary.air_handler_parts import (
     zone_drifts,
     zone_loads,
 )
-from fastcoil.loops.boundary.conditions import condition_of
+from fastcoil.loops.boundary.conditions import CONDITIONS, condition_of
 from fastcoil.model.moist_air import humidity_ratio, mix
 
-DEFAULTS: dict[str, dict[str, Any]] = {
-    "cooling": {
-        "economiser": "differential",
-        "economiser_limit": 24.0,
-        "T_return": 24.0,
-        "RH_return": 0.5,
-        "T_balance": 12.0,
-        "internal_load": 0.5,
-        "set_point": "outdoor_reset",
-        "T_set": 13.0,
-        "T_set_min": 13.0,
-        "T_set_max": 18.0,
-        "T_out_min": 16.0,
-        "T_out_max": 21.0,
-        "T_w_in": 7.0,
-        "T_w_min": 7.0,
-        "T_w_max": 12.0,
-        "T_out_w_min": 16.0,
-        "T_out_w_max": 27.0,
-    },
-    "heating": {
-        "economiser": "none",
-        "economiser_limit": 24.0,
-        "T_return": 21.0,
-        "RH_return": 0.3,
-        "T_balance": 15.0,
-        "internal_load": 0.0,
-        "set_point": "outdoor_reset",
-        "T_set": 25.0,
-        "T_set_min": 18.0,
-        "T_set_max": 30.0,
-        "T_out_min": -10.0,
-        "T_out_max": 15.0,
-        "T_w_in": 60.0,
-        "T_w_min": 40.0,
-        "T_w_max": 60.0,
-        "T_out_w_min": -7.0,
-        "T_out_w_max": 10.0,
-    },
+_BY_MODE: dict[str, tuple[Any, Any]] = {
+    "economiser": ("differential", "none"),
+    "economiser_limit": (24.0, 24.0),
+    "T_return": (24.0, 21.0),
+    "RH_return": (0.5, 0.3),
+    "T_balance": (12.0, 15.0),
+    "internal_load": (0.5, 0.0),
+    "set_point": ("outdoor_reset", "outdoor_reset"),
+    "T_set": (13.0, 25.0),
+    "T_set_min": (13.0, 18.0),
+    "T_set_max": (18.0, 30.0),
+    "T_out_min": (16.0, -10.0),
+    "T_out_max": (21.0, 15.0),
+    "T_w_in": (7.0, 60.0),
+    "T_w_min": (7.0, 40.0),
+    "T_w_max": (12.0, 60.0),
+    "T_out_w_min": (16.0, -7.0),
+    "T_out_w_max": (27.0, 10.0),
 }
-"""What `weather_year` takes where an argument is left out, by mode; the module `operation` names the sources."""
+"""Defaults in cooling and in heating; the module `weather_year` names the sources."""
+DEFAULTS = {mode: {n: pair[k] for n, pair in _BY_MODE.items()} for k, mode in enumerate(("cooling", "heating"))}
+"""What `weather_year` takes where an argument is left out, by mode."""
 CHOICES = {
     "economiser": ("differential", "fixed", "none"),
     "set_point": ("fixed", "outdoor_reset", "trim_and_respond"),
     "water": ("fixed", "load", "outdoor"),
 }
-_NUMBERS = (
-    *("m_a_design", "m_a_min", "outdoor_air_min", "economiser_limit", "T_return", "RH_return", "T_balance", "T_design"),
-    *("internal_load", "zone_spread", "T_set", "T_set_min", "T_set_max", "T_out_min", "T_out_max"),
-    *("trim", "respond", "respond_max", "T_w_in", "T_w_min", "T_w_max", "T_out_w_min", "T_out_w_max", "disturbances"),
-)
 _WHOLE = {
     "zones": (1, 1000),
     "ignored_requests": (0, 3000),
@@ -111,50 +88,22 @@ LEAST_COOLING = 2.0
 """Kelvins by which the supply air must be cooler than the zones, which would take endless air otherwise."""
 
 
-class Settings(NamedTuple):
+class Settings(SimpleNamespace):
     """How the air handler is run; names and units as the arguments of `weather_year`.
 
-    fan: first and last hour of the fan by day label; on days without it stands.
+    fan: first and last hour of the fan by day label; on days without it stands.  W_return: humidity ratio of the return
+    air.  trim: a `Trim`.
     """
-
-    mode: str
-    fan: Mapping[int, tuple[float, float]]
-    outdoor_air_min: float
-    economiser: str
-    economiser_limit: float
-    T_return: float
-    W_return: float
-    m_a_design: float
-    m_a_min: float
-    T_balance: float
-    T_design: float
-    internal_load: float
-    zones: int
-    zone_spread: float
-    set_point: str
-    T_set: float
-    T_set_min: float
-    T_set_max: float
-    T_out_min: float
-    T_out_max: float
-    trim: Trim
-    water: str
-    T_w_in: float
-    T_w_min: float
-    T_w_max: float
-    T_out_w_min: float
-    T_out_w_max: float
-    disturbances: float
-    seed: int
 
     @property
     def cools(self) -> bool:
-        return self.mode == "cooling"
+        return bool(self.mode == "cooling")
 
     @property
     def high_limit(self) -> float:
         """Outdoor temperature from which the economiser is locked out [degC]."""
-        return {"differential": self.T_return, "fixed": self.economiser_limit, "none": -np.inf}[self.economiser]
+        limits = {"differential": self.T_return, "fixed": self.economiser_limit, "none": -np.inf}
+        return float(limits[self.economiser])
 
 
 def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -170,7 +119,7 @@ def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
         chosen: dict[str, Any] = {
             name: check.unless_none(choice_of, name, given[name], choices) for name, choices in CHOICES.items()
         }
-        for name in _NUMBERS:
+        for name in [name for name in given if name in CONDITIONS and name != "pressure"]:
             left_out = given[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
             chosen[name] = None if left_out else check(condition_of, name, given[name])
         chosen |= {name: check(whole_of, name, given[name], *bounds) for name, bounds in _WHOLE.items()}
@@ -186,7 +135,7 @@ def settings_of(
     chosen: Mapping[str, Any], outdoors: Outdoors, fan: Mapping[int, tuple[float, float]], file: str
 ) -> Settings:
     """The settings at a site."""
-    own = {name: chosen[name] for name in Settings._fields if name in chosen and name != "trim"}
+    own = dict(chosen)
     warmest = chosen["mode"] == "cooling"
     if own["T_design"] is None:
         own["T_design"] = float(np.quantile(outdoors.T, 0.996 if warmest else 0.004))
@@ -198,11 +147,12 @@ def settings_of(
         )
     if own["set_point"] == "fixed":
         own["T_set_min"] = own["T_set"]
+    trim = Trim(**{name: own.pop(name) for name in Trim._fields})
     return Settings(
         **own,
+        trim=trim,
         fan=dict(fan),
         W_return=float(humidity_ratio(own["T_return"], chosen["RH_return"], outdoors.pressure)),
-        trim=Trim(**{name: chosen[name] for name in Trim._fields}),
     )
 
 
@@ -303,7 +253,7 @@ def air_flow(s: Settings, loads: Array, T_set: Array) -> Array:
     if not s.cools:
         share = np.clip(loads, 0.0, 1.0).mean(axis=1)
         return np.asarray(s.m_a_min + (s.m_a_design - s.m_a_min) * share)
-    return s.m_a_design * flow_share(loads, T_set, s.T_return, s.T_set_min, s.m_a_min / s.m_a_design)
+    return np.asarray(s.m_a_design * flow_share(loads, T_set, s.T_return, s.T_set_min, s.m_a_min / s.m_a_design))
 
 
 def water_temperature(s: Settings, T_out: Array, loads: Array) -> Array:

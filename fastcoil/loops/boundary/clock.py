@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import re
 import zoneinfo
-from collections.abc import Iterable
 from datetime import UTC, date, datetime, timedelta
-from itertools import islice
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
@@ -46,8 +44,7 @@ def clock_of(start: Any, time_zone: Any, n_days: int, n_steps: int) -> Clock:
     zone = time_zone_of("time_zone", time_zone)
     if start is None:
         return Clock(None, zone)
-    given = _one_or_several(start)
-    times = [_time_of(one) for one in (given if isinstance(given, list) else [given])]
+    times = [_time_of(one) for one in _listed(start)]
     if len(times) not in (1, n_days):
         raise InputError(f"start has {len(times)} times for {n_days} days: {_CURE}")
     zone = _zone_of(times, zone)
@@ -72,7 +69,7 @@ def time_zone_of(name: str, value: Any) -> str:
 
 
 def offset_of(time_zone: str, at: datetime) -> timedelta | None:
-    """How far a clock of the zone is ahead of UTC ``at`` a local time; None if nobody knows."""
+    """How far a clock of the zone is ahead of UTC ``at`` a local time; None if unknown."""
     if match := _OFFSET.fullmatch(time_zone):
         sign, hours, minutes = match.groups(default="0")
         offset = timedelta(hours=int(hours), minutes=int(minutes))
@@ -87,52 +84,39 @@ def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
     """Whether clocks of the zone are changed within ``n_steps`` s of ``start``, or may show it twice."""
     first = cast(datetime, start.astype(SECONDS).item())
     try:
-        zone = zoneinfo.ZoneInfo(time_zone) if time_zone and not _OFFSET.fullmatch(time_zone) else None
+        zone = zoneinfo.ZoneInfo("UTC" if _OFFSET.fullmatch(time_zone or "UTC") else time_zone)
     except (zoneinfo.ZoneInfoNotFoundError, ValueError):
-        return False
-    if zone is None:
         return False
     there = first.replace(tzinfo=zone)
     last = (there.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
     return len({there.utcoffset(), there.replace(fold=1).utcoffset(), last.utcoffset()}) > 1
 
 
-def _one_or_several(start: Any) -> Any:
+def _listed(start: Any) -> list[Any]:
+    """One start or several, as a list; a DataArray or a pandas index by its values."""
+    if type(start).__module__.partition(".")[0] in ("xarray", "pandas") and not isinstance(start, datetime):
+        start = start.values
+    if isinstance(start, np.ndarray) and start.dtype.kind in "MO":
+        return list(np.atleast_1d(start))
+    if isinstance(start, (str, date, np.datetime64)):
+        return [start]
     try:
-        if type(start).__module__.partition(".")[0] in ("xarray", "pandas") and not isinstance(start, datetime):
-            start = start.values
-    except Exception:  # a user's class may raise anything
+        return list(start)
+    except TypeError:
         raise InputError(WrongType(f"start = {shown(start)}: {_CURE}")) from None
-    if isinstance(start, np.ndarray):
-        start = start.item() if start.ndim == 0 and start.dtype.kind != "M" else start
-        if isinstance(start, np.ndarray):
-            return list(start) if start.ndim else start[()]
-    if isinstance(start, (str, bytes, date, np.datetime64)):
-        return start
-    try:
-        several = list(islice(cast("Iterable[object]", start), 100_000))
-    except Exception:  # nothing to iterate over; a user's class may raise anything
-        raise InputError(WrongType(f"start = {shown(start)}: {_CURE}")) from None
-    if not several:
-        raise InputError(f"start is empty: {_CURE}")
-    return several
 
 
 def _time_of(value: Any) -> datetime:
-    found = None
-    if isinstance(value, np.datetime64) and not np.isnat(value):
-        found = value.astype("datetime64[us]").item()
-    elif isinstance(value, str):
-        try:
-            found = datetime.fromisoformat(value.strip())
-        except ValueError:
-            found = None
-    elif isinstance(value, datetime):
-        found = value
-    elif isinstance(value, date):
-        found = datetime(value.year, value.month, value.day)
-    elif not isinstance(value, np.datetime64):
+    if not isinstance(value, (str, date, np.datetime64)):
         raise InputError(WrongType(f"start = {shown(value)}: {_CURE}"))
+    try:
+        found = datetime.fromisoformat(value.strip()) if isinstance(value, str) else value
+    except ValueError:
+        found = None
+    if isinstance(found, np.datetime64):
+        found = found.astype("datetime64[us]").item()  # None if it is not a time
+    if isinstance(found, date) and not isinstance(found, datetime):
+        found = datetime(found.year, found.month, found.day)
     if not isinstance(found, datetime) or not YEARS[0] <= found.year <= YEARS[1]:
         raise InputError(f"start = {shown(value)}: {_CURE}, of the years {YEARS[0]} to {YEARS[1]}")
     return found

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import islice
 from typing import Any
 
-from fastcoil.base.arguments import plain
-from fastcoil.base.errors import InputError
+from fastcoil.base.arguments import plain, whole_of
+from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.logs.columns import MAX_GAP
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 
@@ -48,6 +50,7 @@ _TABLE = (
     Parameter("disturbances", "boundary", "1", 1.0, "noise faster than hours, over that of paper_day", 0.0, 10.0),
     PARAMETERS["pressure"],
 )
+_MOST_DAYS = 366
 CONDITIONS = {p.name: p for p in _TABLE}
 """The numbers that describe a day, each with its unit and bounds."""
 
@@ -69,3 +72,20 @@ def whole_seconds(hours: float) -> int:
     if abs(hours * 3600 - seconds) > 1e-6 or seconds < 1:
         raise InputError(f"hours = {hours:g}: give a whole number of seconds (n / 3600)")
     return seconds
+
+
+def several_of(name: str, value: object, cure: str) -> list[object]:
+    """What an iterable holds, as a list."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
+    return list(islice(value, _MOST_DAYS + 1))
+
+
+def days_of(name: str, value: object) -> list[int]:
+    """Days of the year."""
+    whole = f"give whole numbers from 1 to {_MOST_DAYS}"
+    several = several_of(name, value, "give a list of days of the year")
+    days = [whole_of(name, one, 1, _MOST_DAYS, whole) for one in several]
+    if not days or len(set(days)) < len(days):
+        raise InputError(f"{name} {'has a day twice' if days else 'is empty'}: give each day once")
+    return days

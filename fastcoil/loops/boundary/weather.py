@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import islice
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
 from fastcoil.base.arguments import checking, path_of, whole_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import require_mappings
 from fastcoil.logs.pieces import MOST_SECONDS
-from fastcoil.logs.series import warn_of_reading
-from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
+from fastcoil.loops.boundary.conditions import condition_of, days_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import Values
-from fastcoil.loops.boundary.weather_files import dates_at, read_weather_csv, read_weather_year, warn_of_hours
+from fastcoil.loops.boundary.weather_files import dates_at, read_weather, warn_of_hours
 from fastcoil.model.moist_air import humidity_ratio, mix
-
-_DAYS_OF_A_YEAR = 366
 
 
 def weather_day(
@@ -87,11 +82,10 @@ def weather_day(
         day = check.unless_none(_whole, "day", day, 1, 31)
         hour = check.unless_none(_whole, "hour", hour, 0, 24)
         check(require_mappings, columns=columns, units=units)
-        days = check.unless_none(_days_of, "days", days)
+        days = check.unless_none(days_of, "days", days)
     if (RH_return is None) == (W_return is None):
         raise InputError("RH_return and W_return: give one of them")
-    file = read_weather_year(path, columns, units, pressure) or read_weather_csv(path, columns, units)
-    warn_of_reading(path.name, file.notes)
+    file = read_weather(path, columns, units, pressure)
     weather = file.series
     p = file.pressure(pressure)
     W_hourly = file.humidity(p)
@@ -163,17 +157,6 @@ def _start_hours(
                 "start elsewhere, or take fewer hours"
             )
     return np.array(starts, dtype=np.float64)
-
-
-def _days_of(name: str, days: object) -> list[int]:
-    """Days of the year, as a list."""
-    try:
-        several = list(islice(cast("Iterable[object]", days), _DAYS_OF_A_YEAR + 1))
-    except Exception:  # nothing to iterate over; a user's class may raise anything
-        raise InputError(WrongType(f"{name} = {shown(days)}: give a list of days of the year, or start_hour")) from None
-    if not several:
-        raise InputError(f"{name} is empty: give a list of days of the year, or start_hour")
-    return [_whole(name, one, 1, _DAYS_OF_A_YEAR) for one in several]
 
 
 def _whole(name: str, value: object, low: int, high: int) -> int:

@@ -22,7 +22,7 @@ from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.columns import asked_columns
 from fastcoil.logs.readings import read_numbers
-from fastcoil.logs.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Series, counted, in_total
+from fastcoil.logs.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Series, counted, in_total, warn_of_reading
 from fastcoil.logs.table import Table
 from fastcoil.loops.boundary.clock import YEARS, Times
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
@@ -110,14 +110,8 @@ WEATHER_COLUMNS = {
 """What a column of a weather file may be."""
 
 
-def read_weather_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> Weather:
-    """Read a CSV file of hourly weather; ``columns`` and ``units`` say what differs from `WEATHER_COLUMNS`.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, columns are missing, a value is bad or an hour is left out.
-    """
+def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> Weather:
+    """A CSV file of hourly weather; ``columns`` and ``units`` say what differs from `WEATHER_COLUMNS`."""
     table = Table.read(path)
     columns, units = dict(columns or {}), dict(units or {})
     table.check_names("columns", columns, WEATHER_COLUMNS)
@@ -149,6 +143,36 @@ def read_weather_csv(path: Path, columns: Mapping[str, str] | None, units: Mappi
     return Weather(weather, 60, table.notes)
 
 
+def read_weather(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    pressure: float | None = None,
+) -> Weather:
+    """Read an EPW, TMY3 or CSV file, told apart by its content, and warn of what is not self-evident about its reading.
+
+    The pressure of a file is not read where ``pressure`` [Pa] is given.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, columns are missing, a value is bad, or its rows do not follow each other.
+    """
+    text = read_text(path, "an EPW, TMY3 or CSV file", _LARGEST, utf_16=True, latin_1=True)
+    lines = _LINE_END.split(text)
+    is_epw = lines[0].upper().startswith("LOCATION,")
+    is_tmy3 = len(lines) > 1 and tuple(cell.strip() for cell in lines[1].split(",")[:2]) == _TMY3_DATE
+    if not is_epw and not is_tmy3:
+        weather = _read_csv(path, columns, units)
+    else:
+        layout = (_epw_layout if is_epw else _tmy3_layout)(path.name, lines)
+        if columns or units:
+            raise InputError(f"columns, units: {path.name} is {layout.format}, which has its own: leave them out")
+        weather = _read_year(path.name, lines, layout, with_pressure=pressure is None)
+    warn_of_reading(path.name, weather.notes)
+    return weather
+
+
 def warn_of_hours(weather: Weather) -> None:
     """Warn of what straight lines between the rows cannot show."""
     often, step = (
@@ -162,11 +186,9 @@ def warn_of_hours(weather: Weather) -> None:
     )
 
 
-_LARGEST, _LONGEST_YEAR = 2**30, 2**28
-"""Bytes of any weather file, and letters of one in these formats: a year by minutes has half as many."""
+_LARGEST = 2**28
+"""Bytes; a year by minutes has half as many."""
 _LINE_END = re.compile("\r\n|\n|\r")
-_LONGEST_HEADER = 100
-"""Lines among which DATA PERIODS is sought; an EPW file has eight."""
 WEEKDAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 _MONTH_DAY = re.compile(r"(\d\d?)\s*/\s*(\d\d?)", re.ASCII)
 _HOURS_AHEAD = re.compile(r"[+-]?\d\d?(\.\d{1,2})?", re.ASCII)
@@ -186,7 +208,7 @@ class Field(NamedTuple):
     missing: float
 
 
-class Layout(NamedTuple):
+class RowFormat(NamedTuple):
     """Where a file in one of the formats has what.
 
     n_top: lines above the rows.  date: places of the cells that tell month, day and hour, as ``clock`` matches them
@@ -224,31 +246,9 @@ _TMY3_MISSING = -99.0
 """Files mark a missing reading with -9900; no reading is as low as -99."""
 
 
-def read_weather_year(
-    path: Path,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    pressure: float | None = None,
-) -> Weather | None:
-    """Read an EPW or TMY3 file; None if the file is neither, by what is in it.
-
-    The pressure of the file is not looked at where ``pressure`` [Pa] is given.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, a value is missing or bad, or its rows do not follow each other in one calendar year.
-    """
-    text = read_text(path, "an EPW, TMY3 or CSV file", _LARGEST, utf_16=True, latin_1=True)
-    if not _is_epw(first := _LINE_END.split(text, maxsplit=2)) and not _is_tmy3(first):
-        return None
-    if len(text) > _LONGEST_YEAR:
-        raise InputError(f"{path.name} has {len(text):,} letters: give one year, of {_LONGEST_YEAR:,} letters at most")
-    lines = _LINE_END.split(text)
-    layout = _epw_layout(path.name, lines) if _is_epw(lines) else _tmy3_layout(path.name, lines)
-    if columns or units:
-        raise InputError(f"columns, units: {path.name} is {layout.format}, which has its own: leave them out")
-    fields = {name: field for name, field in layout.fields.items() if name != "p" or pressure is None}
+def _read_year(file: str, lines: Sequence[str], layout: RowFormat, *, with_pressure: bool) -> Weather:
+    """An EPW or TMY3 file."""
+    fields = {name: field for name, field in layout.fields.items() if name != "p" or with_pressure}
     width = 1 + max(*layout.date, *(field.cell for field in fields.values()))
     numbered = [
         (i, line.split(",", width)[:width]) for i, line in enumerate(lines, 1) if i > layout.n_top and line.strip()
@@ -256,12 +256,12 @@ def read_weather_year(
     for i, row in numbered:
         if len(row) < width:
             raise InputError(
-                f"{path.name}: row {i} has {counted(len(row), 'cell')}, {layout.format} at least {width}: mend it"
+                f"{file}: row {i} has {counted(len(row), 'cell')}, {layout.format} at least {width}: mend it"
             )
     if len(numbered) < 2:
-        raise InputError(f"{path.name} has {counted(len(numbered), 'row')} of data: give at least two")
+        raise InputError(f"{file} has {counted(len(numbered), 'row')} of data: give at least two")
     table = Table(
-        path.name,
+        file,
         list(fields),
         [[row[field.cell] for field in fields.values()] for _, row in numbered],
         [i for i, _ in numbered],
@@ -282,16 +282,8 @@ def read_weather_year(
     )
 
 
-def _is_epw(lines: Sequence[str]) -> bool:
-    return lines[0].upper().startswith("LOCATION,")
-
-
-def _is_tmy3(lines: Sequence[str]) -> bool:
-    return len(lines) > 1 and tuple(cell.strip() for cell in lines[1].split(",")[:2]) == _TMY3_DATE
-
-
-def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
-    for i, line in enumerate(lines[:_LONGEST_HEADER], start=1):
+def _epw_layout(file: str, lines: Sequence[str]) -> RowFormat:
+    for i, line in enumerate(lines, start=1):
         cells = [cell.strip() for cell in line.split(",")]
         if cells[0].upper() != "DATA PERIODS":
             continue
@@ -307,11 +299,11 @@ def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
         begins = _MONTH_DAY.match(cells[5]) if named in WEEKDAYS else None
         weekday = f"{int(begins[1])}/{int(begins[2])} {named}" if begins else ""
         told = (_site(place[1:4]), weekday, _time_zone(place[8:9]))
-        return Layout("an EPW file", *told, i, per_hour, (1, 2, 3), _EPW_CLOCK, _EPW_FIELDS)
+        return RowFormat("an EPW file", *told, i, per_hour, (1, 2, 3), _EPW_CLOCK, _EPW_FIELDS)
     raise InputError(f"{file} begins as an EPW file, but has no line DATA PERIODS: give all eight lines of its header")
 
 
-def _tmy3_layout(file: str, lines: Sequence[str]) -> Layout:
+def _tmy3_layout(file: str, lines: Sequence[str]) -> RowFormat:
     header = [cell.strip() for cell in lines[1].split(",")]
     absent = [label for label, _ in _TMY3_HEADERS.values() if label not in header]
     if absent:
@@ -320,10 +312,10 @@ def _tmy3_layout(file: str, lines: Sequence[str]) -> Layout:
         name: Field(label, header.index(label), unit, _TMY3_MISSING) for name, (label, unit) in _TMY3_HEADERS.items()
     }
     try:
-        cells = next(csv.reader(lines[:1]), [])
+        cells = next(csv.reader(lines[:1]))
     except csv.Error:
         cells = lines[0].split(",")
-    return Layout("a TMY3 file", _site(cells[1:3]), "", _time_zone(cells[3:4]), 2, 1, (0, 1), _TMY3_CLOCK, fields)
+    return RowFormat("a TMY3 file", _site(cells[1:3]), "", _time_zone(cells[3:4]), 2, 1, (0, 1), _TMY3_CLOCK, fields)
 
 
 def _site(words: Sequence[str]) -> str:
@@ -340,7 +332,7 @@ def _time_zone(cells: Sequence[str]) -> str:
     return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
 
 
-def _times_of(table: Table, layout: Layout, written: Sequence[str]) -> dict[str, Array]:
+def _times_of(table: Table, layout: RowFormat, written: Sequence[str]) -> dict[str, Array]:
     """Month, day, hour and hour of the year at which each row stands: those at the end of its interval, (n_rows,).
 
     A year has the 29th of February if the file has.  What is no date, and rows that do not follow each other, are

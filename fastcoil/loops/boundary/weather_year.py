@@ -15,21 +15,18 @@ from calendar import isleap
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import date, timedelta
 from functools import partial
-from itertools import islice
 from pathlib import Path
-from typing import Literal, NamedTuple, cast
+from typing import Literal, NamedTuple
 
 from fastcoil.base.arguments import checking, is_number, path_of, plain, text_of, whole_of
-from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.columns import require_mappings
-from fastcoil.logs.series import warn_of_reading
 from fastcoil.loops.boundary.air_handler import chosen_settings, series_of_day, settings_of
 from fastcoil.loops.boundary.air_handler_parts import DAY, outdoors_of
-from fastcoil.loops.boundary.conditions import condition_of
+from fastcoil.loops.boundary.conditions import condition_of, days_of, several_of
 from fastcoil.loops.boundary.record import Boundary
-from fastcoil.loops.boundary.weather_files import WEEKDAYS, Weather, read_weather_csv, read_weather_year, warn_of_hours
+from fastcoil.loops.boundary.weather_files import WEEKDAYS, Weather, read_weather, warn_of_hours
 
-_MOST = 366
 _FIRST_YEAR, _LAST_YEAR = 1970, 2199
 _USUAL_YEAR = 2001
 _MONTH_DAY = re.compile(r"(\d\d?)-(\d\d?)", re.ASCII)
@@ -111,24 +108,13 @@ def month_day_of(name: str, value: object) -> tuple[int, int]:
 
 def month_days_of(name: str, value: object) -> list[tuple[int, int]]:
     """Several of them."""
-    return [month_day_of(name, one) for one in _several(name, value, "give a list such as 01-01, 12-25")]
-
-
-def days_of(name: str, value: object) -> list[int]:
-    """Days of the year."""
-    cure = "give a list of days of the year"
-    days = [
-        whole_of(name, one, 1, _MOST, f"give whole numbers from 1 to {_MOST}") for one in _several(name, value, cure)
-    ]
-    if not days or len(set(days)) < len(days):
-        raise InputError(f"{name} {'has a day twice' if days else 'is empty'}: give each day once")
-    return days
+    return [month_day_of(name, one) for one in several_of(name, value, "give a list such as 01-01, 12-25")]
 
 
 def hours_of(name: str, value: object) -> tuple[float, float]:
     """First and last hour of a day, in whole seconds."""
     cure = "give the hours of start and stop, such as 6, 20"
-    pair = _several(name, value, cure)
+    pair = several_of(name, value, cure)
     if len(pair) != 2 or not all(is_number(hour) for hour in pair):
         raise InputError(f"{name} = {shown(value)}: {cure}")
     start, stop = (float(plain(hour)) for hour in pair)
@@ -149,15 +135,6 @@ def fan_days(
         for label, day in zip(labels, dates, strict=True)
     }
     return {label: pair for label, pair in hours.items() if pair is not None}
-
-
-def _several(name: str, value: object, cure: str) -> list[object]:
-    if isinstance(value, str | bytes):
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
-    try:
-        return list(islice(cast("Iterable[object]", value), _MOST + 1))
-    except Exception:  # nothing to iterate over; a user's class may raise anything
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}")) from None
 
 
 def require_days(labels: Sequence[int], available: range, file: str) -> None:
@@ -289,8 +266,7 @@ def weather_year(
         chosen = check(chosen_settings, given)
         if days is not None and not (first_date is None and last_date is None):
             check.problems.append("days and first_date, last_date are both given: give one of them")
-    weather = read_weather_year(path, columns, units, pressure) or read_weather_csv(path, columns, units)
-    warn_of_reading(path.name, weather.notes)
+    weather = read_weather(path, columns, units, pressure)
     outdoors = outdoors_of(weather, pressure, path.name)
     calendar = calendar_of(year, weather, path.name)
     if labels is None:

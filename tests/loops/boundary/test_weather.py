@@ -98,7 +98,7 @@ def test_weather_by_relative_humidity_other_headers_and_pressure(write):
         ({"start_hour": 0}, ["start_hour = 0"]),
         ({"start_hour": 66}, ["hours of the year 1 to 72", "66 to 73.9997", "fewer hours"]),
         ({"days": [1, 4], "hour": 8}, ["1 to 72", "80 to"]),
-        ({"days": [1, 1], "hour": 8}, ["day label 1 appears twice"]),
+        ({"days": [1, 1], "hour": 8}, ["days has a day twice"]),
         ({"days": 2, "hour": 8}, ["days = 2", "list"]),
         ({"days": [2]}, ["hour = None", "from 0 to 24"]),
         ({"month": 2, "day": 1, "hour": 8}, ["0 rows for month 2, day 1, hour 8", "file's own dates"]),
