@@ -74,11 +74,11 @@ def whole_seconds(hours: float) -> int:
     return seconds
 
 
-def several_of(name: str, value: object, cure: str) -> list[object]:
-    """What an iterable holds, as a list."""
+def several_of(name: str, value: object, cure: str, most: int = _MOST_DAYS) -> list[object]:
+    """What an iterable holds, as a list; at most one more than ``most``."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
-    return list(islice(value, _MOST_DAYS + 1))
+    return list(islice(value, most + 1))
 
 
 def days_of(name: str, value: object) -> list[int]:

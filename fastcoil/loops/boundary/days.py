@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arguments import checking, choice_of, plain, whole_of
-from fastcoil.base.arrays import MOST_VALUES, Array
-from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError
 from fastcoil.base.machine import available_memory, gib
-from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
+from fastcoil.loops.boundary.conditions import condition_of, several_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES, LARGEST_DAY_LABEL, Values
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
@@ -95,7 +93,6 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     with checking() as check:
         n_steps = check(whole_seconds, hours)
         seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
-    require_memory(len(seeds), n_steps)
     h = np.arange(n_steps) / 3600
     D, noise = swing(h), drifts_of(DRIFTS, seeds, n_steps)
     T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
@@ -121,30 +118,20 @@ def stepped_set_point(n_steps: int) -> Array:
     return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)]
 
 
-def require_memory(n_days: int, n_steps: int) -> None:
-    """Refuse days that do not fit into memory while they are made, three times what they take in the end."""
-    needed, available = 3 * n_days * n_steps * 8 * len(BOUNDARY_SERIES), available_memory()
-    if needed > available:
-        raise InputError(
-            f"seed has {n_days:,} values: days of {n_steps:,} s for all of them need {gib(needed)} of memory while "
-            f"they are made, {gib(available)} are available: give fewer, or shorter days"
-        )
-
-
 def distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
-    """The seeds of days of ``n_steps``: whole numbers, each once, an `InputError` for anything else."""
+    """The seeds of days of ``n_steps``: whole numbers, each once, of as many days as fit into memory."""
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
-    most = MOST_VALUES // n_steps
-    try:
-        given = [seed] if isinstance(seed, int | str | bytes) else list(islice(seed, most + 1))
-    except Exception:  # nothing to iterate over; a user's class may raise anything
-        raise InputError(WrongType(f"seed = {shown(seed)}: {wanted}")) from None
+    # while they are made, days take three times what they take in the end
+    most = available_memory() // (3 * n_steps * 8 * len(BOUNDARY_SERIES))
+    given = [seed] if isinstance(seed, int) else several_of("seed", seed, wanted, most)
     if len(given) > most:
-        raise InputError(f"seed gives more than {most} days of {n_steps} s: give fewer, or fewer hours")
+        raise InputError(
+            f"seed gives more than {most} days of {n_steps:,} s, for which {gib(available_memory())} suffice: "
+            "give fewer, or shorter days"
+        )
     seeds = [whole_of("seed", one, 0, LARGEST_DAY_LABEL, wanted) for one in given]
-    if not seeds or len(set(seeds)) < len(seeds):
-        twice = next((s for s, count in Counter(seeds).items() if count > 1), None)
-        raise InputError(f"seed {f'has {twice} twice' if seeds else 'is empty'}: {wanted}")
+    if len(set(seeds)) < max(len(seeds), 1):
+        raise InputError(f"seed {'has a number twice' if seeds else 'is empty'}: {wanted}")
     return seeds
 
 
@@ -330,7 +317,6 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
         n_steps = check(whole_seconds, hours)
         seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
         T_w_in = check(condition_of, "T_w_in", T_w_in)
-    require_memory(len(seeds), n_steps)
     h = np.arange(n_steps) / 3600
     D, noise = swing(h), drifts_of(HEATING_DRIFTS, seeds, n_steps)
     several = not isinstance(seed, int)
