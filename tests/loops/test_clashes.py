@@ -1,12 +1,18 @@
-"""Parameters of the controller that clash are refused before anything runs, by ``simulate`` and ``replay`` alike."""
+"""Parameters that clash, belong to an estimator, or do not suit the days."""
+
+import warnings
 
 import numpy as np
 import pytest
 import xarray as xr
 from helpers.refusals import assert_only_problem, only_problem, problems
+from helpers.rules import own_pi
 
 import fastcoil as fc
+from fastcoil.loops.clashes import tell_doubts
 from fastcoil.loops.plan import plan_simulation
+from fastcoil.loops.presets import COOLING
+from fastcoil.loops.scenarios import columns_of
 
 MEASURED = {"buffer_ratio": 6.0, "buffer_noise": "measured"}
 LIMITED = {"buffer_swing": 0.1, "plant_gain": 20.0}
@@ -115,3 +121,125 @@ def test_a_swing_alone_misses_both_the_ratio_and_the_gain():
     assert [problem.partition(":")[0] for problem in found] == [
         "buffer_swing without buffer_ratio", "buffer_swing without plant_gain"
     ]  # fmt: skip
+
+
+HOUR = 0.6
+COOLING_DAY = fc.paper_day(hours=HOUR)
+HEATING_DAY = fc.heating_day(hours=HOUR)
+FREE_COOLING = fc.constant_day(HOUR, T_a_in=8.0, T_w_in=np.linspace(7.0, 9.0, 2160), relative_humidity=0.3)
+
+
+MISTAKES = {
+    "a heating coil on a day of cooling": (fc.Loop.preset("heating"), COOLING_DAY, "opening the valve cools"),
+    "a cooling coil on a day of heating": (fc.Loop.preset("lbnl"), HEATING_DAY, "opening the valve warms"),
+    "gains of a cooling coil": (fc.Loop(action="heating"), HEATING_DAY, r"kp = 0\.03 1/K and ti = 8 s.*paper_like"),
+    "water too cold": (
+        fc.Loop.preset("heating"),
+        fc.heating_day(HOUR, T_w_in=20.0),
+        r"T_set is 24 degC or more.*at most: no opening warms",
+    ),
+    "water too warm": (fc.Loop(), fc.constant_day(HOUR, T_set=5.0), r"T_set is 5 degC or less.*no opening cools"),
+    "one action of a sweep": (fc.Loop(action=["heating", "cooling"]), COOLING_DAY, "opening the valve cools"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_what_cannot_be_meant_is_told(mistake):
+    loop, day, words = MISTAKES[mistake]
+    with pytest.warns(UserWarning, match=words) as told:
+        tell_doubts(loop, day)
+    assert len(told) == 1
+
+
+RIGHT = {
+    **{name: (fc.Loop.preset(name), COOLING_DAY) for name in COOLING},
+    "heating": (fc.Loop.preset("heating"), HEATING_DAY),
+    "heating_45": (fc.Loop.preset("heating_45"), fc.heating_day(HOUR, T_w_in=45.0)),
+    "water at times warmer than the air": (fc.Loop(), FREE_COOLING),
+    "water and air of one temperature": (fc.Loop(), fc.constant_day(HOUR, T_a_in=20.0, T_w_in=20.0, T_set=20.0)),
+    "nothing to do: the air is colder than the set-point": (fc.Loop(), fc.constant_day(HOUR, T_a_in=13.0, T_set=14.0)),
+    "gains that were chosen": (fc.Loop.preset("lbnl").assign(action="heating", kp=0.0045), HEATING_DAY),
+    "gains that are swept": (fc.Loop.preset("lbnl").assign(action="heating", kp=[0.018, 0.01]), HEATING_DAY),
+    "cooling gains with tepid water": (fc.Loop(action="heating"), fc.heating_day(HOUR, T_w_in=35.0)),
+    "a law of the user's own": (fc.Loop.preset("lbnl").assign(law=own_pi), HEATING_DAY),
+    "an action that kp turns round": (fc.Loop.preset("lbnl").assign(kp=-0.018), HEATING_DAY),
+}
+
+
+@pytest.mark.parametrize("case", RIGHT)
+def test_what_may_be_meant_is_not_told(case):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tell_doubts(*RIGHT[case])
+
+
+@pytest.mark.kernel
+def test_a_run_is_told_where_it_is_called_and_an_open_loop_is_not():
+    with pytest.warns(UserWarning, match="opening the valve cools") as told:
+        fc.simulate(fc.Loop.preset("heating"), COOLING_DAY, n_jobs=1)
+    assert told[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fc.simulate(fc.Loop.preset("heating"), COOLING_DAY, command=np.full(2160, 0.5), n_jobs=1)
+
+
+LEARNER = {"learning_step": 0.007, "backlash_estimate": 0.007}
+
+
+def planned_hour(**parameters):
+    return plan_simulation(fc.Loop(**parameters), fc.constant_day(hours=1))
+
+
+def test_without_a_word_the_learner_is_where_it_has_a_step():
+    loop = fc.Loop(learning_step=[0.0, 0.01])
+    assert columns_of(loop, loop.sizes, np.arange(2))["estimator"].tolist() == ["none", "learner"]
+
+
+@pytest.mark.kernel
+def test_the_word_changes_no_bits_and_none_switches_the_learner_off(short):
+    plain = fc.simulate(fc.Loop(**LEARNER, learning_interval=600), short, warm_up=60)
+    words = fc.simulate(fc.Loop(**LEARNER, learning_interval=600, estimator=["none", "learner"]), short, warm_up=60)
+    assert words.sel(estimator="learner").rmse.item() == plain.rmse.item()
+    assert words.learning_status.values.tolist() == [0.0, plain.learning_status.item()]
+    assert words.sel(estimator="none").estimate_final == 0.007
+
+
+@pytest.mark.kernel
+def test_the_inverse_assumes_a_share_of_what_the_estimator_reports(short):
+    """None of it: the loop of a plain PI, while the estimate is still reported."""
+    learner = LEARNER | {"learning_interval": 600, "learning_early_trip": 1}
+    ds = fc.simulate(fc.Loop(**learner, estimate_share=[0.0, 1.0]), short, warm_up=60, traces=["command", "estimate"])
+    plain = fc.simulate(fc.Loop(), short, warm_up=60, traces=["command"])
+    np.testing.assert_array_equal(ds.command.sel(estimate_share=0.0), plain.command)
+    assert ds.estimate.sel(estimate_share=0.0).max() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        ({"estimator": "learner"}, "estimator = 'learner' with learning_step = 0"),
+        ({"estimator": "none", "learning_step": 0.007}, "learning_step belongs to the estimator learner, which no"),
+        ({"estimate_share": 0.5, "estimator": "none"}, "estimate_share without an estimator"),
+        (
+            LEARNER | {"learning_error_ratio": 1.5},
+            "learning_error_ratio without learning_reference: .* give the number",
+        ),
+        (LEARNER | {"learning_cap": 0.001}, "it cannot start above learning_cap"),
+        ({"estimator": "lerner"}, "estimator = 'lerner': choose 'none' or 'learner' or 'hagglund' or 'gradient'"),
+        ({"estimator": "hagglund"}, "estimator = 'hagglund' without plant_gain: give the change of the supply temp"),
+        ({"estimator": ["gradient", "hagglund"]}, "estimator = 'hagglund' without plant_gain"),
+        ({"estimator": "gradient", "backlash_estimate": 0.21}, "it cannot start above gradient_cap"),
+        ({"gradient_gain": 1e-3}, "gradient_gain belongs to the estimator gradient, which no scenario has"),
+        ({"hagglund_filter_ratio": 0.2, "estimator": "gradient"}, "hagglund_filter_ratio belongs to the estimator hag"),
+        ({"estimator": "hagglund", "plant_gain": 0.0}, "plant_gain = 0 K: must be above 0"),
+        ({"estimator": "hagglund", "hagglund_least_half_periods": 4}, "must be whole, from 5 to 1000"),
+    ],
+)
+def test_parameters_without_their_estimator_are_refused_before_anything_runs(parameters, sentence):
+    with pytest.raises(fc.InputError, match=sentence):
+        planned_hour(**parameters)
+
+
+def test_a_replay_refuses_an_estimator_without_what_it_reckons_with():
+    with pytest.raises(fc.InputError, match="estimator = 'hagglund' without plant_gain"):
+        fc.replay(fc.Loop(estimator="hagglund"), "nothing.csv")

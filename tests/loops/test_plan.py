@@ -1,16 +1,21 @@
-"""Plans: arguments of ``simulate`` that are refused, and results too large for the machine."""
+"""Plans: arguments of ``simulate`` that are refused, memory and disk, shards, parts joined into one result."""
 
 import tracemalloc
+from collections import namedtuple
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fastcoil as fc
+from fastcoil.base.errors import InputError
 from fastcoil.loops import plan as resources
+from fastcoil.loops.dataset import join_flat
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.engine.rows import LANES
+from fastcoil.model.metric_table import STATUS_CRASHED
 
 pytestmark = pytest.mark.kernel
 
@@ -196,3 +201,67 @@ def test_a_shard_holds_no_more_than_its_share_of_bytes(days):
     bytes_of_one = (plan.metric_bytes + plan.trace_bytes) / plan.n_scenarios
     assert len(plan.shards(1)) > 4
     assert all(LANES <= shard.size <= 64 * 2**20 / bytes_of_one for shard in plan.shards(1)[:-1])
+
+
+def test_results_that_do_not_fit_into_memory_are_refused(monkeypatch):
+    monkeypatch.setattr(resources, "available_memory", lambda: 2**30)
+    resources.check_memory(2**30, 5)
+    with pytest.raises(fc.InputError, match=r"12,000 scenarios need 2\.0 GiB .* 1\.0 GiB are available: sweep fewer"):
+        resources.check_memory(2**31, 12_000)
+
+
+def test_results_that_do_not_fit_on_the_disk_are_refused(tmp_path, monkeypatch):
+    usage = namedtuple("usage", "free")
+    monkeypatch.setattr(resources.shutil, "disk_usage", lambda path: usage(2**30 if path == tmp_path else 0))
+    resources.check_disk(2**30, tmp_path / "results" / "mine")
+    with pytest.raises(fc.InputError, match=r"needs up to 2\.0 GiB on disk, 1\.0 GiB are free in .*: choose another"):
+        resources.check_disk(2**31, tmp_path / "results" / "mine")
+
+
+def test_workers_that_do_not_fit_are_refused_with_the_number_that_does(monkeypatch):
+    monkeypatch.setattr(resources, "available_memory", lambda: 700 * 2**20)
+    resources.check_workers(100 * 2**20, 300 * 2**20, 2)
+    with pytest.raises(fc.InputError) as caught:
+        resources.check_workers(100 * 2**20, 300 * 2**20, 8)
+    assert str(caught.value) == (
+        "8 workers of 300.0 MiB do not fit into the 700.0 MiB of memory that are available, of which the results need "
+        "100.0 MiB: use -j 2"
+    )
+    with pytest.raises(fc.InputError, match=r"needs 900\.0 MiB of memory with one worker, 700\.0 MiB are available"):
+        resources.check_workers(600 * 2**20, 300 * 2**20, 8)
+
+
+FORMS = {
+    "the type": "np.array([1, 2]) if first else np.array([1.5, 2.5])",
+    "the labels": "xr.DataArray(np.ones((2, 2)), {'bin': [0, 1] if first else [5, 6]}, ['scenario', 'bin'])",
+    "the dim": "xr.DataArray(np.ones((2, 2)), dims=['scenario', 'a' if first else 'b'])",
+    "the shape": "xr.DataArray(np.ones((2, 2 if first else 3)), dims=['scenario', 'bin'])",
+}
+
+
+def flat(score, start, status=0):
+    score = score if isinstance(score, xr.DataArray) else ("scenario", score)
+    index = np.arange(start, start + 2)
+    variables = {"rmse": ("scenario", np.ones(2)), "status": ("scenario", np.full(2, status, dtype=np.int8))}
+    return xr.Dataset(variables | {"score": score}, coords={"scenario": index})
+
+
+@pytest.mark.parametrize("source", FORMS.values(), ids=FORMS)
+def test_answers_of_another_form_for_other_scenarios_are_refused(source):
+    first, second = (eval(source, {"np": np, "xr": xr, "first": first}) for first in (True, False))
+    with pytest.raises(InputError, match="the reduction gives score as .* for some scenarios"):
+        join_flat(4, [flat(first, 0), flat(second, 2)])
+    joined = join_flat(4, [flat(first, 0), flat(first, 2)])
+    assert joined["score"].dtype == flat(first, 0)["score"].dtype
+
+
+def test_scenarios_that_crashed_need_no_answer():
+    answered = flat(np.array([1, 2]), 2)
+    crashed = flat(np.array([1, 2]), 0, STATUS_CRASHED).drop_vars("score")
+    for parts in ([crashed, answered], [answered, crashed]):
+        assert join_flat(4, parts)["score"].values.tolist() == [0, 0, 1, 2]
+
+
+def test_an_answer_that_some_scenarios_lack_is_refused():
+    with pytest.raises(InputError, match="score as nothing|score as .* nothing"):
+        join_flat(4, [flat(np.array([1, 2]), 0), flat(np.array([1, 2]), 2).drop_vars("score")])

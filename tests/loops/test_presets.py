@@ -1,10 +1,16 @@
-"""Presets: the design table, what ``fc.presets`` shows of them, and unknown names."""
+"""Presets of cooling and heating coils: the design table, what ``fc.presets`` shows, how they behave."""
 
+import math
+
+import numpy as np
 import pytest
 
 import fastcoil as fc
 from fastcoil.loops.presets import COOLING, NOT_THE_FIT, PRESETS
 from fastcoil.model.parameter_table import PARAMETERS
+
+pytestmark = pytest.mark.kernel
+
 
 COMMON = {
     "C_w": 8.8, "beta1": 0.32, "beta2": -0.20, "beta3": 0.40, "beta4": -0.45, "beta5": 0.42, "beta6": -0.42,
@@ -87,3 +93,85 @@ def test_unknown_preset():
 def test_a_preset_is_a_word(name):
     with pytest.raises(fc.InputError):
         fc.Loop.preset(name)
+
+
+STEP, STEP_AT, SECONDS = 2.0, 5400, 9000
+CORNERS = [(m_a, T_out, T_w) for m_a in (0.4, 1.3) for T_out in (-20.0, 15.0) for T_w in (45.0, 70.0)]
+NAMES = ("heating", "heating_45")
+
+
+def corners():
+    """The corners of the working range, a day each, with a step of the set-point within reach."""
+    m_a, T_out, T_w_in = (np.array(column)[:, None] * np.ones(SECONDS) for column in zip(*CORNERS, strict=True))
+    T_a_in = 0.3 * T_out + 0.7 * 21.0
+    T_set = T_a_in + 0.22 * (T_w_in - T_a_in) + STEP * (np.arange(SECONDS) >= STEP_AT)
+    return fc.Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=0.003, T_w_in=T_w_in, T_set=T_set, day=range(len(CORNERS)))
+
+
+def overshoot(ds, T_set):
+    after = ds.T_sup.sel(elapsed_time=slice(STEP_AT, None)).transpose(..., "day", "elapsed_time")
+    return ((after.values - T_set[:, -1:]) / STEP).max(axis=-1)
+
+
+@pytest.fixture(scope="module")
+def day():
+    return corners()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_heating_preset_does_not_ring_where_the_gains_of_a_cooling_loop_do(name, day):
+    loop, T_set = fc.Loop.preset(name).assign(backlash=0.0), day.series["T_set"]
+    ds = fc.simulate(loop, day, traces=["T_sup"], trace_interval=10, n_jobs=1)
+    assert overshoot(ds, T_set).max() < 0.2
+    assert np.median(overshoot(ds, T_set)) < 0.05
+    assert not ds.hunts.any()
+    late = abs(ds.T_sup.isel(elapsed_time=-1) - T_set[:, -1])
+    assert float(late.max()) < 0.05
+    cooling = fc.Loop.preset("lbnl")
+    with_them = loop.assign(**{n: cooling[n] for n in ("kp", "ti", "sample_time")})
+    with pytest.warns(UserWarning, match="those of the cooling coil lbnl"):
+        rings = fc.simulate(with_them, day, traces=["T_sup"], trace_interval=10, n_jobs=1)
+    assert overshoot(rings, T_set).max() > 0.35
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_theory_calls_a_heating_preset_calm_and_its_gains_times_ten_not(name, day):
+    loop = fc.Loop.preset(name)
+    told = fc.limit_cycle(loop.assign(backlash=[0.0, 0.15]), day, at=0)
+    assert float(told.margin.max()) < 0.4
+    wild = loop.assign(kp=10 * loop["kp"], ti=10.0)
+    told, ds = fc.limit_cycle(wild, day, at=0), fc.simulate(wild, day, n_jobs=1)
+    assert told.hunts.all()
+    assert ds.hunts.all()
+
+
+@pytest.mark.parametrize(("name", "T_w_in"), [("heating", 60.0), ("heating_45", 45.0)])
+def test_the_design_load_opens_the_valve_to_0_6_to_0_9(name, T_w_in):
+    """Eight volumes come near the counterflow formula of ε and NTU; the flow is that of the installed valve."""
+    loop = fc.Loop.preset(name)
+    rest = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=T_w_in), at=0)
+    opening = float(rest.opening)
+    assert 0.6 <= opening <= 0.9
+    R, N, L = loop["rangeability"], loop["authority"], loop["leakage"]
+    shut, partly = (1 / math.sqrt(1 + N * (R ** (2 * (1 - x)) - 1)) for x in (0.0, opening))
+    m_w = loop["m_full"] * (L + (1 - L) * (partly - shut) / (1 - shut))
+    assert float(rest.m_w) == pytest.approx(m_w, rel=1e-9)
+    m_a, T_a_in = 1.15, 0.3 * -20.0 + 0.7 * 21.0
+    C_a, C_w = m_a * loop["cp_a"], m_w * loop["cp_w"]
+    UA = 1 / (
+        1 / (8 * loop["beta3"] * m_a ** loop["beta4"] * C_a) + 1 / (8 * loop["beta1"] * m_w ** loop["beta2"] * C_w)
+    )
+    low, high = sorted((C_a, C_w))
+    ratio, ntu = low / high, UA / low
+    eps = (1 - math.exp(-ntu * (1 - ratio))) / (1 - ratio * math.exp(-ntu * (1 - ratio)))
+    assert 25.0 - T_a_in == pytest.approx(eps * low / C_a * (T_w_in - T_a_in), rel=0.05)
+
+
+def test_a_heating_preset_is_its_twin_in_plain_python(run_reference):
+    hour = {name: values[0][:1800] for name, values in fc.heating_day(1.0, 3).series.items()}
+    loop, day = fc.Loop.preset("heating").assign(noise_std=0.02), fc.Boundary(**hour, day=3)
+    ds = fc.simulate(loop, day, traces=["T_sup", "opening", "m_w"], warm_up=600, n_jobs=1)
+    traces, metrics = run_reference(loop, day, warm_up=600)
+    for name in ("T_sup", "opening", "m_w"):
+        np.testing.assert_allclose(ds[name].values, traces[name], rtol=0, atol=1e-9, err_msg=name)
+    assert float(ds.rmse) == pytest.approx(metrics["rmse"], abs=1e-9)

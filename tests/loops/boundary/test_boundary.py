@@ -1,17 +1,21 @@
-"""What a boundary promises: shapes, immutability, digests, and messages that name field, value, cure."""
+"""What a boundary promises: shapes, immutability, digests, round trips, and messages that name field, value, cure."""
 
+import copy
 import os
+import pickle
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from helpers.refusals import assert_only_problem, only_problem, problems
+from helpers.trend_logs import HEADER, replaced
 
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.days import paper_day
+from fastcoil.loops.boundary.days import constant_day, design_day, paper_day
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 
 DIGEST = "833d7cdae034ccc50d8af7c8ae5fe9cbcbc3e6d90c9daa8a685df525d604295a"
@@ -214,3 +218,100 @@ def test_days_that_disagree():
     b = xr.DataArray([7.0, 8.0], dims="day", coords={"day": [2, 1]})
     message = only_problem(Boundary, **GOOD | {"m_a": a, "T_w_in": b})
     assert "T_w_in has day [2 1] where m_a has [1 2]" in message
+
+
+@pytest.mark.parametrize("seed", [1, [5, 3]])
+def test_dataset_pickle_and_copy_round_trips(seed):
+    boundary = paper_day(0.1, seed)
+    for other in (
+        Boundary.from_dataset(boundary.to_dataset()),
+        pickle.loads(pickle.dumps(boundary)),
+        copy.deepcopy(boundary),
+    ):
+        assert other == boundary
+        np.testing.assert_array_equal(other.day, boundary.day)
+        assert other.has_day_dim == boundary.has_day_dim
+        assert not other.series["m_a"].flags.writeable
+
+
+def test_netcdf_round_trip(tmp_path):
+    pytest.importorskip("netCDF4")
+    boundary = paper_day(0.05, [5, 3])
+    boundary.to_dataset().to_netcdf(tmp_path / "day.nc")
+    with xr.open_dataset(tmp_path / "day.nc") as ds:
+        assert Boundary.from_dataset(ds) == boundary
+
+
+def test_dataset_has_units_names_and_coordinates():
+    ds = paper_day(0.1, [5, 3]).to_dataset()
+    assert ds.sizes == {"day": 2, "elapsed_time": 360}
+    assert ds.elapsed_time.attrs["units"] == "s"
+    assert ds.elapsed_time.values[-1] == 359.0
+    for name, series in BOUNDARY_SERIES.items():
+        assert ds[name].attrs["units"] == series.unit
+        assert ds[name].attrs["long_name"]
+    assert ds.noise.attrs["units_metadata"] == "temperature: difference"
+    assert paper_day(0.1).to_dataset().m_a.dims == ("elapsed_time",)
+
+
+def test_one_day_cut_out_of_a_dataset_keeps_its_label():
+    ds = paper_day(0.1, [5, 3]).to_dataset()
+    one = Boundary.from_dataset(ds.isel(day=1))
+    assert not one.has_day_dim
+    np.testing.assert_array_equal(one.day, [3])
+    np.testing.assert_array_equal(one.series["m_a"], ds.m_a.values[1:])
+
+
+def test_from_dataset_ignores_other_variables_and_any_start():
+    ds = paper_day(0.1).to_dataset()
+    ds["T_outside"] = ("elapsed_time", np.full(360, np.nan))
+    later = Boundary.from_dataset(ds.isel(elapsed_time=slice(100, None)))
+    np.testing.assert_array_equal(later.series["m_a"][0], ds.m_a.values[100:])
+
+
+def test_from_dataset_is_strict():
+    ds = paper_day(0.1).to_dataset()
+    message = only_problem(Boundary.from_dataset, ds.isel(elapsed_time=slice(None, None, 5)))
+    assert "elapsed_time has a step of 5 s after sample 0: give 1-s steps" in message
+    gap = ds.isel(elapsed_time=[*range(50), *range(53, 360)])
+    assert "elapsed_time has a step of 4 s after sample 49" in only_problem(Boundary.from_dataset, gap)
+    message = only_problem(Boundary.from_dataset, ds.drop_vars("T_w_in"))
+    assert "T_w_in is missing" in message
+    assert "entering water temperature" in message
+    assert "units" in only_problem(Boundary.from_dataset, ds.assign(m_a=ds.m_a.drop_attrs()))
+    assert "coordinate" in only_problem(Boundary.from_dataset, ds.drop_vars("elapsed_time"))
+
+
+NIGHT = np.where(np.arange(7200) < 5400, 0.0, 1.2)
+SERIES = {"T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": 14.0}
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: Boundary(m_a=NIGHT, **SERIES),
+        lambda: constant_day(2.0, m_a=NIGHT),
+        lambda: design_day(2.0, m_a=NIGHT),
+    ],
+    ids=["Boundary", "constant_day", "design_day"],
+)
+def test_seconds_without_air_flow_are_off_and_their_hours_are_told(made):
+    with pytest.warns(UserWarning, match=r"m_a is 0 during 1\.5 h and enabled is left out") as told:
+        boundary = made()
+    assert len(told) == 1
+    np.testing.assert_array_equal(boundary.series["enabled"][0], NIGHT > 0.0)
+
+
+def test_a_given_enabled_is_kept_and_nothing_is_told():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert (Boundary(m_a=NIGHT, enabled=1.0, **SERIES).series["enabled"] == 1.0).all()
+        off = Boundary(m_a=NIGHT, enabled=NIGHT > 0.0, **SERIES)
+        again = Boundary.from_dataset(off.to_dataset()).isel([0])
+    assert again.sha256 == off.isel([0]).sha256
+
+
+def test_a_log_without_status_is_off_where_its_fan_stands(write):
+    with pytest.warns(UserWarning, match="m_a is 0 during"):
+        boundary = Boundary.from_csv(write(HEADER, replaced(1, [1.0, 0.0, 0.0])))
+    assert boundary.series["enabled"][0, 59:62].tolist() == [1.0, 0.0, 0.0]

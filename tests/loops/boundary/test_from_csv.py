@@ -1,16 +1,18 @@
-"""Trend logs: exact conversions of units, holds and straight lines, and a measured one."""
+"""Trend logs: exact conversions of units, holds and straight lines, times, a measured one, mistakes."""
 
 import csv
-from datetime import datetime, timedelta
+import warnings
 
 import numpy as np
 import pytest
+from helpers.refusals import assert_only_problem, problems
 from helpers.shared_data import measured
 from helpers.trend_logs import HEADER, ROWS, replaced, row
+from helpers.weather_years import CSV_HEADER, epw, hours_from, tmy3
 
-from fastcoil.logs.series import AIR_FLOW, DIFFERENCE, TEMPERATURE
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import paper_day
+from fastcoil.loops.boundary.weather import weather_day
 from fastcoil.model import moist_air
 
 
@@ -45,14 +47,6 @@ def test_time_units_and_an_arbitrary_first_time(write, unit, scale):
     np.testing.assert_array_equal(np.flatnonzero(np.diff(T_set)) + 1, seconds[1:])
 
 
-@pytest.mark.parametrize("form", ["%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M", "%Y-%m-%dT%H:%M:%S+02:00", "%Y-%m-%dT%TZ"])
-def test_timestamps(write, form):
-    begin = datetime(2024, 2, 28, 23, 59)
-    rows = [[(begin + timedelta(seconds=r[0])).strftime(form), *r[1:]] for r in ROWS]
-    expected = Boundary.from_csv(write(HEADER, ROWS))
-    assert Boundary.from_csv(write(["timestamp", *HEADER[1:]], rows)) == expected
-
-
 def test_start_and_hours_cut_a_window(write):
     path = write(HEADER, ROWS)
     whole = Boundary.from_csv(path).series
@@ -61,41 +55,6 @@ def test_start_and_hours_cut_a_window(write):
         np.testing.assert_allclose(values[0], whole[name][0, 30:75], atol=1e-12)
     rest = Boundary.from_csv(path, start=30 / 3600)
     assert rest.n_steps == 91
-
-
-@pytest.mark.parametrize(("unit", "value"), [("degC", 25.0), ("degF", 77.0), ("K", 298.15)])
-def test_temperature_units(write, unit, value):
-    header = [cell.replace("T_a_in [degC]", f"T_a_in [{unit}]") for cell in HEADER]
-    series = Boundary.from_csv(write(header, replaced(2, [value] * 3))).series
-    np.testing.assert_allclose(series["T_a_in"], 25.0, atol=1e-12)
-    assert unit in TEMPERATURE
-
-
-@pytest.mark.parametrize(
-    ("unit", "value"),
-    [
-        ("kg s-1", 1.5),
-        ("kg/s", 1.5),
-        ("kg/h", 5400.0),
-        ("lb/h", 5400 / 0.45359237),
-        ("m3/s", 1.25),
-        ("m3/h", 4500.0),
-        ("L/s", 1250.0),
-        ("cfm", 1.25 * 60 / 0.3048**3),
-    ],
-)
-def test_air_flow_units_with_volumes_at_1_2_kg_m3(write, unit, value):
-    header = [cell.replace("m_a [kg/s]", f"m_a [{unit}]") for cell in HEADER]
-    series = Boundary.from_csv(write(header, replaced(1, [repr(value)] * 3))).series
-    np.testing.assert_allclose(series["m_a"], 1.5, rtol=1e-12)
-    assert unit in AIR_FLOW
-
-
-def test_a_temperature_difference_in_fahrenheit_has_no_offset(write):
-    rows = [[*r, 1.8] for r in ROWS]
-    series = Boundary.from_csv(write([*HEADER, "noise [degF]"], rows)).series
-    np.testing.assert_allclose(series["noise"], 1.0, rtol=1e-12)
-    assert set(DIFFERENCE) == {"K", "degC", "degF"}
 
 
 @pytest.mark.parametrize(
@@ -182,11 +141,156 @@ def test_humidity_may_be_a_constant_in_any_form(write):
     np.testing.assert_allclose(found, moist_air.humidity_ratio_from_dew_point(12.0))
 
 
-def test_enabled_needs_no_unit(write):
-    header, rows = [*HEADER, "enabled"], [[*r, on] for r, on in zip(ROWS, (1, 0, 1), strict=True)]
-    assert Boundary.from_csv(write(header, rows)).series["enabled"][0, 90] == 0.0
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ([*ROWS, row(180), row(500)], ["rows 5 and 6 are 320 s apart", "others 60 s", "max_gap=320"]),
+        (replaced(2, [25, 25, "-inf"]), ["T_a_in is -inf in row 4"]),
+        (
+            replaced(2, [77, 77, 77]),
+            ["T_a_in = 77 degC in row 2", "from -40 to 60 degC", "check its unit", "3 samples"],
+        ),
+        ([ROWS[0], ROWS[1][:-1], ROWS[2]], ["row 3 has 5 cells where the header has 6"]),
+        ([ROWS[0]], ["one row of data", "at least two"]),
+        ([], ["header but no data", "at least two"]),
+    ],
+)
+def test_bad_rows_are_named_with_value_and_cure(write, rows, words):
+    assert_only_problem(words, Boundary.from_csv, write(HEADER, rows))
 
 
-def test_a_column_comes_before_a_constant_of_its_name(write):
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ([*HEADER[:5], "T_a_in [degC]"], ["column 'T_a_in [degC]' appears twice"]),
+        ([f"time {HEADER[0]}"], ["row 2 has 6 cells where the header has 1"]),
+        (["elapsed_time [s];m_a [kg/s];T_a_in [degC]"], ["';'", "use commas"]),
+    ],
+)
+def test_bad_headers_are_named_with_the_cure(write, header, words):
+    assert_only_problem(words, Boundary.from_csv, write(header, ROWS))
+
+
+def test_all_mistakes_of_a_file_are_raised_at_once(write):
+    rows = replaced(1, [1, -2, 1], replaced(2, [25, 25, "x"], replaced(4, [7, 7, -999], replaced(0, [0, 60, 60]))))
+    found = problems(Boundary.from_csv, write(HEADER, rows))
+    assert len(found) == 4
+    for text, words in zip(found, ("m_a = -2", "T_a_in = 'x'", "T_w_in = -999", "same time"), strict=True):
+        assert words in text
+        assert text.startswith("log.csv: ")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", ["is empty", "header row"]),
+        (b"\n\n\n", ["is empty"]),
+        ("m_a [kg/s],T_ä\n1,2\n".encode("latin-1"), ["not UTF-8", "CSV UTF-8"]),
+        (b"\x00\x01\x02,\x00\n\x00,\x00\n", ["bytes.csv"]),
+    ],
+)
+def test_bad_files(tmp_path, content, words):
+    path = tmp_path / "bytes.csv"
+    path.write_bytes(content)
+    found = problems(Boundary.from_csv, path)
+    for word in words:
+        assert word in found[0]
+
+
+def test_missing_files_and_directories(tmp_path):
+    assert_only_problem(["none.csv", "does not exist", "give a CSV file"], Boundary.from_csv, tmp_path / "none.csv")
+    assert_only_problem([str(tmp_path), "is a folder", "give a CSV file"], Boundary.from_csv, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"constants": {"RH_a_in": 50}}, ["constants has RH_a_in = 50", "number from 0 to 1"]),
+        ({"constants": {"noise": 60.0}}, ["noise = 60", "from -50 to 50 K"]),
+        ({"hours": 1.0}, ["hours = 1", "120 s", "lower it"]),
+        ({"start": 1.0}, ["start = 1 h", "120 s"]),
+        ({"start": -1.0}, ["start = -1 h", "from 0"]),
+        ({"hours": 0}, ["hours = 0 h"]),
+        ({"pressure": 1013.25}, ["pressure = 1013.25 Pa"]),
+        ({"max_gap": 0}, ["max_gap = 0 s"]),
+    ],
+)
+def test_bad_arguments(write, arguments, words):
     path = write(HEADER, ROWS)
-    assert Boundary.from_csv(path, constants={"m_a": 9.0}) == Boundary.from_csv(path)
+    found = problems(Boundary.from_csv, path, **arguments)
+    for word in words:
+        assert word in found[0], found
+
+
+STAMPED = ["timestamp", *HEADER[1:]]
+OUTDOORS = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "T_return": 24.0, "RH_return": 0.5, "outdoor_fraction": 1.0}
+
+
+def log_of(write, stamps, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        rows = [[stamp, *row[1:]] for stamp, row in zip(stamps, ROWS, strict=True)]
+        return Boundary.from_csv(write(STAMPED, rows), **options)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "start", "zone"),
+    [
+        (["2024-07-01T08:00:00", "2024-07-01T08:01:00", "2024-07-01T08:02:00"], "2024-07-01T08:00", ""),
+        (["2024-07-01T08:00-07:00", "2024-07-01T08:01-07:00", "2024-07-01T08:02-07:00"], "2024-07-01T08", "UTC-07:00"),
+        (["2024-07-01T08:00Z", "2024-07-01T08:01Z", "2024-07-01T08:02Z"], "2024-07-01T08:00", "UTC"),
+        (["2024-07-01T08:00-07:00", "2024-07-01T09:01-06:00", "2024-07-01T08:02-07:00"], "2024-07-01T15", "UTC"),
+        (["1719820800", "1719820860", "1719820920"], "2024-07-01T08:00", "UTC"),
+        (["45474.333333", "45474.334028", "45474.334722"], "2024-07-01T08:00", ""),
+        (["07/25/2024 8:05 PM", "07/25/2024 8:06 PM", "07/25/2024 8:07 PM"], "2024-07-25T20:05", ""),
+        (
+            ["25.07.2024 8:05 +0200", "25.07.2024 8:06 +0200", "25.07.2024 8:07 +0200"],
+            "2024-07-25T08:05",
+            "UTC+02:00",
+        ),
+        (["2024-07-01T08:00:00.6", "2024-07-01T08:01:00.6", "2024-07-01T08:02:00.6"], "2024-07-01T08:00:01", ""),
+    ],
+)
+def test_a_log_starts_at_its_first_timestamp_on_the_clock_that_wrote_it(write, stamps, start, zone):
+    boundary = log_of(write, stamps)
+    np.testing.assert_array_equal(boundary.start, [np.datetime64(start, "s")])
+    assert boundary.time_zone == zone
+
+
+def test_a_later_start_in_the_log_is_a_later_start_of_the_boundary(write):
+    boundary = log_of(write, ["2024-07-01T08:00", "2024-07-01T08:01", "2024-07-01T08:02"], start=30 / 3600)
+    assert boundary.start[0] == np.datetime64("2024-07-01T08:00:30")
+
+
+def test_seconds_alone_tell_no_date(write):
+    assert Boundary.from_csv(write(HEADER, ROWS)).start is None
+
+
+def day_of(path, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return weather_day(path, **OUTDOORS | {"hours": 1.0} | options)
+
+
+@pytest.mark.parametrize(("form", "base"), [(epw, 1980), (tmy3, 1982)])
+def test_weather_starts_at_the_date_in_the_file_in_its_time_zone(tmp_path, form, base):
+    """The years of the made-up files go with the month: in a new month it is another year, also at midnight."""
+    path = tmp_path / "site.epw"
+    path.write_text("\n".join(form(hours_from(1, 30, 96))))
+    assert day_of(path, month=1, day=30, hour=10).start[0] == np.datetime64(f"{base + 1}-01-30T10:00:00")
+    days = day_of(path, days=[31, 32], hour=0)
+    np.testing.assert_array_equal(days.start, np.array([f"{base + 1}-01-31", f"{base + 2}-02-01"], "M8[s]"))
+    assert days.time_zone == "UTC-05:00"
+    by_hour = day_of(path, start_hour=24 * 31)  # hour 24 of 31 January
+    assert by_hour.start[0] == np.datetime64(f"{base + 2}-02-01T00:00:00")
+
+
+def test_weather_without_years_or_zone_tells_none(write, tmp_path):
+    rows = hours_from(6, 14, 24)
+    boundary = day_of(write(CSV_HEADER, [row.values() for row in rows]), month=6, day=14, hour=3)
+    assert boundary.start is None
+    path = tmp_path / "site.epw"
+    path.write_text("\n".join(epw(rows)).replace("-5.0,36.0", "here,36.0").replace("\n1986,", "\nnever,"))
+    boundary = day_of(path, month=6, day=14, hour=3)
+    assert boundary.start is None
+    assert boundary.time_zone == ""

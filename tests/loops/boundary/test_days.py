@@ -1,0 +1,270 @@
+"""Ready-made days follow their formulas, and refuse what they cannot be."""
+
+import numpy as np
+import pytest
+from helpers.refusals import assert_only_problem, only_problem, problems
+from scipy.signal import lfilter
+
+import fastcoil as fc
+from fastcoil.loops.boundary import days
+from fastcoil.loops.boundary.days import (
+    HEATING_DRIFTS,
+    SET_POINTS,
+    Drift,
+    constant_day,
+    design_day,
+    paper_day,
+    smooth_noise,
+)
+from fastcoil.model import moist_air
+
+
+def test_paper_day_follows_its_formula():
+    """Away from the noise: the mean over many seeds, whose standard error is known."""
+    n = 40
+    boundary = paper_day(16.0, range(n))
+    h = np.arange(16 * 3600) / 3600
+    D = np.array([np.sin(np.pi * ((x if x <= 8 else 16 - x) - 1) / 9) for x in h])
+    expected = {
+        "m_a": (1.15 + 0.18 * D, 0.015),
+        "T_a_in": (25 + 1.5 * D, 0.10),
+        "T_w_in": (7 + 0.4 * np.sin(2 * np.pi * h / 1.5), 0.05),
+    }
+    for name, (formula, std) in expected.items():
+        error = np.abs(boundary.series[name].mean(axis=0) - formula)
+        assert error.max() < 5.5 * std / np.sqrt(n)
+    rh = boundary.series["W_a_in"] / moist_air.saturation_humidity_ratio(boundary.series["T_a_in"])
+    # W/W_s differs from the relative humidity by the factor (p - p_s)/(p - p_w), 1.5 % here.
+    assert np.abs(rh.mean(axis=0) - (0.56 - 0.05 * D)).max() < 0.012
+
+
+def test_paper_day_mirrors_about_8_hours_and_repeats_after_16(monkeypatch):
+    monkeypatch.setattr(days, "DRIFTS", {name: Drift(0.0, drift.tau) for name, drift in days.DRIFTS.items()})
+    m_a = paper_day(40.0).series["m_a"][0]
+    t = np.arange(0, 8 * 3600, 97)
+    np.testing.assert_allclose(m_a[8 * 3600 + t], m_a[8 * 3600 - t], atol=1e-12)
+    np.testing.assert_allclose(m_a[16 * 3600 + t], m_a[t], atol=1e-12)
+    assert m_a[3600] == pytest.approx(1.15, abs=1e-15)
+    assert m_a[5 * 3600 + 1800] == pytest.approx(1.15 + 0.18, abs=1e-12)
+
+
+def test_paper_day_set_points_hold_30_minutes_and_repeat():
+    T_set = paper_day(17.0).series["T_set"][0].reshape(-1, 1800)
+    assert (T_set == T_set[:, :1]).all()
+    holds = [14, 13, 15, 14, 12.5, 13.5, 15.5, 14.5, 13, 12, 14, 16, 15, 13.5, 12.5, 14]
+    np.testing.assert_array_equal(T_set[:, 0], [*holds, *holds, 14, 13])
+
+
+@pytest.mark.parametrize("hours", [1 / 3600, 0.01, 1.0, 7.5, 8.0 - 1 / 3600])
+def test_a_shorter_day_is_the_beginning_of_a_longer_one(hours):
+    short, long = paper_day(hours, [1, 77]), paper_day(8.0, [77, 5, 1])
+    assert short.n_steps == round(hours * 3600)
+    for name, values in short.series.items():
+        np.testing.assert_array_equal(values[0], long.series[name][2, : short.n_steps])
+        np.testing.assert_array_equal(values[1], long.series[name][0, : short.n_steps])
+
+
+def test_a_seed_gives_the_same_day_alone_and_among_others():
+    several = paper_day(0.5, range(10, 13))
+    np.testing.assert_array_equal(several.day, [10, 11, 12])
+    np.testing.assert_array_equal(paper_day(0.5, 11).series["T_w_in"][0], several.series["T_w_in"][1])
+    assert paper_day(0.5, np.int64(11)) == paper_day(0.5, 11) != paper_day(0.5, 12)
+    assert paper_day(0.5, [11]).has_day_dim
+    assert not paper_day(0.5, 11).has_day_dim
+
+
+@pytest.mark.parametrize("drift", days.DRIFTS.values(), ids=days.DRIFTS)
+def test_noise_has_the_stated_deviation_from_the_first_second_on(drift):
+    """Over 3000 seeds the standard error of a standard deviation is 1.3 %."""
+    samples = np.array([smooth_noise(1, drift, (seed, 0))[0] for seed in range(3000)])
+    assert samples.std() == pytest.approx(drift.std, rel=0.055)
+    assert abs(samples.mean()) < 4 * drift.std / np.sqrt(3000)
+
+
+def test_noise_has_the_autocorrelation_of_two_equal_filters():
+    """In continuous time it is (1 + s/tau) exp(-s/tau)."""
+    tau = 60
+    x = smooth_noise(400_000, Drift(1.0, tau), (0, 0))
+    for lag in (30, 60, 120):
+        expected = (1 + lag / tau) * np.exp(-lag / tau)
+        assert np.mean(x[lag:] * x[:-lag]) == pytest.approx(expected, abs=0.05)
+
+
+def test_stationary_deviation_is_that_of_the_filters_impulse_response():
+    k = 1 - np.exp(-1 / 60)
+    impulse = lfilter([k], [1, k - 1], lfilter([k], [1, k - 1], np.eye(1, 4000)[0]))
+    raw = np.random.default_rng(np.random.SeedSequence(3, spawn_key=(2,))).standard_normal(601)
+    for_hand = 0.0, 0.0
+    for x in raw:
+        first = for_hand[0] + k * (x - for_hand[0])
+        for_hand = first, for_hand[1] + k * (first - for_hand[1])
+    expected = for_hand[1] / np.sqrt(np.sum(impulse**2))
+    assert smooth_noise(1, Drift(1.0, 60), (3, 2))[0] == pytest.approx(expected, rel=1e-10)
+
+
+def test_noise_of_two_series_and_of_two_seeds_is_uncorrelated():
+    drift = Drift(1.0, 5)
+    a, b, c = (smooth_noise(100_000, drift, stream) for stream in ((1, 0), (1, 1), (2, 0)))
+    assert abs(np.mean(a * b)) < 0.04
+    assert abs(np.mean(a * c)) < 0.04
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"hours": 0}, ["hours = 0 h", "above 0"]),
+        ({"hours": -8}, ["hours = -8 h", "above 0"]),
+        ({"hours": float("nan")}, ["hours = nan", "finite"]),
+        ({"hours": "8"}, ["hours = '8'", "number"]),
+        ({"hours": True}, ["hours = True", "number"]),
+        ({"hours": None}, ["hours is missing"]),
+        ({"hours": 1e-5}, ["hours = 1e-05", "whole number of seconds"]),
+        ({"hours": 1 / 7000}, ["whole number of seconds"]),
+        ({"hours": 1e6}, ["hours = 1e+06 h", "8760"]),
+        ({"seed": -1}, ["seed = -1", "from 0 to 4294967295"]),
+        ({"seed": 2**32}, ["seed = 4294967296", "from 0 to 4294967295"]),
+        ({"seed": True}, ["seed = True", "whole number"]),
+        ({"seed": "1"}, ["seed = '1'", "whole number"]),
+        ({"seed": 1.0}, ["seed = 1.0", "whole number"]),
+        ({"seed": None}, ["seed = None", "whole number"]),
+        ({"seed": [1, 2.5]}, ["seed = 2.5", "whole number"]),
+        ({"seed": [4, 1, 4]}, ["seed has a number twice", "distinct"]),
+        ({"seed": []}, ["seed is empty"]),
+        ({"seed": range(10**12)}, ["seed gives more than", "days of 28,800 s", "give fewer"]),
+    ],
+)
+def test_paper_day_refuses(arguments, words):
+    assert_only_problem(words, paper_day, **arguments)
+
+
+def test_the_series_are_those_of_the_docstring_but_for_small_noise():
+    day = fc.heating_day(hours=8, seed=range(12), T_w_in=50.0).series
+    h = np.arange(8 * 3600) / 3600
+    D = np.sin(np.pi * (h - 1) / 9)
+    for name, mean, std in (
+        ("m_a", 0.9 + 0.2 * D, 0.015),
+        ("T_a_in", 12.0 + 2.0 * D, 0.2),
+        ("T_w_in", 50.0 + np.sin(2 * np.pi * h / 1.5), 0.3),
+    ):
+        noise = day[name] - mean
+        assert abs(noise.mean()) < 0.3 * std
+        assert noise.std() == pytest.approx(std, rel=0.15)
+    assert np.array_equal(day["T_set"][0], np.repeat(SET_POINTS, 1800) + 11.0)
+
+
+def test_a_shorter_heating_day_is_the_beginning_of_a_longer_one():
+    short, long = fc.heating_day(1.0, 7).series, fc.heating_day(9.0, [3, 7]).series
+    for name, values in short.items():
+        assert np.array_equal(values[0], long[name][-1][: values.shape[1]]), name
+
+
+def test_several_seeds_are_days():
+    day = fc.heating_day(0.5, [4, 2])
+    assert list(day.day) == [4, 2]
+    assert not np.array_equal(day.series["m_a"][0], day.series["m_a"][1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"T_w_in": 400.0}, ["T_w_in = 400 degC"]),
+        ({"T_w_in": "hot"}, ["T_w_in"]),
+        ({"hours": 0.0}, ["hours"]),
+        ({"seed": -1}, ["seed"]),
+    ],
+)
+def test_a_wrong_argument_is_refused(arguments, words):
+    assert_only_problem(words, fc.heating_day, **arguments)
+
+
+def test_each_series_has_a_stream_of_noise_of_its_own():
+    day = fc.heating_day(0.5, 5).series
+    wanted = smooth_noise(1800, HEATING_DRIFTS["T_w_in"], (5, list(HEATING_DRIFTS).index("T_w_in")))
+    h = np.arange(1800) / 3600
+    np.testing.assert_allclose(day["T_w_in"][0], 60.0 + np.sin(2 * np.pi * h / 1.5) + wanted, rtol=0, atol=1e-12)
+
+
+def test_constant_day_is_constant_and_the_centre_of_paper_day():
+    boundary = constant_day(0.5)
+    for values in boundary.series.values():
+        assert np.ptp(values) == 0.0
+    first = {name: values[0, 0] for name, values in boundary.series.items()}
+    assert first == {
+        "m_a": 1.15,
+        "T_a_in": 25.0,
+        "W_a_in": float(moist_air.humidity_ratio(25.0, 0.56)),
+        "T_w_in": 7.0,
+        "T_set": 14.0,
+        "noise": 0.0,
+        "enabled": 1.0,
+        "backlash_scale": 1.0,
+    }
+    assert constant_day(0.5, W_a_in=0.01).series["W_a_in"][0, 0] == 0.01
+    assert constant_day(0.5, T_set=np.linspace(13, 14, 1800)).n_steps == 1800
+
+
+def test_constant_day_refuses():
+    assert "give one of them" in only_problem(constant_day, W_a_in=0.01, relative_humidity=0.5)
+    assert "relative_humidity = 56" in only_problem(constant_day, relative_humidity=56)
+    found = problems(constant_day, m_a=-1.0, T_w_in=280.0, T_set=[14.0, 15.0])
+    assert any("T_set has 2 samples" in text or "where T_set has 2" in text for text in found)
+    assert any("T_w_in = 280 degC" in text for text in found)
+    assert any("m_a = -1" in text for text in found)
+
+
+def test_design_day_outdoors_follows_the_handbooks_profile():
+    """With outdoor air only, the entering air is the outdoor air."""
+    cooling = design_day(24.0, outdoor_fraction=1.0, start_hour=0.0).series
+    T = cooling["T_a_in"][0]
+    assert T.max() == pytest.approx(33.3, abs=1e-10)
+    assert T.max() - T.min() == pytest.approx(10.5, abs=1e-10)
+    assert T[14 * 3600] == T[15 * 3600] == T.max()
+    assert np.argmin(T) == 5 * 3600
+    assert T[9 * 3600] == pytest.approx(33.3 - 0.55 * 10.5, abs=1e-10)
+    assert T[9 * 3600 + 1800] == pytest.approx(33.3 - (0.55 + 0.38) / 2 * 10.5, abs=1e-10)
+    assert T[0] == pytest.approx(33.3 - 0.82 * 10.5, abs=1e-10)
+    # Independent value of the humidity ratio: PsychroLib at 33.3/23.7 degC, 98 934 Pa.
+    np.testing.assert_allclose(cooling["W_a_in"], 0.014935627057992496, rtol=1e-9)
+
+
+def test_design_day_in_heating_is_coldest_at_hour_5():
+    flat = design_day(24.0, "heating", outdoor_fraction=1.0).series["T_a_in"]
+    np.testing.assert_allclose(flat, -20.0, atol=1e-10)
+    T = design_day(24.0, "heating", outdoor_fraction=1.0, T_daily_range=8.0, start_hour=0.0).series["T_a_in"][0]
+    assert np.argmin(T) == 5 * 3600
+    assert T.min() == pytest.approx(-20.0, abs=1e-10)
+    assert T.max() == pytest.approx(-12.0, abs=1e-10)
+
+
+def test_design_day_mixes_with_return_air_and_starts_at_its_hour():
+    mixed, outdoors = (design_day(2.0, outdoor_fraction=x, start_hour=23.0).series for x in (0.3, 1.0))
+    whole = design_day(24.0, outdoor_fraction=1.0, start_hour=0.0).series["T_a_in"][0]
+    np.testing.assert_allclose(outdoors["T_a_in"][0], np.roll(whole, 3600)[:7200], atol=1e-9)
+    W_return = moist_air.humidity_ratio(24.0, 0.5, days.DESIGN_PRESSURE)
+    np.testing.assert_allclose(mixed["W_a_in"], 0.3 * outdoors["W_a_in"] + 0.7 * W_return, rtol=1e-12)
+    assert (mixed["T_a_in"] < 0.3 * outdoors["T_a_in"] + 0.7 * 24.0 + 0.1).all()
+
+
+def test_design_day_outdoor_air_is_at_most_saturated():
+    series = design_day(24.0, T_design=20.0, T_wet_bulb=19.5, T_daily_range=15.0, outdoor_fraction=1.0).series
+    saturated = moist_air.saturation_humidity_ratio(series["T_a_in"], days.DESIGN_PRESSURE)
+    assert (series["W_a_in"] <= saturated * (1 + 1e-12)).all()
+    assert (series["W_a_in"] > 0.999 * saturated).any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"mode": "cool"}, ["mode = 'cool'", "'cooling' or 'heating'"]),
+        ({"hours": 0}, ["hours = 0 h"]),
+        ({"outdoor_fraction": 30}, ["outdoor_fraction = 30", "from 0 to 1"]),
+        ({"T_design": 92.0}, ["T_design = 92 degC", "from -40 to 60"]),
+        ({"T_wet_bulb": 35.0}, ["T_wet_bulb = 35 degC", "T_design = 33.3"]),
+        ({"start_hour": 25}, ["start_hour = 25 h", "from 0 to 24"]),
+        ({"RH_return": 50}, ["RH_return = 50", "from 0 to 1"]),
+        ({"pressure": 101.3}, ["pressure = 101.3 Pa"]),
+        ({"T_w_in": 44.6 + 273}, ["T_w_in = 317.6 degC"]),
+    ],
+)
+def test_design_day_refuses(arguments, words):
+    assert_only_problem(words, design_day, **arguments)
