@@ -21,11 +21,6 @@ def swept():
     return fc.simulate(loop, fc.paper_day(hours=1))
 
 
-def test_a_map_shows_the_median_over_the_other_dims(swept):
-    figure = plots.maps(swept, "estimate_ratio", "backlash", ["rmse"])
-    (mesh,) = figure.axes[0].collections
-    expected = swept.rmse.median("tuning").transpose("backlash", "estimate_ratio")
-    np.testing.assert_allclose(np.asarray(mesh.get_array()).ravel(), expected.values.ravel())
 
 
 def test_curves_by_a_second_parameter_have_a_row_each_with_its_median(swept):
@@ -100,11 +95,6 @@ def test_the_heading_says_what_is_pooled_and_what_the_marks_are(swept, draw, wor
     assert " ".join(heading).startswith(words)
 
 
-def test_the_heading_counts_what_failed(swept):
-    failed = swept.where(swept.backlash > 0.03).assign(status=swept.status.where(swept.backlash > 0.03, 2))
-    heading = " ".join(plots.bands(failed, "estimate_ratio").get_suptitle().splitlines())
-    assert heading.endswith("; without 8 of 24 scenarios, which failed")
-    assert "failed" not in plots.bands(swept, "estimate_ratio").get_suptitle()
 
 
 LONG = "A title that somebody made as long as a question of research may be, with all its conditions and exceptions. "
@@ -131,17 +121,8 @@ def test_curves_start_at_zero_and_are_whole(swept):
         assert all(np.max(line.get_ydata()) < high for line in axes.lines if len(line.get_xdata()) == 4)
 
 
-def test_an_axis_named_twice_is_refused_once(swept):
-    for draw in (plots.maps, plots.bands):
-        with pytest.raises(fc.InputError) as caught:
-            draw(swept, "backlash", "backlash")
-        assert caught.value.problems == ["backlash is named twice: choose two different axes"]
 
 
-def test_axes_carry_units(swept):
-    figure = plots.bands(swept, "backlash", metrics=["rmse", "water_volume"])
-    assert {axes.get_xlabel() for axes in figure.axes} == {"backlash [%]"}
-    assert [axes.get_ylabel() for axes in figure.axes] == ["RMS error [K]", "water volume [m³]"]
 
 
 @pytest.mark.parametrize(

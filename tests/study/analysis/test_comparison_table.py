@@ -101,10 +101,6 @@ def test_the_baseline_may_be_a_name_or_a_number_of_numpy():
     ]
 
 
-def test_pandas_makes_latex_of_it(ds):
-    text = compared(ds, metrics="rmse", relative=True).to_table().to_latex(escape=True)
-    assert r"\toprule" in text
-    assert r"estimate / backlash [\%]" in text
 
 
 def test_a_selection_of_statistics_has_no_table(ds):

@@ -1,12 +1,11 @@
 """The grid of tunings: its size, its presets, its long days; the same for any number of threads."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
 
 import fastcoil as fc
+from fastcoil.loops.netcdf import load
 from fastcoil.loops.presets import COOLING
 from fastcoil.loops.stability import stable
 from fastcoil.study.paper import grid
@@ -14,12 +13,6 @@ from fastcoil.study.paper import grid as kinds
 from fastcoil.study.paper import grid as runs
 
 pytestmark = pytest.mark.kernel
-
-
-def test_results_do_not_depend_on_the_number_of_threads():
-    loop = grid.tunings(quick=True)
-    one, two = (grid.quiet(loop, n_jobs).attrs["content_sha256"] for n_jobs in (1, 2))
-    assert one == two
 
 
 def test_the_grid_has_at_least_500_tunings_and_the_presets_by_name():
@@ -123,3 +116,70 @@ def test_all_kinds_keep_their_units_and_their_hash():
     assert ds.rmse.attrs["units"] == "K"
     assert ds.attrs["content_sha256"] == runs.rehashed(ds).attrs["content_sha256"]
     assert isinstance(ds, xr.Dataset)
+
+
+SEEDS = (5, 6)
+
+
+def test_days_of_all_kinds_share_air_flow_water_and_the_seeds_of_the_noise():
+    days = [make(1, SEEDS) for make in kinds.KINDS.values()]
+    for other in days[1:]:
+        assert other.day.tolist() == days[0].day.tolist() == list(SEEDS)
+        for name in ("m_a", "T_w_in", "sensor_noise"):
+            if name in other.series:
+                np.testing.assert_array_equal(other.series[name], days[0].series[name])
+
+
+def test_the_first_kind_is_the_paper_s_and_only_there_the_set_point_steps():
+    assert next(iter(kinds.KINDS)) == "stepped"
+    paper = fc.paper_day(hours=2, seed=SEEDS)
+    for name, make in kinds.KINDS.items():
+        day = make(2, SEEDS)
+        if name == "stepped":
+            assert all(np.array_equal(day.series[n], paper.series[n]) for n in paper.series)
+        else:
+            assert (day.series["T_set"] == kinds.T_SET).all()
+
+
+def test_a_design_day_is_milder_than_the_extreme_and_differs_by_seed():
+    one, other = kinds.design(8, SEEDS).series["T_a_in"]
+    extreme = fc.design_day(hours=8, outdoor_fraction=max(kinds.OUTDOOR_FRACTIONS)).series["T_a_in"][0]
+    assert not np.allclose(one, other)
+    for air in (one, other):
+        assert (air < extreme).all()
+        assert (air > kinds.T_SET + 5).all()
+    given = fc.design_day(hours=8, T_design=kinds.EXTREME[0], T_wet_bulb=kinds.EXTREME[1])
+    for name in ("T_a_in", "W_a_in"):
+        np.testing.assert_array_equal(given.series[name], fc.design_day(hours=8).series[name])
+
+
+def test_every_kind_has_words_of_its_own():
+    said = [kinds.words(make) for make in kinds.KINDS.values()]
+    assert len(set(said)) == len(said)
+    assert all(len(text) > 20 and not text.endswith(".") for text in said)
+
+
+def test_the_arithmetic_of_the_three_hours_is_what_happens(folder):
+    literal = load(folder / "fig12.nc").sel(rule="literal")
+    for hours, words, times in (
+        (4.5, "= 4.5 h", literal.learn_time_reached),
+        (5.5, "5.5 h until", literal.learn_time_confirmed),
+    ):
+        assert words in runs.arithmetic()
+        np.testing.assert_array_equal(times, 3600.0 * hours)
+    before = literal.estimate.sel(elapsed_time=slice(0, runs.THREE_HOURS - 1)).max("elapsed_time")
+    np.testing.assert_allclose(before, 0.042)
+    assert "4.2 % at most" in runs.arithmetic()
+
+
+def test_switches_of_the_figure_are_those_of_the_metric(folder):
+    ds = load(folder / "fig12.nc")
+    counted = ds.switches.sel(block_start=slice(1800, None)).mean("block_start")
+    np.testing.assert_allclose(counted.transpose(*ds.switch_frequency.dims), ds.switch_frequency)
+
+
+def test_the_buffer_is_six_deviations_of_the_noise_on_the_output():
+    loop = grid.tunings(quick=True)
+    buffers = runs.buffers(xr.DataArray([0.0, 1.0], dims="case"), loop)
+    np.testing.assert_allclose(buffers.isel(case=1), 6 * 0.05 * loop["kp"])
+    assert (buffers.isel(case=0) == 1e-9).all()

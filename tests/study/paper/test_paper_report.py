@@ -1,16 +1,133 @@
-"""The report of `fastcoil paper`: every claim and figure on one page."""
+"""``fastcoil paper``: its files in quick mode, and mistakes."""
 
 import json
 import shutil
 
+import numpy as np
 import pytest
+from click.testing import CliRunner
 from helpers.commands import fastcoil
+from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.pages import Page
 
 from fastcoil.base.errors import IntegrityError
+from fastcoil.base.figures import GREY, encode
+from fastcoil.cli.main import main
+from fastcoil.deliver.figures import paper as figures
 from fastcoil.deliver.report.paper import paper_page
+from fastcoil.loops.netcdf import load
+from fastcoil.loops.provenance import content_sha256
 
 pytestmark = pytest.mark.kernel
+
+
+FIGURES = ("fig01", "fig07", "fig09", "fig10", "fig11", "fig12")
+GRIDS = ("quiet", "days", "learning", "starts", "coils")
+
+
+@pytest.mark.parametrize("name", [*FIGURES, "scorecard"])
+def test_every_figure_is_drawn_as_png_and_svg_and_shows_something(folder, name):
+    from matplotlib.image import imread
+
+    assert imread(folder / f"{name}.png")[..., :3].std() > 0.03
+    assert (folder / f"{name}.svg").read_text().count("<path") > 10
+
+
+@pytest.mark.parametrize("name", [*FIGURES, *(f"grid_{g}" for g in GRIDS)])
+def test_data_carry_units_and_their_hash(folder, name):
+    ds = load(folder / f"{name}.nc")
+    assert ds.attrs["content_sha256"] == content_sha256(ds)
+    assert all("units" in ds[n].attrs or "flag_meanings" in ds[n].attrs for n in ds.data_vars), ds
+    assert name not in FIGURES or "Fig" in ds.attrs["caption"]
+
+
+def test_a_figure_drawn_again_is_the_same_file(folder):
+    figure = figures.valve_curves(load(folder / "fig01.nc"))
+    for suffix in ("png", "svg"):
+        assert encode(figure, suffix) == (folder / f"fig01.{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "sentence"),
+    [
+        (("-o", "file"), 2, "file is a file: choose another folder"),
+        (("-o", "file/below"), 4, "file/below cannot be made"),
+        (("-j", "0"), 2, "n_jobs = 0"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, words, code, sentence):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("mine")
+    result = CliRunner().invoke(main, ["paper", "--quick", *words])
+    assert result.exit_code == code
+    assert sentence in result.output
+    assert "Traceback" not in result.output
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.fixture(scope="module")
+def drawn(folder, card):
+    """All figures, by name."""
+    return {
+        "fig01": figures.valve_curves(load(folder / "fig01.nc")),
+        "fig10": figures.tracking(load(folder / "fig10.nc"), "95 %"),
+        "fig11": figures.estimates(load(folder / "fig11.nc")),
+        "fig12": figures.staircases(load(folder / "fig12.nc")),
+        "scorecard": figures.shares(card),
+    }
+
+
+@pytest.mark.parametrize("name", ["fig01", "fig10", "fig11", "fig12", "scorecard"])
+def test_texts_fit_and_colours_are_those_of_the_palette(drawn, name):
+    assert_palette(drawn[name])
+    assert_texts_fit(drawn[name])
+
+
+def test_estimates_are_in_per_cent_with_a_line_for_each_of_a_few_days(folder, drawn):
+    ds = load(folder / "fig11.nc")
+    axes = drawn["fig11"].axes[2]
+    assert axes.get_xlabel() == "estimate / backlash [%]"
+    assert axes.get_xlim() == (0.0, 150.0)
+    values = ds.rmse.isel(preset=0).sel(case="no noise")
+    *members, median = axes.lines[:5]
+    np.testing.assert_allclose(median.get_xdata(), 100 * ds.estimate_ratio)
+    np.testing.assert_allclose(median.get_ydata(), values.median(["day", "replicate"]))
+    pooled = values.stack(member=["day", "replicate"]).values.T
+    np.testing.assert_array_equal(sorted(tuple(m.get_ydata()) for m in members), sorted(map(tuple, pooled)))
+
+
+def test_the_plain_pi_is_grey_and_time_is_in_hours(folder, drawn):
+    ds = load(folder / "fig10.nc").isel(preset=0)
+    plain, inverse, _ = drawn["fig10"].axes[0].lines
+    assert plain.get_color() == GREY
+    assert inverse.get_label() == "inverse with 95 % of the backlash"
+    part = ds.T_sup.sel(case="plain PI", elapsed_time=slice(2.75 * 3600, 4.25 * 3600))
+    np.testing.assert_array_equal(plain.get_ydata(), part)
+    np.testing.assert_allclose(plain.get_xdata(), part.elapsed_time / 3600)
+
+
+def test_the_scorecard_shows_every_share_and_its_interval_for_every_kind_of_day(card, drawn):
+    (axes,) = drawn["scorecard"].axes
+    marks = [line for line in axes.lines if line.get_marker() not in ("None", None, "")]
+    spans = [tuple(line.get_xdata()) for line in axes.lines if line not in marks]
+    kinds = [kind for claim in card["claims"] for kind in claim["kinds"].values()]
+    assert [float(line.get_xdata()[0]) for line in marks] == [100 * kind["share"] for kind in kinds]
+    for kind in kinds:
+        low, high = kind["share_interval"] or (kind["share"], kind["share"])
+        assert (100 * low, 100 * high) in spans
+    rows = [round(float(line.get_ydata()[0])) for line in marks]
+    assert rows == [row for row, claim in enumerate(card["claims"]) for _ in claim["kinds"]]
+    labels = [text.get_text() for text in drawn["scorecard"].legends[0].get_texts()]
+    assert labels == [*card["kinds"], "no kind of day"]
+    looks = {(line.get_marker(), line.get_color()) for line in marks}
+    assert len(looks) == len(labels)
+
+
+def test_a_line_parts_what_changes_with_the_kind_of_day_from_what_does_not(card, drawn):
+    (axes,) = drawn["scorecard"].axes
+    (line,) = (one for one in axes.lines if list(one.get_xdata()) == [0, 1] and len(set(one.get_ydata())) == 1)
+    assert line.get_ydata()[0] == sum(claim["change"] > 0 for claim in card["claims"]) - 0.5
 
 
 @pytest.fixture

@@ -1,9 +1,10 @@
 """The scorecard: every claim with all its fields, the same as data, in Markdown and on the screen."""
 
-from __future__ import annotations
-
 import jsonschema
+import numpy as np
 import pytest
+import xarray as xr
+from scipy import stats
 
 from fastcoil.loops.netcdf import load
 from fastcoil.loops.presets import COOLING
@@ -13,6 +14,7 @@ from fastcoil.study.paper.claims import CLAIMS
 from fastcoil.study.paper.grid import KINDS, words
 
 pytestmark = pytest.mark.kernel
+
 
 NUMBER = {"type": "number", "minimum": 0, "maximum": 1}
 INTERVAL = {"type": ["array", "null"], "items": NUMBER, "minItems": 2, "maxItems": 2}
@@ -130,3 +132,106 @@ def test_the_kinds_of_days_are_told_on_the_screen_and_in_the_text(folder):
         for name, make in KINDS.items():
             assert f"{name}" in text.read_text()
             assert words(make) in text.read_text()
+
+
+TUNINGS = xr.Dataset(
+    {"sample_time": ("tuning", np.repeat([1.0, 10.0, 15.0, 30.0], 25)), "kp": ("tuning", np.full(100, 0.03))}
+)
+
+
+@pytest.mark.parametrize(
+    ("n", "word"), [(100, "holds"), (95, "holds"), (94, "holds only if"), (6, "holds only if"), (5, "does not hold")]
+)
+def test_the_share_decides(n, word):
+    verdict = verdicts.judge(xr.DataArray(np.arange(100) < n, dims="tuning"), TUNINGS)
+    assert (verdict.word, verdict.share) == (word, n / 100)
+
+
+def test_an_interval_covers_the_share_of_other_days_as_often_as_it_says():
+    """Days are alike for all tunings, so that a thousand tunings tell no more than a few."""
+    rng = np.random.default_rng(1)
+    n_studies, n_days, n_tunings = 400, 6, 1000
+    of_day = rng.normal(0.5, 0.1, (n_studies, n_days, 1))
+    holds = xr.DataArray(rng.random((n_studies, n_days, n_tunings)) < of_day, dims=("study", "day", "tuning"))
+    found = [verdicts.interval(study) for study in holds]
+    assert np.mean([low <= 0.5 <= high for low, high in found]) == pytest.approx(0.95, abs=0.03)
+    expected = stats.ttest_1samp(holds[0].mean("tuning"), 0.0).confidence_interval(0.95)
+    np.testing.assert_allclose(found[0], expected)
+
+
+def test_an_interval_stays_within_0_and_1_and_needs_days():
+    holds = xr.DataArray([[True, True], [True, True], [True, False]], dims=("day", "tuning"))
+    low, high = verdicts.interval(holds)
+    assert 0.0 <= low < 5 / 6 < high == 1.0
+    np.testing.assert_allclose(verdicts.interval(~holds), (0.0, 1.0 - low))
+    assert verdicts.interval(holds.isel(day=0)) is None
+    assert verdicts.interval(holds.isel(day=[0])) is None
+    assert verdicts.interval(holds.isel(tuning=[0])) is None, "six days that agree do not make a certainty"
+
+
+def test_a_condition_is_found_with_its_shares():
+    slow = TUNINGS.sample_time >= 15.0
+    days = xr.concat([slow, slow & (TUNINGS.sample_time > 15.0)], "day")
+    verdict = verdicts.judge(days, TUNINGS)
+    assert verdict.condition == "the sample time is 15 s or more"
+    assert (verdict.inside, verdict.elsewhere) == (0.75, 0.0)
+    assert verdict.text == "holds only if the sample time is 15 s or more (75 % there, 0 % elsewhere)"
+
+
+def test_only_if_is_said_where_it_hardly_ever_holds_elsewhere():
+    slow = TUNINGS.sample_time >= 15.0
+    rarely = slow | (np.arange(slow.size) % 4 == 0)
+    verdict = verdicts.judge(rarely, TUNINGS)
+    assert verdict.elsewhere > 0.05
+    assert verdict.text.startswith(f"holds in part, more often if {verdict.condition} (")
+
+
+def test_a_pair_of_regions_is_found_where_one_does_not_tell():
+    kp = xr.DataArray(np.tile([0.005, 0.03], 50), dims="tuning")
+    verdict = verdicts.judge((TUNINGS.sample_time >= 15.0) & (kp >= 0.02), TUNINGS.assign(kp=kp))
+    assert " and " in verdict.condition
+    assert (verdict.inside, verdict.elsewhere) == (1.0, 0.0)
+
+
+def test_no_condition_is_named_where_none_tells_or_it_is_the_claim_itself():
+    every_other = xr.DataArray(np.arange(100) % 2 == 0, dims="tuning")
+    verdict = verdicts.judge(every_other, TUNINGS)
+    assert verdict.condition is None
+    assert "no region" in verdict.text
+    known = xr.Dataset({"hunts": every_other})
+    assert verdicts.judge(every_other, known).inside == 1.0
+    assert verdicts.judge(every_other, known, about="hunts").condition is None
+
+
+def test_a_claim_changes_with_the_kind_of_day_where_the_difference_is_large_and_no_chance():
+    """Against a paired t test of the days' shares."""
+    rng = np.random.default_rng(3)
+    of_day = np.array([[0.30, 0.50, 0.40, 0.60], [0.44, 0.66, 0.52, 0.76], [0.36, 0.50, 0.46, 0.64]])
+    holds = xr.DataArray(
+        rng.permuted(np.arange(100) < 100 * of_day[..., None], axis=-1), dims=("kind", "day", "tuning")
+    )
+    differences = of_day[1] - of_day[0]
+    low, high = stats.ttest_1samp(differences, 0.0).confidence_interval(0.95)
+    assert low > 0.0
+    assert verdicts.change(holds) == pytest.approx(differences.mean())
+    assert verdicts.change(holds[[1, 0]]) == verdicts.change(holds[[0, 1]])
+    assert verdicts.change(holds[[0, 2]]) == 0.0, "four points are no change"
+    shuffled = holds.copy()
+    shuffled[1] = holds[1].values[[3, 2, 1, 0]]
+    assert verdicts.change(shuffled[[0, 1]]) == 0.0, "the same difference, but not day by day"
+
+
+def test_what_is_judged_on_one_kind_of_day_does_not_change():
+    assert verdicts.change(xr.DataArray([[True, False]], dims=("kind", "tuning"))) == 0.0
+
+
+def test_a_difference_without_scatter_is_no_chance():
+    holds = xr.DataArray([[[True, True]] * 3, [[True, False]] * 3], dims=("kind", "day", "tuning"))
+    assert verdicts.change(holds) == 0.5
+
+
+def test_where_each_tuning_is_judged_once_the_condition_counts():
+    rarely = (TUNINGS.sample_time >= 15.0) & (np.arange(100) != 60)
+    rarely[0] = True
+    text = verdicts.judge(rarely, TUNINGS).text
+    assert text == "holds only if the sample time is 15 s or more (49 of 50 there, 1 of 50 elsewhere)"

@@ -1,7 +1,5 @@
 """Everybody can tell the colours apart, on a screen and in a grey print; texts are broken to fit."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +9,10 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from fastcoil.base.figures import COLOURS, FAINT, GREY, STYLE, apply_style, wrapped
+from fastcoil.loops import labels
+from fastcoil.loops.labels import quantity
+from fastcoil.model.metric_table import METRICS, TRACES
+from fastcoil.model.parameter_table import PARAMETERS
 
 # Machado, Oliveira and Fernandes (2009), A Physiologically-based Model for Simulation of Color Vision Deficiency,
 # IEEE TVCG 15(6), severity 1.0, on linear RGB
@@ -84,3 +86,41 @@ def test_the_style_is_applied_and_taken_back():
     with apply_style(axes_grid=False):
         assert (rcParams["font.size"], rcParams["axes.grid"]) == (STYLE["font.size"], False)
     assert (rcParams["font.size"], rcParams["axes.grid"]) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "factor"),
+    [
+        ("backlash", "%", 100.0),
+        ("estimate_ratio", "%", 100.0),
+        ("command", "%", 100.0),
+        ("learning_step", "%", 100.0),
+        ("learn_time_reached", "h", 1 / 3600),
+        ("learning_interval", "min", 1 / 60),
+        ("water_volume", "m³", 1.0),
+        ("kp", "1/K", 1.0),
+        ("rmse", "K", 1.0),
+        ("learning_ratio", "", 1.0),
+    ],
+)
+def test_a_quantity_has_a_unit_and_the_factor_to_it(name, unit, factor):
+    shown = quantity(name)
+    assert (shown.unit, shown.factor) == (unit, factor)
+    assert shown.axis == (f"{shown.text} [{unit}]" if unit else shown.text)
+
+
+def test_values_are_written_in_that_unit():
+    assert quantity("backlash").equals(0.07) == "backlash = 7 %"
+    assert quantity("learning_ratio").number(1.5) == "1.5"
+    assert quantity("my_series").axis == "my series"
+
+
+def test_every_name_with_a_unit_of_its_own_exists():
+    known = {*PARAMETERS, *METRICS, *TRACES}
+    for names in (labels._PERCENT, labels._HOURS, labels._MINUTES):
+        assert names <= known
+
+
+def test_the_label_of_the_tables_is_shown():
+    for name, entry in {**PARAMETERS, **METRICS, **TRACES}.items():
+        assert quantity(name).text == entry.label
