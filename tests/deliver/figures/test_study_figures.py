@@ -21,8 +21,6 @@ def swept():
     return fc.simulate(loop, fc.paper_day(hours=1))
 
 
-
-
 def test_curves_by_a_second_parameter_have_a_row_each_with_its_median(swept):
     figure = plots.bands(swept, "estimate_ratio", by="backlash", metrics=["rmse"])
     shown = [[line for line in axes.lines if line.get_label().startswith("backlash")] for axes in figure.axes]
@@ -95,8 +93,6 @@ def test_the_heading_says_what_is_pooled_and_what_the_marks_are(swept, draw, wor
     assert " ".join(heading).startswith(words)
 
 
-
-
 LONG = "A title that somebody made as long as a question of research may be, with all its conditions and exceptions. "
 
 
@@ -119,10 +115,6 @@ def test_curves_start_at_zero_and_are_whole(swept):
         low, high = axes.get_ylim()
         assert low == 0.0
         assert all(np.max(line.get_ydata()) < high for line in axes.lines if len(line.get_xdata()) == 4)
-
-
-
-
 
 
 @pytest.mark.parametrize(

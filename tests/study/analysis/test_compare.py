@@ -29,10 +29,6 @@ def test_the_difference_is_taken_within_pairs_not_between_means():
     assert float(found.sel(statistic="n_pairs")) == 40
 
 
-
-
-
-
 def test_replicates_that_share_a_day_do_not_count_as_independent():
     rng = np.random.default_rng(4)
     of_day = rng.normal(0.0, 1.0, 12)[:, None] + 0.001 * rng.normal(size=(12, 50))
@@ -108,8 +104,6 @@ def test_a_failed_scenario_takes_its_pair_out_and_no_other():
     assert float(found.sel(statistic="mean")) == 2.0
     expected = stats.t.interval(0.95, 1, 2.0, stats.sem([1.0, 3.0]))
     np.testing.assert_allclose(found.sel(statistic=["low", "high"]), expected)
-
-
 
 
 def test_nothing_is_claimed_of_a_single_pair_or_of_none():
@@ -207,5 +201,3 @@ def test_a_single_scenario_has_nothing_to_compare():
     (problem,) = caught.value.problems
     assert "ds is a single scenario without dimensions" in problem
     assert "give a sweep that holds the baseline" in problem
-
-

@@ -101,8 +101,6 @@ def test_the_baseline_may_be_a_name_or_a_number_of_numpy():
     ]
 
 
-
-
 def test_a_selection_of_statistics_has_no_table(ds):
     with pytest.raises(fc.InputError, match=r"call it before .sel\(statistic="):
         compared(ds).sel(statistic="mean").to_table()

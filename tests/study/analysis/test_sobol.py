@@ -36,10 +36,6 @@ def test_a_saltelli_design_takes_one_parameter_after_the_other_from_b():
     assert np.abs(np.corrcoef(np.concatenate([a, b]))[~np.eye(6, dtype=bool)]).max() < 0.1
 
 
-
-
-
-
 def test_indices_are_those_of_scipy():
     from scipy.stats import sobol_indices
 
@@ -114,8 +110,6 @@ def test_the_design_is_read_by_its_labels(labels):
 def test_an_incomplete_design_is_refused(labels, sentence):
     with pytest.raises(fc.InputError, match=sentence):
         fc.sobol_indices(result(ishigami, 4).sel(design=labels))
-
-
 
 
 @pytest.mark.parametrize(
