@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, is_number, mapping_of, path_of, plain
+from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_number, mapping_of, path_of, plain
 from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.logs.series import COLUMNS, TIMES, Series, counted, first_row
 from fastcoil.logs.table import STATUS, Table, label_and_unit
-from fastcoil.logs.timestamps import is_time
+from fastcoil.logs.timestamps import is_time, time_format_of
 from fastcoil.model.parameter_table import Parameter
 
 MAX_GAP = Parameter("max_gap", "boundary", "s", None, "longest step of a log that is bridged", 1.0)
@@ -42,18 +43,47 @@ class Wanted(NamedTuple):
         return [name for one in (*self.needed, *self.optional) for name in ((one,) if isinstance(one, str) else one)]
 
 
-class Declared(NamedTuple):
-    """What the caller declares about a log in addition to its header.
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How a log is read: what the caller declares besides its header, and what becomes of its flaws.
 
-    columns: our name → header; None if the log has our names.  units: our name → unit, for headers without one.
-    constants: our name → number, for series that the log lacks; None where the caller offers none.  has_command:
-    whether a command offers the same as options, so that messages name these too.
+    Parameters
+    ----------
+    columns, units, constants
+        Our name → header (None if the log has our names), → unit for headers without one, → number for series that
+        the log lacks.  ``constants`` is None where the caller does not offer it.
+    drop
+        Whether blank, NaN and impossible values are left out and counted instead of refused: those of measured series
+        become NaN, an input that is missing in one row alone is bridged, other rows with one are left out.  None where
+        the caller does not offer it.
+    jumps
+        ``refuse`` time that goes back or stands still within a batch, or ``split`` the batch there; None where the
+        caller does not offer it.
+    max_gap
+        Longest step that does not end a batch [s]; three times the median step if None, and more in a log whose rows
+        were written when a value changed.
+    time_format
+        How ``timestamp`` is written: a pattern as of strftime, ``excel`` for serial days, ``epoch`` for seconds or
+        milliseconds since 1970; recognised if None.
+    strict
+        Take every reading as it is, and refuse columns that are not wanted.  Else readings just outside a bound count
+        as the bound, temperatures of a sensor that is off are found, and other known columns are ignored.
+    unbroken
+        Refuse gaps and changes of batch.
+    has_command
+        Whether a command offers the same as options, so that messages name these too.
     """
 
-    columns: Mapping[str, str] | None
-    units: Mapping[str, str]
-    constants: Mapping[str, float] | None
-    has_command: bool
+    columns: Mapping[str, str] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    constants: Mapping[str, float] | None = None
+    drop: bool | None = None
+    jumps: str | None = None
+    max_gap: float | None = None
+    time_format: str | None = None
+    strict: bool = False
+    unbroken: bool = False
+    has_command: bool = False
 
     def cure(self, argument: str, option: str) -> str:
         """An argument of the function, and the option of the command that does the same."""
@@ -62,6 +92,21 @@ class Declared(NamedTuple):
     def column_cure(self, name: str) -> str:
         """How to say which column holds ``name``."""
         return self.cure(f"columns={{{name!r}: 'its header'}}", f"--column {name}='its header'")
+
+
+def checked_reading(check: Checks, **given: Any) -> Reading:
+    """The arguments of a public function that say how its log is read, checked; it passes those that it offers."""
+    if "drop" in given:
+        check(flag_of, "drop", given["drop"])
+    if "jumps" in given:
+        check(choice_of, "jumps", given["jumps"], ("refuse", "split"))
+    given["max_gap"] = check(max_gap_of, given["max_gap"])
+    check(require_mappings, **{name: given[name] for name in _EXAMPLES if name in given})
+    given["time_format"] = check.unless_none(time_format_of, "time_format", given["time_format"])
+    for name in ("units", "constants"):
+        if name in given and given[name] is None:
+            given[name] = {}
+    return Reading(**given)
 
 
 def require_mappings(**given: Any) -> None:
@@ -152,33 +197,33 @@ _MOST_HINTS = 200
 """Unknown columns for which the name that was probably meant is sought: it takes a millisecond each."""
 
 
-def find_columns(table: Table, declared: Declared, wanted: Wanted, *, strict: bool) -> dict[str, int]:
+def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
     """Index of each column to read; unknown, missing and doubled ones, and bad constants, are problems.
 
-    With ``strict``, columns that are not wanted are unknown, and a column comes before a constant of its name; else
+    In strict reading, columns that are not wanted are unknown, and a column comes before a constant of its name; else
     the two together are a problem.
     """
-    series = wanted.names if strict else list(COLUMNS)
+    series = wanted.names if how.strict else list(COLUMNS)
     names = [*dict.fromkeys([*series, *TIMES])]
-    asked, constants = declared.columns or {}, declared.constants or {}
+    asked, constants = how.columns or {}, how.constants or {}
     table.check_names("columns", asked, names)
-    table.check_names("units", declared.units, [name for name in names if name != "timestamp"])
+    table.check_names("units", how.units, [name for name in names if name != "timestamp"])
     table.check_names("constants", constants, wanted.names)
     table.problems += _bad_constants(constants)
-    found = _find_headers(table, declared, names, wanted)
+    found = _find_headers(table, how, names, wanted)
     for one in [*wanted.needed, *wanted.optional, TIMES]:
         choices = (one,) if isinstance(one, str) else one
-        standing_in = [f"constant {n}" for n in choices if n in constants and not (strict and n in found)]
+        standing_in = [f"constant {n}" for n in choices if n in constants and not (how.strict and n in found)]
         given = [name for name in choices if name in found] + standing_in
         preferred = [name for name in choices if name in asked]
         if len(given) > 1 and len(preferred) == 1 and not standing_in:
             for name in set(choices) - set(preferred):
                 found.pop(name, None)
         elif len(given) > 1:
-            which = "" if standing_in else f", or say which to read: {declared.column_cure(given[0])}"
+            which = "" if standing_in else f", or say which to read: {how.column_cure(given[0])}"
             table.problems.append(f"{' and '.join(given)} are both given: leave one out{which}")
         elif not given and not preferred and one not in wanted.optional:
-            table.problems.append(_missing(choices, declared, _times_in(table) if one is TIMES else ""))
+            table.problems.append(_missing(choices, how, _times_in(table) if one is TIMES else ""))
     found = {name: column for name, column in found.items() if name in (*wanted.names, *TIMES, "batch")}
     table.problems += [
         f"{one} and {other} are both read from the column {shown(table.header[found[one]])}: give each its own"
@@ -234,27 +279,27 @@ def _reads_as_percent(table: Table, column: int) -> bool:
     return bool(numbers) and _FAR_ABOVE_1 < max(numbers) <= 100.5
 
 
-def _find_headers(table: Table, declared: Declared, names: list[str], wanted: Wanted) -> dict[str, int]:
+def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) -> dict[str, int]:
     """Index of each of our ``names`` in the header, or where the caller says.
 
     Other columns are problems, unless the caller says what to read, and so are two columns of a wanted name.
     """
     unknown = []
-    found = asked_columns(table, declared.columns or {})
-    asked, of_status = set(declared.columns or {}), status_columns(table)
+    found = asked_columns(table, how.columns or {})
+    asked, of_status = set(how.columns or {}), status_columns(table)
     for column, cell in enumerate(table.header):
         label = label_and_unit(cell)[0]
         if label in names and label in found and label not in asked and label in (*wanted.names, *TIMES):
             both = f"{shown(table.header[found[label]])} and {shown(cell)}"
-            cure = declared.cure(f"columns={{{label!r}: {cell!r}}}", f"--column {label}={cell!r}")
+            cure = how.cure(f"columns={{{label!r}: {cell!r}}}", f"--column {label}={cell!r}")
             table.problems.append(f"{label} is in two columns, {both}: delete one, or say which to read: {cure}")
         elif label in names:
             found.setdefault(label, column)
         elif column not in of_status:
             unknown.append(cell)
-    if declared.columns is None:
+    if how.columns is None:
         example = wanted.names[0]
-        say_which = declared.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
+        say_which = how.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
         table.problems += _unknown(unknown, names, f"or say what to read: {say_which}")
     return found
 
@@ -279,20 +324,20 @@ def _times_in(table: Table) -> str:
     return next((head for head, cell in zip(table.header, first, strict=False) if is_time(cell)), "")
 
 
-def _missing(choices: tuple[str, ...], declared: Declared, times_in: str) -> str:
+def _missing(choices: tuple[str, ...], how: Reading, times_in: str) -> str:
     """A sentence that none of these columns exists, with every way to give one.
 
     times_in: header of a column that looks like the missing time, else empty.
     """
     if times_in and len(times_in) <= _LONGEST_HEADER:
         argument, option = f"columns={{'timestamp': {times_in!r}}}", f"--column timestamp={times_in!r}"
-        return f"timestamp is missing, and {shown(times_in)} has times: say so: {declared.cure(argument, option)}"
+        return f"timestamp is missing, and {shown(times_in)} has times: say so: {how.cure(argument, option)}"
     name, series = choices[0], COLUMNS[choices[0]]
     which = " or ".join((", ".join(choices[:-1]), choices[-1])) if len(choices) > 1 else name
     text = f"{which} is missing: add a column '{name} [{series.unit}]', or say which one it is: "
-    text += declared.column_cure(name)
-    if declared.constants is not None and name not in (*TIMES, *_OUTPUTS):
-        constant = declared.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
+    text += how.column_cure(name)
+    if how.constants is not None and name not in (*TIMES, *_OUTPUTS):
+        constant = how.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
         text += f"; or give a constant: {constant}"
     return text
 

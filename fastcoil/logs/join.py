@@ -14,7 +14,7 @@ import numpy as np
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.logs.cells import is_datum
-from fastcoil.logs.columns import Declared, Wanted, status_columns
+from fastcoil.logs.columns import Reading, Wanted, status_columns
 from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes
 from fastcoil.logs.readings import read_columns
 from fastcoil.logs.series import COLUMNS, counted
@@ -122,8 +122,8 @@ class Files:
             cell, row = shown(table.rows[k][time]), table.row_numbers[k]
             table.problems.append(f"{table.header[time] or 'time'} = {cell} in row {row} {stamps.wrong}")
         units = {name: unit for name, unit in self._units.items() if name in named}
-        declared = Declared(columns={}, units=units, constants=None, has_command=True)
-        readings = read_columns(table, named, declared, Wanted((), measured=POINTS), strict=False, sparse=True)
+        how = Reading(columns={}, units=units, has_command=True)
+        readings = read_columns(table, named, how, Wanted((), measured=POINTS), sparse=True)
         table.problems += readings.complaints
         table.stop_if_wrong()
         times, order = _ascending(table, stamps.microseconds)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,14 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.logs.columns import Declared, Wanted, find_columns, max_gap_of, require_mappings
-from fastcoil.logs.pieces import RowTimes, TimeRules, longest_bridged, number_pieces, rows_at
+from fastcoil.logs.columns import Reading, Wanted, find_columns
+from fastcoil.logs.pieces import RowTimes, longest_bridged, number_pieces, rows_at
 from fastcoil.logs.readings import fill_or_cut, read_columns
 from fastcoil.logs.series import COLUMNS
 from fastcoil.logs.table import Table, table_of
-from fastcoil.logs.timestamps import time_format_of
 from fastcoil.model import moist_air
+
+_AS_IT_IS = Reading()
 
 
 @dataclass(kw_only=True)
@@ -109,21 +109,7 @@ class Log:
         )
 
 
-def read_log(
-    source: Any,
-    wanted: Wanted,
-    *,
-    units: Mapping[str, str] | None = None,
-    columns: Mapping[str, str] | None = None,
-    constants: Mapping[str, float] | None = None,
-    drop: bool | None = None,
-    jumps: str | None = None,
-    max_gap: float | None = None,
-    time_format: str | None = None,
-    strict: bool = False,
-    unbroken: bool = False,
-    has_command: bool = False,
-) -> Log:
+def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
     """Read a log and check every number.
 
     Parameters
@@ -131,75 +117,39 @@ def read_log(
     source
         Path of a CSV file, or an ``xarray.Dataset`` along ``elapsed_time`` (or ``timestamp``, of datetime64) with
         units as attributes.
-    wanted
-        The series to read.
-    units, columns, constants
-        As in ``fc.Boundary.from_csv``; constants are None where the caller does not offer them.
-    drop
-        Whether blank, NaN and impossible values are left out (and counted) instead of refused: those of measured
-        series become NaN, an input that is missing in one row alone is bridged, other rows with one are left out.  None
-        where the caller does not offer it.
-    jumps
-        ``refuse`` time that goes back or stands still within a batch, or ``split`` the batch there; None where the
-        caller does not offer it.
-    max_gap
-        Longest step that does not end a batch [s]; three times the median step if left out, and more in a log whose
-        rows were written when a value changed.
-    time_format
-        How ``timestamp`` is written: a pattern as of strftime, ``excel`` for serial days, ``epoch`` for seconds or
-        milliseconds since 1970; recognised if left out.
-    strict
-        Take every reading as it is, and refuse columns that are not wanted.  Else readings just outside a bound count
-        as the bound, temperatures of a sensor that is off are found, and other known columns are ignored.
-    unbroken
-        Refuse gaps and changes of batch.
-    has_command
-        Whether a command of the same options exists, for the messages.
+    wanted, how
+        The series to read, and how to read them.
 
     Raises
     ------
     InputError
         With one sentence for each mistake: column, row, cure.
     """
-    if jumps not in ("refuse", "split", None):
-        raise InputError(f"jumps = {jumps!r}: choose 'refuse' or 'split'")
-    max_gap = max_gap_of(max_gap)
-    if time_format is not None:
-        time_format = time_format_of("time_format", time_format)
-    require_mappings(columns=columns, units=units, constants=constants)
-    declared = Declared(columns=columns, units=units or {}, constants=constants, has_command=has_command)
-    rules = TimeRules(
-        jumps=jumps,
-        max_gap=max_gap,
-        unbroken=unbroken,
-        jumps_cure=declared.cure("jumps='split'", "--jumps split"),
-        gap_cure=declared.cure("max_gap", "--max-gap"),
-    )
-    table = Table.read(source) if isinstance(source, (str, Path)) else table_of(source, columns, COLUMNS)
-    found = find_columns(table, declared, wanted, strict=strict)
-    if time_format is not None and "timestamp" not in found:
-        table.problems.append(f"time_format = {time_format!r}: it is for the column timestamp, which the log lacks")
+    table = Table.read(source) if isinstance(source, (str, Path)) else table_of(source, how.columns, COLUMNS)
+    found = find_columns(table, how, wanted)
+    stamped = "timestamp" in found
+    if how.time_format is not None and not stamped:
+        table.problems.append(f"time_format = {how.time_format!r}: it is for the column timestamp, which the log lacks")
     table.stop_if_wrong()
-    readings, stamped = read_columns(table, found, declared, wanted, strict=strict), "timestamp" in found
-    if stamped:
-        at = rows_at(table, found["timestamp"], declared, time_format, drop)
-    else:
-        at = RowTimes(readings.known.get("elapsed_time", np.zeros(0)))
-    time = at.since
+    readings = read_columns(table, found, how, wanted)
     known = readings.known
+    seconds = known.get("elapsed_time", np.zeros(0))
+    at = rows_at(table, found["timestamp"], how) if stamped else RowTimes(seconds)
+    time = at.since
     if time.size:
-        longest = longest_bridged(time, max_gap)
-        known, time = fill_or_cut(table, readings, time, declared, wanted, drop, longest, stamped=stamped)
+        known, time = fill_or_cut(
+            table, readings, time, how, wanted, longest_bridged(time, how.max_gap), stamped=stamped
+        )
         known.pop("elapsed_time", None)
     else:
         table.problems += readings.complaints
     pieces = None
     if time.size and np.isfinite(time).all():
-        pieces = number_pieces(table, time, known, rules, readings.notes, stamped=stamped)
+        pieces = number_pieces(table, time, known, how, readings.notes, stamped=stamped)
     table.stop_if_wrong()
     assert pieces is not None  # a problem otherwise
     known.pop("batch", None)
-    values = {name: np.full(time.size, float(value)) for name, value in (constants or {}).items()} | known
+    values = {name: np.full(time.size, float(value)) for name, value in (how.constants or {}).items()} | known
     rows = np.array(table.row_numbers)
     return Log(
         names=(table.name,),

@@ -16,7 +16,7 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, collecting, shown
-from fastcoil.logs.columns import Declared
+from fastcoil.logs.columns import Reading
 from fastcoil.logs.series import counted
 from fastcoil.logs.table import Table
 from fastcoil.logs.timestamps import read_stamps
@@ -124,22 +124,6 @@ _MANY = 0.1
 """If more than this share of the steps go back in time, the log is out of order."""
 
 
-class TimeRules(NamedTuple):
-    """What to do where time does not simply go on.
-
-    jumps: ``refuse`` time that goes back or stands still within a batch, or ``split`` the batch there; None where the
-    caller does not offer it.  max_gap: longest step that ends no piece, s; None for three times the median step, or
-    more in a log of changes.  unbroken: refuse a log of more than one piece.  jumps_cure, gap_cure: how to ask for
-    ``split``, and for another longest step.
-    """
-
-    jumps: str | None
-    max_gap: float | None
-    unbroken: bool
-    jumps_cure: str
-    gap_cure: str
-
-
 class Pieces(NamedTuple):
     """Number of the unbroken piece of each row, (n,), from 0; whether rows were written when a value changed."""
 
@@ -159,16 +143,16 @@ class RowTimes(NamedTuple):
     time_zone: str = ""
 
 
-def rows_at(table: Table, column: int, declared: Declared, time_format: str | None, drop: bool | None) -> RowTimes:
+def rows_at(table: Table, column: int, how: Reading) -> RowTimes:
     """Time of every row, from timestamps.
 
     Nothing, (0,), if something is wrong with them that becomes a problem of the table.
     """
-    cure = declared.cure("time_format='{format}'", "--time-format '{format}'")
+    cure = how.cure("time_format='{format}'", "--time-format '{format}'")
     with collecting(table.problems):
-        stamps = read_stamps([row[column] for row in table.rows], table.row_numbers, time_format, cure)
+        stamps = read_stamps([row[column] for row in table.rows], table.row_numbers, how.time_format, cure)
         table.notes += stamps.notes
-        if not (stamps.good.all() or drop):
+        if not (stamps.good.all() or how.drop):
             k = int(np.argmin(stamps.good))
             cell, number = table.rows[k][column], table.row_numbers[k]
             table.problems.append(f"timestamp = {shown(cell)} in row {number} {stamps.wrong}")
@@ -186,7 +170,7 @@ def longest_bridged(time: Array, max_gap: float | None) -> float:
 
 
 def number_pieces(
-    table: Table, time: Array, values: Mapping[str, Array], rules: TimeRules, notes: list[str], *, stamped: bool
+    table: Table, time: Array, values: Mapping[str, Array], how: Reading, notes: list[str], *, stamped: bool
 ) -> Pieces:
     """The unbroken pieces of a log of these ``values``, ``batch`` among them; ``stamped``: by timestamps.
 
@@ -196,21 +180,22 @@ def number_pieces(
     steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     new = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
     back = (steps <= 0.0) & ~new
-    if back.any() and rules.jumps != "split":
-        table.problems.append(_backward(time, back, rows, rules, stamped))
+    if back.any() and how.jumps != "split":
+        table.problems.append(_backward(time, back, rows, how, stamped))
         return Pieces(np.zeros(time.size, dtype=np.int64), False)
     if back.any():
         notes.append(f"time goes back or stands still {counted(back, 'time')}: the record starts again there")
     forward = steps[~new & ~back]
     median = float(np.median(forward)) if forward.size else np.inf
     of_changes = longest_step(time, ~new & ~back, values)
-    if of_changes and not rules.max_gap:
+    if of_changes and not how.max_gap:
         table.notes.append(
             f"rows are {forward.min():g} to {forward.max():g} s apart, and each has a change: a log of changes, "
-            f"values hold between rows; steps of up to {of_changes:g} s are no gaps (another limit: {rules.gap_cure})"
+            f"values hold between rows; steps of up to {of_changes:g} s are no gaps "
+            f"(another limit: {how.cure('max_gap', '--max-gap')})"
         )
-    gaps = ~new & ~back & (steps > (rules.max_gap or of_changes or LONG_STEP * median))
-    if rules.unbroken and (new | gaps).any():
+    gaps = ~new & ~back & (steps > (how.max_gap or of_changes or LONG_STEP * median))
+    if how.unbroken and (new | gaps).any():
         table.problems.append(_broken(steps, new, gaps, median, rows, stamped))
     elif gaps.any():
         k = int(np.argmax(gaps))
@@ -226,7 +211,7 @@ def _hour(step: float, stamped: bool) -> bool:
     return stamped and step == _HOUR
 
 
-def _backward(time: Array, back: Mask, rows: list[int], rules: TimeRules, stamped: bool) -> str:
+def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: bool) -> str:
     """Where time first goes back, how often it does, and the cure."""
     steps = np.diff(time)
     k, times = int(np.argmax(back)), int(back.sum())
@@ -241,8 +226,8 @@ def _backward(time: Array, back: Mask, rows: list[int], rules: TimeRules, stampe
             )
     what = "is at the same time as" if steps[k] == 0.0 else "is earlier than"
     cure = "sort the rows and drop doubles"
-    if rules.jumps is not None:
-        cure += f", or let the record start again there: {rules.jumps_cure}"
+    if how.jumps is not None:
+        cure += ", or let the record start again there: " + how.cure("jumps='split'", "--jumps split")
     if times > 1 and back.mean() > _MANY:
         cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
     forward = steps[steps > 0.0]

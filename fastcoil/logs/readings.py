@@ -13,7 +13,7 @@ import numpy as np
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, collecting, shown
 from fastcoil.logs.cells import Cells, Writing, cells_of, is_missing, writing_of
-from fastcoil.logs.columns import Declared, Wanted, find_unit, marked_by_status
+from fastcoil.logs.columns import Reading, Wanted, find_unit, marked_by_status
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
 from fastcoil.logs.table import Table
 
@@ -43,16 +43,15 @@ class Readings:
 def read_columns(
     table: Table,
     found: Mapping[str, int],
-    declared: Declared,
+    how: Reading,
     wanted: Wanted,
     *,
-    strict: bool,
     sparse: bool = False,
 ) -> Readings:
     """Every column ``found`` but ``timestamp`` as numbers in our units.
 
-    With ``strict``, readings just outside a bound are bad values too, and a temperature of 0 never means a sensor that
-    is off.  With ``sparse``, a value that is missing is no mistake.
+    In strict reading, values just outside a bound are bad too, and a temperature of 0 never means a sensor that is
+    off.  With ``sparse``, a value that is missing is no mistake.
     """
     readings = Readings()
     columns = {name: column for name, column in found.items() if name != "timestamp"}
@@ -60,21 +59,21 @@ def read_columns(
     marked = marked_by_status(table, columns)
     for name, column in columns.items():
         series = COLUMNS[name]
-        given = declared.units.get(name)
+        given = how.units.get(name)
         cells = cells_of([row[column] for row in table.rows], writing, switch=series.is_switch)
-        unit = _unit_of(table, series, column, given, cells, declared.has_command)
+        unit = _unit_of(table, series, column, given, cells, how.has_command)
         if unit is None:
             continue
         _note_words(table, series, column, cells)
         values = series.convert(cells.values, unit)
-        if series.scatters and not strict:
+        if series.scatters and not how.strict:
             values = _at_bounds(table, series, values, readings.notes)
         by_status = marked[name] | cells.marked if name in marked else cells.marked
         values[by_status] = np.nan
         bad = series.is_bad(values)
         readings.known[name], readings.bad[name] = values, bad
         readings.missing[name] = cells.missing | by_status | series.is_missing_mark(cells.values)
-        off = np.zeros(values.size, dtype=bool) if strict else _sensor_off(table, series, cells.values, values)
+        off = np.zeros(values.size, dtype=bool) if how.strict else _sensor_off(table, series, cells.values, values)
         if off.any() and name in wanted.measured:
             first = first_row(table.row_numbers, off)
             readings.notes.append(f"{counted(off, 'value')} left out: {name} is 0, sensor off ({first})")
@@ -87,7 +86,7 @@ def read_columns(
         elif (wrong := bad & ~readings.missing[name] if sparse else bad).any():
             readings.complaints.append(_complaint(table, series, column, unit, wrong, by_status, cells.values))
         if unit == "V" and series.units is TRAVEL:
-            _suspect_live_zero(series, values[~bad], declared, table.notes)
+            _suspect_live_zero(series, values[~bad], how, table.notes)
     return readings
 
 
@@ -163,10 +162,10 @@ def _note_words(table: Table, series: Series, column: int, cells: Cells) -> None
             )
 
 
-def _suspect_live_zero(series: Series, values: Array, declared: Declared, notes: list[str]) -> None:
+def _suspect_live_zero(series: Series, values: Array, how: Reading, notes: list[str]) -> None:
     """Say so where a command in V looks like a signal whose lowest value, 2 V, is the closed valve."""
     if values.size and _LIVE_ZERO[0] <= values.min() <= _LIVE_ZERO[1] and values.max() >= _FULL_SIGNAL:
-        cure = declared.cure(f"units={{{series.name!r}: 'V 2-10'}}", f"--unit {series.name}='V 2-10'")
+        cure = how.cure(f"units={{{series.name!r}: 'V 2-10'}}", f"--unit {series.name}='V 2-10'")
         notes.append(
             f"{series.name} is from {10 * values.min():.3g} to {10 * values.max():.3g} V, read as a signal of 0–10 V: "
             f"if it is one of 2–10 V, write '[V 2-10]' in the header, or {cure}"
@@ -219,9 +218,8 @@ def fill_or_cut(
     table: Table,
     readings: Readings,
     time: Array,
-    declared: Declared,
+    how: Reading,
     wanted: Wanted,
-    drop: bool | None,
     longest: float,
     *,
     stamped: bool,
@@ -229,8 +227,7 @@ def fill_or_cut(
     """The columns, and the time, of the rows that are left; the table is cut to the same rows.
 
     A bad value of a measured column becomes NaN.  An input that is missing in one row alone is bridged; rows with any
-    other bad value are cut.  All that is a problem of the table unless ``drop`` is true; None where the caller does not
-    offer it.
+    other bad value are cut.  All that is a problem of the table unless ``drop`` is true.
 
     Parameters
     ----------
@@ -242,16 +239,16 @@ def fill_or_cut(
         Whether the time is from timestamps.
     """
     known, bad = readings.known, dict(readings.bad)
-    if readings.complaints and not drop:
-        if drop is not None:
-            cure = declared.cure("drop=True", "--drop")
+    if readings.complaints and not how.drop:
+        if how.drop is not None:
+            cure = how.cure("drop=True", "--drop")
             readings.complaints[-1] += f"; or leave such values out and count them: {cure}"
         table.problems += readings.complaints + _sparse(readings)
         return known, time
     _drop_measured(table, known, bad, wanted, readings.notes)
     if stamped:
         bad = {"timestamp": np.isnan(time)} | bad
-    if drop:
+    if how.drop:
         _bridge(table, readings, bad, time, wanted.measured, longest)
     return _drop_rows(table, known, bad, time, readings.notes)
 

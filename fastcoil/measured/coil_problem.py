@@ -22,7 +22,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.running import within
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.measured.least_squares import FORBIDDEN, Estimate, Model, Uncertainty, minimise, uncertainty
-from fastcoil.measured.reading import fitted_part
+from fastcoil.measured.part import Part
 from fastcoil.model import moist_air
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.plant import worst_numbers
@@ -255,14 +255,13 @@ class CoilProblem:
         record: Record,
         outputs: tuple[str, ...],
         warm_up: float,
-        split: float | None,
-        fit_until: float | None,
+        part: Part,
         holds: tuple[str, ...] = (),
     ) -> None:
         self.data, self.record, self.outputs = data, record, outputs
         self.notes = list(data.notes)
         self.warm = data.since_batch() >= warm_up
-        self.fitting = fitted_part(data, split, fit_until)
+        self.fitting = part.fitted(data)
         self.n_fit = int(self.fitting.sum())
         flowing = data.values["m_w"] > _SMALL_SWING * record.m_w
         self.compared = {

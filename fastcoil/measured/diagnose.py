@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, choice_of, flag_of, number_of
+from fastcoil.base.arguments import checking, number_of
 from fastcoil.logs import read_log
-from fastcoil.logs.columns import Wanted, log_of, max_gap_of, require_mappings
+from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS
-from fastcoil.logs.timestamps import time_format_of
 from fastcoil.measured.cause import as_dataset, cause_of, outcomes_of, too_little
 from fastcoil.measured.diagnosis import Diagnosis, scalars
 from fastcoil.measured.fitted_loop import FittedLoop, fit_and_doubt
@@ -61,7 +60,7 @@ def diagnose(
         As in ``fc.Boundary.from_csv``.
     drop, jumps, max_gap, time_format
         What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
-        ``fastcoil.logs.read_log``.
+        ``fastcoil.logs.Reading``.
 
     Returns
     -------
@@ -77,24 +76,19 @@ def diagnose(
         log = check(log_of, "log", log)
         stroke_time = check.unless_none(_seconds_of, "stroke_time", stroke_time, 0.0)
         sample_time = check.unless_none(_seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
-        check(flag_of, "drop", drop)
-        check(choice_of, "jumps", jumps, ("refuse", "split"))
-        check(max_gap_of, max_gap)
-        time_format = check.unless_none(time_format_of, "time_format", time_format)
-        check(require_mappings, units=units, columns=columns)
+        how = checked_reading(
+            check,
+            columns=columns,
+            units=units,
+            drop=drop,
+            jumps=jumps,
+            max_gap=max_gap,
+            time_format=time_format,
+            has_command=True,
+        )
     if hasattr(log, "data_vars") and "T_measured" in log and "T_sup" not in (columns or {}):
         log = log.assign(T_sup=log["T_measured"])
-    data = read_log(
-        log,
-        _WANTED,
-        units=units,
-        columns=columns,
-        drop=drop,
-        jumps=jumps,
-        max_gap=max_gap,
-        time_format=time_format,
-        has_command=True,
-    )
+    data = read_log(log, _WANTED, how)
     grid, notes = on_grid(data)
     known = [name for name in ("m_a", "T_a_in") if name in grid.values]
     found = identify_backlash(

@@ -19,7 +19,7 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.figures import COLOURS, DOTTED, FAINT, apply_style
 from fastcoil.base.files import read_bytes
 from fastcoil.base.results import Result, as_toml, in_toml
-from fastcoil.measured.reading import FITTING, UNUSED, VALIDATION
+from fastcoil.measured.part import FITTING, UNUSED, VALIDATION
 from fastcoil.model.engine.recorded import valve_flows
 from fastcoil.model.parameter_table import PARAMETERS
 

@@ -17,10 +17,9 @@ import xarray as xr
 from fastcoil.base.arguments import checking, choice_of, number_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.logs import Log, read_log
-from fastcoil.logs.columns import Wanted, log_of
+from fastcoil.logs import read_log
+from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import HUMIDITIES
-from fastcoil.logs.timestamps import time_format_of
 from fastcoil.loops.loop import Loop
 from fastcoil.measured.coil_problem import (
     COIL,
@@ -34,7 +33,7 @@ from fastcoil.measured.coil_problem import (
     record_of,
 )
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, rms, sample_variables
-from fastcoil.measured.reading import FITTING, UNUSED, VALIDATION, check_reading, fitted_part, split_of, validated_with
+from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -187,7 +186,7 @@ def fit_coil(
         Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
         ``fit_until``.  It has no influence on the fit.
     drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.Reading``.
     time_format
         How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
 
@@ -210,7 +209,6 @@ def fit_coil(
     started = time.perf_counter()
     with checking() as check:
         log = check(log_of, "log", log)
-        validation = check.unless_none(log_of, "validation", validation)
         minimise_on = check(choice_of, "minimise_on", minimise_on, OUTPUTS)
         warm_up = check(number_of, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
         held_inputs = check(_held_inputs, holds)
@@ -218,9 +216,9 @@ def fit_coil(
                      T_initial=T_initial)  # fmt: skip
         for name, array in loop.swept.items() if loop else ():
             check.problems.append(f"{name} = {shown(array.values.tolist())}: give one value")
-        check_reading(check, units=units, columns=columns, constants=constants, drop=drop, jumps=jumps, max_gap=max_gap)
-        time_format = check.unless_none(time_format_of, "time_format", time_format)
-        split, fit_until = split_of(check, split, fit_until)
+        how = checked_reading(check, columns=columns, units=units, constants=constants, drop=drop, jumps=jumps,
+                              max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
+        part = checked_part(check, split, fit_until, validation)
     both = minimise_on == "both"
     wanted = Wanted(
         needed=(*_NEEDED, "T_w_out") if both else _NEEDED,
@@ -228,30 +226,15 @@ def fit_coil(
         measured=("T_sup", "T_w_out"),
     )
 
-    def read(source: Any) -> Log:
-        found = read_log(
-            source,
-            wanted,
-            units=units,
-            columns=columns,
-            constants={} if constants is None else constants,
-            drop=drop,
-            jumps=jumps,
-            max_gap=max_gap,
-            time_format=time_format,
-            has_command=True,
-        )
-        return in_operation(found)
-
-    data = read(log)
-    if validation is not None:
-        data, fit_until = validated_with(data, read(validation), fit_until), None
+    data = part.of(in_operation(read_log(log, wanted, how)))
+    if part.validation is not None:
+        data = data.followed_by(in_operation(read_log(part.validation, wanted, how)))
     if "T_w_out" in data.values and not both:
         data.notes.append(
             "T_w_out is compared, but only the error of T_sup is minimised: minimise_on='both', --both uses it too"
         )
-    record = record_of(data, loop, held_inputs, fitted_part(data, split, fit_until))
-    problem = CoilProblem(data, record, OUTPUTS[minimise_on], warm_up, split, fit_until, held_inputs)
+    record = record_of(data, loop, held_inputs, part.fitted(data))
+    problem = CoilProblem(data, record, OUTPUTS[minimise_on], warm_up, part, held_inputs)
     return coil_fit(problem, problem.solve(), started)
 
 

@@ -19,15 +19,14 @@ import xarray as xr
 from fastcoil.base.arguments import checking, instance_of, number_of
 from fastcoil.base.errors import shown
 from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style
-from fastcoil.logs import Log, read_log
-from fastcoil.logs.columns import Wanted, log_of
+from fastcoil.logs import read_log
+from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import HUMIDITIES
-from fastcoil.logs.timestamps import time_format_of
 from fastcoil.loops.loop import Loop
 from fastcoil.measured.coil_problem import in_operation
 from fastcoil.measured.fit import Fit, labelled, poor, rms, sample_variables
 from fastcoil.measured.loop_problem import LARGEST, LoopProblem, LoopSolution
-from fastcoil.measured.reading import FITTING, UNUSED, VALIDATION, check_reading, split_of, validated_with
+from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
 
 if TYPE_CHECKING:
@@ -258,7 +257,7 @@ def fit_loop(
     split, fit_until, validation
         As in ``fc.fit_valve``.
     drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.Reading``.
     time_format
         How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
 
@@ -281,36 +280,20 @@ def fit_loop(
     with checking() as check:
         log = check(log_of, "log", log)
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
-        validation = check.unless_none(log_of, "validation", validation)
         warm_up = check(number_of, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
-        check_reading(check, units=units, columns=columns, constants=constants, drop=drop, jumps=jumps, max_gap=max_gap)
-        time_format = check.unless_none(time_format_of, "time_format", time_format)
-        split, fit_until = split_of(check, split, fit_until)
+        how = checked_reading(check, columns=columns, units=units, constants=constants, drop=drop, jumps=jumps,
+                              max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
+        part = checked_part(check, split, fit_until, validation)
         for name, values in loop.swept.items() if isinstance(loop, Loop) else ():
             if name != "backlash":
                 check.problems.append(f"loop has {name} = {shown(values.values.tolist())}: give one value")
         if isinstance(loop, Loop) and (loop["slip_jump"] or 0.0) != 0.0:
             check.problems.append("loop has a slip_jump: give it none, a backlash without one is fitted")
 
-    def read(source: Any) -> Log:
-        found = read_log(
-            source,
-            _WANTED,
-            units=units,
-            columns=columns,
-            constants={} if constants is None else constants,
-            drop=drop,
-            jumps=jumps,
-            max_gap=max_gap,
-            time_format=time_format,
-            has_command=True,
-        )
-        return in_operation(found)
-
-    data = read(log)
-    if validation is not None:
-        data, fit_until = validated_with(data, read(validation), fit_until), None
-    problem = LoopProblem(data, loop, warm_up, split, fit_until)
+    data = part.of(in_operation(read_log(log, _WANTED, how)))
+    if part.validation is not None:
+        data = data.followed_by(in_operation(read_log(part.validation, _WANTED, how)))
+    problem = LoopProblem(data, loop, warm_up, part)
     if problem.is_coarse:
         warnings.warn(
             f"{data.name}: samples are {data.step:g} s apart and the command moves between them: the backlash comes "

@@ -20,11 +20,10 @@ from fastcoil.base.arguments import checking, choice_of, number_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log, read_log
-from fastcoil.logs.columns import Wanted, log_of
-from fastcoil.logs.timestamps import time_format_of
+from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, rms, sample_variables
 from fastcoil.measured.lag import with_lag, without_lag
-from fastcoil.measured.reading import FITTING, UNUSED, VALIDATION, check_reading, split_of, validated_with
+from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.measured.valve_problem import FEWEST_SAMPLES, LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
 from fastcoil.measured.valve_sampling import judged
 from fastcoil.model.engine.recorded import VALVE_ROWS
@@ -239,7 +238,7 @@ def fit_valve(
         ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
         between the rows, and the interval of the backlash allows for that.
     drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.read_log``.
+        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.Reading``.
     time_format
         How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
 
@@ -262,43 +261,29 @@ def fit_valve(
     flow = {"least": math.nextafter(0.0, 1.0), "most": _LARGEST_FLOW}
     with checking() as check:
         log = check(log_of, "log", log)
-        validation = check.unless_none(log_of, "validation", validation)
         m_max = check.unless_none(number_of, "m_max", m_max, "give a number above 0 and at most 1e6 kg/s", **flow)
         floor = check.unless_none(number_of, "floor", floor, "give a number, 0 or more", least=0.0)
         settle = check.unless_none(number_of, "settle", settle, "give a number, 0 or more", least=0.0)
         initial = check(choice_of, "initial", initial, ("unknown", "rising", "falling"))
         lag = check(_lag_of, lag)
         holds = check.unless_none(choice_of, "holds", holds, ("command",))
-        check_reading(check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap)
-        time_format = check.unless_none(time_format_of, "time_format", time_format)
-        split, fit_until = split_of(check, split, fit_until)
+        how = checked_reading(check, columns=columns, units=units, drop=drop, jumps=jumps,
+                              max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
+        part = checked_part(check, split, fit_until, validation)
 
-    def read(source: Any) -> Log:
-        return read_log(
-            source,
-            _WANTED,
-            units=units,
-            columns=columns,
-            drop=drop,
-            jumps=jumps,
-            max_gap=max_gap,
-            time_format=time_format,
-            has_command=True,
-        )
-
-    data = read(log)
+    data = part.of(read_log(log, _WANTED, how))
     _check_order(data)
     _check(data, floor, m_max)
-    if validation is not None:
-        to_validate = read(validation)
+    if part.validation is not None:
+        to_validate = read_log(part.validation, _WANTED, how)
         _check_order(to_validate)
-        data, fit_until = validated_with(data, to_validate, fit_until), None
+        data = data.followed_by(to_validate)
     if isinstance(lag, float):
         data = with_lag(data, lag)
-    problem = ValveProblem(data, floor, settle, split, fit_until)
+    problem = ValveProblem(data, floor, settle, part)
     if lag == "auto":
         moved = without_lag(data, problem.good, problem.fitting)
-        problem = problem if moved is data else ValveProblem(moved, floor, settle, split, fit_until)
+        problem = problem if moved is data else ValveProblem(moved, floor, settle, part)
     return valve_fit(problem, problem.solve(m_max, initial), holds is not None, started)
 
 

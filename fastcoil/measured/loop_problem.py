@@ -15,7 +15,7 @@ from fastcoil.logs.series import counted
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.reading import fitted_part
+from fastcoil.measured.part import Part
 from fastcoil.measured.valve_problem import reversals
 
 LARGEST = 0.25
@@ -85,13 +85,13 @@ class LoopSolution(NamedTuple):
 class LoopProblem:
     """A log, the emulator that is run behind its command, and which samples are compared."""
 
-    def __init__(self, data: Log, loop: Loop, warm_up: float, split: float | None, fit_until: float | None) -> None:
+    def __init__(self, data: Log, loop: Loop, warm_up: float, part: Part) -> None:
         require_whole_seconds(data.name, data.step)
         self.data, self.notes = data, list(data.notes)
         self.loop = loop.assign(**_NEUTRAL)
         self.T_sup = data.values["T_sup"]
         self.warm = data.since_batch() >= warm_up
-        self.fitting = fitted_part(data, split, fit_until)
+        self.fitting = part.fitted(data)
         self.compared = self.warm & np.isfinite(self.T_sup)
         fitted = self.compared & self.fitting
         if fitted.sum() < _FEWEST_SAMPLES:

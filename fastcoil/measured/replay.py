@@ -15,9 +15,8 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import available_memory, gib
 from fastcoil.logs import Log, read_log, warn_of_reading
-from fastcoil.logs.columns import Wanted, log_of, max_gap_of, require_mappings
+from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
-from fastcoil.logs.timestamps import time_format_of
 from fastcoil.loops.clashes import controller_clashes, missing_parameters
 from fastcoil.loops.dataset import attributes, coordinate_attrs
 from fastcoil.loops.loop import Loop, words_used
@@ -87,24 +86,25 @@ def replay(
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
         log = check(log_of, "log", log)
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
-        check(max_gap_of, max_gap)
-        time_format = check.unless_none(time_format_of, "time_format", time_format)
         if isinstance(loop, Loop):
             used = [name for name, rule in loop.rules.items() if name in words_used(loop, rule.kind)]
             check.problems += [f"loop has the rule {name}: replay runs no rules of your own" for name in used]
-        check(require_mappings, columns=columns, units=units, constants=constants)
+        how = checked_reading(
+            check,
+            columns=columns,
+            units=units,
+            constants=constants,
+            max_gap=max_gap,
+            time_format=time_format,
+            unbroken=True,
+        )
     if missing := missing_parameters(loop):
         raise InputError(missing)
     sees_air = not _SEE_AIR.isdisjoint(words_used(loop, "estimator"))
     data = read_log(
         log,
         Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)),
-        units=units,
-        columns=columns,
-        constants={} if constants is None else constants,
-        max_gap=max_gap,
-        time_format=time_format,
-        unbroken=True,
+        how,
     )
     warn_of_reading(data.name, data.told)
     series = _seconds(data)

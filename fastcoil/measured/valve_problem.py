@@ -16,7 +16,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.logs.series import counted, first_row
 from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, profile, uncertainty, widened
-from fastcoil.measured.reading import fitted_part
+from fastcoil.measured.part import Part
 from fastcoil.model.engine.recorded import valve_flows
 
 _STILL = 2e-3
@@ -176,13 +176,11 @@ class ValveSolution(NamedTuple):
 class ValveProblem:
     """The log, which samples of it are compared, and the model over it."""
 
-    def __init__(
-        self, data: Log, floor: float | None, settle: float | None, split: float | None, fit_until: float | None
-    ) -> None:
+    def __init__(self, data: Log, floor: float | None, settle: float | None, part: Part) -> None:
         self.data = data
         self.command, self.flow = data.values["command"], data.values["m_w"]
         self.notes = list(data.notes)
-        self.fitting = fitted_part(data, split, fit_until)
+        self.fitting = part.fitted(data)
         self.floor = lowest_reading(self.flow[self.fitting], self.notes) if floor is None else floor
         off = sensor_off(self.command, self.flow, self.floor, self.fitting)
         if off.any():

@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from fastcoil.logs import read_log
+from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
 
 START = datetime(2024, 7, 11, 23, 30)
@@ -46,7 +46,7 @@ def saved(tmp_path, text, encoding="utf-8", name="export.csv"):
 
 def read(tmp_path, text, encoding="utf-8", **options):
     """The log in this text."""
-    return read_log(saved(tmp_path, text, encoding), WANTED, has_command=True, **options)
+    return read_log(saved(tmp_path, text, encoding), WANTED, Reading(has_command=True, **options))
 
 
 def assert_same_log(log, step=STEP):

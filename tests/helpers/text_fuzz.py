@@ -192,7 +192,7 @@ def limit_memory() -> None:
 
 def main(seed: int, count: int, folder: Path) -> None:
     """Damage and read ``count`` files of each kind."""
-    from fastcoil.logs import read_log
+    from fastcoil.logs import Reading, read_log
     from fastcoil.logs.columns import Wanted
     from fastcoil.logs.join import join_points
     from fastcoil.loops.boundary import Boundary
@@ -231,9 +231,9 @@ def main(seed: int, count: int, folder: Path) -> None:
         ("include", VALVE, "damaged.toml", study_token, include),
         ("day", LOG, "damaged.csv", log_token, csv(Boundary.from_csv, units={"T_set": "degC"}, **whose)),
         ("day, timed", TIMED, "damaged.csv", log_token, csv(Boundary.from_csv, **whose)),
-        ("log", LOG, "damaged.csv", log_token, csv(read_log, of_valve, drop=True, jumps="split", **unit)),
-        ("log, strict", LOG, "damaged.csv", log_token, csv(read_log, of_valve, **unit)),
-        ("log, foreign", FOREIGN, "damaged.csv", foreign_token, csv(read_log, of_valve, **foreign)),
+        ("log", LOG, "damaged.csv", log_token, csv(read_log, of_valve, Reading(drop=True, jumps="split", **unit))),
+        ("log, strict", LOG, "damaged.csv", log_token, csv(read_log, of_valve, Reading(**unit))),
+        ("log, foreign", FOREIGN, "damaged.csv", foreign_token, csv(read_log, of_valve, Reading(**foreign))),
         ("joined", FOREIGN, "damaged.csv", foreign_token, join),
         *(
             (f"weather{form}", text, "damaged.csv", log_token, csv(weather_day, **of_day, hours=2, start_hour=3))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.logs import read_log
+from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.measured.coil_problem import record_of
 from fastcoil.measured.valve_problem import why_unidentified
@@ -33,7 +33,7 @@ def changes(seed=1, hours=8, noise=0.01):
 
 def test_a_log_of_changes_is_one_piece_and_says_so(write):
     rows = changes()
-    log = read_log(write(HEADER, rows), WANTED, has_command=True)
+    log = read_log(write(HEADER, rows), WANTED, Reading(has_command=True))
     steps = np.diff(log.time)
     assert np.sum(steps > 3 * np.median(steps)) > 30  # each of them was a gap
     assert log.n_batches == 1
@@ -45,8 +45,8 @@ def test_a_log_of_changes_is_one_piece_and_says_so(write):
 
 def test_max_gap_still_rules(write):
     path = write(HEADER, changes())
-    assert read_log(path, WANTED, max_gap=900).n_batches == 1
-    assert read_log(path, WANTED, max_gap=500).n_batches > 5
+    assert read_log(path, WANTED, Reading(max_gap=900)).n_batches == 1
+    assert read_log(path, WANTED, Reading(max_gap=500)).n_batches > 5
 
 
 def test_an_outage_is_a_gap_of_a_log_of_changes_too(write):

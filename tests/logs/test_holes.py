@@ -6,7 +6,7 @@ from helpers.exports import COMMAND, ISO, ROWS, T_SUP, text_of
 from helpers.exports import read as read_text
 from helpers.refusals import only_problem, problems
 
-from fastcoil.logs import read_log
+from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
 
 WANTED = Wanted(needed=("command", "m_a", "T_a_in", "T_sup"), optional=("enabled",), measured=("T_sup",))
@@ -19,7 +19,7 @@ def cells():
 
 
 def read(write, rows, **options):
-    return read_log(write(HEADER, rows), WANTED, drop=True, has_command=True, **options)
+    return read_log(write(HEADER, rows), WANTED, Reading(drop=True, has_command=True, **options))
 
 
 def assert_as_whole(log, but=()):
@@ -96,7 +96,7 @@ def test_nothing_is_bridged_over_gaps_jumps_and_batches(write):
     back = [[r[0] - 500 * (k > 4), *r[1:]] for k, r in enumerate(rows)]
     assert read(write, back, jumps="split").time.size == 11
     batches = [[*r, k // 5] for k, r in enumerate(rows)]
-    assert read_log(write([*HEADER, "batch"], batches), WANTED, drop=True).time.size == 11
+    assert read_log(write([*HEADER, "batch"], batches), WANTED, Reading(drop=True)).time.size == 11
 
 
 @pytest.mark.parametrize("wrong", ["off", "1.7e3", "-0.9"])
@@ -111,7 +111,7 @@ def test_a_wrong_value_still_costs_its_row(write, wrong):
 def test_without_drop_missing_values_are_refused_with_the_cure(write):
     rows = cells()
     rows[4][2] = ""
-    said = only_problem(read_log, write(HEADER, rows), WANTED, drop=False, has_command=True)
+    said = only_problem(read_log, write(HEADER, rows), WANTED, Reading(drop=False, has_command=True))
     assert "m_a is blank in row 6" in said
     assert said.endswith("or leave such values out and count them: drop=True, --drop")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.refusals import only_problem, problems
 
-from fastcoil.logs import read_log
+from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.model import moist_air
@@ -29,24 +29,24 @@ def changed(row, column, value):
 def test_strict_reading_takes_every_reading_as_it_is(write, column, value, words):
     path = write(HEADER, changed(1, column, value))
     if words:
-        assert words in only_problem(read_log, path, WANTED, strict=True)
+        assert words in only_problem(read_log, path, WANTED, Reading(strict=True))
         assert any("1 value of m_a just outside" in note for note in read_log(path, WANTED).notes)
     else:
-        assert read_log(path, WANTED, strict=True).values["T_a_in"][1] == 0.0
+        assert read_log(path, WANTED, Reading(strict=True)).values["T_a_in"][1] == 0.0
         assert "T_a_in is 0, first in row 3" in only_problem(read_log, path, WANTED)
 
 
 def test_strict_reading_refuses_columns_that_others_ignore(write):
     path = write([*HEADER, "T_set [degC]"], [[*row, 14.0] for row in ROWS])
     assert "T_set" not in read_log(path, WANTED).values
-    assert "column 'T_set [degC]' is unknown" in only_problem(read_log, path, WANTED, strict=True)
+    assert "column 'T_set [degC]' is unknown" in only_problem(read_log, path, WANTED, Reading(strict=True))
 
 
 def test_in_strict_reading_a_column_comes_before_a_constant(write):
     path = write(HEADER, ROWS)
-    log = read_log(path, WANTED, constants={"m_a": 9.0}, strict=True)
+    log = read_log(path, WANTED, Reading(constants={"m_a": 9.0}, strict=True))
     np.testing.assert_array_equal(log.values["m_a"], [1.0, 1.2, 1.1, 1.3])
-    message = only_problem(read_log, path, WANTED, constants={"m_a": 9.0})
+    message = only_problem(read_log, path, WANTED, Reading(constants={"m_a": 9.0}))
     assert "m_a and constant m_a are both given: leave one out" in message
 
 
@@ -58,13 +58,13 @@ def test_gaps_and_batches_make_pieces_or_are_refused(write):
     log = read_log(gap, WANTED)
     np.testing.assert_array_equal(log.batch, [0, 0, 0, 0, 1])
     assert any("1 gap in time (first: 819 s between rows 5 and 6)" in note for note in log.notes)
-    message = only_problem(read_log, gap, WANTED, unbroken=True)
+    message = only_problem(read_log, gap, WANTED, Reading(unbroken=True))
     assert "rows 5 and 6 are 819 s apart, others 60 s" in message
     assert "max_gap=819" in message
-    assert read_log(gap, WANTED, unbroken=True, max_gap=819).n_batches == 1
+    assert read_log(gap, WANTED, Reading(unbroken=True, max_gap=819)).n_batches == 1
     batches = write([*HEADER, "batch"], [[*row, i // 2] for i, row in enumerate(ROWS)], "batches.csv")
     assert read_log(batches, WANTED).n_batches == 2
-    message = only_problem(read_log, batches, WANTED, unbroken=True)
+    message = only_problem(read_log, batches, WANTED, Reading(unbroken=True))
     assert "batch changes between rows 3 and 4" in message
 
 
@@ -81,24 +81,26 @@ def test_bad_values_and_bad_times_are_reported_together(write):
 
 def test_options_of_a_command_are_named_only_where_there_is_one(write):
     path = write(["t [s]", "m_a", "T_a_in [degC]"], ROWS)
-    plain = "\n".join(problems(read_log, path, WANTED, constants={}))
+    plain = "\n".join(problems(read_log, path, WANTED, Reading(constants={})))
     assert "--" not in plain
     assert "columns={'elapsed_time': 'its header'}" in plain
-    both = "\n".join(problems(read_log, path, WANTED, constants={}, has_command=True))
+    both = "\n".join(problems(read_log, path, WANTED, Reading(constants={}, has_command=True)))
     assert "columns={'elapsed_time': 'its header'}, --column elapsed_time='its header'" in both
     unit = write(["elapsed_time [s]", "m_a", "T_a_in [degC]"], ROWS)
     assert "units={'m_a': 'kg s-1'} (" in only_problem(read_log, unit, WANTED)
-    assert "units={'m_a': 'kg s-1'}, --unit m_a='kg s-1' (" in only_problem(read_log, unit, WANTED, has_command=True)
+    assert "units={'m_a': 'kg s-1'}, --unit m_a='kg s-1' (" in only_problem(
+        read_log, unit, WANTED, Reading(has_command=True)
+    )
 
 
 def test_a_constant_is_suggested_only_where_it_can_be_given(write):
     wanted = Wanted(needed=("m_a", "T_a_in", HUMIDITIES, "T_sup"))
     path = write(HEADER, ROWS)
-    humidity, supply = problems(read_log, path, wanted, constants={}, has_command=True)
+    humidity, supply = problems(read_log, path, wanted, Reading(constants={}, has_command=True))
     assert "W_a_in, RH_a_in or T_dp_in is missing" in humidity
     assert "constants={'W_a_in': NUMBER}, --constant W_a_in=NUMBER" in humidity
     assert "constant" not in supply  # what a sensor should show is no constant
-    assert "constant" not in problems(read_log, path, wanted, has_command=True)[0]
+    assert "constant" not in problems(read_log, path, wanted, Reading(has_command=True))[0]
 
 
 def test_one_sentence_for_many_unknown_columns_and_one_for_each_that_is_nearly_ours(write):
@@ -110,7 +112,9 @@ def test_one_sentence_for_many_unknown_columns_and_one_for_each_that_is_nearly_o
 
 
 def test_a_column_that_was_asked_for_in_vain_is_reported_once(write):
-    message = only_problem(read_log, write(HEADER[:2], [row[:2] for row in ROWS]), WANTED, columns={"T_a_in": "MAT"})
+    message = only_problem(
+        read_log, write(HEADER[:2], [row[:2] for row in ROWS]), WANTED, Reading(columns={"T_a_in": "MAT"})
+    )
     assert "T_a_in: there is no column 'MAT'" in message
 
 
@@ -120,7 +124,7 @@ def test_a_column_that_was_asked_for_in_vain_is_reported_once(write):
 @pytest.mark.parametrize(("name", "value"), [("RH_a_in", 0.5), ("T_dp_in", 12.0), ("W_a_in", 0.008)])
 def test_the_humidity_ratio_comes_from_any_form(write, name, value):
     wanted = Wanted(needed=("m_a", "T_a_in", HUMIDITIES))
-    log = read_log(write(HEADER, ROWS), wanted, constants={name: value})
+    log = read_log(write(HEADER, ROWS), wanted, Reading(constants={name: value}))
     T = np.array([row[2] for row in ROWS])
     expected = {
         "RH_a_in": moist_air.humidity_ratio(T, 0.5, 95e3),

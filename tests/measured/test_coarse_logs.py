@@ -10,6 +10,7 @@ import fastcoil as fc
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.measured import valve_sampling as sampling
+from fastcoil.measured.part import Part
 from fastcoil.measured.valve_problem import ValveProblem
 from fastcoil.measured.valve_sampling import Bias, Judged, judged
 
@@ -29,7 +30,7 @@ def trend(preset, interval, seed, backlash, hours, **changed):
 def solved(log):
     """The problem of a log without a shift, and its solution."""
     data = read_log(log, Wanted(needed=("command", "m_w"), measured=("m_w",)))
-    problem = ValveProblem(data, None, None, 1.0, None)
+    problem = ValveProblem(data, None, None, Part(1.0))
     return problem, problem.solve(None, "unknown")
 
 

@@ -12,6 +12,7 @@ from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.measured.coil_problem import CoilProblem, record_of
 from fastcoil.measured.least_squares import FORBIDDEN, autocorrelation, evaluate
+from fastcoil.measured.part import Part
 from fastcoil.measured.valve_problem import ValveProblem
 from fastcoil.model.engine.recorded import valve_flows
 
@@ -22,7 +23,7 @@ pytestmark = pytest.mark.kernel
 def problem_of(log, **truth):
     data = read_log(log, COIL_SERIES)
     return CoilProblem(
-        data, record_of(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool)), ("T_sup",), 600.0, 1.0, None
+        data, record_of(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool)), ("T_sup",), 600.0, Part(1.0)
     )
 
 
@@ -67,7 +68,7 @@ def test_the_jacobian_of_a_valve_is_that_of_single_runs():
     command = walk(rng, n=120)
     batch = np.repeat([0.0, 1.0, 2.0, 3.0], 30)
     log = log_of(command, noisy(rng, flows(command), 0.01), batch=batch)
-    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, 1.0, None)
+    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, Part(1.0))
     model, _ = problem.model(None, "unknown")
     x = np.array([0.05, math.log(2.1), math.log(0.8), math.log(8.0), 0.4, 0.3, 0.5, 0.6, 0.7])
     assert_jacobian_is_of_single_runs(model, x)
@@ -153,7 +154,7 @@ def test_levenberg_marquardt_without_bounds_ends_in_the_same_minimum_of_a_valve(
     command = walk(rng, n=400)
     log = log_of(command, noisy(rng, flows(command, start=1.0), 0.02))
     fit = fc.fit_valve(log, split=1.0, initial="rising")
-    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, 1.0, None)
+    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, Part(1.0))
     model, _ = problem.model(None, "rising")
     x0 = np.array([0.06, math.log(2.2), math.log(0.8), math.log(8.0), 0.42, 1.0])
     x, rss = minimum_by_lm(model, x0, np.arange(5))

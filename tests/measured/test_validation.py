@@ -18,6 +18,7 @@ from fastcoil.logs.columns import Wanted
 from fastcoil.measured.coil_problem import LN_C_W, CoilProblem, record_of
 from fastcoil.measured.fit import poor
 from fastcoil.measured.fit_coil import _residuals
+from fastcoil.measured.part import Part
 
 pytestmark = pytest.mark.kernel
 
@@ -107,7 +108,7 @@ def test_scales_and_limits_of_a_coil_come_from_the_part_to_fit(two_days):
     (_, one), (data, two) = records
     assert (one.m_w, one.m_a, one.limits) == (two.m_w, two.m_a, two.limits)
     assert two.limits_of_all.m_w_max > 4.0 * two.limits.m_w_max
-    problem = CoilProblem(data, two, ("T_sup",), 600.0, None, None)
+    problem = CoilProblem(data, two, ("T_sup",), 600.0, Part())
     x = problem.starts()[:, :1]
     x[LN_C_W] = problem._least_C_w() + 0.1
     residuals, rmse = _residuals(problem, x)

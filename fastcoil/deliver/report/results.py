@@ -34,7 +34,7 @@ from fastcoil.loops.provenance import content_sha256
 from fastcoil.measured.cause import WORDS
 from fastcoil.measured.diagnosis import in_words
 from fastcoil.measured.fit_loop import LoopFit
-from fastcoil.measured.reading import FITTING, VALIDATION
+from fastcoil.measured.part import FITTING, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:

@@ -12,10 +12,9 @@ from fastcoil.base.arguments import checking, path_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log, read_log, warn_of_reading
-from fastcoil.logs.columns import Wanted, max_gap_of, require_mappings
+from fastcoil.logs.columns import Wanted, checked_reading
 from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
-from fastcoil.logs.timestamps import time_format_of
 from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 
@@ -42,20 +41,17 @@ def trend_log_series(
         start = check(condition_of, "start", start)
         if hours is not None:
             check(whole_seconds, hours)
-        check(max_gap_of, max_gap)
-        time_format = check.unless_none(time_format_of, "time_format", time_format)
-        check(require_mappings, columns=columns, units=units, constants=constants)
-    log = read_log(
-        path,
-        _WANTED,
-        units=units,
-        columns=columns,
-        constants={} if constants is None else constants,
-        max_gap=max_gap,
-        time_format=time_format,
-        strict=True,
-        unbroken=True,
-    )
+        how = checked_reading(
+            check,
+            columns=columns,
+            units=units,
+            constants=constants,
+            max_gap=max_gap,
+            time_format=time_format,
+            strict=True,
+            unbroken=True,
+        )
+    log = read_log(path, _WANTED, how)
     require_whole_seconds(log.name, log.step)
     warn_of_reading(log.name, log.told)
     values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
