@@ -138,7 +138,7 @@ def test_plan_and_run_say_whose_code_they_run_and_rerun_gives_the_same_bits(path
     out = tmp_path / "out"
     for done in planned_and_run(path, out):
         said = [line for line in done.stderr.splitlines() if "its own code" in line]
-        assert [line.split()[7] for line in said] == ["by_error", "own_pi"]
+        assert [line.split()[6] for line in said] == ["by_error", "own_pi"]
     done = fastcoil("rerun", out, "--at", AT)
     assert "Equal to the study's result to the last bit." in done.output
 

@@ -52,33 +52,16 @@ _WAIT_FOR_SCHEDULER = 10.0
 
 
 def start_local_cluster(n_workers: int) -> Any:
-    """Start workers as processes of this machine.
+    """Start workers as processes of this machine, which no other machine can reach.
 
-    Raises
-    ------
-    InputError
-        If they do not start, for the script that calls this starts them again in each of them.
-    FastcoilError
-        If they do not start for another reason.
+    ``InputError`` if they do not start because the script that calls this starts them again in each of them;
+    ``FastcoilError`` if they do not start for another reason.
     """
-    from distributed import LocalCluster, SpecCluster
+    import dask
+    from distributed import LocalCluster
 
-    class Patient(LocalCluster):  # type: ignore[misc]
-        """A cluster that leaves it to the nannies to replace workers.
-
-        15 s after a death the library closes a nanny whose worker is not there, also when it is because of a later
-        death: whatever the next worker then runs is lost, and nobody replaces it.
-        """
-
-        def close(self, timeout: float | None = None) -> Any:
-            # the library closes it as Python ends, too, also one that was interrupted before its workers had started
-            with contextlib.suppress(Exception):
-                return super().close(timeout)
-            return None
-
-        def _update_worker_status(self, op: str, msg: Any) -> None:
-            super(SpecCluster, self)._update_worker_status(op, msg)
-
+    # nannies replace workers; the library would close a nanny soon after a death, and with it what its worker then runs
+    dask.config.set({"distributed.deploy.lost-worker-timeout": "365 days"})
     # the dispatcher retries shards that kill, for it can halve them; no port that another cluster may have
     quiet = {"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
@@ -86,9 +69,9 @@ def start_local_cluster(n_workers: int) -> Any:
         # threads and processes inherit it: Ctrl-C is for the thread that waits, and for no worker that still starts
         resource_tracker.ensure_running()  # which would set it back
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        return Patient(
+        return LocalCluster(
             n_workers=n_workers,
-            host="127.0.0.1",  # nobody on another machine can reach it
+            host="127.0.0.1",
             threads_per_worker=1,
             dashboard_address=None,
             silence_logs=logging.CRITICAL,
@@ -102,7 +85,8 @@ def start_local_cluster(n_workers: int) -> Any:
         logging.getLogger("asyncio").addFilter(lambda record: "never retrieved" not in record.getMessage())
         raise
     except RuntimeError as error:
-        if _is_run_by_every_worker():
+        path = getattr(sys.modules.get("__main__"), "__file__", None)
+        if path and "__main__" not in "".join(linecache.getlines(str(path))):  # each worker runs this program again
             raise InputError(
                 f"the workers of a dask cluster on this machine do not start ({error}): call it in a script only under "
                 "if __name__ == '__main__', or use the backend loky, which needs no such line"
@@ -124,20 +108,8 @@ def workers_missing(scheduler: str | None, error: Exception) -> FastcoilError:
     )
 
 
-def _is_run_by_every_worker() -> bool:
-    """Whether this program is a script that starts a cluster again in each worker, which runs it as a module."""
-    path = getattr(sys.modules.get("__main__"), "__file__", None)
-    return bool(path) and "__main__" not in "".join(linecache.getlines(str(path)))
-
-
 def connect(address: Any) -> Any:
-    """A client of a cluster, or of the scheduler at an address.
-
-    Raises
-    ------
-    InputError
-        If no scheduler answers there.
-    """
+    """A client of a cluster, or of the scheduler at an address; ``InputError`` if no scheduler answers there."""
     import distributed
 
     try:
@@ -145,7 +117,7 @@ def connect(address: Any) -> Any:
             with cf.ThreadPoolExecutor(1) as thread:  # in a notebook this thread has an event loop of its own
                 thread.submit(lambda: asyncio.run(_check_answers(address))).result()
         client = distributed.Client(address, timeout=_WAIT_FOR_SCHEDULER, set_as_default=False)
-    except Exception as error:  # the library may raise anything at a stranger's answer
+    except Exception as error:  # the library may raise anything at an unexpected answer
         reason = str(error) or type(error).__name__
         raise InputError(
             f"no dask scheduler answers at {address!r} ({reason}): give the address it printed when it started, "
@@ -161,7 +133,7 @@ def connect(address: Any) -> Any:
 
 
 def _is_guarded(address: str) -> bool:
-    """Whether strangers are kept out, by certificates or because only this machine can reach the address."""
+    """Whether foreign connections are refused, by certificates or because only this machine can reach the address."""
     protocol, _, place = address.rpartition("://")
     host = place.rpartition(":")[0].strip("[]")
     with contextlib.suppress(ValueError):
@@ -170,7 +142,7 @@ def _is_guarded(address: str) -> bool:
 
 
 async def _check_answers(address: str) -> None:
-    """Raise an exception if nobody speaks dask there; the client would wait forever for a silent partner."""
+    """Raise an exception if no dask answers there; the client would wait forever."""
     from distributed import Security
     from distributed.comm import connect
 
@@ -449,22 +421,6 @@ def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> 
     if backend == "dask":
         return Dask(job, n_workers, scheduler)
     return Loky(job, n_workers) if backend == "loky" else Threads(job, n_workers)
-
-
-def resolve_backend(backend: str | None, engine: str | None) -> str:
-    """The backend to use, ``threads`` by default; ``engine`` is its earlier name.
-
-    Raises
-    ------
-    InputError
-        If the two differ.
-    """
-    if backend is not None and engine is not None and backend != engine:
-        raise InputError(
-            f"backend = {backend!r} and engine = {engine!r} differ: engine is the earlier name of backend, give "
-            "backend alone"
-        )
-    return next((given for given in (backend, engine) if given is not None), "threads")
 
 
 def backend_problems(backend: str, scheduler: str | None) -> list[str]:

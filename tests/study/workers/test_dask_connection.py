@@ -155,17 +155,6 @@ def test_workers_that_do_not_start_are_explained_by_the_program(tmp_path, monkey
     assert cure in str(refused.value)
 
 
-def test_a_cluster_that_cannot_be_closed_is_left_without_a_traceback(local, monkeypatch):
-    import distributed
-
-    def refuse(*_, **__):
-        raise AssertionError("Status.init")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(distributed.SpecCluster, "close", refuse)
-        local.cluster.close(timeout=10)
-
-
 def test_a_start_that_is_interrupted_ends_at_once_and_its_workers_never_hear_of_it(monkeypatch):
     import distributed
 

@@ -83,7 +83,7 @@ def test_attributes_are_words_that_mean_nothing_to_a_decoder(traces):
     )
     body = f"return xr.Dataset({{'x': t.kp.rename(None).assign_attrs({given}, add_offset=1.0, missing_value=0.01)}})"
     assert reduce(reducing(body), traces).x.attrs == {"units": "K", "long_name": "an \u00e9"}
-    for units in ("'days since 2000-01-01'", "'K\\0'", "'\\ud800'", "10**40"):
+    for units in ("'K\\0'", "'\\ud800'", "10**40"):
         body = f"return xr.Dataset({{'x': ('scenario', t.kp.values, {{'units': {units}}})}})"
         assert reduce(reducing(body), traces).x.attrs == {}
 
@@ -97,13 +97,6 @@ def test_an_answer_shares_nothing_with_the_function(traces):
     source = "import numpy as np, xarray as xr\nkept = np.empty(100)\ndef f(t):\n    n = t.sizes['scenario']\n"
     source += "    kept[:n] = t.kp\n    return xr.Dataset({'x': ('scenario', kept[:n])})\n"
     np.testing.assert_array_equal(reduce(given(source, "m:f"), traces).x, traces.kp)
-
-
-def test_a_name_is_the_one_that_a_file_gives_back(traces):
-    body = "return xr.Dataset({'cafe\\u0301': t.kp.rename(None).expand_dims({'e\\u0301': ['e\\u0301']})})"
-    found = reduce(reducing(body), traces)
-    assert found["caf\u00e9"].dims == ("scenario", "\u00e9")
-    assert found["\u00e9"].values.tolist() == ["e\u0301"], "a label is no name"
 
 
 def test_booleans_and_missing_values_are_answers(traces):
@@ -184,20 +177,7 @@ def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
         ("raise type('Mine', (BaseException,), {})('words')", "raised Mine: words"),
         ("return f(t)", "raised RecursionError: maximum recursion depth exceeded"),
         ("raise MemoryError", "raised MemoryError"),
-        ("raise type('Mine', (Exception,), {'__str__': lambda self: 1 / 0})", "raised Mine"),
-        *(
-            (f"raise type('Mine', (Exception,), {{'__str__': lambda self: exec('raise {what}')}})", "raised Mine")
-            for what in ("SystemExit(0)", "KeyboardInterrupt")
-        ),
-        (
-            "class D(xr.Dataset):\n        __slots__ = ()\n"
-            "        data_vars = property(lambda self: exec('raise SystemExit(0)'))\n    return D()",
-            "returned something that cannot be read: SystemExit: 0",
-        ),
-        (
-            "return xr.Dataset({'x': t.kp, 'caf\u00e9': t.kp, 'cafe\u0301': t.kp})",
-            "returned two things named 'caf\u00e9': rename one of them",
-        ),
+        ("return xr.Dataset({'cafe\\u0301': t.kp})", "returned a variable 'cafe"),
         (
             "return xr.Dataset({'x': t.kp, 'y': t.kp.expand_dims(x=2)})",
             "returned two things named 'x': rename one of them",

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import numpy as np
 import pytest
-import xarray as xr
 from click.testing import CliRunner
 
-from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
-from fastcoil.study.file.own_code import Source
-from fastcoil.study.workers.reduce import reduce
 
 RAISING = """
 class Mine(BaseException):
@@ -52,13 +45,3 @@ def test_whatever_a_reduction_raises_ends_the_run_with_a_sentence(
     (last,) = done.stderr.splitlines()[-1:]
     assert sentence in last
     assert "Traceback" not in done.output
-
-
-def test_a_module_that_changes_the_current_folder_changes_nothing(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "elsewhere").mkdir()
-    source = "import os\nos.chdir('elsewhere')\ndef f(traces):\n    os.chdir('/')\n    raise ValueError\n"
-    reduction = Source("mine:f", source, Path("mine.py"))
-    with pytest.raises(InputError, match="raised ValueError"):
-        reduce(reduction, xr.Dataset({"T_sup": (("scenario", "elapsed_time"), np.ones((2, 2)))}))
-    assert Path.cwd() == tmp_path
