@@ -57,7 +57,7 @@ def test_the_sections_of_the_index_are_the_order_of_the_site(pages):
     tree = re.findall(r"^[^\n<]+ <(\S+)>$", pages["index.md"], re.MULTILINE)
     assert tree == ["start-here", "examples/index", "use-it", "look-inside", "what-we-found", "reference"]
     assert "\nFirst steps <first-steps>\n" in pages["start-here.md"]
-    assert "\nDays <days>\n" in pages["use-it.md"]
+    assert "\nStudies <studies>\n" in pages["use-it.md"]
 
 
 def test_a_notebook_is_shown_as_text_and_code(pages):
