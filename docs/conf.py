@@ -21,8 +21,8 @@ sys.path.insert(0, str(ROOT / "docs"))
 from builder.pages import redirects, shown_file  # noqa: E402
 from builder.stage import home, stage, stage_scripts  # noqa: E402
 
-for name, thing in vars(fastcoil).items():  # fc.plot is a package of another name, which autodoc looks for as a module
-    if isinstance(thing, ModuleType):
+for name in fastcoil.__all__:  # fc.plot is a module of another name, which autodoc would not find
+    if isinstance(thing := getattr(fastcoil, name), ModuleType):
         sys.modules.setdefault(f"fastcoil.{name}", thing)
 
 stage(ROOT, MADE / "pages")

@@ -47,11 +47,6 @@ def test_the_first_use_is_linked(text, after):
     assert linked(text, terms(GLOSSARY), "g.md") == after
 
 
-def test_what_is_linked_is_known_no_more():
-    known = terms(GLOSSARY)
-    assert linked("A buffer", known, "g.md") != linked("A buffer", known, "g.md") == "A buffer"
-
-
 def test_the_glossary_explains_what_the_pages_are_about():
     known = terms((ROOT / "docs" / "glossary.md").read_text())
     assert {"stroke", "backlash", "buffer", "describing function", "limit cycle", "lane", "shard", "substeps"} <= set(
