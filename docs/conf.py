@@ -5,7 +5,6 @@ internet: equations are MathML, icons and fonts are those of the theme.
 """
 
 import importlib.metadata
-import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -103,8 +102,8 @@ def linkcode_resolve(domain: str, info: dict[str, str]) -> str:
 
 
 def without_signature(app: Sphinx, what: str, name: str, thing: object, options: object, *said: str) -> tuple | None:
-    """No arguments for a result, which a function makes and nobody else."""
-    return ("", None) if what == "class" and re.search(r"[._]result[.]", name) else None
+    """Show no arguments of the classes of results, which are named by their module and which only functions make."""
+    return ("", None) if what == "class" and name.count(".") > 2 else None
 
 
 def write_redirects(app: Sphinx, exception: Exception | None) -> None:
