@@ -108,7 +108,7 @@ def plot(
 def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
     """Figures by file name; empty if nothing is swept."""
     from fastcoil.deliver.figures import study as plots
-    from fastcoil.deliver.figures.study import Page, control_dims, rows_of
+    from fastcoil.deliver.figures.study import control_dims, panels_abreast, rows_of
 
     part = _part(ds, asked)
     if asked.x is None:
@@ -125,7 +125,7 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
             f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
         )
     if by and not asked.metrics:
-        metrics = metrics[: Page(asked.width).abreast]
+        metrics = metrics[: panels_abreast(asked.width)]
     if asked.y:
         return {asked.name: plots.maps(part, asked.x, asked.y, metrics, by, asked.width)}
     return {asked.name: plots.bands(part, asked.x, by, metrics, asked.width)}
