@@ -18,7 +18,7 @@ from fastcoil.deliver.tables import escaped
 from fastcoil.loops.labels import is_parameter, quantity, quantity_of
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
 from fastcoil.loops.provenance import ABSENT, package_versions
-from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS, RESERVED_DIMS
+from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 from fastcoil.study.file.tables import parse_toml
 
 _SERIES = {
@@ -135,7 +135,7 @@ def _swept(ds: xr.Dataset) -> Table:
         if not dims or not set(dims) <= set(map(str, ds["status"].dims)) or values.dtype.kind == "M":
             continue
         label = str(name)
-        if label in CHANCE_DIMS:
+        if label in ("sample", "day", "replicate"):  # their labels are no values
             continue
         size = " × ".join(f"{ds.sizes[d]:,}" for d in dims)
         along = f"{size} values" if dims == [label] else f"{' × '.join(dims)} ({size})"
