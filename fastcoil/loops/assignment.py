@@ -1,4 +1,4 @@
-"""What ``Loop.assign`` does: values checked, rules and their parameters, stand-ins and what they replace."""
+"""``Loop.assign``: checks of values, parameters of user rules, stand-ins and the parameters that they replace."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _vector(parameter: Parameter, values: Any) -> np.ndarray:
 
 
 def _doubtful(values: np.ndarray) -> np.ndarray:
-    """Those that have to be looked at one by one; a million good numbers cost nothing."""
+    """Numbers that need a check one by one; finite ones within bounds are skipped."""
     if values.dtype.kind not in "iuf":
         return values
     with np.errstate(over="ignore"):
@@ -226,7 +226,7 @@ def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str
 
 
 def _alike(parameter: Parameter) -> Parameter:
-    """The parameter without what tells whose it is."""
+    """The parameter without the name of its rule."""
     text = "" if parameter.text == text_without_one(parameter.group) else parameter.text
     return replace(parameter, group="", text=text)
 
@@ -244,7 +244,7 @@ def with_defaults(values: Mapping[str, Any], before: Mapping[str, Rule], rules: 
 
 WORD = "converged"
 CONVERGED: Mapping[str, Any] = {"air_march": "quasistatic", "substeps": 8}
-"""What it stands for."""
+"""Parameters that the word ``converged`` sets."""
 MEANING = " and ".join(f"{name} = {value!r}" for name, value in CONVERGED.items())
 
 

@@ -59,7 +59,7 @@ def missing_parameters(loop: Loop) -> list[str]:
 
 
 def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
-    """What clashes in the controller alone, a sentence each.  T_set: all the set-points that it will see, °C."""
+    """Clashes within the controller, a sentence each.  T_set: all its set-points, °C."""
     return list(_unread_by_controller(loop).values()) + _buffer_clashes(loop) + _dead_band_clashes(loop, T_set)
 
 
@@ -96,7 +96,7 @@ def _estimate_clashes(loop: Loop) -> list[str]:
 
 
 def _has(loop: Loop, estimator: str) -> xr.DataArray:
-    """Which scenarios have an estimator; without a word it is the learner where it has a step."""
+    """Scenarios that have an estimator; by default the learner where its step is positive."""
     if loop["estimator"] is None:
         return (xr.DataArray(loop["learning_step"]) > 0.0) & (estimator == "learner")
     return xr.DataArray(loop["estimator"]) == estimator
@@ -118,7 +118,7 @@ def _stem_clashes(loop: Loop, least_scale: float) -> list[str]:
 
 
 def _unread_parameters(loop: Loop) -> list[str]:
-    """Parameters of estimators and rules that no scenario has, a sentence each: most likely it was forgotten."""
+    """Parameters of estimators and rules that no scenario uses, a sentence each."""
     rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
     return list(_unread_by_estimators(loop).values()) + [
         f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, "
@@ -180,7 +180,7 @@ def _buffer_clashes(loop: Loop) -> list[str]:
         problems.append("buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer")
     if problems:
         return problems
-    # what is measured may be anything, up to what the swing allows
+    # measured noise has no upper bound: the swing alone limits the buffer
     noise = xr.DataArray(loop["noise_std"]).where(~measures, np.inf)
     buffer = (ratio * abs(xr.DataArray(loop["kp"])) * noise).where(ratio > 0.0, 0.0)
     if gain is not None:
@@ -229,10 +229,10 @@ def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
 
 
 def _doubts(loop: Loop, boundary: Boundary) -> list[str]:
-    """What does not suit, a sentence each."""
+    """Mismatches of loop and days, a sentence each."""
     actions = np.unique(np.asarray(loop["action"]))
     turns = bool(np.any(np.asarray(loop["kp"]) < 0.0))
-    if turns or words_used(loop, "law") != {"pi"}:  # what the action then means is the user's own business
+    if turns or words_used(loop, "law") != {"pi"}:  # the meaning of the action is then unknown
         return []
     found = []
     (w_low, w_high), (a_low, a_high), (low, high) = (boundary.extremes[n] for n in ("T_w_in", "T_a_in", "T_set"))

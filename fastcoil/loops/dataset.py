@@ -138,7 +138,7 @@ def check_same_form(first: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
 
 
 def _form(part: xr.Dataset, name: Hashable) -> str:
-    """What a variable is like, but for its values; empty if there is none."""
+    """Type, dims, sizes and labels of a variable as text; empty if there is none."""
     if name not in part.data_vars:
         return ""
     variable = part.variables[name]
@@ -185,7 +185,7 @@ def attributes(output: Output) -> dict[str, Any]:
 
 
 def coordinate_attrs(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> dict[str, str]:
-    """CF attributes of a coordinate: a parameter, a reserved dimension, or a user's own."""
+    """CF attributes of a coordinate: a parameter, a reserved or a user-defined dimension."""
     if name in table:
         parameter = table[name]
         units = {"units": parameter.unit} if parameter.unit else {}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -54,7 +54,7 @@ class Loop:
     def preset(cls, name: PresetName | str, *, converged: bool = False) -> Loop:
         """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl``, ``g36``, ``heating`` or ``heating_45``.
 
-        ``fc.presets()`` says what each stands for.  converged: as in ``Loop``.
+        ``fc.presets()`` describes each.  converged: as in ``Loop``.
         """
         known = f"choose one of {', '.join(PRESETS)}"
         if not isinstance(name, str):
@@ -69,7 +69,7 @@ class Loop:
 
         A parameter that the result does not hold takes its default, with a warning: either it was added after the
         result was made, or its coordinate was dropped, as by ``ds.isel(backlash=3, drop=True)``.  A result holds the
-        names of rules of your own, not their code: give ``rules=[my_rule]``.
+        names of user rules, not their code: give ``rules=[my_rule]``.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class Loop:
 
     @property
     def rules(self) -> Mapping[str, Rule]:
-        """The rules of the user's own by name, those that are no longer used included."""
+        """User rules by name, including those no longer used."""
         return self._rules
 
     @property
@@ -131,7 +131,7 @@ class Loop:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self.parameters:
             near = "" if name.startswith("_") else nearest(name, dir(self))
-            # of None, so that Python adds no guess of its own to a traceback
+            # obj=None, so that Python adds no second suggestion to the traceback
             raise AttributeError(f"a Loop has no {name}{near}", name=name, obj=None)
         return self[name]
 
@@ -190,14 +190,10 @@ class Loop:
         return labels
 
     def __repr__(self) -> str:
-        return text_of(self._parts)
+        return text_of(self)
 
     def _repr_html_(self) -> str:
-        return html_of(self._parts)
-
-    @property
-    def _parts(self) -> Parts:
-        return Parts(self._values, self.parameters, self.sizes)
+        return html_of(self)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Loop) or self._values.keys() != other._values.keys() or self._rules != other._rules:
@@ -208,12 +204,12 @@ class Loop:
 
 
 def knowing(loop: Loop, rules: Iterable[Rule]) -> Loop:
-    """A loop that knows rules of the user's own by their names, and has their parameters."""
+    """The loop with user rules and their parameters added."""
     return _with_rules(loop, taken(loop.rules, list(rules), loop.rules))
 
 
 def forgetting(loop: Loop, names: Collection[str]) -> Loop:
-    """A loop that does not know the rules of these names, and has none of their parameters."""
+    """The loop without the user rules of these names and without their parameters."""
     return _with_rules(loop, {n: rule for n, rule in loop.rules.items() if n not in names})
 
 
@@ -261,96 +257,71 @@ _LISTED = 5
 """So many values of a sweep are written one by one."""
 
 
-class Parts(NamedTuple):
-    """What is told of a loop: its values by name, the table of all that it may have, its dimensions."""
-
-    values: Mapping[str, Any]
-    table: Mapping[str, Parameter]
-    sizes: Mapping[str, int]
-
-
-def nearest_preset(loop: Parts) -> Preset:
+def nearest_preset(loop: Loop) -> Preset:
     """The preset from which the loop differs in the fewest parameters; the first of them."""
     return min(PRESETS.values(), key=lambda preset: len(_differing(loop, preset)))
 
 
-def text_of(loop: Parts) -> str:
+def text_of(loop: Loop) -> str:
     """For a terminal: dimensions, and what differs from the nearest preset."""
     lines = [f"  {dim}: {size}" for dim, size in loop.sizes.items()]
     text = ["<fastcoil.Loop>"] + (["Dimensions:", *lines] if lines else [])
-    preset, table = nearest_preset(loop), loop.table
+    preset, table = nearest_preset(loop), loop.parameters
     differs = []
     for name in _differing(loop, preset):
-        value = loop.values[name]
+        value = loop[name]
         if isinstance(value, xr.DataArray):
-            differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_listed(value.values)}")
+            differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_in_words(value)}")
         else:
             differs.append(f"  {table[name].equation(value)}")
     return "\n".join(text + ([f"Differs from {preset.name}:", *differs] if differs else [preset.name]))
 
 
-def html_of(loop: Parts) -> str:
+def html_of(loop: Loop) -> str:
     """For a notebook: what differs from the nearest preset, then every parameter by its part of the loop."""
-    preset, table = nearest_preset(loop), loop.table
+    preset, table = nearest_preset(loop), loop.parameters
     differing = _differing(loop, preset)
     sizes = ", ".join(f"{dim}: {size}" for dim, size in loop.sizes.items())
     n = int(np.prod(list(loop.sizes.values()), dtype=int))
     lines = [f"{n:,} scenarios ({sizes})"] if sizes else []
-    changed = [_row(table[name], loop.values[name], preset.value(table[name])) for name in differing]
+    usual = {name: preset.value(table[name]) for name in differing}
+    changed = [
+        _row(table[n], loop[n], "" if v is None else f"instead of {_in_words(v, unit_in_words(table[n].unit))}")
+        for n, v in usual.items()
+    ]
     sections = [Section(f"Differs from {preset.name}", changed, is_open=True)] if changed else []
     groups: dict[str, list[Parameter]] = {}
     for parameter in table.values():
         groups.setdefault(parameter.group, []).append(parameter)
-    unused = set(ESTIMATOR_GROUPS) - words_of(loop.values, "estimator")
+    unused = set(ESTIMATOR_GROUPS) - words_used(loop, "estimator")
     for group, parameters in groups.items():
-        given = [p for p in parameters if p.name in loop.values]
+        given = [p for p in parameters if loop[p.name] is not None]
         if given and (group not in unused or any(p.name in differing for p in given)):
-            sections.append(Section(group, [_row(p, loop.values[p.name]) for p in given], f"{len(given)}"))
+            sections.append(Section(group, [_row(p, loop[p.name]) for p in given], f"{len(given)}"))
     return card("fastcoil.Loop", preset.name + (" with changes" if changed else ""), [preset.text, *lines], sections)
 
 
-def _differing(loop: Parts, preset: Preset) -> list[str]:
+def _differing(loop: Loop, preset: Preset) -> list[str]:
     """Parameters of another value than in a preset: those swept, then constants, in the order of the table."""
-    swept = [name for name, value in loop.values.items() if isinstance(value, xr.DataArray)]
-    constants = {name: loop.values[name] for name in loop.table if name in loop.values and name not in swept}
-    return swept + preset.changed(constants, loop.table)
+    constants = {name: loop.constants[name] for name in loop.parameters if name in loop.constants}
+    return [*loop.swept, *preset.changed(constants, loop.parameters)]
 
 
-_NOT_COMPARED = object()
-
-
-def _row(p: Parameter, value: Scalar | xr.DataArray, usual: object = _NOT_COMPARED) -> tuple[str, ...]:
+def _row(p: Parameter, value: Scalar | xr.DataArray, *beside: str) -> tuple[str, ...]:
     """Name, value with its unit, what it is."""
-    unit = unit_in_words(p.unit)
-    if isinstance(value, xr.DataArray):
-        dims = ", ".join(f"{dim}: {size}" for dim, size in value.sizes.items())
-        shown = f"{_ranged(value.values)} {unit}".rstrip() + f" ({dims})"
-    else:
-        shown = f"{_short(value)} {unit}".rstrip()
-    beside = "" if usual is _NOT_COMPARED or usual is None else f"{_short(usual)} {unit}".rstrip()
-    compared = () if usual is _NOT_COMPARED else (f"instead of {beside}" if beside else "",)
-    return (p.name, shown, *compared, p.label or p.text)
+    dims = [f"{dim}: {size}" for dim, size in value.sizes.items()] if isinstance(value, xr.DataArray) else []
+    shown = _in_words(value, unit_in_words(p.unit)) + (f" ({', '.join(dims)})" if dims else "")
+    return (p.name, shown, *beside, p.label or p.text)
 
 
-def _short(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, (int, float)) else str(value)
-
-
-def _listed(values: np.ndarray) -> str:
-    shown = [f"{v:g}" if not isinstance(v, str) else v for v in values.ravel()[:_LISTED]]
-    return " ".join(shown) + (f" … {_last(values)}" if values.size > _LISTED else "")
-
-
-def _last(values: np.ndarray) -> str:
-    value = values.ravel()[-1]
-    return value if isinstance(value, str) else f"{value:g}"
-
-
-def _ranged(values: np.ndarray) -> str:
-    """A few values one by one; of many the range, and the median where they are not an axis from low to high."""
-    flat = values.ravel()
+def _in_words(value: Scalar | xr.DataArray, unit: str = "") -> str:
+    """A few values one by one; of many the range, and the median unless they rise along an axis."""
+    flat = np.ravel(value)
     if flat.size <= _LISTED or flat.dtype.kind not in "iuf":
-        words = list(dict.fromkeys(_short(v.item() if hasattr(v, "item") else v) for v in flat))
-        return ", ".join(words[:_LISTED]) + (", …" if len(words) > _LISTED else "")
-    text = f"{flat.min():.4g} to {flat.max():.4g}"
-    return text if flat.ndim == 1 and bool((np.diff(flat) > 0.0).all()) else f"{text}, median {np.median(flat):.4g}"
+        words = list(dict.fromkeys(f"{v:.6g}" if isinstance(v, (int, float)) else v for v in flat.tolist()))
+        text = ", ".join(words[:_LISTED]) + (", …" if len(words) > _LISTED else "")
+    else:
+        text = f"{flat.min():.4g} to {flat.max():.4g}"
+        if not (np.diff(flat) > 0.0).all():
+            text += f", median {np.median(flat):.4g}"
+    return f"{text} {unit}".rstrip()

@@ -26,10 +26,10 @@ LARGE = 64
 """Values; a variable with more is compressed."""
 AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
 abandoned: list[netCDF4.Dataset] = []
-"""Files that could not be written or closed, for a disk was full, say: in closing them the library may crash, and the
-garbage collector would try it."""
+"""Files that could not be written or closed, as on a full disk.  Closing them may crash the library, and the garbage
+collector would try: a reference is kept."""
 
-# a child of a fork inherits the lock as it is: no thread may be inside then
+# a forked child inherits the lock in its current state: no thread may hold it then
 os.register_at_fork(
     before=NETCDF4_PYTHON_LOCK.acquire,
     after_in_parent=NETCDF4_PYTHON_LOCK.release,
@@ -45,7 +45,7 @@ def entered() -> Iterator[None]:
 
 
 def close(file: netCDF4.Dataset) -> Any:
-    """Close a file; whoever calls has entered.  Returns the bytes of one in memory."""
+    """Close a file, inside ``entered``.  Returns the bytes of one in memory."""
     try:
         return file.close()
     except BaseException:
@@ -59,7 +59,7 @@ def netcdf_bytes(ds: xr.Dataset) -> bytes | memoryview:
 
 
 def save(ds: xr.Dataset, path: Path) -> None:
-    """Write a Dataset as NetCDF so that ``path`` is either the whole new file or what it was before.
+    """Write a Dataset as NetCDF, atomically: ``path`` is the whole new file or remains as it was.
 
     Raises
     ------
@@ -70,17 +70,17 @@ def save(ds: xr.Dataset, path: Path) -> None:
 
 
 def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
-    """Write or append to a file that nobody relies on yet, without a copy of it in memory."""
+    """Write or append to an unpublished file, without a copy of it in memory."""
     _written(ds, str(path), mode, _encoding(ds))
 
 
 def parse(source: str | Path | bytes) -> netCDF4.Dataset:
-    """Open a file by its name, or from its bytes; whoever calls has entered, and checked their hash before.
+    """Open a file by its name or from its bytes, inside ``entered`` and after a check of their hash.
 
     Raises
     ------
     OSError, RuntimeError, ValueError
-        If it is no NetCDF file; damaged bytes may also crash the library, or keep it for ever.
+        If it is no NetCDF file; damaged bytes may also crash the library or make it hang.
     """
     if isinstance(source, (str, Path)):
         return netCDF4.Dataset(str(source))
@@ -115,7 +115,7 @@ def _written(ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any, 
         try:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
             ds.dump_to_store(stored, encoding=encoding)
-            if not options:  # in which a failing write is reported; in closing, it crashes the library
+            if not options:  # a failing write raises in sync; in close it would crash the library
                 file.sync()
         except (OSError, RuntimeError):
             abandoned.append(file)

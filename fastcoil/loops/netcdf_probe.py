@@ -19,7 +19,7 @@ def main(name: str, seconds: int, memory: int, path: list[str]) -> None:
     sys.path[:] = path
     import netCDF4
 
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))  # should nobody wait for it any more
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))  # in case the parent is gone
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     if sys.platform == "linux":  # elsewhere the limit is not kept, or counts what every process shares
         with open("/proc/self/statm") as file:

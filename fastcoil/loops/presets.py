@@ -1,4 +1,4 @@
-"""Named loops to start from: what each stands for and how it differs from the defaults."""
+"""Named loops to start from: what each describes and how it differs from the defaults."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class Preset:
         return self.values.get(parameter.name, parameter.default)
 
     def changed(self, values: Mapping[str, Any], table: Mapping[str, Parameter] = PARAMETERS) -> list[str]:
-        """Names of the values that are not its own; ``table`` has the parameters of rules, too."""
+        """Names of the values that differ from the preset; ``table`` may include the parameters of rules."""
         return [name for name, value in values.items() if name not in table or value != self.value(table[name])]
 
     def __str__(self) -> str:
-        """What it stands for and, on a second line, what differs."""
+        """Description and, on a second line, differences from the defaults."""
         changed = [PARAMETERS[name].equation(value) for name, value in self.values.items()]
         return f"{self.text}\n{', '.join(changed) or 'the defaults'}"
 

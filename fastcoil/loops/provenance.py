@@ -1,4 +1,4 @@
-"""What made a result, versions and machine, and one hash of its content."""
+"""Origin of a result (versions, machine) and the hash of its content."""
 
 from __future__ import annotations
 
@@ -121,5 +121,5 @@ def environments_of(ds: xr.Dataset) -> list[dict[str, str]]:
     try:
         found = json.loads(ds.attrs.get("computed_on", "[{}]"))
         return [{str(k): str(v) for k, v in each.items()} for each in found]
-    except (ValueError, TypeError, AttributeError):  # nothing that fastcoil wrote
+    except (ValueError, TypeError, AttributeError):  # not written by fastcoil
         return [{}]

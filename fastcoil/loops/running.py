@@ -36,13 +36,13 @@ from fastcoil.model.user_rules import rules_for_kernels
 S = TypeVar("S")
 T = TypeVar("T")
 _PIECE = 0.5
-"""Of a wait without end, s."""
+"""Seconds; a long wait is cut into pieces."""
 
 
 def within(seconds: float | None, call: Callable[[], T]) -> T:
     """Make a call, or raise TimeoutError if it takes longer; ``None``: wait for ever.
 
-    A call that is left goes on, in a thread that does not keep the program from ending.
+    An abandoned call continues in a daemon thread.
     """
     found = _started(call)
     if seconds is None:
@@ -52,9 +52,9 @@ def within(seconds: float | None, call: Callable[[], T]) -> T:
 
 @contextmanager
 def on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) -> Iterator[None]:
-    """Make a call with each item, on threads, while this one does what is in the context; at its end, wait for all.
+    """Call a function with each item on threads, while the caller runs the body of ``with``; wait for all at its end.
 
-    With the first error, or Ctrl-C, no more calls begin; those that run go on, as in ``within``.
+    After the first error or Ctrl-C no more calls begin; those that run continue, as in ``within``.
     """
     todo = deque(items)
 
@@ -76,7 +76,7 @@ def on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) ->
 
 
 def _started(call: Callable[[], T]) -> cf.Future[T]:
-    """What a thread that does not keep the program from ending is about to find."""
+    """The future result of a call in a daemon thread."""
     found: cf.Future[T] = cf.Future()
 
     def run() -> None:
@@ -92,7 +92,7 @@ def _started(call: Callable[[], T]) -> cf.Future[T]:
 def _await(futures: Sequence[cf.Future[T]]) -> Collection[cf.Future[T]]:
     """Wait for all of them, or for the first error; returns those that are done."""
     while True:
-        # in pieces: a Ctrl-C that comes just before a wait begins is heard after it
+        # in pieces: a Ctrl-C just before a wait is handled after it
         done, running = cf.wait(futures, timeout=_PIECE, return_when=cf.FIRST_EXCEPTION)
         if not running or any(future.exception() for future in done):
             return done
@@ -111,7 +111,7 @@ def run_interruptibly(
 def run_shard(plan: Plan, shard: Shard | Stretch) -> xr.Dataset:
     """Run the scenarios of a shard, day by day and block by block.
 
-    Returns a flat Dataset, see ``flat_dataset``; of a stretch that others come after it has ``END_STATE``, too.
+    Returns a flat Dataset, see ``flat_dataset``; of a stretch that others follow it also has ``END_STATE``.
     """
     found = Results(plan, shard.size)
     end = run_into(found, plan, shard, np.arange(shard.size))

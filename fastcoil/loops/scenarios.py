@@ -132,8 +132,8 @@ class Days:
     Each is made from the boundary when it is asked for, and the last few are kept, so that they do not take the memory
     of the boundary once more.
 
-    carry_over: whether they are a sequence.  Then the warm-up counts on the first day alone, the clock goes on, and the
-    label of the first day keys the noise of all.
+    carry_over: whether they are a sequence.  Then the warm-up counts on the first day only, the clock continues, and
+    the label of the first day keys the noise of all.
     """
 
     def __init__(
@@ -190,7 +190,7 @@ class Days:
         )
 
     def _before(self, k: int) -> Before:
-        """What day ``k`` of a sequence follows; longer ago than it takes to settle is as good as ever."""
+        """Time since the last disturbance before day ``k`` of a sequence, up to the settling time."""
         if k - 1 in self._after:
             return self._after[k - 1]
         first = max(0, k - -(-SETTLING_TIME // self._boundary.n_steps))
@@ -216,7 +216,7 @@ def commands_of(command: Any, boundary: Boundary) -> np.ndarray | None:
     """The open-loop command as (n_days, n_steps), or None in closed loop."""
     if command is None:
         return None
-    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+    with np.errstate(over="ignore"):  # a number that overflows is refused as infinite
         values = array_of("command", command, "give 1-s samples, an array of numbers").astype(float)
     shape = (boundary.n_days, boundary.n_steps)
     if values.shape not in (shape, shape[1:]):

@@ -1,6 +1,6 @@
-"""Shards: the scenarios that one worker runs at once.
+"""Shards: the units of work, each a set of scenarios that one worker runs.
 
-Days that have nothing to do with each other are cut anywhere.  Days that are a sequence are cut into chains: a group of
+Independent days are cut anywhere.  Days that are a sequence are cut into chains: a group of
 lanes (one loop and replicate each) on one stretch of days after the other, each begun in the state in which the one
 before ended.
 
@@ -19,12 +19,12 @@ from fastcoil.loops.plan import Plan
 from fastcoil.model.engine.rows import LANES
 
 END_STATE = "end_state"
-"""Of a flat part, (lane, number): what its lanes carry over; no result, see ``fastcoil.model.engine.lanes``."""
+"""Variable of a flat part, (lane, number): the state that its lanes carry over, see ``fastcoil.model.engine.lanes``."""
 
 
 @dataclass(frozen=True)
 class Shard:
-    """Scenarios whose days have nothing to do with each other.
+    """Scenarios of independent days.
 
     index: (n,), their flat indices, ascending.
     """
@@ -32,7 +32,7 @@ class Shard:
     index: np.ndarray
 
     def __getstate__(self) -> bytes:
-        """Few bytes: a pipe takes 64 KiB, and who writes more waits for a reader that may be dead."""
+        """Compressed: a pipe takes 64 KiB, and a longer write waits for a reader that may be dead."""
         return pack(self.index)
 
     def __setstate__(self, state: bytes) -> None:
@@ -56,7 +56,7 @@ class Shard:
         return False
 
     def after(self, part: xr.Dataset) -> Stretch | None:
-        """What can be run when this shard is done, with these results: nothing that could not be run before."""
+        """The shard that follows this one, given its results: none."""
         return None
 
 
@@ -146,7 +146,7 @@ def pack(index: np.ndarray) -> bytes:
 
 
 def unpack(packed: bytes) -> np.ndarray:
-    """What was packed."""
+    """Inverse of ``pack``."""
     return np.cumsum(np.frombuffer(zlib.decompress(packed), np.int64))
 
 
@@ -187,7 +187,7 @@ class Reached:
 def first_shards(
     plan: Plan, n_jobs: int, todo: np.ndarray | None = None, reached: Reached | None = None
 ) -> list[Shard | Stretch]:
-    """The shards that can be run at once; where days are a sequence, others come after them.
+    """The shards that can start immediately; where days are a sequence, others follow.
 
     todo: flat indices of the scenarios to run, ascending; all by default.  reached: where to go on, from the first day
     on by default.  Days between that and the first to run are run again.

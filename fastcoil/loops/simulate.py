@@ -95,7 +95,7 @@ def simulate(
 
 
 def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
-    """Run all shards of a plan on threads; ``advance`` is told of each that is finished."""
+    """Run all shards of a plan on threads; ``advance`` receives the size of each finished one."""
     found = Results(plan, plan.n_scenarios)
 
     def run(first: Shard | Stretch) -> None:
@@ -118,7 +118,7 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
 
 
 def _run(found: Results, plan: Plan, shard: Shard | Stretch, advance: Advance) -> np.ndarray | None:
-    """Run a shard; returns the states that what comes after it begins in."""
+    """Run a shard; returns the states in which the next stretch begins."""
     state = run_into(found, plan, shard, shard.index)
     advance(shard.size)
     return state

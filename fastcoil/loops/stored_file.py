@@ -33,10 +33,10 @@ _CHUNK = 2**20
 """Bytes read at once."""
 _READER = Path(__file__).with_name("netcdf_probe.py")
 _SECONDS, _BYTES_PER_SECOND = 30, 5e6
-"""What reading may take in the child process: much more than it does."""
+"""Limits of the child process, far above what reading takes."""
 _MEMORY = 2**31
 Identity = tuple[int, ...]
-"""What changes when a file does, as far as the operating system can tell."""
+"""Device, inode, size and times: they change when the file does."""
 _passed: set[Identity] = set()
 """Files that a child process read to their end."""
 TraceLayout = Mapping[str, Mapping[str, Any]]

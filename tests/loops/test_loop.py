@@ -191,7 +191,7 @@ def test_repr_shows_the_dimensions_and_what_differs_from_the_nearest_preset():
     text = repr(fc.Loop(ti=30, backlash=[0.02, 0.07], action="heating"))
     assert "backlash: 2" in text
     assert "ti = 30.0 s" in text
-    assert "backlash (backlash): 0.02 0.07" in text
+    assert "backlash (backlash): 0.02, 0.07" in text
     assert "action = heating" in text
     assert "C_w" not in text
 

@@ -52,7 +52,7 @@ _BY_MODE: dict[str, tuple[Any, Any]] = {
 }
 """Defaults in cooling and in heating; the module `weather_year` names the sources."""
 DEFAULTS = {mode: {n: pair[k] for n, pair in _BY_MODE.items()} for k, mode in enumerate(("cooling", "heating"))}
-"""What `weather_year` takes where an argument is left out, by mode."""
+"""Defaults of `weather_year`, by mode."""
 CHOICES = {
     "economiser": ("differential", "fixed", "none"),
     "set_point": ("fixed", "outdoor_reset", "trim_and_respond"),
@@ -107,7 +107,7 @@ class Settings(SimpleNamespace):
 
 
 def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
-    """What a user chose, by argument, checked and filled with the defaults of the mode.
+    """The arguments of `weather_year`, checked and completed with the defaults of the mode.
 
     Raises
     ------
@@ -123,10 +123,10 @@ def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
             left_out = given[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
             chosen[name] = None if left_out else check(condition_of, name, given[name])
         chosen |= {name: check(whole_of, name, given[name], *bounds) for name, bounds in _WHOLE.items()}
-    told = {name for name, value in chosen.items() if value is not None}
-    chosen |= {name: value for name, value in DEFAULTS[mode].items() if name not in told}
+    given_names = {name for name, value in chosen.items() if value is not None}
+    chosen |= {name: value for name, value in DEFAULTS[mode].items() if name not in given_names}
     chosen["mode"] = mode
-    if problems := _clashes(chosen, told):
+    if problems := _clashes(chosen, given_names):
         raise InputError(problems)
     return chosen
 
@@ -156,13 +156,13 @@ def settings_of(
     )
 
 
-def _clashes(chosen: Mapping[str, Any], told: set[str]) -> list[str]:
-    """Sentences on what does not fit together."""
+def _clashes(chosen: Mapping[str, Any], given: set[str]) -> list[str]:
+    """Arguments that contradict each other, a sentence each."""
     problems = [
         f"{name} = {chosen[name]:g} has no effect with {word} = {chosen[word]!r}: leave it out, or choose "
         + " or ".join(map(repr, choices))
         for name, (word, choices) in _USED_WITH.items()
-        if name in told and chosen[word] not in choices
+        if name in given and chosen[word] not in choices
     ]
     problems += [
         f"{low} = {chosen[low]:g} is not below {high} = {chosen[high]:g}: exchange or change them"

@@ -120,13 +120,13 @@ def _white(step: int, seed: int, day: int, stream: int, n: int) -> Array:
 DAMPER_TIME = 90
 """Seconds that the dampers take for a full stroke: usual for their motors."""
 COIL_ON, COIL_OFF = 0.5, 0.2
-"""Kelvins by which the mixture misses the set-point where the coil's loop goes on, and where it goes off."""
+"""Deviation of the mixture from the set-point at which the loop of the coil is switched on and off, K."""
 
 
 def outdoor_share(
     T_out: Array, W_out: Array, T_return: float, W_return: float, T_set: Array, least: Array, limit: float
 ) -> Array:
-    """Share of outdoor air in the dry air of the mixture that an economiser asks for, (n,), from ``least`` to 1.
+    """Share of outdoor air in the dry air of the mixture that an economiser requests, (n,), from ``least`` to 1.
 
     Below the outdoor temperature ``limit`` [degC] it is the share whose mixture has the temperature ``T_set``, by the
     balance of enthalpy; elsewhere ``least``.
@@ -152,13 +152,13 @@ def coil_is_needed(missing: Array) -> Mask:
 
 
 LOOP_HIGH, LOOP_LOW = 0.95, 0.85
-"""A zone asks once from the upper share of its full flow on until it is below the lower one."""
+"""A zone sends one request from the upper share of its full flow until it falls below the lower one."""
 WARM, HOT = 2.0, 3.0
-"""A zone so many kelvins too warm asks twice, and three times."""
+"""Excess temperatures at which a zone sends two and three requests, K."""
 
 
 class Limits(NamedTuple):
-    """Set-points above which zones ask, each (n_times, n_zones) [degC]: once, until when, twice, three times."""
+    """Set-points above which zones send requests, each (n_times, n_zones) [degC]: one, until when, two, three."""
 
     once: Array
     until: Array
@@ -184,7 +184,7 @@ def flow_share(loads: Array, T_set: Array, T_zone: float, T_set_min: float, leas
 
 
 def request_limits(loads: Array, T_zone: float, T_set_min: float) -> Limits:
-    """Set-points at which the zones begin to ask, and stop.
+    """Set-points at which the requests of the zones begin and stop.
 
     With the set-point T a zone of load L wants the share L (T_zone - T_set_min) / (T_zone - T) of its full flow, and at
     full flow it has the temperature T + L (T_zone - T_set_min).
@@ -224,7 +224,7 @@ def trim_and_respond(trim: Trim, low: float, high: float, share: Array, limits: 
         How far the outdoor temperature is along the line, (n_times,): the zones get air of ``value + share (low -
         value)``.
     limits
-        At which set-points the zones ask, at each step.
+        Set-points at which the zones send requests, at each step.
     """
     value, values = high, np.empty(share.size)
     each = np.stack(limits, axis=1)

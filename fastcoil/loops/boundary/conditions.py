@@ -75,7 +75,7 @@ def whole_seconds(hours: float) -> int:
 
 
 def several_of(name: str, value: object, cure: str, most: int = _MOST_DAYS) -> list[object]:
-    """What an iterable holds, as a list; at most one more than ``most``."""
+    """The items of an iterable, at most one more than ``most``."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
     return list(islice(value, most + 1))

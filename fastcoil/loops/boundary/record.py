@@ -59,7 +59,7 @@ class Boundary(Samples):
     noise
         Recorded noise, added to the measured temperature every second [K]; none if left out.
     enabled
-        1 where the loop is in operation, 0 where not.  If left out, it is 1 where air flows, and a warning tells how
+        1 where the loop is in operation, 0 where not.  If left out, it is 1 where air flows, and a warning states how
         long none does.
     backlash_scale
         What the backlash of every loop is multiplied by, such as 2 from the second at which a linkage comes loose; 1
@@ -141,7 +141,7 @@ class Boundary(Samples):
     ) -> Boundary:
         """A copy with other series, labels or clock, each given as to `Boundary`; None takes one back to its default.
 
-        Where ``enabled`` follows from the air flow, it follows from a new one, too.
+        Where ``enabled`` follows from the air flow, it is computed from the new one.
         """
         changes = {name: value for name, value in locals().items() if name != "self" and value is not KEPT}
         by_air = self._by_air if "enabled" not in changes else changes["enabled"] is None
@@ -216,7 +216,7 @@ class Boundary(Samples):
     def concat(boundaries: Sequence[Boundary], dim: str = "day") -> Boundary:
         """Put boundaries together: their days, or with ``dim="elapsed_time"`` one after the other in time.
 
-        Of streams it is a stream.  Days must be of one length, and each of its own label.  Hours must be of the same
+        Streams give a stream.  Days must have one length and distinct labels.  Hours must be of the same
         days, and where starts are known, each boundary must start when the one before ends.
 
         Raises

@@ -37,7 +37,7 @@ by series."""
 
 
 class Survey(NamedTuple):
-    """What one pass over the days finds.
+    """Ranges and digests of all days, from one pass.
 
     extremes: least and largest value by series.  sha256: of all; day_sha256: of each day.
     """
@@ -323,7 +323,7 @@ def _hashed(series: Mapping[str, Array]) -> list[str]:
     ]
 
 
-# --------------------------------------------------------------------------------------- what makes days on demand
+# --------------------------------------------------------------------------------------- makers of days
 # Classes, not closures: they are sent to other processes.
 
 
@@ -367,7 +367,7 @@ class Picked:
 
 
 class EndToEnd:
-    """Days of which each begins with that of the first and goes on with those of the others."""
+    """Days joined in time: each is that of the first boundary, followed by those of the others."""
 
     def __init__(self, parts: Sequence[Samples]) -> None:
         self._parts = parts

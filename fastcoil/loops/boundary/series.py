@@ -18,7 +18,7 @@ from fastcoil.base.errors import InputError, WrongType, collecting, shown
 from fastcoil.logs.series import COLUMNS, Series
 
 Values: TypeAlias = Any
-"""What a user may give for a series: a number, array-like or DataArray; examined at run time."""
+"""A series as a user gives it: a number, array-like or DataArray; checked at run time."""
 
 ADDED_SERIES = ("backlash_scale",)
 """Series that count in a digest only where they do something."""
@@ -154,7 +154,7 @@ def _numbers(series: Series, value: Values) -> Array:
     values = array_of(series.name, value, "give numbers", "iufb" if series.whole else "iuf")
     if values.size == 0:
         raise InputError(f"{series.name} is empty: give at least one 1-s sample")
-    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+    with np.errstate(over="ignore"):  # a number that overflows is refused as infinite
         return values.astype(np.float64)
 
 

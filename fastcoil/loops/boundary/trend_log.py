@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +22,7 @@ _HOLD = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
 
 def trend_log_series(
-    path: str | Path,
-    *,
-    units: Mapping[str, str] | None,
-    columns: Mapping[str, str] | None,
-    constants: Mapping[str, float] | None,
-    pressure: float,
-    start: float,
-    hours: float | None,
-    max_gap: float | None,
-    time_format: str | None,
+    path: str | Path, *, pressure: float, start: float, hours: float | None, **reading: Any
 ) -> dict[str, Any]:
     """Series by name, each (n_steps,), ``start`` and ``time_zone``; arguments as of `fastcoil.Boundary.from_csv`."""
     with checking() as check:
@@ -41,16 +31,7 @@ def trend_log_series(
         start = check(condition_of, "start", start)
         if hours is not None:
             check(whole_seconds, hours)
-        how = checked_reading(
-            check,
-            columns=columns,
-            units=units,
-            constants=constants,
-            max_gap=max_gap,
-            time_format=time_format,
-            strict=True,
-            unbroken=True,
-        )
+        how = checked_reading(check, **reading, strict=True, unbroken=True)
     log = read_log(path, _WANTED, how)
     require_whole_seconds(log.name, log.step)
     warn_of_reading(log.name, log.told)

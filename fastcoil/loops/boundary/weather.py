@@ -41,7 +41,7 @@ def weather_day(
 ) -> Boundary:
     """Hourly weather, mixed with return air, as the air that enters the coil.
 
-    The file is an EnergyPlus weather file (EPW), a TMY3 file or a CSV file of your own, told apart by what is in it.
+    The file is an EnergyPlus weather file (EPW), a TMY3 file or any CSV file, recognised by its content.
     A row gives the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows
     an hour, the last one); between rows they run straight, and a warning says what this cannot show.  The humidity
     comes from the dew point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and

@@ -61,7 +61,7 @@ STANDARD_PRESSURE = 101325.0
 
 
 class Weather(NamedTuple):
-    """What is in a weather file.
+    """Content of a weather file.
 
     series: by the names of `WEATHER_COLUMNS`, in our units, each (n_rows,).  minutes: from row to row.  notes: how it
     was read.  site: where it was measured; blank if the file does not say.  first_weekday: of the first row, such as
@@ -107,7 +107,7 @@ WEATHER_COLUMNS = {
         (Series("p", "barometric pressure", PRESSURE, 50e3, 110e3), "p_Pa", "Pa"),
     )
 }
-"""What a column of a weather file may be."""
+"""Columns that a weather file may have."""
 
 
 def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> Weather:
@@ -149,7 +149,7 @@ def read_weather(
     units: Mapping[str, str] | None = None,
     pressure: float | None = None,
 ) -> Weather:
-    """Read an EPW, TMY3 or CSV file, told apart by its content, and warn of what is not self-evident about its reading.
+    """Read an EPW, TMY3 or CSV file, told apart by its content, and warn about assumptions made in reading it.
 
     The pressure of a file is not read where ``pressure`` [Pa] is given.
 

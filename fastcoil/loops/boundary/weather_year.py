@@ -201,8 +201,8 @@ def weather_year(
     in the standard time of the site, its label is the day of the year.  Outside its hours the fan stands (``m_a`` = 0)
     and the loop is off (``enabled`` = 0); so it is where the mixture needs nothing of the coil: from less than 0.2 K
     beyond the set-point on until it is more than 0.5 K.  The load, the zones and their requests are a stand-in for a
-    building, described with all formulas in docs/years.md.  What is left out is that of
-    the mode in `DEFAULTS`.
+    building, described with all formulas in docs/years.md.  Arguments left out take the
+    defaults of the mode, `DEFAULTS`.
 
     Parameters
     ----------
