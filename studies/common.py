@@ -1,11 +1,14 @@
-"""What the studies share: results of a study file, tables and figures."""
+"""What the studies share: results, tables and figures, progress, comparison in pairs, and valves drawn at random."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
@@ -15,6 +18,12 @@ STUDIES = Path(__file__).parent
 RESULTS = STUDIES.parent / "results"
 WRITTEN = STUDIES
 """Where tables and figures are written, each in the folder of its question."""
+PAIRED = ("sample", "day")
+"""Every loop is compared with its own baseline, valve by valve and day by day."""
+HEATING_GAIN = 0.3
+"""A kp is drawn for cooling; a loop with water of 40 °C responds about three times as much."""
+SIZES = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
+"""Sizes of backlash, fraction of stroke."""
 
 
 def results(name: str) -> xr.Dataset:
@@ -52,3 +61,91 @@ def save_figure(figure: Figure, name: str, dpi: int = 150) -> None:
     figure.savefig(path, dpi=dpi)
     plt.close(figure)
     print(path)
+
+
+def progress() -> Callable[[str], None]:
+    """A function that prints what has been done, and the seconds since now."""
+    began = time.monotonic()
+    return lambda done: print(f"{done} after {time.monotonic() - began:.0f} s", flush=True)
+
+
+def along(dim: str, parts: Mapping[Any, Any], **options: Any) -> Any:
+    """Concatenate parts along a new dim that is labelled with their keys."""
+    return xr.concat(list(parts.values()), xr.DataArray(list(parts), dims=dim, name=dim), **options)
+
+
+def pooled(found: Mapping[str, xr.Dataset], **options: Any) -> xr.Dataset:
+    """All kinds of days as one dim of days."""
+    parts = [ds.assign_coords(day=[f"{kind} {day}" for day in ds.day.values]) for kind, ds in found.items()]
+    return xr.concat(parts, "day", **options)
+
+
+def failures(found: Iterable[xr.Dataset]) -> str:
+    """How many of all simulated days failed."""
+    status = [ds.status for ds in found]
+    return f"{sum(int((s > 0).sum()) for s in status)} of {sum(s.size for s in status):,} days failed"
+
+
+def mean_change(
+    ds: xr.Dataset, name: str, baseline: str, dim: str = "controller", metric: str = "rmse"
+) -> tuple[float, float, float]:
+    """Mean change of a metric in pairs, per cent, and its 95 % interval over other valves and other days.
+
+    Every valve meets every day: the variances of the means of valves and of the means of days add up, and the dim with
+    fewer labels gives the degrees of freedom.
+    """
+    pair = ds[[metric, "status"]].sel({dim: [baseline, name]})
+    over = [d for d in PAIRED if d in ds.dims]
+    found = fc.compare(pair, baseline={dim: baseline}, over=over, metrics=metric, relative=True)[metric]
+    mean, low, high = (100 * float(found.sel({dim: name, "statistic": s})) for s in ("mean", "low", "high"))
+    return mean, low, high
+
+
+def change_in_words(ds: xr.Dataset, name: str, baseline: str, dim: str = "controller", metric: str = "rmse") -> str:
+    """``mean_change`` in words."""
+    return "0" if name == baseline else signed(*mean_change(ds, name, baseline, dim, metric))
+
+
+def signed(value: float, low: float, high: float, digits: int = 0) -> str:
+    """A change in per cent with its interval."""
+    return f"{value:+.{digits}f} % ({low:+.{digits}f} to {high:+.{digits}f})"
+
+
+def spread(ratio: xr.DataArray, quantiles: Sequence[float] = (0.05, 0.5, 0.95)) -> str:
+    """Quantiles of a ratio, as changes in per cent."""
+    return ", ".join(f"{100 * float(ratio.quantile(q)) - 100:+.0f} %" for q in quantiles)
+
+
+def loguniform(draw: np.random.Generator, low: float, high: float, size: int) -> np.ndarray:
+    """Numbers whose logarithms are uniform."""
+    return np.exp(draw.uniform(np.log(low), np.log(high), size))
+
+
+def mixed_sizes(draw: np.random.Generator, n: int) -> np.ndarray:
+    """Backlash of ``n`` valves: half have one of ``SIZES``, half any from 0.5 to 15 %."""
+    return np.where(np.arange(n) % 2, draw.choice(SIZES, n), draw.uniform(0.005, 0.15, n))
+
+
+def drawn_loops(
+    draw: np.random.Generator,
+    n: int,
+    *,
+    heating: bool = False,
+    authority: tuple[float, float] = (0.05, 0.9),
+    kp: tuple[float, float] = (0.005, 0.06),
+    ti: tuple[float, float] = (20.0, 300.0),
+    sample_times: Sequence[float] = (5.0, 10.0, 15.0, 30.0),
+) -> dict[str, np.ndarray]:
+    """Parameters of ``n`` valves and loops as they are found in buildings, but for their backlash."""
+    return {
+        "rangeability": loguniform(draw, 20, 100, n),
+        "authority": loguniform(draw, *authority, n),
+        "C_w": draw.uniform(8.8, 14.0, n),
+        "C_c": loguniform(draw, 10, 30, n),
+        "kp": loguniform(draw, *kp, n) * (HEATING_GAIN if heating else 1.0),
+        "ti": loguniform(draw, *ti, n),
+        "sample_time": draw.choice(sample_times, n),
+        "noise_std": draw.uniform(0.0, 0.05, n),
+        "sensor_time_constant": draw.uniform(5, 60, n),
+        "stroke_time": draw.uniform(30, 150, n),
+    }

@@ -21,9 +21,8 @@ from studies.buffer.rule import (
     swing_per_buffer,
 )
 from studies.buffer.runs import ALLOWED, SHARES, SIZES, SWINGS, Runs, Valves
-from studies.common import write_table
+from studies.common import pooled, write_table
 from studies.days import CONSTANT
-from studies.remedies.tables import pooled
 
 BLOCKS_PER_HOUR = 6.0
 """``switch_frequency`` counts in 10 min."""

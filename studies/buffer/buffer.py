@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 from scipy.special import ndtr
 
-import fastcoil as fc
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
 from studies.buffer.bounds import (
     NEAR,
@@ -61,10 +59,10 @@ from studies.buffer.runs import (
     on_upper,
     population,
 )
-from studies.common import save_figure, write_table
+from studies.common import change_in_words, failures, pooled, progress, save_figure, write_table
 from studies.days import CONSTANT, HEATING, STEPPED, kinds
 from studies.remedies.runs import LEAST_TRAVEL
-from studies.remedies.tables import NO_CHANGE, pooled
+from studies.remedies.tables import NO_CHANGE
 
 CROSSING = (SHIPPED, BY_TREND, LOWER, UPPER, SLOWER)
 """Rules that are shown where the bounds cross."""
@@ -77,15 +75,9 @@ def change(ds: xr.Dataset, rule: str, baseline: str, metric: str = "rmse") -> st
 
     A travel below ``LEAST_TRAVEL`` counts as that: a valve that stays open has none to divide by.
     """
-    if rule == baseline:
-        return "0"
-    pair = ds[[metric, "status"]].sel(controller=[baseline, rule])
     if metric == "motor_travel":
-        pair = pair.assign(motor_travel=pair.motor_travel.clip(LEAST_TRAVEL))
-    over: dict[str, Any] = {"over": ["sample", "day"], "metrics": metric, "relative": True}
-    found = fc.compare(pair, baseline={"controller": baseline}, **over)[metric]
-    mean, low, high = (100 * float(found.sel(controller=rule, statistic=s)) for s in ("mean", "low", "high"))
-    return f"{mean:+.0f} % ({low:+.0f} to {high:+.0f})"
+        ds = ds.assign(motor_travel=ds.motor_travel.clip(LEAST_TRAVEL))
+    return change_in_words(ds, rule, baseline, metric=metric)
 
 
 def travel_of(ds: xr.Dataset, rule: str, q: float = 0.5) -> float:
@@ -116,7 +108,7 @@ def write_rules(runs: Runs) -> None:
         "buffer/buffer_rules",
         "The buffer of an inverse of 95 %: mean change of RMSE against plain PI with the same gains (95 % over valves "
         f"and days); {ds.sizes['sample']} fresh valves and loops, {ds.sizes['day'] // len(runs.rules)} days of each "
-        f"kind ({int((ds.status > 0).sum())} of {ds.status.size:,} days failed)",
+        f"kind ({failures([ds])})",
         ["buffer", "RMSE", "RMSE against the shipped rule", "without backlash, median", "over 1 % worse in",
          "motor travel, median, 95 % of the valves", "travel against the shipped rule, mean", "hunting"],
         table,
@@ -285,7 +277,7 @@ VALVES = 256
 
 def run(size: int, seed: int, some: Sequence[str], days: Sequence[int], *, everything: bool = True) -> Runs:
     """All runs on valves of a seed; without ``everything`` those that the constants come from."""
-    started = time.monotonic()
+    done = progress()
     groups = {False: [k for k in some if k != HEATING], True: [k for k in some if k == HEATING]}
     valves = {heats: population(size, seed, group[0]) for heats, group in groups.items() if group}
     found = Runs(valves, {}, {heats: on_still(v, groups[heats][0]) for heats, v in valves.items()}, {}, {})
@@ -294,7 +286,7 @@ def run(size: int, seed: int, some: Sequence[str], days: Sequence[int], *, every
         if everything:
             found.upper[kind] = on_upper(found.of(kind), kind, days)
             found.rules[kind] = on_rules(found.of(kind), kind, days)
-        print(f"{kind} after {time.monotonic() - started:.0f} s", flush=True)
+        done(kind)
     return found
 
 

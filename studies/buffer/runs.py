@@ -10,6 +10,7 @@ import xarray as xr
 
 import fastcoil as fc
 from studies.buffer.rule import PER_HOUR, Plant, largest, smallest
+from studies.common import loguniform
 from studies.days import HEATING, of_kind, settings
 from studies.robustness.best_pi import LEAST_GAIN, first_order, gains_of
 
@@ -65,21 +66,18 @@ def population(size: int, seed: int, kind: str) -> Valves:
     """
     rng = np.random.default_rng(seed)
 
-    def between(low: float, high: float) -> Any:
-        return np.exp(rng.uniform(np.log(low), np.log(high), size))
-
     drawn = {
         "backlash": rng.choice([0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15], size),
-        "rangeability": between(20.0, 100.0),
-        "authority": between(0.05, 0.9),
+        "rangeability": loguniform(rng, 20.0, 100.0, size),
+        "authority": loguniform(rng, 0.05, 0.9, size),
         "C_w": rng.uniform(8.8, 14.0, size),
-        "C_c": between(10.0, 30.0),
+        "C_c": loguniform(rng, 10.0, 30.0, size),
         "sample_time": rng.choice([1.0, 2.0, 5.0, 10.0, 15.0, 30.0], size),
-        "noise_std": between(0.005, 0.05),
+        "noise_std": loguniform(rng, 0.005, 0.05, size),
         "sensor_time_constant": rng.uniform(5.0, 60.0, size),
         "stroke_time": rng.uniform(30.0, 150.0, size),
     }
-    kp_factor, ti_factor = between(0.4, 2.0), between(0.4, 4.0)
+    kp_factor, ti_factor = loguniform(rng, 0.4, 2.0, size), loguniform(rng, 0.4, 4.0, size)
     given: Mapping[str, Any] = {name: ("sample", values) for name, values in drawn.items()}
     loop = fc.Loop.preset("lbnl").assign(m_full=1.7, **given, **settings(kind))
     model = first_order(loop, kind)

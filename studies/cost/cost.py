@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Iterator, Mapping
 
@@ -11,7 +10,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.analysis.paired import share_of
-from studies.common import write_table
+from studies.common import along, failures, progress, write_table
 from studies.days import CONSTANT, HEATING, kinds, of_kind
 from studies.hunting.loops import acting, valves
 from studies.robustness.best_pi import simc_gains
@@ -136,10 +135,7 @@ def groups(ds: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
 
 def _sizes(found: Mapping[str, xr.Dataset]) -> str:
     ds = next(iter(found.values()))
-    failed, n = (
-        sum(int(f(of)) for of in found.values()) for f in (lambda d: (d.status > 0).sum(), lambda d: d.status.size)
-    )
-    return f"{ds.sizes['sample']} valves × {ds.sizes['day']} days of each kind ({failed} of {n:,} days failed)"
+    return f"{ds.sizes['sample']} valves × {ds.sizes['day']} days of each kind ({failures(found.values())})"
 
 
 def write_claim(found: Mapping[str, xr.Dataset]) -> None:
@@ -252,10 +248,7 @@ def _mended(ds: xr.Dataset) -> xr.Dataset:
 def _cooling(found: Mapping[str, xr.Dataset]) -> xr.Dataset:
     """All cooling days: (kind, day, …)."""
     parts = {kind: ds.drop_vars("day") for kind, ds in found.items() if kind != HEATING}
-    names = xr.DataArray(list(parts), dims="kind", name="kind")
-    return xr.concat(
-        parts.values(), names, data_vars="all", coords="minimal", compat="override", combine_attrs="override"
-    )
+    return along("kind", parts, data_vars="all", coords="minimal", compat="override", combine_attrs="override")
 
 
 SEED = 16401
@@ -275,16 +268,14 @@ def loops(seed: int, size: int, kind: str) -> fc.Loop:
     loop = acting(valves(seed, size), kind).assign(noise_std=("sample", noise), backlash=0.0)
     # a step of the command finds the plant, and the gap is no part of it
     found = simc_gains(loop, HEATING if kind == HEATING else CONSTANT)
-    names = xr.DataArray([AS_FOUND, SIMC, INVERSE], dims="controller", name="controller")
-    gains = {
-        name: xr.concat([xr.DataArray(loop[name]), found[name], xr.DataArray(loop[name])], names)
-        for name in ("kp", "ti")
-    }
+    own = xr.Dataset({name: xr.DataArray(loop[name]) for name in ("kp", "ti")})
+    gains = along("controller", {AS_FOUND: own, SIMC: found[["kp", "ti"]], INVERSE: own})
     return loop.assign(
         backlash=list(BACKLASH),
         estimate_ratio=xr.DataArray([0.0, 0.0, 0.95], dims="controller"),
         buffer=xr.DataArray([1e-9, 1e-9, BUFFER], dims="controller"),
-        **gains,
+        kp=gains.kp,
+        ti=gains.ti,
     )
 
 
@@ -296,11 +287,11 @@ def of_days(seed: int, size: int, kind: str) -> xr.Dataset:
 
 def main(size: int = 384) -> None:
     """Run every kind of day and write the tables."""
-    began = time.monotonic()
+    done = progress()
     found = {}
     for kind in kinds():
         found[kind] = of_days(SEED, size, kind)
-        print(f"ran {kind} after {time.monotonic() - began:.0f} s", flush=True)
+        done(f"ran {kind}")
     write_claim(found)
     write_sums(found)
     write_by_backlash(found)

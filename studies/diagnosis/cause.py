@@ -14,7 +14,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE
-from studies.common import write_table
+from studies.common import HEATING_GAIN, loguniform, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from studies.diagnosis.diagnosis import share
 
@@ -29,8 +29,6 @@ RESTLESS = 0.7
 """Share of the loops that have a large gain and a short integral time."""
 VISIBLE = 0.035
 """K, standard deviation of a swing of 0.1 K from peak to peak."""
-HEATING_GAIN = 0.3
-"""The drawn kp is for cooling; a loop with water of 40 °C responds about three times as much."""
 
 
 class Logs(NamedTuple):
@@ -46,17 +44,14 @@ def valves(kind: str, seed: int = SEED, n: int = VALVES) -> dict[str, np.ndarray
     """Parameters of the valves and loops of a kind of day: a quarter has no backlash, tunings are calm to restless."""
     draw = np.random.default_rng([seed, KINDS.index(kind)])
 
-    def loguniform(low: float, high: float) -> np.ndarray:
-        return np.exp(draw.uniform(np.log(low), np.log(high), n))
-
     restless = draw.uniform(size=n) < RESTLESS
     gain = HEATING_GAIN if kind == HEATING else 1.0
     return {
         "backlash": np.where(np.arange(n) % 4 == 0, 0.0, draw.uniform(0.02, 0.15, n)),
-        "rangeability": loguniform(20, 100),
-        "authority": loguniform(0.05, 0.9),
+        "rangeability": loguniform(draw, 20, 100, n),
+        "authority": loguniform(draw, 0.05, 0.9, n),
         "C_w": draw.uniform(8.8, 14.0, n),
-        "C_c": loguniform(10, 30),
+        "C_c": loguniform(draw, 10, 30, n),
         "kp": np.where(restless, loguniform(0.03, 0.1), loguniform(0.005, 0.06)) * gain,
         "ti": np.where(restless, loguniform(4, 30), loguniform(20, 300)),
         "sample_time": draw.choice([5.0, 10.0, 15.0, 30.0], n),

@@ -14,14 +14,11 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE, identify_backlash
 from fastcoil.study.analysis.paired import share_of
-from studies.common import write_table
+from studies.common import drawn_loops, mixed_sizes, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, kinds, of_kind, settings
 
 SIMULATED = 5
 """Seconds between the samples of the traces that logs are thinned from."""
-HEATING_GAIN = 0.3
-"""The drawn kp is for cooling; a loop with water of 40 °C responds about three times as much."""
-SIZES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15]
 STEPPED_HEATING = "stepped heating"
 LEVELS = (25.0, 23.5, 27.0, 25.0, 22.5, 24.0, 28.0, 26.0, 24.5, 23.0, 22.0, 25.5, 29.0, 27.5, 24.0, 25.0)
 """Set-points of a stepped day of heating, °C, half an hour each."""
@@ -106,24 +103,20 @@ def valves(of: Population, seed: list[int], n: int, good_only: bool = False) -> 
     """
     draw = np.random.default_rng(seed)
 
-    def loguniform(low: float, high: float) -> np.ndarray:
-        return np.exp(draw.uniform(np.log(low), np.log(high), n))
-
-    sizes = np.where(np.arange(n) % 2, draw.choice(SIZES, n), draw.uniform(0.005, 0.15, n))
+    sizes = mixed_sizes(draw, n)
     backlash = np.where((np.arange(n) % 4 == 0) | good_only, 0.0, sizes)
     inverse = draw.uniform(*of.inverse, n)
     return {
         "backlash": backlash,
-        "rangeability": loguniform(20, 100),
-        "authority": loguniform(*of.authority),
-        "C_w": draw.uniform(8.8, 14.0, n),
-        "C_c": loguniform(10, 30),
-        "kp": loguniform(*of.kp) * (HEATING_GAIN if HEATING in of.kind else 1.0),
-        "ti": loguniform(*of.ti),
-        "sample_time": draw.choice(of.sample_times, n),
-        "noise_std": draw.uniform(0.0, 0.05, n),
-        "sensor_time_constant": draw.uniform(5, 60, n),
-        "stroke_time": draw.uniform(30, 150, n),
+        **drawn_loops(
+            draw,
+            n,
+            heating=HEATING in of.kind,
+            authority=of.authority,
+            kp=of.kp,
+            ti=of.ti,
+            sample_times=of.sample_times,
+        ),
         "backlash_estimate": inverse * np.where(backlash > 0.0, backlash, 0.03),
         "slip_jump": of.slips * backlash,
         "neutral_zone": draw.uniform(0.0, of.neutral_zone, n),

@@ -17,7 +17,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.measured.fitted_loop import Outcome, fit_loop_model, what_if
 from fastcoil.measured.identify import identify_backlash
-from studies.common import write_table
+from studies.common import HEATING_GAIN, drawn_loops, loguniform, mixed_sizes, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from studies.diagnosis.diagnosis import share
 
@@ -27,7 +27,6 @@ SIMULATED, LOGGED = 5, (10, 15, 30)
 DAYS = range(77031, 77034)
 KP, TI = (0.01, 0.12), (5.0, 40.0)
 """Of the fast tunings: drawn by their logarithms."""
-HEATING_GAIN = 0.3
 KINDS = ((STEPPED, False), (STEPPED, True), (CONSTANT, False), (CONSTANT, True), (DESIGN, True), (HEATING, True))
 """Kind of day, and whether the loops are tuned fast.  Calm loops are hardly ever identified on design days."""
 RATIO, BUFFER = 0.95, 0.01
@@ -53,24 +52,8 @@ def valves(kind: str) -> dict[str, np.ndarray]:
     """
     draw = np.random.default_rng([VALVES_SEED, (STEPPED, CONSTANT, DESIGN, HEATING).index(kind)])
 
-    def loguniform(low: float, high: float) -> np.ndarray:
-        return np.exp(draw.uniform(np.log(low), np.log(high), VALVES))
-
-    sizes = np.where(np.arange(VALVES) % 2, draw.choice([0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15], VALVES),
-                     draw.uniform(0.005, 0.15, VALVES))  # fmt: skip
-    return {
-        "backlash": np.where(np.arange(VALVES) % 4 == 0, 0.0, sizes),
-        "rangeability": loguniform(20, 100),
-        "authority": loguniform(0.05, 0.9),
-        "C_w": draw.uniform(8.8, 14.0, VALVES),
-        "C_c": loguniform(10, 30),
-        "kp": loguniform(0.005, 0.06) * (HEATING_GAIN if kind == HEATING else 1.0),
-        "ti": loguniform(20, 300),
-        "sample_time": draw.choice([5.0, 10.0, 15.0, 30.0], VALVES),
-        "noise_std": draw.uniform(0.0, 0.05, VALVES),
-        "sensor_time_constant": draw.uniform(5, 60, VALVES),
-        "stroke_time": draw.uniform(30, 150, VALVES),
-    }
+    backlash = np.where(np.arange(VALVES) % 4 == 0, 0.0, mixed_sizes(draw, VALVES))
+    return {"backlash": backlash, **drawn_loops(draw, VALVES, heating=kind == HEATING)}
 
 
 def drawn(kind: str, fast: bool) -> dict[str, np.ndarray]:
@@ -79,8 +62,8 @@ def drawn(kind: str, fast: bool) -> dict[str, np.ndarray]:
     if fast:
         draw, n = np.random.default_rng([SEED, 1]), found["kp"].size
         scale = HEATING_GAIN if kind == HEATING else 1.0
-        found["kp"] = np.exp(draw.uniform(*np.log(KP), n)) * scale
-        found["ti"] = np.exp(draw.uniform(*np.log(TI), n))
+        found["kp"] = loguniform(draw, *KP, n) * scale
+        found["ti"] = loguniform(draw, *TI, n)
     return found
 
 

@@ -14,7 +14,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.analysis.paired import share_of
-from studies.common import write_table
+from studies.common import along, change_in_words, write_table
 from studies.days import HEATING, OUTDOOR_AIR, WEATHER_FILE, of_kind
 from studies.inverse.conditions import GROWING
 from studies.learning.identify_online import IDENTIFY
@@ -116,8 +116,8 @@ def runs(preset: str, gains: Mapping[str, float], seeds: Sequence[int] = DAYS) -
     """Every remedy on every kind of day; gains: of the tuned PI."""
     loop, found, remedies = valves(preset), {}, REMEDIES | {TUNED: dict(gains)}
     for kind, boundary in days(fc.presets()[preset].T_w_in, seeds).items():
-        each = [fc.simulate(loop.assign(**v), boundary)[list(KEPT)].reset_coords(drop=True) for v in remedies.values()]
-        ds = xr.concat(each, xr.DataArray(list(remedies), dims="remedy", name="remedy"))
+        ran = {name: fc.simulate(loop.assign(**how), boundary) for name, how in remedies.items()}
+        ds = along("remedy", {name: of[list(KEPT)].reset_coords(drop=True) for name, of in ran.items()})
         found[kind] = ds.assign_coords(backlash=("sample", np.asarray(loop["backlash"])))
     return found
 
@@ -128,7 +128,6 @@ def rows(preset: str, found: dict[str, xr.Dataset]) -> list[list[str]]:
     for kind, ds in found.items():
         for words, group in (("worn", ds.backlash > 0.0), ("X = 0", ds.backlash == 0.0)):
             part = ds.isel(sample=np.flatnonzero(group.values))
-            change = fc.compare(part, baseline={"remedy": PI}, over=["sample", "day"], metrics="rmse", relative=True)
             plain, cells = part.sel(remedy=PI), []
             for remedy in map(str, part.remedy.values):
                 at = part.sel(remedy=remedy)
@@ -137,11 +136,9 @@ def rows(preset: str, found: dict[str, xr.Dataset]) -> list[list[str]]:
                         f"{float(at.rmse.mean()):.3f}, {float(at.motor_travel.mean()):.1f}, {share_of(at.hunts)}"
                     )
                     continue
-                of = change.rmse.sel(remedy=remedy)
-                mean, low, high = (100 * float(of.sel(statistic=s)) for s in ("mean", "low", "high"))
                 travel = float(at.motor_travel.mean() / plain.motor_travel.mean())
                 hunting = f", {float(at.hunts.mean()):.0%} hunt" if bool(at.hunts.any()) else ""
-                cells.append(f"{mean:+.0f} % ({low:+.0f} to {high:+.0f}), × {travel:.2f}{hunting}")
+                cells.append(f"{change_in_words(part, remedy, PI, 'remedy')}, × {travel:.2f}{hunting}")
             found_rows.append([f"`{preset}`", kind, words, *cells])
     return found_rows
 

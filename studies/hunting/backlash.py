@@ -11,9 +11,9 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.analysis.paired import mean_of, share_of
-from studies.common import write_table
+from studies.common import along, pooled, write_table
 from studies.days import HEATING
-from studies.hunting.loops import OPERATING, SERIES, acting, conditions, foreseen, joined, valves
+from studies.hunting.loops import OPERATING, SERIES, acting, conditions, foreseen, valves
 
 SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SEEN, HOURS = 20, 8
@@ -49,7 +49,7 @@ def run_backlash(seed: int, size: int, days: int) -> xr.Dataset:
         T = ds.T_sup.transpose("sample", "backlash", "day", "elapsed_time").drop_vars("day")
         found = cycling(T, 0.02 * T.backlash * plant.K)
         parts[kind] = xr.merge([plant, found, ds.hunts], compat="override", join="override").reset_coords(drop=True)
-    return joined(parts)
+    return pooled(parts, data_vars="all")
 
 
 def slopes(of: xr.DataArray, among: xr.DataArray) -> tuple[float, float, float]:
@@ -165,7 +165,7 @@ def run_start(seed: int, size: int, days: int) -> xr.Dataset:
         X = xr.DataArray(loop["backlash"], dims="sample").reset_coords(drop=True)
         found = cycling(late, 0.02 * X * plant.K.drop_vars("day")).assign(backlash=X)
         parts[kind] = xr.merge([plant.drop_vars("day"), found]).assign_coords(kick=list(KICKS), day=range(days))
-    return joined(parts)
+    return pooled(parts, data_vars="all")
 
 
 def write_start(ds: xr.Dataset) -> None:
@@ -214,12 +214,11 @@ def run_parts(seed: int, size: int, days: int) -> xr.Dataset:
     """Largest calm kp, simulated and foreseen: (change, sample, day)."""
     ti = np.exp(np.random.default_rng([seed, 3]).uniform(*np.log(TI), size))
     loop = valves(seed, size).assign(kp=1.0, ti=("sample", ti), **BASE)
-    names = list(CHANGES)
     parts = {}
     for kind in OPERATING:
         day = conditions(kind, seed + 1, days, PARTS_HOURS)
-        found = []
-        for change in CHANGES.values():
+        found = {}
+        for name, change in CHANGES.items():
             given = {n: v * xr.DataArray(loop["ti"]) if n == "ti" else v for n, v in change.items()}
             one = acting(loop.assign(**given), kind)
             plant = foreseen(one, day)
@@ -228,9 +227,9 @@ def run_parts(seed: int, size: int, days: int) -> xr.Dataset:
             hunts = hunts.reset_coords(drop=True) > 0
             simulated = xr.where(hunts.any("kp_tried"), scale * KP[0] * _first(hunts), np.nan)
             ok = plant.reachable.astype(bool) & ~hunts.isel(kp_tried=0, drop=True)
-            found.append(xr.Dataset({"simulated": simulated, "foreseen": scale / plant.margin, "ok": ok}))
-        parts[kind] = xr.concat(found, xr.DataArray(names, dims="change", name="change"))
-    return joined(parts)
+            found[name] = xr.Dataset({"simulated": simulated, "foreseen": scale / plant.margin, "ok": ok})
+        parts[kind] = along("change", found)
+    return pooled(parts, data_vars="all")
 
 
 def _first(hunts: xr.DataArray) -> xr.DataArray:

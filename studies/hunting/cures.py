@@ -9,7 +9,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.analysis.paired import mean_of, share_of
-from studies.common import write_table
+from studies.common import along, spread, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, kinds, of_kind
 from studies.hunting.loops import Rule, acting, foreseen, share_written, valves
 
@@ -66,8 +66,7 @@ def tuned(loop: fc.Loop, group: list[str], still: fc.Boundary, rules: Mapping[st
         found[name] = xr.Dataset({"kp": kp, "ti": ti.broadcast_like(kp)}).isel(at)
     found[SIMC] = xr.Dataset({"kp": kp0 * scale, "ti": ti0})
     found[TWICE] = xr.Dataset({"kp": 2.0 * kp0 * scale, "ti": 2.0 * ti0})
-    best = xr.concat(list(found.values()), xr.DataArray(list(found), dims="rule", name="rule"), coords="minimal",
-                     compat="override")  # fmt: skip
+    best = along("rule", found, coords="minimal", compat="override")
     return best.assign(kp=xr.DataArray(acting(loop.assign(kp=best.kp), group[0])["kp"])).reset_coords(drop=True)
 
 
@@ -144,12 +143,7 @@ def run_cures(
         worn = plant.reachable.astype(bool) & (xr.DataArray(loop["backlash"]) > 0.0)
         hunts = formula.of(plant.assign(kp=gains[AS_FOUND][0], ti=gains[AS_FOUND][1])) > formula.limit
         ill, short = worn & hunts, worn & ~hunts & (gains[AS_FOUND][1] < plant["T"])
-        kp, ti = (
-            xr.concat(
-                [xr.DataArray(of[k]) for of in gains.values()], xr.DataArray(list(gains), dims="cure", name="cure")
-            )
-            for k in (0, 1)
-        )
+        kp, ti = (along("cure", {name: xr.DataArray(of[k]) for name, of in gains.items()}) for k in (0, 1))
         ds = fc.simulate(loop.assign(kp=kp, ti=ti), of_kind(kind, FRESH_DAYS), seed=seed)
         found = ds[["rmse", "motor_travel", "hunts"]].reset_coords(drop=True)
         found = found.assign_coords(day=[f"{kind} {day}" for day in FRESH_DAYS], cure=list(gains))
@@ -172,8 +166,7 @@ def write_cures(ds: xr.Dataset, names: list[str]) -> None:
             row.append(f"{100 * float(change.where(ds.ill).isel(day=days).median()) - 100:+.0f} %")
         travel = (at.motor_travel / found.motor_travel).where(ds.ill).median()
         calm = change.where(ds.short)
-        spread = ", ".join(f"{100 * float(calm.quantile(q)) - 100:+.0f} %" for q in (0.05, 0.5, 0.95))
-        table.append([*row, f"× {float(travel):.2f}", spread])
+        table.append([*row, f"× {float(travel):.2f}", spread(calm)])
     n, m = (int(of.any("day").sum()) for of in (ds.ill, ds.short))
     write_table(
         "hunting/hunting_cures",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 
 import matplotlib.pyplot as plt
@@ -15,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 from fastcoil.study.analysis.paired import share_of
 from fastcoil.study.file.spec import read_study
-from studies.common import STUDIES, results, save_figure, write_table
+from studies.common import STUDIES, progress, results, save_figure, write_table
 from studies.days import kinds
 from studies.hunting import backlash as hunting_backlash
 from studies.hunting import cures
@@ -280,14 +279,10 @@ OF_DAYS = range(15911, 15914)
 
 def main(size: int = 384, days: int = 6) -> None:
     """Run everything, write the tables and draw the figures; ``size`` valves, ``days`` conditions of a kind."""
-    began = time.monotonic()
-
-    def said(what: str) -> None:
-        print(f"{what} after {time.monotonic() - began:.0f} s", flush=True)
-
+    done = progress()
     choice = hunting_loops.population(CHOICE, 2 * size, days)
     rules, shape = hunting_loops.chosen(choice)
-    said(f"chose {', '.join(f'{rule.name}: {rule.limit:g}' for rule in rules)}")
+    done(f"chose {', '.join(f'{rule.name}: {rule.limit:g}' for rule in rules)}")
     fresh = hunting_loops.population(FRESH, 2 * size, days + 2)
     wide = hunting_loops.population(WIDE, size, days, wide=True)
     write_errors(rules, {"fresh valves": fresh, "other plants": wide})
@@ -295,24 +290,24 @@ def main(size: int = 384, days: int = 6) -> None:
     cautious = hunting_loops.cautious(rules[1], choice)
     write_one_step(rules[1], cautious, fresh)
     write_practice(rules, fresh)
-    said("ran fresh valves and other plants")
+    done("ran fresh valves and other plants")
     write_days(rules, {kind: hunting_loops.on_days(ON_DAYS, size, kind, OF_DAYS) for kind in kinds()})
-    said("ran other days")
+    done("ran other days")
     sizes = hunting_backlash.run_backlash(SIZES, size // 2, max(days // 2, 2))
     hunting_backlash.write_backlash(sizes, rules[0].limit)
     hunting_backlash.write_bands(sizes)
     hunting_backlash.write_start(hunting_backlash.run_start(START, size // 2, max(days // 2, 2)))
-    said("ran every backlash, and kicks")
+    done("ran every backlash, and kicks")
     hunting_backlash.write_parts(hunting_backlash.run_parts(PARTS, size // 8, 2))
-    said("ran other motors, sensors and controllers")
+    done("ran other motors, sensors and controllers")
     margin, formula, product, *_ = rules
     slow = Rule("Ti ≥ T", lambda ds: ds["T"] / ds.ti, 1.0, 1.0)
     obeyed = {f"{rule.name} ≤ {rule.limit:g}": rule for rule in (margin, formula, product)}
     cures.write_cost(*cures.run_cost(COST, size // 4, {**obeyed, slow.name: slow}))
     cures.write_cures(*cures.run_cures(CURES, size, formula, shape, cautious))
-    said("ran what rules cost")
+    done("ran what rules cost")
     presets = of_presets()
     write_presets(presets, rules)
     draw_presets(presets, rules)
     draw_population(fresh, sizes, rules)
-    said("drew")
+    done("drew")

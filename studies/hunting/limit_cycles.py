@@ -19,13 +19,11 @@ from fastcoil.design.theory.operating_points import OperatingPoints
 from fastcoil.design.theory.plants import OPENINGS, Plants, frequency_response, loop_response, plants_of
 from fastcoil.model.moist_air import humidity_ratio
 from fastcoil.study.analysis.paired import share_of
-from studies.common import write_table
+from studies.common import HEATING_GAIN, loguniform, write_table
 from studies.days import HEATING, kinds, of_kind, settings
 
 HOURS, STEP_AT, STEP = 16, 2 * 3600, 1.5
 """Length of a constant day, h; when its set-point steps, s, and by how much, K."""
-HEATING_GAIN = 0.3
-"""The drawn kp is for cooling; a loop with warm water responds about three times as much."""
 
 
 class Population(NamedTuple):
@@ -58,20 +56,19 @@ def drawn(name: str, seed: int, n_loops: int, n_points: int) -> tuple[fc.Loop, d
     heats = of.loop.get("action") == "heating"
     draw = np.random.default_rng([seed, list(POPULATIONS).index(name)])
 
-    def loguniform(low: float, high: float) -> np.ndarray:
-        return np.exp(draw.uniform(np.log(low), np.log(high), n_loops))
-
-    backlash = np.where(draw.random(n_loops) < 0.5, loguniform(0.005, 0.15), draw.uniform(0.01, 0.15, n_loops))
+    backlash = np.where(
+        draw.random(n_loops) < 0.5, loguniform(draw, 0.005, 0.15, n_loops), draw.uniform(0.01, 0.15, n_loops)
+    )
     backlash[::8] = 0.0
     values = {
         "backlash": backlash,
-        "rangeability": loguniform(20.0, 100.0),
-        "authority": loguniform(0.02, 0.9),
+        "rangeability": loguniform(draw, 20.0, 100.0, n_loops),
+        "authority": loguniform(draw, 0.02, 0.9, n_loops),
         "m_full": draw.uniform(1.2, 2.0, n_loops),
         "C_w": draw.uniform(8.8, 14.0, n_loops),
-        "C_c": loguniform(10.0, 30.0),
-        "kp": loguniform(0.005, 0.06) * (HEATING_GAIN if heats else 1.0),
-        "ti": loguniform(5.0, 600.0),
+        "C_c": loguniform(draw, 10.0, 30.0, n_loops),
+        "kp": loguniform(draw, 0.005, 0.06, n_loops) * (HEATING_GAIN if heats else 1.0),
+        "ti": loguniform(draw, 5.0, 600.0, n_loops),
         "sample_time": draw.choice([1.0, 5.0, 10.0, 15.0, 30.0, 60.0], n_loops),
         "sensor_time_constant": np.where(draw.random(n_loops) < 0.25, 0.0, draw.uniform(0.0, 60.0, n_loops)),
         "stroke_time": np.where(draw.random(n_loops) < 0.3, 0.0, draw.uniform(15.0, 150.0, n_loops)),

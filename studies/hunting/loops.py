@@ -17,6 +17,7 @@ from fastcoil.design.theory.plants import loop_response, plants_of
 from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SWING
 from fastcoil.model.moist_air import humidity_ratio
 from fastcoil.study.analysis.paired import share_of
+from studies.common import HEATING_GAIN, loguniform, pooled
 from studies.days import HEATING, of_kind, settings
 
 LEAST_GAIN = 0.2
@@ -81,8 +82,6 @@ WET, DRY = "wet cooling", "dry cooling"
 OPERATING = (WET, DRY, HEATING)
 HOURS, WARM_UP = 8, 3 * 3600
 BACKLASH = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
-HEATING_GAIN = 0.3
-"""The drawn kp is for cooling; a loop with warm water responds about three times as much."""
 SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
 STEP, STEP_AT, STEP_LASTS = 0.3, 2, 1
 """Of the set-point, K; hours before and after it."""
@@ -96,22 +95,19 @@ def valves(seed: int, size: int, wide: bool = False) -> fc.Loop:
     """
     draw = np.random.default_rng(seed)
 
-    def loguniform(low: float, high: float) -> np.ndarray:
-        return np.exp(draw.uniform(np.log(low), np.log(high), size))
-
-    m_full = loguniform(0.8, 3.0) if wide else np.full(size, 1.7)
+    m_full = loguniform(draw, 0.8, 3.0, size) if wide else np.full(size, 1.7)
     drawn = {
         "backlash": draw.choice(BACKLASH, size),
-        "rangeability": loguniform(20, 100),
-        "authority": loguniform(0.05, 0.9),
-        "C_w": m_full * loguniform(4.5, 15.0) if wide else draw.uniform(8.8, 14.0, size),
-        "C_c": loguniform(8.0, 80.0) if wide else loguniform(10.0, 30.0),
+        "rangeability": loguniform(draw, 20, 100, size),
+        "authority": loguniform(draw, 0.05, 0.9, size),
+        "C_w": m_full * loguniform(draw, 4.5, 15.0, size) if wide else draw.uniform(8.8, 14.0, size),
+        "C_c": loguniform(draw, 8.0, 80.0, size) if wide else loguniform(draw, 10.0, 30.0, size),
         "m_full": m_full,
         "sample_time": draw.choice([1.0, 2.0, 20.0, 60.0] if wide else [5.0, 10.0, 15.0, 30.0], size),
         "sensor_time_constant": draw.uniform(0.0, 120.0, size) if wide else draw.uniform(5.0, 60.0, size),
         "stroke_time": draw.uniform(0.0, 300.0, size) if wide else draw.uniform(30.0, 150.0, size),
-        "kp": loguniform(0.003, 0.2) if wide else loguniform(0.005, 0.15),
-        "ti": loguniform(3.0, 600.0) if wide else loguniform(4.0, 300.0),
+        "kp": loguniform(draw, 0.003, 0.2, size) if wide else loguniform(draw, 0.005, 0.15, size),
+        "ti": loguniform(draw, 3.0, 600.0, size) if wide else loguniform(draw, 4.0, 300.0, size),
     }
     return fc.Loop.preset("lbnl").assign(**{name: ("sample", values) for name, values in drawn.items()})
 
@@ -174,19 +170,13 @@ def both(loop: fc.Loop, day: fc.Boundary, found: xr.Dataset) -> xr.Dataset:
     return xr.merge([foreseen(loop, day), foretold, found, tuning], compat="override")
 
 
-def joined(parts: dict[str, xr.Dataset]) -> xr.Dataset:
-    """Parts by kind along ``day``, whose labels tell the kind."""
-    named = [ds.assign_coords(day=[f"{kind} {day}" for day in ds.day.values]) for kind, ds in parts.items()]
-    return xr.concat(named, "day", data_vars="all")
-
-
 def population(seed: int, size: int, days: int, wide: bool = False) -> xr.Dataset:
     """Loops in wet and dry cooling and in heating, at conditions of their own: (sample, day)."""
     loop, parts = valves(seed, size, wide), {}
     for kind in OPERATING:
         one, day = acting(loop, kind), conditions(kind, seed + 1, days)
         parts[kind] = both(one, day, simulated(one, day)).assign(overshoot=overshoot(one, kind, seed + 1, days))
-    return joined(parts)
+    return pooled(parts, data_vars="all")
 
 
 def overshoot(loop: fc.Loop, kind: str, seed: int, days: int) -> xr.DataArray:

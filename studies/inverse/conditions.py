@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import write_table
+from studies.common import along, write_table
 from studies.days import HEATING, STEPPED, of_kind, settings
 from studies.robustness.best_pi import PRESETS
 
@@ -46,8 +46,8 @@ def stepped_day() -> fc.Boundary:
 def tunings(n: int = 12) -> xr.Dataset:
     """Overshoot of a set-point step without backlash, and whether the loop hunts without and with 7 %."""
     kp, ti = np.geomspace(0.005, 0.12, n), np.geomspace(4.0, 600.0, n)
-    found = []
-    for preset in PLANTS.values():
+    found = {}
+    for plant, preset in PLANTS.items():
         loop = fc.Loop.preset(preset).assign(kp=kp, ti=ti, sample_time=[1.0, 5.0, 10.0, 30.0])
         T = {
             x_bl: fc.simulate(loop.assign(backlash=x_bl), stepped_day(), traces=["T_sup"], trace_interval=5).T_sup
@@ -55,8 +55,8 @@ def tunings(n: int = 12) -> xr.Dataset:
         }
         peak = T[0.0].sel(elapsed_time=slice(STEP_AT, None)).max("elapsed_time")
         overshoot = (peak - T_AFTER) / (T_AFTER - T_BEFORE)
-        found.append(xr.Dataset({"overshoot": overshoot, "alone": _hunts(T[0.0]), "hunts": _hunts(T[0.07])}))
-    return xr.concat(found, xr.DataArray(list(PLANTS), dims="plant", name="plant"))
+        found[plant] = xr.Dataset({"overshoot": overshoot, "alone": _hunts(T[0.0]), "hunts": _hunts(T[0.07])})
+    return along("plant", found)
 
 
 def _hunts(T_sup: xr.DataArray) -> xr.DataArray:
@@ -83,12 +83,12 @@ def hunting_rows(ds: xr.Dataset) -> list[list[str]]:
 def learned_when_quiet(n: int = 8) -> xr.DataArray:
     """Where the learner ends on a constant day, with few switches and little evidence: n × n gains."""
     kp, ti = np.geomspace(0.005, 0.08, n), np.geomspace(8.0, 600.0, n)
-    found = []
-    for preset in PLANTS.values():
+    found = {}
+    for plant, preset in PLANTS.items():
         loop = fc.Loop.preset(preset).assign(backlash=0.07, learning_step=0.007, backlash_estimate=0.007)
         loop = loop.assign(buffer=[1e-9, 0.001, 0.01], kp=kp, ti=ti, sample_time=[1.0, 5.0, 15.0, 30.0])
-        found.append(fc.simulate(loop, fc.constant_day(hours=24)).estimate_final)
-    return xr.concat(found, xr.DataArray(list(PLANTS), dims="plant", name="plant"))
+        found[plant] = fc.simulate(loop, fc.constant_day(hours=24)).estimate_final
+    return along("plant", found)
 
 
 def quiet_rows(end: xr.DataArray) -> list[list[str]]:
@@ -143,8 +143,8 @@ def heating(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
         "95 %, buffer 1 %": {"estimate_ratio": 0.95, "buffer": 0.01},
         "growing rule": GROWING,
     }
-    found = [_kept(fc.simulate(loop.assign(**values), of_kind(HEATING, seeds))) for values in remedies.values()]
-    return xr.concat(found, xr.DataArray(list(remedies), dims="remedy", name="remedy"))
+    days = of_kind(HEATING, seeds)
+    return along("remedy", {name: _kept(fc.simulate(loop.assign(**how), days)) for name, how in remedies.items()})
 
 
 def _kept(ds: xr.Dataset) -> xr.Dataset:

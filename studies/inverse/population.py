@@ -10,7 +10,7 @@ import xarray as xr
 from scipy.stats import t
 
 import fastcoil as fc
-from studies.common import results, write_table
+from studies.common import failures, results, signed, spread, write_table
 from studies.learning.learning import TOO_HIGH, TOO_LOW
 
 PAIRED = ["sample", "day"]
@@ -38,20 +38,17 @@ def benefit() -> None:
     pairs = fc.compare(ds, baseline={"controller": "pi"}, over=PAIRED, metrics="rmse", relative=True).rmse
     of_valve = ds[["rmse", "rmse_settled", "motor_travel"]].mean("day")
     relative = of_valve / of_valve.sel(controller="pi", drop=True) - 1.0
-    failed = int((ds.status > 0).sum())
     write_table(
         "inverse/population",
         f"A population of {ds.sizes['sample']:,} valves and loops on {ds.sizes['day']} days, against the plain PI of "
-        f"the same valve ({failed} of {ds.status.size:,} days failed)",
+        f"the same valve ({failures([ds])})",
         ["controller", "RMSE, mean change (95 % over valves and days)", "RMSE: 5 %, median, 95 % of the valves",
          "settled RMSE, median", "lower RMSE on", "motor travel, median"],
         (
             [
                 name,
-                "{:+.1f} % ({:+.1f} to {:+.1f})".format(*(100 * float(p.sel(statistic=s)) for s in
-                                                         ("mean", "low", "high"))),
-                ", ".join(f"{100 * float(relative.rmse.sel(controller=name).quantile(q)):+.0f} %"
-                          for q in (0.05, 0.5, 0.95)),
+                signed(*(100 * float(p.sel(statistic=s)) for s in ("mean", "low", "high")), digits=1),
+                spread(1.0 + relative.rmse.sel(controller=name)),
                 f"{100 * float(relative.rmse_settled.sel(controller=name).median()):+.0f} %",
                 f"{100 * float(p.sel(statistic='share_lower')):.0f} %",
                 f"× {1 + float(relative.motor_travel.sel(controller=name).median()):.2f}",

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import write_table
+from studies.common import SIZES, drawn_loops, write_table
 from studies.days import HEATING, STEPPED, kinds, of_kind, settings
 from studies.diagnosis.diagnosis import share
 
@@ -19,8 +19,6 @@ SEED, VALVES = 9214, 512
 DAYS = range(92141, 92146)
 LONG, LONG_HOURS = "stepped, 24 h", 24
 """A day of 24 h with a set-point step every half hour, for three of 8 h."""
-HEATING_GAIN = 0.3
-"""The drawn kp is for cooling; a loop with water of 40 °C responds about three times as much."""
 IDENTIFY = {
     "estimator": "identify", "estimate_share": 0.95, "buffer_ratio": 6.0, "buffer_noise": "measured",
     "buffer_swing": 0.1, "plant_gain": 20.0,
@@ -38,22 +36,7 @@ def population(seed: int = SEED, size: int = VALVES, heating: bool = False) -> f
     """Valves and loops along ``sample``."""
     draw = np.random.default_rng([seed, 5])
 
-    def loguniform(low: float, high: float) -> np.ndarray:
-        return np.exp(draw.uniform(np.log(low), np.log(high), size))
-
-    drawn = {
-        "backlash": draw.choice([0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15], size),
-        "rangeability": loguniform(20, 100),
-        "authority": loguniform(0.05, 0.9),
-        "C_w": draw.uniform(8.8, 14.0, size),
-        "C_c": loguniform(10, 30),
-        "kp": loguniform(0.005, 0.06) * (HEATING_GAIN if heating else 1.0),
-        "ti": loguniform(20, 300),
-        "sample_time": draw.choice([5.0, 10.0, 15.0, 30.0], size),
-        "noise_std": draw.uniform(0.0, 0.05, size),
-        "sensor_time_constant": draw.uniform(5, 60, size),
-        "stroke_time": draw.uniform(30, 150, size),
-    }
+    drawn = {"backlash": draw.choice([0.0, *SIZES], size), **drawn_loops(draw, size, heating=heating)}
     values = {name: ("sample", each) for name, each in drawn.items()}
     return fc.Loop.preset("lbnl").assign(m_full=1.7, estimate_ratio=0.0, **values)
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
 from fastcoil.study.analysis.paired import Share, share_of
-from studies.common import save_figure, write_table
+from studies.common import change_in_words, failures, pooled, save_figure, write_table
 from studies.days import STEPPED
 from studies.learning import learners_runs
 from studies.learning.learners_runs import (
@@ -30,7 +30,6 @@ from studies.learning.learners_runs import (
     harmed,
 )
 from studies.learning.learners_runs import LABELS as OF_KINDS
-from studies.remedies.tables import cell, pooled
 
 LABELS = {
     PI: "plain PI",
@@ -91,7 +90,7 @@ def cost_rows(run: Run) -> list[list[str]]:
         settled, travel = (
             100 * float(change(run, name, metric).median()) for metric in ("rmse_settled", "motor_travel")
         )
-        cells = [cell(run.ds, name, PI), f"{settled:+.0f} %", f"× {1 + travel / 100:.2f}"]
+        cells = [change_in_words(run.ds, name, PI), f"{settled:+.0f} %", f"× {1 + travel / 100:.2f}"]
         table.append([LABELS[name], *cells, *(_found(run, name) if name in estimators() else ["—"] * 4)])
     return table
 
@@ -126,15 +125,11 @@ def write(runs: list[Run]) -> None:
         f"{run.ds.sizes['sample']} {what} × {run.ds.sizes['day']} days"
         for run, what in ((loops, "loops"), (valves, "valves"))
     )
-    failed, days = (
-        sum(int(n) for n in counts)
-        for counts in (((run.ds.status > 0).sum() for run in runs), (run.ds.status.size for run in runs))
-    )
     finding, all_names = ([LABELS[name] for name in of] for of in (estimators(), remedies()))
     write_table(
         "learning/learners_failures",
         f"Wrong estimates at the end: off by more than 20 % of the backlash and 1 % of the stroke; {sizes} "
-        f"({failed} of {days:,} days failed)",
+        f"({failures(run.ds for run in runs)})",
         ["condition", *finding],
         failure_rows(runs),
     )

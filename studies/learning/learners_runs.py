@@ -6,7 +6,6 @@ one thing; the valves are drawn as in ``valve_population.toml``, with gains as s
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import product
@@ -18,10 +17,10 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.study.analysis.paired import Share, share_of
 from fastcoil.study.file.spec import read_study
-from studies.common import STUDIES
+from studies.common import HEATING_GAIN, STUDIES, along, loguniform, progress
 from studies.days import CONSTANT, DESIGN, HEATING, OUTDOOR_AIR, STEPPED, T_SET, WEATHER, kinds, of_kind, settings
 from studies.remedies import runs
-from studies.remedies.runs import HEATING_GAIN, picked
+from studies.remedies.runs import picked
 from studies.robustness.best_pi import PRESETS, simc_gains
 
 STUDY = STUDIES / "learning" / "learners.toml"
@@ -111,7 +110,7 @@ def _of_valves() -> Iterator[Condition]:
         yield Condition(f"{VALVES}: {LABELS[kind]}", plain, kind, VALVE_DAYS)
     yield Condition(MORNING, plain, STEPPED, VALVE_DAYS, steps_for=4)
     draw, n = np.random.default_rng(SEED), int(plain.coordinates()["sample"].size)
-    low = plain.assign(authority=("sample", np.exp(draw.uniform(np.log(0.02), np.log(0.1), n))))
+    low = plain.assign(authority=("sample", loguniform(draw, 0.02, 0.1, n)))
     small = plain.assign(backlash=("sample", draw.uniform(0.005, 0.02, n)))
     yield Condition(LOW_AUTHORITY, low, STEPPED, VALVE_DAYS)
     yield Condition(SMALL, small, STEPPED, VALVE_DAYS)
@@ -152,12 +151,12 @@ def controllers() -> dict[str, dict[str, object]]:
 
 def run(size: int | None = None) -> list[Run]:
     """Every controller under every condition; ``size``: only so many loops and valves."""
-    started, found = time.monotonic(), []
+    done, found = progress(), []
     for condition in conditions(size):
         ds = tried(condition)
         backlash = xr.DataArray(condition.loop["backlash"]).broadcast_like(ds.rmse.isel(controller=0, day=0, drop=True))
         found.append(Run(condition, ds, backlash))
-        print(f"{condition.name} after {time.monotonic() - started:.0f} s", flush=True)
+        done(condition.name)
     return found
 
 
@@ -166,12 +165,8 @@ def tried(condition: Condition) -> xr.Dataset:
     gain = simc_gains(condition.loop, HEATING if condition.kind == HEATING else STEPPED).plant_gain
     loop, days = condition.loop.assign(plant_gain=gain), condition.days()
     stroke = {KNOWN_STROKE: {"identify_stroke_time": loop["stroke_time"]}}
-    found = [
-        fc.simulate(loop.assign(**values | stroke.get(name, {})), days)[list(METRICS)].reset_coords(drop=True)
-        for name, values in controllers().items()
-    ]
-    names = list(controllers())
-    return xr.concat(found, xr.DataArray(names, dims="controller", name="controller"))
+    ran = {name: fc.simulate(loop.assign(**how | stroke.get(name, {})), days) for name, how in controllers().items()}
+    return along("controller", {name: ds[list(METRICS)].reset_coords(drop=True) for name, ds in ran.items()})
 
 
 def fails(run: Run, name: str, *, one: float = ONE) -> xr.DataArray:

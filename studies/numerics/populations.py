@@ -11,7 +11,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.model.moist_air import humidity_ratio
 from fastcoil.study.analysis.paired import share_of
-from studies.common import write_table
+from studies.common import along, write_table
 from studies.days import HEATING, WEATHER_FILE, kinds, of_kind, settings
 from studies.hunting.loops import acting, valves
 from studies.inverse.conditions import GROWING
@@ -32,9 +32,9 @@ VOLUMES = (4, 8, 16, 32, 64)
 
 def both_ways(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
     """A loop as printed and converged, along ``way``."""
-    parts = [fc.simulate(loop.assign(**how), day, seed=SEED).drop_vars(("air_march", "substeps"), errors="ignore")
-             for how in WAYS.values()]  # fmt: skip
-    return xr.concat(parts, xr.DataArray(list(WAYS), dims="way", name="way"), coords="minimal", compat="override")
+    ran = {way: fc.simulate(loop.assign(**how), day, seed=SEED) for way, how in WAYS.items()}
+    parts = {way: ds.drop_vars(("air_march", "substeps"), errors="ignore") for way, ds in ran.items()}
+    return along("way", parts, coords="minimal", compat="override")
 
 
 def hunting(size: int = VALVES, days: range = DAYS, weather: Path = WEATHER_FILE) -> dict[str, xr.Dataset]:

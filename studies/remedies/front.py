@@ -18,7 +18,7 @@ import fastcoil as fc
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 from fastcoil.study.file.sampling import sample_values
 from fastcoil.study.file.spec import read_study
-from studies.common import save_figure, write_table
+from studies.common import change_in_words, pooled, save_figure, write_table
 from studies.days import STEPPED
 from studies.remedies.runs import (
     BASELINE,
@@ -36,7 +36,7 @@ from studies.remedies.runs import (
     renamed,
     tuned,
 )
-from studies.remedies.tables import LABELS, cell, pooled
+from studies.remedies.tables import LABELS
 from studies.robustness.best_pi import simc_gains
 
 VALVES, SEED = 256, 20261123
@@ -116,9 +116,9 @@ def tuned_rows(own: dict[str, xr.Dataset]) -> list[list[str]]:
                 [
                     LABELS[name],
                     f"{price:g}",
-                    cell(ds, label, BASELINE),
+                    change_in_words(ds, label, BASELINE),
                     f"× {_ratio(ds, label, BASELINE):.2f}",
-                    cell(ds, label, peer),
+                    change_in_words(ds, label, peer),
                     f"× {float(travel.median()):.2f}",
                     f"{float(d.hunts.mean()):.1%}",
                 ]

@@ -6,13 +6,13 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import write_table
+from studies.common import change_in_words, pooled, write_table
 from studies.days import HEATING, kinds
 from studies.remedies import front, runs
 from studies.remedies import tables as remedies_tables
 from studies.remedies.front import MAIN, draw
 from studies.remedies.runs import DRAWN, FRESH_DAYS, SIMC, drawn_kp, of_remedies, on_days, picked, population, renamed
-from studies.remedies.tables import LABELS, backlash_rows, cell, cost_rows, pooled
+from studies.remedies.tables import LABELS, backlash_rows, cost_rows
 from studies.robustness.best_pi import simc_gains
 
 FOUND_VALVES = 256
@@ -64,8 +64,8 @@ def write_found(found: dict[str, xr.Dataset]) -> None:
         (
             [
                 LABELS[name],
-                cell(ds, name, DRAWN),
-                cell(found["stepped"], name, DRAWN),
+                change_in_words(ds, name, DRAWN),
+                change_in_words(found["stepped"], name, DRAWN),
                 good[LABELS[name]],
                 cost[LABELS[name]][2],
                 cost[LABELS[name]][4],
@@ -129,7 +129,7 @@ def rows(found: dict[str, dict[str, xr.Dataset]]) -> list[list[str]]:
     table = [["PI by SIMC, against that of play alone", *alone]]
     for remedy in OF_VALVES[1:]:
         cells = (
-            f"{cell(ds, remedy, SIMC)}, × {float(travels[name].sel(controller=remedy)):.2f}, "
+            f"{change_in_words(ds, remedy, SIMC)}, × {float(travels[name].sel(controller=remedy)):.2f}, "
             f"{int(means[name][remedy])}."
             for name, ds in of_variants.items()
         )

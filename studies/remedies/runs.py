@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -11,7 +10,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
-from studies.common import STUDIES
+from studies.common import HEATING_GAIN, STUDIES, along, progress
 from studies.days import DESIGN, HEATING, kinds, of_kind, settings
 from studies.robustness.best_pi import simc_gains
 
@@ -49,8 +48,6 @@ NO_PRICE, SOME_PRICE = 0.0, 0.1
 """What motor travel costs: price × log(travel) adds to log(error), so 7 % of the error buys half the travel at 0.1."""
 LEAST_TRAVEL = 0.1
 """Travel in 8 h below which nothing more is saved, strokes."""
-HEATING_GAIN = 0.3
-"""The drawn kp is for cooling; a loop with water of 40 °C responds about three times as much."""
 SIMC_VALVES = 512
 """The first so many valves run with the gains of SIMC, too."""
 BASELINE, DRAWN, SIMC = "best PI", "PI as found", "PI by SIMC"
@@ -98,11 +95,11 @@ def tuned(
         ds = fc.simulate(swept.assign(**settings(kind)), days)[["rmse", "motor_travel"]].reset_coords(drop=True)
         error = error + np.log(ds.rmse.fillna(np.inf)).mean("day")
         travel = travel + np.log(ds.motor_travel.clip(LEAST_TRAVEL)).mean("day")
-    found = []
+    found = {}
     for price in prices:
         at = (error + price * travel).argmin([f"{name}_factor" for name in grid])
-        found.append(xr.Dataset({n: simc[n] * factors[n].isel(at, missing_dims="ignore") for n in grid}))
-    best = xr.concat(found, xr.DataArray(list(prices), dims="price", name="price")).reset_coords(drop=True)
+        found[price] = xr.Dataset({n: simc[n] * factors[n].isel(at, missing_dims="ignore") for n in grid})
+    best = along("price", found).reset_coords(drop=True)
     return best.assign(plant_gain=simc.plant_gain).drop_vars("controller", errors="ignore")
 
 
@@ -156,12 +153,12 @@ def run(size: int | None) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset],
     best_found: dict[str, xr.Dataset] = {}
     simc_found: dict[str, xr.Dataset] = {}
     edges: dict[str, float] = {}
-    started = time.monotonic()
+    done = progress()
     for group in groups():
         simc = simc_gains(plain, group[0])
         best = tuned(plain, simc, group, GRID, [NO_PRICE]).isel(price=0, drop=True)
         edges[group[0]] = at_edge(best, simc)
-        print(f"tuned for {', '.join(group)} after {time.monotonic() - started:.0f} s", flush=True)
+        done(f"tuned for {', '.join(group)}")
         for kind in group:
             found = renamed(every_remedy(loop, best, kind, FRESH_DAYS), BASELINE)
             best_found[kind] = xr.concat([as_found(loop, kind), found], "controller")
@@ -170,7 +167,7 @@ def run(size: int | None) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset],
             twice = faster(few, simc.isel(first), kind, FRESH_DAYS)
             base = best_found[kind].sel(controller=[DRAWN, BASELINE]).isel(first)
             simc_found[kind] = xr.concat([base, by_simc, twice], "controller")
-            print(f"ran {kind} after {time.monotonic() - started:.0f} s", flush=True)
+            done(f"ran {kind}")
     return best_found, simc_found, edges
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-import fastcoil as fc
-from studies.common import write_table
+from studies.common import change_in_words, failures, pooled, spread, write_table
 from studies.remedies.runs import BASELINE, SIMC
 
 LABELS = {
@@ -44,26 +43,6 @@ def ordered(ds: xr.Dataset) -> list[str]:
     return [name for name in LABELS if name in ds.controller.values]
 
 
-def pooled(found: dict[str, xr.Dataset]) -> xr.Dataset:
-    """All kinds of days as one dim of days."""
-    parts = [ds.assign_coords(day=[f"{kind} {day}" for day in ds.day.values]) for kind, ds in found.items()]
-    return xr.concat(parts, "day")
-
-
-def cell(ds: xr.Dataset, name: str, baseline: str) -> str:
-    """Mean change of RMSE in pairs, and its interval over valves and days.
-
-    Every valve meets every day: the variances of the means of valves and of the means of days add up, and the days
-    give the degrees of freedom.
-    """
-    if name == baseline:
-        return "0"
-    pair = ds[["rmse", "status"]].sel(controller=[baseline, name])
-    paired = fc.compare(pair, baseline={"controller": baseline}, over=["sample", "day"], metrics="rmse", relative=True)
-    mean, low, high = (100 * float(paired.rmse.sel(controller=name, statistic=s)) for s in ("mean", "low", "high"))
-    return f"{mean:+.0f} % ({low:+.0f} to {high:+.0f})"
-
-
 def error_rows(found: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
     """A row for each remedy: the change of RMSE on each kind of day, and on all; the last row is what it changes."""
     of_kinds = [*found.values(), pooled(found)]
@@ -71,7 +50,10 @@ def error_rows(found: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
         "(RMSE of plain PI, median)",
         *(f"{float(ds.rmse.sel(controller=baseline).median()):.3f} K" for ds in of_kinds),
     ]
-    return [*([LABELS[name], *(cell(ds, name, baseline) for ds in of_kinds)] for name in ordered(of_kinds[0])), size]
+    return [
+        *([LABELS[name], *(change_in_words(ds, name, baseline) for ds in of_kinds)] for name in ordered(of_kinds[0])),
+        size,
+    ]
 
 
 def cost_rows(found: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
@@ -86,7 +68,7 @@ def cost_rows(found: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
         table.append(
             [
                 LABELS[name],
-                ", ".join(f"{100 * float(of_valves.quantile(q)) - 100:+.0f} %" for q in (0.05, 0.5, 0.95)),
+                spread(of_valves),
                 f"{float((of_valves > 1.0 + NO_CHANGE).mean()):.0%}",
                 f"{100 * float(settled.median()) - 100:+.0f} %",
                 f"× {float(travel.median()):.2f}",
@@ -110,10 +92,10 @@ COST = [
 def backlash_rows(found: dict[str, xr.Dataset], baseline: str, backlash: xr.DataArray) -> list[list[str]]:
     """Median change of RMSE by true backlash, over all kinds of days; 0 shows the harm."""
     error = pooled(found).rmse.mean("day")
-    change = error / error.sel(controller=baseline) - 1.0
+    relative = error / error.sel(controller=baseline) - 1.0
     table = []
     for name in ordered(pooled(found)):
-        of_remedy = change.sel(controller=name)
+        of_remedy = relative.sel(controller=name)
         cells = (of_remedy.isel(sample=(backlash == x).values) for x in np.unique(backlash))
         table.append([LABELS[name], *(f"{100 * float(part.median()):+.0f} %" for part in cells)])
     return table
@@ -130,14 +112,12 @@ def write(
     ):
         first, sizes = next(iter(found.values())), backlash.isel(sample=slice(0, None))
         sizes = sizes.isel(sample=slice(0, first.sizes["sample"]))
-        failed, days = (sum(int(n) for n in counts) for counts in (
-            ((ds.status > 0).sum() for ds in found.values()), (ds.status.size for ds in found.values())))  # fmt: skip
         where = f"{first.sizes['sample']:,} valves and loops, {first.sizes['day']} days of each kind"
         gains = "the best gains of each valve's plain PI" if baseline == BASELINE else "the gains of SIMC"
         write_table(
             f"remedies/{of}",
             f"RMSE with {gains}: mean change against plain PI with these gains (95 % over valves and days); {where} "
-            f"({failed} of {days:,} days failed{notes})",
+            f"({failures(found.values())}{notes})",
             ["remedy", *found, "all"],
             error_rows(found, baseline),
         )

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import write_table
+from studies.common import along, change_in_words, write_table
 from studies.days import HEATING, HEATING_SET, T_SET, kinds, of_kind, settings
 
 PRESETS = ("paper_like", "paper_like_fast", "lbnl", "g36")
@@ -109,12 +109,8 @@ def _of(loop: fc.Loop, name: str) -> xr.DataArray:
 def along_tuning(loop: fc.Loop, kind: str, best: xr.Dataset) -> fc.Loop:
     """The loop with its own gains, the best and those of SIMC, along a dim ``tuning``."""
     own = xr.Dataset({"kp": _of(loop, "kp"), "ti": _of(loop, "ti")})
-    gains = xr.concat(
-        [own, best, simc_gains(loop, kind)],
-        xr.DataArray(["preset", "best", "SIMC"], dims="tuning", name="tuning"),
-        coords="minimal",
-        compat="override",
-    )
+    tunings = {"preset": own, "best": best, "SIMC": simc_gains(loop, kind)}
+    gains = along("tuning", tunings, coords="minimal", compat="override")
     return loop.assign(kp=gains.kp, ti=gains.ti, **settings(kind))
 
 
@@ -130,11 +126,9 @@ def rows(preset: str) -> list[list[str]]:
 
 def _on_fresh_days(preset: str, loop: fc.Loop, kind: str) -> list[list[str]]:
     ds = fc.simulate(loop, of_kind(kind, FRESH_DAYS))
-    paired = fc.compare(ds, baseline={"tuning": "preset"}, over="day", metrics="rmse", relative=True)
     found = []
     for name in ds.tuning.values:
-        d, p = ds.sel(tuning=name), paired.sel(tuning=name)
-        change, low, high = (100 * float(p.rmse.sel(statistic=s)) for s in ("mean", "low", "high"))
+        d = ds.sel(tuning=name)
         found.append(
             [
                 f"`{preset}`",
@@ -142,7 +136,7 @@ def _on_fresh_days(preset: str, loop: fc.Loop, kind: str) -> list[list[str]]:
                 str(name),
                 f"{float(d.kp):.3g}, {float(d.ti):.3g}",
                 f"{float(d.rmse.mean()):.3f}",
-                "—" if name == "preset" else f"{change:+.0f} % ({low:+.0f} to {high:+.0f})",
+                "—" if name == "preset" else change_in_words(ds, name, "preset", "tuning"),
                 f"{float(d.rmse_settled.mean()):.3f}",
                 f"{float(d.motor_travel.mean()):.1f}",
                 f"{float(d.reversals.mean()):.0f}",

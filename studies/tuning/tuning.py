@@ -23,7 +23,7 @@ from fastcoil.design.tuning.space import space_of
 from fastcoil.design.tuning.split import Group
 from fastcoil.model.metric_table import WARM_UP
 from fastcoil.study.analysis.paired import share_of
-from studies.common import write_table
+from studies.common import along, change_in_words, mean_change, signed, write_table
 from studies.days import HEATING, kinds, of_kind, settings
 from studies.robustness.best_pi import best_gains
 
@@ -112,8 +112,8 @@ def rivals(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, xr.Datase
     found = {}
     for kind in case.kinds:
         days = of_kind(kind, FRESH_DAYS)
-        each = [fc.simulate(loop, days)[list(KEPT)].reset_coords(drop=True) for loop in loops.values()]
-        ds = xr.concat(each, xr.DataArray(list(loops), dims="tuning", name="tuning"))
+        each = {n: fc.simulate(loop, days)[list(KEPT)].reset_coords(drop=True) for n, loop in loops.items()}
+        ds = along("tuning", each)
         found[kind] = ds.assign_coords(backlash=("sample", np.asarray(fresh["backlash"])))
     return found, words
 
@@ -147,23 +147,14 @@ def answers(case: Case, found: dict[str, xr.Dataset], settings_of: dict[str, str
     return rows
 
 
-def paired(ds: xr.Dataset, tuning: str) -> tuple[float, float, float]:
-    """Mean change of RMSE against the preset, per cent, with its interval over valves and days."""
-    with_presets = ds.sel(tuning=[OWN, tuning])
-    found = fc.compare(with_presets, baseline={"tuning": OWN}, over=["sample", "day"], metrics="rmse", relative=True)
-    mean, low, high = (100 * float(found.rmse.sel(tuning=tuning, statistic=s)) for s in ("mean", "low", "high"))
-    return mean, low, high
-
-
 def kind_rows(case: Case, found: dict[str, xr.Dataset]) -> list[list[str]]:
     """A row for each kind of day: every tuning against the preset."""
     rows = []
     for kind, ds in found.items():
         cells = []
         for tuning in (SIMC, BEST, PI, INVERSE):
-            mean, low, high = paired(ds, tuning)
             travel = float(ds.motor_travel.sel(tuning=tuning).mean() / ds.motor_travel.sel(tuning=OWN).mean())
-            cells.append(f"{mean:+.0f} % ({low:+.0f} to {high:+.0f}), × {travel:.2f}")
+            cells.append(f"{change_in_words(ds, tuning, OWN, 'tuning')}, × {travel:.2f}")
         rows.append([case.words, kind, f"{float(ds.rmse.sel(tuning=OWN).mean()):.3f}", *cells])
     return rows
 
@@ -175,11 +166,10 @@ def failures(case: Case, found: dict[str, xr.Dataset]) -> list[list[str]]:
         groups = {"all": ds, "X = 0": ds.isel(sample=(ds.backlash == 0.0).values)}
         for tuning in (SIMC, BEST, PI, INVERSE):
             for words, group in groups.items():
-                mean, low, high = paired(group, tuning)
+                change = mean_change(group, tuning, OWN, "tuning")
                 hunting = share_of(group.hunts.sel(tuning=tuning))
-                if low > 0.0 or hunting.low > HUNTING:
-                    cells = [f"{mean:+.0f} % ({low:+.0f} to {high:+.0f})", str(hunting)]
-                    rows.append([case.words, kind, tuning, words, *cells])
+                if change[1] > 0.0 or hunting.low > HUNTING:
+                    rows.append([case.words, kind, tuning, words, signed(*change), str(hunting)])
     return rows
 
 

@@ -13,12 +13,11 @@ its own place in its own gap.
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import xarray as xr
 
 import fastcoil as fc
+from studies.common import progress
 from studies.days import CONSTANT, STEPPED, of_kind
 from studies.remedies.runs import picked
 from studies.wear.runs import controllers, valves
@@ -204,10 +203,10 @@ def threshold_of(found: Estimates, detector: str) -> float:
 
 def run(which: tuple[int, ...]) -> Estimates:
     """The estimates on the days that the thresholds are chosen on, or on fresh ones."""
-    started, found = time.monotonic(), {}
+    done, found = progress(), {}
     cases = (STEADY, GOOD) if which == CHOSEN_ON else (STEADY, GOOD, AT_ONCE, SLOWLY)
     for kind in KINDS:
         for case in cases:
             found[case, kind] = estimates(case, kind, which)
-            print(f"{kind}, {case} after {time.monotonic() - started:.0f} s", flush=True)
+            done(f"{kind}, {case}")
     return found

@@ -6,7 +6,6 @@ if the gap did not change how the stem moves, the gap of a valve would grow by s
 
 from __future__ import annotations
 
-import time
 import warnings
 from functools import cache
 from typing import NamedTuple
@@ -16,10 +15,10 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
-from studies.common import STUDIES
+from studies.common import HEATING_GAIN, STUDIES, along, progress
 from studies.days import CONSTANT, HEATING, STEPPED, WEATHER_FILE, of_kind, settings
 from studies.learning.learners_runs import ONE, ROUND_OFF, TWENTY
-from studies.remedies.runs import HEATING_GAIN, picked
+from studies.remedies.runs import picked
 from studies.robustness.best_pi import simc_gains
 
 STUDY = STUDIES / "wear" / "wear.toml"
@@ -166,11 +165,11 @@ class Run(NamedTuple):
 
 def run(size: int | None = None, first: int = FRESH, chosen: list[str] | None = None) -> list[Run]:
     """Every controller on every sequence; ``size``: only so many valves; ``chosen``: only these sequences."""
-    started, found = time.monotonic(), []
+    done, found = progress(), []
     for sequence in sequences(first):
         if chosen is None or sequence.name in chosen:
             found.append(lived(sequence, size))
-            print(f"{sequence.name} after {time.monotonic() - started:.0f} s", flush=True)
+            done(sequence.name)
     return found
 
 
@@ -180,8 +179,7 @@ def lived(sequence: Sequence, size: int | None = None) -> Run:
     plain = _metrics(loop, days)
     growth = growths(loop) * (0.0 if sequence.in_steps or sequence.is_good else 1.0)
     loop = loop.assign(wear_rate=rates(growth, plain))
-    found = [_metrics(loop.assign(**values), days) for values in controllers().values()]
-    ds = xr.concat(found, xr.DataArray(list(controllers()), dims="controller", name="controller"))
+    ds = along("controller", {name: _metrics(loop.assign(**how), days) for name, how in controllers().items()})
     return Run(sequence, ds, plain, xr.DataArray(loop["backlash"]), growth)
 
 

@@ -9,10 +9,9 @@ from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 from fastcoil.study.analysis.paired import share_of
-from studies.common import save_figure, write_table
+from studies.common import change_in_words, failures, save_figure, write_table
 from studies.days import CONSTANT, STEPPED
 from studies.learning.learners_runs import HARM
-from studies.remedies.tables import cell
 from studies.wear import detect
 from studies.wear import runs as wear_runs
 from studies.wear.detect import (
@@ -89,7 +88,7 @@ def cost_rows(runs: list[Run]) -> list[list[str]]:
             counted = run.ds.isel(day=np.flatnonzero(run.ds.rmse.notnull().all(["controller", "sample"])))
             travel = 1.0 + float(of_year(run, name, "motor_travel").median())
             wears = (grown(run, name) / grown(run, PI)).where(run.growth > 0.0)
-            cells.append(f"{cell(counted, name, PI)}, × {travel:.2f}, × {float(wears.median()):.2f}")
+            cells.append(f"{change_in_words(counted, name, PI)}, × {travel:.2f}, × {float(wears.median()):.2f}")
         rows.append([LABELS[name], *cells])
     return rows
 
@@ -187,12 +186,11 @@ def write(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
     worn = [run for run in runs if not run.sequence.is_good]
     by_law = [run for run in worn if not run.sequence.in_steps]
     names = [LABELS[name] for name in others()]
-    failed, n = sum(int((run.ds.status > 0).sum()) for run in runs), sum(run.ds.status.size for run in runs)
     sizes = f"{runs[0].ds.sizes['sample']} valves × {DAYS} days that stand for a year"
     write_table(
         "wear/wear_follow",
         f"Wrong estimates in the last {LAST} days: off by more than 20 % of the gap and 1 % of the stroke; {sizes} "
-        f"({failed} of {n:,} days failed)",
+        f"({failures(run.ds for run in runs)})",
         ["days", *names],
         follow_rows(worn),
     )
