@@ -1,12 +1,7 @@
-"""A result as a tidy table: a row for each scenario-day, in pieces, so that a million rows need little memory.
+"""Tables of a result: CSV and Parquet with a row for each scenario-day, LaTeX with medians and their scatter.
 
-CSV with what the table is of in comment lines, and units in the header.
-
-Parquet: plain names, units and meanings in the fields' metadata, the study in that of the file.
-
-Text of anybody in TeX: labels in a table, titles in BibTeX.
-
-LaTeX: a booktabs table of medians, with the scatter over valves, days and noise, ready to be input.
+CSV says in comment lines of which study it is, and has units in the header; Parquet has them in its metadata.  Rows are
+made in pieces, so that a million of them need little memory.
 """
 
 from __future__ import annotations

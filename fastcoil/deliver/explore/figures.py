@@ -299,7 +299,7 @@ def cell_of(axis: Axis, value: float) -> float:
 
 
 def map_figure(on_tap: Callable[[int, int], None]) -> MapFigure:
-    """Make it.  on_tap: called with the cell that somebody clicks, x first."""
+    """Make it.  on_tap: called with the cell that is clicked, x first."""
     cells = ColumnDataSource({name: [] for name in ("x", "y", "value", "at_x", "at_y")}, name="cells")
     point = ColumnDataSource({"x": [], "y": []}, name="here")
     fig = _figure("map", Range1d(-0.5, 15.5), Range1d(-0.5, 11.5), title="Map: click to move the ring")

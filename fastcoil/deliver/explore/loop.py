@@ -175,7 +175,7 @@ class Run(NamedTuple):
 
 
 def run(scene: Scene) -> Run:
-    """Simulate a loop, twice more without what may be to blame or to thank, and ask theory."""
+    """Simulate a loop as it is, without its gap and without compensation, and predict it."""
     loop = scene.loop
     ds = simulate(
         loop.assign(**_cases(loop)), scene.day, traces=TRACES, trace_interval=EVERY, warm_up=scene.warm_up,

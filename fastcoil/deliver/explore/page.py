@@ -1,7 +1,4 @@
-"""Sliders and choices, which stand where the settings stand.
-
-What a session shows: figures, controls and texts, put together.
-"""
+"""What a session shows: sliders and menus, figures and texts."""
 
 from __future__ import annotations
 
@@ -53,7 +50,7 @@ _SHOWN = "const value = Number(steps[Math.round(tick)] * factor); return Number(
 
 
 class DialControl:
-    """A slider over the steps of a dial; a value between them becomes a step of its own."""
+    """A slider over the steps of a dial; a value between them is added as a step."""
 
     def __init__(self, dial: Dial, turn: Turn) -> None:
         self.dial = dial
@@ -72,7 +69,7 @@ class DialControl:
         return {"steps": self.steps, "factor": self.dial.factor, "unit": self.dial.unit.replace(" of stroke", "")}
 
     def show(self, value: float) -> None:
-        """Move the slider without telling anybody."""
+        """Move the slider without calling ``turn``."""
         at = bisect_left(self.steps, value)
         self._quiet = True
         if at == len(self.steps) or self.steps[at] != value:
@@ -100,7 +97,7 @@ class ChoiceControl:
         self.widget.on_change("value", lambda _, __, word: None if self._quiet else turn(choice.name, word))
 
     def show(self, word: str, words: Mapping[str, str]) -> None:
-        """Select a word of those that are allowed, without telling anybody."""
+        """Select one of the allowed words without calling ``turn``."""
         self._quiet = True
         self.widget.options = list(words.items())
         self.widget.value = word
@@ -108,7 +105,7 @@ class ChoiceControl:
 
 
 class Controls:
-    """All sliders and menus.  turn: called with the name and the new value of what somebody moves."""
+    """All sliders and menus.  turn: called with the name and the new value of what is moved."""
 
     def __init__(self, starts: Mapping[str, Start], turn: Turn) -> None:
         self._starts = starts
@@ -191,7 +188,7 @@ class Page:
         self._say(headline=first_words)
 
     def waits(self, settings: Settings) -> None:
-        """Say at once that what is shown is no longer what the controls say."""
+        """Mark what is shown as outdated."""
         self.controls.show(settings)
         self._say(phase="loop", problems="")
 

@@ -139,7 +139,7 @@ def _sweep(model: Model, settings: Settings) -> Map | InputError:
 
 
 ADDRESS = "127.0.0.1"
-"""Nobody else in the network reaches it."""
+"""Not reachable from the network."""
 _NAMES = ("localhost", ADDRESS)
 _THREADS = 2
 COMPILING = "Compiling the simulator, once: about 20 s.  The page then begins by itself."
@@ -147,9 +147,9 @@ STARTING = "Starting …"
 
 
 class _FromHere(Matcher):  # type: ignore[misc]
-    """Lets pass what the page itself asks: all else is not found.
+    """Lets requests of the page itself pass; anything else is not found.
 
-    Neither a page of somebody else whose name leads here (DNS rebinding: the Host is theirs), nor one that opens a
+    Neither a foreign page whose name leads here (DNS rebinding: the Host is theirs), nor one that opens a
     socket to here (the Origin is theirs), gets an answer.
     """
 
@@ -168,7 +168,7 @@ def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     Parameters
     ----------
     model
-        What all sessions ask.
+        Shared by all sessions.
     port
         0 takes any that is free.
     ready

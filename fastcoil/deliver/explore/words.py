@@ -18,8 +18,8 @@ _LOST = 0.5  # share of the time off the set-point from which a loop does not co
 _MORE = 1.5  # so many times the motor travel of the plain PI is chatter
 _ABOVE = 1.02
 """So many times the gap is an estimate that is too large: an estimator finds it to a few thousandths."""
-_FEW_TURNS = 2.0  # turns in 10 min that nobody calls chatter
-_CALM = 0.25  # settled swing from peak to peak up to which nobody would call a loop restless, K
+_FEW_TURNS = 2.0  # turns in 10 min that are no chatter yet
+_CALM = 0.25  # settled swing from peak to peak up to which a loop counts as calm, K
 _SEEN = 0.01  # K
 _HALF = 0.5
 
@@ -41,7 +41,7 @@ def headline(run: Run) -> str:
 
 
 def _error(run: Run, case: int) -> str:
-    """A control error that anybody can see."""
+    """The control error in words, if it can be seen at all."""
     error = run.value("rmse", case)
     return kelvin(error) if error >= _SEEN else f"below {_SEEN:g} K"
 

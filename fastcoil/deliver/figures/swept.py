@@ -240,6 +240,6 @@ def _contours(axes: Axes, x: Array, y: Array, values: Array) -> None:
 
 
 def _caption(axes: Axes, words: str, width: float) -> None:
-    """What is pooled, and what the marks are; of a single scenario there is nothing to tell."""
+    """What is pooled, and what the marks are; a single scenario needs neither."""
     if ": a single scenario" not in words or ";" in words:
         axes.set_title(wrapped(words, width, 7), loc="left", fontsize=7)

@@ -79,7 +79,7 @@ def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") 
 
 
 def versions(ds: xr.Dataset) -> Section:
-    """What made results, and the hashes that tell them from all others."""
+    """What made the results, and their hashes."""
     packages = _mapping(ds.attrs.get("package_versions"))
     made = [
         ("fastcoil", str(ds.attrs.get("fastcoil_version", "unknown"))),
@@ -101,7 +101,7 @@ def here() -> Section:
 
 
 def question(ds: xr.Dataset) -> str:
-    """The question that a study asks itself, or a sentence of what it sweeps."""
+    """The question of a study, or a sentence on what it sweeps."""
     asked = str(ds.attrs.get("summary", "")).strip()
     if asked:
         return asked

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 MOST_ROWS, _A_FEW_MORE = 12, 4
-"""Of a table along a swept parameter; whoever wants all of them opens the results."""
+"""Rows of a table along a swept parameter; all of them are in the results."""
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -208,7 +208,7 @@ class Page:
 
 
 def _shown(value: Any) -> Any:
-    """Text of anybody as it may be shown; what the template makes itself as it is."""
+    """Escape control characters of texts and cut long ones; what the template makes stays as it is."""
     if type(value) is not str or value.startswith("data:"):
         return value
     cut = value if len(value) <= _LONGEST else f"{value[:_LONGEST]}… ({len(value):,} characters)"

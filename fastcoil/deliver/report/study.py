@@ -70,7 +70,7 @@ class ComparedTable(NamedTuple):
 
 
 def comparisons(ds: xr.Dataset) -> list[ComparedTable]:
-    """One for every dimension with labels that a reader can tell apart."""
+    """A comparison for every dimension with labels."""
     ds = ds[[name for name in (*_SHOWN, "status") if name in ds]].where(ds["status"] == STATUS_OK).drop_vars("status")
     found, dims = [], [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
     ratio = next((d for d in _RATIOS if d in dims and bool((ds[d] == 0.0).any())), None)
@@ -251,7 +251,7 @@ def study_page(folder: Path) -> Page:
 
 
 def _billing(folder: Path, ds: xr.Dataset) -> tuple[Billing | None, str]:
-    """What its ``[tariff]`` asks; and why that is not known, for the files of the study may be gone."""
+    """The prices of its ``[tariff]``, or why they cannot be read: the files of the study may be gone."""
     if "tariff" not in study_tables(ds):
         return None, ""
     store = StudyFolder(folder)

@@ -1,6 +1,4 @@
-"""What ``compare`` returns: a Dataset, with a table of it for people.
-
-``compare``: paired differences against a baseline, over the days and noise realisations that both share.
+"""``compare``: paired differences against a baseline, as a Dataset and as a table for print.
 
 All controllers of a study see the same days and the same noise (common random numbers), so the difference within a
 pair says more than two means with their spread.

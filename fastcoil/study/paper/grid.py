@@ -1,16 +1,10 @@
-"""Kinds of days on which a claim is judged: set-points that step, as the paper's, or stand still, and design days.
+"""The simulations of `fastcoil paper`: those behind the figures, and a grid of tunings on several kinds of days.
 
-Days of all kinds with the same seed share air flow, water and noise, so that a claim is compared day by day.
-
-The simulations behind the paper's figures, as labelled Datasets.
-
-All of them run on the presets ``paper_like`` and ``paper_like_fast``: generic loops, searched for so that the
-paper's phenomena appear, not the paper's unpublished fit.  Nothing is digitised from its figures.
-
-The grid of tunings on which the paper's claims are judged: gains × sample times × ideal and real loops.
-
-Every simulation has the dim ``tuning``, with the presets first, by name, and those on days the dim ``kind``.  Nobody
-would accept a loop that hunts without any backlash: such tunings are tried and counted, but left out of the shares.
+The loops are the presets, generic and searched for so that the paper's phenomena appear, not the paper's unpublished
+fit, and for the grid gains × sample times × ideal and real loops.  Every simulation of the grid has the dim ``tuning``,
+with the presets first, by name, and those on days the dim ``kind``.  Tunings that hunt without any backlash are tried
+and counted, but left out of the shares.  Days of all kinds with the same seed share air flow, water and noise, so that
+a claim is compared day by day.  Nothing is digitised from the paper's figures.
 """
 
 from __future__ import annotations
@@ -43,7 +37,7 @@ MILDER = (0.0, 6.0)
 """By how much a design day is milder than the extreme, K: limits of what the seed draws."""
 OUTDOOR_FRACTIONS = (0.2, 0.6)
 """Limits of the share of outdoor air that the seed draws."""
-_STREAM = 20  # tells these draws from others with the same seed
+_STREAM = 20  # separates these draws from others with the same seed
 
 
 def stepped(hours: float, seeds: Sequence[int]) -> Boundary:
@@ -302,7 +296,7 @@ def best_gains(
     """The tunings with the best gains for the same plant and sample time: of the plain PI, and of the inverse of 95 %.
 
     Best is the lowest mean, over the kinds of days, of the RMSE relative to the lowest one on that kind, of all gains
-    with which the loop does not hunt without backlash: nobody would leave a loop so that a new valve makes it hunt.
+    with which the loop does not hunt without backlash: a new valve must not make it hunt.
     """
     tuning = xr.DataArray(loop["kp"])["tuning"]
     rows, which = np.unique([loop[n] for n in PLANT], axis=1, return_inverse=True)

@@ -1,11 +1,9 @@
-"""From booleans over the grid to a verdict: the share in which a claim holds, and where it does.
+"""The scorecard: every claim, its numbers, and in which share of the grid and where it holds, by kind of day.
 
 The rule: a claim *holds* if it does so in at least 95 % of the tunings and days, and *does not hold* if it does so in
 at most 5 %.  Between, it *holds only if* the tuning lies in a region: the one of ``REGIONS`` and their pairs that
 predicts best where the claim holds, by Youden's index (the share of the holding cases that lie inside, less that of the
 others).  The shares inside and elsewhere say how sharp the region is.
-
-The scorecard: every claim, its numbers and where it holds, by kind of day, as plain data.
 """
 
 from __future__ import annotations
