@@ -134,11 +134,8 @@ def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
 
 
 def shown(value: object) -> str:
-    """A value quoted in a message: on one line, truncated; its type if it has no usable ``repr``."""
-    try:
-        text = repr(value[:_LONGEST] if isinstance(value, (str, bytes, list, tuple)) else value)
-    except Exception:  # a user's class may raise anything; an int of more than 4,300 digits raises ValueError
-        text = "a number of too many digits" if isinstance(value, int) else f"<{type(value).__name__}>"
+    """A value quoted in a message: on one line, truncated."""
+    text = repr(value[:_LONGEST] if isinstance(value, (str, bytes, list, tuple)) else value)
     if not text.isprintable():
         text = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."

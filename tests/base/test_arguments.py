@@ -18,9 +18,7 @@ def test_numbers(value):
     assert is_number(value)
 
 
-@pytest.mark.parametrize(
-    "value", [True, np.True_, "1", None, 1j, [1], np.array([1.0]), np.timedelta64(1, "ns"), 10**400]
-)
+@pytest.mark.parametrize("value", [True, np.True_, "1", None, 1j, [1], np.array([1.0]), np.timedelta64(1, "ns")])
 def test_what_is_not_a_number(value):
     assert not is_number(value)
 

@@ -1,4 +1,4 @@
-"""No wrong call ends in anything but a sentence: every public function, every argument, a hundred hostile values."""
+"""A wrong argument of any public function gives a sentence: every argument, some fifty wrong values."""
 
 import inspect
 import random
@@ -21,9 +21,9 @@ from fastcoil.deliver.figures import study
 
 pytestmark = pytest.mark.kernel
 
-_SAMPLE = 500
+_SAMPLE = 400
 _LONGEST = 3000
-"""Letters of a message; one that lists all parameters has fewer."""
+"""Characters of a message."""
 _STUDY = """
 [loop]
 backlash = 0.05
@@ -205,7 +205,7 @@ def call(base, **changes):
 
 
 def faults(base, name, argument, value):
-    """What is wrong with the answer to a hostile value."""
+    """What is wrong with the answer to a wrong value."""
     said = f"{name}({argument}={value})"
     try:
         call(base, **{argument: HOSTILE[value]()})
