@@ -127,11 +127,6 @@ def inputs_of(study: Study) -> Inputs:
     A path that goes up from the study file does so in the archive as well: the study is placed deep enough.  An
     absolute path is part of the study and leads nowhere on another machine: its file is packed, and the README says
     where it must be.
-
-    Raises
-    ------
-    InputError
-        If the name of a file cannot be unpacked everywhere.
     """
     named = list(_named_files(study))
     if not named:

@@ -150,13 +150,7 @@ def _run_one(plan: Plan, flat: int) -> xr.Dataset:
 
 
 def find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:
-    """Position of the labels ``at``, as the command line gives them, along each dimension; one of length 1 needs none.
-
-    Raises
-    ------
-    InputError
-        For a dimension or label that there is not, and for a dimension without a label.
-    """
+    """Position along each dimension of the labels ``at``, given as text; a dimension of length 1 needs none."""
     known = f"it has {', '.join(labels)}" if labels else "it has none, leave --at out"
     problems = [
         f"--at {dim}: no dimension of the study{nearest(dim, labels)}; {known}" for dim in at if dim not in labels

@@ -1,1 +1,7 @@
-"""Reads a study file (TOML) into a validated study."""
+"""Reads a study file (TOML) into a validated study: strict, and with a sentence for every mistake.
+
+Read ``spec`` first, which puts a study together, then ``tables`` (shape of the file), ``loop`` (``[loop]``,
+``[sweep]``, ``[cases]``, files included), ``sampling`` (``[sample]``) and ``own_code`` (estimators, laws and
+reductions, read as text and not run).  ``schema`` derives the JSON Schema for editors; ``starters`` has the template
+and the studies to copy.
+"""

@@ -28,11 +28,6 @@ def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Read the parameters in the files that ``include`` in a study's ``[loop]`` names.
 
     Paths start from ``folder``.  Only the ``[loop]`` of a file is read; its ``[fit]`` is documentation.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each file that cannot be read or is no such file, and each parameter given twice.
     """
     names = loop.get("include", [])
     if not isinstance(names, list) or len(names) > _MOST_FILES or not all(isinstance(name, str) for name in names):

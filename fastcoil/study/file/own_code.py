@@ -44,11 +44,6 @@ def find_source(what: str, text: str, folder: Path) -> Source:
     """Find ``module:function``: ``module.py`` in ``folder`` if there is one, else a module that can be imported.
 
     what: the word of the study file that names it.
-
-    Raises
-    ------
-    InputError
-        If there is no such module, or it cannot be read.
     """
     module, _, function = text.partition(":")
     parts = module.split(".")
@@ -103,11 +98,6 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Sour
 
     Returns the file with the names of the rules in place of these words, and by name their sources and themselves,
     without their code.
-
-    Raises
-    ------
-    InputError
-        With a sentence for each that is not found, or declares no rule.
     """
     problems: list[str] = []
     found: dict[str, dict[str, Source]] = {kind: {} for kind in KINDS}
@@ -141,13 +131,7 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Sour
 
 
 def declared(kind: str, name: str, source: Source) -> Rule:
-    """The rule that a source declares: its decorator, and the class of its parameters, with numbers as defaults.
-
-    Raises
-    ------
-    InputError
-        If it declares none.
-    """
+    """The rule that a source declares: its decorator, and the class of its parameters, with numbers as defaults."""
     if is_word(name):
         raise InputError(f"{name} is taken, call the function something else")
     try:

@@ -35,7 +35,7 @@ _SMALLEST_SHARE = 2.0**-32
 
 @dataclass(frozen=True)
 class Distribution:
-    """A continuous distribution: the names of its arguments, what is wrong with them, and its scipy distribution."""
+    """A continuous distribution: the names of its arguments, what is wrong with them, and how scipy.stats makes it."""
 
     arguments: tuple[str, ...]
     problem: Callable[..., str | None]
@@ -65,33 +65,17 @@ def _spread(_mean: float, std: float, low: float, high: float) -> str | None:
     return _order(low, high) or (None if std > 0.0 else "the standard deviation must be above 0")
 
 
-def _uniform(low: float, high: float) -> Any:
-    from scipy import stats
-
-    return stats.uniform(low, high - low)
-
-
-def _loguniform(low: float, high: float) -> Any:
-    from scipy import stats
-
-    return stats.loguniform(low, high)
-
-
-def _truncnorm(mean: float, std: float, low: float, high: float) -> Any:
-    from scipy import stats
-
+def _truncnorm(stats: Any, mean: float, std: float, low: float, high: float) -> Any:
     return stats.truncnorm((low - mean) / std, (high - mean) / std, loc=mean, scale=std)
 
 
-def _triangular(low: float, mode: float, high: float) -> Any:
-    from scipy import stats
-
+def _triangular(stats: Any, low: float, mode: float, high: float) -> Any:
     return stats.triang((mode - low) / (high - low), loc=low, scale=high - low)
 
 
 DISTRIBUTIONS: dict[str, Distribution] = {
-    "uniform": Distribution(("lowest", "highest"), _order, _uniform),
-    "loguniform": Distribution(("lowest", "highest"), _positive_order, _loguniform),
+    "uniform": Distribution(("lowest", "highest"), _order, lambda stats, a, b: stats.uniform(a, b - a)),
+    "loguniform": Distribution(("lowest", "highest"), _positive_order, lambda stats, a, b: stats.loguniform(a, b)),
     "truncnorm": Distribution(("mean", "standard deviation", "lowest", "highest"), _spread, _truncnorm),
     "triangular": Distribution(("lowest", "most likely", "highest"), _inside, _triangular),
 }
@@ -224,9 +208,11 @@ def _quantiles(shape: Mapping[str, Any], share: np.ndarray) -> np.ndarray:
     if kind == CHOICE:
         values = np.array(arguments if isinstance(arguments[0], str) else [float(v) for v in arguments])
         return values[np.minimum((share * values.size).astype(np.int64), values.size - 1)]
+    from scipy import stats
+
     distribution = DISTRIBUTIONS[kind]
     named = dict(zip(distribution.arguments, map(float, arguments), strict=True))
     with np.errstate(over="ignore", invalid="ignore"):  # a range that overflows gives values that the loop refuses
-        quantiles = distribution.make(*named.values()).ppf(np.clip(share, _SMALLEST_SHARE, 1.0 - 2.0**-53))
+        quantiles = distribution.make(stats, *named.values()).ppf(np.clip(share, _SMALLEST_SHARE, 1.0 - 2.0**-53))
     low, high = named["lowest"], named["highest"]
     return np.asarray(np.clip(quantiles, np.nextafter(low, high), np.nextafter(high, low)))

@@ -95,11 +95,6 @@ def require_room(file: StudyFile) -> None:
     """Refuse a study of more scenarios than this machine can hold the metrics of.
 
     Tables that are wrong in another way count as 1, for whoever reads them to refuse.
-
-    Raises
-    ------
-    InputError
-        With the number of scenarios, what they need and what there is.
     """
     days = next((file.boundary[key] for key in ("seed", "days") if isinstance(file.boundary.get(key), list)), [0])
     sizes = [
@@ -121,11 +116,6 @@ def billing_of(table: TariffTable, layout: Layout | None) -> Billing:
     """The prices, and the labels with which costs are compared.
 
     layout: of the study, None where it could not be planned; the labels are then not checked.
-
-    Raises
-    ------
-    InputError
-        With a sentence for each price that cannot be, and each dimension or label that the study does not have.
     """
     tariff = tariff_of(table.model_dump(exclude={"baseline"}))
     baseline = dict(table.baseline)

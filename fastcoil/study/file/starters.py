@@ -95,13 +95,7 @@ class ShippedStudy:
 
 
 def shipped_studies() -> list[ShippedStudy]:
-    """All of them, by name.
-
-    Raises
-    ------
-    StorageError
-        If the installation has none.
-    """
+    """All of them, by name."""
     folders = (folder for folder in _folder().iterdir() if folder.is_dir())
     found = [file for folder in folders for file in folder.iterdir() if file.name.endswith(".toml")]
     found.sort(key=lambda file: file.name)
@@ -109,13 +103,7 @@ def shipped_studies() -> list[ShippedStudy]:
 
 
 def shipped_study(name: str) -> ShippedStudy:
-    """The study called ``name``.
-
-    Raises
-    ------
-    InputError
-        If no study has that name; it lists those that exist.
-    """
+    """The study called ``name``."""
     known = {study.name: study for study in shipped_studies()}
     if name not in known:
         raise InputError(f"--from {shown(name)}: no such study{nearest(name, known)}; choose one of {', '.join(known)}")

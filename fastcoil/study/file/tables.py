@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
@@ -15,53 +14,23 @@ from fastcoil.model.metric_table import TRACES, WARM_UP
 from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
 from fastcoil.study.analysis.cost import COP, CURRENCY, PRICES
 
-_MOST_PARTS = 20
-"""Parts of a dotted key: a study needs four.  The time to parse one rises with their square."""
 _DEEPEST = 20
 """Tables and lists inside each other: a study needs five."""
 LONGEST_KEY = 200
 """Characters; keys are labels of axes too."""
 _LARGEST_NUMBER = 8192
 """Bits; Python shows no number that is much longer."""
-_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?)"""
-_TOKEN = re.compile(
-    r'''"""(?:[^"\\]|\\.|"(?!""))*+(?:"{3,5}|\Z)|'{3}(?:[^']|'(?!''))*+(?:'{3,5}|\Z)|#[^\n]*+'''
-    rf"|(?P<key>{_PART}(?:[ \t]*+\.[ \t]*+{_PART})++)|{_PART}",
-    re.DOTALL,
-)
-"""A text of several lines, a comment, a dotted key, or one part of a key or a value.  Each is read once."""
-
-
 _FLATTEN = f"give at most {_DEEPEST}"
 
 
 def parse_toml(text: str, name: str) -> dict[str, Any]:
-    """The tables of a text.
+    """The tables of a text; messages call it ``name``.
 
-    Parameters
-    ----------
-    text
-        Lines end with LF or CRLF.
-    name
-        What messages call it.
-
-    Raises
-    ------
-    InputError
-        If it is not TOML; for a key with too many parts, tables in tables without end, keys and numbers too long to be
-        shown, and the character NUL in a text, at which the files of results would end it.
+    ``InputError`` if it is not TOML; for tables in tables without end, keys and numbers too long to be shown, and the
+    character NUL in a text, at which the files of results would end it.
     """
-    text = text.replace("\r\n", "\n")
-    for match in _TOKEN.finditer(text):
-        if match["key"] and match["key"].count(".") >= _MOST_PARTS:
-            row = text.count("\n", 0, match.start()) + 1
-            parts = len(re.findall(_PART, match["key"]))
-            if parts > _MOST_PARTS:
-                raise InputError(
-                    f"{name}: row {row} has a key of {parts:,} parts, {shown(match['key'])}: give at most {_MOST_PARTS}"
-                )
     try:
-        tables = tomllib.loads(text)
+        tables = tomllib.loads(text.replace("\r\n", "\n"))
     except RecursionError:
         raise InputError(f"{name} has tables or lists inside each other without end: {_FLATTEN}") from None
     except ValueError as error:  # also of a number with more digits than Python reads
@@ -101,7 +70,7 @@ def _problems(tables: dict[str, Any]) -> Iterator[str]:
 Value = TypeVar("Value")
 
 _MOST_HINTS = 20
-"""Unknown names for which the one that was probably meant is sought: it takes a millisecond each."""
+"""Unknown names for which a similar one is suggested: it takes a millisecond each."""
 _MOST_TRACES = 2 * len(TRACES)
 _EXAMPLES = {"search": "{ kp = [0.005, 0.1], ti = [5, 600] }", **{n: f"{price:g}" for n, (_, price) in PRICES.items()}}
 """Of what a table must have."""

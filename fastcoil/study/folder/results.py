@@ -89,15 +89,7 @@ def open_finished(folder: Path) -> xr.Dataset:
 
 
 def open_results(path: Path) -> xr.Dataset:
-    """Open whatever a user has of results: the folder of a study, its results.nc, or a NetCDF file of their own.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    StorageError, IntegrityError
-        If it cannot be read; if it is damaged.
-    """
+    """Open whatever a user has of results: the folder of a study, its results.nc, or a NetCDF file of their own."""
     if is_folder(path):
         return open_study(path)
     if path.name == RESULTS and exists(path.with_name(MANIFEST)):

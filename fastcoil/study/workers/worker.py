@@ -51,13 +51,7 @@ def receive(job: Job) -> None:
 
 
 def find_job(key: str) -> Job:
-    """A job that was received, with the code of its rules.
-
-    Raises
-    ------
-    InputError
-        If that makes another rule here.
-    """
+    """A job that was received, with the code of its rules."""
     job = _jobs[key]
     rules = job.plan.layout.loop.rules
     load_rules(rules, job.rules)

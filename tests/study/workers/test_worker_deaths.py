@@ -163,10 +163,10 @@ def test_a_scenario_that_always_hangs_is_crashed_and_no_other(study, tmp_path, m
 
 @pytest.mark.parametrize("backend", ["loky", pytest.param("dask", marks=pytest.mark.full)])
 def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_path, monkeypatch, backend):
-    monkeypatch.setattr(dispatch, "_MOST_DEATHS", 2)
+    monkeypatch.setattr(dispatch, "_MOST_DEATHS", 1)
     cut(monkeypatch, 10)
     harmed = failing_shards.harmful(study, failing_shards.killed, range(N_SCENARIOS))
-    with pytest.raises(FastcoilError, match="2 workers died in a row without a result") as caught:
+    with pytest.raises(FastcoilError, match="1 workers died in a row without a result") as caught:
         execute(harmed, tmp_path / "out", backend=backend, n_jobs=1)
     assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "out").exists()
@@ -221,7 +221,9 @@ def test_a_process_that_is_short_of_memory_is_replaced(study, golden, tmp_path, 
     assert finished.results.attrs["content_sha256"] == golden
 
 
-@pytest.mark.parametrize("backend", ["threads", pytest.param("loky", marks=pytest.mark.full), "dask"])
+@pytest.mark.parametrize(
+    "backend", ["threads", *(pytest.param(name, marks=pytest.mark.full) for name in ("loky", "dask"))]
+)
 def test_an_error_of_the_user_comes_through_and_what_is_finished_is_kept(
     small_study, golden, tmp_path, monkeypatch, backend, two_workers
 ):
