@@ -1,4 +1,8 @@
-"""The lower bound of ``buffer.py`` against simulation: turns that noise adds, and the buffer behind which they end."""
+"""Both bounds of the buffer against simulation.
+
+Lower: the turns that noise adds, and the buffer behind which they end.  Upper: the buffer's own cycle, alone and on
+days as they are.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,7 @@ from studies.days import CONSTANT
 BLOCKS_PER_HOUR = 6.0
 """``switch_frequency`` counts in 10 min."""
 NEAR = 1.3
-"""Factor within which a bound or a swing counts as foretold."""
+"""Factor within which a bound or a swing counts as predicted."""
 TIMES = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
 """Sample times of the table of factors, s."""
 TURNS = (3.0, 10.0, 30.0)
@@ -183,7 +187,7 @@ SEEN = 0.25
 
 
 class Cycles(NamedTuple):
-    """Of the days on which nothing changes: what is foretold, and what is seen; (swing, sample)."""
+    """Of the days on which nothing changes: what is predicted, and what is seen; (swing, sample)."""
 
     foretold: xr.DataArray
     seen: xr.DataArray

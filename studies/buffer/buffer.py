@@ -1,4 +1,7 @@
-"""What the rules for the buffer cost and bring in ``buffer.py``, and the loops on which no buffer fits."""
+"""How large should the buffer of a backlash inverse be?  Costs of the rules for it, the figure, and ``main``.
+
+The constants of the formulas in ``rule.py`` come from valves and days of one seed, the tables from others.
+"""
 
 from __future__ import annotations
 

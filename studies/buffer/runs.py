@@ -1,4 +1,4 @@
-"""The runs of ``buffer.py``: valves, loops, and buffers around both bounds, on every kind of day."""
+"""The simulations: valves, loops, and buffers around both bounds, on every kind of day."""
 
 from __future__ import annotations
 

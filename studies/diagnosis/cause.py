@@ -1,6 +1,6 @@
 """Why does a loop swing?  What a trend log alone tells, against simulations in which the cause is known.
 
-Run with ``python -m studies diagnosis_cause``.  Valves and loops are drawn so that about half of them hunt.  Each is
+Valves and loops are drawn so that about half of them hunt.  Each is
 simulated as it is, without its backlash, and, on days whose water or air swings, without that swing: so it is known
 whether it hunts, and of what.  ``fc.diagnose`` sees the log of the first simulation only.
 """

@@ -1,6 +1,6 @@
-"""Does the loop fitted to a trend log foretell what another valve or controller would do?  Foretold against simulated.
+"""Does the loop fitted to a trend log predict what another valve or controller would do?  Predicted against simulated.
 
-Run with ``python -m studies diagnosis_predictions``.  It simulates loops drawn over wide ranges, and loops
+It simulates loops drawn over wide ranges, and loops
  tuned so fast that many hunt, and asks the fitted loop of ``fastcoil.measured.diagnosis`` what each log would have been
 without the gap, with half the gain, and with an inverse of 95 % of the size found.  Then it simulates just that.  Only
 logs whose backlash is identified are asked.  The thresholds of the fit were chosen on loops of the seeds 501 and 601;
@@ -89,7 +89,7 @@ def simulated(kind: str, fast: bool) -> Simulated:
 def foretold(of: Simulated) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Backlash identified and whether a loop could be fitted, (days, valves); outcomes (days, valves, 1 + changes).
 
-    Nothing foretold is NaN; an outcome is RMSE, travel and whether it hunts.
+    Nothing predicted is NaN; an outcome is RMSE, travel and whether it hunts.
     """
     n = of.parameters["kp"].size
     interval = np.random.default_rng([SEED, 9]).choice(LOGGED, n)

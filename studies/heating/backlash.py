@@ -1,7 +1,7 @@
-"""What backlash does in a heating loop, which remedy helps or harms there, and whether theory foretells it.
+"""What backlash does in a heating loop, which remedy helps or harms there, and whether theory predicts it.
 
 Valves of 0 to 15 %, one of five without backlash, meet heating days of four kinds: set-points that step, a constant
-set-point, design days, and winter days of a weather file where there is one.  Called by ``heating.py``.
+set-point, design days, and winter days of a weather file where there is one.
 """
 
 from __future__ import annotations

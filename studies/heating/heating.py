@@ -1,4 +1,7 @@
-"""Figure of ``heating.py``: the coils at rest, a step of the set-point, and two hours with a worn valve."""
+"""Heating coils: how the presets are sized and tuned, whether they ring, and what backlash does to them.
+
+The gains are chosen on some conditions, without backlash; every number of the tables is of others.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What the backlash does: whether a loop hunts, how much, with which period, and whether somebody must start it.
+"""What size of backlash, kicks, motor, sensor and controller do to a loop that may hunt.
 
-The metric ``hunts`` asks for a swing of 0.1 K.  Here a loop cycles where its swing lasts, however small: it does not
+The metric ``hunts`` requires a swing of 0.1 K.  Here a loop cycles where its swing lasts, however small: it does not
 shrink from the third quarter of the day to the last.
 """
 

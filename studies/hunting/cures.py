@@ -1,4 +1,4 @@
-"""What a rule costs: the best gains that obey it against the best of all, on days that had no part in the search."""
+"""What a rule costs against the best gains of all, and which gain of a loop that hunts to change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The tables of ``hunting_rules.py``: error rates on fresh valves, other plants and other days, and rules of thumb."""
+"""Why a loop hunts: error rates of the rules, the maps, and ``main``.
+
+What is chosen is chosen on one set of valves and conditions and judged on others.  ``loops.py`` has valves, models and
+rules, ``backlash.py`` what size, kicks and parts do, ``cures.py`` what a rule costs and which gain to change.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Loops, plants and operating points for ``limit_cycles.py``, drawn at random, and the textbook's forecast."""
+"""How right ``fc.limit_cycle`` is: what it predicts beside what the emulator does.
+
+Loops, plants and operating points are drawn at random.  Each loop runs for 16 hours of constant air and water; a step
+of the set-point after two hours starts what can be started, and the last eight hours count.  Other kinds of days
+follow, predicted from their mean conditions.  ``choose`` prints how the threshold was chosen, on loops of another seed.
+"""
 
 from __future__ import annotations
 
@@ -147,7 +152,7 @@ Foretell = Callable[[fc.Loop, fc.Boundary, int], xr.Dataset]
 
 
 class Case(NamedTuple):
-    """A population beside what is foretold of it, both over (sample, day); at: the second that stands for the day."""
+    """A population beside what is predicted of it, both over (sample, day); at: the second that stands for the day."""
 
     loop: fc.Loop
     days: fc.Boundary
@@ -156,7 +161,7 @@ class Case(NamedTuple):
 
 
 def compared(population: str, seed: int, loops: int, points: int = POINTS) -> Case:
-    """Simulate a population and foretell it."""
+    """Simulate a population and predict it."""
     loop, conditions = drawn(population, seed, loops, points)
     days = constant_days(conditions, population)
     seen = fc.simulate(loop, days, warm_up=WARM_UP)
@@ -166,7 +171,7 @@ def compared(population: str, seed: int, loops: int, points: int = POINTS) -> Ca
 
 
 class Judged(NamedTuple):
-    """What was right where the set-point can be held and something is foretold (``among``), over (sample, day)."""
+    """What was right where the set-point can be held and something is predicted (``among``), over (sample, day)."""
 
     among: xr.DataArray
     hunts: xr.DataArray
@@ -267,7 +272,7 @@ def _bands(name: str, values: xr.DataArray, edges: tuple[float, ...], form: str)
 def foretold_with(
     loop: fc.Loop, days: fc.Boundary, of: Callable[[dict[str, np.ndarray], Plants], Cycles]
 ) -> xr.Dataset:
-    """What another way of reckoning foretells."""
+    """What another way of reckoning predicts."""
     points = OperatingPoints(loop, days, days.n_steps - 1)
     found = []
     for index in points.chunks():
@@ -305,7 +310,7 @@ PARTS = {
 
 
 def rows_of_days() -> Iterable[list[str]]:
-    """Every kind of day, foretold from its mean conditions."""
+    """Every kind of day, predicted from its mean conditions."""
     for kind in kinds():
         population = "heating" if kind == HEATING else "cooling"
         loop, _ = drawn(population, FRESH + 1, LOOPS, POINTS)

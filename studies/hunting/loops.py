@@ -1,4 +1,10 @@
-"""What is known of a loop before anything is simulated: a model of its plant from a small step, and its margins."""
+"""Valves, loops and conditions of the study of hunting, what is known of them before simulation, and the rules.
+
+A condition is air, water and set-point that stand still for a day: nothing but the loop itself can keep it swinging.
+Each day starts with a cold plant and a closed valve, so every loop gets its kick.  A rule is a number that a loop has,
+and a limit above which it is said to hunt; ``margin`` and the margins of Bode require the plant, the others what a step
+of the command shows: gain K, time constant T and dead time theta.
+"""
 
 from __future__ import annotations
 
@@ -192,7 +198,7 @@ def overshoot(loop: fc.Loop, kind: str, seed: int, days: int) -> xr.DataArray:
 
 
 def on_days(seed: int, size: int, kind: str, seeds: range) -> xr.Dataset:
-    """Other valves on days of a kind of ``kinds.py``, with noise: (sample, day); ``hunts`` is the metric."""
+    """Other valves on days of a kind of ``days.py``, with noise: (sample, day); ``hunts`` is the metric."""
     loop = acting(valves(seed, size), kind)
     loop = loop.assign(noise_std=("sample", np.random.default_rng([seed, 7]).uniform(0.0, 0.05, size)))
     day = of_kind(kind, seeds)
@@ -202,7 +208,7 @@ def on_days(seed: int, size: int, kind: str, seeds: range) -> xr.Dataset:
 POWERS, DELAYS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0), (0.0, 1.0, 2.0, 3.0, 4.0)
 """Powers of kp K and multiples of theta that are tried."""
 SURE = 0.995
-"""Share of the loops that hunt which the safe form of a rule has to foretell on the valves it is chosen on."""
+"""Share of the loops that hunt which the safe form of a rule has to predict on the valves it is chosen on."""
 FEW = 0.98
 """The same where the formula is used with a single step of the valve."""
 MODEL = ("K", "T", "theta")
@@ -249,7 +255,7 @@ def able(ds: xr.Dataset) -> xr.DataArray:
 
 
 def limits(found: xr.DataArray, hunts: xr.DataArray, among: xr.DataArray) -> tuple[float, float]:
-    """The limit with the best mean of sensitivity and specificity, and one that foretells ``SURE`` of what hunts."""
+    """The limit with the best mean of sensitivity and specificity, and one that predicts ``SURE`` of what hunts."""
     use = among.values.ravel()
     x, h = found.transpose(*among.dims).values.ravel()[use], hunts.transpose(*among.dims).values.ravel()[use] > 0.0
     order = np.argsort(x, kind="stable")
@@ -294,7 +300,7 @@ def errors(ds: xr.Dataset, rule: Rule, among: xr.DataArray | None = None) -> tup
 
 
 def share_written(holds: xr.DataArray, among: xr.DataArray, decimals: int = 1) -> str:
-    """A share with its interval; a dash where there is nobody to ask."""
+    """A share with its interval; a dash without any case."""
     return share_of(holds, among).written(decimals) if bool(among.any()) else "—"
 
 
@@ -333,6 +339,6 @@ def smallest(ds: xr.Dataset) -> xr.DataArray:
 
 
 def cautious(formula: Rule, ds: xr.Dataset) -> float:
-    """The limit with which the formula foretells ``FEW`` of what hunts, from a step at the smallest opening."""
+    """The limit with which the formula predicts ``FEW`` of what hunts, from a step at the smallest opening."""
     one = by_one_step(ds, smallest)
     return _rounded(float(formula.of(one).where(counted(one) & (one.hunts > 0.0)).quantile(1.0 - FEW)))

@@ -1,9 +1,8 @@
 """Under which conditions the observations of the paper hold.
 
 Does backlash alone make a loop hunt?  Does the error rise where the estimate exceeds the backlash?  Does the learner
-find the backlash on a quiet day?  What does the growing rule do to a good valve, and in heating?  Run with
-``python -m studies conditions`` to write the tables.  Plants are generic (the presets); the days are constant but for
-one set-point step, ``paper_day``, or those of ``kinds.py``.
+find the backlash on a quiet day?  What does the growing rule do to a good valve, and in heating?
+Plants are generic (the presets); the days are constant but for one set-point step, ``paper_day``, or those of ``days.py``.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ GROWING = {
     "learning_step": 0.028, "learning_interval": 900, "learning_ratio": 1.5, "buffer": 0.01, "learning_min_switches": 1,
     "learning_max_reference": 0.4, "learning_early_trip": 1, "learning_growth": 2, "learning_shrink": 0.5,
 }  # fmt: skip
-"""The one rule for all loops that ``learning.py`` chooses."""
+"""The one rule for all loops that the study of learning chooses."""
 HARM_DAYS = range(5101, 5106)
 HEATING_KP = 0.0045
 """A quarter of the gain of ``lbnl``: a loop with water of 40 °C responds about three times as much."""

@@ -1,6 +1,6 @@
 """Valve populations: how the benefit of an inverse is distributed, and what it depends on.
 
-Run with ``python -m studies population`` in the repository.  It runs ``valve_population.toml`` and
+It runs ``valve_population.toml`` and
 ``valve_sensitivity.toml`` where they are not finished in ``results/``, and writes their tables.
 """
 

@@ -1,6 +1,6 @@
 """How soon a controller finds its own backlash while it works, how often it is right, and what harm it does.
 
-Run with ``python -m studies identify_online``.  Valves and loops are drawn like those of ``remedies.toml``, with the
+Valves and loops are drawn like those of ``remedies.toml``, with the
 gains as somebody left them, on valves and days that no threshold was chosen on.  Right means: within 20 % of the true
 backlash or 1 % of the stroke.  Harm is measured against plain PI with the same gains, days and noise.
 """

@@ -1,4 +1,7 @@
-"""The tables of ``learners.py``: failures, harm, and what the estimates cost."""
+"""Estimators of the backlash under many conditions: tables of failures, harm and cost, the figure, and ``main``.
+
+The estimators are the rows of ``learners.toml``.  All estimators of a loop see the same days and the same noise.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Under which conditions ``learners.py`` tries the estimators: loops, valves and days.
+"""Conditions under which the estimators are tried, their simulation, and what counts as wrong or harm.
 
 The four loops are those on which the growing rule was chosen (``learning_step.toml``), each condition changing
 one thing; the valves are drawn as in ``valve_population.toml``, with gains as somebody left them.

@@ -1,8 +1,7 @@
 """Which learning rule to ship: tables and figures.
 
-Run with ``python -m studies learning`` in the repository.  It runs ``learning_step.toml`` and
-``learning_failures.toml`` where they are not finished in ``results/``, chooses a rule for each loop and noise, and
-tries the choice on fresh days.
+A rule is chosen for each loop and noise on ``learning_step.toml``, and tried on fresh days; ``learning_failures.toml``
+has noise and sample time, ``learner.toml`` the rule of the paper.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The figures of ``learning.py``: time against failures, maps over a rule's settings, maps over noise and sample time.
+"""The figures of the learning rules: time against failures, maps over settings, noise and sample time.
 
 Maps go from light (good) to dark (bad), with the number in each cell; bold numbers are safe.
 """

@@ -1,6 +1,6 @@
 """What the time step, the number of volumes and the air march of the coil do to results: which claims survive.
 
-Run with ``python -m studies numerics`` in the repository.  "As printed" is Eq (3) as the paper has it, one step a
+"As printed" is Eq (3) as the paper has it, one step a
 second with lagged air; "converged" is ``converged = true``.  What that word stands for was chosen on days 11 to 14; all
 that is written here comes from other days and valves.  This file has the four presets; ``populations.py`` has
 populations of valves and loops, and the coil at rest.

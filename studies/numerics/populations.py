@@ -1,4 +1,4 @@
-"""Populations of valves and loops as printed and converged, and the coil at rest: part of ``convergence.py``."""
+"""Populations of valves and loops as printed and converged, and the coil at rest."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The scorecard of the paper's claims as tables.
+"""The scorecard of the paper's claims, and its section 3 on one loop, as tables.
 
-Run with ``python -m studies paper`` in the repository: does what ``fastcoil paper`` does, into ``results/paper``.
-Where there is a weather file (see ``weather.toml``), the claims are judged on its summer days, too.
+Does what ``fastcoil paper`` does, into ``results/paper``.  Where there is a weather file (see ``weather.toml``), the
+claims are judged on its summer days, too.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Gains tuned for each remedy itself, and which remedy to choose: on other valves and days than ``remedies.py`` quotes.
+"""Gains tuned for each remedy itself, and which remedy to choose: on valves and days of their own.
 
 A remedy behind gains that were tuned for the plain PI is not the best it can do.  Here the main remedies get gains of
 their own, valve by valve, once for the error alone and then with a rising price of motor travel, which gives a curve of
-error over travel.  The choice of the page is made here; its numbers are those of ``remedies.py``, on valves and days
-that had no part in the choice.
+error over travel.  The choice of the page is made here; its numbers come from other valves and days.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""Remedies behind the gains as somebody left them: what to take where nobody may retune the loop."""
+"""Remedies for backlash against the best plain PI: error, travel and harm, on every kind of day.
+
+``runs.py``, ``tables.py``: what does every remedy do behind the best gains of its valve, and behind those of SIMC?
+``front.py``: and behind gains tuned for the remedy itself?  Here: and behind gains as somebody left them, and on valves
+with a neutral zone, stick-slip or a tight seat?  All remedies of a valve see the same days and the same noise.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""A rule of the user's own, the one of ``docs/own-rule.md``: count the mode switches every quarter of an hour."""
+"""Valves, gains, and every remedy behind the same gains on the same days.
+
+The valves, loops and remedies are those of ``remedies.toml``: one row there is one remedy here; half the gain, the user
+rule ``by_count`` of ``docs/own-rule.md`` and a perfect valve join them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of ``remedies.py``: changes of error with their intervals, what they cost, and harm on good valves."""
+"""Tables of remedies: changes of error with their intervals, what they cost, and harm on good valves."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 A preset or a tuning found in the field says little about a PI.  This script looks for the best gains of each preset's
 plant on a grid, on some days, and tries the choice on fresh days; beside it stand the gains that SIMC gives from a step
-of the open loop.  Run with ``python -m studies best_pi``.
+of the open loop.
 """
 
 from __future__ import annotations

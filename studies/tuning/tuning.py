@@ -3,7 +3,7 @@
 A population of valves, backlash 0 to 15 % and some without any, meets days of every kind.  ``fc.tune`` chooses gains
 for all of them, for a plain PI and for an inverse of 95 %, with no more motor travel than the preset and next to no
 hunting.  Fresh valves and fresh days say what that is worth, beside the preset, SIMC on each valve and the best plain
-PI of a valve with 7 %.  Run with ``python -m studies tuning``.
+PI of a valve with 7 %.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The tables of ``wear.py``: who follows, what it costs and wears, how long a motor lasts, and who notices."""
+"""A gap that grows: who follows it, what that saves and wears, how long the motor lasts, and who notices first.
+
+The valves and controllers are those of ``wear.toml``; a weather file (see ``weather.toml``) adds days of a real year.
+``runs.py`` has the year, ``detect.py`` the detectors, ``whole.py`` the check against 365 days.
+"""
 
 from __future__ import annotations
 

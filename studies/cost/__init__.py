@@ -1,0 +1,1 @@
+"""Whether backlash raises power, demand and the cost of energy."""

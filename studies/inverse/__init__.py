@@ -1,0 +1,4 @@
+"""When an inverse helps.
+
+``conditions``: where the paper's observations hold; ``population``: how the benefit is distributed over valves.
+"""

@@ -1,0 +1,1 @@
+"""Which kp, ti and buffer suit valves of any backlash."""

@@ -1,0 +1,1 @@
+"""What backlash costs in a year of weather."""
