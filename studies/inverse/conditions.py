@@ -1,8 +1,8 @@
 """Under which conditions the observations of the paper hold.
 
 Does backlash alone make a loop hunt?  Does the error rise where the estimate exceeds the backlash?  Does the learner
-find the backlash on a quiet day?  What does the growing rule do to a good valve, and in heating?
-Plants are generic (the presets); the days are constant but for one set-point step, ``paper_day``, or those of ``days.py``.
+find the backlash on a quiet day?  What does the growing rule do to a good valve, and in heating?  Plants are generic
+(the presets); the days are constant but for one set-point step, ``paper_day``, or those of ``days.py``.
 """
 
 from __future__ import annotations
