@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.design.theory.describing_function import describing_function
+from fastcoil.design.describing_function import describing_function
 from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, fit_plant, lagged, recover_pi
 from fastcoil.measured.identify import HORIZON
 from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SAMPLE, HUNTING_SWING, SETTLING_TIME, WARM_UP

@@ -28,7 +28,7 @@ from fastcoil.deliver.report.page import (
     setting,
     share,
 )
-from fastcoil.design.tuning.words import table_rows
+from fastcoil.design.tuning_result import table_rows
 from fastcoil.loops.labels import quantity, unit_in_words
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.measured.cause import WORDS
@@ -38,9 +38,9 @@ from fastcoil.measured.part import FITTING, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
-    from fastcoil.design.explanation.result import Explanation
-    from fastcoil.design.tuning.measures import Limit
-    from fastcoil.design.tuning.result import Tuning
+    from fastcoil.design.explain import Explanation
+    from fastcoil.design.measures import Limit
+    from fastcoil.design.tuning_result import Tuning
     from fastcoil.measured.diagnosis import Diagnosis
     from fastcoil.measured.fit import Fit
 
