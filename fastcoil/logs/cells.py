@@ -1,7 +1,4 @@
-"""How messages and notes say how many samples they mean and where the first one is.
-
-What a cell says: a number in the writing of a country, with a unit or a status, or that there is none.
-"""
+"""What a cell says: a number as written in some country, with a unit or a status, or that there is no value."""
 
 from __future__ import annotations
 

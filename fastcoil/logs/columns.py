@@ -1,9 +1,4 @@
-"""What a caller wants of a log and declares about it, and the checks of both.
-
-Columns of status beside the values, as building systems export them: which values they speak against.
-
-Which column of a log holds which series, and in which unit.
-"""
+"""How a log is to be read, and which of its columns holds which series, in which unit, with which status."""
 
 from __future__ import annotations
 

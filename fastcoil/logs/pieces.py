@@ -1,10 +1,6 @@
-"""Samples of a log on 1-s steps: held, or on straight lines between them.
+"""The time of a log: jumps, gaps, the unbroken pieces between, and its samples on 1-s steps.
 
-Logs of which a row is written when some value has changed, instead of every minute: their long steps are no gaps.
-
-The time of a log: where it jumps or has gaps, and the unbroken pieces between.
-
-A lag between two columns is to be sought piece by piece, as `number_pieces` numbers them.
+A log of changes has a row when a value has changed; its long steps are no gaps.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The cells of a column as checked numbers in our unit; bad ones are refused, or left out and counted.
+"""The cells of the columns as checked numbers in our units, and what becomes of the bad ones.
 
-What becomes of a log's bad values: measured ones are left out, single missing inputs bridged, other rows cut.
+They are refused; or else measured ones are left out, single missing inputs bridged, and other rows cut, all counted.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""The families of units in which a column may be logged, and how a unit is spelled.
-
-Every column that a log may have, once: name, meaning, units, bounds, and how it runs between samples.
+"""Every column that a log may have, once: name, meaning, units, bounds, and how it runs between samples.
 
 The checks of logs and of boundaries, and the attributes of a boundary's Dataset, derive from this table.
 """

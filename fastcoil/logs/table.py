@@ -1,10 +1,7 @@
-"""Where the table is in a file: what separates its columns, and the rows before the header and after the data.
+"""A CSV file or a Dataset as a table of text, with the mistakes found in it so far.
 
-A CSV file as a table of text, with the mistakes found in it so far.
-
-Read with the standard ``csv`` module.  Rows are numbered as a spreadsheet numbers them: a header at the top is row 1.
-
-A Dataset as the table of a CSV file, so that one reader checks both.
+The ``csv`` module splits the cells; the header is found among remarks, a row of units below it and a footer are
+recognised.  Rows are numbered as a spreadsheet numbers them: a header at the top is row 1.
 """
 
 from __future__ import annotations

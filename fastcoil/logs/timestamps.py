@@ -1,8 +1,8 @@
-"""Dates and times in the writing of a country: 01/07/2024 8:05 PM, 01.07.2024 20:05, 01-Jul-24 20:05:00 PDT.
+"""The column ``timestamp`` as seconds: ISO 8601, a national form, serial days of a spreadsheet, epoch.
 
-The column ``timestamp`` as seconds: ISO 8601, the writing of a country, serial days of a spreadsheet, epoch.
-
-Date and time of day in columns of their own, as many building systems export them, as one column of times.
+National forms are 01/07/2024 8:05 PM, 01.07.2024 20:05, 01-Jul-24 20:05:00 PDT and the like; the order of day and month
+comes from numbers above 12, or from the order in which time goes on, and is refused where neither shows it.  Date and
+time of day may have a column each.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Why a loop swings: the gap of its valve, its tuning, or something from outside.
-
-What the fitted loop would do with another valve, tuning or controller.
-"""
+"""Why a loop swings (the gap of its valve, its tuning, or a disturbance), and what would change it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A log of a coil as 1-s series, and the model run over it with many parameter sets at once.
-
-The least-squares problem of a coil: which samples are compared, which parameters are held, and its solution.
-"""
+"""The least-squares problem of a coil: the log as 1-s series, the model over many parameter sets, and its solution."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A log of any rhythm as samples at equal intervals: missing where it is silent, held where it has changes only.
+"""A log of any rhythm as samples at equal intervals, and the positions of motor and stem at these samples.
 
-Where motor and stem stood while a log was written, for many candidate sizes of the backlash at once.
+Values are missing where the log is silent, and held where it has changes only.
 """
 
 from __future__ import annotations

@@ -1,17 +1,16 @@
-"""What the commands of a log say about the controller: what moved them, and whether the columns fit in time.
+"""The backlash of a valve from the command and the supply temperature of a trend log, or why the log cannot tell.
 
-How well each candidate backlash explains the supply temperature of a log: a linear model, solved for all at once.
+First the command: what moved it, and whether it and the temperature are of one clock.  Then the likelihood of each
+candidate backlash, from a linear model that is solved for all candidates at once.
 
 The model is an ARIX: the change of the temperature over half a minute from its own changes before, those of known
 disturbances, and those of the opening and of its square, each a mean over half a minute that ends before the sample.
 It is linear in all but the backlash, so that each candidate takes one small set of normal equations (separable least
 squares, as in Jelali 2008).  The coefficients of the opening have a wide normal prior and are integrated out.
 
-A loop in closed loop has a trap.  The command between two samples answers temperatures that the model has not seen, so
-that the bare command foretells the temperature, and a candidate of 0 is its opening.  ``reaction`` gives the command
-itself coefficients of its own; then only what the play operator changes counts.
-
-The backlash of a valve from the command and the supply temperature of a trend log, or why the log cannot tell.
+Closed loops have a trap.  The command between two samples answers temperatures that the model has not seen, so that
+the command alone predicts the temperature, and a candidate of 0 is its opening.  ``reaction`` gives the command
+coefficients of its own; then only what the play operator changes counts.
 """
 
 from __future__ import annotations
@@ -310,7 +309,7 @@ def identify_backlash(
         return _cannot("no sample has both a command and a temperature with the plant on")
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     travel = interval / seconds if seconds > 0.0 else 1.0
-    log = _Log(_held(command), _held(temperature), tuple(np.asarray(d, float) for d in disturbances), good)
+    log = _Log(held(command), held(temperature), tuple(np.asarray(d, float) for d in disturbances), good)
     positions = motor_positions(log.command, travel)
     if turns(positions, LEAST_TURN) == 0:
         return _cannot("the command never turns back, and a gap shows at turns only: change the set-point up and down")
@@ -408,7 +407,7 @@ def _interval(probability: Array) -> tuple[float, float]:
     return max(float(low), 0.0), min(float(high), float(CANDIDATES[-1]))
 
 
-def _held(series: Array) -> Array:
+def held(series: Array) -> Array:
     """Missing values replaced by the last before them, those at the beginning by the first there is."""
     known = np.flatnonzero(np.isfinite(series))
     return series[known[np.maximum(np.searchsorted(known, np.arange(series.size), side="right") - 1, 0)]]

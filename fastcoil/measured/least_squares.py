@@ -1,16 +1,12 @@
-"""How far a fit has come: whoever listens is told of each part and of each step; nobody has to.
-
-Nonlinear least squares whose Jacobian comes from lanes: perturbed parameter sets in the same kernel call.
+"""Nonlinear least squares whose Jacobian comes from lanes: perturbed parameter sets in the same kernel call.
 
 Trust-region reflective steps (``scipy.optimize.least_squares``, ``trf``), started from the best of many sets that are
 screened as lanes; covariance by SVD, widened for the autocorrelation of the residuals.  The paper names
 Levenberg-Marquardt, which knows no bounds, and these problems have some that matter: a backlash of 0, the least C_w
 that is stable, an exponent that the data do not identify.  Where no bound is met both end in the same minimum.
 
-How much an estimate would change with other batches: a block bootstrap, one Gauss-Newton step for each draw.
-
-What a meter gets wrong for hours or for a whole batch is no noise that averages out within it.  Batches, or blocks of
-a long piece, are drawn with replacement, and the estimate moves to the minimum of the linearised problem of each draw.
+A block bootstrap, one Gauss-Newton step for each draw, says how much an estimate would change with other batches: what
+a meter gets wrong for hours or for a whole batch does not average out within it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Whether a series swings, how far and how fast: from its autocovariance, which noise and gaps do not disturb.
-
-Indices that people know: how well the loop holds its set-point, how it swings, what its motor does.
-
-What a log shows of its loop before any model: the error, how it swings, and what the motor does.
-"""
+"""What a log shows of its loop before any model: how it swings, known performance indices, what its motor does."""
 
 from __future__ import annotations
 
