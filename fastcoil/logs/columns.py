@@ -189,7 +189,7 @@ _MOST_NAMED = 3
 _PERCENT, _FAR_ABOVE_1, _ROWS_LOOKED_AT = "%", 11.0, 10_000
 _FLOAT = re.compile(r"\d{1,3}(?:\.\d{0,20})?")
 _MOST_HINTS = 200
-"""Unknown columns for which the name that was probably meant is sought: it takes a millisecond each."""
+"""Unknown columns that get a suggestion of the probable name, which takes a millisecond each."""
 
 
 def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:

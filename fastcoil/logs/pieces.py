@@ -72,7 +72,7 @@ _CHANGES, _REPEATS = 0.9, 0.2
 _FEWEST = 20
 """Steps."""
 _USUAL, _LONGER = 0.95, 10.0
-"""A step so many times longer than this share of all steps is a gap of such a log, too."""
+"""A step so many times longer than this share of all steps is a gap even in such a log."""
 
 
 def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> float | None:
@@ -99,7 +99,7 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> floa
 
 
 def may_be_of_changes(steps: Array) -> bool:
-    """Whether steps are uneven; a single sample has none, and may be of changes, too."""
+    """Whether steps are uneven; a single sample has none and may be of changes."""
     if not steps.size:
         return True
     median = float(np.median(steps))

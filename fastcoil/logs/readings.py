@@ -109,7 +109,7 @@ def read_numbers(table: Table, series: Series, column: int, unit: str | None = N
 
 
 def _writing(table: Table, columns: Mapping[str, int]) -> Writing:
-    """How the numbers of the table are written; it is a problem if nobody can tell."""
+    """How the numbers of the table are written; a problem if that is ambiguous."""
     writing = writing_of(([row[column] for row in table.rows] for column in columns.values()), table.separator)
     if writing.unclear:
         table.problems.append(

@@ -231,7 +231,7 @@ _SMALL_SWING = 0.02
 _COARSE = 10.0
 """Between samples further apart than this an input may step, s."""
 COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
-"""Parameters that the data may not tell apart: the first is then held at the value of the second."""
+"""Parameters that the data may not separate: the first is then held at the value of the second."""
 _AS_DRY = "as that of heat alone"
 
 

@@ -50,7 +50,7 @@ def diagnose(
     log
         Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``T_sup`` (°C, °F, K),
         and ``elapsed_time`` or ``timestamp``; of a Dataset of ``fc.simulate``, ``T_measured`` is taken if it is there.
-        Optional: ``T_set``, without which no cause can be told; ``m_a`` and ``T_a_in``, air flow and entering air,
+        Optional: ``T_set``, without which no cause can be given; ``m_a`` and ``T_a_in``, air flow and entering air,
         with which smaller gaps show; ``enabled``, 0 where the plant is off.
     stroke_time
         Seconds of the motor from closed to open, 0 if it is as good as immediate; 90 if left out.

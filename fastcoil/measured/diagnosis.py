@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Result):
-    """What a trend log tells of a loop and its valve.
+    """Diagnosis of a loop and its valve from a trend log.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Diagnosis(Result):
         to do to find out, else empty.
     cause, because
         Why the loop hunts: ``none`` (it does not), ``backlash`` (without the gap it would not), ``tuning`` (it would
-        with a perfect valve, too), ``disturbance`` (something from outside swings), ``unknown``; and a sentence.
+        even with a perfect valve), ``disturbance`` (something outside the loop swings), ``unknown``; and a sentence.
     hunts
         Whether the log shows a swing that comes back regularly.
     profile
@@ -49,7 +49,7 @@ class Diagnosis(Result):
         the controller, gain of the plant and margin, where the loop could be modelled.
     predictions
         Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop
-        does on this log's day; NaN where that cannot be told, with the ``doubt``.  None where there is no model.
+        does on this log's day; NaN where that cannot be predicted, with the ``doubt``.  None where there is no model.
     signals
         Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
     notes

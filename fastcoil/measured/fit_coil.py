@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
-from itertools import islice
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -235,11 +234,9 @@ def fit_coil(
 
 def _held_inputs(holds: Any) -> tuple[str, ...]:
     """The inputs that hold, under the names that the model has for them."""
-    try:
-        # an endless generator has to end
-        names = () if holds is None else (holds,) if isinstance(holds, str) else tuple(islice(holds, len(_INPUTS) + 1))
-    except Exception:  # nothing to iterate over; a user's class may raise anything
-        names = (holds,)
+    if holds is None:
+        return ()
+    names = [holds] if isinstance(holds, str) or not isinstance(holds, Iterable) else list(holds)
     wrong = [name for name in map(plain, names) if not (isinstance(name, str) and name in _INPUTS)]
     known = f"choose from {', '.join(_INPUTS)}"
     if wrong:

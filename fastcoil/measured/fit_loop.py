@@ -96,7 +96,7 @@ class LoopFit(Fit):
 
     @property
     def identified(self) -> bool:
-        """Whether the log tells the size, to 20 % of itself or 1 % of the stroke."""
+        """Whether the log resolves the size, to 20 % of itself or 1 % of the stroke."""
         return not self.reason
 
     @property
@@ -149,7 +149,7 @@ def loop_fit(problem: LoopProblem, solution: LoopSolution, started: float) -> Lo
 
 
 def why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:
-    """Why the log does not tell the backlash; empty if it does."""
+    """Why the log does not resolve the backlash; empty if it does."""
     low, high = solution.interval
     x = solution.backlash
     why = ""

@@ -220,8 +220,8 @@ def fit_valve(
         Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
         ``fit_until``.  It has no influence on the fit.
     lag
-        Seconds by which the flow is logged after the command, negative if before; ``auto``: sought in each piece of the
-        log, told, and taken out.
+        Seconds by which the flow is logged after the command, negative if before; ``auto``: estimated per
+        piece of the log, reported, removed.
     holds
         ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
         between the rows, and the interval of the backlash allows for that.

@@ -46,7 +46,7 @@ class Played(NamedTuple):
 
 
 def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> Day:
-    """The day of a log; the noise is told from the disturbance by how it changes from sample to sample.
+    """The day of a log; noise and disturbance are separated by how they change from sample to sample.
 
     period: samples to a period of a loop that hunts, else 0.  What is left of the hunting in the disturbance is what
     the plant does not get right, and would go on in a loop that is calm: a mean over whole periods takes it out.
@@ -58,7 +58,7 @@ def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period:
         smooth = mean_over(smooth, period)
     at = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
     sample = at.astype(int)
-    noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples nobody knows it
+    noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples it is unknown
     noise[:: plant.per_sample] = noise_seen
     works = good[sample] & good[np.minimum(sample + 1, n - 1)]
     return Day(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], works)

@@ -29,9 +29,9 @@ USUAL, JUMP, LEAST_JUMPS, APART = 0.9, 4.0, 3, 600.0
 start-up makes some, so that three are asked for, these many seconds apart."""
 FEWEST, CLOSED = 40, 1e-3
 TO_AND_FRO = 0.01
-"""Of the stroke: what a command moves one way and at once back again, sample by sample."""
+"""Of the stroke: what a command moves one way and straight back, sample by sample."""
 FARTHEST, EXPLAINED, CLEARER = 4, 0.8, 3.0
-"""Samples by which columns are moved at most; a shift is told where the control law explains that share of the
+"""Samples by which columns are moved at most; a shift is reported where the control law explains that share of the
 variance with it, and leaves so many times less of it than without."""
 
 
@@ -84,7 +84,7 @@ def late(command: Array, temperature: Array, good: Mask) -> int:
     """By how many samples the temperatures stand too late beside the commands; negative: too early; 0 if not sure.
 
     The change of a command minus the one before is a linear function of temperatures of the same samples.  The lag
-    that explains it best tells: a command cannot answer a temperature to come.
+    that explains it best counts: a command cannot answer a temperature to come.
     """
     changed = np.flatnonzero(np.diff(command) != 0.0) + 1
     changed = changed[(changed > 2 * FARTHEST) & (changed < command.size - FARTHEST)]
@@ -123,7 +123,7 @@ def _left(X: Array, y: Array) -> Array:
 
 
 HORIZON = 30.0
-"""Seconds over which the model foretells: long against the noise of a sensor, short against a coil.  An interval, where
+"""Seconds over which the model predicts: long against the noise of a sensor, short against a coil.  An interval, where
 the log has longer ones."""
 OWN_LAGS, OPENING_LAGS, DISTURBANCE_LAGS = 8, 4, 3
 """Changes of the temperature, the opening and each known disturbance that enter, one a horizon."""
@@ -230,14 +230,14 @@ CONFIDENCE = 0.95
 """Of the interval."""
 WEIGHT, WEIGHT_REACTION = 0.8, 0.3
 """Share of the log-likelihood that counts, without and with the reaction: residuals are neither independent nor
-normal.  Chosen on populations of their own, see ``studies/diagnosis/diagnosis.py``."""
+normal.  Chosen on separate populations, see ``studies/diagnosis/diagnosis.py``."""
 GOOD = 0.01
 """Up to this backlash a valve is called good; also the least tolerance of a size, beside ``TOLERANCE`` of it."""
 TOLERANCE = 0.2
 LEAST_ODDS = 300.0
 """Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
 USUAL_STROKE_TIME = 90.0
-"""Seconds, where nobody gives it."""
+"""Seconds, where it is not given."""
 LEAST_TURN = 0.005
 MOST_ARRIVALS, SWING = (10, 0.2), 0.05
 """Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
@@ -248,7 +248,7 @@ that counts of a log with more."""
 
 
 class Identification(NamedTuple):
-    """What a log tells of the backlash.
+    """The backlash as a log shows it.
 
     backlash: the most probable size, fraction of stroke; NaN where the log was not fit to compare any.
     low, high: interval of 95 %.

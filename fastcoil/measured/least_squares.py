@@ -23,7 +23,7 @@ from fastcoil.base.arrays import Array, Index, Mask
 
 
 class Listener(Protocol):
-    """Is told of the work of a fit."""
+    """Receives the progress of a fit."""
 
     def part(self, what: str, done: int, of: int) -> None:
         """A part begins: ``done`` of ``of`` such parts are done."""
@@ -37,7 +37,7 @@ _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 @contextmanager
 def reported_to(listener: Listener) -> Iterator[None]:
-    """Tell ``listener`` of the fits inside."""
+    """Report the progress of the fits inside to ``listener``."""
     token = _listener.set(listener)
     try:
         yield
@@ -46,13 +46,13 @@ def reported_to(listener: Listener) -> Iterator[None]:
 
 
 def report_part(what: str, done: int, of: int) -> None:
-    """Tell of a part."""
+    """Report the start of a part."""
     if listener := _listener.get():
         listener.part(what, done, of)
 
 
 def report_step() -> None:
-    """Tell of a step."""
+    """Report one run of the model."""
     if listener := _listener.get():
         listener.step()
 
