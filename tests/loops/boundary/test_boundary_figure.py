@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 
+from fastcoil.loops.boundary import display
 from fastcoil.loops.boundary.days import paper_day
 
 DAY = paper_day(2.0, 1)
@@ -50,6 +51,10 @@ def test_days_that_follow_each_other_are_on_one_clock_and_others_on_top_of_each_
     assert np.isnan(flow).sum() == 2
     over = DAYS.isel([0, 1]).plot()
     np.testing.assert_allclose(curve(over)[1], DAYS.series["m_a"][:2].reshape(2, -1, 2).mean(axis=(0, 2)), rtol=1e-12)
+    pieces = DAYS.series["m_a"][:2].reshape(2, -1, 2)
+    _, low, high = display._course(DAYS.isel([0, 1])).series["m_a"]
+    np.testing.assert_array_equal(low, pieces.min(axis=(0, 2)))
+    np.testing.assert_array_equal(high, pieces.max(axis=(0, 2)))
     starts = ["2024-05-01T08:00", "2024-06-01T08:00"]
     clock = DAYS.isel([0, 1]).assign(start=starts).plot()
     assert clock.axes[-1].get_xlabel() == "hour of the day"
