@@ -248,7 +248,8 @@ class Page:
         drawn = (*self.figures.all, self.map.fig)
         for figure in drawn:
             doc.add_root(figure)
-        pairs = [Row(choices[one], choices[other], sizing_mode="stretch_width") for one, other in _PAIRS]
+        abreast = (("valve", "estimator"), ("day", "window"))
+        pairs = [Row(*(choices[name] for name in names), sizing_mode="stretch_width") for names in abreast]
         doc.add_root(Column(choices["loop"], *dials, *pairs, name="controls", sizing_mode="stretch_width"))
         doc.add_root(Row(choices["axes"], choices["colour"], name="map-choices", sizing_mode="stretch_width"))
         stories = [_button(story.title, partial(tell, k)) for k, story in enumerate(STORIES)]
@@ -262,24 +263,17 @@ class Page:
         doc.template = files("fastcoil.deliver.explore").joinpath("page.html").read_text(encoding="utf-8")
 
     def _take_home(self) -> list[Button]:
-        found = []
-        for what, title, said in (
-            ("link", "Copy link", "The link is copied."),
-            ("python", "Copy Python", "The lines are copied."),
-        ):
-            button = _button(title)
-            button.js_on_click(CustomJS(code=_COPY, args={"texts": self._texts, "what": what, "said": said}))
-            found.append(button)
-        button = _button("Save TOML")
-        button.js_on_click(CustomJS(code=_DOWNLOAD, args={"texts": self._texts}))
-        return [*found, button]
+        found = {title: _button(title) for title in ("Copy link", "Copy Python", "Save TOML")}
+        link = {"texts": self._texts, "what": "link", "said": "The link is copied."}
+        found["Copy link"].js_on_click(CustomJS(code=_COPY, args=link))
+        python = {"texts": self._texts, "what": "python", "said": "The lines are copied."}
+        found["Copy Python"].js_on_click(CustomJS(code=_COPY, args=python))
+        found["Save TOML"].js_on_click(CustomJS(code=_DOWNLOAD, args={"texts": self._texts}))
+        return [*found.values()]
 
 
 def _joined(sentences: list[str]) -> str:
     return "  ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
-
-
-_PAIRS = (("valve", "estimator"), ("day", "window"))
 
 
 def _button(title: str, act: Callable[[], None] | None = None) -> Button:

@@ -243,12 +243,7 @@ def compare(
     kept = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
     labels = {d: ds[d] for d in ds.dims if d in kept}
     found = Comparison(results, coords={**labels, "statistic": list(asked)})
-    found.attrs = {
-        "baseline": words,
-        "over": ", ".join(over),
-        "level": level,
-    }
-    found.attrs |= {"relative": 1} if relative else {}
+    found.attrs = {"baseline": words, "over": ", ".join(over), "level": level} | ({"relative": 1} if relative else {})
     found.attrs |= {} if threshold is None else {"threshold": threshold}
     return found
 
@@ -259,7 +254,6 @@ def _base(name: str) -> str:
 
 
 def _check_one_unit(ds: xr.Dataset, names: list[str]) -> None:
-    """Refuse a threshold that would count in several units."""
     units = sorted({str(ds[name].attrs.get("units", "1")) for name in names})
     if len(units) > 1:
         raise InputError(
