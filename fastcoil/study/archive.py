@@ -250,7 +250,7 @@ def _add(file: zipfile.ZipFile, name: str, source: bytes | Path, entry: Entry) -
     with file.open(info, "w") as member:
         copied = _copy(source, member.write)
     if copied != entry:
-        raise IntegrityError(f"{name} changed while it was packed: wait until nobody writes to it, then try again")
+        raise IntegrityError(f"{name} changed while it was packed: wait until nothing writes to it, then try again")
 
 
 def _copy(source: bytes | Path | IO[bytes], write: Callable[[bytes], object]) -> Entry:

@@ -256,7 +256,7 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
             "pick another scenario with --at, or use fc.explain in Python"
         )
     place = ", ".join(f"{dim}={labels[dim][k]}" for dim, k in position.items())
-    apart = "this day by itself, from rest" if carry_over and position.get("day") else ""
+    apart = "this day alone, from rest" if carry_over and position.get("day") else ""
     changed = ", ".join(f"{name}={text}" for name, text in changes.items())
     named = "; ".join(filter(None, [title, place, changed, apart]))
     return Scenario(named, one, boundary.isel(day=position.get("day", 0)), warm_up, seed)

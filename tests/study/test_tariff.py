@@ -118,7 +118,7 @@ def test_an_axis_called_like_a_cost_is_refused(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text((WITHOUT + TARIFF).replace("[cases.tuning]", "[cases.month]"))
     (sentence,) = problems(read_study, path)
-    assert "[tariff] the costs have a dimension or number month, too: rename it" in sentence
+    assert "[tariff] the costs also have a dimension or number month: rename it" in sentence
 
 
 def test_prices_do_not_change_which_study_it_is(tmp_path):

@@ -89,10 +89,6 @@ def _find_spec(parts: Sequence[str]) -> ModuleSpec | None:
     return spec
 
 
-_MOST_RULES, _MOST_LETTERS = 64, 2**20
-"""Of a study; letters of all their modules."""
-
-
 def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Source], dict[str, Rule]]:
     """Find the rules that ``estimator`` or ``law`` name as ``module:function`` anywhere in a study file.
 
@@ -103,17 +99,11 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Sour
     found: dict[str, dict[str, Source]] = {kind: {} for kind in KINDS}
 
     def named(kind: str, word: str) -> str:
-        if word not in found[kind] and len(found[kind]) >= _MOST_RULES:
-            raise InputError(f"{kind}: more than {_MOST_RULES} rules of its own are named: give fewer")
         with collecting(problems):
             found[kind].setdefault(word, find_source(kind, word, folder))
         return word.rpartition(":")[2]
 
     update = {table: _renamed(getattr(file, table), named) for table in ("loop", "sweep", "cases", "sample")}
-    texts = {source.source for of_kind in found.values() for source in of_kind.values()}
-    if sum(map(len, texts)) > _MOST_LETTERS:
-        problems.append(f"the modules of its rules have more than {_MOST_LETTERS:,} letters: name fewer, or cut them")
-        raise InputError(problems)
     sources: dict[str, Source] = {}
     rules: dict[str, Rule] = {}
     for kind, of_kind in found.items():

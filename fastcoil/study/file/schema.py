@@ -166,7 +166,7 @@ def study_schema() -> Schema:
 
 
 def _with_own(properties: Mapping[str, Schema], own: Schema, **more: Any) -> Schema:
-    """A table that may have parameters of the study's own rules, too, each like ``own``."""
+    """A table that may also have parameters of the study's own rules, each like ``own``."""
     return table_of(properties, **{"propertyNames": {"pattern": f"^{NAME}$"}, "additionalProperties": own, **more})
 
 
@@ -292,7 +292,7 @@ def _run() -> Schema:
         "traces": {"type": "array", "items": {"enum": list(TRACES)}, "uniqueItems": True},
         "carry_over": {"type": "boolean", "default": False, "description": "each day begins as the one before ended"},
         "reduce": FUNCTION,
-        "predict": {"type": "boolean", "default": False, "description": "add what theory foretells of the hunting"},
+        "predict": {"type": "boolean", "default": False, "description": "add what theory predicts of the hunting"},
     }
     known = numbers | others
     return table_of(
@@ -345,7 +345,7 @@ def _tariff() -> Schema:
     }
     others: dict[str, Schema] = {
         "cop": {"type": "number", "minimum": low, "maximum": high, "default": COP, "description": "of the chiller"},
-        "electric_heat": {"type": "boolean", "default": False, "description": "heating coils pay for demand, too"},
+        "electric_heat": {"type": "boolean", "default": False, "description": "heating coils also pay for demand"},
         "currency": {"type": "string", "minLength": 1, "maxLength": LONGEST_CURRENCY, "default": CURRENCY},
         "baseline": {
             "type": "object",

@@ -94,7 +94,7 @@ _MOST_OF_ANY = 2**32
 def require_room(file: StudyFile) -> None:
     """Refuse a study of more scenarios than this machine can hold the metrics of.
 
-    Tables that are wrong in another way count as 1, for whoever reads them to refuse.
+    Tables that are wrong in another way count as 1; their readers refuse them.
     """
     days = next((file.boundary[key] for key in ("seed", "days") if isinstance(file.boundary.get(key), list)), [0])
     sizes = [
@@ -123,7 +123,7 @@ def billing_of(table: TariffTable, layout: Layout | None) -> Billing:
         raise InputError(f"baseline = {shown(baseline)}: give one dimension and one of its labels")
     problems: list[str] = []
     if layout is not None:
-        named = [f"the costs have a dimension or number {dim}, too: rename it" for dim in layout.sizes if dim in TAKEN]
+        named = [f"the costs also have a dimension or number {dim}: rename it" for dim in layout.sizes if dim in TAKEN]
         problems = named + [p for dim, label in baseline.items() for p in _problems(layout, dim, label)]
     if problems:
         raise InputError(problems)
@@ -146,7 +146,7 @@ def _problems(layout: Layout, dim: str, label: float | str) -> list[str]:
 def asked_of_tuning(table: TuneTable, run: RunTable, loop: Loop, boundary: Boundary, folder: Path) -> Asked:
     """The tuning of the valves and days of a study; ``holdout`` is labels of days, or a table like ``[boundary]``."""
     if run.carry_over:
-        raise InputError("every day is tried by itself: leave [run] carry_over out, or tune in a study of its own")
+        raise InputError("every day is tried alone: leave [run] carry_over out, or tune in a study of its own")
     holdout: object = table.holdout
     if isinstance(holdout, dict):
         try:

@@ -51,7 +51,7 @@ warm_up = 1800                          # seconds left out of every metric
 traces = []                             # signals to keep, such as ["T_sup", "command"]
 trace_interval = 60                     # s between their samples
 # reduce = "mine:overshoot"             # your function overshoot in mine.py next to this file: numbers from the traces
-predict = false                         # true: margin, hunting, its period and swing as theory foretells them
+predict = false                         # true: margin, hunting, its period and swing as theory predicts them
 
 # [tune]                                # what `fastcoil tune FILE` chooses for all valves and days above
 # search = { buffer = [0.0, 0.01], error_dead_band = [0.0, 0.5] }  # and kp, ti, … where no table above varies them
@@ -66,7 +66,7 @@ predict = false                         # true: margin, hunting, its period and 
 # demand = 15.0
 # heat = 0.05
 # cop = 4.0                             # of the chiller
-# electric_heat = false                 # true: heating coils pay for demand, too
+# electric_heat = false                 # true: heating coils also pay for demand
 # currency = "USD"
 # baseline = { tuning = "as_found" }    # loops to compare with; those with backlash = 0 if there are
 """

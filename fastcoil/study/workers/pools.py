@@ -412,7 +412,7 @@ class Loky:
             while True:
                 self._executor._work_ids.get_nowait()
         self._executor.shutdown(wait=True, kill_workers=True)
-        with contextlib.suppress(OSError):  # others clean up there, too
+        with contextlib.suppress(OSError):  # others also clean up there
             self._folder.cleanup()
 
 

@@ -60,7 +60,7 @@ def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
     if differing:
         raise InputError(
             f"reduce = {reduction.name!r} gives another {' and '.join(differing)} for a scenario alone than among "
-            "others: treat each scenario by itself, to the last bit"
+            "others: treat each scenario alone, to the last bit"
         )
     return reduced
 

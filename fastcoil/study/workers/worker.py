@@ -110,7 +110,7 @@ def run_received(key: str, shard: Shard | Stretch, expected: tuple[str, str] | N
 
 
 def run_from_file(key: str, stretch: Stretch, begins: Path) -> xr.Dataset:
-    """As ``run_received``, for a stretch that begins in the state in a file, which nobody needs any more."""
+    """As ``run_received``, for a stretch that begins in the state in a file, which is then removed."""
     state = np.load(begins)
     begins.unlink(missing_ok=True)
     return run_received(key, replace(stretch, begins=state))

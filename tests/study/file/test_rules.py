@@ -1,7 +1,5 @@
 """Rules of a study as they are read: bounded, and with names that are free."""
 
-import ast
-
 import pytest
 from helpers.rules import HEAD
 
@@ -45,30 +43,6 @@ def test_a_source_that_is_too_large_is_not_read_as_python(study, monkeypatch):
     with pytest.raises(InputError, match=r"mine.py has \d+,\d+ bytes, more than 262,144: move what") as found:
         read_study(path)
     assert len(found.value.problems) == 1
-
-
-def test_many_rules_are_read_once_and_too_many_are_not_read(study, monkeypatch, tmp_path):
-    read, parse = [], ast.parse
-
-    def counted(source, *args, **options):
-        read.extend(["it"] * ("@fc.estimator" in str(source)))
-        return parse(source, *args, **options)
-
-    monkeypatch.setattr(ast, "parse", counted)
-    names = [f"r{k}" for k in range(70)]
-    source = SOURCE + "".join(
-        f"\n@fc.estimator(Parameters, Memory)\ndef {n}(now, p, memory):\n    return p.gain, memory\n" for n in names
-    )
-    swept = STUDY.replace('estimator = "mine:one"', "") + "[sweep]\nestimator = {}\n"
-    read_study(study(source, swept.format([f"mine:{n}" for n in names[:60]])))
-    assert len(read) == 1
-    assert rules._parsed.cache_info().currsize == 0
-    with pytest.raises(InputError, match="estimator: more than 64 rules of its own are named: give fewer"):
-        read_study(study(source, swept.format([f"mine:{n}" for n in names])))
-    for k in range(5):
-        (tmp_path / f"m{k}.py").write_text(SOURCE.replace("one", f"one{k}") + f"# {k}" + "x" * 250_000)
-    with pytest.raises(InputError, match="the modules of its rules have more than 1,048,576 letters: name fewer"):
-        read_study(study(source, swept.format([f"m{k}:one{k}" for k in range(5)])))
 
 
 def test_a_word_of_the_package_is_no_name_of_a_rule(study):

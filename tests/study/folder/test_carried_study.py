@@ -185,5 +185,5 @@ def test_a_reduction_gets_the_traces_of_each_day(tmp_path):
 
 
 def test_a_tuning_of_days_in_sequence_is_refused(tmp_path):
-    with pytest.raises(InputError, match="every day is tried by itself: leave \\[run\\] carry_over out"):
+    with pytest.raises(InputError, match="every day is tried alone: leave \\[run\\] carry_over out"):
         write_study(CARRIED + "[tune]\nsearch = { kp = [0.01, 0.02] }\n", tmp_path / "out")

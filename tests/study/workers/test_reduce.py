@@ -38,6 +38,7 @@ def traces():
         coords={
             "elapsed_time": 60.0 * np.arange(STEPS),
             "kp": ("scenario", np.linspace(0.01, 0.05, N)),
+            "gain": ("scenario", np.linspace(1.0, 2.0, N)),
             "tuning": ("scenario", ["slow"] * 3 + ["fast"] * 2),
         },
     )
@@ -133,7 +134,7 @@ def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
 def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
     problem = only_problem(reduce, reducing(body), traces)
     assert problem == (
-        "reduce = 'mine:f' gives another x for a scenario alone than among others: treat each scenario by itself, to "
+        "reduce = 'mine:f' gives another x for a scenario alone than among others: treat each scenario alone, to "
         "the last bit"
     )
 
@@ -155,7 +156,7 @@ def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
                 f"return xr.Dataset({{'{name}': ('scenario', t.kp.values)}})",
                 f"returned a variable {name}: the name is ta",
             )
-            for name in ("backlash", "rmse", "T_w", "status", "day", "sample", "controller")
+            for name in ("backlash", "rmse", "T_w", "status", "day", "sample", "controller", "gain")
         ),
         ("return xr.Dataset({3: t.kp})", "returned a variable 3: name it with letters, digits and _"),
         ("return xr.Dataset({'a/b': t.kp})", "returned a variable 'a/b': name it with letters, digits and _"),
