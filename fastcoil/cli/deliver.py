@@ -146,9 +146,12 @@ def export_code(path: Path, language: str | None, out: Path | None) -> None:
     """Write the code of the controller in a study file; sweep, boundary and run are ignored."""
     from fastcoil.deliver.export.export import SUFFIXES, export_controller, language_of
     from fastcoil.study.file.spec import read_study
+    from fastcoil.study.workers.user_code import load_rules
 
     word = language_of(language or "c")
-    loop = read_study(path).plan.layout.loop
+    study = read_study(path)
+    loop = study.plan.layout.loop
+    load_rules(loop.rules, study.rules)
     announce_compilation()
     for written in export_controller(loop, out or Path(path.stem + SUFFIXES[word]), language=word):
         say(f"Written: {written}")

@@ -24,11 +24,11 @@ from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.recorded import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
+from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.metric_table import TRACES
+from fastcoil.model.user_rules import rules_for_kernels
 
 _NEEDED = ("T_sup", "T_set")
-_SEE_AIR = {"gradient", "identify"}
-"""Estimators that rest after a step of the air flow."""
 _ROUND_OFF = 1e-6
 """Of the times of a log, s."""
 
@@ -52,7 +52,7 @@ def replay(
     Parameters
     ----------
     loop
-        One loop or a sweep of them: PI, inverse and estimator.
+        One loop or a sweep of them: PI, or a law of the user, inverse and estimator.
     log
         Path of a CSV file, or a Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
         ``elapsed_time`` or ``timestamp``; optional: ``enabled``, and ``m_a``, after whose steps ``gradient`` and
@@ -86,9 +86,6 @@ def replay(
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
         log = check(log_of, "log", log)
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
-        if isinstance(loop, Loop):
-            used = [name for name, rule in loop.rules.items() if name in words_used(loop, rule.kind)]
-            check.problems += [f"loop has the rule {name}: replay runs no rules of your own" for name in used]
         how = checked_reading(
             check,
             columns=columns,
@@ -100,13 +97,14 @@ def replay(
         )
     if missing := missing_parameters(loop):
         raise InputError(missing)
-    sees_air = not _SEE_AIR.isdisjoint(words_used(loop, "estimator"))
+    see_air = {estimator.name for estimator in ESTIMATORS if estimator is not None and estimator.sees_air}
+    sees_air = bool(loop.rules) or not see_air.isdisjoint(words_used(loop, "estimator"))
     data = read_log(
         log,
         Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)),
         how,
     )
-    warn_of_reading(data.name, data.reading_notes)
+    warn_of_reading(data.name, data.told)
     series = _seconds(data)
     if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
         raise InputError(problems)
@@ -116,7 +114,9 @@ def replay(
     needed = 8 * n * len(REPLAY_TRACES) * points.size
     if 2 * needed > available_memory():
         raise InputError(f"the commands need {gib(needed)} of memory: raise trace_interval or sweep fewer values")
-    found = run_replay(parameter_matrix(columns_of(loop, loop.sizes, np.arange(n))), series, trace_interval)
+    rules = rules_for_kernels(loop.rules)
+    matrix = parameter_matrix(columns_of(loop, loop.sizes, np.arange(n)), rules)
+    found = run_replay(matrix, series, trace_interval, rules)
     ds = xr.Dataset(coords={name: c.assign_attrs(coordinate_attrs(name)) for name, c in loop.coordinates().items()})
     ds = ds.assign_coords(
         elapsed_time=("elapsed_time", points.astype(float), coordinate_attrs("elapsed_time")),

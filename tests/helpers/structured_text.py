@@ -10,8 +10,14 @@ from types import SimpleNamespace
 import tree_sitter
 import tree_sitter_iec61131_3_st as grammar
 
-STANDARD = {"ABS": "abs", "MAX": "max", "MIN": "min", "EXP": "exp", "LN": "log", "SQRT": "sqrt"}
-SIGNS = {"=": "==", "AND": "and", "OR": "or", "NOT": "not "}
+STANDARD = {
+    "ABS": "abs", "MAX": "max", "MIN": "min", "EXP": "exp", "LN": "log", "SQRT": "sqrt", "SIN": "sin", "COS": "cos",
+    "TAN": "tan", "ASIN": "asin", "ACOS": "acos", "ATAN": "atan", "EXPT": "pow",
+}  # fmt: skip
+CONVERSIONS = {"INT_TO_LREAL": ("INT", "float", "LREAL"), "DINT_TO_LREAL": ("INT", "float", "LREAL"),
+               "TRUNC": ("LREAL", "int", "INT")}  # fmt: skip
+"""What they take, do and give; INT and DINT count as one."""
+SIGNS = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not "}
 START = {"LREAL": 0.0, "INT": 0, "BOOL": False}
 
 
@@ -115,7 +121,7 @@ class Unit:
         """Make Python of the statements."""
         lines = self.body(self.node.named_children, 1)
         code = "\n".join(["def run(v):", *(lines or ["    pass"])])
-        names = {"exp": math.exp, "log": math.log, "sqrt": math.sqrt, "call": self.call}
+        names = {name: getattr(math, name) for name in STANDARD.values() if hasattr(math, name)} | {"call": self.call}
         exec(compile(code, self.name, "exec"), names)
         self.run = names["run"]
 
@@ -202,10 +208,18 @@ class Unit:
         if node.type == "call_expression":
             name, arguments = node.named_children
             found = [self.expression(one) for one in arguments.named_children]
-            assert {kind for _, kind in found} == {"LREAL"}, text
-            given = ", ".join(one for one, _ in found)
+            given, kinds = ", ".join(one for one, _ in found), [kind for _, kind in found]
             word = name.text.decode()
-            return (f"{STANDARD[word]}({given})" if word in STANDARD else f"call({word.lower()!r}, {given})"), "LREAL"
+            if word in CONVERSIONS:
+                takes, does, gives = CONVERSIONS[word]
+                assert kinds == [takes], text
+                return f"{does}({given})", gives
+            if word in STANDARD:
+                assert set(kinds) == {"LREAL"} or (set(kinds) == {"INT"} and word in ("ABS", "MIN", "MAX")), text
+                return f"{STANDARD[word]}({given})", kinds[0]
+            unit = self.project.units[word.lower()]
+            assert kinds == [unit.types[one] for one in unit.inputs], text
+            return f"call({word.lower()!r}, {given})", unit.types[unit.name]
         if node.type == "unary_expression":
             inner, kind = self.expression(node.named_children[0])
             sign = node.children[0].type
@@ -216,7 +230,7 @@ class Unit:
             sign = node.children[1].type
             assert kind == of, f"{kind} and {of} in {text}"
             assert (sign in ("AND", "OR")) == (kind == "BOOL")
-            answers = sign in ("=", "<", "<=", ">", ">=", "AND", "OR")
+            answers = sign in ("=", "<>", "<", "<=", ">", ">=", "AND", "OR")
             return f"({left} {SIGNS.get(sign, sign)} {right})", "BOOL" if answers else kind
         kind = {"real_literal": "LREAL", "integer_literal": "INT", "boolean_literal": "BOOL"}[node.type]
         return repr(literal(text, kind)), kind

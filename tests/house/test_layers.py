@@ -111,7 +111,17 @@ def test_a_circle_is_found():
 
 
 def test_numba_is_named_in_the_compiler_files_alone_and_xarray_above_the_model_alone():
-    allowed = {"__future__", "collections", "dataclasses", "functools", "typing", "math", "numpy", "fastcoil"}
+    allowed = {
+        "__future__",
+        "collections",
+        "dataclasses",
+        "functools",
+        "importlib",
+        "typing",
+        "math",
+        "numpy",
+        "fastcoil",
+    }
     wrong = []
     for path in MODULES:
         roots = {name.split(".")[0] for name in imports(path)}

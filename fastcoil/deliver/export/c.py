@@ -6,15 +6,19 @@ import ast
 from collections import Counter
 from textwrap import wrap
 
-from fastcoil.deliver.export.expressions import Language, broken, is_flag
+from fastcoil.deliver.export.expressions import Language, broken, kind_of, loaded_in, stored_in
 from fastcoil.deliver.export.source import Constant, Function, Laws, aligned, counted, is_elif
-from fastcoil.deliver.export.template import WIDTH, number
+from fastcoil.deliver.export.words import WIDTH, number
 
 _TYPES = {"real": "double", "flag": "bool", "whole": "int", "": "void"}
+_ZEROS = {"real": "0.0", "flag": "false", "whole": "0"}
 _WORDS = {"or": "||", "and": "&&", "not": "!", "True": "true", "False": "false", "==": "==", "group": ""}
-_WORDS |= {sign: sign for sign in ("<", "<=", ">", ">=")}
-_FUNCTIONS = {"abs": "fabs", "max": "fmax", "min": "fmin"}
-_FUNCTIONS |= {f"math.{name}": name for name in ("exp", "log", "sqrt")}
+_WORDS |= {sign: sign for sign in ("<", "<=", ">", ">=", "!=")}
+_FUNCTIONS = {"abs": "fabs", "max": "fmax", "min": "fmin", "float": "(double)", "int": "(int)"}
+_FUNCTIONS |= {
+    f"math.{name}": name
+    for name in ("exp", "log", "sqrt", "pow", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "floor")
+}
 _INCLUDED = "#include <math.h>\n#include <stdbool.h>\n#include <string.h>"
 _COMPILE = "GCC and Clang need -ffp-contract=off for that, and never -ffast-math."
 _BREAKS = r" (?=&& |\|\| |[-+*/] )"
@@ -30,7 +34,8 @@ class InC:
             _WORDS,
             _FUNCTIONS | self.names,
             lambda field: f"s->{field}",
-            lambda indices: "".join(f"[{one}]" for one in indices),
+            # fmin and fmax of whole numbers are doubles
+            lambda indices: "".join(f"[(int){one}]" if one.startswith("fm") else f"[{one}]" for one in indices),
             number,
         )
 
@@ -68,7 +73,7 @@ class InC:
     def _constant(self, one: Constant) -> str:
         if isinstance(one.value, list):
             numbers = wrap(", ".join(map(number, one.value)), WIDTH - 4)
-            return "\n    ".join([f"static const double {one.name}[{one.name}S] = {{", *numbers]) + "\n};"
+            return "\n    ".join([f"static const double {one.name}[{len(one.value)}] = {{", *numbers]) + "\n};"
         value = number(one.value) if isinstance(one.value, float) else str(one.value)
         return f"#define {one.name} {f'({value})' if one.value < 0 else value}"
 
@@ -87,7 +92,7 @@ class InC:
         return "\n".join(broken(head, WIDTH, r" (?=\w+ \w+[,)])"))
 
     def _function(self, one: Function) -> str:
-        known = dict(one.arguments)
+        known = self.laws.kinds | one.arguments
         written = Counter(
             node.id for top in one.body for node in ast.walk(top) if isinstance(node, ast.Name) and _is_stored(node)
         )
@@ -104,6 +109,12 @@ class InC:
     def _block(self, body: list[ast.stmt], depth: int, known: dict[str, str], once: set[str]) -> list[str]:
         known, lines, indent = dict(known), [], "    " * depth
         for k, node in enumerate(body):
+            if isinstance(node, (ast.If, ast.For)):
+                # what a block finds for those behind it is declared before it
+                for name in stored_in([node]):
+                    if name not in known and name in loaded_in(body[k + 1 :]):
+                        known[name] = self._kind(name, node, known)
+                        lines.append(f"{indent}{_TYPES[known[name]]} {name} = {_ZEROS[known[name]]};")
             lines += [""] if k and self.laws.has_gap(node.lineno) else []
             lines += [f"{indent}/* {said} */" for said in self.laws.above(node.lineno)]
             said = self.laws.comment(node.lineno)
@@ -113,6 +124,18 @@ class InC:
                 lines, beside = [*lines, *([indent + _comment(said)] if said else [])], first
             lines += [*broken(beside, WIDTH, _BREAKS), *rest]
         return lines
+
+    def _kind(self, name: str, node: ast.stmt, known: dict[str, str]) -> str:
+        """The kind of a name that a block gives a value."""
+        known = dict(known)
+        for one in ast.walk(node):
+            if isinstance(one, ast.For) and isinstance(one.target, ast.Name):
+                known[one.target.id] = "whole"
+        for _ in range(2):  # an earlier value may stand further down in the tree
+            for one in ast.walk(node):
+                if isinstance(one, ast.Assign) and isinstance(one.targets[0], ast.Name):
+                    known[one.targets[0].id] = kind_of(one.value, known)
+        return known[name]
 
     def _statement(  # noqa: PLR0911 — one for each kind
         self, node: ast.stmt, depth: int, known: dict[str, str], once: set[str]
@@ -125,7 +148,7 @@ class InC:
                 return [f"{indent}memset({field}, 0, sizeof {field});"]
             left = say(target)
             if isinstance(target, ast.Name) and target.id not in known:
-                known[target.id] = "flag" if is_flag(value, {n for n in known if known[n] == "flag"}) else "real"
+                known[target.id] = kind_of(value, known)
                 left = f"{'const ' if target.id in once else ''}{_TYPES[known[target.id]]} {left}"
             return [f"{indent}{left} = {say(value)};"]
         if isinstance(node, ast.AugAssign):

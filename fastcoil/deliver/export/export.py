@@ -6,16 +6,16 @@ import os
 import re
 from pathlib import Path
 from textwrap import wrap
+from typing import Any
 
 from fastcoil.base.arguments import checking, choice_of, instance_of, path_of
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import commit, exists, may_be_file, read_bytes
 from fastcoil.base.machine import package_version
 from fastcoil.deliver.export.c import InC
-from fastcoil.deliver.export.settings import Settings
+from fastcoil.deliver.export.controller import Controller, templates
 from fastcoil.deliver.export.source import Laws
 from fastcoil.deliver.export.st import InST, st_number
-from fastcoil.deliver.export.template import laws_of, templates
 from fastcoil.deliver.export.vectors import Vectors, vectors_of
 from fastcoil.loops.loop import Loop
 
@@ -25,6 +25,8 @@ FIRST_VECTORS = 200
 """Vectors that a program in Structured Text holds, which cannot read files."""
 _MARK = b"ritten by fastcoil "
 """In the head of every file."""
+_FLAGS = ("enabled", "reset")
+_TOLERANCE = 1e-12
 _LARGEST = 2**26
 """Bytes of a file."""
 
@@ -61,10 +63,12 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         path = check(path_of, "path", path, "give a file such as inverse.c")
         language = check(language_of, language)
     _require_file(path, language)
-    settings = Settings.of(loop)
+    controller = Controller.of(loop)
     _require_ours(path, language)
-    vectors = vectors_of(loop, settings)
-    files = _files(path, language, settings, vectors)
+    vectors = vectors_of(loop, controller)
+    if controller.own:
+        _require_same(controller, vectors)
+    files = _files(path, language, controller, vectors)
     for name, text in files.items():
         commit(path.with_name(name), text.encode())
     return [path.with_name(name) for name in files]
@@ -106,12 +110,12 @@ def _name_of(path: Path) -> str:
     return f"c_{name}" if name[:1].isdigit() else name
 
 
-def _files(path: Path, language: str, settings: Settings, vectors: Vectors) -> dict[str, str]:
+def _files(path: Path, language: str, controller: Controller, vectors: Vectors) -> dict[str, str]:
     """Text of each file by its name."""
     name, stored = _name_of(path), f"{path.stem}_vectors.csv"
-    text = laws_of(settings)
+    text = controller.text()
     words = {"name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs}
-    files = {stored: vectors.csv(path.name, settings.number["sample_time"])}
+    files = {stored: vectors.csv(path.name, controller.number["sample_time"])}
     if language == "c":
         code = InC(Laws(text), name).text()
         given = ", ".join(f"v[{k}]{_flag(one, ' > 0.5')}" for k, one in enumerate(vectors.inputs))
@@ -133,8 +137,29 @@ def _files(path: Path, language: str, settings: Settings, vectors: Vectors) -> d
     return {path.name: code, **files}
 
 
+def _require_same(controller: Controller, vectors: Vectors) -> None:
+    """Refuse a rule of the user whose translation does something else than the kernel."""
+    names = " and ".join(controller.own)
+    cure = "leave out what a number may overflow or be divided by 0 in, or port its Python by hand"
+    laws: dict[str, Any] = {"zeros": lambda size: [0.0] * size}
+    exec(compile(controller.text(), "<laws>", "exec"), laws)
+    s, worst = laws["State"](), 0.0
+    for k, row in enumerate(zip(*vectors.columns.values(), strict=True)):
+        given = dict(zip(vectors.columns, row, strict=True))
+        try:
+            laws["step"](s, *(given[n] > 0.5 if n in _FLAGS else float(given[n]) for n in vectors.inputs), 0.0)
+        except ArithmeticError as error:
+            raise InputError(f"{names} cannot be exported: cycle {k} of its vectors has a {error}: {cure}") from None
+        worst = max([worst, *(abs(getattr(s, name) - given[name]) for name in vectors.outputs)])
+        if not worst <= _TOLERANCE:
+            raise InputError(
+                f"{names} cannot be exported: at cycle {k} of its vectors the code is off by {worst:.2g} from what "
+                f"fastcoil computes: {cure}"
+            )
+
+
 def _flag(name: str, test: str) -> str:
-    return test if name in ("enabled", "reset") else ""
+    return test if name in _FLAGS else ""
 
 
 def _imports(names: list[str]) -> str:

@@ -21,12 +21,12 @@ _ARITHMETIC: Mapping[type, tuple[str, str]] = {
 class Language:
     """What differs between the languages in an expression.
 
-    words: of Python's operators and True and False.  functions: name in Python → here.  state: an attribute of the
-    state.  index: some subscripts.  number: a float.
+    words: of Python's operators and True and False.  functions: name in Python → here; ``None`` for all as they are.
+    state: an attribute of the state.  index: some subscripts.  number: a float.
     """
 
     words: Mapping[str, str]
-    functions: Mapping[str, str]
+    functions: Mapping[str, str] | None
     state: Callable[[str], str]
     index: Callable[[list[str]], str]
     number: Callable[[float], str]
@@ -73,24 +73,45 @@ class Language:
             return self._say_term(inner) + self.index(indices)
         if isinstance(node, ast.Call):
             arguments = ", ".join(map(self.say, node.args))
-            return f"{self.functions[ast.unparse(node.func)]}({arguments})"
+            name = ast.unparse(node.func)
+            return f"{name if self.functions is None else self.functions[name]}({arguments})"
         raise TypeError(f"the laws have no {ast.unparse(node)}")
 
 
 def _comparison(sign: ast.cmpop) -> str:
     signs: Mapping[type, str] = {
-        ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==",
+        ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
     }  # fmt: skip
     return signs[type(sign)]
 
 
-def is_flag(node: ast.expr, flags: set[str]) -> bool:
-    """Whether an expression is true or false; flags: names that are."""
-    if isinstance(node, ast.UnaryOp):
-        return isinstance(node.op, ast.Not)
+def kind_of(node: ast.expr, kinds: Mapping[str, str]) -> str:
+    """Whether an expression is a flag, a whole number or a real one; kinds: of names, fields and functions."""
     if isinstance(node, ast.Constant):
-        return isinstance(node.value, bool)
-    return isinstance(node, (ast.BoolOp, ast.Compare)) or (isinstance(node, ast.Name) and node.id in flags)
+        return {bool: "flag", int: "whole"}.get(type(node.value), "real")
+    if isinstance(node, (ast.BoolOp, ast.Compare)) or (isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)):
+        return "flag"
+    if isinstance(node, ast.UnaryOp):
+        return kind_of(node.operand, kinds)
+    if isinstance(node, ast.BinOp):
+        both = {kind_of(node.left, kinds), kind_of(node.right, kinds)}
+        return "whole" if both == {"whole"} else "real"
+    name = ast.unparse(node.func if isinstance(node, ast.Call) else node)
+    if name in ("min", "max") and isinstance(node, ast.Call):
+        return kind_of(node.args[0], kinds)
+    return "whole" if name == "int" else kinds.get(name, "real")
+
+
+def stored_in(nodes: list[ast.stmt]) -> list[str]:
+    """Intermediate values that some statements find, in their order."""
+    targets = [n.targets[0] for top in nodes for n in ast.walk(top) if isinstance(n, ast.Assign)]
+    found = [target.id for target in targets if isinstance(target, ast.Name)]
+    return list(dict.fromkeys(found))
+
+
+def loaded_in(nodes: list[ast.stmt]) -> set[str]:
+    """Names that some statements read."""
+    return {n.id for top in nodes for n in ast.walk(top) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
 
 
 def broken(line: str, width: int, breaks: str) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fastcoil.base.arrays import Array
-from fastcoil.deliver.export.settings import Settings
+from fastcoil.deliver.export.controller import Controller
 
 LARGEST_ERROR = 25.0
 """K; a reading stays plausible."""
@@ -28,30 +28,30 @@ class Inputs:
     enabled: Array
 
 
-def made_records(settings: Settings) -> list[Inputs]:
+def made_records(controller: Controller) -> list[Inputs]:
     """A tour of PI and inverse for every controller, and a record for estimators that need another."""
-    e, enabled = _tour(settings)
-    T_set = np.full(e.size, 24.0 if settings.heats else 14.0)
-    T_set[60:] += 1.0 + 2.0 * settings.number["error_dead_band"]
+    e, enabled = _tour(controller)
+    T_set = np.full(e.size, 24.0 if controller.heats else 14.0)
+    T_set[60:] += 1.0 + 2.0 * controller.number["error_dead_band"]
     T_set[130:] -= 0.5
-    found = [_seen(settings, e, T_set, enabled)]
-    special = {"learner": _intervals, "hagglund": _square_waves}.get(settings.estimator)
+    found = [_seen(controller, e, T_set, enabled)]
+    special = {"learner": _intervals, "hagglund": _square_waves}.get(controller.estimator)
     if special is not None:
-        e = special(settings)[:MOST_CYCLES]
-        found.append(_seen(settings, e, np.full(e.size, T_set[0]), np.ones(e.size)))
+        e = special(controller)[:MOST_CYCLES]
+        found.append(_seen(controller, e, np.full(e.size, T_set[0]), np.ones(e.size)))
     return found
 
 
-def _seen(settings: Settings, e: Array, T_set: Array, enabled: Array) -> Inputs:
-    T_sup = T_set - e if settings.heats else T_set + e
-    resolution = settings.number["sensor_resolution"]
+def _seen(controller: Controller, e: Array, T_set: Array, enabled: Array) -> Inputs:
+    T_sup = T_set - e if controller.heats else T_set + e
+    resolution = controller.number["sensor_resolution"]
     T_sup = resolution * np.floor(T_sup / resolution + 0.5) if resolution > 0.0 else T_sup
     return Inputs(T_sup, T_set, np.where(np.arange(e.size) % 400 < 250, 1.2, 1.0), enabled)
 
 
-def _tour(settings: Settings) -> tuple[Array, Array]:
+def _tour(controller: Controller) -> tuple[Array, Array]:
     """Errors, K, and when the plant is on: along the stroke to its ends, back and forth, off and on."""
-    number = settings.number
+    number = controller.number
     k, band = np.arange(30), number["error_dead_band"]
     # a weak or slow PI takes its time from one end to the other
     slowly = 1.5 * number["ti"] / max(abs(number["kp"]) * number["sample_time"] * LARGEST_ERROR, 1e-9)
@@ -72,17 +72,17 @@ def _tour(settings: Settings) -> tuple[Array, Array]:
     enabled = np.ones(wanted.size)
     for start in OFF:
         enabled[start : start + 4] = 0.0
-    e = _errors(settings, wanted, enabled)
+    e = _errors(controller, wanted, enabled)
     e[110:120] = np.linspace(-1.2, 1.2, 10) * band if band > 0.0 else e[110:120]
     return e, enabled
 
 
-def _errors(settings: Settings, wanted: Array, enabled: Array) -> Array:
+def _errors(controller: Controller, wanted: Array, enabled: Array) -> Array:
     """The errors that the PI answers with the openings wanted, K.
 
     A dead band, or the limit of the error, takes it elsewhere, which does no harm.
     """
-    number = settings.number
+    number = controller.number
     kp, ki = number["kp"], number["kp"] * number["sample_time"] / number["ti"]
     e, integral = np.zeros(wanted.size), 0.0
     for k, u in enumerate(wanted):
@@ -91,9 +91,9 @@ def _errors(settings: Settings, wanted: Array, enabled: Array) -> Array:
     return e
 
 
-def _intervals(settings: Settings) -> Array:
+def _intervals(controller: Controller) -> Array:
     """Errors over the intervals of a learner, K: some turns in those of the reference, then none, few or many."""
-    number = settings.number
+    number = controller.number
     n = int(number["learning_interval"] / number["sample_time"])
     k = np.arange(n)
     some = 0.5 + 0.02 * np.where(k % 8 < 4, k % 4, 4 - k % 4)
@@ -102,12 +102,12 @@ def _intervals(settings: Settings) -> Array:
     far = 0.5 + 0.3 * (-1.0) ** (k // 10)  # few turns, large errors
     first = [some] * (int(number["learning_reference"]) + 2)
     wanted = np.concatenate([*first, none, none, far, many, none, many, many, none])
-    return _errors(settings, wanted, np.ones(wanted.size))
+    return _errors(controller, wanted, np.ones(wanted.size))
 
 
-def _square_waves(settings: Settings) -> Array:
+def _square_waves(controller: Controller) -> Array:
     """Errors of half periods that Hägglund's rule counts, K: each as long as the PI needs to cross a gap."""
-    number = settings.number
+    number = controller.number
     n = math.ceil(7.0 * number["ti"] / number["sample_time"]) + 2
     size = 0.15 * number["ti"] / (abs(number["kp"]) * n * number["sample_time"])
     halves = range(int(number["hagglund_least_half_periods"]) + 4)

@@ -79,6 +79,10 @@ class Laws:
             for name in [ast.unparse(one.target)]
         ]
 
+        self.kinds = {one.name: one.kind for one in self.constants}
+        self.kinds |= {f"s.{one.name}": one.kind for one in self.fields}
+        self.kinds |= {one.name: one.returns for one in self.functions.values()}
+
     def comment(self, line: int) -> str:
         """What is said behind the code of a line."""
         return self._comments.get(line, "") if self.lines[line - 1].strip()[:1] != "#" else ""

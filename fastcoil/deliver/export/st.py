@@ -9,16 +9,39 @@ from __future__ import annotations
 import ast
 from textwrap import indent, wrap
 
-from fastcoil.deliver.export.expressions import Language, broken, is_flag
+from fastcoil.deliver.export.expressions import Language, broken, kind_of
 from fastcoil.deliver.export.source import Constant, Function, Laws, aligned, counted, is_elif
-from fastcoil.deliver.export.template import WIDTH, number
+from fastcoil.deliver.export.words import WIDTH, number
 
 OUTPUTS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate")
 """What the block shows of its state."""
 _TYPES = {"real": "LREAL", "flag": "BOOL", "whole": "INT"}
-_WORDS = {"or": "OR", "and": "AND", "not": "NOT ", "True": "TRUE", "False": "FALSE", "==": "=", "group": "yes"}
+_WORDS = {
+    "or": "OR",
+    "and": "AND",
+    "not": "NOT ",
+    "True": "TRUE",
+    "False": "FALSE",
+    "==": "=",
+    "!=": "<>",
+    "group": "yes",
+}
 _WORDS |= {sign: sign for sign in ("<", "<=", ">", ">=")}
-_FUNCTIONS = {"abs": "ABS", "max": "MAX", "min": "MIN", "math.exp": "EXP", "math.log": "LN", "math.sqrt": "SQRT"}
+_FUNCTIONS = {
+    "abs": "ABS", "max": "MAX", "min": "MIN", "math.exp": "EXP", "math.log": "LN", "math.sqrt": "SQRT",
+    "math.sin": "SIN", "math.cos": "COS", "math.tan": "TAN", "math.asin": "ASIN", "math.acos": "ACOS",
+    "math.atan": "ATAN", "math.pow": "EXPT", "float": "INT_TO_LREAL", "int": "TRUNC",
+}  # fmt: skip
+_MISSING = {
+    "floor": (
+        "DINT_TO_LREAL(TRUNC(x))",
+        "found > x",
+        "found - 1.0",
+        "Largest whole number up to x, between -2E9 and 2E9.",
+    ),
+    "tanh": ("1.0 - 2.0 / (EXP(2.0 * MIN(x, 20.0)) + 1.0)", "x < -20.0", "-1.0", "Hyperbolic tangent."),
+}
+"""Functions that the standard lacks: value, a condition, the value then, and what it is."""
 _BREAKS = r" (?=AND |OR |[-+*/] )"
 _STEP = "    "
 
@@ -29,14 +52,18 @@ class InST:
     def __init__(self, laws: Laws, name: str) -> None:
         self.laws, self.block_name = laws, f"FB_{name}"
         self.functions = {f: f"F_{name}_{f}" for f, one in laws.functions.items() if not one.is_section}
+        lacking = [word for word in _MISSING if any(f"math.{word}(" in line for line in laws.lines)]
+        self.missing = {f"math.{word}": f"F_{name}_{word}" for word in lacking}
         self.sizes = {one.name: one.value for one in laws.constants if isinstance(one.value, int)}
         self.locals: dict[str, str] = {}
+        self.inset = 0
+        self.arguments = laws.functions["step"].arguments
         step = laws.functions["step"]
         self.taken = {name.lower() for name in [*step.arguments, *self.sizes]}
         self.taken |= {one.name.lower() for one in laws.constants} | {one.name.lower() for one in laws.fields}
         self.language = Language(
             _WORDS,
-            _FUNCTIONS | self.functions,
+            _FUNCTIONS | self.functions | self.missing,
             lambda field: field,
             lambda indices: f"[{', '.join(indices)}]",
             st_number,
@@ -45,13 +72,25 @@ class InST:
     def text(self) -> str:
         """The whole file."""
         functions = [self._function(one) for one in self.laws.functions.values() if not one.is_section]
+        missing = [self._missing(word.removeprefix("math."), own) for word, own in self.missing.items()]
+        self.locals = {}
         body = self._section(self.laws.functions["step"])
-        return "\n\n".join([_comment(self.laws.text), *functions, self._block_of(body)]) + "\n"
+        return "\n\n".join([_comment(self.laws.text), *missing, *functions, self._block_of(body)]) + "\n"
+
+    def _missing(self, word: str, own: str) -> str:
+        value, test, other, said = _MISSING[word]
+        return (
+            f"{_comment(said)}\nFUNCTION {own} : LREAL\nVAR_INPUT\n{_STEP}x : LREAL;\nEND_VAR\nVAR\n"
+            f"{_STEP}found : LREAL;\nEND_VAR\nfound := {value};\nIF {test} THEN\n{_STEP}found := {other};\nEND_IF;\n"
+            f"{own} := found;\nEND_FUNCTION"
+        )
 
     def _function(self, one: Function) -> str:
         inputs = [f"{_STEP}{name} : {_TYPES[kind]};" for name, kind in one.arguments.items()]
         self.locals, own = {}, self.functions[one.name]
+        before, self.arguments, self.taken = (self.arguments, self.taken), one.arguments, set()
         body = self._statements(one.body, own)
+        self.arguments, self.taken = before
         body = body[:-1] if body[-1].strip() == "RETURN;" else body
         return "\n".join(
             [
@@ -114,6 +153,15 @@ class InST:
         ends = [self.sizes[size] if size in self.sizes else int(size) for size in sizes]
         return f"ARRAY[{', '.join(f'0..{end - 1}' for end in ends)}] OF " if ends else ""
 
+    def _called_section(self, one: Function, given: list[ast.expr]) -> list[str]:
+        """What a section does, behind the values of its arguments."""
+        lines = []
+        for (name, kind), value in zip(one.arguments.items(), given, strict=True):
+            if not (isinstance(value, ast.Name) and value.id == name):
+                self._declare(name, kind)
+                lines.append(f"{name} := {self.language.say(value)};")
+        return [*lines, *self._section(one)]
+
     def _section(self, one: Function) -> list[str]:
         return [*_comment(one.text).splitlines(), *self._statements(one.body)]
 
@@ -129,9 +177,10 @@ class InST:
             first, *rest = self._statement(node, own)
             said = self.laws.comment(node.lineno)
             beside = f"{first}  {_comment(said)}" if said else first
-            if len(beside) > WIDTH:
+            width = WIDTH - self.inset
+            if len(beside) > width:
                 lines, beside = [*lines, *([_comment(said)] if said else [])], first
-            lines += [*broken(beside, WIDTH, _BREAKS), *rest]
+            lines += [*broken(beside, width, _BREAKS), *rest]
             lines += [""] if section and k + 1 < len(body) else []
         return lines
 
@@ -142,13 +191,13 @@ class InST:
             if isinstance(value, ast.Call) and ast.unparse(value.func) == "zeros":
                 return self._zeros(say(target), value)
             if isinstance(target, ast.Name):
-                self._declare(target.id, "flag" if is_flag(value, self._flags()) else "real")
+                self._declare(target.id, kind_of(value, self._kinds()))
             return [f"{say(target)} := {say(value)};"]
         if isinstance(node, ast.AugAssign):
             changed = ast.BinOp(node.target, node.op, node.value)
             return [f"{say(node.target)} := {say(changed)};"]
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            return self._section(self.laws.functions[ast.unparse(node.value.func)])
+            return self._called_section(self.laws.functions[ast.unparse(node.value.func)], node.value.args[1:])
         if isinstance(node, ast.Return) and node.value is not None:
             return [f"{own} := {say(node.value)};", "RETURN;"]
         if isinstance(node, ast.For) and isinstance(node.target, ast.Name) and isinstance(node.iter, ast.Call):
@@ -163,7 +212,10 @@ class InST:
         raise TypeError(f"the laws have no {ast.unparse(node)}")
 
     def _inner(self, body: list[ast.stmt], own: str) -> list[str]:
-        return indent("\n".join(self._statements(body, own)), _STEP).split("\n")
+        self.inset += len(_STEP)
+        lines = indent("\n".join(self._statements(body, own)), _STEP).split("\n")
+        self.inset -= len(_STEP)
+        return lines
 
     def _loop(self, i: str, call: ast.Call, body: list[ast.stmt]) -> list[str]:
         low, high, down = counted(call)
@@ -188,11 +240,8 @@ class InST:
             lines = [f"FOR {name} := 0 TO {self._next(size, -1)} DO", *inner, "END_FOR;"]
         return lines
 
-    def _flags(self) -> set[str]:
-        step = self.laws.functions["step"].arguments
-        return {name for name, kind in (self.locals | step).items() if kind == "flag"} | {
-            one.name for one in self.laws.fields if one.kind == "flag"
-        }
+    def _kinds(self) -> dict[str, str]:
+        return self.laws.kinds | self.arguments | self.locals
 
     def _declare(self, name: str, kind: str) -> None:
         if name.lower() in self.taken:

@@ -9,8 +9,8 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.machine import package_version
+from fastcoil.deliver.export.controller import Controller
 from fastcoil.deliver.export.record import Inputs, made_records
-from fastcoil.deliver.export.settings import Settings
 from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
@@ -65,33 +65,34 @@ class Vectors:
         return "\n".join([*lines, *(",".join(f"{value:.17g}" for value in row) for row in rows)]) + "\n"
 
 
-def vectors_of(loop: Loop, settings: Settings) -> Vectors:
+def vectors_of(loop: Loop, controller: Controller) -> Vectors:
     """Replay made-up records through the loop's controller, and simulate the loop on a day."""
-    runs = [*(_replayed(loop, settings, seen) for seen in made_records(settings)), _simulated(loop, settings)]
-    if settings.estimator == "identify":
-        runs.append(_simulated(loop, settings, disturbed=True))
-    inputs = ("T_sup", "T_set", *(["m_a"] if settings.sees_air else []), "enabled", "reset")
-    outputs = [name for name in (*OUTPUTS, "switches") if name != "estimate" or settings.has_estimate]
+    runs = [*(_replayed(loop, controller, seen) for seen in made_records(controller)), _simulated(loop, controller)]
+    if controller.estimator == "identify":
+        runs.append(_simulated(loop, controller, disturbed=True))
+    inputs = ("T_sup", "T_set", *(["m_a"] if controller.sees_air else []), "enabled", "reset")
+    lacks = {"estimate": not controller.has_estimate, "integral_part": controller.deciding is not None}
+    outputs = [name for name in (*OUTPUTS, "switches") if not lacks.get(name, False)]
     columns = {name: np.concatenate([run[name] for run in runs]) for name in (*inputs, *outputs)}
     return Vectors(columns, inputs, runs[0]["T_sup"].size)
 
 
-def _replayed(loop: Loop, settings: Settings, seen: Inputs) -> dict[str, Array]:
-    sample_time = int(settings.number["sample_time"])
+def _replayed(loop: Loop, controller: Controller, seen: Inputs) -> dict[str, Array]:
+    sample_time = int(controller.number["sample_time"])
     time = {"elapsed_time": ("elapsed_time", sample_time * np.arange(seen.T_sup.size), {"units": "s"})}
     units = {"T_sup": "degC", "T_set": "degC", "enabled": "1"}
-    if settings.sees_air:
+    if controller.sees_air:
         units["m_a"] = "kg s-1"
     log = xr.Dataset({name: ("elapsed_time", getattr(seen, name), {"units": u}) for name, u in units.items()}, time)
     ds = replay(loop, log, trace_interval=sample_time)
     return _rows(ds, {"T_sup": seen.T_sup, "T_set": seen.T_set, "m_a": seen.m_a, "enabled": seen.enabled})
 
 
-def _simulated(loop: Loop, settings: Settings, *, disturbed: bool = False) -> dict[str, Array]:
+def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -> dict[str, Array]:
     """The loop on its generic day, with gusts and some time off if it is to be disturbed."""
-    hours = _HOURS_TO_IDENTIFY if settings.estimator == "identify" else _HOURS
-    day = heating_day(hours) if settings.heats else paper_day(hours)
-    sample_time, band = int(settings.number["sample_time"]), settings.number["error_dead_band"]
+    hours = _HOURS_TO_IDENTIFY if controller.estimator == "identify" else _HOURS
+    day = heating_day(hours) if controller.heats else paper_day(hours)
+    sample_time, band = int(controller.number["sample_time"]), controller.number["error_dead_band"]
     if band > 0.0:  # steps that it would not answer are refused
         T_set = day.series["T_set"][0]
         day = day.assign(T_set=T_set[0] + (1.0 + 2.0 * band) * (T_set - T_set[0]))

@@ -121,14 +121,16 @@ def blocks(matrix: np.ndarray, rules: Rules = NO_RULES) -> list[tuple[np.ndarray
     return cut
 
 
-def run_sets(matrix: np.ndarray, run: Callable[[Block], Sequence[np.ndarray]]) -> tuple[np.ndarray, ...]:
+def run_sets(
+    matrix: np.ndarray, run: Callable[[Block], Sequence[np.ndarray]], rules: Rules = NO_RULES
+) -> tuple[np.ndarray, ...]:
     """Run many parameter sets over one record, block by block.
 
-    matrix: (len(PARAMETER_ROWS), n_sets).  run: takes a block, returns arrays (…, LANES).  Returns the same arrays for
-    all sets, (…, n_sets), in their order.
+    matrix, rules: see ``parameter_matrix``.  run: takes a block, returns arrays (…, LANES).  Returns the same arrays
+    for all sets, (…, n_sets), in their order.
     """
     found: tuple[np.ndarray, ...] = ()
-    for members, block in blocks(matrix):
+    for members, block in blocks(matrix, rules):
         parts = run(block)
         found = found or tuple(np.empty((*part.shape[:-1], matrix.shape[1])) for part in parts)
         for whole, part in zip(found, parts, strict=True):

@@ -10,7 +10,7 @@ import numpy as np
 
 from fastcoil.model.engine.controller import PLAIN, call_control, control
 from fastcoil.model.engine.emulator import record
-from fastcoil.model.engine.lanes import Block, run_sets, trace_rows, work_space
+from fastcoil.model.engine.lanes import NO_RULES, Block, Rules, run_sets, trace_rows, work_space
 from fastcoil.model.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
 from fastcoil.model.engine.rows import (
     LANES,
@@ -24,7 +24,7 @@ from fastcoil.model.engine.rows import (
     reset_sums,
     set_initial_state,
 )
-from fastcoil.model.engine.rules import call_estimator
+from fastcoil.model.engine.rules import call_estimator, call_law
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import kernel
 from fastcoil.model.numerics.stages import BUILT_IN
@@ -184,12 +184,12 @@ REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 
 
 @kernel
-def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
+def command_of(rows, common, series, S, V, own, own_law, traced_rows, interval, traces):
     """What the controllers of a block command on a record.
 
-    series: (n_steps, 4), columns as in REPLAY_COLUMNS, 1-s samples; m_a is NaN where it is not known.  S, V, own: work
-    space as for ``emulate``; V is not read.  traced_rows: their offsets.  traces: out, (n_points, n_rows, LANES), every
-    ``interval`` seconds.
+    series: (n_steps, 4), columns as in REPLAY_COLUMNS, 1-s samples; m_a is NaN where it is not known.  S, V, own,
+    own_law: work space as for ``emulate``; V is not read.  traced_rows: their offsets.  traces: out,
+    (n_points, n_rows, LANES), every ``interval`` seconds.
     """
     derive(S, rows, common.n_volumes)
     set_initial_state(S, False)
@@ -197,6 +197,9 @@ def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
     estimates = common.estimate != BUILT_IN
     if estimates:
         call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
+    has_law = common.law != BUILT_IN
+    if has_law:
+        call_law(common.law, (S, own_law, 0.0, 0.0, 0.0, 0.0, True, True))
     was_enabled = True
     for t in range(series.shape[0]):
         enabled = series[t, _SEEN.enabled] != 0.0
@@ -207,6 +210,9 @@ def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
                 common.estimate, (S, own, float(t), series[t, _SEEN.T_set], series[t, _SEEN.m_a], enabled, False)
             )
         if t % common.control_period == 0 or was_enabled != enabled:
+            if has_law:
+                now = (S, own_law, float(t), series[t, _SEEN.T_set], 0.0, series[t, _SEEN.m_a], enabled, False)
+                call_law(common.law, now)
             if common.control == BUILT_IN:
                 control(S, t, series[t, _SEEN.T_set], 0.0, enabled, 0.0, PLAIN)
             else:
@@ -216,15 +222,14 @@ def command_of(rows, common, series, S, V, own, traced_rows, interval, traces):
             record(S, V, traced_rows, traces[t // interval])
 
 
-def run_replay(matrix: np.ndarray, series: np.ndarray, interval: int) -> dict[str, np.ndarray]:
+def run_replay(matrix: np.ndarray, series: np.ndarray, interval: int, rules: Rules = NO_RULES) -> dict[str, np.ndarray]:
     """Replay many controllers, (len(PARAMETER_ROWS), n_sets).  Returns each of REPLAY_TRACES, (n_points, n_sets)."""
 
     def run(block: Block) -> list[np.ndarray]:
         rows = trace_rows(REPLAY_TRACES, block.common.n_volumes)
         traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
-        S, V, own, _ = work_space(block)
-        command_of(block.rows, block.common, series, S, V, own, rows, interval, traces)
+        command_of(block.rows, block.common, series, *work_space(block), rows, interval, traces)
         return [traces]
 
-    (found,) = run_sets(matrix, run)
+    (found,) = run_sets(matrix, run, rules)
     return {name: found[:, k] for k, name in enumerate(REPLAY_TRACES)}

@@ -119,4 +119,4 @@ def step(now, p, memory):
     return x_hat if acts else now.estimate, after
 
 
-GRADIENT = Estimator("gradient", Parameters, Memory, step, start)
+ESTIMATOR = Estimator("gradient", Parameters, Memory, step, start)

@@ -98,7 +98,7 @@ class Memory(NamedTuple):
 def start(p):
     """Memory at the start: nothing yet."""
     weight = weight_of_new(p.hagglund_filter_ratio * p.ti, p.sample_time)
-    return Memory(weight, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan, np.nan, np.nan, np.nan, np.nan)
+    return Memory(weight, np.nan, np.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @exact
@@ -135,7 +135,8 @@ def step(now, p, memory):
 def results(memory: Any) -> dict[str, np.ndarray]:
     """The estimator's own metrics at the end of a run."""
     last = np.stack([memory.d1, memory.d2, memory.d3, memory.d4, memory.d5])
-    return {"half_periods": np.asarray(memory.counted), "half_period_spread": last.max(axis=0) - last.min(axis=0)}
+    spread = np.where(np.asarray(memory.counted) >= len(last), last.max(axis=0) - last.min(axis=0), np.nan)
+    return {"half_periods": np.asarray(memory.counted), "half_period_spread": spread}
 
 
-HAGGLUND = Estimator("hagglund", Parameters, Memory, step, start, results=results)
+ESTIMATOR = Estimator("hagglund", Parameters, Memory, step, start, results=results)

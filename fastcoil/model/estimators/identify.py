@@ -45,7 +45,12 @@ FACTOR = SUMS + COMMON * COMMON
 """Scratch: the Cholesky factor of those sums but for the first, with the reciprocals of its diagonal."""
 SOLVED = FACTOR + COMMON * COMMON
 """Scratch: one row of what is to be explained and DRIVEN rows of the openings, each solved with that factor."""
-PROBABILITY = SOLVED + (DRIVEN + 1) * COMMON
+SHARED = SOLVED + (DRIVEN + 1) * COMMON
+"""Scratch: what each opening of a candidate shares with the change and not with the rest, (2, DRIVEN): without, and
+with the motor among the rest."""
+PAIRS = SHARED + 2 * DRIVEN
+"""Scratch: the same of the openings with one another, (2, DRIVEN, DRIVEN)."""
+PROBABILITY = PAIRS + 2 * DRIVEN * DRIVEN
 """Log-likelihoods, then probabilities, (N,)."""
 EARLIER = PROBABILITY + N
 """The same, with the motor in place of the opening in the horizon in which the change happens."""
@@ -113,54 +118,25 @@ def solve_row(w, row, at, stride):
 
 
 @exact
-def product(w, row, other, end):
-    """Product of two rows of SOLVED up to ``end``: what two columns share with what comes before a change."""
-    found = 0.0
-    for i in range(1, end):
-        found += w[SOLVED + row * COMMON + i] * w[SOLVED + other * COMMON + i]
-    return found
-
-
-@exact
-def with_change(w, c, a, end):
-    """Product of column a of the openings behind candidate c and the change, less what both share with the rest."""
-    return w[CROSSED + a * COMMON * N + c] - product(w, 1 + a, 0, end)
-
-
-@exact
-def with_other(w, c, a, b, end):
-    """Product of two columns of the openings behind candidate c, less what both share with the rest; b up to a."""
-    return w[PAIRED + (a * (a + 1) // 2 + b) * N + c] - product(w, 1 + a, 1 + b, end)
-
-
-@exact
-def explained(w, c, precision):
-    """What the openings behind candidate c explain of the changes, K², and half the log of how sharply.
-
-    Their coefficients have a normal prior of this precision.
-    """
-    s_00 = with_other(w, c, 0, 0, MOTOR) + precision
-    r_10 = with_other(w, c, 1, 0, MOTOR) / s_00
-    r_20 = with_other(w, c, 2, 0, MOTOR) / s_00
-    s_11 = with_other(w, c, 1, 1, MOTOR) + precision - r_10 * r_10 * s_00
-    s_21 = with_other(w, c, 2, 1, MOTOR) - r_10 * r_20 * s_00
-    s_22 = with_other(w, c, 2, 2, MOTOR) + precision - r_20 * r_20 * s_00 - s_21 * s_21 / s_11
-    b_0 = with_change(w, c, 0, MOTOR)
-    b_1 = with_change(w, c, 1, MOTOR) - r_10 * b_0
-    b_2 = with_change(w, c, 2, MOTOR) - r_20 * b_0 - s_21 / s_11 * b_1
-    found = b_0 * b_0 / s_00 + b_1 * b_1 / s_11 + b_2 * b_2 / s_22
-    return found, 0.5 * log(s_00 / precision * (s_11 / precision) * (s_22 / precision))
-
-
-@exact
-def explained_earlier(w, c, precision):
-    """The same of the openings before this horizon, with what the motor did in it as given."""
-    s_11 = with_other(w, c, 1, 1, COMMON) + precision
-    r_21 = with_other(w, c, 2, 1, COMMON) / s_11
-    s_22 = with_other(w, c, 2, 2, COMMON) + precision - r_21 * r_21 * s_11
-    b_1 = with_change(w, c, 1, COMMON)
-    b_2 = with_change(w, c, 2, COMMON) - r_21 * b_1
-    return b_1 * b_1 / s_11 + b_2 * b_2 / s_22, 0.5 * log(s_11 / precision * (s_22 / precision))
+def share_out(w, c):
+    """What the openings behind candidate c share with the change, and with one another, less what the rest explains."""
+    for a in range(DRIVEN):
+        solve_row(w, 1 + a, CROSSED + a * COMMON * N + c, N)
+    for a in range(DRIVEN):
+        common = 0.0
+        for i in range(1, MOTOR):
+            common += w[SOLVED + (1 + a) * COMMON + i] * w[SOLVED + i]
+        w[SHARED + a] = w[CROSSED + a * COMMON * N + c] - common
+        common += w[SOLVED + (1 + a) * COMMON + MOTOR] * w[SOLVED + MOTOR]
+        w[SHARED + DRIVEN + a] = w[CROSSED + a * COMMON * N + c] - common
+        for b in range(a + 1):
+            pair = w[PAIRED + (a * (a + 1) // 2 + b) * N + c]
+            common = 0.0
+            for i in range(1, MOTOR):
+                common += w[SOLVED + (1 + a) * COMMON + i] * w[SOLVED + (1 + b) * COMMON + i]
+            w[PAIRS + a * DRIVEN + b] = pair - common
+            common += w[SOLVED + (1 + a) * COMMON + MOTOR] * w[SOLVED + (1 + b) * COMMON + MOTOR]
+            w[PAIRS + (DRIVEN + a) * DRIVEN + b] = pair - common
 
 
 @exact
@@ -172,6 +148,37 @@ def evidence(total, found, sharpness, freedom):
 
 
 @exact
+def weigh(w, c, total, freedom):
+    """Log-likelihood of candidate c by all its openings, whose coefficients have a normal prior, into PROBABILITY."""
+    prior = PRECISION * total / freedom
+    s_00 = w[PAIRS] + prior
+    r_10 = w[PAIRS + DRIVEN] / s_00
+    r_20 = w[PAIRS + 2 * DRIVEN] / s_00
+    s_11 = w[PAIRS + DRIVEN + 1] + prior - r_10 * r_10 * s_00
+    s_21 = w[PAIRS + 2 * DRIVEN + 1] - r_10 * r_20 * s_00
+    s_22 = w[PAIRS + 2 * DRIVEN + 2] + prior - r_20 * r_20 * s_00 - s_21 * s_21 / s_11
+    b_0 = w[SHARED]
+    b_1 = w[SHARED + 1] - r_10 * b_0
+    b_2 = w[SHARED + 2] - r_20 * b_0 - s_21 / s_11 * b_1
+    found = b_0 * b_0 / s_00 + b_1 * b_1 / s_11 + b_2 * b_2 / s_22
+    sharpness = 0.5 * log(s_00 / prior * (s_11 / prior) * (s_22 / prior))
+    w[PROBABILITY + c] = evidence(total, found, sharpness, freedom)
+
+
+@exact
+def weigh_earlier(w, c, left, freedom):
+    """The same by the openings before this horizon, with what the motor did in it as given, into EARLIER."""
+    prior = PRECISION * left / freedom
+    s_11 = w[PAIRS + (DRIVEN + 1) * DRIVEN + 1] + prior
+    r_21 = w[PAIRS + (DRIVEN + 2) * DRIVEN + 1] / s_11
+    s_22 = w[PAIRS + (DRIVEN + 2) * DRIVEN + 2] + prior - r_21 * r_21 * s_11
+    b_1 = w[SHARED + DRIVEN + 1]
+    b_2 = w[SHARED + DRIVEN + 2] - r_21 * b_1
+    found = b_1 * b_1 / s_11 + b_2 * b_2 / s_22
+    w[EARLIER + c] = evidence(left, found, 0.5 * log(s_11 / prior * (s_22 / prior)), freedom)
+
+
+@exact
 def compare(w, rows):
     """Log-likelihoods of the candidates into PROBABILITY and, of earlier openings alone, into EARLIER.
 
@@ -179,17 +186,18 @@ def compare(w, rows):
     """
     factorise(w)
     solve_row(w, 0, SUMS, COMMON)
-    total, left = w[SUMS] - product(w, 0, 0, MOTOR), w[SUMS] - product(w, 0, 0, COMMON)
+    common = 0.0
+    for i in range(1, MOTOR):
+        common += w[SOLVED + i] * w[SOLVED + i]
+    total = w[SUMS] - common
+    left = w[SUMS] - (common + w[SOLVED + MOTOR] * w[SOLVED + MOTOR])
     freedom = rows - OWN - 1.0
     if not (freedom > 1.0 and left > REDUNDANT * w[SUMS]):
         return False
     for c in range(N):
-        for a in range(DRIVEN):
-            solve_row(w, 1 + a, CROSSED + a * COMMON * N + c, N)
-        found, sharpness = explained(w, c, PRECISION * total / freedom)
-        w[PROBABILITY + c] = evidence(total, found, sharpness, freedom)
-        found, sharpness = explained_earlier(w, c, PRECISION * left / (freedom - 1.0))
-        w[EARLIER + c] = evidence(left, found, sharpness, freedom - 1.0)
+        share_out(w, c)
+        weigh(w, c, total, freedom)
+        weigh_earlier(w, c, left, freedom - 1.0)
     return True
 
 
@@ -424,4 +432,4 @@ def step(now, p, memory, w):
     return x_hat, after
 
 
-IDENTIFY = Estimator("identify", Parameters, Memory, step, start, words=WORDS + 3 * N, waives_buffer=True)
+ESTIMATOR = Estimator("identify", Parameters, Memory, step, start, words=WORDS + 3 * N, waives_buffer=True)

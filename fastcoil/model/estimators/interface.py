@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fastcoil.model.control import sample_number
 from fastcoil.model.numerics.jit import exact
 
 
@@ -24,6 +25,12 @@ def weight_of_new(time_constant, sample_time):
 def low_passed(z, x, weight):
     """z after one more value x of a first-order filter; NaN where x is the first."""
     return x if np.isnan(z) else z + weight * (x - z)
+
+
+@exact
+def is_sample(t, sample_time):
+    """Whether a controller sample is at t, in s: for the sake of other lanes an estimator may be called more often."""
+    return sample_number(t, sample_time) * sample_time == t
 
 
 class Sample(NamedTuple):
@@ -92,6 +99,11 @@ class Estimator:
     waives_buffer: bool = False
     identity: str = ""
     watches: Callable[[Mapping[str, np.ndarray]], bool] | None = None
+
+    @property
+    def sees_air(self) -> bool:
+        """Whether it reads the air flow."""
+        return "m_a" in getattr(self.step, "py_func", self.step).__code__.co_names
 
     def is_watching(self, rows: Mapping[str, np.ndarray]) -> bool:
         """Whether T and e are kept for it in a block."""

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.control import sample_number
-from fastcoil.model.estimators.interface import Estimator
+from fastcoil.model.estimators.interface import Estimator, is_sample
 from fastcoil.model.metric_table import LEARNING_STATUS
 from fastcoil.model.numerics.jit import exact
 
@@ -152,8 +151,7 @@ def start(p):
 @exact
 def step(now, p, memory):
     """Update the estimate where an interval ends or, with an early trip, as soon as it chatters."""
-    # for the sake of other lanes this may run more often than this one samples
-    samples = sample_number(now.t, p.sample_time) * p.sample_time == now.t
+    samples = is_sample(now.t, p.sample_time)
     seen = samples and p.learning_error_ratio > 0.0
     at_end = now.u <= 0.0 or now.u >= 1.0
     counts = seen and now.t > memory.settled and not at_end
@@ -164,7 +162,7 @@ def step(now, p, memory):
     learning, climbing = memory.learning > 0.0, memory.climbing > 0.0
     switches = now.switches - memory.switches
     f = switch_frequency(switches, p.learning_interval)
-    ends = memory.next_update == now.t
+    ends = now.t >= memory.next_update
     good = evidence(switches, f, memory.reference, p.sample_time, p.learning_min_switches, p.learning_max_reference)
     enough = good == ENOUGH
     starts = memory.averaged < 0.0
@@ -246,4 +244,4 @@ def results(memory: Memory) -> dict[str, np.ndarray]:
     }
 
 
-LEARNER = Estimator("learner", Parameters, Memory, step, start, periods, confirms, results, watches=watches)
+ESTIMATOR = Estimator("learner", Parameters, Memory, step, start, periods, confirms, results, watches=watches)

@@ -1,16 +1,18 @@
-"""The estimators that come with the package, in the order of the choices of the parameter ``estimator``."""
+"""The estimators that come with the package: each has a file of its name here, and a word among the choices.
+
+One more is a file with an ``ESTIMATOR`` and its word in the parameter ``estimator``; its parameters, if it has any, are
+rows of the same table.  The blocks, the checks, the replay and the export of a controller find it by that word.
+"""
 
 from __future__ import annotations
 
-from fastcoil.model.estimators.gradient import GRADIENT
-from fastcoil.model.estimators.hagglund import HAGGLUND
-from fastcoil.model.estimators.identify import IDENTIFY
+from importlib import import_module
+
 from fastcoil.model.estimators.interface import Estimator
-from fastcoil.model.estimators.learner import LEARNER
 from fastcoil.model.parameter_table import PARAMETERS
 
-_KNOWN = (LEARNER, HAGGLUND, GRADIENT, IDENTIFY)
 ESTIMATORS: tuple[Estimator | None, ...] = tuple(
-    next((e for e in _KNOWN if e.name == name), None) for name in PARAMETERS["estimator"].choices
+    None if name == "none" else import_module(f"fastcoil.model.estimators.{name}").ESTIMATOR
+    for name in PARAMETERS["estimator"].choices
 )
 """By number of the choice; ``None`` for the choice none."""

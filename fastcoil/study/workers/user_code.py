@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import linecache
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -46,6 +47,8 @@ def _load(what: str, name: str, source: str) -> Any:
     sys.modules[module.__name__] = module
     with its_errors(f"{what} = {name!r}: its module does not run:"):
         exec(compile(source, f"<{name}>", "exec", dont_inherit=True), module.__dict__)
+        # tracebacks, and the export of a controller, read the source from here
+        linecache.cache[f"<{name}>"] = (len(source), None, source.splitlines(keepends=True), f"<{name}>")
     function = getattr(module, wanted, None)
     if not callable(function):
         raise InputError(f"{what} = {name!r}: its module has no function {wanted}")

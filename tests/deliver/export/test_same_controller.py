@@ -9,6 +9,7 @@ import shutil
 import subprocess
 
 import pytest
+from helpers.exported import worst_in_python
 from helpers.structured_text import Project
 
 import fastcoil as fc
@@ -151,26 +152,25 @@ MUTATIONS = [
     ("heating", "abs(s.e) > ERROR_DEAD_BAND", "abs(s.e) >= 0.0"),
     ("additive", "s.u_ext - 0.5 * BACKLASH_ESTIMATE", "s.u_ext"),
     ("additive", "BUFFER_RATIO * abs(KP)", "0.3 * BUFFER_RATIO * abs(KP)"),
-    ("learner", "max(s.f_reference, LEARNING_FLOOR)", "LEARNING_FLOOR"),
-    ("learner", "s.estimate - s.last_step", "s.estimate"),
+    ("learner", "if f_ref < floor:", "if True:"),
+    ("learner", "stepped = x_hat - step_2", "stepped = x_hat"),
     ("learner", "s.clock >= s.next_update", "s.clock > s.next_update"),
-    ("variants", "s.last_step * LEARNING_SHRINK", "s.last_step"),
-    ("variants", "s.last_step * LEARNING_GROWTH", "s.last_step"),
-    ("variants", "chatters or (ends and worse)", "chatters"),
+    ("variants", "size_2 * LEARNING_SHRINK", "size_2"),
+    ("variants", "return last * growth", "return last"),
+    ("variants", "chatter_2 or (ends and", "chatter_2 or (False and"),
     ("variants", "ESTIMATE_SHARE * s.estimate", "s.estimate"),
     ("hagglund", "KP * PLANT_GAIN * s.duration - TI", "KP * PLANT_GAIN * s.duration"),
-    ("hagglund", "min(max(low, high), x_5)", "max(low, high)"),
+    ("hagglund", "least(most(low, high), e)", "most(low, high)"),
     ("gradient", "/ (1.0 + zeta * zeta)", "/ 1.0"),
-    ("gradient", "off - GRADIENT_DEAD_ZONE", "off"),
+    ("gradient", "return e + dead_zone", "return e"),
     ("gradient", "s.clock + GRADIENT_PAUSE", "s.clock"),
     ("identify", "s.clock + PROVOKED", "s.clock + 600.0"),
-    ("identify", "decay * s.rows + 1.0", "s.rows + 1.0"),
-    ("identify", "- r_10 * r_20 * s_00", "- 0.0"),
-    ("identify", "if size <= GOOD_VALVE", "if size <= 0.2"),
+    ("identify", "s.decay * rows_2 + 1.0", "rows_2 + 1.0"),
+    ("identify", "if mean_4 <= GOOD:", "if mean_4 <= 0.2:"),
     ("identify", "        band = 0.0", "        band = BUFFER"),
-    ("identify", "s.has_begun = False\n    ends", "pass\n    ends"),
-    ("identify", "s.resumes = s.clock + DISTURBED", "pass"),
-    ("identify", "1.0 / math.sqrt(rest)", "1.001 / math.sqrt(rest)"),
+    ("identify", "begins = interrupted or not s.T_known", "begins = not s.T_known"),
+    ("identify", "resumes_2 = s.clock + DISTURBED", "resumes_2 = s.resumes"),
+    ("identify", "1.0 / math.sqrt(left_2)", "1.001 / math.sqrt(left_2)"),
 ]
 
 
@@ -181,7 +181,7 @@ def test_a_law_that_is_broken_anywhere_is_found_by_the_vectors(exported, tmp_pat
     assert law in text
     path = tmp_path / "broken.py"
     path.write_text(text.replace(law, broken))
-    assert not module(path).check(stored)
+    assert worst_in_python(path, stored, stops=True) > 1e-12
 
 
 @needs_gcc

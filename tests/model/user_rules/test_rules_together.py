@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-import xarray as xr
-from helpers.rules import Memory, Parameters, by_error, declared, fine, own_pi
+from helpers.rules import Memory, Parameters, by_error, by_switches, declared, fine, own_pi
 
 import fastcoil as fc
 
@@ -55,7 +54,13 @@ def test_a_parameter_of_the_loop_that_is_read_must_be_given():
         fc.simulate(fc.Loop(estimator=rule), fc.constant_day(hours=1))
 
 
-def test_a_replay_knows_no_rules():
-    log = xr.Dataset({"T_sup": ("elapsed_time", np.full(90, 14.0)), "T_set": ("elapsed_time", np.full(90, 14.0))})
-    with pytest.raises(fc.InputError, match="loop has the rule own_pi: replay runs no rules of your own"):
-        fc.replay(fc.Loop(law=own_pi), log)
+def test_a_replay_gives_the_commands_of_the_simulation():
+    loop = fc.Loop(law=own_pi, estimator=[by_error, by_switches], noise_std=0.05)
+    day = fc.paper_day(hours=1)
+    traces = ["T_measured", "command", "estimate"]
+    ds = fc.simulate(loop, day, traces=traces, warm_up=0)
+    for k in range(2):
+        log = day.to_dataset()[["T_set", "m_a"]].assign(T_sup=ds["T_measured"].isel(estimator=k, drop=True))
+        found = fc.replay(loop, log)
+        for name in ("command", "estimate"):
+            np.testing.assert_array_equal(found[name].isel(estimator=k), ds[name].isel(estimator=k))

@@ -1,0 +1,205 @@
+"""Operating points: every loop on every day, at the day's mean conditions or at given seconds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, instance_of, is_number, plain
+from fastcoil.base.arrays import Array, Index, array_of
+from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.clashes import check_clashes
+from fastcoil.loops.dataset import coordinate_attrs
+from fastcoil.loops.labels import quantity
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.scenarios import Layout, columns_of
+from fastcoil.loops.stability import check_stability
+from fastcoil.model.metric_table import WARM_UP
+
+ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
+"""Series of the boundary that make an operating point."""
+_CHUNK = 2048
+"""Points at a time: their responses take up to 60 MB."""
+
+
+class OperatingPoints:
+    """Every loop of a sweep at every operating point, in one flat order.
+
+    Dims are those of the loop, then ``day`` if the boundary has it, then ``elapsed_time`` if several seconds are asked
+    for.
+
+    Parameters
+    ----------
+    loop, boundary
+        As for ``simulate``.
+    at
+        None: the mean conditions and the mean set-point of each day's enabled seconds after the warm-up of 1,800 s.  A
+        second, or several: the conditions of that second, as if they were held until all is steady.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake.
+    """
+
+    def __init__(self, loop: Loop, boundary: Boundary, at: Any = None) -> None:
+        with checking() as check:
+            check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+            check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
+        self.seconds = _seconds_of(at, boundary.n_steps)
+        self.has_times = self.seconds is not None and np.ndim(plain(at)) > 0
+        self._entering = _means(boundary) if self.seconds is None else _samples(boundary, self.seconds)
+        layout = Layout(loop, boundary)
+        check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
+        require_one_gap(boundary)
+        check_stability(layout)
+        self.loop, self._layout = layout.loop, layout
+        self.sizes = dict(loop.sizes)
+        if boundary.has_day_dim:
+            self.sizes["day"] = boundary.n_days
+        if self.seconds is not None and self.has_times:
+            self.sizes["elapsed_time"] = self.seconds.size
+        self.size = math.prod(self.sizes.values())
+
+    def chunks(self) -> Iterator[Index]:
+        """Flat indices, in ranges that fit into memory."""
+        for start in range(0, self.size, _CHUNK):
+            yield np.arange(start, min(start + _CHUNK, self.size))
+
+    def columns(self, index: Index) -> dict[str, np.ndarray]:
+        """Every parameter at the points ``index``, see ``columns_of``."""
+        return columns_of(self.loop, self.sizes, index)
+
+    def conditions(self, index: Index) -> dict[str, Array]:
+        """What enters at the points ``index``, and T_set: (n,) each."""
+        places = np.unravel_index(index, tuple(self.sizes.values())) if self.sizes else ()
+        place = dict(zip(self.sizes, places, strict=True))
+        nothing = np.zeros(index.size, np.int64)
+        at = place.get("day", nothing), place.get("elapsed_time", nothing)
+        return {name: values[at] for name, values in self._entering.items()}
+
+    def labels(self) -> list[str]:
+        """Every point in words, by flat index: its labels in the sweep, ``ti = 30 s, day 2``; nothing if it is one."""
+        coordinates = self._coordinates()
+        places = np.stack(np.unravel_index(np.arange(self.size), tuple(self.sizes.values()) or (1,)), axis=1)
+
+        def words(dim: str, i: int) -> str:
+            value = coordinates[dim].values[i] if dim in coordinates else i
+            if dim == "elapsed_time":
+                return f"at {value:g} s"
+            if isinstance(value, str):
+                return value
+            return quantity(dim).equals(value) if dim in self.loop.parameters else f"{dim} {value}"
+
+        return [", ".join(words(d, i) for d, i in zip(self.sizes, place, strict=False)) for place in places]
+
+    def _coordinates(self) -> dict[str, xr.DataArray]:
+        labels = {n: c for n, c in self._layout.coordinates().items() if n != "day" or "day" in self.sizes}
+        if self.seconds is not None:
+            dims = ("elapsed_time",) if self.has_times else ()
+            labels["elapsed_time"] = xr.DataArray(self.seconds.astype(float).reshape(-1 if dims else ()), dims=dims)
+        return labels
+
+    def dataset(self, variables: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> xr.Dataset:
+        """Name results, each (size, …) with its attributes; dims behind the first are in ``attrs["dims"]``.
+
+        Raises
+        ------
+        InputError
+            If a coordinate of the sweep has the name of a result.
+        """
+        labels = self._coordinates()
+        clash = sorted({*labels, *self.sizes} & variables.keys())
+        if clash:
+            raise InputError(f"{clash[0]} is swept, and a result has that name: give the dimension another name")
+        shape, found = tuple(self.sizes.values()), {}
+        for name, (values, attrs) in variables.items():
+            more = tuple(attrs.get("dims", ()))
+            kept = {k: v for k, v in attrs.items() if k != "dims"}
+            found[name] = ((*self.sizes, *more), values.reshape((*shape, *values.shape[1:])), kept)
+        table = self.loop.parameters
+        return xr.Dataset(found, {n: c.assign_attrs(coordinate_attrs(n, table)) for n, c in labels.items()})
+
+
+def require_pi(loop: Loop) -> None:
+    """Refuse control laws other than the PI, whose open loop nobody knows.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each such law.
+    """
+    words = sorted(set(np.unique(np.asarray(loop["law"])).tolist()) - {"pi"})
+    if words:
+        raise InputError([f"law = {word!r}: the open loop is known for the PI only" for word in words])
+
+
+def _seconds_of(at: Any, n_steps: int) -> Index | None:
+    cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
+    if at is None:
+        return None
+    values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
+    if values.ndim != 1:
+        raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
+    if not values.size:
+        raise InputError(f"at is empty: {cure}")
+    wrong = values[~((values >= 0) & (values < n_steps) & (values == np.floor(values)))]
+    if wrong.size:
+        raise InputError(f"at has {wrong[0]:g}: {cure}")
+    seconds, counts = np.unique(values, return_counts=True)
+    if seconds.size < values.size:
+        raise InputError(f"at has {seconds[counts > 1][0]:g} twice: give each second once")
+    return values.astype(np.int64)
+
+
+def require_one_gap(boundary: Boundary) -> None:
+    """Refuse a boundary that changes the backlash: theory knows a gap of one size."""
+    low, high = boundary.extremes["backlash_scale"]
+    if not low == high == 1.0:
+        found = f"= {low:g}" if low == high else f"goes from {low:g} to {high:g}"
+        raise InputError(
+            f"backlash_scale {found}: theory knows a gap of one size; give the boundary without "
+            "it, boundary.assign(backlash_scale=1), and the backlash that you mean"
+        )
+
+
+def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:
+    """Means of ENTERING over the enabled seconds after the warm-up, (n_days,); NaN for a day without any.
+
+    carry_over: whether only the first day has a warm-up.
+    """
+    found = {name: np.empty(boundary.n_days) for name in ENTERING}
+    for k in range(boundary.n_days):
+        rows = boundary.of_day(k)
+        counted = rows["enabled"] != 0.0
+        counted[: 0 if carry_over and k else warm_up] = False
+        n = np.count_nonzero(counted)
+        for name, means in found.items():
+            means[k] = np.where(counted, rows[name], 0.0).sum() / (n or np.nan)
+    return found
+
+
+def _means(boundary: Boundary) -> dict[str, Array]:
+    found = mean_conditions(boundary, WARM_UP)
+    without = np.flatnonzero(np.isnan(found["T_set"]))
+    if without.size:
+        on = f"on day {boundary.day[without[0]]} " if boundary.has_day_dim else ""
+        raise InputError(
+            f"no second {on}is enabled after the warm-up of {WARM_UP} s: take another day, or a longer one, "
+            "or give the second as at="
+        )
+    return {name: means[:, None] for name, means in found.items()}
+
+
+def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:
+    found = {name: np.empty((boundary.n_days, seconds.size)) for name in ENTERING}
+    for k in range(boundary.n_days):
+        rows = boundary.of_day(k)
+        for name, values in found.items():
+            values[k] = rows[name][seconds]
+    return found

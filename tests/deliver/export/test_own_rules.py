@@ -1,0 +1,186 @@
+"""Estimators and laws of the user, exported: in all three languages they answer as the kernel does, or are refused."""
+
+import math
+import shutil
+import subprocess
+import sys
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from helpers import rules
+from helpers.exported import WORST
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+STEPS = (0.0, 0.01, 0.03, 0.02)
+CLOSE = 0.05
+
+
+class Parameters(NamedTuple):
+    sample_time: float
+    ti: float
+    plant_gain: float
+    rate: float = fc.parameter(2e-4, unit="K-1 s-1", text="how fast the estimate moves")
+    exponent: float = fc.parameter(1.0, text="of nothing")
+
+
+class Memory(NamedTuple):
+    level: float = math.nan
+    slope: float = 0.0
+    N: float = 0.0
+    last: float = math.nan
+    unread: float = 3.0
+
+
+def smoothed(level, slope, x, weight):
+    """Level and slope after one more value."""
+    if math.isnan(level):
+        return x, 0.0
+    after = level + slope + weight * (x - level - slope)
+    return after, slope + 0.1 * weight * (after - level - slope)
+
+
+def mean_of(a, b, c=0.5):
+    return c * (a + b)
+
+
+def largest_step(n):
+    largest = 0.0
+    for k in range(len(STEPS)):
+        if k < n:
+            largest = max(largest, STEPS[min(max(k, 0), 3)])
+    return largest
+
+
+@fc.estimator(Parameters, Memory)
+def by_all_means(now, p, memory):
+    """Uses a bit of everything that can be said."""
+    weight = p.sample_time / (p.ti + p.sample_time) ** 2 * p.ti  # of a new value
+    level, slope = smoothed(memory.level, memory.slope, now.e, weight)
+    turned = 1.0 if now.mode > 0 else -1.0
+    # a table, by a whole number
+    k = min(max(int(memory.N % 7.0), 0), 3)
+    step = STEPS[k] * math.tanh(level) + 1e-3 * np.sqrt(abs(slope))
+    close = -CLOSE <= level <= CLOSE and not (slope != 0.0 and abs(slope) > 1.0)
+    known = not math.isnan(memory.last) and abs(memory.last - now.T_set) > 0.1
+    if now.m_a > 1.1 or known:
+        return now.estimate, Memory(level, slope, 0.0, now.T_set)
+    x = now.estimate
+    for _ in range(2):
+        x += 0.1 * p.rate * p.sample_time * (turned * step + (now.t // 600) * 1e-6)
+    if close:
+        x = mean_of(x, now.estimate) if x > 0.01 else mean_of(b=0.0, a=x)
+    elif level > 3.0:
+        x = x * p.exponent + largest_step(3) * 0.01
+    else:
+        x, step = min(x, 0.2), x
+    return x, Memory(level, slope, N=memory.N + 1 + (step > 0.5), last=now.T_set)
+
+
+class Started(NamedTuple):
+    integral: float = 0.0
+    before: float = math.nan
+
+
+class Gains(NamedTuple):
+    sample_time: float
+    kp: float
+    damping: float = fc.parameter(0.5, unit="s K-1", lower=0.0, text="gain of the derivative")
+
+
+@fc.law(Gains, Started)
+def own_pid(now, p, memory):
+    slope = 0.0 if math.isnan(memory.before) else (now.e - memory.before) / p.sample_time
+    integral = min(max(memory.integral + 0.2 * p.kp * now.e - 0.1 * now.estimate, 0.0), 1.0)
+    return p.kp * now.e + integral + p.damping * slope, Started(integral, now.e)
+
+
+LOOPS = {
+    "estimator": {"estimator": rules.by_error, "noise_std": 0.05},
+    "law": {"law": rules.own_pi, "backlash_estimate": 0.05},
+    "everything": {"estimator": by_all_means, "plant_gain": 12.0},
+    "both": {
+        "law": own_pid, "estimator": by_all_means, "plant_gain": 12.0, "error_dead_band": 0.1, "estimate_share": 0.9,
+        "action": "heating", "T_initial": 30.0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("language", WORST)
+def test_own_rules_give_the_kernels_numbers(tmp_path, name, language):
+    if language == "c" and shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    values = dict(LOOPS[name])
+    loop = fc.Loop.preset("heating" if values.pop("action", "") else "paper_like").assign(**values)
+    files = fc.export_controller(loop, tmp_path / f"valve{'.py' if language == 'python' else f'.{language}'}", language)
+    assert WORST[language](*files) <= 1e-12
+    text = files[0].read_text()
+    assert text.isascii()
+    assert "unread" not in text  # what changes nothing is left out
+    if language == "python" and name == "everything":
+        assert "a table, by a whole number" in text
+        assert "RATE = 0.0002  # 1/(K s): how fast the estimate moves" in text
+
+
+def test_the_command_exports_a_rule_of_a_study_file(tmp_path):
+    body = "def mine(now, p, memory):\n    return p.gain * abs(now.e), memory\n"
+    (tmp_path / "mine.py").write_text(rules.HEAD + body)
+    (tmp_path / "loop.toml").write_text('[loop]\nestimator = "mine:mine"\ngain = 0.02\n')
+    done = subprocess.run(
+        [sys.executable, "-m", "fastcoil", "export", "loop.toml", "--language", "python"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert WORST["python"](tmp_path / "loop.py", tmp_path / "loop_vectors.csv") == 0.0
+
+
+def by_while(now, p, memory):
+    x = now.estimate
+    while x < 0.1:
+        x += 0.01
+    return x, memory
+
+
+def by_a_long_loop(now, p, memory):
+    x = 0.0
+    for k in range(int(now.switches)):
+        x += 0.001 * k
+    return min(x, 0.1), memory
+
+
+def by_other_functions(now, p, memory):
+    return 0.01 * math.gamma(1.0 + abs(now.u)), memory
+
+
+def by_division(now, p, memory):
+    return 0.01 / now.u if now.u / now.u > 0.0 else 0.02, memory
+
+
+def by_lambda(now, p, memory):
+    return scaled(now.u), memory
+
+
+scaled = lambda x: 0.1 * x  # noqa: E731 — what is refused
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (by_while, ["a while loop", "line", "for k in range"]),
+        (by_a_long_loop, ["no largest end", "constant number of passes"]),
+        (by_other_functions, ["it calls math.gamma", "sqrt"]),
+        (by_division, ["cycle", "division by zero"]),
+        (by_lambda, ["the source of <lambda> is not at hand", "as a def"]),
+    ],
+)
+def test_what_the_languages_lack_is_refused_in_a_sentence(tmp_path, function, words):
+    rule = fc.estimator(rules.Parameters, rules.Memory)(function)
+    with pytest.raises(fc.InputError) as caught:
+        fc.export_controller(fc.Loop(estimator=rule), tmp_path / "valve.c")
+    text = str(caught.value)
+    assert all(word in text for word in [function.__name__, "cannot be exported", *words]), text
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,108 @@
+"""One more estimator is one file and its word among the choices: all that the package does with estimators follows."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import fastcoil as fc
+from fastcoil.model.estimators.registry import ESTIMATORS
+from fastcoil.model.parameter_table import PARAMETERS
+
+ONE_MORE = '''"""The share of the turns of the inverse among its samples, as an example of an estimator."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.model.estimators.interface import Estimator, low_passed, weight_of_new
+from fastcoil.model.numerics.jit import exact
+
+SCALE = 0.05
+"""Estimate where the inverse turns at every sample."""
+
+
+class Parameters(NamedTuple):
+    """Parameters of the loop that it uses."""
+
+    sample_time: float
+    ti: float
+
+
+class Memory(NamedTuple):
+    """What it remembers."""
+
+    weight: float
+    """Of a new value."""
+    switches: float
+    """Turns up to the last sample."""
+    share: float
+    """Share of samples with a turn, filtered."""
+
+
+@exact
+def start(p):
+    """Memory at the start: nothing yet."""
+    return Memory(weight_of_new(20.0 * p.ti, p.sample_time), 0.0, np.nan)
+
+
+@exact
+def step(now, p, memory):
+    """Let the estimate follow the share of turns."""
+    share = low_passed(memory.share, 1.0 if now.switches > memory.switches else 0.0, memory.weight)
+    return SCALE * share, Memory(memory.weight, now.switches, share)
+
+
+ESTIMATOR = Estimator("turns", Parameters, Memory, step, start)
+'''
+USE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from pathlib import Path
+from helpers.exported import WORST
+import fastcoil as fc
+assert Path(fc.__file__).parent == Path("fastcoil").absolute()
+assert fc.parameters()["estimator"].choices[-1] == "turns"
+loop = fc.Loop(estimator=["none", "turns", "hagglund"], plant_gain=15.0, backlash=0.1)
+ds = fc.simulate(loop, fc.paper_day(hours=1))
+assert ds.estimate_final.sel(estimator="turns") > 0.0
+assert ds.estimate_final.sel(estimator="none") == 0.0
+for language, worst in WORST.items():
+    name = f"valve.{'py' if language == 'python' else language}"
+    one = fc.Loop(estimator="turns", noise_std=0.05)
+    assert worst(*fc.export_controller(one, Path(sys.argv[2]) / name, language)) == 0.0
+    assert "Estimate where the inverse turns" in (Path(sys.argv[2]) / name).read_text()
+"""
+
+
+def test_each_choice_has_its_estimator():
+    names = PARAMETERS["estimator"].choices
+    assert [None if e is None else e.name for e in ESTIMATORS] == [None if n == "none" else n for n in names]
+    assert ESTIMATORS[0] is None
+
+
+@pytest.mark.kernel
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_one_more_estimator_is_one_file_and_one_word(tmp_path):
+    package = tmp_path / "fastcoil"
+    shutil.copytree(Path(fc.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    (package / "model" / "estimators" / "turns.py").write_text(ONE_MORE)
+    table = package / "model" / "parameter_table.py"
+    words = '"learner", "hagglund", "gradient", "identify")'
+    assert table.read_text().count(words) == 1
+    table.write_text(table.read_text().replace(words, f'{words[:-1]}, "turns")'))
+    (tmp_path / "out").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", USE, Path(__file__).parents[2], tmp_path / "out"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
