@@ -80,7 +80,7 @@ html_static_path = [str(ROOT / "docs" / "builder" / "static")]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 html_copy_source = html_show_sourcelink = False
-html_show_search_summary = False  # pages that are opened from a disk may not read one another
+html_show_search_summary = False  # pages opened from a disk may not read each other
 html_theme_options = {
     "navbar_align": "left",
     "secondary_sidebar_items": ["page-toc"],
@@ -95,7 +95,7 @@ html_theme_options = {
 
 
 def linkcode_resolve(domain: str, info: dict[str, str]) -> str:
-    """Page that shows the file of a public function or class; for a method that of its class."""
+    """Return the page that shows the source of a public function or class; for a method that of its class."""
     outermost = info["fullname"].partition(".")[0]
     path = Path(home(f"{info['module']}.{outermost}")).relative_to(ROOT)
     return f"../{shown_file(str(path))}.html"
@@ -107,12 +107,12 @@ def without_signature(app: Sphinx, what: str, name: str, thing: object, options:
 
 
 def write_redirects(app: Sphinx, exception: Exception | None) -> None:
-    """Keep the addresses of pages that have moved."""
+    """Write a redirect for each former address of a page."""
     for name, text in redirects().items():
         (app.outdir / name).write_text(text)
 
 
 def setup(app: Sphinx) -> None:
-    """Besides the settings above."""
+    """Connect the two handlers above."""
     app.connect("build-finished", write_redirects)
     app.connect("autodoc-process-signature", without_signature)

@@ -1,1 +1,1 @@
-"""Makes the site out of the pages of the repository."""
+"""Site builder: ``numbers`` fills the pages, ``stage`` prepares them for Sphinx, ``links`` checks the result."""

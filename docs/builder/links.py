@@ -1,4 +1,4 @@
-"""Refuses a built site with a link that leads nowhere, or a page that loads something from outside.
+"""Check a built site for dead links and for pages that load something from the network.
 
 ``python docs/builder/links.py FOLDER`` ends with exit code 1 and a line for each link that does not.
 """
@@ -11,13 +11,13 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
-"""Tags that a browser fetches something for, without a click."""
+"""Tag → attribute with the address of what a browser loads without a click."""
 STATIC = "_static"
-"""Folder of the theme, whose pages are templates."""
+"""Folder of the theme; its pages are templates."""
 
 
 class Page(HTMLParser):
-    """Anchors of a page, where it links to, and what it loads."""
+    """Anchors of a page, its links, and the addresses that it loads."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class Page(HTMLParser):
 
 
 def problems(folder: Path) -> list[str]:
-    """A line for each link that leads nowhere, and for each thing that is loaded from outside."""
+    """Return a line for each dead link and for each address that is loaded from the network."""
     pages = {
         path.resolve(): Page(path.read_text()) for path in sorted(folder.rglob("*.html")) if STATIC not in path.parts
     }
@@ -59,7 +59,7 @@ def problems(folder: Path) -> list[str]:
 
 
 def check(folder: Path) -> int:
-    """Exit code: 1 if anything is wrong, or if there is no page at all."""
+    """Print the problems and return the exit code: 1 if there are any, or if there is no page."""
     found = problems(folder) if any(folder.rglob("*.html")) else [f"{folder} has no pages"]
     sys.stdout.write("".join(f"{line}\n" for line in found))
     return int(bool(found))

@@ -19,7 +19,7 @@ HEAD = "---\norphan: true\nnosearch: true\n---\n\n"
 
 
 def file_page(root: Path, path: str) -> str:
-    """A page that shows a file, lists the Python files of a folder, or shows its tables."""
+    """Return a page that shows a file, lists the Python files of a folder, or shows its tables."""
     title = f"{HEAD}# `{path}`\n\n"
     if (root / path).name == "tables":
         tables = sorted((root / path).glob("*.md"))
@@ -38,14 +38,14 @@ def file_page(root: Path, path: str) -> str:
 
 
 def _cells(notebook: dict[str, Any]) -> Iterator[str]:
-    """The cells of a notebook, its headings one level down."""
+    """Yield the cells of a notebook, headings one level down."""
     for cell in notebook["cells"]:
         text = "".join(cell["source"])
         yield f"```python\n{text}\n```" if cell["cell_type"] == "code" else re.sub(r"(?m)^#", "##", text)
 
 
 def with_members(root: Path, paths: Iterable[str]) -> set[str]:
-    """``paths`` and the Python files of the folders among them."""
+    """Return ``paths`` and the Python files of the folders among them."""
     paths = set(paths)
     members = {str(f.relative_to(root)) for path in paths if (root / path).is_dir() for f in (root / path).glob("*.py")}
     return paths | members
@@ -61,12 +61,12 @@ def _rows(head: str, rows: Iterable[Iterable[object]]) -> str:
 
 
 def _unit(unit: str) -> str:
-    """A fraction or a count has none."""
+    """Return the unit; fractions and counts have none."""
     return "" if unit == "1" else unit
 
 
 def parameter_page() -> str:
-    """Every parameter of a loop, by group."""
+    """Return a page with every parameter of a loop, by group."""
     groups: dict[str, list] = {}
     for p in PARAMETERS.values():
         groups.setdefault(p.group, []).append(p)
@@ -82,7 +82,7 @@ def parameter_page() -> str:
 
 
 def output_page() -> str:
-    """Every metric and every signal of a result."""
+    """Return a page with every metric and every signal of a result."""
     head = "| name | unit | meaning | how it is found |"
     text = "# Metrics and signals\n\nA result has the metrics always, one number for each scenario, and the signals"
     text += " that you ask for with `traces=[…]`.  Where no unit is given it is a fraction or a count.  An empty cell"
@@ -102,7 +102,7 @@ def _helps(command: click.Command, name: str, parent: click.Context | None = Non
 
 
 def command_page() -> str:
-    """What ``--help`` says of every command."""
+    """Return a page with the ``--help`` of every command."""
     text = "# Commands\n\nWhat `--help` says of each command.\n"
     for path, shown in _helps(main, "fastcoil"):
         text += f"\n## {path}\n\n```text\n{shown}\n```\n"

@@ -1,4 +1,4 @@
-"""Equations as MathML, which browsers draw themselves: no script, no font and no network is needed."""
+"""Equations as MathML, which browsers draw without scripts, fonts or network."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from sphinx.application import Sphinx
 
 
 def inline(writer, node) -> None:
-    """One equation within a line."""
+    """Write an inline equation."""
     writer.body.append(convert(node.astext()))
     raise nodes.SkipNode
 
 
 def block(writer, node) -> None:
-    """One equation on lines of its own."""
+    """Write a displayed equation."""
     writer.body.append(f'<div class="equation">{convert(node.astext(), display="block")}</div>')
     raise nodes.SkipNode
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Makes ``html_math_renderer = "mathml"`` known."""
+    """Register ``html_math_renderer = "mathml"``."""
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}

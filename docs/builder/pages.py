@@ -22,13 +22,13 @@ RENAMED = {
     "benchmarks/README.md": "benchmarks.md",
     "benchmarks/RESULTS.md": "benchmark-results.md",
 }
-"""Pages that lie outside ``docs/``, or would have the name of another there."""
+"""Pages outside ``docs/``."""
 TABLES = {
     "fastcoil/model/parameter_table.py": "parameters.md",
     "fastcoil/model/metric_table.py": "outputs.md",
     "fastcoil/cli/main.py": "commands.md",
 }
-"""What the page of reference shows as a table instead of the file."""
+"""Files that the reference shows as a table."""
 MOVED = {
     **dict.fromkeys(("inverse", "conditions", "populations"), "findings/inverse"),
     **dict.fromkeys(("hunting", "limit-cycles"), "findings/hunting"),
@@ -44,7 +44,7 @@ MOVED = {
 GALLERY = "docs/gallery"
 GLOSSARY = "glossary.md"
 WITHOUT_TERMS = {"docs/glossary.md", "docs/index.md", "docs/reference.md", "CHANGELOG.md"}
-"""Pages that are lists, where a link to the glossary at each word would only distract."""
+"""Pages without links to the glossary, because they are lists."""
 MARKS = re.compile(r"<!-- /?number\b.*?-->", re.DOTALL)
 FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"(?<=\]\()[^)\s]+(?=\))|(?<=\]: )\S+$", re.MULTILINE)
@@ -56,7 +56,7 @@ NAMES = re.compile(r"^(?:`(?:fc|fastcoil)\.[\w.]+`[,\s]*)+$", re.MULTILINE)
 
 
 def sources(root: Path) -> dict[str, str]:
-    """Page of the site → page of the repository."""
+    """Return page of the site → page of the repository."""
     docs = root / "docs"
     paths = [path.relative_to(docs).as_posix() for path in sorted([*docs.glob("*.md"), *docs.glob("findings/*.md")])]
     pages = {f"docs/{path}": path for path in paths}
@@ -64,33 +64,33 @@ def sources(root: Path) -> dict[str, str]:
 
 
 def redirects() -> dict[str, str]:
-    """File of the site → its text, for the addresses of pages that have moved."""
+    """Return file of the site → HTML that leads from a former address to its new one."""
     page = '<!doctype html>\n<meta charset="utf-8">\n<title>Moved</title>\n'
     page += '<meta http-equiv="refresh" content="0; url={0}">\n<p>This page is now <a href="{0}">{0}</a>.</p>\n'
     return {f"{old}.html": page.format(f"{new}.html") for old, new in MOVED.items()}
 
 
 def outside_fences(text: str, change) -> str:
-    """``text`` with ``change`` made to all that is not a fenced block."""
+    """Apply ``change`` to the parts of ``text`` outside fenced blocks."""
     ends = [0, *(edge for found in FENCE.finditer(text) for edge in found.span()), len(text)]
     parts = [text[a:b] for a, b in zip(ends, ends[1:], strict=False)]
     return "".join(part if i % 2 else change(part) for i, part in enumerate(parts))
 
 
 def shown_file(path: str) -> str:
-    """Page of the site that shows a file or folder of the repository."""
+    """Return the page of the site that shows a file or folder of the repository."""
     return f"files/{path}"
 
 
 def source_of(module: str, name: str) -> str:
-    """The source of a function in the text of a module, from its decorator on."""
+    """Return the source of a function of a module, with its decorators."""
     lines = module.splitlines()
     (node,) = (n for n in ast.parse(module).body if isinstance(n, ast.FunctionDef) and n.name == name)
     return "\n".join(lines[node.decorator_list[0].lineno - 1 : node.end_lineno])
 
 
 class Staging:
-    """Pages of the site from those below ``root``; remembers which other files they link to."""
+    """Makes the pages of the site from those below ``root``, and collects the other files that they link to."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -100,7 +100,7 @@ class Staging:
         self.terms = terms((root / "docs" / GLOSSARY).read_text()) if (root / "docs" / GLOSSARY).is_file() else {}
 
     def target(self, link: str, page: str) -> str:
-        """Where a link of ``page`` leads on the site."""
+        """Return the target of a link of ``page`` on the site."""
         found = self._target(link, page)
         if ":" in link or link.startswith("#"):
             return found
@@ -128,7 +128,7 @@ class Staging:
         return shown_file(here) + ".md"
 
     def text(self, page: str) -> str:
-        """A page as the site has it, with the headings of its fenced blocks and its links changed."""
+        """Return a page as the site has it: fences, links, terms and listings replaced."""
         text = MARKS.sub("", (self.root / page).read_text())
         text = text.replace("\n```math\n", "\n```{math}\n")
         text = outside_fences(text, lambda part: LINK.sub(lambda link: self.target(link[0], page), part))
@@ -144,7 +144,7 @@ class Staging:
         return "\n\n".join(f"```python\n{source_of((self.root / path).read_text(), name)}\n```" for name in names)
 
     def sections(self) -> Iterator[tuple[str, str]]:
-        """(page, text) of the front page, of each of its sections that is no page itself, and of the reference."""
+        """Yield (page, text) of the front page, of each of its sections that is not a page, and of the reference."""
         front, top = self.text("docs/index.md"), []
         for title, body in SECTION.findall(front):
             if link := LINKED.fullmatch(title):
@@ -158,18 +158,18 @@ class Staging:
 
 
 def _tree(pages: Iterable[tuple[str, str]]) -> str:
-    """The order of ``pages``, (title, file), for Sphinx, which shows it at the side."""
+    """Return a hidden toctree of ``pages``, (title, file), in this order."""
     lines = "\n".join(f"{title} <{page.rpartition('.')[0]}>" for title, page in pages)
     return f"\n```{{toctree}}\n:hidden:\n\n{lines}\n```\n"
 
 
 def public(text: str) -> list[str]:
-    """Dotted names of the functions and classes that a page of reference describes."""
+    """Return the dotted names of the functions and classes that a page of reference describes."""
     named = (name for names in NAMES.findall(text) for name in re.findall(r"`([\w.]+)`", names))
     return [re.sub(r"^fc\.", "fastcoil.", name) for name in named]
 
 
 def _summaries(names: re.Match[str]) -> str:
-    """A table of the named functions and classes, each with a page of its own."""
+    """Return an autosummary table of the named functions and classes."""
     rows = "\n".join(f"   {name}" for name in public(names[0]))
     return f"```{{eval-rst}}\n.. autosummary::\n   :toctree: api\n   :nosignatures:\n\n{rows}\n```\n"

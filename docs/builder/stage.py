@@ -1,4 +1,4 @@
-"""Writes the sources of the site into a folder; what has not changed is left alone, so that a second build is quick."""
+"""Write the sources of the site into a folder; unchanged files keep their time, so that a second build is quick."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ MADE = ("api", "examples")
 
 
 def home(name: str) -> str:
-    """File that defines a function, class, method or property, given by its dotted name."""
+    """Return the file that defines the function, class, method or property of this dotted name."""
     return inspect.getsourcefile(inspect.unwrap(resolve_name(name))) or ""
 
 
 def stage(root: Path, out: Path) -> None:
-    """All pages, figures and shown files below ``out``; what is there of an earlier build goes."""
+    """Write all pages, figures and shown files below ``out``; remove those of an earlier build."""
     staging = Staging(root)
     texts = {page: staging.text(source) for source, page in staging.pages.items()}
     texts |= dict(staging.sections())
@@ -40,13 +40,13 @@ def stage(root: Path, out: Path) -> None:
 
 
 def stage_scripts(scripts: Path, out: Path) -> None:
-    """The scripts of the gallery in a folder that they may write to, without what they wrote there last time."""
+    """Copy the scripts of the gallery into a new folder, which they may write to."""
     shutil.rmtree(out, ignore_errors=True)
     shutil.copytree(scripts, out, ignore=shutil.ignore_patterns("__pycache__"))
 
 
 def written(path: Path, content: bytes) -> None:
-    """Writes a file unless it is there already."""
+    """Write a file unless it has this content already."""
     if not path.is_file() or path.read_bytes() != content:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)

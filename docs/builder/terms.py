@@ -1,4 +1,4 @@
-"""Links the first use of a term on a page to the glossary, so that a reader may begin anywhere."""
+"""Link the first use of each term on a page to the glossary."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ MORE_MEANINGS = {
     ),
     *("plant", "reset", "sample", "settled", "sweep", "wet"),
 }
-"""Terms that are everyday words too, or that stand on every line."""
+"""Terms that are also everyday words, or too frequent to link."""
 TERM = re.compile(r"^### (.+)$", re.MULTILINE)
 LEFT_ALONE = r"\[[^\]]*\](?:\([^)]*\)|\[[^\]]*\]|: \S+)?|`[^`]*`|\$[^$\n]*\$|^#.*$|^\|.*$|<!--.*?-->|https?://\S+"
 """Links, code, formulas, headings, tables, comments."""
 
 
 def terms(glossary: str) -> dict[str, str]:
-    """Term in lower case → anchor of its heading in the glossary, which may be of several terms."""
+    """Return term in lower case → anchor of its heading in the glossary; a heading may name several terms."""
     return {
         term: re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
         for heading in TERM.findall(glossary)
@@ -38,9 +38,9 @@ def terms(glossary: str) -> dict[str, str]:
 
 
 def linked(text: str, known: dict[str, str], glossary: str) -> str:
-    """``text``, which has no fenced blocks, with a link to ``glossary`` where each term is first used.
+    """Return ``text``, without fenced blocks, with a link to ``glossary`` at the first use of each term.
 
-    What is linked is taken out of ``known``, with the other terms of its heading.
+    Remove linked terms from ``known``, with the other terms of their heading.
     """
     if not known:
         return text
