@@ -10,10 +10,8 @@ import xarray as xr
 
 import fastcoil as fc
 from studies import days as kinds
-from studies.buffer import bounds as buffer_bounds
-from studies.buffer import buffer
+from studies.buffer import bounds, buffer, runs
 from studies.buffer import rule as buffer_rule
-from studies.buffer import runs as buffer_runs
 from studies.buffer.rule import Plant
 
 
@@ -121,15 +119,15 @@ def test_a_slow_loop_has_no_cycle_whatever_the_buffer():
 
 def test_the_measured_bound_lies_where_the_added_turns_fall_below_those_allowed():
     """Turns that fall with the size as a power: the bound is where the power says, whatever the turns without noise."""
-    sizes = np.array(buffer_runs.SIZES)
+    sizes = np.array(runs.SIZES)
     at = np.array([[0.6, 1.7], [0.0, np.inf]])
     added = 10.0 * np.exp(-4.0 * (sizes[:, None, None] - at))
     added[:, 1, 0], added[:, 1, 1] = 9.0, 11.0
     turns = np.stack([np.full_like(added, 5.0), 5.0 + added]) / 6.0
     ds = xr.Dataset({"switch_frequency": (("noisy", "size", "sample", "day"), turns)}, coords={"day": ["a", "b"]})
-    np.testing.assert_allclose(buffer_bounds.measured_lower(ds).values, at, rtol=1e-9)
+    np.testing.assert_allclose(bounds.measured_lower(ds).values, at, rtol=1e-9)
     later = 0.6 + math.log(10.0 / 6.0) / 4.0
-    fewer = buffer_bounds.measured_lower(ds, 6.0).values
+    fewer = bounds.measured_lower(ds, 6.0).values
     assert fewer[0, 0] == pytest.approx(later, rel=1e-9)
     assert fewer[1, 0] == np.inf
 
@@ -148,12 +146,12 @@ def test_a_median_has_an_interval_that_valves_give():
 @pytest.mark.full
 def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
     monkeypatch.setattr(kinds, "HOURS", 2)
-    monkeypatch.setattr(buffer_runs, "STILL_HOURS", 4)
+    monkeypatch.setattr(runs, "STILL_HOURS", 4)
     monkeypatch.setattr(buffer, "kinds", lambda: (kinds.CONSTANT, kinds.HEATING))
     buffer.main(12)
     assert (tmp_path / "studies" / "buffer" / "buffer.png").is_file()
     _, (head, *rows) = written("buffer_rules")
-    assert [row[0] for row in rows] == list(buffer_runs.RULES)
+    assert [row[0] for row in rows] == list(runs.RULES)
     assert rows[0][head.index("RMSE")] == "0"
     _, (_, *rows) = written("buffer_lower")
     assert [row[0] for row in rows][:3] == ["constant", "heating", "all"]
@@ -165,14 +163,14 @@ def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
 @pytest.mark.full
 def test_a_rule_of_the_study_is_the_loop_that_it_names():
     """The shipped rule in the study is what its parameters give alone, and the lower bound a plain buffer."""
-    valves = buffer_runs.population(3, 9, kinds.CONSTANT)
-    ds = buffer_runs.on_rules(valves, kinds.CONSTANT, [7])
+    valves = runs.population(3, 9, kinds.CONSTANT)
+    ds = runs.on_rules(valves, kinds.CONSTANT, [7])
     days = kinds.of_kind(kinds.CONSTANT, [7])
     shipped = {"buffer_ratio": 6.0, "buffer_noise": "measured", "buffer_swing": 0.1}
     for rule, given in (
-        (buffer_runs.SHIPPED, shipped),
-        (buffer_runs.LOWER, {"buffer": ("sample", valves.lower)}),
-        (buffer_runs.PI, {"estimate_ratio": 0.0}),
+        (runs.SHIPPED, shipped),
+        (runs.LOWER, {"buffer": ("sample", valves.lower)}),
+        (runs.PI, {"estimate_ratio": 0.0}),
     ):
         alone = fc.simulate(valves.loop.assign(**({"estimate_ratio": 0.95} | given)), days)
         np.testing.assert_array_equal(ds.rmse.sel(controller=rule).values, alone.rmse.values)
@@ -181,8 +179,8 @@ def test_a_rule_of_the_study_is_the_loop_that_it_names():
 def test_what_the_inverse_leaves_is_a_play_of_the_width_it_misses():
     """A play of X behind the inverse of 95 % of it, both in plain Python, stands still over exactly that width of u."""
     backlash = 0.1
-    left = float(buffer_bounds.missed(buffer_runs.Valves(*[None] * 6, np.array([backlash])), 0)[0])
-    estimate = buffer_runs.SHARES[0] * backlash
+    left = float(bounds.missed(runs.Valves(*[None] * 6, np.array([backlash])), 0)[0])
+    estimate = runs.SHARES[0] * backlash
     u = np.concatenate([np.linspace(0.2, 0.6, 4001), np.linspace(0.6, 0.5, 1001)[1:]])
     rising = np.concatenate([np.ones(4001), np.zeros(1000)])
     q, opening = 0.0, []
@@ -196,20 +194,20 @@ def test_what_the_inverse_leaves_is_a_play_of_the_width_it_misses():
 def test_cycles_count_what_the_formula_foretells():
     """Two swings that are the formula's, one that is twice it, and one that is not there."""
     plant = Plant(*(np.full(4, v) for v in (12.0, 60.0, 30.0)))
-    valves = buffer_runs.Valves(None, plant, np.full(4, 0.06), np.full(4, 60.0), None, None, None)
-    width = np.array([valves.upper(swing) for swing in buffer_runs.SWINGS[1:]])
+    valves = runs.Valves(None, plant, np.full(4, 0.06), np.full(4, 60.0), None, None, None)
+    width = np.array([valves.upper(swing) for swing in runs.SWINGS[1:]])
     swing = width * buffer_rule.swing_per_buffer(plant, valves.kp, valves.ti) * [1.0, 1.0, 2.0, 0.0]
     ds = xr.Dataset({name: (("share", "swing", "sample"), np.stack([swing, swing])) for name in
                      ("hunting_swing", "hunting_period")})  # fmt: skip
-    found = buffer_bounds.cycles(valves, ds, 0)
+    found = bounds.cycles(valves, ds, 0)
     assert found.foretold.all()
     np.testing.assert_array_equal(found.seen.values, np.broadcast_to([True, True, True, False], swing.shape))
-    row = buffer_bounds.cycle_row("loop", found)
+    row = bounds.cycle_row("loop", found)
     assert row[2:4] == ["100%, 75%", "1.00 … 1.00 … 2.00"]
     assert row[4].startswith("67 %")
-    less = buffer_bounds.cycles(valves, ds, 0, 0.5 * width[0])
+    less = bounds.cycles(valves, ds, 0, 0.5 * width[0])
     assert float(less.swing[0, 0]) == pytest.approx(2.0)
     assert less.seen.equals(found.seen)
-    nothing_left = buffer_bounds.cycles(valves, ds, 0, 1.1 * width[0])
+    nothing_left = bounds.cycles(valves, ds, 0, 1.1 * width[0])
     assert nothing_left.seen.equals(found.seen)
     assert np.isnan(nothing_left.swing[0]).all()

@@ -10,8 +10,7 @@ import pytest
 from scipy.stats import t
 
 import fastcoil as fc
-from studies.numerics import numerics
-from studies.numerics import populations as numerics_populations
+from studies.numerics import numerics, populations
 
 pytestmark = pytest.mark.kernel
 
@@ -45,9 +44,9 @@ def test_steps_are_compared_day_by_day_with_the_finest(written, monkeypatch):
 
 
 def test_the_verdict_on_hunting_is_counted_loop_by_loop(written, tmp_path, monkeypatch):
-    monkeypatch.setattr(numerics_populations, "kinds", lambda weather: ("stepped", "constant"))
-    found = numerics_populations.hunting(24, range(2), tmp_path / "none.csv")
-    numerics_populations.write_hunting(found)
+    monkeypatch.setattr(populations, "kinds", lambda weather: ("stepped", "constant"))
+    found = populations.hunting(24, range(2), tmp_path / "none.csv")
+    populations.write_hunting(found)
     (head, *rows) = written("convergence_hunting")[1]
     assert [row[0] for row in rows] == [
         "stepped",
@@ -64,17 +63,17 @@ def test_the_verdict_on_hunting_is_counted_loop_by_loop(written, tmp_path, monke
         of = {"hunt as printed": [a for a, _ in pairs], "hunt only as printed": [a > b for a, b in pairs]}
         for name, holds in of.items():
             assert row[head.index(name)].split(" ")[0] == f"{100 * sum(holds) / 48:.1f}"
-    alone = numerics_populations.valves(numerics_populations.SEED, 24).assign(noise_std=0.01, converged=True)
-    one = fc.simulate(alone, numerics_populations.of_kind("constant", range(2)), seed=numerics_populations.SEED)
+    alone = populations.valves(populations.SEED, 24).assign(noise_std=0.01, converged=True)
+    one = fc.simulate(alone, populations.of_kind("constant", range(2)), seed=populations.SEED)
     np.testing.assert_array_equal(found["constant"].rmse.sel(way="converged").transpose(*one.rmse.dims), one.rmse)
 
 
 def test_a_coil_of_few_volumes_is_compared_with_one_of_many(written, monkeypatch):
-    monkeypatch.setattr(numerics_populations, "RH", (0.2, 0.6))
-    monkeypatch.setattr(numerics_populations, "OPENINGS", (0.3, 0.9))
-    monkeypatch.setattr(numerics_populations, "VOLUMES", (4, 64))
-    ds = numerics_populations.at_rest()
-    numerics_populations.write_rest(ds)
+    monkeypatch.setattr(populations, "RH", (0.2, 0.6))
+    monkeypatch.setattr(populations, "OPENINGS", (0.3, 0.9))
+    monkeypatch.setattr(populations, "VOLUMES", (4, 64))
+    ds = populations.at_rest()
+    populations.write_rest(ds)
     groups = {row[0]: row for row in written("convergence_wet")[1][1:]}
     assert sum(int(re.findall(r"\d+", name)[0]) for name in groups) == 4
     dry = (ds.wet_volumes.sel(n_volumes=64) == 0.0).values

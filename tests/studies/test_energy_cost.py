@@ -8,11 +8,10 @@ import xarray as xr
 
 import fastcoil as fc
 from studies.cost import cost
-from studies.cost import cost as energy_cost
 from studies.days import CONSTANT, HEATING, kinds
 
 DAYS, VALVES, GAPS = 6, 24, (0.0, 0.07)
-NAMES = [energy_cost.AS_FOUND, energy_cost.SIMC, energy_cost.INVERSE]
+NAMES = [cost.AS_FOUND, cost.SIMC, cost.INVERSE]
 
 
 @pytest.fixture(autouse=True)
@@ -25,7 +24,7 @@ def drawn(seed):
     draw = np.random.default_rng(seed)
     dims, shape = ("day", "sample", "controller", "backlash"), (DAYS, VALVES, 3, 2)
     dearer = 1.0 + np.array([0.0, 1.0]) * draw.uniform(-0.01, 0.05, (1, VALVES, 1, 1))
-    ds = xr.Dataset({name: (dims, draw.uniform(5.0, 9.0, shape) * dearer) for name in energy_cost.KEPT})
+    ds = xr.Dataset({name: (dims, draw.uniform(5.0, 9.0, shape) * dearer) for name in cost.KEPT})
     hunts = (np.arange(VALVES) % 2)[:, None, None] * np.array([0.0, 1.0]) * np.ones((DAYS, 1, 3, 1))
     return ds.assign(hunts=(dims, hunts), status=(dims, np.zeros(shape, dtype=np.int8))).assign_coords(
         controller=NAMES, backlash=list(GAPS), day=range(DAYS)
@@ -39,7 +38,7 @@ def found():
 
 def bill(ds, how="bill"):
     """Paid per year, (sample, controller, backlash): six days, of a month of 365/12."""
-    t, one = cost.TARIFF, {name: ds[name].values for name in energy_cost.KEPT}
+    t, one = cost.TARIFF, {name: ds[name].values for name in cost.KEPT}
     chilled = t["electricity"] / t["cop"]
     energy = one["coil_energy"].sum(axis=0) * chilled * 365 / DAYS
     demand = one["coil_peak_power"].max(axis=0) / t["cop"] * t["demand"] * 12
@@ -115,13 +114,13 @@ def test_gains_of_simc_are_sought_without_a_gap_and_the_inverse_knows_it(monkeyp
         n = xr.DataArray(loop["kp"]).sizes["sample"]
         return xr.Dataset({"kp": ("sample", np.full(n, 0.5)), "ti": ("sample", np.full(n, 50.0))})
 
-    monkeypatch.setattr(energy_cost, "simc_gains", simc)
-    loop = energy_cost.loops(1, 3, "stepped")
+    monkeypatch.setattr(cost, "simc_gains", simc)
+    loop = cost.loops(1, 3, "stepped")
     assert asked == [(0.0, CONSTANT)]
     assert loop.sizes == {"sample": 3, "backlash": 6, "controller": 3}
     ds = xr.Dataset({name: xr.DataArray(loop[name]) for name in ("kp", "ti", "estimate_ratio")})
     assert (ds.kp.isel(controller=1) == 0.5).all()
     assert (ds.kp.isel(controller=0) == ds.kp.isel(controller=2)).all()
     assert ds.estimate_ratio.values.tolist() == [0.0, 0.0, 0.95]
-    assert set(energy_cost.KEPT) <= set(fc.simulate(fc.Loop(), fc.constant_day(hours=0.1), warm_up=60))
+    assert set(cost.KEPT) <= set(fc.simulate(fc.Loop(), fc.constant_day(hours=0.1), warm_up=60))
     assert set(kinds()) >= {CONSTANT, HEATING}

@@ -5,8 +5,7 @@ import pytest
 
 import fastcoil as fc
 from studies.common import STUDIES
-from studies.heating import backlash as heating_backlash
-from studies.heating import heating
+from studies.heating import backlash, heating
 
 pytestmark = pytest.mark.kernel
 
@@ -38,18 +37,18 @@ def test_the_presets_have_the_gains_that_the_study_chose():
     text = (STUDIES / "heating" / "tables" / "heating_choice.md").read_text()
     (chosen,) = [line for line in text.splitlines() if line.endswith("| chosen |")]
     kp, ti = (float(cell) for cell in chosen.split("|")[1:3])
-    for name in heating_backlash.PRESETS:
+    for name in backlash.PRESETS:
         assert (fc.Loop.preset(name)["kp"], fc.Loop.preset(name)["ti"]) == (kp, ti)
 
 
 def test_the_tables_have_a_row_for_every_case(monkeypatch):
-    monkeypatch.setattr(heating_backlash, "VALVES", 4)
-    monkeypatch.setattr(heating_backlash, "GOOD", 2)
-    monkeypatch.setattr(heating_backlash, "REMEDIES", {"plain PI": {}, "95 % inverse": {"estimate_ratio": 0.95}})
+    monkeypatch.setattr(backlash, "VALVES", 4)
+    monkeypatch.setattr(backlash, "GOOD", 2)
+    monkeypatch.setattr(backlash, "REMEDIES", {"plain PI": {}, "95 % inverse": {"estimate_ratio": 0.95}})
     short = {"stepped": fc.heating_day(1.5, [1, 2])}
-    monkeypatch.setattr(heating_backlash, "days", lambda *_: short)
-    found = heating_backlash.runs("heating", {"kp": 0.02, "ti": 60.0}, (1, 2))
-    worn, good = heating_backlash.rows("heating", found)
+    monkeypatch.setattr(backlash, "days", lambda *_: short)
+    found = backlash.runs("heating", {"kp": 0.02, "ti": 60.0}, (1, 2))
+    worn, good = backlash.rows("heating", found)
     assert (worn[1:3], good[1:3]) == (["stepped", "worn"], ["stepped", "X = 0"])
     assert worn[4].startswith("-")
     assert good[4] == "+0 % (+0 to +0), × 1.00"

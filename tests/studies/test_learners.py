@@ -12,19 +12,17 @@ import xarray as xr
 
 import fastcoil as fc
 from studies import days as kinds
-from studies.learning import learners
-from studies.learning import learners as learning_learners
-from studies.learning import learners_runs as learning_learners_runs
+from studies.learning import learners, learners_runs
 from studies.learning.learners_runs import Condition, Run
 
-NAMES = list(learning_learners_runs.controllers())
+NAMES = list(learners_runs.controllers())
 X = [0.0, 0.02, 0.10]
 
 
 def test_every_controller_has_a_name_and_the_figure_shows_those_that_the_study_has():
-    assert NAMES[:2] == [learning_learners_runs.PI, learning_learners_runs.KNOWN]
-    assert set(NAMES) <= set(learning_learners.LABELS)
-    assert set(learning_learners.MARKS) <= set(learning_learners.LABELS)
+    assert NAMES[:2] == [learners_runs.PI, learners_runs.KNOWN]
+    assert set(NAMES) <= set(learners.LABELS)
+    assert set(learners.MARKS) <= set(learners.LABELS)
 
 
 def values_of(loop):
@@ -32,8 +30,8 @@ def values_of(loop):
 
 
 def test_each_condition_changes_what_it_says(monkeypatch):
-    monkeypatch.setattr(learning_learners_runs, "kinds", lambda: (kinds.STEPPED, kinds.WEATHER, kinds.HEATING))
-    found = {condition.name: condition for condition in learning_learners_runs.conditions(6)}
+    monkeypatch.setattr(learners_runs, "kinds", lambda: (kinds.STEPPED, kinds.WEATHER, kinds.HEATING))
+    found = {condition.name: condition for condition in learners_runs.conditions(6)}
     base = {of: values_of(found[f"{of}: set-point steps"].loop) for of in ("four loops", "valves")}
     changed = {
         name: {n for n, v in values_of(condition.loop).items() if base[of].get(n) != v}
@@ -56,8 +54,8 @@ def test_each_condition_changes_what_it_says(monkeypatch):
     outdoor = {name: condition.outdoor for name, condition in found.items() if condition.kind == kinds.WEATHER}
     assert [name for name, share in outdoor.items() if share == 1.0] == ["four loops: weather, 100 % outdoor air"]
     assert all(condition.loop.coordinates()["sample"].size == 6 for condition in found.values())
-    monkeypatch.setattr(learning_learners_runs, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
-    assert not any(condition.kind == kinds.WEATHER for condition in learning_learners_runs._of_loops())
+    monkeypatch.setattr(learners_runs, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
+    assert not any(condition.kind == kinds.WEATHER for condition in learners_runs._of_loops())
 
 
 def test_days_are_as_long_as_asked_for_and_weather_has_the_asked_share_of_outdoor_air(tmp_path):
@@ -73,10 +71,10 @@ def test_days_are_as_long_as_asked_for_and_weather_has_the_asked_share_of_outdoo
 
 @pytest.mark.kernel
 def test_every_controller_acts_on_the_same_days_and_the_same_noise(monkeypatch):
-    monkeypatch.setattr(learning_learners_runs, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))
-    loop = learning_learners_runs.four_loops([0.07])
-    loop = learning_learners_runs.picked(loop, sample=[1])
-    ds = learning_learners_runs.tried(Condition("one", loop, kinds.STEPPED, [3, 4], hours=4))
+    monkeypatch.setattr(learners_runs, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))
+    loop = learners_runs.four_loops([0.07])
+    loop = learners_runs.picked(loop, sample=[1])
+    ds = learners_runs.tried(Condition("one", loop, kinds.STEPPED, [3, 4], hours=4))
     assert int(ds.status.max()) == 0
     rmse = {name: ds.rmse.sel(controller=name).values.ravel().tolist() for name in NAMES}
     idle = [name for name in NAMES[1:] if rmse[name] == rmse["pi"]]
@@ -85,7 +83,7 @@ def test_every_controller_acts_on_the_same_days_and_the_same_noise(monkeypatch):
         loop.assign(learning_step=0.007, learning_interval=1800, learning_ratio=2.0),
         kinds.of_kind(kinds.STEPPED, [3, 4], hours=4),
     )
-    given = loop.assign(**learning_learners_runs.controllers()["identify"], plant_gain=12.0, identify_stroke_time=0.0)
+    given = loop.assign(**learners_runs.controllers()["identify"], plant_gain=12.0, identify_stroke_time=0.0)
     known = fc.simulate(given, kinds.of_kind(kinds.STEPPED, [3, 4], hours=4)).estimate_final
     assert ds.estimate_final.sel(controller="identify_stroke").values.ravel().tolist() == known.values.ravel().tolist()
     assert known.values.max() > 0.0
@@ -97,7 +95,7 @@ def runs():
     """Results that nobody simulated: worn valves on two kinds of days, and good ones."""
     draw = np.random.default_rng(1)
     names = ["four loops: set-point steps", "valves: set-point steps", "valves: heating",
-             learning_learners_runs.MORNING, "no backlash, valves: heating"]  # fmt: skip
+             learners_runs.MORNING, "no backlash, valves: heating"]  # fmt: skip
     days = {name: kinds.HEATING if "heating" in name else kinds.STEPPED for name in names}
     found = []
     for name in names:
@@ -113,7 +111,7 @@ def runs():
         )
         metrics["status"] = (dims, np.zeros(shape))
         ds = xr.Dataset(metrics, coords={"controller": NAMES, "day": [5, 6, 7, 8]})
-        condition = Condition(name, learning_learners_runs.four_loops([0.07]), days[name], [5, 6, 7, 8])
+        condition = Condition(name, learners_runs.four_loops([0.07]), days[name], [5, 6, 7, 8])
         found.append(Run(condition, ds, xr.DataArray(x, dims="sample")))
     return found
 
@@ -140,9 +138,9 @@ def rounded(values):
 
 
 def test_tables_hold_what_plain_python_finds(runs, written):
-    learning_learners.write(runs)
+    learners.write(runs)
     by_name = {run.condition.name: run for run in runs}
-    labels = {text: name for name, text in learning_learners.LABELS.items()}
+    labels = {text: name for name, text in learners.LABELS.items()}
     title, _ = written("learners_failures")
     assert "3 loops × 4 days and 3 valves × 4 days" in title
     assert f"(0 of {5 * len(NAMES) * 12} days failed)" in title
@@ -168,9 +166,9 @@ def test_tables_hold_what_plain_python_finds(runs, written):
         assert int(called) == rounded(e > 0.01 for e in estimates)
 
 
-def test_the_table_of_costs_holds_what_plain_python_finds(runs, written):
-    learning_learners.write(runs)
-    labels = {text: name for name, text in learning_learners.LABELS.items()}
+def test_the_table_of_costs_holds_what_plain_python_finds_and_the_figure_is_drawn(runs, written, tmp_path):
+    learners.write(runs)
+    labels = {text: name for name, text in learners.LABELS.items()}
     for table, some in (("learners_cost", runs[1:3]), ("learners_cost_morning", runs[3:4])):
         _, (head, *rows) = written(table)
         for row in rows:
@@ -191,19 +189,16 @@ def test_the_table_of_costs_holds_what_plain_python_finds(runs, written):
                     for t in run.ds.time_identified.sel(controller=name).values.ravel()
                 )
                 assert cells["right since, median"] == f"{since[(len(since) - 1) // 2]:.1f} h"
-
-
-def test_the_figure_is_drawn(runs, written, tmp_path):
-    learning_learners.draw(runs)
+    learners.draw(runs)
     assert (tmp_path / "studies" / "learning" / "learners.png").stat().st_size > 20_000
 
 
 @pytest.mark.full
 @pytest.mark.kernel
 def test_the_command_writes_every_table_and_the_figure(written, monkeypatch, tmp_path):
-    monkeypatch.setattr(learning_learners_runs, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
+    monkeypatch.setattr(learners_runs, "kinds", lambda: (kinds.STEPPED, kinds.HEATING))
     for days in ("LOOP_DAYS", "VALVE_DAYS"):
-        monkeypatch.setattr(learning_learners_runs, days, [1, 2])
+        monkeypatch.setattr(learners_runs, days, [1, 2])
     learners.main(2)
     names = ("failures", "twenty", "worse", "good", "cost", "cost_morning")
     assert all(len(written(f"learners_{name}")[1]) > 3 for name in names)

@@ -12,8 +12,7 @@ import xarray as xr
 from scipy import stats
 
 import fastcoil as fc
-from studies.learning import learning
-from studies.learning import maps as learning_maps
+from studies.learning import learning, maps
 
 pytestmark = pytest.mark.kernel
 
@@ -88,7 +87,7 @@ def test_the_choice_is_the_fastest_safe_one_or_the_safest(failed, confirmed, err
 
 @pytest.mark.parametrize(("low", "high", "arrow"), [(0, 0, ""), (0.4, 0, "↓"), (0.1, 0.4, "↑"), (0.2, 0.3, "↕")])
 def test_arrows_show_early_stops_and_runaways(low, high, arrow):
-    assert learning_maps.way(low, high) == arrow
+    assert maps.way(low, high) == arrow
 
 
 # the script
@@ -127,7 +126,7 @@ def test_learning_writes_what_it_found_and_draws_its_figures(quick, written, mon
 
 def test_the_front_is_the_least_that_can_be_had_by_a_time(quick):
     of = learning.judged(quick)
-    figure = learning_maps.front(of, "error", "error", 50.0, 16, "")
+    figure = maps.front(of, "error", "error", 50.0, 16, "")
     panel = figure.axes[0]
     cell = of.isel(tuning=0, noise_std=0)
     drawn = 0
@@ -162,7 +161,7 @@ def test_a_choice_is_tried_on_fresh_days_against_the_plain_pi_and_a_known_backla
 
 def test_the_failure_map_shows_the_share_of_learners_in_every_cell(small):
     ds = small("learning_failures")
-    figure = learning_maps.failure_map(learning.judged(ds, ["backlash", "day"]), 0.05, "")
+    figure = maps.failure_map(learning.judged(ds, ["backlash", "day"]), 0.05, "")
     (panel,) = (a for a in figure.axes if a.get_title() == "g36")  # of the first rule, without a buffer
     texts = {text.get_position(): text for text in panel.texts}
     cell = ds.isel(buffer=0).sel(rule="literal", tuning="g36")

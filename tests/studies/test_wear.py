@@ -12,9 +12,8 @@ import xarray as xr
 
 import fastcoil as fc
 from studies.days import CONSTANT, STEPPED
-from studies.wear import detect as wear_detect
+from studies.wear import detect, wear
 from studies.wear import runs as wear_runs
-from studies.wear import wear
 from studies.wear.runs import Run
 
 NAMES = list(wear_runs.controllers())
@@ -80,7 +79,7 @@ def in_plain_python(new, noise, leave):
             for k in beside:
                 after[k] += now[j] * leave / len(beside)
         weight = [p * math.exp(-0.5 * (e / noise) ** 2) for p, e in zip(after, row, strict=True)]
-        now = [max(w / sum(weight), wear_detect.LEAST) for w in weight]
+        now = [max(w / sum(weight), detect.LEAST) for w in weight]
         now = [p / sum(now) for p in now]
         found.append(now)
     return found
@@ -88,43 +87,43 @@ def in_plain_python(new, noise, leave):
 
 def test_probabilities_follow_the_chain_and_the_likelihoods():
     new = np.random.default_rng(3).normal(0.0, 0.1, (20, 4))
-    expected = in_plain_python(new.tolist(), 0.08, wear_detect.INTERVAL / wear_detect.SOJOURN)
-    found = wear_detect.probabilities(new[None], np.array([0.08]))
+    expected = in_plain_python(new.tolist(), 0.08, detect.INTERVAL / detect.SOJOURN)
+    found = detect.probabilities(new[None], np.array([0.08]))
     np.testing.assert_allclose(found[0], expected, rtol=1e-9)
 
 
 def test_a_disturbance_that_stays_is_nothing_new_and_a_step_of_it_is_new_once():
     error = np.where(np.arange(400) < 200, 0.0, 1.0)
-    new = wear_detect.innovations(error, np.zeros((400, 1)))[:, 0]
+    new = detect.innovations(error, np.zeros((400, 1)))[:, 0]
     assert new[200] == 1.0
     assert (new[:200] == 0.0).all()
-    np.testing.assert_allclose(new[201:], 1.0 - math.exp(-wear_detect.INTERVAL / wear_detect.COLOUR), rtol=1e-12)
+    np.testing.assert_allclose(new[201:], 1.0 - math.exp(-detect.INTERVAL / detect.COLOUR), rtol=1e-12)
 
 
 @pytest.mark.kernel
 def test_the_bank_finds_the_gap_of_a_loop_whose_plant_it_knows():
-    days = wear_detect.days_of(STEPPED, 7501).isel(day=slice(0, 2))
+    days = detect.days_of(STEPPED, 7501).isel(day=slice(0, 2))
     loop = fc.Loop.preset("lbnl").assign(m_full=1.7, rangeability=30.0, authority=0.5, backlash=("sample", [0.0, 0.05]))
-    seen = wear_detect._lived(loop.assign(noise_std=0.01), days, ["T_measured", "command"], 5)
+    seen = detect._lived(loop.assign(noise_std=0.01), days, ["T_measured", "command"], 5)
     for k, gap in enumerate((0.0, 0.05)):
         command = np.repeat(seen.command.values[k], 5, axis=-1)
-        models = wear_detect.foretold(wear_detect.picked(loop, sample=k), days, command)
-        measured = seen.T_measured.values[k, :, :: wear_detect.INTERVAL // 5].ravel()
-        new = wear_detect.innovations(measured, models.sel(plant="known").values.reshape(measured.size, -1))
-        mean = wear_detect.probabilities(new[None], wear_detect.noise_of(new[None]))[0, -60:] @ wear_detect.CANDIDATES
+        models = detect.foretold(detect.picked(loop, sample=k), days, command)
+        measured = seen.T_measured.values[k, :, :: detect.INTERVAL // 5].ravel()
+        new = detect.innovations(measured, models.sel(plant="known").values.reshape(measured.size, -1))
+        mean = detect.probabilities(new[None], detect.noise_of(new[None]))[0, -60:] @ detect.CANDIDATES
         assert abs(mean.mean() - gap) < 0.005
 
 
 def test_the_gap_is_constant_for_three_days_and_then_does_what_the_case_says():
     n = 10
-    one = {case: wear_detect.scale_of(case, n).ravel() * wear_detect.LARGER for case in wear_detect_cases()}
-    assert set(one[wear_detect.STEADY]) == {1.0}
-    assert one[wear_detect.AT_ONCE].tolist() == [1.0] * 30 + [3.0] * 50
-    np.testing.assert_allclose(one[wear_detect.SLOWLY], [1.0] * 30 + [1.0 + 2.0 * k / 50 for k in range(50)])
+    one = {case: detect.scale_of(case, n).ravel() * detect.LARGER for case in wear_detect_cases()}
+    assert set(one[detect.STEADY]) == {1.0}
+    assert one[detect.AT_ONCE].tolist() == [1.0] * 30 + [3.0] * 50
+    np.testing.assert_allclose(one[detect.SLOWLY], [1.0] * 30 + [1.0 + 2.0 * k / 50 for k in range(50)])
 
 
 def wear_detect_cases():
-    return wear_detect.STEADY, wear_detect.GOOD, wear_detect.AT_ONCE, wear_detect.SLOWLY
+    return detect.STEADY, detect.GOOD, detect.AT_ONCE, detect.SLOWLY
 
 
 def test_an_alarm_is_the_first_time_that_an_estimate_rises_above_that_of_the_third_day():
@@ -133,18 +132,18 @@ def test_an_alarm_is_the_first_time_that_an_estimate_rises_above_that_of_the_thi
     rises[4 * per_day + 1 :] = 0.06
     falls_first = rises + 0.05 * (np.arange(rises.size) < 2 * per_day)
     estimates = xr.DataArray([rises, falls_first, rises * 0 + 0.09], dims=("sample", "elapsed_time"))
-    found = wear_detect.alarms(estimates, 0.02)
-    assert found.values.tolist() == [(per_day + 2) * wear_detect.EVERY / 3600.0] * 2 + [math.inf]
+    found = detect.alarms(estimates, 0.02)
+    assert found.values.tolist() == [(per_day + 2) * detect.EVERY / 3600.0] * 2 + [math.inf]
 
 
 def test_the_threshold_is_the_least_with_few_false_alarms():
     estimate = np.zeros((20, 32))
     estimate[0, 20:], estimate[1, 20:] = 0.02, 0.012  # two of twenty would be too many
     found = xr.DataArray(estimate[None], dims=("detector", "sample", "elapsed_time"), coords={"detector": ["it"]})
-    cases = {(case, kind): found for case in (wear_detect.STEADY, wear_detect.GOOD) for kind in wear_detect.KINDS}
-    assert wear_detect.threshold_of(cases, "it") == 0.015
+    cases = {(case, kind): found for case in (detect.STEADY, detect.GOOD) for kind in detect.KINDS}
+    assert detect.threshold_of(cases, "it") == 0.015
     never = {key: values * 0.0 + np.arange(32) for key, values in cases.items()}
-    assert math.isnan(wear_detect.threshold_of(never, "it"))
+    assert math.isnan(detect.threshold_of(never, "it"))
 
 
 @pytest.fixture
@@ -191,7 +190,7 @@ def noticed():
             dims=("detector", "day", "sample", "elapsed_time"),
             coords={"detector": detectors},
         )
-        for kind in wear_detect.KINDS
+        for kind in detect.KINDS
         for case, growing in zip(wear_detect_cases(), (0, 0, 1, 1), strict=True)
     }
 
