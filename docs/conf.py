@@ -20,9 +20,12 @@ sys.path.insert(0, str(ROOT / "docs"))
 from builder.pages import redirects, shown_file  # noqa: E402
 from builder.stage import home, stage, stage_scripts  # noqa: E402
 
-for name in fastcoil.__all__:  # fc.plot is a module of another name, which autodoc would not find
+for (
+    name
+) in fastcoil.__all__:  # fc.plot is a package of another name: autodoc finds its functions in a module of this one
     if isinstance(thing := getattr(fastcoil, name), ModuleType):
-        sys.modules.setdefault(f"fastcoil.{name}", thing)
+        module = sys.modules[f"fastcoil.{name}"] = ModuleType(f"fastcoil.{name}", thing.__doc__)
+        module.__dict__.update({inner: getattr(thing, inner) for inner in thing.__all__})
 
 stage(ROOT, MADE / "pages")
 stage_scripts(ROOT / "docs" / "gallery", MADE / "scripts")

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from fastcoil.base.errors import StorageError as StorageError
     from fastcoil.deliver.export.export import export_controller as export_controller
     from fastcoil.deliver.report.report import report as report
-    from fastcoil.design.explanation.explain import explain as explain
-    from fastcoil.design.theory.figures import bode as bode
-    from fastcoil.design.theory.figures import nyquist as nyquist
-    from fastcoil.design.theory.limit_cycle import limit_cycle as limit_cycle
-    from fastcoil.design.theory.linearise import linearise as linearise
-    from fastcoil.design.tuning.tune import tune as tune
+    from fastcoil.design.explain import explain as explain
+    from fastcoil.design.frequency_figures import bode as bode
+    from fastcoil.design.frequency_figures import nyquist as nyquist
+    from fastcoil.design.limit_cycle import limit_cycle as limit_cycle
+    from fastcoil.design.linearise import linearise as linearise
+    from fastcoil.design.tune import tune as tune
     from fastcoil.loops.boundary import Boundary as Boundary
     from fastcoil.loops.boundary.days import constant_day as constant_day
     from fastcoil.loops.boundary.days import design_day as design_day
@@ -62,7 +62,7 @@ _HOME = {
     "LockedError": "base.errors",
     "Loop": "loops.loop",
     "StorageError": "base.errors",
-    "bode": "design.theory.figures",
+    "bode": "design.frequency_figures",
     "check_rule": "study.analysis.check_rule",
     "compare": "study.analysis.compare",
     "constant_day": "loops.boundary.days",
@@ -70,16 +70,16 @@ _HOME = {
     "design_day": "loops.boundary.days",
     "diagnose": "measured.diagnose",
     "estimator": "model.user_rules",
-    "explain": "design.explanation.explain",
+    "explain": "design.explain",
     "export_controller": "deliver.export.export",
     "fit_coil": "measured.fit_coil",
     "fit_loop": "measured.fit_loop",
     "fit_valve": "measured.fit_valve",
     "heating_day": "loops.boundary.days",
     "law": "model.user_rules",
-    "limit_cycle": "design.theory.limit_cycle",
-    "linearise": "design.theory.linearise",
-    "nyquist": "design.theory.figures",
+    "limit_cycle": "design.limit_cycle",
+    "linearise": "design.linearise",
+    "nyquist": "design.frequency_figures",
     "open_study": "study.folder.results",
     "paper_day": "loops.boundary.days",
     "parameter": "model.user_rules",
@@ -89,7 +89,7 @@ _HOME = {
     "run_study": "study.run",
     "simulate": "loops.simulate",
     "sobol_indices": "study.analysis.sobol",
-    "tune": "design.tuning.tune",
+    "tune": "design.tune",
     "weather_day": "loops.boundary.weather",
     "weather_year": "loops.boundary.weather_year",
 }

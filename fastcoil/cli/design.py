@@ -40,7 +40,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
       fastcoil explain lbnl --set kp=0.03 --set ti=5
       fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
     """  # noqa: D301 — click reads the backspace
-    from fastcoil.design.explanation.explain import explain as explained
+    from fastcoil.design.explain import explain as explained
     from fastcoil.study.maintenance import one_scenario
 
     form = _form_of(out)
@@ -93,8 +93,8 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     from fastcoil.base.figures import write
     from fastcoil.base.files import exists
     from fastcoil.base.progress import progress_of_command
-    from fastcoil.design.tuning.archive import KEPT
-    from fastcoil.design.tuning.tune import in_scenario_days, run_tuning
+    from fastcoil.design.kept_tunings import KEPT
+    from fastcoil.design.tune import in_scenario_days, run_tuning
     from fastcoil.loops.simulate import workers
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.folder import hold

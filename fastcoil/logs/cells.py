@@ -1,7 +1,4 @@
-"""How messages and notes say how many samples they mean and where the first one is.
-
-What a cell says: a number in the writing of a country, with a unit or a status, or that there is none.
-"""
+"""What a cell says: a number as written in some country, with a unit or a status, or that there is no value."""
 
 from __future__ import annotations
 
@@ -40,7 +37,7 @@ _PLAIN = {
     mark: re.compile(rf"[+-]?(?:\d+{re.escape(mark)}?\d*|{re.escape(mark)}\d+)(?:[eE][+-]?\d+)?") for mark in ".,"
 }
 _ONE_GROUP = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
-"""One thousand or one and some thousandths: without others nobody can tell."""
+"""One thousand or one and some thousandths: ambiguous without other numbers."""
 
 
 class Writing(NamedTuple):

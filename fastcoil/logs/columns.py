@@ -1,9 +1,4 @@
-"""What a caller wants of a log and declares about it, and the checks of both.
-
-Columns of status beside the values, as building systems export them: which values they speak against.
-
-Which column of a log holds which series, and in which unit.
-"""
+"""How a log is to be read, and which of its columns holds which series, in which unit, with which status."""
 
 from __future__ import annotations
 
@@ -194,7 +189,7 @@ _MOST_NAMED = 3
 _PERCENT, _FAR_ABOVE_1, _ROWS_LOOKED_AT = "%", 11.0, 10_000
 _FLOAT = re.compile(r"\d{1,3}(?:\.\d{0,20})?")
 _MOST_HINTS = 200
-"""Unknown columns for which the name that was probably meant is sought: it takes a millisecond each."""
+"""Unknown columns that get a suggestion of the probable name, which takes a millisecond each."""
 
 
 def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:

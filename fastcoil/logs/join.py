@@ -1,7 +1,4 @@
-"""The points in a building's files, each with times of its own: one or several to a file.
-
-Points logged each at its own times, put on one clock: the table that the fits read.
-"""
+"""A building's points, each logged at its own times, on one clock: the table that the fits read."""
 
 from __future__ import annotations
 

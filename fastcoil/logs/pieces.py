@@ -1,10 +1,6 @@
-"""Samples of a log on 1-s steps: held, or on straight lines between them.
+"""The time of a log: jumps, gaps, the unbroken pieces between, and its samples on 1-s steps.
 
-Logs of which a row is written when some value has changed, instead of every minute: their long steps are no gaps.
-
-The time of a log: where it jumps or has gaps, and the unbroken pieces between.
-
-A lag between two columns is to be sought piece by piece, as `number_pieces` numbers them.
+A log of changes has a row when a value has changed; its long steps are no gaps.
 """
 
 from __future__ import annotations
@@ -76,7 +72,7 @@ _CHANGES, _REPEATS = 0.9, 0.2
 _FEWEST = 20
 """Steps."""
 _USUAL, _LONGER = 0.95, 10.0
-"""A step so many times longer than this share of all steps is a gap of such a log, too."""
+"""A step so many times longer than this share of all steps is a gap even in such a log."""
 
 
 def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> float | None:
@@ -103,7 +99,7 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> floa
 
 
 def may_be_of_changes(steps: Array) -> bool:
-    """Whether steps are uneven; a single sample has none, and may be of changes, too."""
+    """Whether steps are uneven; a single sample has none and may be of changes."""
     if not steps.size:
         return True
     median = float(np.median(steps))

@@ -1,6 +1,6 @@
-"""The cells of a column as checked numbers in our unit; bad ones are refused, or left out and counted.
+"""The cells of the columns as checked numbers in our units, and what becomes of the bad ones.
 
-What becomes of a log's bad values: measured ones are left out, single missing inputs bridged, other rows cut.
+They are refused; or else measured ones are left out, single missing inputs bridged, and other rows cut, all counted.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def read_numbers(table: Table, series: Series, column: int, unit: str | None = N
 
 
 def _writing(table: Table, columns: Mapping[str, int]) -> Writing:
-    """How the numbers of the table are written; it is a problem if nobody can tell."""
+    """How the numbers of the table are written; a problem if that is ambiguous."""
     writing = writing_of(([row[column] for row in table.rows] for column in columns.values()), table.separator)
     if writing.unclear:
         table.problems.append(

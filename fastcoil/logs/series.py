@@ -1,6 +1,4 @@
-"""The families of units in which a column may be logged, and how a unit is spelled.
-
-Every column that a log may have, once: name, meaning, units, bounds, and how it runs between samples.
+"""Every column that a log may have, once: name, meaning, units, bounds, and how it runs between samples.
 
 The checks of logs and of boundaries, and the attributes of a boundary's Dataset, derive from this table.
 """
@@ -69,32 +67,13 @@ PRESSURE: Units = {"Pa": (1.0, 0.0), "hPa": (100.0, 0.0), "kPa": (1000.0, 0.0)}
 TIME: Units = {"s": (1.0, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0)}
 NUMBER: Units = {"1": (1.0, 0.0)}
 
-_ABBREVIATIONS = {
-    "lpm": "L/min",
-    "lps": "L/s",
-    "lph": "L/h",
-    "cms": "m3/s",
-    "cmh": "m3/h",
-    "ma": "mA 4-20",
-}
+_ABBREVIATIONS = {"lpm": "L/min", "lps": "L/s", "lph": "L/h", "cms": "m3/s", "cmh": "m3/h", "ma": "mA 4-20"}
 """Abbreviations that look more like another unit than like the one they mean."""
 _SPELLINGS = {
-    "c": "degC",
-    "f": "degF",
-    "pct": "percent",
-    "% rh": "%",
-    "%rh": "%",
-    "% open": "%",
-    "%open": "%",
-    "vdc": "V",
-    "v dc": "V",
-    "2-10 v": "V 2-10",
-    "0-10 v": "V 0-10",
-    "4-20 ma": "mA 4-20",
-    "0-20 ma": "mA 0-20",
-    "usgpm": "gpm",
-    "us gpm": "gpm",
-}
+    "c": "degC", "f": "degF", "pct": "percent", "% rh": "%", "%rh": "%", "% open": "%", "%open": "%",
+    "vdc": "V", "v dc": "V", "2-10 v": "V 2-10", "0-10 v": "V 0-10", "4-20 ma": "mA 4-20", "0-20 ma": "mA 0-20",
+    "usgpm": "gpm", "us gpm": "gpm",
+}  # fmt: skip
 """Other spellings of a unit; of those of a family they mean one only."""
 _FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE, TIME)
 _LONGEST_UNIT = 16
@@ -226,27 +205,10 @@ COLUMNS: dict[str, Series] = {
         Series("T_w_in", "entering water temperature", TEMPERATURE, 0.5, 120.0),
         Series("T_set", "set-point of the supply air temperature", TEMPERATURE, -20.0, 80.0, hold=True),
         Series("noise", "recorded noise of the measured temperature", DIFFERENCE, -50.0, 50.0, default=0.0),
-        Series(
-            "enabled",
-            "whether the loop is in operation",
-            NUMBER,
-            0.0,
-            1.0,
-            hold=True,
-            whole=True,
-            default=1.0,
-            needs_no_unit=True,
-        ),  # fmt: skip
-        Series(
-            "backlash_scale",
-            "what the backlash is multiplied by",
-            NUMBER,
-            0.0,
-            100.0,
-            hold=True,
-            default=1.0,
-            needs_no_unit=True,
-        ),
+        Series("enabled", "whether the loop is in operation", NUMBER, 0.0, 1.0,
+               hold=True, whole=True, default=1.0, needs_no_unit=True),
+        Series("backlash_scale", "what the backlash is multiplied by", NUMBER, 0.0, 100.0,
+               hold=True, default=1.0, needs_no_unit=True),
         Series("elapsed_time", "time", TIME, -1e10, 1e10),  # three centuries
         Series("RH_a_in", "relative humidity of the entering air", FRACTION, 0.0, 1.0, scatters=True),
         Series("T_dp_in", "dew point of the entering air", TEMPERATURE, -60.0, 50.0),
@@ -256,7 +218,7 @@ COLUMNS: dict[str, Series] = {
         Series("T_w_out", "leaving water temperature", TEMPERATURE, 0.1, 150.0),
         Series("batch", "number of the experiment", NUMBER, 0.0, 1e9, hold=True, whole=True, needs_no_unit=True),
     )
-}
+}  # fmt: skip
 """Every column that a log may have, except ``timestamp``."""
 
 TIMES = ("elapsed_time", "timestamp")
@@ -276,7 +238,7 @@ def first_row(row_numbers: Sequence[int], where: Mask) -> str:
     return f"first in row {row_numbers[int(np.argmax(where))]}"
 
 
-def warn_of_reading(name: str, told: Sequence[str]) -> None:
+def warn_of_reading(name: str, notes: Sequence[str]) -> None:
     """Warn, where a result has no place for notes, of what is not self-evident about how a log was read."""
-    if told:
-        warnings.warn(f"{name}: {'; '.join(told)}", UserWarning, stacklevel=3)
+    if notes:
+        warnings.warn(f"{name}: {'; '.join(notes)}", UserWarning, stacklevel=3)

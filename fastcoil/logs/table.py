@@ -1,10 +1,7 @@
-"""Where the table is in a file: what separates its columns, and the rows before the header and after the data.
+"""A CSV file or a Dataset as a table of text, with the mistakes found in it so far.
 
-A CSV file as a table of text, with the mistakes found in it so far.
-
-Read with the standard ``csv`` module.  Rows are numbered as a spreadsheet numbers them: a header at the top is row 1.
-
-A Dataset as the table of a CSV file, so that one reader checks both.
+The ``csv`` module splits the cells; the header is found among remarks, a row of units below it and a footer are
+recognised.  Rows are numbered as a spreadsheet numbers them: a header at the top is row 1.
 """
 
 from __future__ import annotations
@@ -235,13 +232,13 @@ def _first_words(rows: Numbered) -> str:
 STATUS = ("status", "quality")
 """Headers of columns that say which values of a row count."""
 _LONGEST_HEADER = 200
-"""Letters of a header in which a unit without brackets is sought."""
+"""Longest header in which a unit without brackets is looked for, letters."""
 
 
 def label_and_unit(header: str) -> tuple[str, str | None]:
     """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; the unit is None if there is none.
 
-    Known units are found in round brackets and after a comma or slash, too.
+    Known units are found in round brackets and after a comma or slash as well.
     """
     text = header.strip()
     label, bracket, unit = text.partition("[")
@@ -327,7 +324,7 @@ class Table:
         return table
 
     def _check_header(self, row_number: int) -> None:
-        """Every column needs a name of its own; one may be blank."""
+        """Column names must differ; one may be blank."""
         self.problems += [
             f"column {shown(cell)} appears twice in the header: rename or delete one"
             for cell, count in Counter(self.header).items()
@@ -350,7 +347,7 @@ class Table:
             )
 
     def _join_clock(self) -> None:
-        """Make a column timestamp of a date and a time of day in columns of their own."""
+        """Make a column timestamp of a date and a time of day in separate columns."""
         labels = [label_and_unit(cell)[0] for cell in self.header]
         found = find_clock_columns(self.header, self.rows)
         if found is None or "timestamp" in labels or "elapsed_time" in labels:

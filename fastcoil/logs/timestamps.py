@@ -1,8 +1,8 @@
-"""Dates and times in the writing of a country: 01/07/2024 8:05 PM, 01.07.2024 20:05, 01-Jul-24 20:05:00 PDT.
+"""The column ``timestamp`` as seconds: ISO 8601, a national form, serial days of a spreadsheet, epoch.
 
-The column ``timestamp`` as seconds: ISO 8601, the writing of a country, serial days of a spreadsheet, epoch.
-
-Date and time of day in columns of their own, as many building systems export them, as one column of times.
+National forms are 01/07/2024 8:05 PM, 01.07.2024 20:05, 01-Jul-24 20:05:00 PDT and the like; the order of day and month
+comes from numbers above 12, or from the order in which time goes on, and is refused where neither shows it.  Date and
+time of day may have a column each.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def read_dates(parts: list[Parts | None], row_numbers: list[int], cure: str) -> 
     Raises
     ------
     InputError
-        If the order of day and month cannot be told, or time zones are mixed.
+        If the order of day and month cannot be inferred, or time zones are mixed.
     """
     good = np.array([one is not None for one in parts])
     some = [one for one in parts if one is not None]
@@ -267,7 +267,7 @@ class Stamps(NamedTuple):
     offset: int = 0
 
     def first(self) -> tuple[np.datetime64, str]:
-        """The first time, to the second, on the clock that wrote it; its time zone, blank if it does not tell."""
+        """The first time, to the second, on the clock that wrote it; its time zone, blank if unknown."""
         there = self.microseconds[np.argmax(self.good)] + self.absolute * 60_000_000 * self.offset
         zone = offset_text(self.offset) if self.absolute else ""
         return np.datetime64(int(there + 500_000) // 1_000_000, "s"), zone

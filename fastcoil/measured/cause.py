@@ -1,7 +1,4 @@
-"""Why a loop swings: the gap of its valve, its tuning, or something from outside.
-
-What the fitted loop would do with another valve, tuning or controller.
-"""
+"""Why a loop swings (the gap of its valve, its tuning, or a disturbance), and what would change it."""
 
 from __future__ import annotations
 
@@ -22,7 +19,7 @@ share of the logged one."""
 LEAST_EXPLAINED = 0.1
 """Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
 GAINS, _MOST = (1.0 / 1.1, 1.0, 1.1), 2
-"""Times the gain of the model, which no log tells exactly, and how many of these have to agree."""
+"""Factors on the gain of the model, which no log resolves exactly, and how many of these have to agree."""
 FORETELLS = 0.8
 """Margin max |L||N| above which a gap may make the loop hunt; 0.85 where the plant is known and not fitted."""
 _KICKED, _LEAST_KICK = 600.0, 1.0
@@ -40,7 +37,7 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
     """Judge why a loop swings.
 
     The fitted loop is simulated on the day of the log with all fast disturbances taken away, with its gap and without.
-    What still swings then swings by itself.
+    What still swings then is a limit cycle of the loop.
 
     Parameters
     ----------
@@ -49,7 +46,7 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
     fitted
         The loop as a model, or why there is none.  A loop that does not repeat its log to the letter may do.
     identified
-        Whether the log tells the backlash; no valve is blamed for one that it does not tell.
+        Whether the log resolves the backlash; no valve is blamed for one that it does not.
     """
     swing, stroke = measures.swing, measures.command_swing
     if not swing.is_regular:

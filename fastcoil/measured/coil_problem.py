@@ -1,7 +1,4 @@
-"""A log of a coil as 1-s series, and the model run over it with many parameter sets at once.
-
-The least-squares problem of a coil: which samples are compared, which parameters are held, and its solution.
-"""
+"""The least-squares problem of a coil: the log as 1-s series, the model over many parameter sets, and its solution."""
 
 from __future__ import annotations
 
@@ -234,7 +231,7 @@ _SMALL_SWING = 0.02
 _COARSE = 10.0
 """Between samples further apart than this an input may step, s."""
 COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
-"""Parameters that the data may not tell apart: the first is then held at the value of the second."""
+"""Parameters that the data may not separate: the first is then held at the value of the second."""
 _AS_DRY = "as that of heat alone"
 
 

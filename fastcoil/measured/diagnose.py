@@ -14,7 +14,7 @@ from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS
 from fastcoil.measured.cause import as_dataset, cause_of, outcomes_of, too_little
 from fastcoil.measured.diagnosis import Diagnosis, scalars
-from fastcoil.measured.fitted_loop import FittedLoop, fit_and_doubt
+from fastcoil.measured.fitted_loop import FittedLoop, fit_loop_model
 from fastcoil.measured.grid import Grid, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, identify_backlash
 from fastcoil.measured.measures import Measures, loop_indices, measures_of
@@ -50,7 +50,7 @@ def diagnose(
     log
         Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``T_sup`` (°C, °F, K),
         and ``elapsed_time`` or ``timestamp``; of a Dataset of ``fc.simulate``, ``T_measured`` is taken if it is there.
-        Optional: ``T_set``, without which no cause can be told; ``m_a`` and ``T_a_in``, air flow and entering air,
+        Optional: ``T_set``, without which no cause can be given; ``m_a`` and ``T_a_in``, air flow and entering air,
         with which smaller gaps show; ``enabled``, 0 where the plant is off.
     stroke_time
         Seconds of the motor from closed to open, 0 if it is as good as immediate; 90 if left out.
@@ -103,10 +103,9 @@ def diagnose(
     )
     measures = measures_of(grid, stroke_time)
     found = _doubted(found, grid, measures)
-    modelled = _modelled(grid, found, stroke_time, sample_time)
-    loop, doubt = (modelled, modelled) if isinstance(modelled, str) else modelled
+    loop = _modelled(grid, found, stroke_time, sample_time)
     cause = cause_of(measures, loop, identified=found.identified)
-    fitted = doubt or loop
+    fitted = loop if isinstance(loop, str) else loop.doubt or loop
     outcomes = {} if isinstance(fitted, str) else outcomes_of(fitted, fitted.backlash)
     notes = [*data.notes, *notes, *_remarks(grid, stroke_time, sample_time, fitted)]
     return Diagnosis(
@@ -119,7 +118,7 @@ def diagnose(
         because=cause.because,
         hunts=measures.swing.is_regular,
         profile=_profile(found),
-        indices=scalars(measures.indices | loop_indices(measures, grid.interval, loop, trusted=not doubt)),
+        indices=scalars(measures.indices | loop_indices(measures, grid.interval, loop, trusted=fitted is loop)),
         predictions=as_dataset(outcomes) if outcomes else None,
         signals=_signals(grid, measures),
         notes=notes,
@@ -159,17 +158,17 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
 
 def _modelled(
     grid: Grid, found: Identification, stroke_time: float | None, sample_time: float | None
-) -> tuple[FittedLoop, str] | str:
-    """The loop as a model with why it is not to be trusted, empty if it is, or why there is none."""
+) -> FittedLoop | str:
+    """The loop as a model, or why there is none."""
     values = grid.values
     if "T_set" not in values:
         return "the log has no set-point (T_set)"
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     backlash = found.backlash if np.isfinite(found.backlash) else 0.0
-    modelled = fit_and_doubt(
+    modelled = fit_loop_model(
         values["command"], values["T_sup"], values["T_set"], grid.interval, backlash, seconds, sample_time, grid.on
     )
-    return modelled if isinstance(modelled, str) else (modelled[0], too_little(modelled[0]) or modelled[1])
+    return modelled if isinstance(modelled, str) else modelled._replace(doubt=too_little(modelled) or modelled.doubt)
 
 
 def _remarks(grid: Grid, stroke_time: float | None, sample_time: float | None, fitted: FittedLoop | str) -> list[str]:

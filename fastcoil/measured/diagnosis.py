@@ -1,16 +1,9 @@
-"""What a diagnosis found, without what can be made of it.
-
-A diagnosis in the words of a technician.
-
-A diagnosis on one page: two telling hours, the opening behind the command, the profile, predictions and indices.
-
-The result of a diagnosis: backlash, cause, indices, predictions; in words, as TOML, as a figure.
-"""
+"""The result of a diagnosis: backlash, cause, indices, predictions; its words, its TOML and its page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,14 +18,43 @@ from fastcoil.measured.grid import openings
 from fastcoil.measured.identify import GOOD
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
-class Findings:
-    """The attributes of a ``Diagnosis``, explained there."""
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Result):
+    """Diagnosis of a loop and its valve from a trend log.
+
+    Attributes
+    ----------
+    source
+        Name of the log.
+    backlash, interval
+        Most probable backlash and its 95 % interval, fractions of stroke; NaN and everything where the log was not fit
+        to compare any.
+    identified, reason
+        Whether the backlash is right, to 20 % of itself or 1 % of the stroke, with 95 % probability; why not, and what
+        to do to find out, else empty.
+    cause, because
+        Why the loop hunts: ``none`` (it does not), ``backlash`` (without the gap it would not), ``tuning`` (it would
+        even with a perfect valve), ``disturbance`` (something outside the loop swings), ``unknown``; and a sentence.
+    hunts
+        Whether the log shows a swing that comes back regularly.
+    profile
+        Dataset over ``backlash``: the ``probability`` of each size.
+    indices
+        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, Hägglund's oscillation index
+        and backlash, the normalised Harris index, travel and turns of the motor; gain, integral time and sample time of
+        the controller, gain of the plant and margin, where the loop could be modelled.
+    predictions
+        Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop
+        does on this log's day; NaN where that cannot be predicted, with the ``doubt``.  None where there is no model.
+    signals
+        Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
+    notes
+        What was left out of the log, what was assumed, and what could not be computed.
+    """
 
     source: str
     backlash: float
@@ -45,23 +67,49 @@ class Findings:
     profile: xr.Dataset
     indices: xr.Dataset
     predictions: xr.Dataset | None
-    signals: xr.Dataset = field(repr=False)
-    notes: list[str] = field(default_factory=list)
+    signals: xr.Dataset
+    notes: list[str]
+
+    def summary(self) -> list[str]:
+        """The diagnosis in words, line by line."""
+        hours = self.signals.attrs["hours"]
+        lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:g} s"]
+        lines += [_gap(self), _hunting(self), *_cures(self), *_either(self)]
+        return lines + [f"Note: {note}" for note in self.notes]
+
+    def plot(self) -> Figure:
+        """The diagnosis on one page, as a matplotlib ``Figure``."""
+        return page(self)
+
+    def to_toml(self, path: str | Path | None = None) -> str:
+        """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
+
+        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
+        """
+        lines = [f"# backlash fitted to {self.source} by fastcoil diagnose"]
+        lines += [f"# {line}" for line in self.summary()[1:]]
+        lines += ["", "[loop]"] + ([f"backlash = {self.backlash!r}"] if self.identified else [])
+        lines += ["", "[fit]", 'kind = "diagnosis"', f"source = {in_toml(self.source)}"]
+        lines += [f"identified = {in_toml(self.identified)}", f"reason = {in_toml(self.reason)}"]
+        lines += [f"cause = {in_toml(self.cause)}", f"because = {in_toml(self.because)}"]
+        lines += [f"notes = {in_toml(list(self.notes))}"]
+        low, high = self.interval
+        lines += ["", "[fit.interval_95]", f"backlash = {in_toml([low, high])}"]
+        lines += ["", "[fit.indices]"] + [f"{name} = {in_toml(float(value))}" for name, value in self.indices.items()]
+        if self.predictions is not None:
+            for case in self.predictions["case"].values:
+                one = self.predictions.sel(case=case)
+                lines += ["", f"[fit.predictions.{case}]", f"doubt = {in_toml(str(one['doubt'].values))}"]
+                numbers = one.drop_vars("doubt").data_vars.items()
+                lines += [f"{name} = {in_toml(float(value))}" for name, value in numbers]
+        return as_toml(lines, path)
 
 
 _POSSIBLE = ("half_gain", "no_gap", "half_gap", "inverse")
 """Cures; without a known gap only the first."""
 
 
-def in_words(d: Findings) -> list[str]:
-    """The diagnosis, line by line."""
-    hours = d.signals.attrs["hours"]
-    lines = [f"{d.source}: {hours:.1f} h, a sample every {d.signals.attrs['interval']:g} s"]
-    lines += [_gap(d), _hunting(d), *_cures(d), *_either(d)]
-    return lines + [f"Note: {note}" for note in d.notes]
-
-
-def _gap(d: Findings) -> str:
+def _gap(d: Diagnosis) -> str:
     low, high = (100 * bound for bound in d.interval)
     if d.identified and d.backlash <= GOOD:
         return f"Gap: none to speak of, {100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
@@ -72,7 +120,7 @@ def _gap(d: Findings) -> str:
     return f"Gap: cannot tell; most probable {100 * d.backlash:.3g} % (95 %: {low:.3g} to {high:.3g} %): {d.reason}"
 
 
-def _hunting(d: Findings) -> str:
+def _hunting(d: Diagnosis) -> str:
     """Whether the loop hunts, and why."""
     size, period = float(d.indices["peak_to_peak"]) / 2, float(d.indices["period"])
     if d.cause == NONE:
@@ -91,7 +139,7 @@ def _hunting(d: Findings) -> str:
     return f"{swings}, {blamed[d.cause]}: {d.because}" if d.cause in blamed else f"{swings}; {d.because}"
 
 
-def _cures(d: Findings) -> list[str]:
+def _cures(d: Diagnosis) -> list[str]:
     """What the fitted loop would do with another valve, tuning or controller."""
     if d.predictions is None:
         return []
@@ -103,10 +151,10 @@ def _cures(d: Findings) -> list[str]:
             ("half_gap", "With half the gap"),
             ("inverse", "With a backlash inverse"),
         ]
-    return [f"{words}: {_told(d.predictions.sel(case=case), found)}" for case, words in cases]
+    return [f"{words}: {_case_in_words(d.predictions.sel(case=case), found)}" for case, words in cases]
 
 
-def _either(d: Findings) -> list[str]:
+def _either(d: Diagnosis) -> list[str]:
     """What would stop the hunting, best first."""
     if d.predictions is None or not float(d.predictions["hunts"].sel(case="as_found")):
         return []
@@ -116,7 +164,7 @@ def _either(d: Findings) -> list[str]:
     return [f"What would stop the hunting: {', or '.join(cures)}"] if cures else []
 
 
-def _told(one: xr.Dataset, found: xr.Dataset) -> str:
+def _case_in_words(one: xr.Dataset, found: xr.Dataset) -> str:
     """One case in words."""
     if str(one["doubt"].values):
         return f"cannot tell: {one['doubt'].values}"
@@ -155,7 +203,7 @@ _TABLE = (
 
 
 @apply_style()
-def page(d: Findings) -> Figure:
+def page(d: Diagnosis) -> Figure:
     """The diagnosis as a page."""
     from matplotlib.figure import Figure
 
@@ -170,7 +218,7 @@ def page(d: Findings) -> Figure:
     _profile(fig.add_subplot(grid[2, 1]), d)
     _predictions(fig.add_subplot(grid[3, 0]), d)
     _indices(fig.add_subplot(grid[3, 1]), d)
-    headline = in_words(d)[:3]
+    headline = d.summary()[:3]
     fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
     return fig
 
@@ -210,7 +258,7 @@ def _command(axes: Axes, seen: xr.Dataset) -> None:
     axes.margins(x=0.01)
 
 
-def _opening(axes: Axes, d: Findings, seen: xr.Dataset) -> None:
+def _opening(axes: Axes, d: Diagnosis, seen: xr.Dataset) -> None:
     """The opening behind the motor with the most probable gap: the wider the loop, the larger the gap."""
     axes.set(xlabel="motor position [%]", ylabel="opening [%]")
     axes.set_title("Valve behind the motor, modelled", loc="left")
@@ -229,7 +277,7 @@ def _opening(axes: Axes, d: Findings, seen: xr.Dataset) -> None:
     axes.set_ylim(low - 0.1 * (high - low) - 0.5, high + 0.1 * (high - low) + 0.5)
 
 
-def _profile(axes: Axes, d: Findings) -> None:
+def _profile(axes: Axes, d: Diagnosis) -> None:
     sizes, probability = 100 * d.profile["backlash"].values, 100 * d.profile["probability"].values
     low, high = d.interval
     axes.axvspan(100 * low, 100 * high, color=FAINT, lw=0, label="95 % interval")
@@ -240,7 +288,7 @@ def _profile(axes: Axes, d: Findings) -> None:
     axes.legend(**_ABOVE)
 
 
-def _predictions(axes: Axes, d: Findings) -> None:
+def _predictions(axes: Axes, d: Diagnosis) -> None:
     """Error and travel in every case, as shares of what the model does as found."""
     axes.set_title("What the fitted loop would do", loc="left")
     if d.predictions is None:
@@ -266,7 +314,7 @@ def _predictions(axes: Axes, d: Findings) -> None:
     axes.grid(visible=False, axis="y")
 
 
-def _indices(axes: Axes, d: Findings) -> None:
+def _indices(axes: Axes, d: Diagnosis) -> None:
     axes.axis("off")
     axes.set_title("Indices", loc="left")
     cells = []
@@ -284,76 +332,6 @@ def _indices(axes: Axes, d: Findings) -> None:
 def _says(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=8)
     axes.set(xticks=[], yticks=[])
-
-
-@dataclass(frozen=True, repr=False)
-class Diagnosis(Result, Findings):
-    """What a trend log tells of a loop and its valve.
-
-    Attributes
-    ----------
-    source
-        Name of the log.
-    backlash, interval
-        Most probable backlash and its 95 % interval, fractions of stroke; NaN and everything where the log was not fit
-        to compare any.
-    identified, reason
-        Whether the backlash is right, to 20 % of itself or 1 % of the stroke, with 95 % probability; why not, and what
-        to do to find out, else empty.
-    cause, because
-        Why the loop hunts: ``none`` (it does not), ``backlash`` (without the gap it would not), ``tuning`` (it would
-        with a perfect valve, too), ``disturbance`` (something from outside swings), ``unknown``; and a sentence.
-    hunts
-        Whether the log shows a swing that comes back regularly.
-    profile
-        Dataset over ``backlash``: the ``probability`` of each size.
-    indices
-        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, Hägglund's oscillation index
-        and backlash, the normalised Harris index, travel and turns of the motor; gain, integral time and sample time of
-        the controller, gain of the plant and margin, where the loop could be modelled.
-    predictions
-        Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop
-        does on this log's day; NaN where that cannot be told, with the ``doubt``.  None where there is no model.
-    signals
-        Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
-    notes
-        What was left out of the log, what was assumed, and what could not be computed.
-    """
-
-    def summary(self) -> list[str]:
-        """The diagnosis in words, line by line."""
-        return in_words(self)
-
-    def plot(self) -> Figure:
-        """The diagnosis on one page, as a matplotlib ``Figure``."""
-        return page(self)
-
-    def to_toml(self, path: str | Path | None = None) -> str:
-        """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
-
-        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
-        """
-        return as_toml(_toml(self), path)
-
-
-def _toml(d: Findings) -> list[str]:
-    lines = [f"# backlash fitted to {d.source} by fastcoil diagnose"]
-    lines += [f"# {line}" for line in in_words(d)[1:]]
-    lines += ["", "[loop]"] + ([f"backlash = {d.backlash!r}"] if d.identified else [])
-    lines += ["", "[fit]", 'kind = "diagnosis"', f"source = {in_toml(d.source)}"]
-    lines += [f"identified = {in_toml(d.identified)}", f"reason = {in_toml(d.reason)}"]
-    lines += [f"cause = {in_toml(d.cause)}", f"because = {in_toml(d.because)}"]
-    lines += [f"notes = {in_toml(list(d.notes))}"]
-    low, high = d.interval
-    lines += ["", "[fit.interval_95]", f"backlash = {in_toml([low, high])}"]
-    lines += ["", "[fit.indices]"] + [f"{name} = {in_toml(float(value))}" for name, value in d.indices.items()]
-    if d.predictions is not None:
-        for case in d.predictions["case"].values:
-            one = d.predictions.sel(case=case)
-            lines += ["", f"[fit.predictions.{case}]", f"doubt = {in_toml(str(one['doubt'].values))}"]
-            numbers = one.drop_vars("doubt").data_vars.items()
-            lines += [f"{name} = {in_toml(float(value))}" for name, value in numbers]
-    return lines
 
 
 def scalars(values: Mapping[str, tuple[float, str, str]]) -> xr.Dataset:

@@ -1,7 +1,4 @@
-"""Figures of a fit: Fig 2 of the paper and the profile for a valve, Figs 4 and 5 for a coil.
-
-The result of a fit: parameters, their uncertainty, residuals; in words, as TOML, as a figure.
-"""
+"""The result of a fit: parameters, their uncertainty and residuals, with its words, TOML and figures."""
 
 from __future__ import annotations
 
@@ -43,6 +40,7 @@ class Branches(NamedTuple):
     falling: Array
 
 
+@apply_style()
 def valve_figure(residuals: xr.Dataset, profile: xr.Dataset, curve: Array, floor: float, *, identified: bool) -> Figure:
     """Parity, data over the hysteresis curves, and profile.
 
@@ -55,29 +53,18 @@ def valve_figure(residuals: xr.Dataset, profile: xr.Dataset, curve: Array, floor
     identified
         Whether the data identify the backlash.
     """
-    with apply_style():
-        return _valve(residuals, profile, curve, floor, identified)
-
-
-def coil_figure(residuals: xr.Dataset, rmse: Mapping[str, float]) -> Figure:
-    """Supply air, leaving water and flows over time, a column for each part; ``rmse``: by part, as in the fit."""
-    with apply_style():
-        return _coil(residuals, rmse)
-
-
-def _valve(ds: xr.Dataset, profile: xr.Dataset, curve: Array, floor: float, identified: bool) -> Figure:
     from matplotlib.figure import Figure
 
     fig = Figure(figsize=(10.5, 3.6), layout="constrained")
     parity, curves, profile_axes = fig.subplots(1, 3)
     looks = ((FITTING, _FITTED, "o"), (VALIDATION, _HELD_BACK, "x"))
     for part, colour, marker in looks:
-        here = _thinned(ds["part"].values == part)
+        here = _thinned(residuals["part"].values == part)
         if here.size:
             style = {"color": colour, "marker": marker, "s": 10, "alpha": 0.6, "lw": 0.8 * (marker == "x")}
-            parity.scatter(ds["m_w"][here], ds["modelled"][here], label=part, **style)
-            curves.scatter(100 * ds["command"][here], ds["m_w"][here], label=part, **style)
-    top = 1.05 * float(np.nanmax(ds["m_w"]))
+            parity.scatter(residuals["m_w"][here], residuals["modelled"][here], label=part, **style)
+            curves.scatter(100 * residuals["command"][here], residuals["m_w"][here], label=part, **style)
+    top = 1.05 * float(np.nanmax(residuals["m_w"]))
     parity.plot([0, top], [0, top], color="black", lw=0.8)
     parity.set(xlabel="measured flow [kg/s]", ylabel="modelled flow [kg/s]", title="Parity", aspect="equal")
     parity.set(xlim=(0, top), ylim=(0, top))
@@ -90,6 +77,36 @@ def _valve(ds: xr.Dataset, profile: xr.Dataset, curve: Array, floor: float, iden
     for axes in (parity, curves):
         axes.legend(loc="lower right", fontsize=8, **_LEGEND)
     _profile(profile_axes, profile, identified)
+    return fig
+
+
+@apply_style()
+def coil_figure(residuals: xr.Dataset, rmse: Mapping[str, float]) -> Figure:
+    """Supply air, leaving water and flows over time, a column for each part; ``rmse``: by part, as in the fit."""
+    from matplotlib.figure import Figure
+
+    parts = [part for part in (FITTING, VALIDATION) if (residuals["part"] == part).any()]
+    fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 5.6), layout="constrained")
+    rows = fig.subplots(3, len(parts), squeeze=False, sharex="col", height_ratios=(3, 2, 1.2))
+    for column, part in zip(rows.T, parts, strict=True):
+        span = np.flatnonzero(residuals["part"].values == part)
+        # the warm-up before the fitted part is worth a look
+        own = residuals["log"].values == str(residuals["log"][span[0]].values)
+        first = int(span[0]) if part == VALIDATION and own[0] else int(np.argmax(own))
+        one = residuals.isel(elapsed_time=slice(first, int(span[-1]) + 1))
+        _temperature(column[0], one, "T_sup", f"{part}: RMSE {rmse[part]:.2g} K", "supply air [°C]")
+        measured = f", RMSE {rmse[part + '_T_w_out']:.2g} K" if part + "_T_w_out" in rmse else ", not measured"
+        _temperature(column[1], one, "T_w_out", f"leaving water{measured}", "leaving water [°C]")
+        flows: tuple[tuple[str, Any], ...] = (("water", {"color": _MODEL}), ("air", {"color": _HELD_BACK, "ls": "--"}))
+        for name, style in flows:
+            by_piece(column[2], one, f"m_{name[0]}", lw=1, label=name, **style)
+        column[2].set(xlabel="time [h]", ylabel="flow [kg/s]")
+        column[2].set_ylim(bottom=0.0)
+        _entitled(column[2], "flows")
+        for axes in column:
+            _shaded(axes, one)
+    if (residuals["part"] == UNUSED).any():
+        fig.supxlabel("Grey: not compared", fontsize=8)
     return fig
 
 
@@ -119,37 +136,10 @@ def _profile(axes: Axes, ds: xr.Dataset, identified: bool) -> None:
     axes.legend(loc="upper center", fontsize=8, **_LEGEND)
 
 
-def _coil(ds: xr.Dataset, rmse: Mapping[str, float]) -> Figure:
-    from matplotlib.figure import Figure
-
-    parts = [part for part in (FITTING, VALIDATION) if (ds["part"] == part).any()]
-    fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 5.6), layout="constrained")
-    rows = fig.subplots(3, len(parts), squeeze=False, sharex="col", height_ratios=(3, 2, 1.2))
-    for column, part in zip(rows.T, parts, strict=True):
-        span = np.flatnonzero(ds["part"].values == part)
-        # the warm-up before the fitted part is worth a look
-        own = ds["log"].values == str(ds["log"][span[0]].values)
-        first = int(span[0]) if part == VALIDATION and own[0] else int(np.argmax(own))
-        one = ds.isel(elapsed_time=slice(first, int(span[-1]) + 1))
-        _temperature(column[0], one, "T_sup", f"{part}: RMSE {rmse[part]:.2g} K", "supply air [°C]")
-        measured = f", RMSE {rmse[part + '_T_w_out']:.2g} K" if part + "_T_w_out" in rmse else ", not measured"
-        _temperature(column[1], one, "T_w_out", f"leaving water{measured}", "leaving water [°C]")
-        for name, style in (("water", {"color": _MODEL}), ("air", {"color": _HELD_BACK, "ls": "--"})):
-            _by_piece(column[2], one, f"m_{name[0]}", lw=1, label=name, **style)
-        column[2].set(xlabel="time [h]", ylabel="flow [kg/s]")
-        column[2].set_ylim(bottom=0.0)
-        _entitled(column[2], "flows")
-        for axes in column:
-            _shaded(axes, one)
-    if (ds["part"] == UNUSED).any():
-        fig.supxlabel("Grey: not compared", fontsize=8)
-    return fig
-
-
 def _temperature(axes: Axes, ds: xr.Dataset, name: str, title: str, label: str) -> None:
     if np.isfinite(ds[name]).any():
-        _by_piece(axes, ds, name, color=_HELD_BACK, lw=2.2, label="measured")
-    _by_piece(axes, ds, f"{name}_modelled", color=_MODEL, lw=1, ls="--", label="modelled")
+        by_piece(axes, ds, name, color=_HELD_BACK, lw=2.2, label="measured")
+    by_piece(axes, ds, f"{name}_modelled", color=_MODEL, lw=1, ls="--", label="modelled")
     axes.set_ylabel(label)
     _entitled(axes, title)
 
@@ -160,11 +150,11 @@ def _entitled(axes: Axes, title: str) -> None:
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False, borderaxespad=0.2)
 
 
-def _by_piece(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> None:
-    """A line with a break wherever the record has one."""
+def by_piece(axes: Axes, ds: xr.Dataset, name: str, scale: float = 1.0, **style: Any) -> None:
+    """Plot a series over the hours, with a break wherever the record has one."""
     breaks = np.flatnonzero(np.diff(ds["batch"])) + 1
     hours, values = (np.insert(ds[n].values.astype(float), breaks, np.nan) for n in ("elapsed_time", name))
-    axes.plot(hours / 3600, values, **style)
+    axes.plot(hours / 3600, scale * values, **style)
 
 
 def _shaded(axes: Axes, ds: xr.Dataset) -> None:
@@ -329,10 +319,25 @@ def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[fl
     return (math.exp(low), math.exp(min(high, 700.0))) if of_logarithm else (low, high)
 
 
-def sample_variables(data: Log, part: NDArray[np.str_]) -> dict[str, Any]:
-    """Part, batch, row and name of the log of every sample."""
+def residuals_of(data: Log, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]]) -> xr.Dataset:
+    """The ``residuals`` of a fit: each series with its unit; part, batch, row and name of the log of every sample."""
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
-    return {name: ("elapsed_time", values) for name, values in columns.items()}
+    return xr.Dataset(
+        {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
+        | {name: ("elapsed_time", values) for name, values in columns.items()},
+        {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})},
+    )
+
+
+def rmse_of(part: NDArray[np.str_], errors: Mapping[str, Array]) -> dict[str, float]:
+    """RMSE by part of the log, for each of the ``errors``, whose names are endings."""
+    found = {}
+    for name in (FITTING, VALIDATION):
+        for ending, error in errors.items():
+            here = (part == name) & np.isfinite(error)
+            if here.any():
+                found[f"{name}{ending}"] = rms(error[here])
+    return found
 
 
 def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:

@@ -1,14 +1,10 @@
-"""The result of a coil fit: parameters as a study takes them, their uncertainty, residuals of the whole log.
-
-``fit_coil``: C_c, C_w, β1 … β6 of Eqs (3) and (4) from recorded flows and temperatures (section 2.2).
-"""
+"""``fit_coil``: C_c, C_w, β1 … β6 of Eqs (3) and (4) from recorded flows and temperatures (section 2.2)."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
-from itertools import islice
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,7 +28,7 @@ from fastcoil.measured.coil_problem import (
     is_coupled,
     record_of,
 )
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, rms, sample_variables
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, residuals_of, rmse_of
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
 from fastcoil.model.parameter_table import PARAMETERS
@@ -112,24 +108,22 @@ def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, fl
             f"not validated: the coil is unstable at the flows of the part held back, up to "
             f"{problem.record.limits_of_all.m_w_max:.3g} kg/s of water: fit a part that has such flows"
         )
-    part = np.where(problem.fitting, FITTING, VALIDATION)
-    variables: dict[str, Any] = sample_variables(data, np.where(compared["T_sup"], part, UNUSED))
-    rmse = {}
+    of_log = np.where(problem.fitting, FITTING, VALIDATION)
+    part = np.where(compared["T_sup"], of_log, UNUSED)
+    series: dict[str, tuple[Array, str]] = {}
+    rmse: dict[str, float] = {}
     for name in ("T_sup", "T_w_out"):
         measured = data.values.get(name, np.full(part.size, np.nan))
-        variables |= {
-            name: ("elapsed_time", measured, {"units": "degC"}),
-            f"{name}_modelled": ("elapsed_time", found[name], {"units": "degC"}),
-            f"{name}_residual": ("elapsed_time", measured - found[name], {"units": "K"}),
+        series |= {
+            name: (measured, "degC"),
+            f"{name}_modelled": (found[name], "degC"),
+            f"{name}_residual": (measured - found[name], "K"),
         }
-        for p in (FITTING, VALIDATION):
-            here = compared.get(name, np.zeros(part.size, dtype=bool)) & (part == p) & np.isfinite(found[name])
-            if here.any():
-                rmse[p if name == "T_sup" else f"{p}_{name}"] = rms((found[name] - measured)[here])
-    variables["wet_volumes"] = ("elapsed_time", found["wet_volumes"], {"units": "1"})
-    for name in ("m_w", "m_a"):
-        variables[name] = ("elapsed_time", data.values[name], {"units": "kg s-1"})
-    return xr.Dataset(variables, {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})}), rmse
+        error = np.where(compared.get(name, False), found[name] - measured, np.nan)
+        rmse |= rmse_of(of_log, {"" if name == "T_sup" else f"_{name}": error})
+    series["wet_volumes"] = (found["wet_volumes"], "1")
+    series |= {name: (data.values[name], "kg s-1") for name in ("m_w", "m_a")}
+    return residuals_of(data, part, series), rmse
 
 
 OUTPUTS = {"T_sup": ("T_sup",), "both": ("T_sup", "T_w_out")}
@@ -240,11 +234,9 @@ def fit_coil(
 
 def _held_inputs(holds: Any) -> tuple[str, ...]:
     """The inputs that hold, under the names that the model has for them."""
-    try:
-        # an endless generator has to end
-        names = () if holds is None else (holds,) if isinstance(holds, str) else tuple(islice(holds, len(_INPUTS) + 1))
-    except Exception:  # nothing to iterate over; a user's class may raise anything
-        names = (holds,)
+    if holds is None:
+        return ()
+    names = [holds] if isinstance(holds, str) or not isinstance(holds, Iterable) else list(holds)
     wrong = [name for name in map(plain, names) if not (isinstance(name, str) and name in _INPUTS)]
     known = f"choose from {', '.join(_INPUTS)}"
     if wrong:

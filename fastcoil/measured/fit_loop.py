@@ -1,9 +1,4 @@
-"""Figure of a fitted loop: the profile over the backlash, and the temperatures that it was read from.
-
-The result of a fit of a loop: the backlash, how well it is known, residuals, in words and as a figure.
-
-``fit_loop``: the backlash of a valve from recorded commands and supply temperatures, with a model of its coil.
-"""
+"""``fit_loop``: the backlash of a valve from recorded commands and supply temperatures, with a model of its coil."""
 
 from __future__ import annotations
 
@@ -24,7 +19,7 @@ from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.loop import Loop
 from fastcoil.measured.coil_problem import in_operation
-from fastcoil.measured.fit import Fit, labelled, poor, rms, sample_variables
+from fastcoil.measured.fit import Fit, by_piece, labelled, poor, residuals_of, rmse_of
 from fastcoil.measured.loop_problem import LARGEST, LoopProblem, LoopSolution
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
@@ -52,10 +47,10 @@ def loop_figure(residuals: xr.Dataset, profile: xr.Dataset, *, identified: bool)
         ("modelled", "modelled", {"color": BLUE, "lw": 1.0, "ls": "--"}),
     )
     for name, label, style in looks:
-        _by_piece(above, residuals, name, label=label, **style)
+        by_piece(above, residuals, name, label=label, **style)
     above.set_ylabel("supply air [°C]")
     above.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)
-    _by_piece(below, residuals, "command", 100.0, color=GREY)
+    by_piece(below, residuals, "command", 100.0, color=GREY)
     below.set(xlabel="time [h]", ylabel="command [%]")
     hours, unused = residuals["elapsed_time"].values / 3600, residuals["part"].values == UNUSED
     for axes in (above, below):
@@ -66,13 +61,6 @@ def loop_figure(residuals: xr.Dataset, profile: xr.Dataset, *, identified: bool)
     if unused.any():
         left.supxlabel("Grey: not compared", fontsize=8)
     return fig
-
-
-def _by_piece(axes: Axes, ds: xr.Dataset, name: str, scale: float = 1.0, **style: Any) -> None:
-    """A line with a break wherever the record has one."""
-    breaks = np.flatnonzero(np.diff(ds["batch"])) + 1
-    hours, values = (np.insert(ds[n].values.astype(float), breaks, np.nan) for n in ("elapsed_time", name))
-    axes.plot(hours / 3600, scale * values, **style)
 
 
 def _profile(axes: Axes, ds: xr.Dataset, identified: bool) -> None:
@@ -108,7 +96,7 @@ class LoopFit(Fit):
 
     @property
     def identified(self) -> bool:
-        """Whether the log tells the size, to 20 % of itself or 1 % of the stroke."""
+        """Whether the log resolves the size, to 20 % of itself or 1 % of the stroke."""
         return not self.reason
 
     @property
@@ -161,7 +149,7 @@ def loop_fit(problem: LoopProblem, solution: LoopSolution, started: float) -> Lo
 
 
 def why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:
-    """Why the log does not tell the backlash; empty if it does."""
+    """Why the log does not resolve the backlash; empty if it does."""
     low, high = solution.interval
     x = solution.backlash
     why = ""
@@ -196,25 +184,15 @@ def _residuals(problem: LoopProblem, solution: LoopSolution) -> tuple[xr.Dataset
     """Measured and modelled temperatures over the whole log, also without backlash; RMSE by part."""
     found, plain, measured = solution.modelled, solution.without_backlash, problem.T_sup
     part = np.where(problem.compared, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
-    rmse = {}
-    for name in (FITTING, VALIDATION):
-        here = (part == name) & np.isfinite(found)
-        if here.any():
-            rmse[name] = rms((found - measured)[here])
-            rmse[f"{name}_without_backlash"] = rms((plain - measured)[here])
-    values = {
-        "T_sup": measured, "modelled": found, "modelled_without_backlash": plain, "residual": measured - found,
-        "command": problem.data.values["command"],
-    }  # fmt: skip
-    ds = xr.Dataset(
-        {
-            name: ("elapsed_time", v, {"units": {"command": "1", "residual": "K"}.get(name, "degC")})
-            for name, v in values.items()
-        }
-        | sample_variables(problem.data, part),
-        {"elapsed_time": ("elapsed_time", problem.data.time, {"units": "s"})},
-    )
-    return ds, rmse
+    errors = {"": found - measured, "_without_backlash": plain - measured}
+    series = {
+        "T_sup": (measured, "degC"),
+        "modelled": (found, "degC"),
+        "modelled_without_backlash": (plain, "degC"),
+        "residual": (measured - found, "K"),
+        "command": (problem.data.values["command"], "1"),
+    }
+    return residuals_of(problem.data, part, series), rmse_of(part, errors)
 
 
 _WANTED = Wanted(

@@ -1,9 +1,4 @@
-"""What a fit of a valve shows of a signal that was read the wrong way: inverted, or 2-10 V taken for 0-10 V.
-
-The result of a valve fit: parameters as a study takes them, their uncertainty, residuals of the whole log.
-
-``fit_valve``: x_BL, m_max, a, b, c of Eqs (1) and (2) from recorded commands and flows (section 2.1.3).
-"""
+"""``fit_valve``: x_BL, m_max, a, b, c of Eqs (1) and (2) from recorded commands and flows (section 2.1.3)."""
 
 from __future__ import annotations
 
@@ -21,7 +16,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, rms, sample_variables
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, residuals_of, rmse_of
 from fastcoil.measured.lag import with_lag, without_lag
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.measured.valve_problem import FEWEST_SAMPLES, LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
@@ -154,23 +149,16 @@ def _residuals(problem: ValveProblem, solution: ValveSolution) -> tuple[xr.Datas
         modelled.append([a[:, 0] for a in problem.flows(one.x[:5, None], start, n)])
     (openings, flow), (_, plain) = modelled
     part = np.where(problem.good, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
-    rmse = {}
-    for name in (FITTING, VALIDATION):
-        here = part == name
-        if here.any():
-            rmse[name] = rms((flow - problem.flow)[here])
-            rmse[f"{name}_without_backlash"] = rms((plain - problem.flow)[here])
-    names = ("m_w", "modelled", "modelled_without_backlash", "residual", "command", "opening")
-    values = (problem.flow, flow, plain, problem.flow - flow, problem.command, openings)
-    ds = xr.Dataset(
-        {
-            name: ("elapsed_time", v, {"units": "1" if name in ("command", "opening") else "kg s-1"})
-            for name, v in zip(names, values, strict=True)
-        }
-        | sample_variables(problem.data, part),
-        {"elapsed_time": ("elapsed_time", problem.data.time, {"units": "s"})},
-    )
-    return ds, rmse
+    errors = {"": flow - problem.flow, "_without_backlash": plain - problem.flow}
+    series = {
+        "m_w": (problem.flow, "kg s-1"),
+        "modelled": (flow, "kg s-1"),
+        "modelled_without_backlash": (plain, "kg s-1"),
+        "residual": (problem.flow - flow, "kg s-1"),
+        "command": (problem.command, "1"),
+        "opening": (openings, "1"),
+    }
+    return residuals_of(problem.data, part, series), rmse_of(part, errors)
 
 
 _LEAST_REACH = 0.02
@@ -232,8 +220,8 @@ def fit_valve(
         Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
         ``fit_until``.  It has no influence on the fit.
     lag
-        Seconds by which the flow is logged after the command, negative if before; ``auto``: sought in each piece of the
-        log, told, and taken out.
+        Seconds by which the flow is logged after the command, negative if before; ``auto``: estimated per
+        piece of the log, reported, removed.
     holds
         ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
         between the rows, and the interval of the backlash allows for that.

@@ -1,8 +1,8 @@
-"""The day of a log once more, with a fitted loop in place of the real one.
+"""The loop behind a trend log as a model, and what its day would have been with another valve or controller.
 
-What a day of a loop was like: control error, hunting and travel, by the meanings of the metrics of a simulation.
-
-The loop behind a trend log, fitted, and what its day would have been with another valve or controller.
+``play`` replays the day of the log with the fitted plant in place of the coil.  It is not the loop of the engine: the
+plant has no control volumes, a step is that of the log, and the day starts in the state that the log shows.  An
+``Outcome`` has the meanings of the metrics of a simulation.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.design.theory.describing_function import describing_function
+from fastcoil.design.describing_function import describing_function
 from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, fit_plant, lagged, recover_pi
-from fastcoil.measured.identify import HORIZON
+from fastcoil.measured.identify import HORIZON, held
 from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SAMPLE, HUNTING_SWING, SETTLING_TIME, WARM_UP
 
 BUFFER = 1e-9
@@ -46,7 +46,7 @@ class Played(NamedTuple):
 
 
 def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> Day:
-    """The day of a log; the noise is told from the disturbance by how it changes from sample to sample.
+    """The day of a log; noise and disturbance are separated by how they change from sample to sample.
 
     period: samples to a period of a loop that hunts, else 0.  What is left of the hunting in the disturbance is what
     the plant does not get right, and would go on in a loop that is calm: a mean over whole periods takes it out.
@@ -58,7 +58,7 @@ def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period:
         smooth = mean_over(smooth, period)
     at = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
     sample = at.astype(int)
-    noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples nobody knows it
+    noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples it is unknown
     noise[:: plant.per_sample] = noise_seen
     works = good[sample] & good[np.minimum(sample + 1, n - 1)]
     return Day(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], works)
@@ -236,9 +236,9 @@ MOST_SECONDS = 172800.0
 LARGEST_ERROR, LARGEST_TRAVEL_ERROR = 0.2, 0.4
 """By how much control error and motor travel of the replayed log may differ from the logged ones, as logarithms."""
 GAIN_ERROR, LARGEST_SPREAD = 1.15, 1.5
-"""A what-if is told if that much more and less loop gain change no verdict, and the control error by less than this."""
+"""A what-if is reported if that much more and less loop gain change no verdict, and the error by less than this."""
 HUNTS_ABOVE = 0.8
-"""Margin that foretells hunting; less than that of a plant that is known, 0.85: the gain of this one is fitted."""
+"""Margin that predicts hunting; less than that of a plant that is known, 0.85: the gain of this one is fitted."""
 _FREQUENCIES, _DEPTHS = 400, 400
 
 
@@ -249,6 +249,7 @@ class FittedLoop(NamedTuple):
     gain: K per stroke at the middle opening, below 0 for cooling.
     margin: largest |L| |N| where 0–90° of phase margin are left; above ``HUNTS_ABOVE`` the loop hunts behind any gap.
     explained_command, explained_temperature: shares of the variance of their changes that PI and plant explain.
+    doubt: why the loop is not to be trusted; empty if it is.
     """
 
     kp: float
@@ -264,6 +265,7 @@ class FittedLoop(NamedTuple):
     pi: RecoveredPI
     plant: FittedPlant
     day: Day
+    doubt: str = ""
 
 
 def fit_loop_model(
@@ -276,7 +278,7 @@ def fit_loop_model(
     sample_time: float | None = None,
     enabled: Mask | None = None,
 ) -> FittedLoop | str:
-    """Fit controller and plant to a trend log; one sentence if that cannot be done, or not be trusted.
+    """Fit controller and plant to a trend log; one sentence if that cannot be done.
 
     Parameters
     ----------
@@ -291,21 +293,6 @@ def fit_loop_model(
     enabled
         Whether the plant was on; all of it if None.
     """
-    found = fit_and_doubt(command, temperature, T_set, interval, backlash, stroke_time, sample_time, enabled)
-    return found if isinstance(found, str) else found[1] or found[0]
-
-
-def fit_and_doubt(
-    command: Array,
-    temperature: Array,
-    T_set: Array,
-    interval: float,
-    backlash: float,
-    stroke_time: float,
-    sample_time: float | None = None,
-    enabled: Mask | None = None,
-) -> tuple[FittedLoop, str] | str:
-    """As ``fit_loop_model``, with the loop and why it is not to be trusted (empty if it is) where it can be fitted."""
     if interval > HORIZON:
         return f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster"
     last = slice(-int(MOST_SECONDS / interval), None)
@@ -314,7 +301,7 @@ def fit_and_doubt(
     good = good if enabled is None else good & np.asarray(enabled, bool)[last]
     if not good.any():
         return "no sample has command, temperature and set-point with the plant on"
-    command, temperature, T_set = (_held(series) for series in (command, temperature, T_set))
+    command, temperature, T_set = (held(series) for series in (command, temperature, T_set))
     pi = recover_pi(command, temperature, T_set, interval, good, sample_time)
     if isinstance(pi, str):
         return pi
@@ -329,7 +316,7 @@ def fit_and_doubt(
         backlash, stroke_time, pi, plant,
         day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval)),
     )  # fmt: skip
-    return fitted, _doubt(fitted, command, temperature, T_set)
+    return fitted._replace(doubt=_doubt(fitted, command, temperature, T_set))
 
 
 def what_if(
@@ -432,9 +419,3 @@ def _doubt(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array)
             f"log travels {moves[1]:.3g}"
         )
     return ""
-
-
-def _held(series: Array) -> Array:
-    """Missing values replaced by the last before them, those at the beginning by the first there is."""
-    known = np.flatnonzero(np.isfinite(series))
-    return series[known[np.maximum(np.searchsorted(known, np.arange(series.size), side="right") - 1, 0)]]

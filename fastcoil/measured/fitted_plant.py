@@ -1,13 +1,12 @@
-"""The PI controller that wrote a log, found again from its error and its command.
+"""The PI controller that wrote a log, recovered from error and command, and the plant that answered it.
 
-A plant fitted to a log: valve and coil as a static curve behind two lags and a delay, and what else moved the air.
+The plant is valve and coil as a static curve behind two lags and a delay.  The temperature is c₁ o + c₂ o² of the
+opening o, delayed and filtered, plus a disturbance: all that the opening does not explain, measurement noise included.
+The curve is linear in its coefficients, so that lags and delay are searched on a grid (separable least squares).  The
+disturbance drifts, and the controller answers it: its changes are whitened by an autoregression fitted along with the
+plant, without which a loop that works well would hide its own plant.
 
-The temperature is c₁ o + c₂ o² of the opening o, delayed and filtered, plus a disturbance: all that the opening does
-not explain, measurement noise included.  The curve is linear in its coefficients, so that lags and delay are searched
-on a grid (separable least squares).  The disturbance drifts, and the controller answers it: its changes are whitened
-by an autoregression fitted along with the plant, without which a loop that works well would hide its own plant.
-
-The ARIX of ``likelihood`` foretells the next half minute better.  It is not taken here, since a controller that
+The ARIX of ``identify`` predicts the next half minute better.  It is not taken here, since a controller that
 samples every few seconds cannot be run on half minutes, and nothing makes the loop that it closes a stable one.
 """
 
@@ -32,7 +31,7 @@ EXACT = 1e-3
 ROW_LAGS = (1, 2, 4)
 """Changes that a row of the fit spans."""
 USUAL = 10.0
-"""Seconds between samples of a controller that a coarser log does not tell."""
+"""Seconds between samples of a controller that a coarser log does not resolve."""
 LESS = 0.9
 """Share of what one sample leaves unexplained that the sample before may leave at most to be taken in its place."""
 LEAST_EXPLAINED = 0.9
@@ -95,7 +94,7 @@ def recover_pi(
             "only: another law runs, or an inverse, or the set-point in the log is not that of the controller"
         )
     if found.ti <= 0.0 or not np.isfinite(found.ti):
-        return "the command goes on without an error and comes back with one: no PI does that"
+        return "the command moves without an error: not a PI"
     return found
 
 
@@ -114,7 +113,7 @@ def _recovered(
 def _sample_time(command: Array, changes: Index, interval: float) -> float:
     """Seconds between the controller's samples, or ``interval`` if the log is coarser.
 
-    A saturated command is held for as long as it stays so, and tells nothing.
+    A saturated command is held for as long as it stays so and carries no information.
     """
     held = command[changes[:-1]]
     gaps = np.diff(changes)[(held > EDGE) & (held < 1.0 - EDGE)]
@@ -215,7 +214,7 @@ APART, MEMORY = 15.0, 120.0
 """Seconds between the changes that are compared, and over which the autoregression remembers."""
 ROUNDS = 3
 PRECISION = 0.01
-"""Of the prior of the curve's coefficients, 1/K², as in ``likelihood``."""
+"""Of the prior of the curve's coefficients, 1/K², as in ``identify``."""
 LEAST_PLANT_ROWS = 60
 
 
@@ -310,7 +309,7 @@ class _Rows:
         return np.asarray(np.diff(series[:: self.width], axis=0))
 
     def whitened(self, changes: Array) -> Array:
-        """Less what the autoregression foretells, in the rows that are used; first axis of ``changes``."""
+        """Less what the autoregression predicts, in the rows that are used; first axis of ``changes``."""
         left = changes[self.order :].copy()
         for lag, share in enumerate(self.memory, 1):
             left -= share * changes[self.order - lag : changes.shape[0] - lag]

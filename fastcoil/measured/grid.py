@@ -1,6 +1,6 @@
-"""A log of any rhythm as samples at equal intervals: missing where it is silent, held where it has changes only.
+"""A log of any rhythm as samples at equal intervals, and the positions of motor and stem at these samples.
 
-Where motor and stem stood while a log was written, for many candidate sizes of the backlash at once.
+Values are missing where the log is silent, and held where it has changes only.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
 def _rhythm(log: Log, forward: Array, same: Mask) -> _Rhythm:
     """The interval of a log whose steps are ``forward``.
 
-    A log of changes never repeats a row: one that misses some intervals, and repeats none, is such a log, too.
+    A log of changes never repeats a row: one that misses some intervals, and repeats none, is such a log as well.
     """
     median = float(np.median(forward))
     multiples = forward / median
@@ -182,7 +182,7 @@ def motor_positions(command: Array, most_travel: float) -> Array:
 def openings(positions: Array, backlash: Array) -> Array:
     """Opening behind each candidate backlash, Eq (1), at each position: (positions, candidates).
 
-    Nobody knows where the stem stood when the log began; it starts in the middle of its play.
+    The stem starts in the middle of its play: where it stood when the log began is unknown.
     """
     least = positions[:, np.newaxis] - backlash
     q = np.clip(positions[0] - backlash / 2.0, 0.0, 1.0 - backlash)

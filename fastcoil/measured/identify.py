@@ -1,17 +1,16 @@
-"""What the commands of a log say about the controller: what moved them, and whether the columns fit in time.
+"""The backlash of a valve from the command and the supply temperature of a trend log, or why the log cannot tell.
 
-How well each candidate backlash explains the supply temperature of a log: a linear model, solved for all at once.
+First the command: what moved it, and whether it and the temperature are of one clock.  Then the likelihood of each
+candidate backlash, from a linear model that is solved for all candidates at once.
 
 The model is an ARIX: the change of the temperature over half a minute from its own changes before, those of known
 disturbances, and those of the opening and of its square, each a mean over half a minute that ends before the sample.
 It is linear in all but the backlash, so that each candidate takes one small set of normal equations (separable least
 squares, as in Jelali 2008).  The coefficients of the opening have a wide normal prior and are integrated out.
 
-A loop in closed loop has a trap.  The command between two samples answers temperatures that the model has not seen, so
-that the bare command foretells the temperature, and a candidate of 0 is its opening.  ``reaction`` gives the command
-itself coefficients of its own; then only what the play operator changes counts.
-
-The backlash of a valve from the command and the supply temperature of a trend log, or why the log cannot tell.
+Closed loops have a trap.  The command between two samples answers temperatures that the model has not seen, so that
+the command alone predicts the temperature, and a candidate of 0 is its opening.  ``reaction`` gives the command
+coefficients of its own; then only what the play operator changes counts.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ USUAL, JUMP, LEAST_JUMPS, APART = 0.9, 4.0, 3, 600.0
 start-up makes some, so that three are asked for, these many seconds apart."""
 FEWEST, CLOSED = 40, 1e-3
 TO_AND_FRO = 0.01
-"""Of the stroke: what a command moves one way and at once back again, sample by sample."""
+"""Of the stroke: what a command moves one way and straight back, sample by sample."""
 FARTHEST, EXPLAINED, CLEARER = 4, 0.8, 3.0
-"""Samples by which columns are moved at most; a shift is told where the control law explains that share of the
+"""Samples by which columns are moved at most; a shift is reported where the control law explains that share of the
 variance with it, and leaves so many times less of it than without."""
 
 
@@ -85,7 +84,7 @@ def late(command: Array, temperature: Array, good: Mask) -> int:
     """By how many samples the temperatures stand too late beside the commands; negative: too early; 0 if not sure.
 
     The change of a command minus the one before is a linear function of temperatures of the same samples.  The lag
-    that explains it best tells: a command cannot answer a temperature to come.
+    that explains it best counts: a command cannot answer a temperature to come.
     """
     changed = np.flatnonzero(np.diff(command) != 0.0) + 1
     changed = changed[(changed > 2 * FARTHEST) & (changed < command.size - FARTHEST)]
@@ -124,7 +123,7 @@ def _left(X: Array, y: Array) -> Array:
 
 
 HORIZON = 30.0
-"""Seconds over which the model foretells: long against the noise of a sensor, short against a coil.  An interval, where
+"""Seconds over which the model predicts: long against the noise of a sensor, short against a coil.  An interval, where
 the log has longer ones."""
 OWN_LAGS, OPENING_LAGS, DISTURBANCE_LAGS = 8, 4, 3
 """Changes of the temperature, the opening and each known disturbance that enter, one a horizon."""
@@ -231,14 +230,14 @@ CONFIDENCE = 0.95
 """Of the interval."""
 WEIGHT, WEIGHT_REACTION = 0.8, 0.3
 """Share of the log-likelihood that counts, without and with the reaction: residuals are neither independent nor
-normal.  Chosen on populations of their own, see ``studies/diagnosis/diagnosis.py``."""
+normal.  Chosen on separate populations, see ``studies/diagnosis/diagnosis.py``."""
 GOOD = 0.01
 """Up to this backlash a valve is called good; also the least tolerance of a size, beside ``TOLERANCE`` of it."""
 TOLERANCE = 0.2
 LEAST_ODDS = 300.0
 """Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
 USUAL_STROKE_TIME = 90.0
-"""Seconds, where nobody gives it."""
+"""Seconds, where it is not given."""
 LEAST_TURN = 0.005
 MOST_ARRIVALS, SWING = (10, 0.2), 0.05
 """Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
@@ -249,7 +248,7 @@ that counts of a log with more."""
 
 
 class Identification(NamedTuple):
-    """What a log tells of the backlash.
+    """The backlash as a log shows it.
 
     backlash: the most probable size, fraction of stroke; NaN where the log was not fit to compare any.
     low, high: interval of 95 %.
@@ -310,7 +309,7 @@ def identify_backlash(
         return _cannot("no sample has both a command and a temperature with the plant on")
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     travel = interval / seconds if seconds > 0.0 else 1.0
-    log = _Log(_held(command), _held(temperature), tuple(np.asarray(d, float) for d in disturbances), good)
+    log = _Log(held(command), held(temperature), tuple(np.asarray(d, float) for d in disturbances), good)
     positions = motor_positions(log.command, travel)
     if turns(positions, LEAST_TURN) == 0:
         return _cannot("the command never turns back, and a gap shows at turns only: change the set-point up and down")
@@ -408,7 +407,7 @@ def _interval(probability: Array) -> tuple[float, float]:
     return max(float(low), 0.0), min(float(high), float(CANDIDATES[-1]))
 
 
-def _held(series: Array) -> Array:
+def held(series: Array) -> Array:
     """Missing values replaced by the last before them, those at the beginning by the first there is."""
     known = np.flatnonzero(np.isfinite(series))
     return series[known[np.maximum(np.searchsorted(known, np.arange(series.size), side="right") - 1, 0)]]

@@ -1,13 +1,9 @@
-"""A curve of straight lines from opening to flow, which needs no shape of Eq (2).
+"""The time shift between the command and the flow of a log: estimated per stretch, reported, removed.
 
-The time shift of each stretch of a log that fits best, with one curve and one backlash for all of it.
-
-The time shift between the command and the flow of a log: sought stretch by stretch, told, and taken out.
-
-Each candidate shift and backlash turns the command into an opening; a curve of straight lines from opening to flow,
-one for the whole log, is solved for linearly.  Shift and backlash are sought at once, so that neither passes for the
-other.  The shift of each stretch is the one that fits best, less a price for every shift and every change of it
-(Viterbi's search), so that chance moves no log.
+Each candidate shift and backlash turns the command into an opening; a piecewise linear curve from opening to flow, one
+for the whole log, which needs no shape of Eq (2), is solved for.  Shift and backlash are estimated together, so that
+neither is mistaken for the other.  The shift of each stretch is the one that fits best, less a price for every shift
+and every change of it (Viterbi's search), so that noise moves no log.
 """
 
 from __future__ import annotations

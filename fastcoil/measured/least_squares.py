@@ -1,16 +1,12 @@
-"""How far a fit has come: whoever listens is told of each part and of each step; nobody has to.
-
-Nonlinear least squares whose Jacobian comes from lanes: perturbed parameter sets in the same kernel call.
+"""Nonlinear least squares whose Jacobian comes from lanes: perturbed parameter sets in the same kernel call.
 
 Trust-region reflective steps (``scipy.optimize.least_squares``, ``trf``), started from the best of many sets that are
 screened as lanes; covariance by SVD, widened for the autocorrelation of the residuals.  The paper names
 Levenberg-Marquardt, which knows no bounds, and these problems have some that matter: a backlash of 0, the least C_w
 that is stable, an exponent that the data do not identify.  Where no bound is met both end in the same minimum.
 
-How much an estimate would change with other batches: a block bootstrap, one Gauss-Newton step for each draw.
-
-What a meter gets wrong for hours or for a whole batch is no noise that averages out within it.  Batches, or blocks of
-a long piece, are drawn with replacement, and the estimate moves to the minimum of the linearised problem of each draw.
+A block bootstrap, one Gauss-Newton step for each draw, says how much an estimate would change with other batches: what
+a meter gets wrong for hours or for a whole batch does not average out within it.
 """
 
 from __future__ import annotations
@@ -27,7 +23,7 @@ from fastcoil.base.arrays import Array, Index, Mask
 
 
 class Listener(Protocol):
-    """Is told of the work of a fit."""
+    """Receives the progress of a fit."""
 
     def part(self, what: str, done: int, of: int) -> None:
         """A part begins: ``done`` of ``of`` such parts are done."""
@@ -41,7 +37,7 @@ _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 @contextmanager
 def reported_to(listener: Listener) -> Iterator[None]:
-    """Tell ``listener`` of the fits inside."""
+    """Report the progress of the fits inside to ``listener``."""
     token = _listener.set(listener)
     try:
         yield
@@ -50,13 +46,13 @@ def reported_to(listener: Listener) -> Iterator[None]:
 
 
 def report_part(what: str, done: int, of: int) -> None:
-    """Tell of a part."""
+    """Report the start of a part."""
     if listener := _listener.get():
         listener.part(what, done, of)
 
 
 def report_step() -> None:
-    """Tell of a step."""
+    """Report one run of the model."""
     if listener := _listener.get():
         listener.step()
 

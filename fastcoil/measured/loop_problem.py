@@ -34,7 +34,7 @@ CONFIDENCE, WIDER = 0.95, 0.005
 COARSE_LOG = 90.0
 """Above so many seconds between samples, turns of a command that moves are missed."""
 _HELD, _MOVES = 2e-3, 0.25
-"""A command that changes by more than the first in more than this share of the samples moves between them, too."""
+"""A command that changes by more than the first in more than this share of the samples also moves between them."""
 _INPUTS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
 _LONGEST = 60 * 86400
 _NEUTRAL: dict[str, Any] = {"noise_std": 0.0, "sensor_resolution": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0,
@@ -192,7 +192,7 @@ class LoopProblem:
     def solve(self) -> LoopSolution:
         """The best candidate of a coarse grid, refined, and how far it moves when blocks of the log are resampled.
 
-        Nobody knows how a command that moves at most samples ran between them: what fits better is taken.
+        How a command that moves at most samples ran between them is unknown: what fits better is taken.
         """
         coarse = np.arange(0.0, LARGEST + _COARSE / 2, _COARSE)
         ways = ("held", "straight") if self.moves > _MOVES else ("held",)

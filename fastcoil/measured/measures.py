@@ -1,9 +1,4 @@
-"""Whether a series swings, how far and how fast: from its autocovariance, which noise and gaps do not disturb.
-
-Indices that people know: how well the loop holds its set-point, how it swings, what its motor does.
-
-What a log shows of its loop before any model: the error, how it swings, and what the motor does.
-"""
+"""What a log shows of its loop before any model: how it swings, known performance indices, what its motor does."""
 
 from __future__ import annotations
 
@@ -22,7 +17,7 @@ REGULAR = 1.0
 _LEAST_SHARE, _LEAST_PERIODS = 0.5, 8
 """A regular swing makes up at least this share of the variance, and is seen so many times."""
 LEAST_SWING = 0.1
-"""Peak to peak below which nobody minds a swing, K."""
+"""Peak to peak below which a swing does not matter, K."""
 _LEVELS = (600.0, 1800.0, 3600.0)
 """Seconds of the running means that take slower changes away; periods up to _LONGER of that are looked for."""
 _LONGER = 1.2
@@ -40,7 +35,7 @@ _SMOOTH = 12
 class Swing(NamedTuple):
     """A swing of a series.
 
-    period: s; NaN if it has none that can be told.  regularity: a third of the mean over the standard deviation of the
+    period: s; NaN if none can be resolved.  regularity: a third of the mean over the standard deviation of the
     intervals between zero crossings of the autocovariance.  share: of the variance that is periodic, the
     autocovariance one period away over that at 0.  peak_to_peak: mean over the periods, in the unit of the series,
     noise smoothed.  periods: how many whole ones the series has.
@@ -159,7 +154,7 @@ def running_mean(series: Array, good: Mask, width: int) -> Array:
 SETTLED_AFTER = 600.0
 """Seconds after a change of the set-point from which the loop counts as settled."""
 LEAST_CHANGE = 0.3
-"""Change of the set-point that counts, K, at once or within the time above."""
+"""Change of the set-point that counts, K, in one step or within the time above."""
 _END = 0.005
 """A command so near to closed or open counts as that."""
 _AMPLITUDE = 0.1
@@ -174,7 +169,7 @@ _DAY = 86400.0
 
 
 class Index(NamedTuple):
-    """A number with its unit and its meaning; NaN where the log cannot tell."""
+    """A number with its unit and its meaning; NaN where the log does not show it."""
 
     value: float
     unit: str
@@ -262,10 +257,10 @@ def half_periods(e: Array, good: Mask, interval: float) -> Halves:
 def harris_index(e: Array, good: Mask, interval: float) -> float:
     """Normalised Harris index, 1 - σ²/mean e²: 0 is the best that feedback can do, 1 the worst.
 
-    σ² is the variance of what could not be foretold of the error a minute ahead: from an autoregressive model of order
+    σ² is the variance of what could not be predicted of the error a minute ahead: from an autoregressive model of order
     15 in steps of 30 s, with innovations of variance s² and impulse response h, σ² = s² (h₀² + h₁²).  The index of
     Harris (Can. J. Chem. Eng. 67 (1989) 856) as ASHRAE RP-1587 recommends it for HVAC loops; a minute stands for the
-    dead time, which a log does not tell.
+    dead time, which a log does not show.
     """
     every = max(1, round(_STEP / interval))
     thinned, usable = e[::every], good[::every]
@@ -313,7 +308,7 @@ USUAL_PERIOD = 600.0
 LEAST_WATCHED, LEAST_PIECE = 3600.0, 600.0
 """Seconds of settled operation, and of its longest piece, after which a loop that does not swing may be called calm."""
 WIDE = 0.5
-"""Peak to peak of a swing above which nobody calls a loop calm, K, although it does not come back regularly."""
+"""Peak to peak of a swing above which no loop is called calm, K, although it does not come back regularly."""
 
 
 class Measures(NamedTuple):
@@ -352,31 +347,24 @@ def measures_of(grid: Grid, stroke_time: float | None) -> Measures:
     strokes, turns = travel(positions, good, grid.interval)
     length = swing.period if np.isfinite(swing.period) else USUAL_PERIOD
     moved = median_swing(known, calm, max(2, round(length / grid.interval)))
-    nothing = np.nan
+    has_error = T_set is not None
+    rms_error, rms_settled = (rms(error, where) if has_error else np.nan for where in (good, calm))
+    oscillation = oscillation_index(error, calm, grid.interval, swing.period) if has_error else np.nan
+    harris = harris_index(error, calm, grid.interval) if has_error else np.nan
     indices = {
-        "error_rms": Index(rms(error, good) if T_set is not None else nothing, "K", "RMS control error"),
-        "error_rms_settled": Index(
-            rms(error, calm) if T_set is not None else nothing, "K", "RMS control error, settled and in control"
-        ),
+        "error_rms": Index(rms_error, "K", "RMS control error"),
+        "error_rms_settled": Index(rms_settled, "K", "RMS control error, settled and in control"),
         "peak_to_peak": Index(swing.peak_to_peak, "K", "swing of the supply temperature, peak to peak"),
         "period": Index(swing.period, "s", "period of the swing"),
         "regularity": Index(swing.regularity, "1", "regularity of the swing after Thornhill: regular above 1"),
         "periodic_share": Index(swing.share, "1", "share of the variance that comes back after a period"),
-        "oscillation": Index(
-            oscillation_index(error, calm, grid.interval, swing.period) if T_set is not None else nothing,
-            "1",
-            "oscillation index after Hägglund: oscillates above 1",
-        ),
-        "harris": Index(
-            harris_index(error, calm, grid.interval) if T_set is not None else nothing,
-            "1",
-            "normalised Harris index: 0 is the best that feedback can do, 1 the worst",
-        ),
+        "oscillation": Index(oscillation, "1", "oscillation index after Hägglund: oscillates above 1"),
+        "harris": Index(harris, "1", "normalised Harris index: 0 is the best that feedback can do, 1 the worst"),
         "command_swing": Index(moved, "1", "median swing of the command in a period, peak to peak"),
         "motor_travel": Index(strokes, "d-1", "strokes of the motor in a day"),
         "reversals": Index(turns, "d-1", "turns of the motor in a day"),
     }
-    return Measures(error, T_set is not None, calm, swing, positions[:-1], moved, indices, _blind(grid, calm, swing))
+    return Measures(error, has_error, calm, swing, positions[:-1], moved, indices, _blind(grid, calm, swing))
 
 
 def loop_indices(measures: Measures, interval: float, loop: FittedLoop | str, *, trusted: bool) -> dict[str, Index]:

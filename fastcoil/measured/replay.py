@@ -104,7 +104,7 @@ def replay(
         Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)),
         how,
     )
-    warn_of_reading(data.name, data.told)
+    warn_of_reading(data.name, data.reading_notes)
     series = _seconds(data)
     if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
         raise InputError(problems)

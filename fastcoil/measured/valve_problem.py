@@ -1,7 +1,4 @@
-"""Properties of a log of commands and flows before the fit: holds, reversals, the flow meter's floor.
-
-The least-squares problem of a valve: which samples are compared, the model over them, and its solution.
-"""
+"""The least-squares problem of a valve: holds, reversals and floor of its log, the model over it, and its solution."""
 
 from __future__ import annotations
 

@@ -1,11 +1,8 @@
-"""How far a log misleads that is coarser than its controller: simulated loops with the fitted valve, logged as it.
+"""Whether the rows of a log are close enough together, and how far it misleads if they are not.
 
-Between two rows the controller moves the valve and turns it back, and the log shows nothing of it.  Loops of many
-tunings are simulated with the fitted flow curve and several backlashes, thinned to the interval of the log, and their
-backlash is sought as in the log.  Those that move like the log and show the backlash that it shows say which true
-backlashes may lie behind it.
-
-Whether the rows of a log are close enough together: a controller may move the valve between them, unseen.
+Between two rows a controller may move the valve and turn it back, unseen.  Loops of many tunings are simulated with the
+fitted flow curve and several backlashes, thinned to the interval of the log, and their backlash is estimated as in the
+log.  Those that move like the log and show the backlash that it shows say which true backlashes may lie behind it.
 """
 
 from __future__ import annotations

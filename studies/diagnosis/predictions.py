@@ -105,7 +105,7 @@ def foretold(of: Simulated) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                 continue
             size[d, v] = one.backlash
             loop = fit_loop_model(*log, seen["T_set"], float(interval[v]), one.backlash, stroke or 90.0)
-            if isinstance(loop, str):
+            if isinstance(loop, str) or loop.doubt:
                 continue
             fitted[d, v] = True
             answers = (

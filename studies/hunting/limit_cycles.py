@@ -16,12 +16,11 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.design.theory import cycles
-from fastcoil.design.theory.cycles import HUNTS_ABOVE, Cycles, cycles_of
-from fastcoil.design.theory.describing_function import describing_function
-from fastcoil.design.theory.harmonic_balance import balance, frequency
-from fastcoil.design.theory.operating_points import OperatingPoints
-from fastcoil.design.theory.plants import OPENINGS, Plants, frequency_response, loop_response, plants_of
+from fastcoil.design import limit_cycle as cycles
+from fastcoil.design.describing_function import describing_function
+from fastcoil.design.limit_cycle import HUNTS_ABOVE, Cycles, balance, cycles_of, frequency
+from fastcoil.design.operating_points import OperatingPoints
+from fastcoil.design.plants import OPENINGS, Plants, frequency_response, loop_response, plants_of
 from fastcoil.model.moist_air import humidity_ratio
 from fastcoil.study.analysis.paired import share_of
 from studies.common import HEATING_GAIN, loguniform, write_table

@@ -17,9 +17,9 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.design.theory.describing_function import describing_function
-from fastcoil.design.theory.operating_points import OperatingPoints
-from fastcoil.design.theory.plants import loop_response, plants_of
+from fastcoil.design.describing_function import describing_function
+from fastcoil.design.operating_points import OperatingPoints
+from fastcoil.design.plants import loop_response, plants_of
 from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SWING
 from fastcoil.model.moist_air import humidity_ratio
 from fastcoil.study.analysis.paired import share_of

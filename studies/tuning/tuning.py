@@ -15,12 +15,10 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.design.tuning.intervals import with_intervals
-from fastcoil.design.tuning.measures import Measure
-from fastcoil.design.tuning.result import Tuning
-from fastcoil.design.tuning.simc import own_gains
-from fastcoil.design.tuning.space import space_of
-from fastcoil.design.tuning.split import Group
+from fastcoil.design.measures import Measure, with_intervals
+from fastcoil.design.population import Group, own_gains
+from fastcoil.design.search_space import space_of
+from fastcoil.design.tuning_result import Tuning
 from fastcoil.model.metric_table import WARM_UP
 from fastcoil.study.analysis.paired import share_of
 from studies.common import along, change_in_words, mean_change, signed, write_table

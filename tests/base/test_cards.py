@@ -10,7 +10,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.base.results import Result, Section, card
-from fastcoil.design.tuning.result import Tuning
+from fastcoil.design.tuning_result import Tuning
 from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
 from fastcoil.measured.fit_loop import LoopFit

@@ -8,7 +8,7 @@ from helpers.commands import fastcoil
 from helpers.refusals import refusal
 
 import fastcoil as fc
-from fastcoil.design.tuning import tune as module
+from fastcoil.design import tune as module
 from fastcoil.study.file.spec import read_study
 
 STUDY = """

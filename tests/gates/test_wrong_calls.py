@@ -66,7 +66,7 @@ def type_of_diagnosis():
 
 
 def type_of_tuning():
-    from fastcoil.design.tuning.result import Tuning
+    from fastcoil.design.tuning_result import Tuning
 
     return Tuning
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastcoil.design.theory.plants import OPENINGS, Plants
+from fastcoil.design.plants import OPENINGS, Plants
 
 
 def first_order_plants(gain: float, lag: float, delay: int, n: int = 1) -> Plants:

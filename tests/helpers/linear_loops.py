@@ -3,8 +3,8 @@
 import numpy as np
 
 import fastcoil as fc
-from fastcoil.design.theory.operating_points import OperatingPoints
-from fastcoil.design.theory.plants import plants_of
+from fastcoil.design.operating_points import OperatingPoints
+from fastcoil.design.plants import plants_of
 
 KINDS = {
     "wet, lagged": (fc.Loop(), {}),

@@ -1,4 +1,4 @@
-"""Numbers in the writing of every country, with units, words and statuses: read as meant, or refused with the cure."""
+"""Cells as building systems write them: numbers, units, statuses, words."""
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from helpers.refusals import only_problem, problems
 from fastcoil.logs import read_log
 from fastcoil.logs.cells import cells_of, writing_of
 from fastcoil.logs.columns import Wanted
+from fastcoil.logs.series import AIR_FLOW, TEMPERATURE, WATER_FLOW, spelled
 
 
 def with_comma(values, decimals=2):
@@ -187,3 +188,28 @@ def test_of_two_columns_of_status_each_is_for_the_value_on_its_left(tmp_path):
 def test_another_column_that_is_called_status_is_an_unknown_one(tmp_path, cells):
     text = text_of(rows(ISO, COMMAND, T_SUP, cells), (*HEADER, "Status"))
     assert "column 'Status' is unknown" in only_problem(read, tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("unit", "units", "known"),
+    [("°C", TEMPERATURE, "degC"), ("l/s", WATER_FLOW, "L/s"), ("GPM", WATER_FLOW, "gpm"), ("CFM", AIR_FLOW, "cfm")],
+)
+def test_a_unit_is_understood_in_any_case_and_with_a_degree_sign(unit, units, known):
+    assert spelled("x", unit, units) == known
+
+
+@pytest.mark.parametrize(
+    ("unit", "units", "hint"),
+    [
+        ("lpm", WATER_FLOW, ", did you mean 'L/min'? ("),
+        ("LPH", WATER_FLOW, ", did you mean 'L/h'? ("),
+        ("cmh", AIR_FLOW, ", did you mean 'm3/h'? ("),
+        ("kg/min", AIR_FLOW, ", did you mean 'kg/"),
+        ("lpm", TEMPERATURE, "'lpm' ("),
+    ],
+)
+def test_an_abbreviation_suggests_the_unit_it_means(unit, units, hint):
+    message = only_problem(spelled, "x", unit, units)
+    assert message.startswith(f"x is in {unit!r}")
+    assert hint in message
+    assert message.endswith(f"(known units: {', '.join(units)})")

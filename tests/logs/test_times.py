@@ -1,13 +1,14 @@
-"""Timestamps in the writing of every program: read with the time they mean, or refused with the cure."""
+"""Times as building systems write them, in one column or two."""
 
 from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from helpers.exports import ISO, ROWS, START, assert_same_log, read, rows, text_of, times
-from helpers.refusals import only_problem
+from helpers.exports import COMMAND, HEADER, ISO, ROWS, START, T_SUP, assert_same_log, read, rows, saved, text_of, times
+from helpers.refusals import only_problem, refusal
 
 import fastcoil as fc
+from fastcoil.logs.join import Files
 
 CURE = "time_format='%d/%m/%Y %H:%M', --time-format '%d/%m/%Y %H:%M'"
 
@@ -16,7 +17,7 @@ def as_read(tmp_path, stamps, **options):
     return read(tmp_path, text_of(rows([f'"{stamp}"' for stamp in stamps])), **options)
 
 
-def refusal(tmp_path, stamps, **options):
+def refused(tmp_path, stamps, **options):
     return only_problem(as_read, tmp_path, stamps, **options)
 
 
@@ -70,7 +71,7 @@ def test_within_a_day_the_order_makes_no_difference_and_that_is_said(tmp_path):
 
 def test_an_order_that_nothing_shows_is_refused_with_the_cure_and_read_with_it(tmp_path):
     days = [f"{1 + k // 5:02}/{1 + k % 5:02}/2024 08:00" for k in range(ROWS)]  # as even in one order as in the other
-    assert CURE in refusal(tmp_path, days)
+    assert CURE in refused(tmp_path, days)
     daily = [f"{1 + k:02}/07/2024" for k in range(12)]
     text = text_of(rows(daily, range(12), range(12)))
     assert CURE in only_problem(read, tmp_path, text)
@@ -81,7 +82,7 @@ def test_an_order_that_nothing_shows_is_refused_with_the_cure_and_read_with_it(t
 def test_both_orders_in_one_log_are_refused_with_their_rows(tmp_path):
     stamps = times("%d/%m/%Y %H:%M", START.replace(day=25))
     stamps[7] = "07/25/2024 23:37"
-    assert "the day before the month in row 2 and after it in row 9" in refusal(tmp_path, stamps)
+    assert "the day before the month in row 2 and after it in row 9" in refused(tmp_path, stamps)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +91,7 @@ def test_both_orders_in_one_log_are_refused_with_their_rows(tmp_path):
 def test_a_cell_that_is_no_time_among_others_is_named(tmp_path, cell):
     stamps = times("%d/%m/%Y %H:%M", START.replace(day=25))
     stamps[7] = cell
-    assert f"timestamp = '{cell}' in row 9 is not as the others" in refusal(tmp_path, stamps)
+    assert f"timestamp = '{cell}' in row 9 is not as the others" in refused(tmp_path, stamps)
     log = as_read(tmp_path, stamps, drop=True)
     assert log.time.size == ROWS - 1
     assert any("1 row left out: timestamp" in note for note in log.notes)
@@ -125,7 +126,7 @@ def test_seconds_and_milliseconds_since_1970(tmp_path, scale, said):
 
 
 def test_small_numbers_are_no_timestamps(tmp_path):
-    said = refusal(tmp_path, [str(60 * k) for k in range(ROWS)])
+    said = refused(tmp_path, [str(60 * k) for k in range(ROWS)])
     assert "timestamp = '0' in row 2 is not ISO 8601" in said
     assert CURE in said
 
@@ -149,9 +150,9 @@ def test_the_summer_and_the_winter_time_of_one_place_are_one_time(tmp_path, zone
 
 def test_other_mixtures_of_zones_are_refused(tmp_path):
     stamps = [f"{stamp} {'EST' if k else 'PST'}" for k, stamp in enumerate(times("%Y-%m-%d %H:%M"))]
-    assert "the time zones 'PST, EST': write one" in refusal(tmp_path, stamps)
+    assert "the time zones 'PST, EST': write one" in refused(tmp_path, stamps)
     stamps = [f"{stamp}{' PST' if k else ''}" for k, stamp in enumerate(times("%d.%m.%Y %H:%M"))]
-    assert "names a time zone in some rows only, first unlike in row 3" in refusal(tmp_path, stamps)
+    assert "names a time zone in some rows only, first unlike in row 3" in refused(tmp_path, stamps)
 
 
 def test_utc_offsets_that_change_are_one_time(tmp_path):
@@ -160,7 +161,7 @@ def test_utc_offsets_that_change_are_one_time(tmp_path):
     log = as_read(tmp_path, stamps)
     assert_same_log(log)
     assert any("another UTC offset from row 22 on: read in UTC" in note for note in log.notes)
-    assert "row 3 has another UTC offset than the first" in refusal(tmp_path, [stamps[0], *ISO[1:]])
+    assert "row 3 has another UTC offset than the first" in refused(tmp_path, [stamps[0], *ISO[1:]])
 
 
 # --------------------------------------------------------------------------------------- clocks changed, minutes only
@@ -168,7 +169,7 @@ def test_utc_offsets_that_change_are_one_time(tmp_path):
 
 def test_a_clock_set_back_is_named_as_such(tmp_path):
     stamps = ISO[:40] + times("%Y-%m-%dT%H:%M:%S", START - timedelta(hours=1))[40:]
-    said = refusal(tmp_path, stamps, jumps="refuse")
+    said = refused(tmp_path, stamps, jumps="refuse")
     assert "row 42 is earlier than row 41: clocks were set back an hour here: log UTC or the UTC offset" in said
     assert as_read(tmp_path, stamps, jumps="split").n_batches == 2
 
@@ -176,19 +177,19 @@ def test_a_clock_set_back_is_named_as_such(tmp_path):
 def test_a_clock_set_forward_is_a_gap_that_says_so(tmp_path):
     stamps = ISO[:40] + times("%Y-%m-%dT%H:%M:%S", START + timedelta(hours=1))[40:]
     assert any("clocks set forward?" in note for note in as_read(tmp_path, stamps).notes)
-    assert "3660 s apart, others 60 s, as where clocks are set forward: fill" in refusal(
+    assert "3660 s apart, others 60 s, as where clocks are set forward: fill" in refused(
         tmp_path, stamps, unbroken=True
     )
 
 
 def test_several_rows_in_a_minute_ask_for_seconds(tmp_path):
     stamps = [stamp[:16] for stamp in times("%Y-%m-%dT%H:%M:%S", step=20)]
-    said = refusal(tmp_path, stamps)
+    said = refused(tmp_path, stamps)
     assert "timestamp is to the minute, with up to 3 rows in one (first: rows 2 and 3): export it with seconds" in said
 
 
 def test_dates_without_the_time_of_day_ask_for_it(tmp_path):
-    said = refusal(tmp_path, times("%d/%m/%Y", START.replace(day=25)))
+    said = refused(tmp_path, times("%d/%m/%Y", START.replace(day=25)))
     assert "timestamp has dates only, up to 30 rows to a day: put date and time of day into one column" in said
 
 
@@ -203,10 +204,10 @@ def test_any_pattern_can_be_given(tmp_path, form):
 
 
 def test_a_time_that_is_not_as_the_pattern_says_is_named(tmp_path):
-    assert "timestamp = '2024-07-11T23:30:00' in row 2 is not as '%d/%m/%Y' says" in refusal(
+    assert "timestamp = '2024-07-11T23:30:00' in row 2 is not as '%d/%m/%Y' says" in refused(
         tmp_path, ISO, time_format="%d/%m/%Y"
     )
-    assert "is no serial day" in refusal(tmp_path, ISO, time_format="excel")
+    assert "is no serial day" in refused(tmp_path, ISO, time_format="excel")
 
 
 @pytest.mark.parametrize("form", ["dd/mm/yyyy", "%Q", "", "%", "%d" * 99, "x%d%"])
@@ -240,3 +241,49 @@ def test_where_a_result_has_no_notes_a_warning_says_how_times_were_read(write):
         day = fc.Boundary.from_csv(write(header, [[stamp, 1, 25, 0.01, 7, 14] for stamp in stamps]))
     assert day.n_steps == 60 * (ROWS - 1) + 1
     np.testing.assert_array_equal(day.series["m_a"], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "date", "clock"),
+    [
+        (("Date", "Time"), "%m/%d/%Y", "%I:%M:%S %p"),
+        (("Datum", "Uhrzeit"), "%d.%m.%Y", "%H:%M"),
+        (("DATE", "TIME"), "%d-%b-%y", "%H:%M:%S"),
+    ],
+)
+def test_date_and_time_of_day_in_columns_of_their_own_are_one_timestamp(tmp_path, header, date, clock):
+    cells = [[day, *row[1:], hour] for day, hour, row in zip(times(date), times(clock), rows(), strict=True)]
+    text = text_of(cells, (header[0], *HEADER[1:], header[1]))
+    log = read(tmp_path, text)
+    assert_same_log(log)
+    assert f"{header[0]} and {header[1]} are read as one timestamp" in log.reading_notes
+    assert_same_log(read(tmp_path, text, columns={"timestamp": header[1]}, time_format=f"{date} {clock}"))
+
+
+def test_a_row_without_its_time_of_day_is_named(tmp_path):
+    cells = [[day, hour, *row[1:]] for day, hour, row in zip(times("%Y-%m-%d"), times("%H:%M"), rows(), strict=True)]
+    cells[7][1] = ""
+    said = only_problem(read, tmp_path, text_of(cells, ("Date", "Time", *HEADER[1:])))
+    assert "timestamp = '' in row 9" in said
+
+
+def test_a_column_of_times_under_another_name_is_named_with_the_option(tmp_path):
+    text = text_of(rows(), ("Date/Time", *HEADER[1:]))
+    said = only_problem(read, tmp_path, text, columns={"command": "command"})
+    assert "'Date/Time' has times" in said
+    assert "--column timestamp='Date/Time'" in said
+
+
+def test_two_columns_of_one_name_and_two_names_of_one_column_are_refused(tmp_path):
+    text = text_of(rows(ISO, COMMAND, T_SUP, T_SUP), (*HEADER, "T_sup (°C)"))
+    assert "T_sup is in two columns, 'T_sup [degC]' and 'T_sup (°C)'" in only_problem(read, tmp_path, text)
+    assert_same_log(read(tmp_path, text, columns={"T_sup": "T_sup (°C)"}))
+    said = refusal(read, tmp_path, text_of(rows()), columns={"enabled": "T_sup", "T_sup": "T_sup"})
+    assert "enabled and T_sup are both read from the column 'T_sup [degC]'" in said
+
+
+def test_a_file_to_join_may_have_date_and_time_apart(tmp_path):
+    cells = [[day, hour, *row[1:]] for day, hour, row in zip(times("%d.%m.%Y"), times("%H:%M"), rows(), strict=True)]
+    path = saved(tmp_path, text_of(cells, ("Date", "Time", *HEADER[1:])))
+    point = Files([path], {}, {}, None).points[0]
+    assert (point.name, point.times[-1] - point.times[0]) == ("command", 59 * 60_000_000)

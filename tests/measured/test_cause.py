@@ -6,7 +6,7 @@ from helpers.loop_logs import loop_log
 
 from fastcoil.measured.cause import by_itself, cause_of
 from fastcoil.measured.diagnose import _doubted
-from fastcoil.measured.fitted_loop import fit_and_doubt
+from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid
 from fastcoil.measured.identify import CANDIDATES, Identification
 from fastcoil.measured.measures import measures_of
@@ -62,7 +62,7 @@ def test_no_size_is_claimed_where_the_command_swings_over_most_of_the_stroke(res
 def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
     grid, measures = forced
     values = grid.values
-    loop, _ = fit_and_doubt(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
     day, step = loop.day, loop.plant.step
     shaken = day.disturbance + 1.5 * np.sin(2 * np.pi * np.arange(day.noise.size) * step / measures.swing.period)
     noisy = loop._replace(day=day._replace(disturbance=shaken, noise=day.noise + 0.1))
@@ -75,7 +75,7 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
 def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):
     grid, measures = forced
     values = grid.values
-    loop, _ = fit_and_doubt(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
     said = cause_of(measures, loop._replace(explained_temperature=0.04), identified=True)
     assert said.name == "unknown"
     assert "4 %" in said.because

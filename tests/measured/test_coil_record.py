@@ -15,7 +15,8 @@ from helpers.simulated_logs import (
 import fastcoil as fc
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted
-from fastcoil.measured.coil_problem import in_operation, record_of
+from fastcoil.measured.coil_problem import CoilProblem, in_operation, record_of
+from fastcoil.measured.part import Part
 
 pytestmark = pytest.mark.kernel
 
@@ -68,13 +69,14 @@ def test_every_piece_starts_as_the_whole_record_does(two_days):
 
 
 def test_nights_without_air_are_left_out_and_counted(two_days):
+    """What remains is the log of both days, so that the fit is the one of that log."""
     first, second = two_days
-    log = joined(first, shifted(night(first), 5399.0), shifted(second, 9000.0))
-    fit = fc.fit_coil(log, split=1.0)
-    assert_covered(fit, COIL_TRUTH)
-    assert fit.rmse["fit"] == pytest.approx(0.05, rel=0.05)
-    assert any("3,600 samples in 1 spell left out, no air flows (first in row 5400)" in note for note in fit.notes)
-    assert 24.0 not in fit.residuals["T_sup"]
+    log = in_operation(read_log(joined(first, shifted(night(first), 5399.0), shifted(second, 9000.0)), COIL_SERIES))
+    assert "3,600 samples in 1 spell left out, no air flows (first in row 5400)" in log.notes[-1]
+    days = read_log(joined(first, shifted(second, 9000.0)), COIL_SERIES)
+    np.testing.assert_array_equal(log.batch, days.batch)
+    for name, values in days.values.items():
+        np.testing.assert_array_equal(log.values[name], values)
 
 
 def test_a_declared_shut_off_is_as_one_without_air(two_days):
@@ -82,26 +84,35 @@ def test_a_declared_shut_off_is_as_one_without_air(two_days):
     log = joined(first, shifted(night(first), 5399.0), shifted(second, 9000.0))
     log["m_a"].values[log["m_a"].values < 0.1] = 1.0
     log["enabled"] = ("elapsed_time", log["T_sup"].values != 24.0)
-    fit = fc.fit_coil(log, split=1.0)
-    assert fit.rmse["fit"] == pytest.approx(0.05, rel=0.05)
+    declared = in_operation(read_log(log, COIL_SERIES._replace(optional=("T_w_out", "enabled"))))
+    assert 24.0 not in declared.values["T_sup"]
+    assert declared.n_batches == 2
     undeclared = in_operation(read_log(log, COIL_SERIES))
     assert undeclared.time.size == log.sizes["elapsed_time"]
     assert 24.0 in undeclared.values["T_sup"]
+
+
+def problem_of(log, warm_up=1800.0, share=1.0):
+    """The problem that ``fit_coil`` solves, both temperatures compared."""
+    data, part = read_log(log, COIL_SERIES), Part(share)
+    record = record_of(data, fc.Loop(), (), part.fitted(data))
+    return CoilProblem(data, record, ("T_sup", "T_w_out"), warm_up, part)
 
 
 def test_leaving_water_that_stands_still_is_not_compared(two_days):
     log = two_days[0].copy(deep=True)
     log["m_w"][4000:4600] = 0.0
     log["T_w_out"][4000:4600] = 60.0
-    fit = fc.fit_coil(log, split=1.0, minimise_on="both")
-    assert fit.rmse["fit_T_w_out"] < 3.0
-    assert "600 samples of T_w_out not compared: no water flows" in fit.notes
+    problem = problem_of(log)
+    np.testing.assert_array_equal(np.flatnonzero(~problem.compared["T_w_out"][1800:]), np.arange(2200, 2800))
+    assert problem.compared["T_sup"][1800:].all()
+    assert "600 samples of T_w_out not compared: no water flows" in problem.notes
 
 
 def test_four_pieces_or_more_are_held_back_whole():
     pieces = [shifted(coil_log(hours=h, seed=30 + i), 20000.0 * i) for i, h in enumerate((1.0, 1.5, 0.7, 0.15, 0.8))]
-    fit = fc.fit_coil(joined(*pieces), warm_up=600.0)
-    ds = fit.residuals
-    assert set(ds["batch"].values[ds["part"] == "fit"]) == {0, 1, 2}
-    assert set(ds["batch"].values[ds["part"] == "validation"]) == {4}
-    assert any("5 unbroken pieces" in note and "(1 shorter than that)" in note for note in fit.notes)
+    problem = problem_of(joined(*pieces), warm_up=600.0, share=None)
+    batch, compared = problem.data.batch, problem.compared["T_sup"]
+    assert set(batch[compared & problem.fitting]) == {0, 1, 2}
+    assert set(batch[compared & ~problem.fitting]) == {4}
+    assert any("5 unbroken pieces" in note and "(1 shorter than that)" in note for note in problem.notes)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.shared_data import measured
 
-from fastcoil.measured.identify import CANDIDATES, GOOD, Likelihood, _held, _judged, identify_backlash
+from fastcoil.measured.identify import CANDIDATES, GOOD, Likelihood, _judged, held, identify_backlash
 
 pytestmark = pytest.mark.kernel
 INTERVAL = 10.0
@@ -251,4 +251,4 @@ def test_a_measured_loop_without_backlash_is_never_accused():
 
 def test_a_missing_command_is_the_last_before_it():
     given = np.array([np.nan, 0.2, np.nan, np.nan, 0.4, np.nan])
-    np.testing.assert_array_equal(_held(given), [0.2, 0.2, 0.2, 0.2, 0.4, 0.4])
+    np.testing.assert_array_equal(held(given), [0.2, 0.2, 0.2, 0.2, 0.4, 0.4])

@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.shared_data import measured
 from helpers.simulated_logs import VALVE_TRUTH, assert_covered, flows, log_of, noisy, walk
 
@@ -242,6 +243,24 @@ def test_the_figure_has_parity_curves_and_profile(fit):
     titles = [axes.get_title() for axes in fit.plot().axes]
     assert titles[:2] == ["Parity", "Data over the hysteresis curves"]
     assert titles[2].startswith("Profile: 95 % interval")
+
+
+def test_a_valve_is_shown_over_commands_in_per_cent():
+    rng = np.random.default_rng(1)
+    fit = fc.fit_valve(log_of(command := walk(rng), noisy(rng, flows(command), 0.02)))
+    figure = fit.plot()
+    _, curves, profile = figure.axes
+    assert [axes.get_xlabel() for axes in (curves, profile)] == ["command [%]", "backlash [%]"]
+    opening, _ = curves.lines
+    assert (opening.get_xdata()[0], opening.get_xdata()[-1]) == (0.0, 100.0)
+    points = [tuple(row) for dots in curves.collections for row in dots.get_offsets()]
+    measured = zip(100 * fit.residuals["command"].values, fit.residuals["m_w"].values, strict=True)
+    assert set(points) <= set(measured)
+    np.testing.assert_allclose(profile.lines[0].get_xdata(), 100 * fit.profile["backlash"])
+    low, high = fit.intervals["backlash"]
+    assert profile.get_title() == f"Profile: 95 % interval {100 * low:.3g} to {100 * high:.3g} %"
+    assert_palette(figure)
+    assert_texts_fit(figure)
 
 
 # ----------------------------------------------------------------------------------------------------------- real data

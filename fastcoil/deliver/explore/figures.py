@@ -15,8 +15,8 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, RED, YELLOW
 from fastcoil.deliver.explore.loop import EVERY, Axis, Map, Run
 from fastcoil.deliver.explore.settings import CHOICES, DIALS, Settings
-from fastcoil.design.explanation.predicted import UNSURE
-from fastcoil.design.theory.cycles import HUNTS_ABOVE
+from fastcoil.design.limit_cycle import HUNTS_ABOVE
+from fastcoil.design.phase_budget import UNSURE
 
 INK, SHADE = "#222222", "#cccccc"
 LINE, MARK = 3, "16px"

@@ -23,7 +23,7 @@ from fastcoil.deliver.explore.settings import (
     settings_of_story,
     starts,
 )
-from fastcoil.design.theory.limit_cycle import limit_cycle
+from fastcoil.design.limit_cycle import limit_cycle
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import W_IN, constant_day, design_day, heating_day, paper_day
 from fastcoil.loops.clashes import unread_values

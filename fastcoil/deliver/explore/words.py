@@ -8,8 +8,8 @@ from typing import Any
 
 from fastcoil.deliver.explore.loop import NO_GAP, NOW, PLAIN, Run, day_of, loop_of
 from fastcoil.deliver.explore.settings import GIVEN, Settings, Start
-from fastcoil.design.explanation.answer import kelvin, number, per_cent, seconds
-from fastcoil.design.theory.cycles import HUNTS_ABOVE
+from fastcoil.design.answer import kelvin, number, per_cent, seconds
+from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.loops.presets import PRESETS
 from fastcoil.model.metric_table import HUNTING_SWING, OFF
 from fastcoil.model.parameter_table import Scalar

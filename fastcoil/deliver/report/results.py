@@ -28,19 +28,18 @@ from fastcoil.deliver.report.page import (
     setting,
     share,
 )
-from fastcoil.design.tuning.words import table_rows
+from fastcoil.design.tuning_result import table_rows
 from fastcoil.loops.labels import quantity, unit_in_words
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.measured.cause import WORDS
-from fastcoil.measured.diagnosis import in_words
 from fastcoil.measured.fit_loop import LoopFit
 from fastcoil.measured.part import FITTING, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
-    from fastcoil.design.explanation.result import Explanation
-    from fastcoil.design.tuning.measures import Limit
-    from fastcoil.design.tuning.result import Tuning
+    from fastcoil.design.explain import Explanation
+    from fastcoil.design.measures import Limit
+    from fastcoil.design.tuning_result import Tuning
     from fastcoil.measured.diagnosis import Diagnosis
     from fastcoil.measured.fit import Fit
 
@@ -178,7 +177,7 @@ def diagnosis_page(d: Diagnosis) -> Page:
         cited(),
     ]
     warnings = [] if d.identified else [f"The log does not tell the size of the gap: {d.reason}"]
-    answer = [line for line in in_words(d)[1:] if not line.startswith("Note: ")]
+    answer = [line for line in d.summary()[1:] if not line.startswith("Note: ")]
     title = f"Is it the valve? {d.source}"
     question = "How large is the gap of this valve, does its loop hunt, and is the valve to blame?"
     return Page("Diagnosis", title, question, warnings, answer, sections, content_sha256(d.signals))

@@ -34,7 +34,7 @@ def trend_log_series(
         how = checked_reading(check, **reading, strict=True, unbroken=True)
     log = read_log(path, _WANTED, how)
     require_whole_seconds(log.name, log.step)
-    warn_of_reading(log.name, log.told)
+    warn_of_reading(log.name, log.reading_notes)
     values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
     values["W_a_in"] = log.humidity_ratio(pressure)
     seconds = _wanted_seconds(log, start, hours)

@@ -16,9 +16,9 @@ from typing import Any, get_args, get_type_hints
 
 from pydantic import TypeAdapter
 
-from fastcoil.design.tuning.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
-from fastcoil.design.tuning.plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
-from fastcoil.design.tuning.space import may_be_searched
+from fastcoil.design.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
+from fastcoil.design.search_space import may_be_searched
+from fastcoil.design.tuning_plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.loops.assignment import FORBIDDEN_DIMS, MEANING, WORD
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.conditions import CONDITIONS

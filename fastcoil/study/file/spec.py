@@ -26,8 +26,8 @@ from typing import Any
 
 from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.base.files import read_text
-from fastcoil.design.theory.operating_points import require_one_gap
-from fastcoil.design.tuning.plan import Asked, plan_tuning
+from fastcoil.design.operating_points import require_one_gap
+from fastcoil.design.tuning_plan import Asked, plan_tuning
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, paper_day
 from fastcoil.loops.boundary.weather import weather_day

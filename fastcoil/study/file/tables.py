@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fastcoil.base.errors import InputError, collecting, nearest, shown
-from fastcoil.design.tuning.plan import EVALUATIONS, OBJECTIVE, QUANTILE
+from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.model.metric_table import TRACES, WARM_UP
 from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
 from fastcoil.study.analysis.cost import COP, CURRENCY, PRICES

@@ -142,10 +142,10 @@ def predictions(plan: Plan) -> xr.Dataset:
         ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN, if they
         are.
     """
-    from fastcoil.design.theory.cycles import cycles_of
-    from fastcoil.design.theory.elements import unknown
-    from fastcoil.design.theory.operating_points import mean_conditions
-    from fastcoil.design.theory.plants import plants_of
+    from fastcoil.design.describing_function import unknown
+    from fastcoil.design.limit_cycle import cycles_of
+    from fastcoil.design.operating_points import mean_conditions
+    from fastcoil.design.plants import plants_of
 
     loop, sizes = plan.layout.loop, plan.layout.sizes
     alike = {dim: n for dim, n in sizes.items() if dim != "replicate"}

@@ -1,0 +1,479 @@
+"""What was found about one loop on one day, and the sentences and tables that report it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arrays import Array
+from fastcoil.design.cures import DEAD_BAND, INVERSE, LONGER_TI, REPAIRED, Distance, hunting
+from fastcoil.design.limit_cycle import HUNTS_ABOVE
+from fastcoil.design.phase_budget import SAFE, UNSURE, Foretold, Response, margins
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.loop import Loop
+from fastcoil.model.metric_table import STATUS_OK
+from fastcoil.model.parameter_table import Scalar
+
+_LOST = 0.5
+"""Share of the time off the set-point from which a loop does not control."""
+
+
+class Told(NamedTuple):
+    """What theory tells of a loop.
+
+    response, phase, gain_margin: at the worst operating point; phase has the degrees that each part of the loop takes
+    over ``part``; the gain margin is that behind a perfect valve.  swings: simulated at each operating point, K.
+    """
+
+    foretold: Foretold
+    response: Response
+    distance: Distance
+    phase: xr.DataArray
+    gain_margin: float
+    swings: Array
+
+    @property
+    def rings(self) -> bool:
+        """Whether the loop would swing behind a perfect valve, too."""
+        return self.gain_margin <= 1.0
+
+    @property
+    def too_large(self) -> bool:
+        """Whether the margin alone makes it hunt: a slow motor may keep a large swing up where it does not."""
+        return self.foretold.margin > HUNTS_ABOVE
+
+    @property
+    def unsure(self) -> bool:
+        """Whether the margin is so near its limit that it does not decide."""
+        return UNSURE[0] <= self.foretold.margin <= UNSURE[1]
+
+    @property
+    def points(self) -> xr.Dataset:
+        """The operating points with their margins."""
+        points, plants, cycles, _ = self.foretold
+        kelvin, second = {"units": "K"}, {"units": "s"}
+        return xr.Dataset(
+            {
+                "start": ("point", points.start, second | {"long_name": "first second"}),
+                "seconds": ("point", points.seconds, second | {"long_name": "seconds spent there"}),
+                **{name: ("point", values) for name, values in points.conditions.items()},
+                "opening": ("point", plants.opening),
+                "gain": ("point", plants.gain, kelvin | {"long_name": "change per unit of opening"}),
+                "reachable": ("point", plants.reachable),
+                "margin": ("point", cycles.margin),
+                "hunts": ("point", cycles.hunts),
+                "period": ("point", cycles.period, second),
+                "amplitude": ("point", cycles.amplitude, kelvin | {"long_name": "half of peak to peak"}),
+                "swing": ("point", self.swings, kelvin | {"long_name": "simulated, peak to peak"}),
+            }
+        )
+
+
+class Found(NamedTuple):
+    """Everything behind an explanation.
+
+    loop, boundary: a single scenario.  told: None where theory cannot tell, for the reasons in ``doubts``.
+    left_out: what the margin does not see.  hints: what else would help, not tried.
+    cures: over ``cure``, as it is first, with the trace T_sup.  best: index of the recommended one.
+    """
+
+    loop: Loop
+    boundary: Boundary
+    told: Told | None
+    doubts: tuple[str, ...]
+    left_out: tuple[str, ...]
+    hints: tuple[str, ...]
+    cures: xr.Dataset
+    best: int
+
+    @property
+    def now(self) -> xr.Dataset:
+        """The loop as it is, simulated."""
+        return self.cures.isel(cure=0)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the simulation of the loop as it is failed."""
+        return int(self.now["status"]) != STATUS_OK
+
+    @property
+    def hunts(self) -> bool:
+        """Whether the simulated day hunts."""
+        return bool(self.now["hunts"] > 0)
+
+    @property
+    def lost(self) -> bool:
+        """Whether it is off its set-point for most of the time."""
+        return bool(self.now["share_off"] > _LOST)
+
+    @property
+    def needs_cure(self) -> bool:
+        """Whether it hunts, for a part of the day at least."""
+        return bool(hunting(self.cures)[0])
+
+    def value(self, name: str) -> float:
+        """A parameter of the loop."""
+        return float(self.loop[name])  # type: ignore[arg-type]
+
+    def cured(self, name: str) -> int | None:
+        """Index of a cure; None if it was not tried."""
+        names = self.cures["cure"].values.tolist()
+        return int(names.index(name)) if name in names else None
+
+    def with_cure(self, parameter: str, k: int) -> float:
+        """A parameter of the loop with a cure."""
+        values = self.cures[parameter] if parameter in self.cures.coords else None
+        return float(values[k]) if values is not None and values.ndim else self.value(parameter)
+
+
+MUCH = 25.0
+"""Degrees."""
+_SENSOR = 5.0
+"""Time constant of a fast sensor, s."""
+_WORN = 0.02
+"""Backlash of a valve that is no longer new, fraction of stroke."""
+_HELPS = 0.8
+"""Margin relative to now from which a hint is worth a line."""
+_FASTER = 3.0
+"""Times as many samples."""
+
+
+def hints_of(loop: Loop, told: Told) -> tuple[str, ...]:
+    """Sentences for a single loop whose margin is too large; none for another."""
+    foretold, found = told.foretold, []
+    if not float(loop["backlash"]):  # type: ignore[arg-type]
+        return _with_backlash(loop, foretold)
+    if foretold.margin <= SAFE:
+        return ()
+    shares = dict(zip(told.phase["part"].values.tolist(), told.phase.values.tolist(), strict=True))
+    sample, tau = (float(loop[name]) for name in ("sample_time", "sensor_time_constant"))  # type: ignore[arg-type]
+    faster = float(max(1, round(sample / _FASTER)))
+    if shares["sampling"] > MUCH and faster < sample:
+        margin = _margin(loop, foretold, {"sample_time": faster})
+        if margin < _HELPS * foretold.margin:
+            found.append(
+                f"Sampling every {sample:g} s takes {shares['sampling']:.0f}° of the phase: every {faster:g} s the "
+                f"margin would be {margin:.2g}."
+            )
+    if shares["sensor"] > MUCH and tau > _SENSOR:
+        margin = _margin(loop, foretold, {"sensor_time_constant": _SENSOR})
+        if margin < _HELPS * foretold.margin:
+            found.append(
+                f"The sensor takes {shares['sensor']:.0f}° of the phase with its {tau:g} s: with {_SENSOR:g} s the "
+                f"margin would be {margin:.2g}."
+            )
+    return tuple(found)
+
+
+def _with_backlash(loop: Loop, foretold: Foretold) -> tuple[str, ...]:
+    """Of a perfect valve: what becomes of its margin as it wears."""
+    margin = _margin(loop, foretold, {"backlash": _WORN})
+    if foretold.hunts or margin <= HUNTS_ABOVE:
+        return ()
+    return (
+        f"With a backlash of {100 * _WORN:g} % the margin would be {margin:.2g}: as the valve wears, it will hunt.",
+    )
+
+
+def _margin(loop: Loop, foretold: Foretold, changes: dict[str, Scalar]) -> float:
+    return float(margins(loop.assign(**changes), foretold.plants, foretold.reached).max())
+
+
+MINUTES = 120.0
+"""Seconds from which a period is told in minutes."""
+_NOTHING = 5e-4
+"""Temperature difference that nobody sees, K."""
+
+
+def answer_of(found: Found) -> str:
+    """Whether the loop will hunt, in one sentence."""
+    if found.failed:
+        return "This loop cannot be simulated: temperatures leave the range of the model."
+    if found.hunts:
+        sure = found.told is not None and found.told.too_large and found.told.foretold.hunts and not found.told.rings
+        whatever = ", whatever the size of the backlash" if sure else ""
+        return f"This loop will hunt: about {simulated(found)}{whatever}."
+    if found.lost and not found.needs_cure:
+        error = kelvin(float(found.now["rmse"]))
+        return f"This loop will not hunt, but it does not hold its set-point either: its RMS error is {error}."
+    return _quiet(found)
+
+
+def _quiet(found: Found) -> str:
+    """Of a loop that the simulation shows quiet."""
+    if found.told is None or not found.told.foretold.hunts:
+        edge = found.told is not None and found.told.unsure
+        return "This loop will not hunt, but it is on the edge." if edge else "This loop will not hunt."
+    told = found.told.foretold
+    places = f"{told.n_hunting} of {told.reached.size} operating points"
+    if found.needs_cure and told.elsewhere.size:
+        return f"This loop will hunt for a part of the day: at {places}."
+    if found.needs_cure:
+        swing = kelvin(float(np.nanmedian(found.told.swings)))
+        return f"This loop will swing by about {swing} peak to peak, not regularly enough to count as hunting."
+    most = kelvin(2.0 * float(np.nanmax(told.cycles.amplitude[told.hunting])))
+    return f"This loop will hardly hunt: by up to {most} at {places} in theory, which the simulated day does not show."
+
+
+def why_of(found: Found) -> str:
+    """The reason, in a sentence or two."""
+    if found.told is None:
+        return f"Why: theory cannot tell, since {'; '.join(found.doubts)}.  The answer is that of the simulation."
+    if not found.told.foretold.hunts:
+        return _why_quiet(found, found.told)
+    if not found.told.too_large:
+        return _why_kept_up(found, found.told)
+    return f"Why: {_too_fast(found, found.told)} {_backlash(found, found.told)}"
+
+
+def simulated(found: Found) -> str:
+    """The swing of the simulated day."""
+    swing, period = float(found.now["hunting_swing"]), float(found.now["hunting_period"])
+    return f"{kelvin(swing)} peak to peak every {seconds(period)}"
+
+
+def seconds(value: float) -> str:
+    """A period in words."""
+    if not math.isfinite(value):
+        return "now and then"
+    return f"{number(value)} s" if value < MINUTES else f"{number(value / 60.0)} min"
+
+
+def kelvin(value: float) -> str:
+    """A temperature difference in words."""
+    return f"{number(value)} K" if abs(value) >= _NOTHING else "0 K"
+
+
+def number(value: float) -> str:
+    """Two digits, without an exponent where it is large."""
+    return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
+
+
+def per_cent(value: float) -> str:
+    """A fraction in words."""
+    return f"{100.0 * value:.3g} %"
+
+
+def _why_quiet(found: Found, told: Told) -> str:
+    """Of a loop that theory expects no cycle of, or none that counts."""
+    if told.too_large:
+        safe = number(found.value("kp") * told.distance.kp_factor)
+        return (
+            f"Why: its margin is {told.foretold.margin:.2g}: a loop hunts above {HUNTS_ABOVE:g}, so kp "
+            f"has to be below {safe} 1/K with this ti.  Theory finds no swing that counts: go by the simulation."
+        )
+    ways = []
+    if math.isfinite(told.distance.kp_factor):
+        ways.append(f"with {told.distance.kp_factor:.3g} times this kp")
+    if told.distance.ti < found.value("ti"):
+        ways.append(f"with a ti below {number(told.distance.ti)} s")
+    far = f", and it would {', or '.join(ways)}" if ways else ""
+    return f"Why: its margin is {told.foretold.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}{far}."
+
+
+def _why_kept_up(found: Found, told: Told) -> str:
+    """Of a loop that is calm by its margin, but not once it swings: the margin is that of swings up to 2 K."""
+    stroke = found.value("stroke_time")
+    motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
+    margin = f"its margin of {told.foretold.margin:.2g} is that of a small swing, and below {HUNTS_ABOVE:g}"
+    return f"Why: {motor}a large swing keeps itself up once it has begun, though a small one dies away ({margin})."
+
+
+def _too_fast(found: Found, told: Told) -> str:
+    """Whether the integral or the gain is at fault."""
+    kp, ti = found.value("kp"), found.value("ti")
+    limit = f"(margin {told.foretold.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g})"
+    longer = found.cured(LONGER_TI)
+    if longer is not None:
+        return (
+            f"the integral is too fast for the coil: ti = {ti:g} s, while with this kp the loop needs about "
+            f"{found.with_cure('ti', longer):g} s {limit}."
+        )
+    return (
+        f"the gain is too high: kp = {kp:g} 1/K, while it has to be below {kp * told.distance.kp_factor:.2g} 1/K with "
+        f"this ti, and for this kp no ti is long enough {limit}."
+    )
+
+
+def _backlash(found: Found, told: Told) -> str:
+    if told.rings or not found.value("backlash"):
+        return "It would swing behind a perfect valve, too."
+    size, stroke = per_cent(found.value("backlash")), found.value("stroke_time")
+    if stroke:
+        return f"Any backlash starts it; its {size} and the motor's {stroke:g} s set the size of the swing."
+    return f"Any backlash starts it; its {size} set the size of the swing."
+
+
+_HEAD = ("", "margin", "RMSE", "swing", "motor travel", "")
+
+
+def table_of(found: Found) -> list[str]:
+    """A heading and a row for each cure: what is now in numbers, the others relative to it."""
+    ds = found.cures
+    rows: list[tuple[str, ...]] = [_HEAD]
+    for k in range(ds.sizes["cure"]):
+        one, now = ds.isel(cure=k), ds.isel(cure=0)
+        error, travel = float(one["rmse"]), float(one["motor_travel"])
+        if k:
+            error_word = f"{100 * (error / float(now['rmse']) - 1):+.0f} %"
+            travel_word = f"× {number(travel / float(now['motor_travel']))}" if float(now["motor_travel"]) > 0 else "–"
+            says = str(one["verdict"].item())
+        else:
+            error_word, travel_word = f"{error:.3g} K", f"{travel:.3g} strokes"
+            says = "hunts" if found.hunts else "hunts in part" if found.needs_cure else "does not hunt"
+        swing = float(one["hunting_swing"])
+        cells = [f"{float(one['margin']):.2f}", error_word, kelvin(swing), travel_word]
+        known = (float(one["margin"]), error, swing, travel)
+        cells = [cell if math.isfinite(value) else "–" for cell, value in zip(cells, known, strict=True)]
+        rows.append((str(one["words"].item()), *cells, says))
+    widths = [max(len(row[c]) for row in rows) for c in range(len(_HEAD))]
+    lines = []
+    for row in rows:
+        numbers = [cell.rjust(width) for cell, width in zip(row[1:-1], widths[1:-1], strict=True)]
+        lines.append("  ".join([row[0].ljust(widths[0]), *numbers, row[-1]]).rstrip())
+    title = (
+        "What would cure it, and what that costs:"
+        if found.needs_cure
+        else "What else could be done, and what it costs:"
+    )
+    return [f"{title} the day simulated with each", *lines]
+
+
+_LEAST_SHARE = 0.5
+"""Degrees; less is not told."""
+_PARTS = {
+    "integral": "integral of the PI",
+    "coil": "coil",
+    "sensor": "sensor",
+    "sampling": "sampling and hold",
+    "backlash": "backlash (and motor)",
+}
+
+
+def sentences(found: Found) -> list[str]:
+    """The explanation, line by line."""
+    lines = [answer_of(found), why_of(found)]
+    if found.told is not None:
+        lines += [*_agreement(found, found.told), *_where(found.told)]
+        lines += [f"Not in the margin: {clause}." for clause in found.left_out]
+        lines += ["", *_phase(found.told)]
+    lines += ["", *table_of(found), *_honest(found), *_advice(found), *found.hints]
+    if not found.value("noise_std") and not found.boundary.series["noise"].any():
+        lines.append("No measurement noise is given: with some the motor travels more (--set noise_std=0.02).")
+    return lines
+
+
+def _agreement(found: Found, told: Told) -> list[str]:
+    """What theory foretells beside what the simulation shows."""
+    if found.failed:
+        return []
+    shown = simulated(found) if found.hunts else f"no hunting, RMS error {kelvin(float(found.now['rmse']))}"
+    lines = [f"Foretold: {_foretold(told.foretold)}; simulated over the day: {shown}."]
+    if told.unsure:
+        margin = f"{told.foretold.margin:.2g}"
+        lines.append(f"A margin of {margin} is too near {HUNTS_ABOVE:g} to decide: go by the simulation.")
+    elif told.foretold.hunts != found.hunts:
+        lines.append(f"The two disagree: {_reason(found, told)}.")
+    return lines
+
+
+def _foretold(told: Foretold) -> str:
+    hunting = told.reached[told.cycles.hunts[told.reached].astype(bool)]
+    if not hunting.size:
+        return "no cycle"
+    swings, periods = 2.0 * told.cycles.amplitude[hunting], told.cycles.period[hunting]
+    if not np.isfinite(swings).any():
+        return "a cycle, of a size that theory does not give"
+    every = _span(periods, "s") if float(np.nanmax(periods)) < MINUTES else _span(periods / 60.0, "min")
+    return f"{_span(swings, 'K')} peak to peak every {every}"
+
+
+def _span(values: Array, unit: str) -> str:
+    low, high = (number(float(end)) for end in (np.nanmin(values), np.nanmax(values)))
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def _reason(found: Found, told: Told) -> str:
+    """Why the simulated day may not show what is foretold, and whom to believe."""
+    foretold = told.foretold
+    both = (foretold.hunting, foretold.elsewhere)
+    if found.needs_cure and not found.hunts and all(np.isfinite(told.swings[some]).any() for some in both):
+        swings = [kelvin(float(np.nanmedian(told.swings[some]))) for some in both]
+        return (
+            "it hunts for too small a part of the day to count.  Where it is foretold to hunt, T_sup swings by "
+            f"{swings[0]} in the simulation (median), elsewhere by {swings[1]}"
+        )
+    if foretold.hunts:
+        return "its swing is too small or not regular enough to count; go by the simulation for this day"
+    return "go by the simulation for this day"
+
+
+def _where(told: Told) -> list[str]:
+    """Which operating point is quoted, what happens there, and how the margin differs over the day."""
+    foretold = told.foretold
+    k, margin = foretold.worst, foretold.cycles.margin[foretold.reached]
+    T_set, hours = float(foretold.points.conditions["T_set"][k]), float(foretold.points.start[k]) / 3600.0
+    opening = 100 * float(foretold.plants.opening[k])
+    place = f"{T_set:.3g} °C, {hours:.3g} h after the start (opening {opening:.0f} %){_there(told, k)}"
+    if foretold.points.size == 1:
+        return [f"Where: at {place}."]
+    return [
+        f"Where: worst at {place}.  Over the day the margin goes from {margin.min():.2g} to {margin.max():.2g}, and "
+        f"{foretold.n_hunting} of {margin.size} operating points are foretold to hunt."
+    ]
+
+
+def _there(told: Told, k: int) -> str:
+    """Foretold and simulated swing at one operating point."""
+    swing, shown = 2.0 * float(told.foretold.cycles.amplitude[k]), float(told.swings[k])
+    if not math.isfinite(swing) or not math.isfinite(shown):
+        return ""
+    return f": {kelvin(swing)} foretold, {kelvin(shown)} simulated"
+
+
+def _phase(told: Told) -> list[str]:
+    """What each part of the loop takes, the largest first."""
+    order = np.argsort(-told.phase.values)
+    shares = [(str(told.phase["part"].values[k]), float(told.phase[k])) for k in order]
+    taken = [f"  {_PARTS[part]:<22}{share:>4.0f}°" for part, share in shares if abs(share) >= _LEAST_SHARE]
+    return [f"Where the 180° of phase go, at one swing in {seconds(float(told.phase.attrs['period']))}:", *taken]
+
+
+def _honest(found: Found) -> list[str]:
+    """What a cure does not do; what backlash costs a loop that does not hunt."""
+    repaired, band, inverse = (found.cured(name) for name in (REPAIRED, DEAD_BAND, INVERSE))
+    if not found.needs_cure:
+        if repaired is None or found.failed:
+            return []
+        error, without = (kelvin(float(found.cures["rmse"][k])) for k in (0, repaired))
+        size = per_cent(found.value("backlash"))
+        if error == without:
+            return []
+        return [f"What the backlash of {size} costs anyway: RMSE {error} instead of {without}."]
+    lines = []
+    if band is not None:
+        width = found.with_cure("error_dead_band", band)
+        lines.append(f"The dead band leaves the margin as it is, and holds any error up to {width:g} K.")
+    if inverse is not None and float(found.cures["margin"][inverse]) > HUNTS_ABOVE:
+        lines.append("The inverse leaves the margin too large: what is left of the gap may keep up a smaller swing.")
+    return lines
+
+
+def _advice(found: Found) -> list[str]:
+    if found.failed:
+        return []
+    if not found.best:
+        if found.needs_cure:
+            return ["None of these cures it."]
+        if found.lost:
+            return ["None of these makes it hold its set-point."]
+        return ["Leave it: none of these takes 5 % off the error."]
+    now, then = found.now, found.cures.isel(cure=found.best)
+    error = float(then["rmse"] / now["rmse"]) - 1.0
+    travel, before = float(then["motor_travel"]), float(now["motor_travel"])
+    moved = f", motor travel × {number(travel / before)}" if before else ""
+    then_do = "Do this" if found.needs_cure else "If the error matters"
+    return [f"{then_do}: {then['words'].item()}: RMSE {100 * error:+.0f} %{moved}."]

@@ -1,0 +1,271 @@
+"""Cures of a loop that hunts: chosen with theory, tried by simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arrays import Array, Mask
+from fastcoil.design.limit_cycle import HUNTS_ABOVE
+from fastcoil.design.operating_points import PointsOfDay
+from fastcoil.design.phase_budget import SAFE, Foretold, margins, simc_gains
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.simulate import simulate
+from fastcoil.model.metric_table import OFF, SETTLING_TIME, STATUS_OK
+from fastcoil.model.parameter_table import PARAMETERS, Scalar
+
+AS_IS, LOWER_KP, LONGER_TI, SIMC, DEAD_BAND, INVERSE, BOTH, REPAIRED = (
+    "as_it_is", "lower_kp", "longer_ti", "simc", "dead_band", "inverse", "simc_and_inverse", "repaired_valve",
+)  # fmt: skip
+TUNINGS = (LOWER_KP, LONGER_TI, SIMC)
+INVERSE_SHARE, BUFFER_RATIO, BUFFER_SWING = 0.95, 6.0, 0.1
+"""Of an inverse with a buffer that goes with the noise; K of the last: what docs/findings/remedies.md recommends."""
+LEAST_GAIN = 0.2
+"""Smallest plant gain that the buffer may reckon with, K per stroke: the buffer has to stay below 1."""
+DEAD_BAND_WIDTHS = (0.1, 0.5)
+"""Least and most, K; as wide as the swing is high in between."""
+_QUIET_DEAD_BAND = 0.25
+"""K, where nothing hunts."""
+_LONGEST_TI = 3600.0
+_TI_STEPS = 60
+_STEPS_BACK = 4
+
+
+class Cure(NamedTuple):
+    """What may be changed.  words: as a technician says it.  changes: parameter → value."""
+
+    name: str
+    words: str
+    changes: Mapping[str, Scalar]
+
+
+class Distance(NamedTuple):
+    """How far a loop is from hunting.
+
+    kp_factor: kp could be that many times as large, below 1: it has to shrink to that, before the
+    margin is that from which a loop hunts; infinite where it has none.
+    ti: shortest integral time with a margin of 0.85 at this kp, s; NaN if none has it.
+    """
+
+    kp_factor: float
+    ti: float
+
+
+def distance(loop: Loop, foretold: Foretold) -> Distance:
+    """How far one loop is from hunting.  The margin goes with kp."""
+    factor = HUNTS_ABOVE / foretold.margin if foretold.margin else math.inf
+    return Distance(factor, shortest_ti(loop, foretold, HUNTS_ABOVE))
+
+
+def shortest_ti(loop: Loop, foretold: Foretold, margin: float) -> float:
+    """Shortest integral time that keeps the margin at or below ``margin`` at every operating point, s; NaN if none.
+
+    All longer ones up to an hour keep it, too.  It is sought where the loop is worst now, then wherever that answer
+    does not hold.
+    """
+    start = min(float(loop["sample_time"]), float(loop["ti"])) / 10.0  # type: ignore[arg-type]
+    grid = np.geomspace(start, max(_LONGEST_TI, 2.0 * float(loop["ti"])), _TI_STEPS)  # type: ignore[arg-type]
+    swept = loop.assign(ti=("tuning", grid))
+    looked_at = np.array([foretold.worst])
+    found = math.nan
+    for _ in range(_STEPS_BACK):
+        largest = margins(swept, foretold.plants, looked_at).max(axis=1)
+        found = _last_crossing(grid, largest, margin)
+        if not math.isfinite(found):
+            return math.nan
+        there = margins(loop.assign(ti=("tuning", [found])), foretold.plants, foretold.reached)[0]
+        worst = int(foretold.reached[np.argmax(there)])
+        if worst in looked_at:
+            break
+        looked_at = np.append(looked_at, worst)
+    return found
+
+
+def _last_crossing(grid: np.ndarray, values: np.ndarray, limit: float) -> float:
+    """Where falling values reach a limit for the last time; the first of the grid if they never exceed it."""
+    above = np.flatnonzero(values > limit)
+    if not above.size:
+        return float(grid[0])
+    k = int(above[-1])
+    if k == grid.size - 1:
+        return math.nan
+    share = (values[k] - limit) / (values[k] - values[k + 1])
+    return float(grid[k] * (grid[k + 1] / grid[k]) ** share)
+
+
+def cures_of(loop: Loop, foretold: Foretold | None) -> list[Cure]:
+    """What to try on one loop, as it is first.
+
+    Parameters
+    ----------
+    loop
+        A single scenario.
+    foretold
+        None where theory cannot tell: then no gains are proposed.
+    """
+    kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
+    found = [Cure(AS_IS, "as it is", {})]
+    if foretold is not None and foretold.margin > SAFE:
+        less = _rounded(kp * SAFE / foretold.margin, down=True)
+        found.append(Cure(LOWER_KP, f"kp {less:g} 1/K, ti {ti:g} s", {"kp": less}))
+        more = shortest_ti(loop, foretold, SAFE)
+        if math.isfinite(more):
+            more = _rounded(more, down=False)
+            found.append(Cure(LONGER_TI, f"kp {kp:g} 1/K, ti {more:g} s", {"ti": more}))
+    gains: dict[str, Scalar] = {}
+    simc = simc_gains(loop, foretold) if foretold is not None else None
+    if simc is not None:
+        gains = {"kp": _rounded(simc[0]), "ti": _rounded(simc[1])}
+        found.append(Cure(SIMC, f"SIMC: kp {gains['kp']:g} 1/K, ti {gains['ti']:g} s", gains))
+    band = _dead_band(foretold)
+    if float(loop["error_dead_band"]) < band:  # type: ignore[arg-type]
+        found.append(Cure(DEAD_BAND, f"error dead band of {band:g} K", {"error_dead_band": band}))
+    if backlash > 0.0:
+        if foretold is not None:
+            inverse = _inverse(backlash, float(foretold.plants.gain[foretold.worst]))
+            found.append(Cure(INVERSE, f"inverse of {100 * INVERSE_SHARE:g} %, buffer by noise", inverse))
+            if simc is not None:
+                found.append(Cure(BOTH, "SIMC and this inverse", gains | inverse))
+        found.append(Cure(REPAIRED, "valve repaired: no backlash", _repaired()))
+    return found
+
+
+def _inverse(backlash: float, gain: float) -> dict[str, Scalar]:
+    return {
+        "backlash_estimate": INVERSE_SHARE * backlash,
+        "compensation": "inverse",
+        "buffer_ratio": BUFFER_RATIO,
+        "buffer_noise": "measured",
+        "buffer_swing": BUFFER_SWING,
+        "plant_gain": max(abs(gain), LEAST_GAIN),
+    }
+
+
+def _repaired() -> dict[str, Scalar]:
+    """No gap, and whatever assumed one is off; a stem cannot stick without a gap in this model."""
+    return {"backlash": 0.0, "backlash_estimate": 0.0, "slip_jump": 0.0}
+
+
+def _dead_band(foretold: Foretold | None) -> float:
+    """As wide as the swing is high, to 0.05 K."""
+    if foretold is None or not foretold.hunts:
+        return _QUIET_DEAD_BAND
+    height = float(np.nanmax(foretold.cycles.amplitude[foretold.reached]))
+    return float(np.clip(math.ceil(round(height / 0.05, 6)) * 0.05, *DEAD_BAND_WIDTHS).round(2))
+
+
+def _rounded(value: float, *, down: bool | None = None) -> float:
+    """A number that somebody types into a controller: two digits, on the safe side if that is said."""
+    scale = 10.0 ** (math.floor(math.log10(value)) - 1)
+    digits = value / scale
+    whole = round(digits) if down is None else math.floor(digits + 1e-9) if down else math.ceil(digits - 1e-9)
+    return float(f"{whole * scale:.6g}")
+
+
+def with_cures(loop: Loop, cures: list[Cure]) -> Loop:
+    """The loop as a sweep along ``cure``."""
+    names = dict.fromkeys(name for cure in cures for name in cure.changes)
+    changed = {}
+    for name in names:
+        own = loop[name] if loop[name] is not None else PARAMETERS[name].default
+        given = next(cure.changes[name] for cure in cures if name in cure.changes)
+        changed[name] = ("cure", [cure.changes.get(name, given if own is None else own) for cure in cures])
+    return loop.assign(**changed)
+
+
+_POINTS = 43200
+"""Most samples of a trace: one every 2 s of a day."""
+PLAIN = 1.5
+"""So many times as large a swing shows that a loop hunts here and not there."""
+AS_FORETOLD = 0.7
+"""Simulated over foretold swing from which the one counts as the other."""
+WORSE, BETTER = 1.05, 0.95
+"""RMSE relative to now from which a cure counts as worse, and up to which as better."""
+
+
+def try_cures(loop: Loop, boundary: Boundary, cures: list[Cure], warm_up: int, seed: int) -> xr.Dataset:
+    """Simulate every cure on one day: metrics and the trace T_sup, over ``cure``."""
+    every = max(2, -(-boundary.n_steps // _POINTS))
+    swept = with_cures(loop, cures)
+    ds = simulate(
+        swept, boundary, traces=["T_sup"], trace_interval=every, warm_up=warm_up, seed=seed, n_jobs=1,
+        progress=False,
+    )  # fmt: skip
+    ds = ds.isel(day=0, drop=True) if "day" in ds.dims else ds
+    return ds if "cure" in ds.dims else ds.expand_dims("cure")
+
+
+def swings_at(points: PointsOfDay, boundary: Boundary, now: xr.Dataset) -> Array:
+    """Simulated swing at each operating point, K: max - min of T_sup in settled seconds; NaN if there are none."""
+    T_set = boundary.series["T_set"][0]
+    seconds = np.arange(T_set.size)
+    changed = np.flatnonzero(np.diff(T_set, prepend=T_set[0]))
+    last = np.searchsorted(changed, seconds, side="right")
+    since = seconds - np.where(last > 0, changed[last - 1] if changed.size else 0, -SETTLING_TIME)
+    of_second = np.where(since >= SETTLING_TIME, points.of_second, -1)[now["elapsed_time"].values.astype(int)]
+    T_sup = now["T_sup"].values
+    seen = [T_sup[of_second == k] for k in range(points.size)]
+    return np.array([np.ptp(T) if T.size else np.nan for T in seen])
+
+
+def hunts_uncounted(foretold: Foretold, swings: Array, now: xr.Dataset) -> bool:
+    """Whether a loop hunts although the metric does not count it, since it does at times only, or not regularly enough.
+
+    At the operating points at which it is foretold to hunt, the simulated swings are, in the median, ``PLAIN`` times
+    those elsewhere; or they are of the size foretold, ``AS_FORETOLD``, and above ``OFF``.
+    """
+    if now["hunts"] > 0 or not foretold.n_hunting:
+        return False
+    there, rest = (_median(swings[some]) for some in (foretold.hunting, foretold.elsewhere))
+    expected = 2.0 * _median(foretold.cycles.amplitude[foretold.hunting])
+    return there > PLAIN * rest or there > max(AS_FORETOLD * expected, OFF)
+
+
+def _median(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else np.nan
+
+
+def hunting(ds: xr.Dataset) -> Mask:
+    """Which cures leave the loop hunting, as it is first: those whose simulated day hunts.
+
+    Where that is not counted for the loop as it is, those that are foretold to hunt somewhere, too.
+    """
+    shown, told = ds["hunts"].values > 0, ds["n_hunting"].values > 0
+    return np.asarray(shown | told if ds["uncounted"] else shown)
+
+
+def verdict(ds: xr.Dataset, k: int) -> str:
+    """What a cure did, in a few words; as it is first in ``ds``."""
+    if ds["status"].values[k] != STATUS_OK:
+        return "failed"
+    before, after = hunting(ds)[[0, k]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error, swing = (float(of[k] / of[0]) for of in (ds["rmse"].values, ds["hunting_swing"].values))
+    if not before:
+        if after:
+            return "makes it hunt"
+        return "worse" if error > WORSE else "better" if error < BETTER else "no gain"
+    if not after:
+        return "cures it, at a larger error" if error > WORSE else "cures it"
+    return "still hunts, and worse" if swing > 1.1 else "still hunts, but less" if swing < 0.7 else "still hunts"
+
+
+def recommended(ds: xr.Dataset, names: list[str]) -> int:
+    """Which cure to take: of those that leave no hunting, neither simulated nor foretold, the one with the least RMSE.
+
+    A cure whose margin stays too large comes after these, a dead band or a repaired valve last.  0 where the loop is
+    good as it is, or where nothing helps.
+    """
+    error, margin = ds["rmse"].values, np.nan_to_num(ds["margin"].values)
+    good = (ds["status"].values == STATUS_OK) & ~hunting(ds)
+    if good[0]:
+        good &= (error < BETTER * error[0]) & ~np.isin(names, REPAIRED)
+    rank = np.where(np.isin(names, (DEAD_BAND, REPAIRED)), 2, np.where(margin > HUNTS_ABOVE, 1, 0))
+    able = [k for k, name in enumerate(names) if good[k] and name != AS_IS]
+    return min(able, key=lambda k: (rank[k], error[k]), default=0)

@@ -1,0 +1,257 @@
+"""explain: whether one loop will hunt, why, what would cure it, and what that costs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, instance_of, whole_of
+from fastcoil.base.arrays import Array
+from fastcoil.base.results import card
+from fastcoil.design.answer import Found, Told, answer_of, hints_of, sentences, why_of
+from fastcoil.design.cures import (
+    Cure,
+    cures_of,
+    distance,
+    hunts_uncounted,
+    recommended,
+    swings_at,
+    try_cures,
+    verdict,
+    with_cures,
+)
+from fastcoil.design.operating_points import operating_points
+from fastcoil.design.phase_budget import (
+    PARTS,
+    Foretold,
+    acts_the_wrong_way,
+    cycles_at,
+    foretell,
+    gain_margin_without_backlash,
+    left_out,
+    phase_shares,
+    response_of,
+    why_no_margin,
+    why_not_linear,
+)
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.plan import plan_simulation
+from fastcoil.model.metric_table import WARM_UP
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class Explanation:
+    """Why one loop hunts on one day, or does not.
+
+    Attributes
+    ----------
+    hunts
+        Whether the simulated day hunts, see the metric of that name.
+    foretold
+        Whether the linear model foretells hunting at some operating point; None where it cannot tell.
+    margin
+        Largest describing-function margin of the day; above 0.85 a loop hunts.  NaN where theory cannot tell.
+    period, amplitude
+        Of the foretold cycle at the worst operating point, s and K (half of peak to peak); NaN without.
+    why
+        The reason in a sentence.
+    doubts
+        Why theory cannot tell, or what it leaves out; empty where there is nothing.
+    phase
+        DataArray over ``part``: degrees that each part of the loop takes at the critical frequency; None without.
+    points
+        Dataset over ``point``: each hour at each set-point with its margin; None where theory cannot tell.
+    cures
+        Dataset over ``cure``, ``as_it_is`` first: the parameters that change, the foretold ``margin``, the simulated
+        metrics, ``words`` and ``verdict``.
+    recommended
+        The cure to take; ``as_it_is`` where the loop is good, or nothing helps.
+    """
+
+    hunts: bool
+    foretold: bool | None
+    margin: float
+    period: float
+    amplitude: float
+    why: str
+    doubts: tuple[str, ...]
+    phase: xr.DataArray | None
+    points: xr.Dataset | None
+    cures: xr.Dataset
+    recommended: str
+    _found: Found
+
+    @classmethod
+    def of(cls, found: Found) -> Explanation:
+        """Make one of what was found."""
+        told = found.told.foretold if found.told is not None else None
+        nothing = float("nan")
+        return cls(
+            hunts=found.hunts,
+            foretold=told.hunts if told is not None else None,
+            margin=told.margin if told is not None else nothing,
+            period=float(told.cycles.period[told.worst]) if told is not None else nothing,
+            amplitude=float(told.cycles.amplitude[told.worst]) if told is not None else nothing,
+            why=why_of(found),
+            doubts=found.doubts + found.left_out,
+            phase=found.told.phase if found.told is not None else None,
+            points=found.told.points if found.told is not None else None,
+            cures=found.cures.drop_vars(["T_sup", "elapsed_time", "uncounted"]),
+            recommended=str(found.cures["cure"].values[found.best]),
+            _found=found,
+        )
+
+    @property
+    def text(self) -> str:
+        """The explanation in plain sentences, the answer first."""
+        return "\n".join(sentences(self._found))
+
+    def __repr__(self) -> str:
+        return f"<fastcoil explanation: {answer_of(self._found)}>"
+
+    def _repr_html_(self) -> str:
+        first, *others = sentences(self._found)
+        return card("fastcoil explanation", first, others)
+
+    def __str__(self) -> str:
+        return self.text
+
+    def plot(self) -> Figure:
+        """The explanation on one page, as a matplotlib ``Figure``."""
+        from fastcoil.design.explanation_figure import page
+
+        return page(self._found)
+
+
+LONGEST = 7 * 86400
+"""Seconds of a boundary that is explained: the operating points are told one by one."""
+
+
+def explain(
+    loop: Loop, boundary: Boundary, *, at: int | None = None, warm_up: int = WARM_UP, seed: int = 0
+) -> Explanation:
+    """Explain one loop on one day: whether it will hunt, why, what would cure it, and what that costs.
+
+    The loop is linearised at each hour and set-point of the day; the describing function of the backlash gives the
+    margin there, and the worst one is quoted.  Then the loop as it is and every cure are simulated on the day.
+
+    Parameters
+    ----------
+    loop
+        A single loop, no sweep.
+    boundary
+        A single day of at most a week.
+    at
+        A second of it: the margin is that of the conditions there alone.  By default the whole day counts.
+    warm_up
+        Seconds at the start that do not count.
+    seed
+        Seed of the measurement noise, 0 … 2**64 - 1.
+
+    Returns
+    -------
+    Explanation
+        The answer; print it to read it, ``.plot()`` draws it.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the arguments.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> fc.explain(fc.Loop.preset("lbnl").assign(ti=5), fc.paper_day()).why  # doctest: +SKIP
+    """
+    with checking() as check:
+        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+        check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
+    with checking() as check:
+        check.problems += _too_many(loop, boundary)
+        second = check.unless_none(whole_of, "at", at, 0, boundary.n_steps - 1, _second_of(boundary))
+    plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
+    loop = _with_estimate(loop)
+    points = operating_points(boundary, warm_up, second)
+    doubts = why_not_linear(loop)
+    foretold = foretell(loop, points) if not doubts else None
+    if foretold is not None and foretold.worst < 0:
+        doubts, foretold = why_no_margin(foretold), None
+    elif foretold is not None and (wrong := acts_the_wrong_way(loop, foretold)):
+        doubts, foretold = wrong, None
+    tried = cures_of(loop, foretold)
+    cures = _tried(loop, boundary, tried, foretold, warm_up, seed)
+    swings = swings_at(points, boundary, cures.isel(cure=0))
+    told = told_of(loop, foretold, swings) if foretold is not None else None
+    uncounted = foretold is not None and hunts_uncounted(foretold, swings, cures.isel(cure=0))
+    cures = cures.assign(uncounted=uncounted)
+    cures = cures.assign(verdict=("cure", [verdict(cures, k) for k in range(len(tried))]))
+    return Explanation.of(
+        Found(
+            loop=loop,
+            boundary=boundary,
+            told=told,
+            doubts=doubts,
+            left_out=left_out(loop, foretold) if foretold is not None else (),
+            hints=hints_of(loop, told) if told is not None else (),
+            cures=cures,
+            best=recommended(cures, [cure.name for cure in tried]),
+        )
+    )
+
+
+def _too_many(loop: Loop, boundary: Boundary) -> list[str]:
+    found = []
+    if loop.sizes:
+        dims = ", ".join(f"{dim} ({size})" for dim, size in loop.sizes.items())
+        found.append(f"loop is a sweep over {dims}: give one loop, with a number for each parameter")
+    if boundary.n_days > 1:
+        found.append(f"boundary has {boundary.n_days} days: give one, such as boundary.isel(0)")
+    if boundary.n_steps > LONGEST:
+        found.append(f"boundary lasts {boundary.hours:g} h: give at most {LONGEST // 3600} h, they are told one by one")
+    return found
+
+
+def _with_estimate(loop: Loop) -> Loop:
+    """The loop with its estimate as such: a cure may change the backlash, or the estimate."""
+    if loop["estimate_ratio"] is None:
+        return loop
+    return loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
+
+
+def _second_of(boundary: Boundary) -> str:
+    return f"give a second of the boundary, a whole number from 0 to {boundary.n_steps - 1}"
+
+
+def told_of(loop: Loop, foretold: Foretold, swings: Array) -> Told:
+    """What theory tells at the worst operating point."""
+    response = response_of(loop, foretold)
+    shares = phase_shares(loop, response)
+    attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": response.period}
+    phase = xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
+    perfect = gain_margin_without_backlash(loop, foretold)
+    return Told(foretold, response, distance(loop, foretold), phase, perfect, swings)
+
+
+def _tried(
+    loop: Loop, boundary: Boundary, tried: list[Cure], foretold: Foretold | None, warm_up: int, seed: int
+) -> xr.Dataset:
+    """The cures, simulated and foretold, with their names and words."""
+    ds = try_cures(loop, boundary, tried, warm_up, seed)
+    worst, n_hunting = np.full(len(tried), math.nan), np.zeros(len(tried))
+    if foretold is not None:
+        cycles = cycles_at(with_cures(loop, tried), foretold.plants, foretold.reached)
+        worst, n_hunting = cycles.margin.max(axis=1), np.count_nonzero(cycles.hunts > 0.0, axis=1)
+    ds = ds.assign_coords(cure=[cure.name for cure in tried]).assign(
+        words=("cure", [cure.words for cure in tried]),
+        margin=("cure", worst, {"long_name": "largest describing-function margin, foretold"}),
+        n_hunting=("cure", n_hunting, {"long_name": "operating points foretold to hunt"}),
+    )
+    return ds

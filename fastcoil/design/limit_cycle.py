@@ -1,0 +1,419 @@
+"""limit_cycle: loops x days x seconds -> margin, and whether, how fast and how far each loop hunts."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.errors import InputError
+from fastcoil.design.describing_function import (
+    Complex,
+    Elements,
+    LimitedPI,
+    Swings,
+    amplitude_of,
+    between,
+    limited,
+    refined,
+    swings_of,
+    too_smooth,
+    unknown,
+)
+from fastcoil.design.linearise import at_180
+from fastcoil.design.operating_points import OperatingPoints
+from fastcoil.design.plants import Columns, Plants, driven_gain, frequency_response, loop_response, plants_of
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.plan import check_memory
+from fastcoil.loops.provenance import provenance
+from fastcoil.model.metric_table import HUNTING_SWING
+
+_HALVINGS = 10
+_FLAT = 0.01
+"""A rise of the phase, rad, from which a loop has more than one frequency for a phase."""
+
+
+class Balance(NamedTuple):
+    """Of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes).
+
+    product: |L| |N| where L and N lag 180° together; 0 where they do nowhere.  place: where between the frequencies
+    that is, as an index with a fraction.  size: |N|.
+    """
+
+    product: Array
+    place: Array
+    size: Array
+
+
+def frequency(w: Array, place: Array) -> Array:
+    """Frequencies at places between those of w, which ascend by equal ratios."""
+    return np.asarray(w[0] * np.exp(place * np.log(w[1] / w[0])))
+
+
+def balance(w: Array, L: Complex, N: Callable[[Array], Complex], n_amplitudes: int, lead: Array) -> Balance:
+    """Where L and N lag 180° together, for each loop and amplitude.
+
+    With fast integral action the phase of L falls, rises and falls again: the three pieces are told apart.  In a loop
+    where it only falls, all of it is the first piece.
+
+    Parameters
+    ----------
+    w
+        Frequencies, rad/s, (n_w,), ascending by equal ratios.
+    L
+        Linear part of the loops, (n, n_w).
+    N
+        Frequencies, (n, n_amplitudes) → the describing function there.
+    lead
+        Most that N may lead, rad, (n,).
+    """
+    left, log_L = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L))
+    found = []
+    for low, high, turn in _pieces(left, lead):
+        shape = (L.shape[0], n_amplitudes)
+        a, b = (np.broadcast_to(end[:, None].astype(float), shape).copy() for end in (low, high))
+
+        def excess(place: Array, turn: float = turn) -> Array:
+            return turn * (between(left, place) + np.angle(N(frequency(w, place))))
+
+        place, there = _root(excess, a, b)
+        size = np.abs(N(frequency(w, place)))
+        found.append((np.where(there, np.exp(between(log_L, place)) * size, 0.0), place, size))
+    product, place, size = (np.stack(part) for part in zip(*found, strict=True))
+    return Balance(product, place, size)
+
+
+def _root(excess: Callable[[Array], Array], a: Array, b: Array) -> tuple[Array, Mask]:
+    """Where a falling function crosses 0 between a and b, and whether it does."""
+    fa, fb = excess(a), excess(b)
+    there = (fa >= 0.0) & (fb <= 0.0) & (b > a)
+    for _ in range(_HALVINGS):
+        x = 0.5 * (a + b)
+        fx = excess(x)
+        right = fx > 0.0
+        a, fa, b, fb = np.where(right, x, a), np.where(right, fx, fa), np.where(right, b, x), np.where(right, fb, fx)
+    steep = np.where(fa > fb, fa - fb, 1.0)
+    return a + (b - a) * np.clip(fa / steep, 0.0, 1.0), there
+
+
+def _pieces(left: Array, lead: Array) -> list[tuple[Index, Index, float]]:
+    """First and last index of the last fall of each curve, of a first one and of the rise between; -1 for the rise."""
+    n, n_w = left.shape
+    rows = np.arange(n)
+    over = left < -lead[:, None]
+    last = np.where(over.any(axis=1), over.argmax(axis=1), n_w - 1)
+    seen = np.where(np.arange(n_w) <= last[:, None], left, -np.inf)
+    later = np.maximum.accumulate(seen[:, ::-1], axis=1)[:, ::-1]
+    rise = np.where(np.isfinite(seen), later, 0.0) - np.where(np.isfinite(seen), seen, 0.0)
+    dip = rise.argmax(axis=1)
+    bumps = rise[rows, dip] > _FLAT
+    dip = np.where(bumps, dip, 0)
+    peak = np.where(np.arange(n_w) >= dip[:, None], seen, -np.inf).argmax(axis=1)
+    peak = np.where(bumps, peak, 0)
+    return [(peak, last, 1.0), (np.zeros_like(dip), dip, 1.0), (dip, peak, -1.0)]
+
+
+class Points(NamedTuple):
+    """Swings in which the phases of L and N add up to -180°.
+
+    product: |L| |N|.  w: rad/s.  u: amplitude of u, fraction of stroke.  T: amplitude of T_sup, K.
+    """
+
+    product: Array
+    w: Array
+    u: Array
+    T: Array
+
+
+def started(points: Points, disturbance: float) -> tuple[Mask, Points]:
+    """The cycle at which a swing of T_sup with the amplitude ``disturbance``, K, ends: whether there is one, and it.
+
+    Where |L| |N| falls through 1 as the amplitude grows, a larger swing decays and a smaller one grows: that cycle
+    sustains itself.  Where it rises through 1, it parts the swings that grow from those that decay (Gelb and Vander
+    Velde 1968, section 3.2).  Where the phase of L rises with the frequency it is the other way round.
+
+    points: (3, n, n_amplitudes) each, of the pieces of ``harmonic_balance``.
+    """
+    F = points.product
+    before, after = F[:, :, :-1], F[:, :, 1:]
+    both = (before > 0.0) & (after > 0.0)
+    falls, rises = (before >= 1.0) & (after < 1.0), (before < 1.0) & (after >= 1.0)
+    other_way = np.array([False, False, True])[:, None, None]
+    stable, parts = np.where(other_way, rises & both, falls), np.where(other_way, falls, rises)
+    log_F = np.log(np.maximum(F, 1e-9))
+    crossing = both & (stable | parts)
+    # where the phases meet no more, the cycle is at the last amplitude at which they do
+    share = np.where(crossing, -log_F[:, :, :-1] / np.where(crossing, np.diff(log_F, axis=2), 1.0), 0.0)
+
+    def in_a_row(values: Array | Mask) -> Array:
+        return np.asarray(values, float).transpose(1, 0, 2).reshape(values.shape[1], -1)
+
+    def there(values: Array) -> Array:
+        log = np.log(np.maximum(values, 1e-12))
+        return in_a_row(np.exp(log[:, :, :-1] * (1.0 - share) + log[:, :, 1:] * share))
+
+    at = Points(*map(there, points))
+    is_stable, is_parting, is_above = in_a_row(stable) > 0, in_a_row(parts) > 0, at.T > disturbance
+    above, below = np.where(is_stable & is_above, at.T, np.inf), np.where(is_stable & ~is_above, at.T, -np.inf)
+    parting_above = np.where(is_parting & is_above, at.T, np.inf).min(axis=1)
+    parting_below = np.where(is_parting & ~is_above, at.T, -np.inf).max(axis=1)
+    nearest_above, nearest_below = above.min(axis=1), below.max(axis=1)
+    nothing_below = (nearest_below == -np.inf) & (parting_below == -np.inf)
+    grows = (parting_below > nearest_below) | (nothing_below & (nearest_above < parting_above))
+    k = np.where(grows, above.argmin(axis=1), below.argmax(axis=1))
+    goes_on = np.where(grows, nearest_above < np.inf, nearest_below > -np.inf)
+    return goes_on, Points(*(values[np.arange(k.size), k] for values in at))
+
+
+HUNTS_ABOVE = 0.85
+"""Margin from which a gap keeps a loop swinging for hours, though in the end it may come to rest."""
+OF_A_GAP = 1.5
+"""Amplitude of u over the gap up to which that is so: there the gap shapes the swing."""
+DISTURBANCE = 2.0
+"""Amplitude of T_sup, K, of the disturbance that a cycle is started by."""
+UNSTABLE = 1.02
+"""|L| at 180° above which a loop is unstable without a gap, and a little, by which that may be wrong."""
+NO_GAP = 1e-6
+"""A gap or a buffer up to this size is round-off."""
+MOST = 30.0
+"""Largest amplitude of u that is looked at, before u is limited to 0–1."""
+_AMPLITUDES, _FREQUENCIES = 44, 136
+ROUNDS = 2
+"""How often a cycle that reaches an end of the integral is computed again."""
+_NEAR_ONE = 0.7
+_SLOWEST = 3e-4
+"""Lowest frequency, rad/s: a period of 6 h."""
+_AT_ONCE = 512
+
+
+class Cycles(NamedTuple):
+    """Margin and limit cycle of each loop, (n,).
+
+    margin: largest |L| |N|, where L and N lag 180° together, over the swings of T_sup of up to ``DISTURBANCE``; without
+    a gap, 1 over the gain margin.  0 where the two never do, or no opening holds the set-point.
+    hunts: 1 where a disturbance starts a swing of more than 0.1 K from peak to peak that goes on, else 0.
+    period: s.  amplitude: half of peak to peak of true T_sup, K.  NaN where it does not hunt.
+    frequency: of the margin, rad/s.
+    """
+
+    margin: Array
+    hunts: Array
+    period: Array
+    amplitude: Array
+    frequency: Array
+
+
+def cycles_of(columns: Columns, plants: Plants) -> Cycles:
+    """Foretell margin and limit cycle.
+
+    Parameters
+    ----------
+    columns
+        Parameter name → (n,), as ``columns_of`` in ``simulation/scenarios.py`` gives them.
+    plants
+        Of these loops, as ``plants_of`` gives them.
+
+    Returns
+    -------
+    Cycles
+        All NaN where theory says nothing, see ``unknown``, and where a plant has no gain.
+    """
+    n = plants.opening.size
+    periods = np.asarray(columns["sample_time"], float)
+    told = ~np.any(list(unknown(columns).values()), axis=0) & np.isfinite(plants.gain)
+    found = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
+    # where no opening holds the set-point, or the loop acts the wrong way round or not at all, the valve stands
+    acts = plants.reachable & (driven_gain(columns, plants) > 0.0) & (np.asarray(columns["kp"], float) > 0.0)
+    found.margin[told & ~acts], found.hunts[told & ~acts] = 0.0, 0.0
+    for period in np.unique(periods):
+        members = np.flatnonzero(told & acts & (periods == period))
+        for first in range(0, members.size, _AT_ONCE):
+            some = members[first : first + _AT_ONCE]
+            part = _of_one_period({name: values[some] for name, values in columns.items()}, plants.some(some), period)
+            for values, of_part in zip(found, part, strict=True):
+                values[some] = of_part
+    return found
+
+
+def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
+    """Of loops with one sample time."""
+    w = np.geomspace(_SLOWEST, np.pi / period, _FREQUENCIES)
+    L = loop_response(columns, plants, w)
+    plants = plants._replace(curve=refined(plants.curve))
+    elements, swings = Elements.of(columns), swings_of(plants.curve, plants.T_sup, plants.gain)
+    A = elements.amplitudes(MOST, _AMPLITUDES)
+    pi = LimitedPI.of(columns, elements)
+    of = _balanced(w, L, elements, swings, A, pi, plants)
+    at = frequency(w, of.place)
+    T = A * of.size * _response(plants, w, of.place) / (1.0 - elements.backlash)
+    T *= np.abs(np.sinc(at * period / (2.0 * np.pi)))
+    points = Points(*(_in_a_row(np.broadcast_to(values, T.shape)) for values in (of.product, at, A, T)))
+
+    rows = np.arange(A.shape[0])
+    best = np.where(points.T <= DISTURBANCE, points.product, 0.0).argmax(axis=1)
+    # without a gap, that of the smallest swing: the linear loop's
+    has_none = (np.abs(elements.width) <= NO_GAP)[:, 0] & (elements.wait <= NO_GAP)[:, 0]
+    smallest = np.arange(0, points.product.shape[1], _AMPLITUDES)
+    best = np.where(has_none, smallest[points.product[:, smallest].argmax(axis=1)], best)
+    margin, w_margin = points.product[rows, best], points.w[rows, best]
+    # a gap is crossed the more slowly the smaller the error: a swing that dies away takes hours
+    shaped = (points.u < OF_A_GAP * elements.width) & (points.product > HUNTS_ABOVE)
+    slow = np.where(shaped, points.product, 0.0).argmax(axis=1)
+    lingers = shaped[rows, slow]
+    goes_on, cycle = started(Points(of.product, at, np.broadcast_to(A, T.shape), T), DISTURBANCE)
+    lingering = Points(*(values[rows, slow] for values in points))
+    cycle = Points(*(np.where(goes_on, values, late) for values, late in zip(cycle, lingering, strict=True)))
+    swing = np.full(A.shape[0], np.nan)
+
+    def seen(found: Index) -> Mask:
+        if found.size:
+            u, part = cycle.u[found, None], elements.part(found)
+            mean = part.mean(u, swings.part(found))
+            swing[found] = amplitude_of(u, mean, cycle.w[found, None], pi.part(found), part, plants.some(found))
+        return 2.0 * swing > HUNTING_SWING
+
+    hunts = seen(np.flatnonzero(goes_on | lingers))
+    # an unstable loop swings from end to end, also where no balance is found, such as in a cycle of two samples
+    size, w_180 = at_180(L, w)
+    runs_away = ~hunts & (size * elements.slope[:, 0] > UNSTABLE)
+    ends = Points(size, w_180, np.full(size.size, MOST), size)
+    cycle = Points(*(np.where(runs_away, far, values) for values, far in zip(cycle, ends, strict=True)))
+    hunts = seen(np.flatnonzero(runs_away))
+
+    seen_u, seen_w = np.where(hunts, cycle.u, points.u[rows, best]), np.where(hunts, cycle.w, w_margin)
+    told = ~too_smooth(columns, seen_u, seen_w)
+    hunts_told = hunts & told
+    return Cycles(
+        np.where(told, margin, np.nan), np.where(told, hunts.astype(float), np.nan),
+        np.where(hunts_told, 2.0 * np.pi / cycle.w, np.nan), np.where(hunts_told, swing, np.nan),
+        np.where(told & (margin > 0.0), w_margin, np.nan),
+    )  # fmt: skip
+
+
+def _balanced(
+    w: Array, L: Complex, elements: Elements, swings: Swings, A: Array, pi: LimitedPI, plants: Plants
+) -> Balance:
+    """Balance of the loops; where the integral reaches an end, again with what that changes, at the frequency found."""
+    mean = elements.mean(A, swings)
+    passed = limited(A, -mean, 1.0 - mean).astype(complex)
+
+    def of(some: Index) -> Balance:
+        part, of_part, A_part, passed_part = elements.part(some), swings.part(some), A[some], passed[some]
+        leads = (part.width < part.wait - NO_GAP)[:, 0] | (np.angle(passed_part).max(axis=1) > 0.0)
+        lead = np.where(leads, 0.5 * np.pi, 0.0)
+        return balance(w, L[some], lambda at: part.describe(A_part, at, of_part, passed_part), _AMPLITUDES, lead)
+
+    found = of(np.arange(A.shape[0]))
+    room = np.minimum(mean, 1.0 - mean)
+    reaches = pi.parts(A, frequency(w, found.place[0]))[1] > room
+    ended = np.flatnonzero((reaches & (found.product[0] > _NEAR_ONE)).any(axis=1))
+    for _ in range(ROUNDS if ended.size else 0):
+        at = frequency(w, found.place[0][ended])
+        of_pi = pi.part(ended)
+        reaches = of_pi.parts(A[ended], at)[1] > room[ended]
+        passed[ended] = np.where(reaches, of_pi.passed(A[ended], at, plants.some(ended))[0], passed[ended])
+        for values, part in zip(found, of(ended), strict=True):
+            values[:, ended] = part
+    return found
+
+
+def _response(plants: Plants, w: Array, place: Array) -> Array:
+    """|T_sup| per opening at places between frequencies w; smooth, so that every fifth of them is enough."""
+    _, first, which = np.unique(plants.same, return_index=True, return_inverse=True)
+    some = np.linspace(0.0, w.size - 1.0, (w.size + 4) // 5)
+    G = np.abs(frequency_response(plants.response[first], frequency(w, some)))
+    log_G = np.log(np.maximum(G, 1e-300))[which.ravel()]
+    return np.exp(np.stack([between(log_G, piece * (some.size - 1.0) / (w.size - 1.0)) for piece in place]))
+
+
+def _in_a_row(values: Array) -> Array:
+    return values.transpose(1, 0, 2).reshape(values.shape[1], -1)
+
+
+_NAMES: Mapping[str, Mapping[str, str]] = {
+    "margin": {
+        "long_name": "margin of the describing function", "units": "1",
+        "comment": f"largest |L| |N| where L and N lag 180 degrees together, over swings up to {DISTURBANCE:g} K; from "
+        f"{HUNTS_ABOVE:g} on a gap keeps the loop swinging; without a gap 1/gain margin; 0 if T_set is out of reach",
+    },
+    "hunts": {
+        "long_name": "whether the loop is foretold to hunt", "units": "1",
+        "comment": f"1 if a swing of {DISTURBANCE:g} K ends in one that goes on, by more than 0.1 K from peak to peak",
+    },
+    "period": {"long_name": "period of the foretold cycle", "units": "s", "comment": "NaN where it does not hunt"},
+    "amplitude": {
+        "long_name": "amplitude of T_sup in the foretold cycle", "units": "K",
+        "comment": "half of peak to peak; NaN where it does not hunt",
+    },
+    "frequency": {"long_name": "angular frequency of the margin", "units": "rad s-1"},
+}  # fmt: skip
+
+
+def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset:
+    """Foretell, without simulating, whether each loop hunts on each day, how fast and how far.
+
+    The loop is linear but for one element, the describing function of all that lies between the controller's u and the
+    supply temperature at rest: limits of the stroke, the motor's speed, neutral zone, gap, inverse with a right or
+    wrong estimate, buffer, and the curve of valve and coil.  Noise and the resolutions are left out.
+
+    Parameters
+    ----------
+    loop, boundary
+        As for ``simulate``; a sweep and several days give results of these dims.
+    at
+        Where on the day: None for the mean conditions and the mean set-point of the enabled seconds after the warm-up
+        of 1,800 s; a second, or a list of them, for the conditions of that second, as if they were held for ever.  A
+        list becomes the dim ``elapsed_time``.
+
+    Returns
+    -------
+    xarray.Dataset
+        margin, hunts (0 or 1), period [s], amplitude [K, half of peak to peak, of true T_sup], frequency of the margin
+        [rad/s].  The attributes of each say what it is.  All are NaN, with a warning that says why, in scenarios about
+        which theory says nothing: a law of your own, an estimator that changes the estimate, stick-slip, an error dead
+        band, a smooth compensation slower than the cycle.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake; for an unstable coil; if theory says nothing about any scenario.
+    """
+    points = OperatingPoints(loop, boundary, at)
+    check_memory(2 * 8 * len(_NAMES) * points.size, points.size)
+    found = Cycles(*(np.empty(points.size) for _ in Cycles._fields))
+    reasons: dict[str, int] = {}
+    unknown_loops = 0
+    for index in points.chunks():
+        columns = points.columns(index)
+        plants, why = plants_of(columns, points.conditions(index)), unknown(columns)
+        why |= {"T_sup jumps past the set-point, from dry to wet: there is nothing to linearise": np.isnan(plants.gain)}
+        unknown_loops += int(np.any(list(why.values()), axis=0).sum())
+        for reason, where in why.items():
+            reasons[reason] = reasons.get(reason, 0) + int(where.sum())
+        for values, part in zip(found, cycles_of(columns, plants), strict=True):
+            values[index] = part
+    note = _note(reasons, unknown_loops, found)
+    ds = points.dataset({name: (getattr(found, name), _NAMES[name]) for name in Cycles._fields})
+    return ds.assign_attrs(title="fastcoil limit cycles, foretold", **({"note": note} if note else {}), **provenance())
+
+
+def _note(reasons: Mapping[str, int], unknown_loops: int, found: Cycles) -> str:
+    """A sentence for each reason why scenarios are NaN, which is also a warning; refuses if all are."""
+    nothing = np.isnan(found.hunts)
+    why = {reason: count for reason, count in reasons.items() if count}
+    slow = int(nothing.sum()) - unknown_loops
+    if slow:
+        why["the smooth compensation crosses the gap more slowly than u turns: lower smooth_rate, or simulate it"] = (
+            slow
+        )
+    if nothing.all():
+        raise InputError([f"limit_cycle says nothing about these loops: {reason}" for reason in why])
+    note = "; ".join(f"NaN in {count:,} of {nothing.size:,} scenarios: {reason}" for reason, count in why.items())
+    if note:
+        warnings.warn(note, stacklevel=3)
+    return note

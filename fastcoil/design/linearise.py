@@ -1,0 +1,375 @@
+"""linearise: plant, margins and the tunings of SIMC, AMIGO and lambda at each operating point."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, flag_of
+from fastcoil.base.arrays import Array, array_of
+from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.design.operating_points import OperatingPoints, require_pi
+from fastcoil.design.plants import (
+    Columns,
+    Complex,
+    Plants,
+    driven_gain,
+    frequency_response,
+    loop_response,
+    plants_of,
+    sampled_plant,
+    sensed_by,
+    state_names,
+    state_space_of,
+)
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.plan import check_memory
+from fastcoil.loops.provenance import provenance
+
+_LOWEST = 1e-6
+"""Lowest frequency, rad/s: any integral has brought L above 1 there."""
+_MARGIN_FREQUENCIES = 800
+
+
+class Margins(NamedTuple):
+    """Of n loops, (n,) each, without a gap, so at its best.
+
+    ultimate_gain: kp at which the loop would swing for ever under a P controller, 1/K.  ultimate_period: s.
+    gain_margin: by how much kp may be multiplied; below 1 the loop is unstable.  phase_margin: degrees.
+    NaN where there is no such thing: a valve that changes nothing, or acts the wrong way round.
+    """
+
+    ultimate_gain: Array
+    ultimate_period: Array
+    gain_margin: Array
+    phase_margin: Array
+
+
+def margins_of(columns: Columns, plants: Plants) -> Margins:
+    """Margins of every loop, from the exact transfer function of the loop as it is sampled."""
+    n = plants.gain.size
+    found = Margins(*(np.full(n, math.nan) for _ in Margins._fields))
+    periods = np.asarray(columns["sample_time"], float)
+    gain = driven_gain(columns, plants)
+    for period in np.unique(periods):
+        members = np.flatnonzero((periods == period) & (gain > 0.0))
+        if not members.size:
+            continue
+        some = {name: values[members] for name, values in columns.items()}
+        of_some = plants.some(members)
+        w = np.geomspace(_LOWEST, math.pi / period, _MARGIN_FREQUENCIES)
+        P, which = sampled_plant(some, of_some, w)
+        size, at = at_180(np.sign(of_some.gain[_firsts(which)])[:, None] * P, w)
+        unit = gain[members] / np.abs(of_some.gain)
+        found.ultimate_gain[members] = 1.0 / (unit * size[which])
+        found.ultimate_period[members] = 2.0 * math.pi / at[which]
+        L = loop_response(some, of_some, w)
+        found.gain_margin[members] = 1.0 / at_180(L, w)[0]
+        found.phase_margin[members] = _phase_left(L)
+    return found
+
+
+def _firsts(which: np.ndarray) -> np.ndarray:
+    return np.unique(which, return_index=True)[1]
+
+
+def at_180(L: Complex, w: Array) -> tuple[Array, Array]:
+    """|L| and ω, (n,) each, where L crosses the negative real axis with the largest |L|; its end at π/ts is on it."""
+    before, after = L[:, :-1].imag, L[:, 1:].imag
+    crosses = (before < 0.0) & (after >= 0.0) & (L[:, 1:].real < 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(crosses, before / (before - after), 0.0)
+    real = L[:, :-1].real + share * (L[:, 1:].real - L[:, :-1].real)
+    size = np.where(crosses, -real, 0.0)
+    at = w[:-1] + share * np.diff(w)
+    end = np.maximum(-L[:, -1].real, 0.0)
+    size, at = np.column_stack([size, end]), np.column_stack([at, np.full(end.size, w[-1])])
+    k = np.argmax(size, axis=1)
+    rows = np.arange(k.size)
+    return np.where(size[rows, k] > 0.0, size[rows, k], math.nan), at[rows, k]
+
+
+def _phase_left(L: Complex) -> Array:
+    """Least phase margin over the frequencies at which |L| = 1, degrees."""
+    with np.errstate(divide="ignore"):  # a loop with kp = 0 has a size of 0 and no margin
+        log_size = np.log(np.abs(L))
+    phase = np.unwrap(np.angle(L), axis=1)
+    before, after = log_size[:, :-1], log_size[:, 1:]
+    crosses = before * after <= 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(crosses, before / (before - after), 0.0)
+    left = 180.0 + np.degrees(phase[:, :-1] + share * np.diff(phase, axis=1))
+    least = np.min(np.where(crosses, left, np.inf), axis=1)
+    return np.where(np.isfinite(least), least, math.nan)
+
+
+RULES = ("simc", "lambda", "ziegler_nichols")
+_EARLY, _LATE = 0.353, 0.853
+"""Shares of the response at which Sundaresan and Krishnaswamy read the two times."""
+_LONGER = 36000
+"""By how much a response that has not come that far is followed, s."""
+_CALMER = 3.0
+"""Closed-loop time constant of lambda tuning, in lags."""
+
+
+class FirstOrder(NamedTuple):
+    """From the opening to the measured temperature: gain e^(-delay s)/(1 + lag s); lag and delay (n,), s."""
+
+    lag: Array
+    delay: Array
+
+
+class Gains(NamedTuple):
+    """kp, 1/K, and ti, s, (n,) each; NaN where the valve changes nothing or acts the wrong way round."""
+
+    kp: Array
+    ti: Array
+
+
+def first_order(columns: Columns, plants: Plants) -> FirstOrder:
+    """Reduce the answer to a step of the opening, seen through the sensor's lag, to first order with delay.
+
+    The model that meets the response at 35.3 and 85.3 % of its end; its delay is at least 0.  These are the two points
+    of K. R. Sundaresan, P. R. Krishnaswamy: Estimation of time delay time constant parameters in time, frequency, and
+    Laplace domains.  Can. J. Chem. Eng. 56 (1978), 257-262, who round lag = 0.67 (t2 - t1), delay = 1.3 t1 - 0.29 t2.
+    """
+    tau = np.asarray(columns["sensor_time_constant"], float)
+    kinds, first, which = np.unique(
+        np.stack([plants.same.astype(float), tau]), axis=1, return_index=True, return_inverse=True
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        response, gain = plants.response[first], plants.gain[first][:, None]
+        longer = _LONGER if np.any(response[:, -1:] / gain < _LATE) else 0
+        share = sensed_by(response, kinds[1], longer) / gain
+    t1, t2 = _time_at(share, _EARLY), _time_at(share, _LATE)
+    lag = (t2 - t1) / math.log((1.0 - _EARLY) / (1.0 - _LATE))
+    delay = np.maximum(t1 + lag * math.log(1.0 - _EARLY), 0.0)
+    return FirstOrder(lag[which.ravel()], delay[which.ravel()])
+
+
+def simc(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
+    """Skogestad's SIMC with the closed-loop time constant equal to the dead time θ.
+
+    kp = lag/(2 K θ), ti = min(lag, 8 θ).  S. Skogestad: Simple analytic rules for model reduction and PID controller
+    tuning.  J. Process Control 13 (2003), 291-309, eqs 23 and 24.
+    """
+    dead = _dead_time(columns, model)
+    return _valid(plants, columns, model.lag / (2.0 * dead), np.minimum(model.lag, 8.0 * dead))
+
+
+def calm(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
+    """Lambda tuning with a closed-loop time constant of three lags, its robust choice.
+
+    kp = lag/(K (λ + θ)), ti = lag, λ = 3 lag.  K. J. Åström, T. Hägglund: Advanced PID Control.  ISA (2006).
+    """
+    dead = _dead_time(columns, model)
+    return _valid(plants, columns, model.lag / (_CALMER * model.lag + dead), model.lag)
+
+
+def ziegler_nichols(ultimate_gain: Array, ultimate_period: Array) -> Gains:
+    """Ziegler and Nichols' rule for PI from the ultimate gain, 1/K, and the ultimate period, s.
+
+    kp = 0.45 Ku, ti = Pu/1.2.  J. G. Ziegler, N. B. Nichols: Optimum settings for automatic controllers.  Trans. ASME
+    64 (1942), 759-768.
+    """
+    return Gains(0.45 * ultimate_gain, ultimate_period / 1.2)
+
+
+def _dead_time(columns: Columns, model: FirstOrder) -> Array:
+    """θ, s: a controller acts half a sample time late on average."""
+    return np.asarray(model.delay + 0.5 * np.asarray(columns["sample_time"], float))
+
+
+def _valid(plants: Plants, columns: Columns, kp_times_gain: Array, ti: Array) -> Gains:
+    gain = driven_gain(columns, plants)
+    acts = (gain > 0.0) & (ti > 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Gains(np.where(acts, kp_times_gain / gain, np.nan), np.where(acts, ti, np.nan))
+
+
+def _time_at(share: Array, level: float) -> Array:
+    """Seconds after the step at which each row, from second 1 on, first reaches a level; straight between seconds."""
+    whole = np.concatenate([np.zeros((share.shape[0], 1)), share], axis=1)
+    k = np.maximum(np.argmax(whole >= level, axis=1), 1)
+    rows = np.arange(k.size)
+    below, above = whole[rows, k - 1], whole[rows, k]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(above >= level, k - 1 + (level - below) / (above - below), np.nan)
+
+
+Attributes = Mapping[str, Any]
+_FREQUENCIES = 400
+"""Number of those at which the phase of a response is unwrapped."""
+_NO_GAP = "without the gap, the motor's stroke time and the inverse"
+_RULE = "for a plain PI; half a sample time counts as dead time; NaN if the valve changes nothing or acts the wrong way"
+_RADIANS = {"dims": ("frequency",), "units": "degree", "comment": "unwrapped from the lowest frequency on"}
+_NAMES: Mapping[str, Attributes] = {
+    "opening": {"long_name": "opening at which T_sup rests at T_set", "units": "1"},
+    "T_sup": {"long_name": "supply air temperature at rest", "units": "degC"},
+    "m_w": {"long_name": "water flow", "units": "kg s-1"},
+    "wet_volumes": {
+        "long_name": "number of wet control volumes", "units": "1",
+        "comment": "a volume that is wet and dry by turns counts with the share of time in which it is wet",
+    },
+    "reachable": {
+        "long_name": "whether an opening holds the set-point", "units": "1",
+        "comment": "where False, the opening is 0 or 1, whichever is nearer; or T_sup jumps past it, and gain is NaN",
+    },
+    "gain": {"long_name": "gain from the opening to T_sup", "units": "K", "comment": "per unit opening"},
+    "lag": {
+        "long_name": "lag of the plant and its sensor", "units": "s",
+        "comment": "first order plus delay, through 35.3 and 85.3 % of the response (Sundaresan, Krishnaswamy 1978)",
+    },
+    "delay": {
+        "long_name": "delay of the plant and its sensor", "units": "s",
+        "comment": "first order plus delay, as lag; the controller's sample time is not in it",
+    },
+    "kp_simc": {"long_name": "kp after SIMC", "units": "K-1", "comment": f"lag/(2 gain dead time), {_RULE}"},
+    "ti_simc": {"long_name": "ti after SIMC", "units": "s", "comment": "min(lag, 8 dead time)"},
+    "kp_lambda": {"long_name": "kp after lambda tuning", "units": "K-1", "comment": f"lambda = 3 lag, {_RULE}"},
+    "ti_lambda": {"long_name": "ti after lambda tuning", "units": "s", "comment": "lag"},
+    "kp_zn": {"long_name": "kp after Ziegler and Nichols", "units": "K-1", "comment": "0.45 ultimate_gain"},
+    "ti_zn": {"long_name": "ti after Ziegler and Nichols", "units": "s", "comment": "ultimate_period/1.2"},
+    "ultimate_gain": {
+        "long_name": "ultimate gain of a P controller", "units": "K-1", "comment": f"at this sample time, {_NO_GAP}",
+    },
+    "ultimate_period": {"long_name": "ultimate period of a P controller", "units": "s"},
+    "gain_margin": {
+        "long_name": "gain margin", "units": "1",
+        "comment": f"kp may grow by this factor until the loop swings, {_NO_GAP}; below 1 it is unstable",
+    },
+    "phase_margin": {
+        "long_name": "phase margin", "units": "degree",
+        "comment": f"{_NO_GAP}; NaN where |L| is above 1 at every frequency that the controller can make",
+    },
+    "plant_magnitude": {"dims": ("frequency",), "long_name": "gain from the opening to T_sup", "units": "K"},
+    "plant_phase": {"long_name": "phase from the opening to T_sup", **_RADIANS},
+    "loop_magnitude": {"dims": ("frequency",), "long_name": "gain of the open loop L", "units": "1"},
+    "loop_phase": {"long_name": "phase of the open loop L", **_RADIANS},
+    "A": {"dims": ("state", "state_before"), "long_name": "from the states of a second to those of the next"},
+    "B": {"dims": ("state",), "long_name": "from the opening to the states of the next second"},
+}  # fmt: skip
+
+
+def linearise(
+    loop: Loop, boundary: Boundary, *, at: Any = None, frequency: Any = None, state_space: bool = False
+) -> xr.Dataset:
+    """Linearise every loop of ``loop`` where it rests at its set-point on every day of ``boundary``.
+
+    The plant is the emulator's own one-second step, differentiated.  The controller and the sensor are taken as they
+    are sampled.
+
+    Parameters
+    ----------
+    loop, boundary
+        As for ``simulate``; a sweep and several days give results of these dims.
+    at
+        Where on the day: None for the mean conditions and the mean set-point of the enabled seconds after the warm-up
+        of 1,800 s; a second, or a list of them, for the conditions of that second, as if they were held until all is
+        steady.  A list becomes the dim ``elapsed_time``.
+    frequency
+        Angular frequencies [rad/s] at which to give the response of plant and open loop; they become the dim
+        ``frequency``.  The open loop has none above π/sample_time.
+    state_space
+        Whether to give A and B of x[t+1] = A x[t] + B opening[t], in steps of 1 s.  T_sup is the state ``T_a_1``.
+
+    Returns
+    -------
+    xarray.Dataset
+        opening, T_sup, m_w, wet_volumes, reachable; gain, lag, delay; kp and ti after SIMC, lambda tuning and Ziegler
+        and Nichols; ultimate gain and period, gain and phase margin.  The attributes of each say what it is.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake; for an unstable coil; for a result that does not fit in memory.
+    """
+    points = OperatingPoints(loop, boundary, at)
+    with checking() as check:
+        w = check.unless_none(_frequencies, "frequency", frequency)
+        wants_states = check(flag_of, "state_space", state_space)
+        if frequency is not None:
+            check(require_pi, points.loop)
+        check.problems += _volume_problems(points.loop) if wants_states else []
+    sizes = 22 + (0 if w is None else 4 * w.size)
+    sizes += (4 * int(np.max(np.asarray(points.loop["n_volumes"], float)))) ** 2 if wants_states else 0
+    check_memory(2 * 8 * sizes * points.size, points.size)
+    found: dict[str, Array] = {}
+    for index in points.chunks():
+        columns, conditions = points.columns(index), points.conditions(index)
+        plants = plants_of(columns, conditions)
+        for name, values in _of(columns, conditions, plants, w, wants_states):
+            if name not in found:
+                found[name] = np.empty((points.size, *values.shape[1:]), values.dtype)
+            found[name][index] = values
+    ds = points.dataset({name: (values, _NAMES[name]) for name, values in found.items()})
+    if w is not None:
+        ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))
+    if wants_states:
+        names = state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))
+        ds = ds.assign_coords(
+            state=("state", list(names), {"long_name": "state of the coil, by control volume"}),
+            state_before=("state_before", list(names), {"long_name": "state of the coil a second before"}),
+        )
+    return ds.assign_attrs(title="fastcoil linearised loops", **provenance())
+
+
+def _of(
+    columns: Columns, conditions: Mapping[str, Array], plants: Plants, w: Array | None, wants_states: bool
+) -> Iterator[tuple[str, Array]]:
+    """Every variable of some points by name."""
+    for name in ("opening", "T_sup", "m_w", "wet_volumes", "reachable", "gain"):
+        yield name, getattr(plants, name)
+    model, margins = first_order(columns, plants), margins_of(columns, plants)
+    yield "lag", model.lag
+    yield "delay", model.delay
+    gains = {
+        "simc": simc(columns, plants, model),
+        "lambda": calm(columns, plants, model),
+        "zn": ziegler_nichols(margins.ultimate_gain, margins.ultimate_period),
+    }
+    for rule, (kp, ti) in gains.items():
+        yield f"kp_{rule}", kp
+        yield f"ti_{rule}", ti
+    yield from margins._asdict().items()
+    if w is not None:
+        yield from _response("plant", lambda at: frequency_response(plants.response, at), w)
+        yield from _response("loop", lambda at: loop_response(columns, plants, at), w)
+    if wants_states:
+        system = state_space_of(columns, conditions)
+        yield "A", system.A
+        yield "B", system.B
+
+
+def _response(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iterator[tuple[str, Array]]:
+    """Magnitude, and phase without jumps, which takes frequencies in between."""
+    every = np.union1d(w, np.geomspace(min(_LOWEST, w[0]), w[-1], _FREQUENCIES))
+    G = transfer(every)
+    phase, there = np.angle(G), np.isfinite(G)
+    phase = np.where(there, np.unwrap(np.where(there, phase, 0.0), axis=-1), np.nan)
+    at = np.searchsorted(every, w)
+    yield f"{name}_magnitude", np.abs(G[:, at])
+    yield f"{name}_phase", np.degrees(phase[:, at])
+
+
+def _frequencies(name: str, value: Any) -> Array:
+    cure = "give angular frequencies in rad/s, ascending and above 0"
+    with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
+        w = array_of(name, value, cure).astype(float)
+    if w.ndim != 1:
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
+    if not w.size or not (np.isfinite(w).all() and w[0] > 0.0 and (np.diff(w) > 0.0).all()):
+        raise InputError(f"{name} = {shown(value)}: {cure}")
+    return w
+
+
+def _volume_problems(loop: Loop) -> list[str]:
+    counts = np.unique(np.asarray(loop["n_volumes"]))
+    if counts.size < 2:
+        return []
+    return ["n_volumes is swept, and each value has another number of states: ask for the state space one by one"]

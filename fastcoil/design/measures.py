@@ -1,0 +1,213 @@
+"""Measures of a tuning over valves, days and noise realisations, and their intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import Checks, is_number, mapping_of, number_of, plain
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.loops.labels import quantity
+from fastcoil.model.metric_table import METRICS
+
+MEAN, NOW = "mean", "now"
+_MOST = f'give a number, "{NOW}" for what the loop does now, or a pair such as (0.05, "{MEAN}")'
+TRAVEL, HUNTS = "motor_travel", "hunts"
+_ANSWERS = ("rmse", "share_off", "motor_travel", "reversals")
+"""Examples of what less is better of."""
+COUNTED = tuple(m.name for m in METRICS.values() if not m.flags)
+"""Metrics that are amounts."""
+MARGIN = "margin"
+"""The margin of the describing function, which may be limited like a metric."""
+NO_GOALS = frozenset(
+    (
+        "estimate_final", "estimate_settled", "estimate_first_down", "size_error", "half_periods",
+        "half_period_spread", "hunting_period", "coil_energy", "coil_peak_power", "water_volume", "condensate",
+    )
+)  # fmt: skip
+"""Metrics of which less is not better in itself: they may be limited, not sought."""
+
+
+class Measure(NamedTuple):
+    """A metric and the share of valves and days that it covers; ``quantile`` None: the mean of them."""
+
+    metric: str
+    quantile: float | None
+
+    @property
+    def name(self) -> str:
+        """Name of the variable in a result, such as ``rmse_p95`` or ``hunts_mean``."""
+        if self.quantile is None:
+            return f"{self.metric}_mean"
+        return f"{self.metric}_p{100 * self.quantile:.6g}".replace(".", "_").replace("-", "_")
+
+    @property
+    def words(self) -> str:
+        """What a table calls it."""
+        over = "largest" if self.quantile == 1.0 else f"{100 * (self.quantile or 0.0):.6g} % quantile"
+        over = "mean" if self.quantile is None else over
+        return f"{quantity(self.metric).axis}, {over}"
+
+    @property
+    def unit(self) -> str:
+        return METRICS[self.metric].unit if self.metric in METRICS else "1"
+
+    def shown(self, value: float) -> str:
+        """A value as tables and sentences give it."""
+        return quantity(self.metric).number(value) if math.isfinite(value) else "–"
+
+    def of(self, values: Array) -> Array:
+        """The measure of (…, n) values: the least one that a share ``quantile`` of them does not exceed, or their mean.
+
+        NaN, a failed scenario or something that never happened, counts as infinite; the order needs no arithmetic.
+        """
+        values = np.where(np.isnan(values), np.inf, values)
+        if self.quantile is None:
+            return np.asarray(values.mean(axis=-1))
+        n = values.shape[-1]
+        place = min(max(math.ceil(self.quantile * n - 1e-9) - 1, 0), n - 1)
+        return np.asarray(np.partition(values, place, axis=-1)[..., place])
+
+
+class Limit(NamedTuple):
+    """An upper limit of a measure; ``as_now``: what the loop does now, infinite until that is known."""
+
+    measure: Measure
+    most: float
+    as_now: bool = False
+
+
+def goal_of(objective: object, quantile: object) -> Measure:
+    """The measure that the search makes small."""
+    return Measure(_metric_of("objective", objective, goal=True), quantile_of("quantile", quantile))
+
+
+def quantile_of(name: str, quantile: object) -> float | None:
+    """A share of cases, above 0 and at most 1, or ``"mean"``: None."""
+    cure = f'give a share of valves and days above 0 and up to 1, such as 0.95, or "{MEAN}"'
+    if isinstance(plain(quantile), str):
+        if plain(quantile) != MEAN:
+            raise InputError(f"{name} = {shown(quantile)}: {cure}")
+        return None
+    return number_of(name, quantile, cure, least=math.nextafter(0.0, 1.0), most=1.0)
+
+
+def limits_of(limits: object, quantile: object) -> list[Limit]:
+    """The limits from ``{metric: most}`` or ``{metric: (most, quantile)}``; alone, the quantile is the objective's."""
+    cure = 'give upper limits by metric, such as {"motor_travel": 20.0} or {"hunts": (0.05, "mean")}'
+    given: Mapping[str, object] = mapping_of("limits", {} if limits is None else limits, cure)
+    check, found = Checks(), []
+    for metric, value in given.items():
+        check(_metric_of, "limits:", metric)
+        pair = value if isinstance(value, (list, tuple)) and len(value) == 2 else (value, quantile)
+        # a mistake in the quantile of the objective is told there
+        share = check(quantile_of, f"limits: quantile of {metric}", pair[1]) if pair is value else _or_mean(quantile)
+        most = math.inf if _is_now(pair[0]) else check(number_of, f"limits: {metric}", pair[0], _MOST)
+        found.append((metric, share, most, _is_now(pair[0])))
+    if check.problems:
+        raise InputError(check.problems)
+    return [Limit(Measure(metric, share), most, as_now) for metric, share, most, as_now in found]
+
+
+def _is_now(most: object) -> bool:
+    return isinstance(most := plain(most), str) and most == NOW
+
+
+def _or_mean(quantile: object) -> float | None:
+    return float(plain(quantile)) if is_number(quantile) else None
+
+
+def _metric_of(name: str, metric: object, *, goal: bool = False) -> str:
+    metric = plain(metric)
+    if not isinstance(metric, str):
+        raise InputError(WrongType(f"{name} = {shown(metric)}: give the name of a metric, such as 'rmse'"))
+    known = COUNTED if goal else (*COUNTED, MARGIN)
+    if metric not in known:
+        raise InputError(
+            f"{name} {shown(metric)} is no metric{nearest(metric, known)}; choose one of {', '.join(known)}"
+        )
+    if goal and metric in NO_GOALS:
+        raise InputError(
+            f"{name} = {shown(metric)}: less of it is not better; choose another, such as {', '.join(_ANSWERS)}"
+        )
+    return metric
+
+
+def reported(goal: Measure, limits: Sequence[Limit]) -> list[Measure]:
+    """Every measure that a result has: the goal, the limits, and always an error, the travel and who hunts."""
+    limited = [limit.measure for limit in limits]
+    error = [] if goal.metric != TRAVEL else [Measure("rmse", goal.quantile)]
+    found = [goal, *error, *limited]
+    if TRAVEL not in [m.metric for m in found]:
+        found.append(Measure(TRAVEL, goal.quantile))
+    if HUNTS not in [m.metric for m in found]:
+        found.append(Measure(HUNTS, None))
+    return list(dict.fromkeys(found))
+
+
+def resolved(limits: Sequence[Limit], now: Mapping[str, Array]) -> tuple[Limit, ...]:
+    """The limits with what the loop does now, (1,) each, where that is the limit."""
+    return tuple(limit._replace(most=float(now[limit.measure.name][0])) if limit.as_now else limit for limit in limits)
+
+
+def violation(limits: Sequence[Limit], values: Mapping[str, Array]) -> Array:
+    """By how much of each limit the measures exceed it, added up; 0 where all hold.  values: (n,) each."""
+    total: Array = np.zeros(next(iter(values.values())).shape)
+    for limit in limits:
+        found = values[limit.measure.name]
+        scale = abs(limit.most) or 1.0
+        with np.errstate(invalid="ignore"):  # an infinite limit is kept by an infinite value
+            total = total + np.where(found <= limit.most, 0.0, (found - limit.most) / scale)
+    return total
+
+
+EDGES = ("value", "low", "high")
+CHANGE = "change"
+_LEVEL = 0.95
+_DRAWS = 400
+
+
+def with_intervals(
+    cases: Mapping[str, Array], measures: Sequence[Measure], tunings: Sequence[str], seed: int
+) -> xr.Dataset:
+    """Measures along ``tuning`` and ``edge`` from metrics (tuning, day, valve, replicate).
+
+    The interval is that of the bootstrap: valves and days are drawn anew, each on their own, since every valve meets
+    every day (Owen 2007, doi:10.1214/07-AOAS122); all tunings get the same draws, so that ``change``, that of the first
+    measure against the first tuning, is one of pairs.  A single day shows no scatter between days, and the interval
+    then holds none; a single valve on a single day has no interval: NaN.
+    """
+    some = next(iter(cases.values()))
+    n, days, valves = some.shape[:3]
+    rng = np.random.default_rng([seed, 3])
+    n_draws = 1 if days == valves == 1 else _DRAWS
+    draws = [(rng.integers(0, days, days), rng.integers(0, valves, valves)) for _ in range(n_draws)]
+    ds = xr.Dataset(coords={"tuning": list(tunings), "edge": list(EDGES)})
+    drawn: dict[str, Array] = {}
+    for measure in measures:
+        values = cases[measure.metric]
+        drawn[measure.name] = np.stack([measure.of(values[:, d][:, :, v].reshape(n, -1)) for d, v in draws], axis=1)
+        found = _edges(measure.of(values.reshape(n, -1)), drawn[measure.name])
+        attrs = {"long_name": measure.words, "units": measure.unit}
+        ds[measure.name] = (("tuning", "edge"), found, attrs)
+    goal = measures[0]
+    value = ds[goal.name].values[:, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):  # of something infinite or 0 there is no share
+        change = _edges(value / value[0] - 1.0, drawn[goal.name] / drawn[goal.name][:1] - 1.0)
+    words = f"{quantity(goal.metric).text} against that of {tunings[0]}, as a share"
+    ds[CHANGE] = (("tuning", "edge"), change, {"long_name": words, "units": "1"})
+    return ds
+
+
+def _edges(value: Array, drawn: Array) -> Array:
+    """Value and interval, (n, 3), from values (n,) and draws (n, n_draws), by order: some may be infinite."""
+    tails = (0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL)
+    if drawn.shape[1] < _DRAWS:
+        return np.stack([value, np.full_like(value, np.nan), np.full_like(value, np.nan)], axis=1)
+    low, high = (np.quantile(drawn, tail, axis=1, method="nearest") for tail in tails)
+    return np.stack([value, low, high], axis=1)

@@ -1,0 +1,273 @@
+"""Operating points: the conditions of a sweep, and the hours and set-points of one day."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, instance_of, is_number, plain
+from fastcoil.base.arrays import Array, Index, array_of
+from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.clashes import check_clashes
+from fastcoil.loops.dataset import coordinate_attrs
+from fastcoil.loops.labels import quantity
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.scenarios import Layout, columns_of
+from fastcoil.loops.stability import check_stability
+from fastcoil.model.metric_table import WARM_UP
+
+ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
+"""Series of the boundary that make an operating point."""
+_CHUNK = 2048
+"""Points at a time: their responses take up to 60 MB."""
+
+
+class OperatingPoints:
+    """Every loop of a sweep at every operating point, in one flat order.
+
+    Dims are those of the loop, then ``day`` if the boundary has it, then ``elapsed_time`` if several seconds are asked
+    for.
+
+    Parameters
+    ----------
+    loop, boundary
+        As for ``simulate``.
+    at
+        None: the mean conditions and the mean set-point of each day's enabled seconds after the warm-up of 1,800 s.  A
+        second, or several: the conditions of that second, as if they were held until all is steady.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake.
+    """
+
+    def __init__(self, loop: Loop, boundary: Boundary, at: Any = None) -> None:
+        with checking() as check:
+            check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
+            check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
+        self.seconds = _seconds_of(at, boundary.n_steps)
+        self.has_times = self.seconds is not None and np.ndim(plain(at)) > 0
+        self._entering = _means(boundary) if self.seconds is None else _samples(boundary, self.seconds)
+        layout = Layout(loop, boundary)
+        check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
+        require_one_gap(boundary)
+        check_stability(layout)
+        self.loop, self._layout = layout.loop, layout
+        self.sizes = dict(loop.sizes)
+        if boundary.has_day_dim:
+            self.sizes["day"] = boundary.n_days
+        if self.seconds is not None and self.has_times:
+            self.sizes["elapsed_time"] = self.seconds.size
+        self.size = math.prod(self.sizes.values())
+
+    def chunks(self) -> Iterator[Index]:
+        """Flat indices, in ranges that fit into memory."""
+        for start in range(0, self.size, _CHUNK):
+            yield np.arange(start, min(start + _CHUNK, self.size))
+
+    def columns(self, index: Index) -> dict[str, np.ndarray]:
+        """Every parameter at the points ``index``, see ``columns_of``."""
+        return columns_of(self.loop, self.sizes, index)
+
+    def conditions(self, index: Index) -> dict[str, Array]:
+        """What enters at the points ``index``, and T_set: (n,) each."""
+        places = np.unravel_index(index, tuple(self.sizes.values())) if self.sizes else ()
+        place = dict(zip(self.sizes, places, strict=True))
+        nothing = np.zeros(index.size, np.int64)
+        at = place.get("day", nothing), place.get("elapsed_time", nothing)
+        return {name: values[at] for name, values in self._entering.items()}
+
+    def labels(self) -> list[str]:
+        """Every point in words, by flat index: its labels in the sweep, ``ti = 30 s, day 2``; nothing if it is one."""
+        coordinates = self._coordinates()
+        places = np.stack(np.unravel_index(np.arange(self.size), tuple(self.sizes.values()) or (1,)), axis=1)
+
+        def words(dim: str, i: int) -> str:
+            value = coordinates[dim].values[i] if dim in coordinates else i
+            if dim == "elapsed_time":
+                return f"at {value:g} s"
+            if isinstance(value, str):
+                return value
+            return quantity(dim).equals(value) if dim in self.loop.parameters else f"{dim} {value}"
+
+        return [", ".join(words(d, i) for d, i in zip(self.sizes, place, strict=False)) for place in places]
+
+    def _coordinates(self) -> dict[str, xr.DataArray]:
+        labels = {n: c for n, c in self._layout.coordinates().items() if n != "day" or "day" in self.sizes}
+        if self.seconds is not None:
+            dims = ("elapsed_time",) if self.has_times else ()
+            labels["elapsed_time"] = xr.DataArray(self.seconds.astype(float).reshape(-1 if dims else ()), dims=dims)
+        return labels
+
+    def dataset(self, variables: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> xr.Dataset:
+        """Name results, each (size, …) with its attributes; dims behind the first are in ``attrs["dims"]``.
+
+        Raises
+        ------
+        InputError
+            If a coordinate of the sweep has the name of a result.
+        """
+        labels = self._coordinates()
+        clash = sorted({*labels, *self.sizes} & variables.keys())
+        if clash:
+            raise InputError(f"{clash[0]} is swept, and a result has that name: give the dimension another name")
+        shape, found = tuple(self.sizes.values()), {}
+        for name, (values, attrs) in variables.items():
+            more = tuple(attrs.get("dims", ()))
+            kept = {k: v for k, v in attrs.items() if k != "dims"}
+            found[name] = ((*self.sizes, *more), values.reshape((*shape, *values.shape[1:])), kept)
+        table = self.loop.parameters
+        return xr.Dataset(found, {n: c.assign_attrs(coordinate_attrs(n, table)) for n, c in labels.items()})
+
+
+def require_pi(loop: Loop) -> None:
+    """Refuse control laws other than the PI, whose open loop nobody knows.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each such law.
+    """
+    words = sorted(set(np.unique(np.asarray(loop["law"])).tolist()) - {"pi"})
+    if words:
+        raise InputError([f"law = {word!r}: the open loop is known for the PI only" for word in words])
+
+
+def _seconds_of(at: Any, n_steps: int) -> Index | None:
+    cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
+    if at is None:
+        return None
+    values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
+    if values.ndim != 1:
+        raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
+    if not values.size:
+        raise InputError(f"at is empty: {cure}")
+    wrong = values[~((values >= 0) & (values < n_steps) & (values == np.floor(values)))]
+    if wrong.size:
+        raise InputError(f"at has {wrong[0]:g}: {cure}")
+    seconds, counts = np.unique(values, return_counts=True)
+    if seconds.size < values.size:
+        raise InputError(f"at has {seconds[counts > 1][0]:g} twice: give each second once")
+    return values.astype(np.int64)
+
+
+def require_one_gap(boundary: Boundary) -> None:
+    """Refuse a boundary that changes the backlash: theory knows a gap of one size."""
+    low, high = boundary.extremes["backlash_scale"]
+    if not low == high == 1.0:
+        found = f"= {low:g}" if low == high else f"goes from {low:g} to {high:g}"
+        raise InputError(
+            f"backlash_scale {found}: theory knows a gap of one size; give the boundary without "
+            "it, boundary.assign(backlash_scale=1), and the backlash that you mean"
+        )
+
+
+def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:
+    """Means of ENTERING over the enabled seconds after the warm-up, (n_days,); NaN for a day without any.
+
+    carry_over: whether only the first day has a warm-up.
+    """
+    found = {name: np.empty(boundary.n_days) for name in ENTERING}
+    for k in range(boundary.n_days):
+        rows = boundary.of_day(k)
+        counted = rows["enabled"] != 0.0
+        counted[: 0 if carry_over and k else warm_up] = False
+        n = np.count_nonzero(counted)
+        for name, means in found.items():
+            means[k] = np.where(counted, rows[name], 0.0).sum() / (n or np.nan)
+    return found
+
+
+def _means(boundary: Boundary) -> dict[str, Array]:
+    found = mean_conditions(boundary, WARM_UP)
+    without = np.flatnonzero(np.isnan(found["T_set"]))
+    if without.size:
+        on = f"on day {boundary.day[without[0]]} " if boundary.has_day_dim else ""
+        raise InputError(
+            f"no second {on}is enabled after the warm-up of {WARM_UP} s: take another day, or a longer one, "
+            "or give the second as at="
+        )
+    return {name: means[:, None] for name, means in found.items()}
+
+
+def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:
+    found = {name: np.empty((boundary.n_days, seconds.size)) for name in ENTERING}
+    for k in range(boundary.n_days):
+        rows = boundary.of_day(k)
+        for name, values in found.items():
+            values[k] = rows[name][seconds]
+    return found
+
+
+CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
+"""Series that decide an operating point."""
+SAME_SET_POINT = 0.5
+"""Set-points of an hour that differ by less may count as one, K."""
+SHORTEST = 300
+"""Seconds that an hour must spend at a set-point before it counts as an operating point of its own."""
+
+
+class PointsOfDay(NamedTuple):
+    """Operating points of a day, in the order of time.
+
+    start, seconds: (n,) first second, and how many the point stands for.  conditions: name → (n,) means.
+    of_second: (n_steps,), number of the point that a second belongs to; -1 for none.
+    """
+
+    start: Index
+    seconds: Index
+    conditions: dict[str, Array]
+    of_second: Index
+
+    @property
+    def size(self) -> int:
+        return self.start.size
+
+
+def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) -> PointsOfDay:
+    """Operating points of a boundary of one day.
+
+    Parameters
+    ----------
+    boundary
+        A single day.
+    warm_up
+        Seconds at the start that do not count, nor do those in which the plant is off.
+    at
+        A second: only the conditions there.
+
+    Raises
+    ------
+    InputError
+        If the plant is off all day, or at that second.
+    """
+    series = {name: boundary.series[name][0] for name in CONDITIONS}
+    on = boundary.series["enabled"][0] > 0.0
+    if at is not None:
+        if not on[at]:
+            raise InputError(f"at = {at}: the plant is off at that second, give one at which it runs")
+        only = np.where(np.arange(on.size) == at, 0, -1)
+        return PointsOfDay(np.array([at]), np.array([1]), {n: v[at : at + 1].copy() for n, v in series.items()}, only)
+    counted = np.flatnonzero(on & (np.arange(on.size) >= warm_up))
+    if not counted.size:
+        raise InputError("the loop is off all day: take a day on which it is enabled")
+    level = np.round(series["T_set"][counted] / SAME_SET_POINT)
+    _, member = np.unique(np.stack([counted // 3600, level]), axis=1, return_inverse=True)
+    member = member.reshape(-1)
+    seconds = np.bincount(member)
+    start = np.full(seconds.size, on.size)
+    np.minimum.at(start, member, counted)
+    means = {n: np.bincount(member, v[counted]) / seconds for n, v in series.items()}
+    long = seconds >= min(SHORTEST, int(seconds.max()))
+    order = np.flatnonzero(long)[np.argsort(start[long])]
+    number = np.full(seconds.size, -1)
+    number[order] = np.arange(order.size)
+    of_second = np.full(on.size, -1)
+    of_second[counted] = number[member]
+    return PointsOfDay(start[order], seconds[order], {n: v[order] for n, v in means.items()}, of_second)

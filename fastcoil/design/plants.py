@@ -1,0 +1,314 @@
+"""Each plant at rest at its set-point, its response to a small step, and the open loop: numbers without labels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.model.engine.at_rest import (
+    CONDITIONS,
+    FEW,
+    SLOWEST,
+    STATES,
+    STEADY,
+    find_rest,
+    linearise_step,
+    respond,
+    rest_curve,
+)
+from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
+from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS
+from fastcoil.model.parameter_table import PARAMETERS
+
+Complex = NDArray[np.complex128]
+
+
+def transform(response: Array, w: Array, ratio: Array | None = None) -> Complex:
+    """Σ (r_k - r_(k-1)) e^(-jωk) over k ≥ 1: of a step response from sample 1 on, w in radians per sample.
+
+    ratio: of successive changes behind the end, (n,); without it as the last of them are.
+    """
+    changes = np.diff(response, axis=1, prepend=0.0)
+    n = changes.shape[1]
+    turns = np.exp(-1j * np.outer(np.arange(1, n + 1), w))
+    ratio = (_last_ratio(changes) if ratio is None else ratio)[:, None]
+    after = np.exp(-1j * w)[None, :]
+    rest = changes[:, -1:] * ratio * turns[-1] * after / (1.0 - ratio * after)
+    found: Complex = changes @ turns.real + 1j * (changes @ turns.imag) + rest
+    return found
+
+
+def _last_ratio(changes: Array) -> Array:
+    """Ratio of successive changes at the end of a response, (n,), between 0 and ``SLOWEST``."""
+    few = min(FEW, changes.shape[1] - 1)
+    if few < 1:
+        return np.zeros(changes.shape[0])
+    last, before = changes[:, -1], changes[:, -1 - few]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where((last * before > 0.0), np.abs(last / before) ** (1.0 / few), 0.0)
+    return np.minimum(ratio, SLOWEST)
+
+
+def sampled(response: Array, tau: Array, period: int, w: Array) -> Complex:
+    """``transform`` of every ``period``-th second of what a sensor with lag tau, (n,), s, shows; w in rad/s.
+
+    Exact: from sample to sample what the sensor showed decays by d^period, d = e^(-1/tau), and the seconds between
+    count by their age.
+    """
+    n = response.shape[1]
+    changes = np.diff(response, axis=1, prepend=0.0)
+    ratio = _last_ratio(changes)[:, None]
+    # two samples lie behind the end
+    more = 3 * period - n % period
+    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
+    seconds = np.concatenate([response, tail], axis=1).reshape(tau.size, -1, period)
+    with np.errstate(divide="ignore"):
+        decay = np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)[:, None]
+    weight = (1.0 - decay) * decay ** np.arange(period - 1, -1, -1)
+    shown = np.einsum("nkp,np->nk", seconds, weight)
+    found: Complex = transform(shown, w * period, ratio[:, 0] ** period)
+    found /= 1.0 - decay**period * np.exp(-1j * w * period)
+    return found
+
+
+def sensed_by(response: Array, tau: Array, longer: int) -> Array:
+    """The responses as a sensor with lag tau, (n,), s, shows them; ``longer``, s, and by what the lag takes."""
+    n = response.shape[1]
+    more = longer + 10 * math.ceil(tau.max())
+    changes = np.diff(response, axis=1, prepend=0.0)
+    ratio = _last_ratio(changes)[:, None]
+    # geometric: each change behind the end is the one before it times the ratio
+    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
+    whole = np.concatenate([response, tail], axis=1)
+    if not tau.any():
+        return whole
+    with np.errstate(divide="ignore"):
+        decay = np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)
+    y = np.zeros(tau.size)
+    sensed = np.empty_like(whole)
+    for t in range(n + more):
+        y = whole[:, t] + decay * (y - whole[:, t])
+        sensed[:, t] = y
+    return sensed
+
+
+Columns = Mapping[str, NDArray[Any]]
+
+PLANT = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
+"""Parameters on which the plant depends, from the opening to the supply temperature."""
+LONGEST = 3600
+"""Seconds of the longest response; one that goes on does so as a geometric series."""
+OPENINGS = np.linspace(0.0, 1.0, 17)
+"""Openings of the curve of T_sup."""
+_TOLERANCE = 1e-4
+"""From where it stays this near to its end, as a fraction of the gain, a response is a geometric series."""
+
+
+class Plants(NamedTuple):
+    """Plants at rest, linearised; n loops.
+
+    opening: (n,), fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it.
+    T_sup: (n,), °C, at rest there.
+    gain: (n,), K per unit opening, below 0 for cooling.  NaN, as the response, where T_sup jumps past the set-point: a
+        coil that exchanges less when it is wet than when it is dry has two states of rest.
+    reachable: (n,), whether an opening holds the set-point.
+    m_w: (n,), kg/s.
+    wet_volumes: (n,); a volume that is wet and dry by turns counts with the share of time in which it is wet.
+    response: (n, n_steps), K per unit opening: true T_sup at seconds 1 to n_steps after a small step of the opening at
+        second 0, long enough to settle.
+    same: (n,), loops with equal numbers have one and the same plant, 0 to the number of plants - 1.
+    curve: (n, 17), °C: T_sup at rest at each of OPENINGS.
+    """
+
+    opening: Array
+    T_sup: Array
+    gain: Array
+    reachable: Mask
+    m_w: Array
+    wet_volumes: Array
+    response: Array
+    same: Index
+    curve: Array
+
+    def some(self, members: Index) -> Plants:
+        """Those of the loops ``members``."""
+        return Plants._make(field[members] for field in self)
+
+
+def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
+    """Find where the plants rest, and how they answer there.  Equal plants are computed once.
+
+    Parameters
+    ----------
+    columns
+        Parameter name → (n,), as ``columns_of`` in ``simulation/scenarios.py`` gives them.
+    conditions
+        (n,) each: m_a, kg/s; T_a_in, T_w_in and T_set, °C; W_a_in, kg/kg.  They are held until all is steady.
+    """
+    matrix, entering, T_set, same = distinct_plants(columns, conditions)
+    found, response, curve = _march(matrix, entering, T_set)
+    of = {name: found[k][same] for k, name in enumerate(STEADY)}
+    return Plants(
+        of["opening"], of["T_sup"], of["gain"], of["nearest"] == 0.0, of["m_w"], of["wet_volumes"],
+        np.broadcast_to(response, (same.size, response.shape[1])) if T_set.size == 1 else response[same], same,
+        curve[same],
+    )  # fmt: skip
+
+
+def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array, Array, Index]:
+    """The different plants among those of ``plants_of``.
+
+    Returns their parameters, (len(PARAMETER_ROWS), n), what enters, (4, n), T_set, (n,), and the plant of each loop.
+    """
+    matrix = parameter_matrix(_of_plants(columns))
+    entering = np.stack([np.asarray(conditions[name], float) for name in CONDITIONS])
+    T_set = np.asarray(conditions["T_set"], float)
+    first, same = _distinct(matrix, entering, T_set)
+    return matrix[:, first], entering[:, first], T_set[first], same
+
+
+def frequency_response(response: Array, w: Array) -> Complex:
+    """From the opening to true T_sup, K per unit opening, at angular frequencies w, (n_w,), rad/s: (n, n_w).
+
+    The transfer function of the 1-s steps at z = e^(jω): opening and T_sup are those of each second.
+    """
+    return transform(response, np.asarray(w, float))
+
+
+def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
+    """The open loop L(jω) at angular frequencies w, (n_w,), rad/s: (n, n_w).  NaN above π/sample_time.
+
+    PI, hold, gap, plant and sensor, with the sign turned so that the loop closes as 1 + L N = 0, where N is the
+    describing function of the gap, 1 without one.  A stem that follows its motor opens the valve by α = 1/(1 - X) per
+    stroke: that is in L.  The motor's rate limit, the inverse and resolutions are not.
+
+    It is the exact transfer function of the loop as it is sampled, C(z) P(z) at z = e^(jω ts): a sampled temperature
+    has been marched since the sample before, the integral takes in the new error before it is used, and P(z) is the
+    step-invariant transform of the response, aliases included.
+    """
+    w = np.asarray(w, float)
+    ts = np.asarray(columns["sample_time"], float)
+    P, which = sampled_plant(columns, plants, w)
+    delayed = np.exp(-1j * np.outer(ts, w))
+    kp, ti = np.asarray(columns["kp"], float)[:, None], np.asarray(columns["ti"], float)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        C = kp * (1.0 + ts[:, None] / ti / (1.0 - delayed))
+    L = _turned(columns)[:, None] * C * P[which]
+    return np.where(np.outer(ts, w) <= math.pi * (1.0 + 1e-12), L, np.nan)
+
+
+def driven_gain(columns: Columns, plants: Plants) -> Array:
+    """Gain of each plant per stroke of a motor that the stem follows, K, above 0 where the loop acts the right way."""
+    return np.asarray(_turned(columns) * plants.gain)
+
+
+def _turned(columns: Columns) -> Array:
+    """From stroke to opening, with the sign that makes a loop of the right action 1 + L."""
+    sign = np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0)
+    return np.asarray(sign / (1.0 - np.asarray(columns["backlash"], float)))
+
+
+def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:
+    """From the opening to the measured temperature as the controller samples it, K per unit opening.
+
+    Computed once for loops of one plant, sensor and sample time.  Returns (n_kinds, n_w), and the kind of each loop.
+    """
+    ts = np.asarray(columns["sample_time"], float)
+    kinds, first, which = np.unique(
+        np.stack([plants.same.astype(float), ts, np.asarray(columns["sensor_time_constant"], float)]),
+        axis=1, return_index=True, return_inverse=True,
+    )  # fmt: skip
+    P = np.empty((first.size, w.size), complex)
+    for period in np.unique(kinds[1]):
+        of_period = np.flatnonzero(kinds[1] == period)
+        P[of_period] = sampled(plants.response[first[of_period]], kinds[2, of_period], int(period), w)
+    return P, which.ravel()
+
+
+def _of_plants(columns: Columns) -> dict[str, NDArray[Any]]:
+    """The columns with all at its default that no plant depends on."""
+    n = len(columns["C_w"])
+    filled = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
+    filled |= {name: np.zeros(n) for name in PARAMETER_ROWS if name not in filled}
+    filled["estimator"] = np.full(n, "none")
+    return filled | {name: columns[name] for name in PLANT}
+
+
+def _distinct(*parts: Array) -> tuple[Index, Index]:
+    """Index of the first of each kind of column, and which kind each column is; parts: (n_rows, n) or (n,)."""
+    rows = np.concatenate([np.atleast_2d(part) for part in parts])
+    rows = np.where(np.isnan(rows), -1e9, rows) + 0.0
+    varying = rows[np.ptp(rows, axis=1) > 0.0]
+    if not varying.size:
+        return np.zeros(1, np.int64), np.zeros(rows.shape[1], np.int64)
+    _, first, same = np.unique(varying, axis=1, return_index=True, return_inverse=True)
+    return first, same.ravel()
+
+
+def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array, Array]:
+    """What STEADY names, (len(STEADY), n), the responses, (n, n_steps), and T_sup at the OPENINGS, (n, 17)."""
+    n = T_set.size
+    found, whole, n_steps = np.empty((len(STEADY), n)), np.empty((n, LONGEST)), 1
+    curve, of_curve = np.empty((n, OPENINGS.size)), np.empty((OPENINGS.size, LANES))
+    for members, block in blocks(matrix):
+        padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
+        S, V, *_ = work_space(block)
+        of_block, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
+        find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, of_block)
+        response, ends = np.empty((LONGEST, LANES)), np.empty(LANES, np.int64)
+        respond(block.rows, block.common, of_lanes, of_block, V.copy(), S, V, _TOLERANCE, response, ends)
+        rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, of_curve)
+        curve[members] = of_curve[:, : members.size].T
+        found[:, members] = of_block[:, : members.size]
+        whole[members] = response[:, : members.size].T
+        n_steps = max(n_steps, int(ends.max()))
+    # the series shows its ratio, however many other responses are longer
+    return found, whole[:, : n_steps + FEW + 1], curve
+
+
+class StateSpace(NamedTuple):
+    """x[t+1] = A x[t] + B opening[t], T_sup[t] = C x[t] + D opening[t], as deviations from rest; t in seconds.
+
+    A: (n, 4 N, 4 N), B: (n, 4 N), C: (4 N,), D: 0, since water takes a second at least to reach the air.
+    states: T_w, T_c, T_a, K, and W_a, kg/kg, of volume 1 to N each.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: float
+    states: tuple[str, ...]
+
+
+def state_names(n_volumes: int) -> tuple[str, ...]:
+    """T_w_1 … T_w_N, and so on."""
+    return tuple(f"{name}_{i}" for name in STATES for i in range(1, n_volumes + 1))
+
+
+def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> StateSpace:
+    """Linearise the one-step map of every plant where it rests at its set-point.
+
+    columns, conditions: as for ``plants_of``; all with one number of volumes N.
+    """
+    matrix, entering, T_set, same = distinct_plants(columns, conditions)
+    n, n_volumes = T_set.size, int(columns["n_volumes"][0])
+    size = len(STATES) * n_volumes
+    A, B = np.empty((n, size, size)), np.empty((n, size))
+    for members, block in blocks(matrix):
+        padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
+        S, V, *_ = work_space(block)
+        found, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
+        find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, found)
+        of_A, of_B = np.empty((size, size, LANES)), np.empty((size, LANES))
+        linearise_step(block.rows, block.common, of_lanes, found, V.copy(), S, V, of_A, of_B)
+        A[members] = np.moveaxis(of_A, 2, 0)[: members.size]
+        B[members] = of_B.T[: members.size]
+    names = state_names(n_volumes)
+    C = np.zeros(size)
+    C[names.index("T_a_1")] = 1.0
+    return StateSpace(A[same], B[same], C, 0.0, names)

@@ -1,0 +1,265 @@
+"""``tune``: settings of a controller for a population of valves and days, tried on others."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, path_of, plain
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.base.files import may_be_file
+from fastcoil.base.progress import Shown, progress_of_call
+from fastcoil.design.kept_tunings import Archive
+from fastcoil.design.measures import Measure, resolved, violation, with_intervals
+from fastcoil.design.population import Group, Run, as_it_is, key_of, measured, own_gains, tried
+from fastcoil.design.search import Scores, best, effort, evolve, on_front
+from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE, Asked, plan_tuning
+from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, notes_on
+from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.simulate import workers
+from fastcoil.model.metric_table import WARM_UP
+
+Report = Callable[[int, int], object]
+"""Called with how many tunings were tried, and of how many."""
+
+_MOST_ON_FRONT = 20
+
+
+def tune(
+    loop: Loop,
+    boundary: Boundary,
+    *,
+    search: Mapping[str, Any],
+    objective: str = OBJECTIVE,
+    quantile: float | str = QUANTILE,
+    limits: Mapping[str, Any] | None = None,
+    holdout: Any = None,
+    evaluations: int = EVALUATIONS,
+    warm_up: int = WARM_UP,
+    seed: int = 0,
+    replicates: int = 1,
+    n_jobs: int | None = None,
+    kept: str | Path | None = None,
+    progress: bool | Report | None = None,
+) -> Tuning:
+    """Choose settings of a controller for all valves of ``loop`` on all days of ``boundary``, and try them on others.
+
+    One of every three valves and the days of ``holdout`` are set aside.  The search never sees them; what the chosen
+    settings do there is the result.
+
+    Parameters
+    ----------
+    loop
+        The population: every combination along its dims is a valve, such as 200 drawn ones along ``sample``.
+    boundary
+        The days; several, or others given with ``holdout``.
+    search
+        What may be chosen: bounds (lowest, highest) by parameter of the controller, the inverse or an estimator.
+        Ends that are positive and 5 times apart are searched in logarithms.
+    objective, quantile
+        Metric to make small, and the share of valves and days whose value counts: 0.95 is the value that 95 % of
+        them do not exceed; ``"mean"`` the mean.
+    limits
+        Upper limits by metric: a number holds for ``quantile``, a pair such as ``(0.05, "mean")`` for its own;
+        ``"now"`` in place of a number is what the loop does as it came, on the valves and days of the search.
+    holdout
+        Days to try the choice on: a Boundary, or labels of some days of ``boundary``; its last third by default.
+    evaluations
+        Tunings that are tried, rounded to whole generations; the last quarter of them looks for the front of error
+        against motor travel.
+    warm_up, replicates
+        As in ``simulate``.
+    seed
+        Of the measurement noise, of the valves that are set aside, and of the search.
+    n_jobs
+        Threads; all cores by default.  The result does not depend on it.
+    kept
+        File that keeps every tuning that was tried, written after each generation; a search that was interrupted goes
+        on from there, to the same result.
+    progress
+        As in ``simulate``; or a function that is called after each generation with how many tunings were tried, and
+        of how many.
+
+    Returns
+    -------
+    Tuning
+        ``parameters``, ``held_out`` and ``trained`` with the loop as it came beside, ``front``, ``plot()``.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake; where no tuning has a finite objective.
+    """
+    with checking() as check:
+        n_threads = check(workers, n_jobs)
+        path = check.unless_none(path_of, "kept", kept, "give the path of a file")
+        progress = check.unless_none(_progress_of, "progress", progress)
+        asked = check(
+            plan_tuning, loop, boundary, search=search, objective=objective, quantile=quantile, limits=limits,
+            holdout=holdout, evaluations=evaluations, warm_up=warm_up, seed=seed, replicates=replicates,
+        )  # fmt: skip
+        if path is not None and not may_be_file(path):
+            check.problems.append(f"kept = {shown(str(path))}: give a file in a folder that exists")
+    if callable(progress):
+        return run_tuning(asked, n_threads, path, progress)
+    with progress_of_call(progress) as on_show:
+        return run_tuning(asked, n_threads, path, in_scenario_days(asked, on_show))
+
+
+def _progress_of(name: str, given: Any) -> bool | Report:
+    """True or False, or a function that can be called with two numbers."""
+    flag = plain(given)
+    if isinstance(flag, bool):
+        return flag
+    try:
+        inspect.signature(given).bind(0, 1)
+    except Exception:  # nothing to call, or a user's class that raises anything
+        cure = "give True, False or a function of two numbers"
+        raise InputError(WrongType(f"{name} = {shown(given)}: {cure}")) from None
+    return cast(Report, given)
+
+
+def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
+    """Show tunings as the scenario-days that they are."""
+    cases = len(asked.training.members) * asked.training.boundary.n_days * asked.replicates
+    advance, before = on_show.start(_planned(asked) * cases), 0
+
+    def report(done: int, _: int) -> None:
+        nonlocal before
+        advance((done - before) * cases)
+        before = done
+
+    return report
+
+
+def _planned(asked: Asked) -> int:
+    """How many tunings are tried."""
+    return effort(len(asked.space.axes), asked.evaluations).points
+
+
+def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Report | None = None) -> Tuning:
+    """Search, choose, and try the choice on the hold-out."""
+    run = Run(asked.warm_up, asked.seed, asked.replicates, n_jobs)
+    space, measures, training = asked.space, asked.measures, asked.training
+    key = key_of(training, space, run, measures)
+    asked = asked._replace(limits=resolved(asked.limits, measured(as_it_is(training, run, measures), measures)))
+    archive = Archive(space.names, [measure.name for measure in measures], key, path)
+    seen: dict[tuple[float, ...], None] = {}
+    done, planned = 0, _planned(asked)
+
+    def simulated(values: Array) -> dict[str, Array]:
+        return measured(tried(training, space, values, run, measures), measures)
+
+    def scored(points: Array) -> Scores:
+        values = space.values(points)
+        found = scores_of(asked, archive.evaluated(values, simulated))
+        nonlocal done
+        seen.update(dict.fromkeys(map(tuple, values.tolist())))
+        done += len(points)
+        if progress is not None:
+            progress(done, planned)
+        return found
+
+    evolve(scored, _beginning(asked), len(space.axes), asked.evaluations, asked.seed)
+    values, found = archive.table(seen)
+    scores = scores_of(asked, found)
+    at = best(scores)
+    if not np.isfinite(scores.goal[at]):
+        raise InputError(
+            f"objective = {asked.goal.metric!r}: with every tuning that was tried, it is missing on more valves and "
+            "days than the quantile leaves out; search other bounds, or another objective"
+        )
+    front = _thinned(on_front(scores))
+    return _result(asked, run, values, found, at, front, float(scores.violation[at]) == 0.0)
+
+
+def scores_of(asked: Asked, found: Mapping[str, Array]) -> Scores:
+    """What the search compares, from measures (n,)."""
+    others = [limit for limit in asked.limits if limit.measure != asked.travel]
+    return Scores(
+        violation(asked.limits, found),
+        violation(others, found),
+        *(found[measure.name] for measure in (asked.goal, asked.error, asked.travel)),
+    )
+
+
+def _beginning(asked: Asked) -> Array:
+    """The loop's own settings and those after SIMC as points (n, d): medians where its valves differ."""
+    own = {name: asked.training.loop[name] for name in asked.space.names}
+    if any(value is None for value in own.values()):
+        return np.empty((0, len(own)))
+    medians = {name: float(np.median(np.asarray(value))) for name, value in own.items()}
+    after_simc = {
+        name: float(np.median(values)) for name, values in own_gains(asked.training, asked.space, asked.warm_up).items()
+    }
+    points = [medians, medians | after_simc] if after_simc else [medians]
+    return np.array([asked.space.point(values) for values in points])
+
+
+def _thinned(front: np.ndarray) -> np.ndarray:
+    """The front, or some points of it evenly along, both ends among them."""
+    if front.size <= _MOST_ON_FRONT:
+        return front
+    return np.asarray(front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))])
+
+
+def _result(
+    asked: Asked, run: Run, values: Array, found: dict[str, Array], at: int, front: np.ndarray, meets_limits: bool
+) -> Tuning:
+    parameters = dict(zip(asked.space.names, values[at].tolist(), strict=True))
+    trained = _beside_now(asked, asked.training, run, values[at])
+    held_out = _beside_now(asked, asked.holdout, run, values[at])
+    on_holdout = measured(tried(asked.holdout, asked.space, values[front], run, asked.measures), asked.measures)
+    of_front = _dataset("point", asked, values[front], {name: each[front] for name, each in found.items()})
+    for measure in asked.measures:
+        words = f"{measure.words}, held out"
+        attrs = {"long_name": words, "units": measure.unit}
+        of_front[f"held_out_{measure.name}"] = ("point", on_holdout[measure.name], attrs)
+    return Tuning(
+        parameters,
+        meets_limits,
+        held_out,
+        trained,
+        of_front,
+        _dataset("evaluation", asked, values, found),
+        asked.goal,
+        asked.limits,
+        notes_on(asked, parameters, meets_limits, trained, held_out),
+        (asked.error, asked.travel),
+    )
+
+
+def _beside_now(asked: Asked, group: Group, run: Run, chosen: Array) -> xr.Dataset:
+    """The chosen settings on a group, and the loop as it came beside."""
+    of_tunings = {
+        NOW: as_it_is(group, run, asked.measures),
+        CHOSEN: tried(group, asked.space, chosen[None], run, asked.measures),
+    }
+    own = own_gains(group, asked.space, asked.warm_up)
+    if own:
+        of_tunings[SIMC] = as_it_is(group, run, asked.measures, own)
+    cases = {metric: np.concatenate([of[metric] for of in of_tunings.values()]) for metric in of_tunings[NOW]}
+    ds = with_intervals(cases, asked.measures, list(of_tunings), asked.seed)
+    return ds.assign_attrs(group=group.words)
+
+
+def _dataset(dim: str, asked: Asked, values: Array, found: Mapping[str, Array]) -> xr.Dataset:
+    """Settings and measures of some tunings."""
+    variables: dict[str, Any] = {}
+    for k, axis in enumerate(asked.space.axes):
+        attrs = {"long_name": axis.parameter.text, "units": axis.parameter.unit}
+        variables[axis.parameter.name] = (dim, values[:, k], attrs)
+    for measure in asked.measures:
+        variables[measure.name] = (dim, found[measure.name], _attributes(measure))
+    return xr.Dataset(variables)
+
+
+def _attributes(measure: Measure) -> dict[str, str]:
+    return {"long_name": measure.words, "units": measure.unit}

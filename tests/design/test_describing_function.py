@@ -1,0 +1,101 @@
+"""Describing function of gap, inverse and buffer: the textbook's, python-control's, and that of the laws themselves."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from fastcoil.design.describing_function import describing_function, limited, rate_limited
+from fastcoil.model.control import FALLING, additive, direction, extreme, inverse
+from fastcoil.model.physics import backlash, opening
+
+DEPTHS = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
+
+
+def play(amplitude, gap):
+    return describing_function(np.asarray(amplitude, float), gap, gap)
+
+
+def test_a_play_has_the_numbers_of_the_tables():
+    """|N| and lag beside h/A, as tabulated in literature.md §4.1."""
+    N = play(0.5 / DEPTHS, 1.0)
+    np.testing.assert_allclose(
+        np.abs(N), [0.983, 0.955, 0.882, 0.794, 0.697, 0.593, 0.483, 0.368, 0.249, 0.126, 0.063], atol=6e-4
+    )
+    lag = -np.degrees(np.angle(N))
+    np.testing.assert_allclose(lag, [3.5, 6.9, 13.4, 19.7, 26.0, 32.5, 39.3, 46.7, 55.1, 65.6, 72.8], atol=0.06)
+
+
+@pytest.mark.parametrize("gap", [0.02, 0.07, 0.3])
+def test_a_play_is_that_of_python_control(gap):
+    control = pytest.importorskip("control")
+    amplitude = gap * np.array([0.2, 0.49, 0.51, 0.6, 1.0, 3.0, 50.0])
+    theirs = control.friction_backlash_nonlinearity(gap)
+    expected = [theirs.describing_function(A) for A in amplitude]
+    np.testing.assert_allclose(play(amplitude, gap), expected, atol=1e-12)
+
+
+def test_a_limiter_is_that_of_python_control():
+    control = pytest.importorskip("control")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        theirs = control.saturation_nonlinearity(0.3)
+    amplitude = np.array([0.1, 0.29, 0.31, 0.5, 4.0])
+    np.testing.assert_allclose(
+        limited(amplitude, np.array(-0.3), np.array(0.3)),
+        [theirs.describing_function(A) for A in amplitude],
+        atol=1e-12,
+    )
+
+
+def through_the_laws(A, x_bl, x_hat, buffer, law=inverse, n=4000):
+    """N of u → opening: two periods of a sinus through the controller's and the valve's own formulas."""
+    phase = 2.0 * np.pi * np.arange(2 * n) / n
+    mode, u_ext, command, q, out = FALLING, 0.5, 0.5, 0.5 * (1.0 - x_bl), []
+    for u in (0.5 + A * np.sin(phase)).tolist():
+        now = direction(u, mode, u_ext, buffer)
+        after = extreme(u, now, u_ext, now != mode)
+        command = law(after, now, x_hat) if after != u_ext else command
+        mode, u_ext = now, after
+        q = backlash(q, command, x_bl)
+        out.append(opening(q, x_bl))
+    return complex(np.mean(np.array(out[n:]) * np.exp(-1j * phase[n:])) * 2j / A)
+
+
+@pytest.mark.parametrize("depth", [0.2, 0.6, 0.9])
+def test_a_play_is_what_equation_1_does(depth):
+    A = 0.5 * 0.08 / depth
+    found = play(A, 0.08) / (1.0 - 0.08)
+    assert through_the_laws(A, 0.08, 0.0, 0.0) == pytest.approx(complex(found), abs=3e-3)
+
+
+@pytest.mark.parametrize("x_hat", [0.03, 0.08, 0.11], ids=["too small", "right", "too large"])
+@pytest.mark.parametrize("buffer", [1e-9, 0.02, 0.06])
+@pytest.mark.parametrize("law", [inverse, additive])
+def test_an_inverse_is_what_its_law_does(x_hat, buffer, law):
+    x_bl, A = 0.08, 0.1
+    whole = 1.0 - x_hat if law is inverse else 1.0
+    width = (x_bl - x_hat) / whole
+    N = describing_function(np.array(A), np.array(width), np.array(max(width, buffer)))
+    found = complex(N) * whole / (1.0 - x_bl)
+    assert through_the_laws(A, x_bl, x_hat, buffer, law) == pytest.approx(found, abs=3e-3)
+
+
+def test_an_exact_inverse_is_as_if_there_were_no_gap():
+    np.testing.assert_allclose(describing_function(np.array([0.01, 0.3]), 0.0, 0.0), 1.0, atol=1e-15)
+
+
+def test_nothing_passes_that_does_not_cross_the_gap():
+    np.testing.assert_array_equal(play([0.01, 0.034, 0.035], 0.07), 0.0)
+
+
+def test_a_motor_far_too_slow_follows_a_triangle():
+    """It climbs as fast as it may all the time: a triangle of height π/(2 r), late by the angle of cosine π/(2 r)."""
+    faster = np.array([2.0, 5.0, 20.0])
+    height = 0.5 * np.pi / faster
+    expected = 8.0 / np.pi**2 * height * np.exp(-1j * np.arccos(height))
+    np.testing.assert_allclose(rate_limited(faster), expected, atol=4e-3)
+
+
+def test_a_motor_fast_enough_follows_at_once():
+    np.testing.assert_allclose(rate_limited(np.array([0.0, 0.5, 1.0])), 1.0, atol=1e-2)

@@ -1,0 +1,187 @@
+"""A loop explained: the answer is that of the simulation, the numbers are those of theory, and both are told."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.design.explain import explain
+from fastcoil.design.limit_cycle import HUNTS_ABOVE
+
+pytestmark = pytest.mark.kernel
+
+DAY = fc.paper_day(hours=2)
+LBNL = fc.Loop.preset("lbnl").assign(noise_std=0.02)
+
+
+@pytest.fixture(scope="module")
+def hunting():
+    return explain(LBNL.assign(kp=0.03, ti=10.0), DAY, seed=3)
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    return explain(LBNL, DAY)
+
+
+@pytest.fixture(scope="module")
+def untold():
+    return explain(LBNL.assign(estimator="gradient"), DAY)
+
+
+def rows(found):
+    """Name of a cure → its row of the table."""
+    return {name: next(line for line in found.text.splitlines() if line.startswith(words)) for name, words in
+            zip(found.cures["cure"].values, found.cures["words"].values, strict=True)}  # fmt: skip
+
+
+def test_the_loop_as_it_is_and_with_a_cure_is_what_simulate_gives(hunting):
+    now = fc.simulate(LBNL.assign(kp=0.03, ti=10.0), DAY, seed=3, n_jobs=1)
+    for name in ("rmse", "hunting_swing", "motor_travel"):
+        assert float(hunting.cures[name][0]) == float(now[name])
+    longer = hunting.cures.sel(cure="longer_ti")
+    then = fc.simulate(LBNL.assign(kp=0.03, ti=float(longer["ti"])), DAY, seed=3, n_jobs=1)
+    assert float(longer["rmse"]) == float(then["rmse"])
+    change, travel = float(then["rmse"] / now["rmse"]) - 1.0, float(then["motor_travel"] / now["motor_travel"])
+    row = rows(hunting)["longer_ti"]
+    assert f"{100 * change:+.0f} %" in row
+    assert f"× {travel:.2g}" in row
+    assert row.endswith("cures it")
+
+
+def test_a_loop_that_hunts_is_told_so_first_with_size_and_period_and_what_to_change(hunting):
+    swing, period = float(hunting.cures["hunting_swing"][0]), float(hunting.cures["hunting_period"][0])
+    first, why = hunting.text.splitlines()[:2]
+    assert first.startswith(f"This loop will hunt: about {swing:.2g} K peak to peak every {period / 60:.2g} min")
+    ti = float(hunting.cures.sel(cure="longer_ti")["ti"])
+    assert f"ti = 10 s, while with this kp the loop needs about {ti:g} s (margin {hunting.margin:.2g};" in why
+    assert str(hunting) == hunting.text
+    assert hunting.hunts
+    assert hunting.foretold
+    assert hunting.why == why
+    assert 0.5 < 2.0 * hunting.amplitude / swing < 2.0
+    assert 0.7 < hunting.period / period < 1.4
+
+
+def test_every_tuning_proposed_has_a_margin_of_0_7_and_is_no_more_cautious_than_it_has_to_be(hunting):
+    for name, least in (("lower_kp", 0.62), ("longer_ti", 0.55)):
+        assert least < float(hunting.cures.sel(cure=name)["margin"]) <= 0.7 + 1e-3
+        assert float(hunting.cures.sel(cure=name)["hunts"]) == 0.0
+    assert hunting.recommended in ("lower_kp", "longer_ti", "simc", "simc_and_inverse")
+
+
+def test_the_margin_quoted_is_the_worst_of_the_day_and_the_span_is_told(hunting):
+    margin = hunting.points["margin"].values
+    assert hunting.margin == margin.max()
+    assert hunting.points["T_set"].values.tolist() == [13.0, 15.0, 14.0]
+    assert f"the margin goes from {margin.min():.2g} to {margin.max():.2g}" in hunting.text
+    assert float(hunting.phase.sum()) == pytest.approx(180.0)
+
+
+def test_a_loop_that_does_not_hunt_is_told_how_far_it_is_and_what_backlash_costs_anyway(quiet):
+    assert not quiet.hunts
+    assert quiet.foretold is False
+    assert quiet.text.startswith("This loop will not hunt.")
+    factor = float(re.search(r"it would with ([\d.]+) times this kp", quiet.why)[1])
+    beyond = explain(LBNL.assign(kp=0.018 * factor), DAY)
+    assert beyond.margin == pytest.approx(HUNTS_ABOVE, rel=0.03)
+    assert math.isnan(quiet.period)
+    now, repaired = (float(quiet.cures["rmse"].sel(cure=name)) for name in ("as_it_is", "repaired_valve"))
+    assert f"What the backlash of 7 % costs anyway: RMSE {now:.2g} K instead of {repaired:.2g} K." in quiet.text
+
+
+def test_an_estimate_that_is_given_as_a_ratio_stays_the_estimate_of_the_loop():
+    loop = LBNL.assign(estimate_ratio=0.9)
+    found = explain(loop, DAY)
+    assert float(found.cures["rmse"][0]) == float(fc.simulate(loop, DAY, n_jobs=1)["rmse"])
+    assert found.cures["backlash_estimate"].values[0] == pytest.approx(0.063)
+
+
+def test_a_second_is_explained_by_its_own_conditions():
+    found = explain(LBNL, DAY, at=4000)
+    assert found.points.sizes == {"point": 1}
+    assert float(found.points["T_set"][0]) == DAY.series["T_set"][0, 4000]
+
+
+@pytest.mark.filterwarnings("ignore:T_set is 3 degC or less")
+def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(untold):
+    found = untold
+    assert found.foretold is None
+    assert math.isnan(found.margin)
+    assert "theory cannot tell, since an estimator changes the estimate as it goes." in found.why
+    assert found.points is None
+    assert "a neutral_zone makes small cycles" in explain(LBNL.assign(neutral_zone=0.02), DAY).why
+    hot = fc.Boundary(**{n: v[0] for n, v in DAY.series.items() if n != "T_set"}, T_set=3.0)
+    assert "the valve is at its end all the time" in explain(LBNL, hot).why
+
+
+def test_a_swing_that_only_a_slow_motor_keeps_up_is_not_blamed_on_gains_that_are_low_enough():
+    slow = LBNL.assign(stroke_time=600.0, backlash=0.15, kp=0.009, ti=6.2)
+    found = explain(slow, fc.constant_day(8), warm_up=7200)
+    assert found.hunts
+    assert found.foretold
+    assert found.margin < HUNTS_ABOVE
+    assert found.why.startswith("Why: the motor is too slow, with 600 s for a full stroke: ")
+    assert "whatever the size of the backlash" not in found.text
+
+
+def test_a_margin_that_is_too_large_is_never_told_as_room_for_a_larger_kp():
+    loop = LBNL.assign(kp=0.54, ti=2.58, sample_time=300, stroke_time=300.0, n_volumes=1, backlash=0.0)
+    found = explain(loop.assign(authority=0.01, rangeability=50.0, m_full=1.6), DAY)
+    assert found.margin > 100.0
+    assert "times this kp" not in found.why
+    assert "kp has to be below 0.00" in found.why or "the gain is too high" in found.why
+
+
+@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
+def test_a_valve_that_acts_the_wrong_way_round_is_told_so_and_not_how_far_it_is_from_hunting():
+    found = explain(LBNL.assign(action="heating"), DAY)
+    assert "opening it cools the air, so give action = cooling." in found.why
+    assert found.foretold is None
+    assert "None of these makes it hold its set-point." in found.text
+    assert "costs anyway" not in found.text
+
+
+def test_a_day_on_which_nothing_moves_is_told_without_a_number_that_there_is_not():
+    text = explain(LBNL.assign(noise_std=0.0, error_dead_band=0.2), fc.constant_day(2), warm_up=3000).text
+    assert "nan" not in text
+    assert "e-0" not in text
+
+
+def test_what_the_margin_does_not_see_is_said():
+    found = explain(LBNL.assign(error_dead_band=0.3), DAY)
+    assert "Not in the margin: the error dead band of 0.3 K, which may hold a loop still" in found.text
+    assert "dead_band" not in found.cures["cure"].values
+
+
+def test_a_sweep_several_days_and_a_second_beyond_the_end_are_refused_together():
+    days = fc.paper_day(hours=1, seed=[1, 2])
+    with pytest.raises(fc.InputError) as refused:
+        fc.explain(LBNL.assign(kp=[0.01, 0.02]), days, at=3600)
+    assert [problem.split(":")[0] for problem in refused.value.problems] == [
+        "loop is a sweep over kp (2)", "boundary has 2 days", "at = 3600",
+    ]  # fmt: skip
+
+
+def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting):
+    fig = hunting.plot()
+    nichols, gains, day = fig.axes
+    assert day.get_xlabel() == "time from the start [h]"
+    assert gains.get_xlabel() == "integral time Ti [s]"
+    marks = {line.get_label(): line.get_xydata() for line in gains.lines}
+    assert marks["as it is"].tolist() == [[10.0, 0.03]]
+    assert marks["longer ti"][0, 0] == float(hunting.cures.sel(cure="longer_ti")["ti"])
+    edge = next(line for line in gains.lines if line.get_color() == "black" and line.get_linestyle() == "-")
+    limit = np.interp(10.0, edge.get_xdata(), edge.get_ydata())
+    assert limit == pytest.approx(0.03 * HUNTS_ABOVE / hunting.margin, rel=0.02)
+    texts = [text.get_text() for text in nichols.texts]
+    assert texts == [f"margin {hunting.margin:.2g}"]
+    names = [line.get_label() for line in day.lines]
+    assert names == ["as it is", str(hunting.cures.sel(cure=hunting.recommended)["words"].item()), "set-point"]
+
+
+def test_the_figure_of_a_loop_that_theory_cannot_tell_of_has_its_day(untold):
+    (day,) = untold.plot().axes
+    assert day.lines[0].get_label() == "as it is"

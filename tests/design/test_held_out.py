@@ -1,0 +1,106 @@
+"""Who is held out: other valves and other days, always, and good valves on both sides."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.refusals import only_problem
+
+import fastcoil as fc
+from fastcoil.design.population import days_of, held_valves, part_of, split
+
+
+@pytest.fixture(scope="module")
+def days():
+    return fc.paper_day(hours=0.1, seed=[1, 2, 3, 4])
+
+
+def of_backlash(values):
+    return fc.Loop(backlash=("sample", np.asarray(values, float)))
+
+
+@pytest.mark.parametrize("n", [3, 7, 30])
+def test_valves_are_on_one_side_only_and_none_is_lost(n, days):
+    x = np.random.default_rng(n).random(n) * 0.15
+    training, held = split(of_backlash(x), days, None, 0)
+    assert not set(training.members) & set(held.members)
+    assert sorted(training.members + held.members) == list(range(n))
+    assert len(held.members) == n // 3
+    for group in (training, held):
+        assert np.array_equal(group.loop["backlash"], x[list(group.members)])
+
+
+def test_one_of_every_three_valves_in_the_order_of_their_backlash_is_held_out():
+    x = np.random.default_rng(0).random(31)
+    held = held_valves(x, 5)
+    ranks = np.argsort(np.argsort(x))[held]
+    assert sorted(ranks // 3) == list(range(10))
+    assert not np.array_equal(held, held_valves(x, 6)), "drawn"
+    assert np.array_equal(held, held_valves(x, 5)), "by the seed"
+
+
+def test_valves_without_backlash_are_on_both_sides(days):
+    training, held = split(of_backlash([0.0] * 3 + [0.05] * 9), days, None, 0)
+    assert all((np.asarray(group.loop["backlash"]) == 0.0).any() for group in (training, held))
+
+
+def test_a_population_of_several_dims_keeps_what_belongs_together(days):
+    coils = {"C_c": ("coil", [10.0, 20.0]), "C_w": ("coil", [8.0, 9.0])}
+    loop = fc.Loop(backlash=[0.0, 0.05, 0.1], air_march=["lagged", "quasistatic"], **coils)
+    training, held = split(loop, days, None, 1)
+    seen = set()
+    for group in (training, held):
+        rows = zip(*(np.asarray(group.loop[n]).tolist() for n in ("backlash", "C_c", "C_w", "air_march")), strict=True)
+        seen |= set(rows)
+        assert group.loop.sizes == {"sample": len(group.members)}
+    assert seen == {
+        (x, 10.0 * k, 7.0 + k, march) for x in (0.0, 0.05, 0.1) for k in (1, 2) for march in ("lagged", "quasistatic")
+    }
+    assert part_of(fc.Loop(), np.array([0])) == fc.Loop()
+
+
+def test_the_last_third_of_the_days_is_held_out_or_those_that_are_asked_for(days):
+    def labels(holdout):
+        return [group.boundary.day.tolist() for group in split(fc.Loop(), days, holdout, 0)]
+
+    assert labels(None) == [[1, 2, 3], [4]]
+    assert labels([2, 1]) == [[3, 4], [1, 2]]
+    others = fc.paper_day(hours=0.1, seed=[8])
+    assert labels(others) == [[1, 2, 3, 4], [8]]
+    kept = days_of(days, np.array([1, 3]))
+    assert kept == fc.paper_day(hours=0.1, seed=[2, 4])
+
+
+def test_one_or_two_valves_are_tried_on_other_days_only(days):
+    training, held = split(of_backlash([0.05, 0.1]), days, None, 0)
+    assert training.members == held.members == (0, 1)
+    assert set(training.boundary.day) & set(held.boundary.day) == set()
+
+
+@pytest.mark.parametrize(
+    ("holdout", "words"),
+    [
+        ([5], "the boundary has no day 5"),
+        ([1, 2, 3, 4], "leave some to tune on"),
+        ([], "give a Boundary of other days"),
+        ("tomorrow", "give a Boundary of other days"),
+        (fc.paper_day(hours=0.2, seed=[9]), "give days as long"),
+        (fc.paper_day(hours=0.1, seed=[9, 3]), "its day 3 is day 3 of the boundary"),
+        (fc.paper_day(hours=0.1, seed=2), "is day 2 of the boundary"),
+    ],
+)
+def test_days_that_hold_nothing_out_are_refused(days, holdout, words):
+    assert words in only_problem(split, fc.Loop(), days, holdout, 0)
+
+
+def test_a_single_day_is_refused_with_the_cure(days):
+    problem = only_problem(split, fc.Loop(), fc.paper_day(hours=0.1), None, 0)
+    assert "boundary is a single day" in problem
+    assert "seed=[1, 2, 3]" in problem
+
+
+def test_series_of_every_kind_go_with_their_days():
+    on = xr.DataArray([[1.0] * 360, [0.0] * 360], dims=("day", "elapsed_time"))
+    plain = fc.paper_day(hours=0.1, seed=[1, 2])
+    series = {name: plain.series[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
+    boundary = fc.Boundary(**series, enabled=on.values, day=[1, 2])
+    assert (days_of(boundary, np.array([1])).series["enabled"] == 0.0).all()

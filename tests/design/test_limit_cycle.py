@@ -1,0 +1,178 @@
+"""Margins and cycles foretold, beside the emulator and beside what theory must say."""
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.design.describing_function import STEPS, driven
+from fastcoil.model.control import desired_opening, integrated
+
+LOOP = fc.Loop.preset("lbnl")
+HOURS, STEP_AT = 9, 3600
+
+
+def day(hours=HOURS):
+    T_set = np.full(int(hours * 3600), 14.0)
+    T_set[:STEP_AT] = 15.0
+    return fc.constant_day(hours=hours, T_set=T_set)
+
+
+@pytest.mark.parametrize("bias", [-0.6, -0.2, 0.3])
+def test_a_pi_with_ends_is_what_its_law_does(bias):
+    """Of a sinus with a mean; the law runs for 6 periods from the middle."""
+    proportional, integral, many = 0.2, 0.6, 30
+    steps = STEPS * many
+    phase = 2.0 * np.pi * (np.arange(6 * steps) + 0.5) / steps
+    sums, expected = 0.5, []
+    for e in (np.sin(phase) + bias).tolist():
+        sums = integrated(sums, e, integral * 2.0 * np.pi / steps)
+        expected.append(desired_opening(e, sums, proportional))
+    last = np.array(expected[-steps:]).reshape(STEPS, many).mean(axis=1)
+    found = driven(np.array([[proportional]]), np.array([[integral]]), np.array([[bias]]))[:, 0, 0]
+    np.testing.assert_allclose(found, last, atol=0.07)
+    assert found.min() == 0.0 or found.max() == 1.0
+
+
+@pytest.mark.kernel
+def test_what_is_foretold_happens_on_both_sides_of_the_boundary():
+    """Fast and slow integral action; with and without sensor lag, motor and an inverse; X = 0 among them."""
+    named = [
+        {"ti": 5.0, "kp": 0.01}, {"ti": 8.0}, {"ti": 12.0}, {"ti": 30.0}, {"ti": 60.0, "kp": 0.03},
+        {"ti": 8.0, "backlash": 0.02}, {"ti": 8.0, "backlash": 0.0}, {"ti": 12.0, "backlash_estimate": 0.035},
+        {"ti": 8.0, "sensor_time_constant": 0.0, "stroke_time": 0.0}, {"ti": 12.0, "sample_time": 5.0},
+        {"ti": 12.0, "sample_time": 30.0}, {"ti": 120.0, "sample_time": 60.0},
+        {"ti": 12.0, "kp": 0.03}, {"ti": 8.0, "backlash_estimate": 0.05},
+        {"ti": 15.0, "kp": 0.04, "sample_time": 5.0, "backlash": 0.03},
+    ]  # fmt: skip
+    names = sorted({name for one in named for name in one})
+    swept = {n: ("case", [one.get(n, LOOP[n]) for one in named]) for n in names}
+    loop = LOOP.assign(**swept)
+    seen = fc.simulate(loop, day(), warm_up=3 * 3600)
+    told = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
+    assert 4 <= int(seen.hunts.sum()) < 10
+    np.testing.assert_array_equal(told.hunts, seen.hunts)
+    hunting = seen.hunts.values == 1.0
+    np.testing.assert_allclose(told.period[hunting], seen.hunting_period[hunting], rtol=0.15)
+    ratio = (2.0 * told.amplitude / seen.hunting_swing)[hunting]
+    assert np.all(np.abs(np.log(ratio)) < np.log(1.5)), ratio.values
+    assert np.isnan(told.period[~hunting]).all()
+    assert np.isnan(told.amplitude[~hunting]).all()
+
+
+@pytest.mark.kernel
+def test_without_a_gap_the_margin_is_that_of_the_linear_loop():
+    loop = LOOP.assign(backlash=0.0, kp=[0.005, 0.02, 0.04], ti=20.0)
+    told, linear = fc.limit_cycle(loop, fc.constant_day(hours=1)), fc.linearise(loop, fc.constant_day(hours=1))
+    np.testing.assert_allclose(told.margin, 1.0 / linear.gain_margin, rtol=0.02)
+    np.testing.assert_array_equal(told.hunts, linear.gain_margin < 1.0)
+
+
+@pytest.mark.kernel
+def test_a_set_point_out_of_reach_is_no_hunting():
+    told = fc.limit_cycle(LOOP.assign(ti=5.0), fc.constant_day(hours=1, T_set=5.0))
+    assert (float(told.margin), float(told.hunts)) == (0.0, 0.0)
+    assert np.isnan(told.period)
+
+
+@pytest.mark.kernel
+def test_a_loop_that_is_unstable_from_one_sample_to_the_next_hunts():
+    """Sampled slowly against its plant: a cycle of two samples, from end to end of the valve."""
+    loop = LOOP.assign(stroke_time=0.0, sensor_time_constant=0.0, sample_time=[60.0, 120.0], backlash=[0.0, 0.05])
+    loop = loop.assign(kp=0.1, ti=("ti", [60.0, 300.0]))
+    told = fc.limit_cycle(loop, fc.constant_day(hours=4))
+    seen = fc.simulate(loop, fc.constant_day(hours=4), warm_up=7200)
+    assert (told.margin > 2.0).all()
+    assert bool(seen.hunts.all())
+    np.testing.assert_array_equal(told.hunts, seen.hunts)
+    np.testing.assert_allclose(told.period, seen.hunting_period, rtol=0.02)
+    np.testing.assert_allclose(2.0 * told.amplitude, seen.hunting_swing, rtol=0.7)
+
+
+@pytest.mark.kernel
+@pytest.mark.filterwarnings("error")
+def test_a_gain_of_0_or_below_controls_nothing_and_is_no_hunting():
+    """Without a warning of numpy."""
+    loop = LOOP.assign(kp=[-0.05, 0.0], ti=8.0)
+    told = fc.limit_cycle(loop, fc.constant_day(hours=1))
+    assert told.margin.values.tolist() == told.hunts.values.tolist() == [0.0, 0.0]
+    assert not fc.simulate(loop, fc.constant_day(hours=1)).hunts.any()
+    assert np.isnan(fc.linearise(loop.assign(kp=0.0), fc.constant_day(hours=1)).gain_margin)
+
+
+@pytest.mark.kernel
+def test_dims_are_those_of_loop_day_and_seconds():
+    loop, days = LOOP.assign(ti=[8.0, 60.0]), fc.paper_day(hours=1, seed=[1, 2, 3])
+    assert fc.limit_cycle(loop, days).sizes == {"ti": 2, "day": 3}
+    assert fc.limit_cycle(loop, days, at=[10, 3000]).sizes == {"ti": 2, "day": 3, "elapsed_time": 2}
+
+
+@pytest.mark.kernel
+def test_a_loop_alone_is_what_it_is_among_strangers():
+    """The plant to the bit, the rest but for the order in which numbers are added up."""
+    rng, n = np.random.default_rng(4), 40
+    swept = {
+        "sample_time": rng.choice([1, 2, 7, 30], n), "sensor_time_constant": rng.choice([0.0, 3.0, 47.0, 200.0], n),
+        "C_w": rng.uniform(60.0, 600.0, n), "m_max": rng.uniform(1.0, 3.0, n), "kp": rng.uniform(0.01, 0.4, n),
+        "backlash": rng.choice([0.0, 0.02, 0.2], n),
+    }  # fmt: skip
+    loop, here = LOOP.assign(**{name: ("stranger", values) for name, values in swept.items()}), day(1.5)
+    strangers, plants = fc.limit_cycle(loop, here), fc.linearise(loop, here)
+    assert 8 < strangers.hunts.sum() < 32
+    for k in range(0, n, 8):
+        one = LOOP.assign(**{name: values[k].item() for name, values in swept.items()})
+        alone, plant = fc.limit_cycle(one, here), fc.linearise(one, here)
+        for name in alone:
+            np.testing.assert_allclose(strangers[name][k], alone[name], rtol=1e-9, err_msg=f"{name} of {k}")
+        for name in ("opening", "T_sup", "gain"):
+            assert plants[name][k] == plant[name]
+
+
+UNTOLD = {
+    "stick": {"slip_jump": 0.02},
+    "zone": {"neutral_zone": 0.01},
+    "learner": {"learning_step": 0.01},
+    "dead band": {"error_dead_band": 0.2},
+    "wear": {"wear_rate": 1e-4},
+    "sensor": {"sensor_resolution": 0.1},
+    "command": {"command_resolution": 0.01},
+    "too large": {"backlash_estimate": 0.1, "buffer": 0.01},
+    "smooth": {"backlash_estimate": 0.05, "compensation": "smooth", "smooth_rate": 1.0},
+}
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("changed", UNTOLD.values(), ids=UNTOLD)
+def test_what_theory_does_not_tell_is_said(changed):
+    """Refused where nothing is left to tell; else NaN, a warning and a note."""
+    at = fc.constant_day(hours=1)
+    with pytest.raises(fc.InputError, match="limit_cycle says nothing about these loops: "):
+        fc.limit_cycle(LOOP.assign(ti=8.0, **changed), at)
+    mixed = {name: ("case", [value, LOOP[name]]) for name, value in changed.items()}
+    with pytest.warns(UserWarning, match="NaN in 1 of 2 scenarios: "):
+        told = fc.limit_cycle(LOOP.assign(ti=8.0, **mixed), at)
+    assert np.isnan(told.hunts[0])
+    assert np.isnan(told.margin[0])
+    assert float(told.hunts[1]) == 1.0
+    assert told.attrs["note"].startswith("NaN in 1 of 2")
+
+
+@pytest.mark.parametrize("foretell", [fc.limit_cycle, fc.linearise])
+def test_a_boundary_that_changes_the_gap_is_refused(foretell):
+    loose = fc.constant_day(hours=1).assign(backlash_scale=np.linspace(1.0, 2.0, 3600))
+    with pytest.raises(fc.InputError, match=r"backlash_scale goes from 1 to 2: theory knows a gap of one size"):
+        foretell(LOOP, loose)
+    with pytest.raises(fc.InputError, match=r"backlash_scale = 2: theory knows"):
+        foretell(LOOP, loose.assign(backlash_scale=2.0))
+
+
+@pytest.mark.kernel
+def test_a_slow_motor_makes_a_large_cycle_slower_and_larger():
+    """As the emulator has it, too."""
+    loop = LOOP.assign(ti=12.0, kp=0.04, sensor_time_constant=60.0, stroke_time=[0.0, 150.0])
+    told = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
+    seen = fc.simulate(loop, day(), warm_up=3 * 3600)
+    slower = [float(period[1] / period[0]) for period in (told.period, seen.hunting_period)]
+    larger = [float(swing[1] / swing[0]) for swing in (told.amplitude, seen.hunting_swing)]
+    assert slower[0] == pytest.approx(slower[1], rel=0.15)
+    assert larger[0] == pytest.approx(larger[1], rel=0.25)
+    assert slower[1] > 1.2

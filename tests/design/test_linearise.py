@@ -1,0 +1,145 @@
+"""``fc.linearise``: dims, labels, where on the day, what is refused."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.refusals import problems
+
+import fastcoil as fc
+from fastcoil.design.operating_points import OperatingPoints
+from fastcoil.design.plants import frequency_response, plants_of
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.fixture(scope="module")
+def days():
+    return fc.paper_day(hours=1.0, seed=[3, 8])
+
+
+@pytest.fixture(scope="module")
+def sweep():
+    return fc.Loop(kp=[0.01, 0.05], backlash=("valve", [0.0, 0.07, 0.1]), m_max=("valve", [1.5, 1.8, 2.0]))
+
+
+@pytest.fixture(scope="module")
+def found(sweep, days):
+    return fc.linearise(sweep, days, at=[100, 3000], frequency=[0.001, 0.02, 0.2], state_space=True)
+
+
+def test_the_dims_are_those_of_the_loop_then_day_then_time(found):
+    assert found.opening.dims == ("kp", "valve", "day", "elapsed_time")
+    assert found.opening.shape == (2, 3, 2, 2)
+    assert found.loop_phase.dims == (*found.opening.dims, "frequency")
+    np.testing.assert_array_equal(found.day, [3, 8])
+    np.testing.assert_array_equal(found.elapsed_time, [100, 3000])
+    np.testing.assert_allclose(found.m_max, [1.5, 1.8, 2.0])
+
+
+def test_each_point_is_what_it_is_alone(found, sweep, days):
+    one = days.to_dataset().isel(day=[1])
+    alone = fc.linearise(
+        fc.Loop(kp=0.05, backlash=0.07, m_max=1.8), fc.Boundary.from_dataset(one), at=3000, frequency=[0.001, 0.02, 0.2]
+    )
+    there = found.sel(kp=0.05).isel(valve=1, day=1, elapsed_time=1)
+    for name in alone:
+        np.testing.assert_allclose(there[name], alone[name].isel(day=0), rtol=1e-6, err_msg=name)
+
+
+def test_what_enters_is_what_the_boundary_says_at_that_second(found, days):
+    np.testing.assert_allclose(
+        found.T_sup.transpose("day", "elapsed_time", ...).values[..., 0, 0],
+        days.series["T_set"][:, [100, 3000]],
+        atol=1e-8,
+    )
+
+
+def test_without_at_the_means_of_the_enabled_seconds_after_the_warm_up_count():
+    T_set = np.concatenate([np.full(1800, 10.0), np.full(600, 14.0), np.full(600, 15.0), np.full(600, 11.0)])
+    enabled = np.where(np.arange(3600) < 3000, 1.0, 0.0)
+    m_a = np.linspace(1.0, 1.2, 3600)
+    day = fc.Boundary(m_a=m_a, T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=T_set, enabled=enabled)
+    same = fc.constant_day(0.1, T_set=14.5, W_a_in=0.01, m_a=float(m_a[1800:3000].mean()))
+    mean, alone = fc.linearise(fc.Loop(), day), fc.linearise(fc.Loop(), same, at=0)
+    assert float(mean.T_sup) == pytest.approx(14.5, abs=1e-8)
+    assert mean.sizes == {}
+    for name in mean:
+        np.testing.assert_allclose(mean[name], alone[name], rtol=1e-6, err_msg=name)
+
+
+def test_everything_says_what_it_is(found):
+    for name, variable in found.data_vars.items():
+        assert variable.attrs["long_name"], name
+        assert "units" in variable.attrs or name in ("A", "B"), name
+    assert found.frequency.attrs["units"] == "rad s-1"
+    assert found.kp.attrs["units"] == "K-1"
+
+
+def test_a_result_survives_netcdf(found, tmp_path):
+    found.to_netcdf(tmp_path / "linear.nc")
+    with xr.open_dataset(tmp_path / "linear.nc") as read:
+        xr.testing.assert_equal(found.drop_attrs(), read.load().drop_attrs())
+
+
+def test_phase_and_magnitude_are_those_of_the_response(sweep, days):
+    """Far apart on the axis, the phase still has no jumps: from 180° of a cooling coil on downwards."""
+    w = np.array([1e-5, 2.0])
+    ds = fc.linearise(sweep, days, at=5, frequency=w)
+    points = OperatingPoints(sweep, days, 5)
+    index = np.arange(points.size)
+    plants = plants_of(points.columns(index), points.conditions(index))
+    G = frequency_response(plants.response, w)
+    polar = ds.plant_magnitude * np.exp(1j * np.radians(ds.plant_phase))
+    np.testing.assert_allclose(polar.values.reshape(G.shape), G, rtol=1e-9)
+    assert (ds.plant_phase.isel(frequency=0) > 170.0).all()
+    dense = frequency_response(plants.response, np.linspace(1e-5, 2.0, 4000))
+    turned = np.degrees(np.unwrap(np.angle(dense), axis=1)[:, -1])
+    np.testing.assert_allclose(ds.plant_phase.values[..., 1].ravel(), turned, atol=1e-6)
+    assert turned.max() < -30.0
+    assert ds.loop_phase.isel(frequency=1).isnull().all()
+
+
+def test_the_state_space_has_the_gain(found):
+    """C (1 - A)^-1 B."""
+    some = found.isel(kp=0, valve=1, day=0, elapsed_time=0)
+    rest = np.linalg.solve(np.eye(some.sizes["state"]) - some.A.values, some.B.values)
+    gain = rest[some.state.values.tolist().index("T_a_1")]
+    assert gain == pytest.approx(float(some.gain), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"loop": 3}, "loop is a int: give a fastcoil.Loop"),
+        ({"boundary": None}, "boundary is a NoneType: give a fastcoil.Boundary, such as fastcoil.paper_day()"),
+        ({"at": -1}, "at has -1: give a second of the boundary, a whole number from 0 to 3599, or a list of them"),
+        ({"at": 1.5}, "at has 1.5: give a second of the boundary, a whole number from 0 to 3599, or a list of them"),
+        ({"at": []}, "at is empty: give a second of the boundary, a whole number from 0 to 3599, or a list of them"),
+        ({"at": [7, 7]}, "at has 7 twice: give each second once"),
+        (
+            {"frequency": [0.1, 0.01]},
+            "frequency = [0.1, 0.01]: give angular frequencies in rad/s, ascending and above 0",
+        ),
+        ({"state_space": 1}, "state_space = 1: give True or False"),
+        (
+            {"loop": fc.Loop(n_volumes=[4, 8]), "state_space": True},
+            "n_volumes is swept, and each value has another number of states: ask for the state space one by one",
+        ),
+        (
+            {"boundary": fc.constant_day(0.5), "at": None},
+            "no second is enabled after the warm-up of 1800 s: take another day, or a longer one, "
+            "or give the second as at=",
+        ),
+        (
+            {"loop": fc.Loop(kp=("gain", [0.1, 0.2]))},
+            "gain is swept, and a result has that name: give the dimension another name",
+        ),
+    ],
+)  # fmt: skip
+def test_a_wrong_call_gets_one_sentence(changes, sentence, days):
+    assert problems(fc.linearise, **{"loop": fc.Loop(), "boundary": days, "at": 0} | changes) == [sentence]
+
+
+def test_an_unstable_coil_is_refused(days):
+    (sentence,) = problems(fc.linearise, fc.Loop(C_w=1.0), days, at=0)
+    assert sentence.startswith("unstable at dt = 1 s")

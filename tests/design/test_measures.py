@@ -1,0 +1,87 @@
+"""What a tuning is judged by: quantiles by order, means, limits."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers.refusals import only_problem
+
+from fastcoil.design.measures import Limit, Measure, goal_of, limits_of, reported, violation
+
+
+@pytest.mark.parametrize("n", [1, 7, 20, 100])
+@pytest.mark.parametrize("quantile", [0.05, 0.5, 0.95, 1.0])
+def test_a_quantile_is_the_least_value_that_so_many_do_not_exceed(n, quantile):
+    values = np.random.default_rng(n).normal(size=(3, n))
+    for row, found in zip(values, Measure("rmse", quantile).of(values), strict=True):
+        assert found in row
+        assert (row <= found).mean() >= quantile - 1e-12
+        assert all((row <= other).mean() < quantile - 1e-12 for other in row if other < found)
+
+
+def test_what_failed_or_never_happened_is_worse_than_all():
+    values = np.array([1.0, np.nan, 2.0, 3.0])
+    assert Measure("rmse", 0.75).of(values) == 3.0
+    assert math.isinf(Measure("rmse", 0.95).of(values))
+    assert math.isinf(Measure("rmse", None).of(values))
+
+
+def test_limits_take_the_quantile_of_the_objective_or_their_own():
+    found = limits_of({"motor_travel": 20, "hunts": (0.05, "mean"), "reversals": ["now", 0.5]}, 0.9)
+    assert found == [
+        Limit(Measure("motor_travel", 0.9), 20.0),
+        Limit(Measure("hunts", None), 0.05),
+        Limit(Measure("reversals", 0.5), math.inf, as_now=True),
+    ]
+
+
+def test_a_limit_counts_by_how_much_it_is_broken_of_itself():
+    limits = [Limit(Measure("motor_travel", None), 20.0), Limit(Measure("hunts", None), 0.0)]
+    values = {"motor_travel_mean": np.array([20.0, 30.0, 10.0]), "hunts_mean": np.array([0.0, 0.0, 0.25])}
+    assert violation(limits, values).tolist() == [0.0, 0.5, 0.25]
+
+
+def test_names_say_metric_and_share():
+    assert Measure("rmse", 0.95).name == "rmse_p95"
+    assert Measure("rmse", 0.975).name == "rmse_p97_5"
+    assert Measure("hunts", None).name == "hunts_mean"
+
+
+def test_travel_and_hunting_are_always_reported_and_an_error_beside_the_travel():
+    assert [m.name for m in reported(Measure("iae", 0.9), [])] == ["iae_p90", "motor_travel_p90", "hunts_mean"]
+    limited = [Limit(Measure("motor_travel", None), 3.0), Limit(Measure("hunts", 0.9), 0.0)]
+    assert [m.name for m in reported(Measure("iae", 0.9), limited)] == ["iae_p90", "motor_travel_mean", "hunts_p90"]
+    names = [m.name for m in reported(Measure("motor_travel", 0.9), [])]
+    assert names == ["motor_travel_p90", "rmse_p90", "hunts_mean"]
+
+
+@pytest.mark.parametrize(
+    ("objective", "words"),
+    [
+        ("rmsee", "did you mean 'rmse'?"),
+        ("learning_status", "is no metric"),
+        ("size_error", "less of it is not better"),
+        (3, "give the name of a metric"),
+    ],
+)
+def test_an_objective_must_be_a_metric_of_which_less_is_better(objective, words):
+    assert words in only_problem(goal_of, objective, 0.95)
+
+
+@pytest.mark.parametrize("quantile", [0, 1.5, "median", None, True, math.nan])
+def test_a_quantile_must_be_a_share_or_the_mean(quantile):
+    assert "give a share of valves and days" in only_problem(goal_of, "rmse", quantile)
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ({"travel": 3}, "is no metric"),
+        ({"motor_travel": "less"}, "give a number"),
+        ({"motor_travel": (3, 2.0)}, "quantile of motor_travel = 2.0"),
+        ({"motor_travel": (1, 2, 3)}, "give a number"),
+        ([3], "give upper limits by metric"),
+    ],
+)
+def test_a_wrong_limit_is_refused_in_a_sentence(limits, words):
+    assert words in only_problem(limits_of, limits, 0.95)

@@ -1,0 +1,138 @@
+"""Distance from hunting and shares of the phase, on plants whose answers are known."""
+
+import math
+import re
+
+import control
+import numpy as np
+import pytest
+from helpers.first_order_plants import first_order_plants, together
+
+import fastcoil as fc
+from fastcoil.design.answer import hints_of
+from fastcoil.design.cures import distance, shortest_ti
+from fastcoil.design.explain import told_of
+from fastcoil.design.limit_cycle import cycles_of
+from fastcoil.design.operating_points import PointsOfDay
+from fastcoil.design.phase_budget import (
+    PARTS,
+    Foretold,
+    gain_margin_without_backlash,
+    margins,
+    phase_shares,
+    response_of,
+    simc_gains,
+)
+from fastcoil.loops.scenarios import columns_of
+
+GAIN, LAG = -15.0, 100.0
+
+
+def told(loop, delay):
+    """A loop around a plant of first order at a single operating point."""
+    return at_points(loop, first_order_plants(GAIN, LAG, delay))
+
+
+def at_points(loop, *plants):
+    """A loop at an operating point for each plant."""
+    nothing = np.zeros(len(plants), dtype=np.int64)
+    cycles = cycles_of(columns_of(loop, {}, nothing), together(*plants))
+    points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0}, nothing)
+    return Foretold(points, together(*plants), cycles, int(np.argmax(cycles.margin)))
+
+
+def all_told(loop, delay):
+    """The same with what else theory tells of it."""
+    foretold = told(loop, delay)
+    return told_of(loop, foretold, np.zeros(1))
+
+
+def tuned(kappa, rho, **changes):
+    """kp and ti as multiples of 1/gain and of the lag; the backlash's 1/(1 - X) counted as plant."""
+    return fc.Loop(kp=0.93 * kappa / -GAIN, ti=rho * LAG, sample_time=1, backlash=0.07, **changes)
+
+
+@pytest.mark.parametrize(
+    ("rho", "theta", "kappa"),
+    [
+        (0.3, 10, 1.6),
+        *(pytest.param(*row, marks=pytest.mark.full) for row in ((0.5, 20, 3.3), (0.2, 20, 0.67), (0.5, 50, 1.5))),
+    ],
+)
+def test_the_shortest_ti_is_that_of_the_published_table(rho, theta, kappa):
+    """literature: critical gain of a first-order lag with delay behind any backlash, by ti/lag and delay/lag."""
+    loop = tuned(kappa, 0.05)
+    assert shortest_ti(loop, told(loop, theta), 1.0) == pytest.approx(rho * LAG, rel=0.06)
+
+
+def test_the_shortest_ti_holds_where_the_loop_is_worst_then_and_not_only_where_it_is_worst_now():
+    strong, late = first_order_plants(-6.0, 100.0, 3), first_order_plants(-4.0, 20.0, 40)
+    loop = fc.Loop(kp=0.1, ti=3.0, sample_time=1)
+    both = at_points(loop, strong, late)
+    assert both.worst == 0
+    alone = [shortest_ti(loop, at_points(loop, plant), 0.33) for plant in (strong, late)]
+    assert alone[1] > 1.2 * alone[0]
+    assert shortest_ti(loop, both, 0.33) == pytest.approx(alone[1], rel=1e-3)
+
+
+def test_the_margins_of_a_sweep_are_those_of_its_loops_point_by_point():
+    plants = [first_order_plants(GAIN, LAG, delay) for delay in (5, 20, 60)]
+    loops = [tuned(kappa, 0.3) for kappa in (0.5, 2.0)]
+    swept = loops[0].assign(kp=("tuning", [loop["kp"] for loop in loops]))
+    found = margins(swept, together(*plants), np.array([2, 0]))
+    expected = [[at_points(loop, plant).margin for plant in (plants[2], plants[0])] for loop in loops]
+    assert found == pytest.approx(np.array(expected), rel=1e-4)
+
+
+def test_twice_the_kp_is_half_the_distance():
+    near, far = (distance(tuned(kappa, 0.5), told(tuned(kappa, 0.5), 20)) for kappa in (2.0, 1.0))
+    assert far.kp_factor == pytest.approx(2.0 * near.kp_factor, rel=1e-6)
+    assert near.ti > far.ti
+
+
+def test_the_parts_take_180_degrees_each_what_its_formula_says():
+    loop = tuned(4.0, 0.3, sensor_time_constant=20.0)
+    foretold = told(loop, 10)
+    response = response_of(loop, foretold)
+    w = 2.0 * math.pi / response.period
+    shares = phase_shares(loop, response)
+    assert tuple(shares) == PARTS
+    assert sum(shares.values()) == pytest.approx(180.0)
+    assert shares["integral"] == pytest.approx(90.0 - math.degrees(math.atan(30.0 * w)), abs=2.0)
+    assert shares["sensor"] == pytest.approx(math.degrees(math.atan(20.0 * w)), abs=2.0)
+    assert shares["sampling"] == pytest.approx(math.degrees(0.5 * w), abs=1e-9)
+    assert shares["coil"] == pytest.approx(math.degrees(math.atan(LAG * w) + 10.0 * w), abs=2.0)
+
+
+def test_a_loop_that_rings_without_backlash_is_told_from_one_that_does_not():
+    loop = tuned(4.0, 0.6)
+    s = control.tf("s")
+    pade = control.tf(*control.pade(20.5, 6))
+    L = 0.93 * 4.0 * (1.0 + 1.0 / (60.0 * s)) * pade / (1.0 + LAG * s)
+    assert gain_margin_without_backlash(loop, told(loop, 20)) == pytest.approx(control.margin(L)[0], rel=0.05)
+
+
+def test_simc_is_that_of_the_plant():
+    """Skogestad (2003): kp = lag/(2 K delay), ti = min(lag, 8 delay), half a sample of delay added."""
+    loop = tuned(4.0, 0.6)
+    kp, ti = simc_gains(loop, told(loop, 20))
+    assert kp == pytest.approx(LAG / (2.0 * 20.5 * -GAIN), rel=0.15)  # two points of a step tell the delay so well
+    assert ti == pytest.approx(LAG, rel=0.03)
+
+
+def test_a_slow_sensor_that_takes_much_of_the_phase_is_named_with_what_a_fast_one_would_do():
+    loop = tuned(5.0, 0.5, sensor_time_constant=40.0)
+    hints = hints_of(loop, all_told(loop, 10))
+    fast = margins(loop.assign(sensor_time_constant=5.0), told(loop, 10).plants, np.zeros(1, dtype=np.int64))
+    assert len(hints) == 1
+    assert hints[0].startswith("The sensor takes")
+    assert hints[0].endswith(f"with 5 s the margin would be {fast[0, 0]:.2g}.")
+
+
+def test_a_perfect_valve_is_told_when_its_loop_will_hunt_as_it_wears():
+    def hints(rho):
+        loop = tuned(3.0, rho).assign(backlash=0.0)
+        return hints_of(loop, all_told(loop, 20))
+
+    assert re.fullmatch(r"With a backlash of 2 % the margin would be [\d.]+: as the valve .*", *hints(0.3))
+    assert hints(1.5) == ()

@@ -1,0 +1,178 @@
+"""``fc.tune``: it finds what a grid finds, and its numbers are those of simulations on either side of the hold-out."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.design.measures import Measure
+from fastcoil.design.tuning_plan import plan_tuning
+from fastcoil.study.file.loop import read_includes
+
+pytestmark = pytest.mark.kernel
+
+N = 9
+X = np.linspace(0.0, 0.12, N)
+SEARCH = {"kp": (0.005, 0.2), "ti": (5, 200)}
+LIMITS = {"motor_travel": 0.17, "reversals": ("now", "mean")}
+HOW = {"warm_up": 300}
+
+
+@pytest.fixture(scope="module")
+def loop():
+    return fc.Loop(backlash=("sample", X), noise_std=0.02)
+
+
+@pytest.fixture(scope="module")
+def days():
+    return fc.paper_day(hours=0.4, seed=[1, 2, 3])
+
+
+@pytest.fixture(scope="module")
+def found(loop, days):
+    return fc.tune(loop, days, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=1, **HOW)
+
+
+def p95(values):
+    return np.sort(np.ravel(values))[int(np.ceil(0.95 * values.size - 1e-9)) - 1]
+
+
+def test_it_finds_what_a_grid_of_gains_finds(loop, days):
+    search = {"kp": (0.005, 0.3)}
+    group = plan_tuning(loop, days, search=search, **HOW).training
+    grid = fc.simulate(group.loop.assign(kp=np.geomspace(0.005, 0.3, 60)), group.boundary, n_jobs=1, **HOW).rmse
+    errors = grid.mean(["sample", "day"]).values
+    tuned = fc.tune(loop, days, search=search, quantile="mean", evaluations=48, n_jobs=1, **HOW)
+    assert float(tuned.trained.rmse_mean.sel(tuning="chosen", edge="value")) <= errors.min() * 1.01
+    assert tuned.parameters["kp"] == pytest.approx(float(grid.kp[errors.argmin()]), rel=0.2)
+    assert errors.min() < 0.8 * errors.max(), "or any gain would do"
+
+
+def test_its_numbers_are_those_of_simulations_of_valves_and_days_on_either_side(loop, days, found):
+    asked = plan_tuning(loop, days, search=SEARCH, **HOW)
+    for ds, group in ((found.trained, asked.training), (found.held_out, asked.holdout)):
+        valves = [k for k in range(N) if X[k] in np.asarray(group.loop["backlash"])]
+        assert tuple(valves) == group.members
+        chosen = fc.Loop(backlash=("sample", X[valves]), noise_std=0.02, **found.parameters)
+        for tuning, one in (("now", chosen.assign(kp=0.03, ti=8.0)), ("chosen", chosen)):
+            of = fc.simulate(one, group.boundary, n_jobs=1, **HOW)
+            at = ds.sel(tuning=tuning, edge="value")
+            assert float(at.rmse_p95) == p95(of.rmse.values)
+            assert float(at.motor_travel_p95) == p95(of.motor_travel.values)
+            assert float(at.reversals_mean) == pytest.approx(float(of.reversals.mean()), rel=1e-12)
+            assert float(at.hunts_mean) == float(of.hunts.mean())
+        now, chosen_there = (float(ds.rmse_p95.sel(tuning=t, edge="value")) for t in ("now", "chosen"))
+        assert float(ds.change.sel(tuning="chosen", edge="value")) == pytest.approx(chosen_there / now - 1.0)
+
+
+def test_no_tuning_that_keeps_the_limits_and_was_tried_is_better(found):
+    tried = found.evaluations
+    now = found.trained.sel(tuning="now", edge="value")
+    keeps = (tried.motor_travel_p95 <= 0.17) & (tried.reversals_mean <= float(now.reversals_mean))
+    chosen = found.trained.sel(tuning="chosen", edge="value")
+    assert found.meets_limits
+    assert float(chosen.rmse_p95) == float(tried.rmse_p95.where(keeps).min())
+    assert float(tried.rmse_p95.min()) < float(chosen.rmse_p95), "or the limits would not have mattered"
+    assert {
+        name: float(tried[name][int(np.nanargmin(tried.rmse_p95.where(keeps).values))]) for name in SEARCH
+    } == found.parameters
+
+
+def test_intervals_hold_the_value_and_vary_with_the_valves(found):
+    for ds in (found.trained, found.held_out):
+        low, value, high = (ds.rmse_p95.sel(edge=edge) for edge in ("low", "value", "high"))
+        assert ((low <= value) & (value <= high)).all()
+        assert (low < high).all()
+
+
+def test_one_valve_on_one_day_has_no_interval(days):
+    how = HOW | {"holdout": [3], "n_jobs": 1}
+    tuned = fc.tune(fc.Loop(backlash=0.05), days, search={"kp": (0.01, 0.1)}, evaluations=8, **how)
+    assert np.isnan(tuned.held_out.rmse_p95.sel(edge=["low", "high"])).all()
+    assert np.isfinite(tuned.trained.rmse_p95).all(), "two days"
+    assert "for other valves and days" not in "\n".join(tuned.summary())
+    assert any("so none is held out, only days" in note for note in tuned.notes)
+    assert not any("beyond chance" in note for note in tuned.notes)
+    assert tuned.plot().axes
+
+
+def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, found):
+    group = plan_tuning(loop, days, search=SEARCH, **HOW).training
+    days = group.boundary
+    means = {name: values[:, 300:].mean(axis=1) for name, values in days.series.items()}
+    steady = {name: np.repeat(values[:, None], 2000, axis=1) for name, values in means.items()}
+    gains = fc.linearise(group.loop, fc.Boundary(**steady, day=days.day))
+    own = group.loop.assign(kp=gains.kp_simc.median("day"), ti=gains.ti_simc.median("day"))
+    of = fc.simulate(own, group.boundary, n_jobs=1, **HOW)
+    assert float(found.trained.rmse_p95.sel(tuning="simc", edge="value")) == pytest.approx(
+        p95(of.rmse.values), rel=1e-6
+    )
+
+
+def test_the_front_is_retried_on_the_hold_out(loop, days, found):
+    group = plan_tuning(loop, days, search=SEARCH, **HOW).holdout
+    front = found.front.isel(point=-1)
+    of = fc.simulate(group.loop.assign(kp=float(front.kp), ti=float(front.ti)), group.boundary, n_jobs=1, **HOW)
+    assert float(front.held_out_rmse_p95) == p95(of.rmse.values)
+    assert (np.diff(found.front.motor_travel_p95) > 0).all()
+    assert (np.diff(found.front.rmse_p95) < 0).all()
+
+
+def test_threads_decide_nothing(loop, days, found):
+    again = fc.tune(loop, days, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=2, **HOW)
+    for name in ("trained", "held_out", "front", "evaluations"):
+        assert getattr(again, name).identical(getattr(found, name))
+
+
+def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, days, tmp_path):
+    tuned = fc.tune(
+        loop, days, search={"ti": (5, 200)}, limits={"rmse": 1e-3}, evaluations=8, n_jobs=1, **HOW
+    )  # fmt: skip
+    assert not tuned.meets_limits
+    assert "No tuning keeps the limits" in tuned.summary()[0]
+    assert any(note.startswith("No tuning in these ranges") for note in tuned.notes)
+    assert any(note.startswith("The hold-out breaks a limit") for note in tuned.notes)
+    tuned.to_toml(tmp_path / "tuning.toml")
+    assert read_includes({"include": ["tuning.toml"]}, tmp_path) == {}
+
+
+def test_what_was_chosen_can_be_included_in_a_study(found, tmp_path):
+    found.to_toml(tmp_path / "tuning.toml")
+    assert read_includes({"include": ["tuning.toml"]}, tmp_path) == found.parameters
+
+
+def test_an_objective_that_no_tuning_has_is_refused(days):
+    with pytest.raises(fc.InputError, match="objective = 'learn_time_reached'"):
+        fc.tune(
+            fc.Loop(), days, search={"kp": (0.01, 0.02)}, objective="learn_time_reached", evaluations=8, n_jobs=1, **HOW
+        )
+
+
+def test_the_figure_names_both_axes_and_every_tuning(found):
+    (axes,) = found.plot().axes
+    assert axes.get_xlabel() == "motor travel, strokes, 95 % quantile"
+    assert axes.get_ylabel() == "RMS error [K], 95 % quantile"
+    legend = {text.get_text() for text in axes.get_legend().get_texts()}
+    assert {"now, held out", "chosen, held out", "SIMC, held out", "limit"} <= legend
+
+
+def test_settings_beside_the_gains_are_tuned_and_whole_ones_stay_whole(days):
+    loop = fc.Loop(backlash=("sample", X[3:6]), noise_std=0.02, kp=("sample", [0.02, 0.03, 0.04]))
+    search = {"sample_time": (5, 60), "error_dead_band": (0.0, 0.3), "kp": (0.01, 0.1)}
+    tuned = fc.tune(loop, days, search=search, quantile="mean", evaluations=12, n_jobs=1, **HOW)
+    assert tuned.parameters["sample_time"] == int(tuned.parameters["sample_time"])
+    assert f"sample_time = {int(tuned.parameters['sample_time'])}\n" in tuned.to_toml()
+    assert list(tuned.held_out.tuning.values) == ["now", "chosen"]
+
+
+def test_measures_are_told_by_name(found):
+    assert found.objective == Measure("rmse", 0.95)
+    assert isinstance(found.held_out, xr.Dataset)
+    assert found.held_out.rmse_p95.attrs["units"] == "K"
+
+
+def test_the_table_of_either_side_has_what_the_loop_does_there_now_as_its_limit(found):
+    limits = [line.split()[-1] for line in found.summary() if line.strip().startswith("stem reversals")]
+    of = [ds.reversals_mean.sel(tuning="now", edge="value") for ds in (found.held_out, found.trained)]
+    assert limits == [f"{float(now):.3g}" for now in of]
+    assert limits[0] != limits[1]

@@ -1,0 +1,92 @@
+"""What ``fc.tune`` refuses, each in one sentence and before anything runs."""
+
+import numpy as np
+import pytest
+from helpers.refusals import only_problem, problems
+
+import fastcoil as fc
+from fastcoil.design.search_space import space_of
+
+
+@pytest.fixture(scope="module")
+def days():
+    return fc.paper_day(hours=0.6, seed=[1, 2])
+
+
+@pytest.mark.parametrize(
+    ("search", "words"),
+    [
+        ({}, "search is empty"),
+        ([1], "give bounds by parameter"),
+        ({"kpp": (1, 2)}, "search: kpp is not a parameter"),
+        ({"backlash": (0, 0.1)}, "backlash is not the controller's to choose"),
+        ({"plant_gain": (1, 2)}, "plant_gain is not the controller's to choose"),
+        ({"law": (0, 1)}, "law is a word"),
+        ({"kp": 0.1}, "give two numbers"),
+        ({"kp": (0.1,)}, "give two numbers"),
+        ({"kp": (0.1, "0.2")}, "give two numbers"),
+        ({"kp": (0.2, 0.1)}, "the lowest value must be below the highest"),
+        ({"ti": (0, 100)}, "search: ti = 0"),
+        ({"sample_time": (1.5, 30)}, "search: sample_time = 1.5"),
+        ({"backlash_estimate": (0, 0.1), "estimate_ratio": (0, 1)}, "search one or the other"),
+    ],
+)
+def test_what_cannot_be_searched(search, words):
+    assert words in only_problem(space_of, search, fc.Loop())
+
+
+def test_a_searched_parameter_has_no_dim_of_its_own_but_may_differ_between_valves():
+    own = fc.Loop(kp=[0.01, 0.02], backlash=("sample", [0.0, 0.1]))
+    assert "kp is swept along 'kp'" in only_problem(space_of, {"kp": (0.005, 0.1)}, own)
+    of_valves = fc.Loop(kp=("sample", [0.01, 0.02]), backlash=("sample", [0.0, 0.1]))
+    assert space_of({"kp": (0.005, 0.1)}, of_valves).names == ["kp"]
+
+
+def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
+    loop = fc.Loop()
+    wide, narrow, from_0, whole = space_of(
+        {"kp": (0.01, 1.0), "ti": (10, 20), "buffer": (0, 0.01), "sample_time": (1, 60)}, loop
+    ).axes
+    middle = np.array([0.5])
+    assert wide.values(middle) == pytest.approx([0.1])
+    assert narrow.values(middle) == pytest.approx([15.0])
+    assert from_0.values(middle) == pytest.approx([0.005])
+    assert whole.values(middle) == 8.0
+    for axis in (wide, narrow, from_0, whole):
+        assert axis.values(np.array([0.0, 1.0])).tolist() == [axis.low, axis.high]
+        assert axis.share(float(axis.values(middle)[0])) == pytest.approx(0.5, abs=0.01)
+        assert (axis.end(axis.low), axis.end(axis.high)) == ("" if axis is from_0 else "lower", "upper") or whole
+    assert wide.values(np.array([0.12345]))[0] == float(f"{0.01 * 100**0.12345:.4g}"), "what is quoted is what is tried"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"loop": 3}, "loop is a int: give a Loop"),
+        ({"boundary": None}, "boundary is a NoneType: give a Boundary"),
+        ({"objective": "rms"}, "did you mean 'rmse'?"),
+        ({"evaluations": 0}, "evaluations = 0"),
+        ({"seed": -1}, "seed = -1"),
+        ({"n_jobs": 0}, "n_jobs = 0"),
+        ({"progress": 3}, "progress = 3: give True, False or a function"),
+        ({"kept": "no/such/folder/tune.json"}, "give a file in a folder that exists"),
+        ({"warm_up": 9999}, "nothing is left to count"),
+        ({"holdout": [7]}, "the boundary has no day 7"),
+    ],
+)
+def test_every_mistake_is_told_in_a_sentence(days, change, words):
+    arguments = {"loop": fc.Loop(), "boundary": days, "search": {"kp": (0.01, 0.1)}} | change
+    assert words in only_problem(fc.tune, **arguments)
+
+
+def test_mistakes_are_told_together(days):
+    found = problems(
+        fc.tune, fc.Loop(), days, search={"kpp": (1, 2)}, objective="x", limits={"y": 1}, holdout=[9], evaluations=0
+    )
+    assert len(found) == 5
+
+
+def test_settings_that_cannot_be_together_are_refused_before_anything_runs(days):
+    loop = fc.Loop(backlash_estimate=0.1, learning_step=0.01)
+    found = only_problem(fc.tune, loop, days, search={"learning_cap": (0.05, 0.25)})
+    assert "learning_cap" in found

@@ -1,0 +1,97 @@
+"""Reduction to first order, and the rules: closed forms, and what the loops do with their gains."""
+
+import numpy as np
+import pytest
+from helpers.linear_loops import KINDS, of
+
+import fastcoil as fc
+from fastcoil.design.linearise import calm, first_order, margins_of, simc, ziegler_nichols
+from fastcoil.design.plants import Plants
+
+LAG, DELAY, GAIN = 80.0, 12.0, -20.0
+
+
+def closed_form(ts, tau=0.0, gap=0.0, delay=DELAY):
+    """A plant of first order with delay, as the theory has it, and the columns that go with it."""
+    seconds = np.arange(1, 1201)
+    response = GAIN * np.where(seconds > delay, -np.expm1(-(seconds - delay) / LAG), 0.0)[None, :]
+    one, nothing = np.ones(1), np.zeros(1)
+    plants = Plants(one, one, GAIN * one, one > 0, one, nothing, response, np.zeros(1, int), np.ones((1, 17)))
+    columns = {"sample_time": ts, "sensor_time_constant": tau, "kp": 0.02, "ti": 60.0, "backlash": gap}
+    return {name: np.array([float(v)]) for name, v in columns.items()} | {"action": np.array(["cooling"])}, plants
+
+
+def test_a_first_order_plant_with_delay_is_found_as_it_is():
+    model = first_order(*closed_form(ts=1))
+    assert model.lag[0] == pytest.approx(LAG, rel=1e-4)
+    assert model.delay[0] == pytest.approx(DELAY, abs=0.01)
+
+
+def test_the_sensor_is_part_of_what_is_reduced():
+    """Two lags in a row: their sum, and about the smaller one's half as delay."""
+    bare, seen = first_order(*closed_form(ts=1)), first_order(*closed_form(ts=1, tau=20.0))
+    assert LAG < seen.lag[0] < LAG + 20.0
+    assert seen.lag[0] + seen.delay[0] == pytest.approx(bare.lag[0] + bare.delay[0] + 20.0, rel=0.03)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.1])
+@pytest.mark.parametrize("ts", [1, 10, 60])
+def test_rules_count_half_a_sample_time_as_dead_time_and_the_stroke_behind_the_gap(ts, gap):
+    columns, plants = closed_form(ts, gap=gap)
+    model = first_order(columns, plants)
+    K, dead = -GAIN / (1.0 - gap), DELAY + 0.5 * ts
+    found = simc(columns, plants, model)
+    assert found.kp[0] == pytest.approx(LAG / (2.0 * K * dead), rel=2e-3)
+    assert found.ti[0] == pytest.approx(min(LAG, 8.0 * dead), rel=2e-3)
+    found = calm(columns, plants, model)
+    assert found.kp[0] == pytest.approx(LAG / (K * (3.0 * LAG + dead)), rel=2e-3)
+    assert found.ti[0] == pytest.approx(LAG, rel=1e-4)
+
+
+def test_simc_shortens_ti_where_the_lag_is_long():
+    columns, plants = closed_form(ts=4, delay=3.0)
+    assert simc(columns, plants, first_order(columns, plants)).ti[0] == pytest.approx(8.0 * (3.0 + 2.0), rel=2e-3)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.2])
+def test_ultimate_gain_and_period_are_those_of_the_textbook_plant(gap):
+    """A P controller, sampled every second: phase -(ω (delay + 1/2) + atan(ω lag)) = -π, K Ku = √(1 + (ω lag)²).
+
+    The step-invariant delay of 12 s is 12 whole samples.
+    """
+    columns, plants = closed_form(ts=1, gap=gap)
+    w = np.linspace(0.05, 0.2, 200001)
+    ultimate = w[np.argmin(np.abs(w * (DELAY + 0.5) + np.arctan(w * LAG) - np.pi))]
+    found = margins_of(columns, plants)
+    assert found.ultimate_period[0] == pytest.approx(2.0 * np.pi / ultimate, rel=2e-3)
+    assert found.ultimate_gain[0] == pytest.approx(np.hypot(1.0, ultimate * LAG) * (1.0 - gap) / -GAIN, rel=2e-3)
+    gains = ziegler_nichols(found.ultimate_gain, found.ultimate_period)
+    assert gains.kp[0] == 0.45 * found.ultimate_gain[0]
+    assert gains.ti[0] == found.ultimate_period[0] / 1.2
+
+
+@pytest.mark.kernel
+def test_each_rule_makes_a_loop_that_follows_a_set_point_without_hunting():
+    """Simulated, in every kind of loop, without a gap: lambda is the slowest."""
+    for name, (loop, entering) in KINDS.items():
+        ideal = loop.assign(backlash=0.0, stroke_time=0.0)
+        T_set = np.full(5400, entering.get("T_set", 14.0))
+        T_set[2700:] += 0.5
+        day = fc.constant_day(1.5, **entering | {"T_set": T_set})
+        linear = fc.linearise(ideal, day, at=0)
+        kp = [float(linear[f"kp_{rule}"]) for rule in ("lambda", "simc", "zn")]
+        ti = [float(linear[f"ti_{rule}"]) for rule in ("lambda", "simc", "zn")]
+        tuned = ideal.assign(kp=("rule", kp), ti=("rule", ti))
+        margins = margins_of(*_plants(tuned, entering))
+        assert (margins.gain_margin > 1.3).all(), name
+        assert margins.gain_margin[0] == margins.gain_margin.max(), name
+        T = fc.simulate(tuned, day, traces=["T_sup"], warm_up=1800, n_jobs=1).T_sup.values - T_set
+        assert np.abs(T[:, -300:]).max() < 0.02, name
+        assert T[0, 2700 + 60] <= T[1:, 2700 + 60].max() + 1e-9, name
+
+
+def _plants(loop, entering):
+    from fastcoil.design.plants import plants_of
+
+    columns, conditions = of(loop, fc.constant_day(0.6, **entering))
+    return columns, plants_of(columns, conditions)
