@@ -62,11 +62,10 @@ class _Sheet:
     def __init__(self, ds: xr.Dataset, metrics: Sequence[str], by: str | None, width: float | None, *of: str) -> None:
         with checking() as check:
             check.unless_none(text_of, "by", by)
-            cure = "give the width in inches, from 1 to 60"
-            self.width = check.unless_none(number_of, "width", width, cure, least=1.0, most=60.0)
+            self.abreast = check(panels_abreast, width)
         if by in of:
             raise InputError(f"{by} is named twice: choose two different axes")
-        self.ds, self.metrics, self.by = ds, metrics, by
+        self.ds, self.metrics, self.by, self.width = ds, metrics, by, width
         self.rows = rows_of(ds, by)
         self.pooled = pooled_dims(ds["status"], *of, *([by] if by else []))
 
@@ -74,8 +73,7 @@ class _Sheet:
         """The empty figure; ``height``: of a panel, inches."""
         from matplotlib.figure import Figure
 
-        n = len(self.metrics)
-        abreast = panels_abreast(self.width)
+        n, abreast = len(self.metrics), self.abreast
         rows, columns = (len(self.rows), n) if self.by or one_row else (-(-n // min(n, abreast)), min(n, abreast))
         if self.by and self.width is not None and n > abreast:
             raise InputError(
@@ -115,8 +113,11 @@ class _Sheet:
 
 
 def panels_abreast(width: float | None) -> int:
-    """How many panels stand side by side in a width, inches."""
-    return _ABREAST if width is None else int(np.clip(width / _NARROWEST, 1, _ABREAST))
+    """How many panels stand side by side in a width from 1 to 60 inches."""
+    if width is None:
+        return _ABREAST
+    width = number_of("width", width, "give the width in inches, from 1 to 60", least=1.0, most=60.0)
+    return int(np.clip(width / _NARROWEST, 1, _ABREAST))
 
 
 @apply_style()
