@@ -1,8 +1,11 @@
 """The loop behind a trend log as a model, and what its day would have been with another valve or controller.
 
 ``play`` replays the day of the log with the fitted plant in place of the coil.  It is not the loop of the engine: the
-plant has no control volumes, a step is that of the log, and the day starts in the state that the log shows.  An
-``Outcome`` has the meanings of the metrics of a simulation.
+plant has no control volumes, a step is a part of the log's interval (at 1 s, as in the engine, predicted errors change
+by up to 4 %), and the day starts in the state that the log shows.
+
+``Outcome.hunts`` is the metric of that name and is meant for true temperatures; ``Swing.is_regular`` (``measures``)
+answers for a measured temperature, with noise, drift and gaps.
 """
 
 from __future__ import annotations

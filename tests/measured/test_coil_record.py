@@ -115,4 +115,5 @@ def test_four_pieces_or_more_are_held_back_whole():
     batch, compared = problem.data.batch, problem.compared["T_sup"]
     assert set(batch[compared & problem.fitting]) == {0, 1, 2}
     assert set(batch[compared & ~problem.fitting]) == {4}
+    assert not Part(0.99).fitted(problem.data)[batch == 4].any()  # the last piece is never fitted
     assert any("5 unbroken pieces" in note and "(1 shorter than that)" in note for note in problem.notes)
