@@ -122,7 +122,7 @@ def test_a_worker_with_another_value_computes_nothing(path, value, monkeypatch):
     job = worker.Job("key", study.plan, None, study.rules, {})
     monkeypatch.setitem(worker._jobs, "key", job)
     worker.find_job("key")
-    here = Manifest.of(study, "").own_code
+    here = Manifest.of(study).own_code
     assert here["steps"]
     elsewhere = {"steps": {version: "another" for version in here["steps"]}}
     monkeypatch.setitem(worker._jobs, "key", job._replace(own_code=elsewhere))

@@ -68,7 +68,7 @@ def test_it_says_which_loops_hunt_when_they_are_simulated(ds):
     agree = sum(a == b for a, b in zip(told, seen, strict=True)) / len(told)
     (line,) = (line for line in summary(ds) if line.startswith("Hunting: "))
     shown = f"{100 * agree:.1f}"
-    assert line == f"Hunting: foretold for {told.count(1.0)} of 16 loops, seen in {seen.count(1.0)}; {shown} % agree."
+    assert line == f"Hunting: predicted for {told.count(1.0)} of 16 loops, seen in {seen.count(1.0)}; {shown} % agree."
     assert agree > 0.5
     wrong = ds.assign(predicted_hunts=(1.0 - ds.hunts).where(ds.backlash > 0.0))  # and half of them nobody knows
     (line,) = (line for line in summary(wrong) if line.startswith("Hunting: "))
