@@ -11,7 +11,7 @@ import xarray as xr
 from fastcoil.base.arrays import Array
 from fastcoil.design.cures import DEAD_BAND, INVERSE, LONGER_TI, REPAIRED, Distance, hunting
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
-from fastcoil.design.phase_budget import SAFE, UNSURE, Foretold, Response, margins
+from fastcoil.design.phase_budget import SAFE, UNSURE, Prediction, Response, margins
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.model.metric_table import STATUS_OK
@@ -21,14 +21,14 @@ _LOST = 0.5
 """Share of the time off the set-point from which a loop does not control."""
 
 
-class Told(NamedTuple):
+class Theory(NamedTuple):
     """What theory tells of a loop.
 
     response, phase, gain_margin: at the worst operating point; phase has the degrees that each part of the loop takes
     over ``part``; the gain margin is that behind a perfect valve.  swings: simulated at each operating point, K.
     """
 
-    foretold: Foretold
+    prediction: Prediction
     response: Response
     distance: Distance
     phase: xr.DataArray
@@ -43,17 +43,17 @@ class Told(NamedTuple):
     @property
     def too_large(self) -> bool:
         """Whether the margin alone makes it hunt: a slow motor may keep a large swing up where it does not."""
-        return self.foretold.margin > HUNTS_ABOVE
+        return self.prediction.margin > HUNTS_ABOVE
 
     @property
     def unsure(self) -> bool:
         """Whether the margin is so near its limit that it does not decide."""
-        return UNSURE[0] <= self.foretold.margin <= UNSURE[1]
+        return UNSURE[0] <= self.prediction.margin <= UNSURE[1]
 
     @property
     def points(self) -> xr.Dataset:
         """The operating points with their margins."""
-        points, plants, cycles, _ = self.foretold
+        points, plants, cycles, _ = self.prediction
         kelvin, second = {"units": "K"}, {"units": "s"}
         return xr.Dataset(
             {
@@ -75,14 +75,14 @@ class Told(NamedTuple):
 class Found(NamedTuple):
     """Everything behind an explanation.
 
-    loop, boundary: a single scenario.  told: None where theory cannot tell, for the reasons in ``doubts``.
+    loop, boundary: a single scenario.  theory: None where theory cannot tell, for the reasons in ``doubts``.
     left_out: what the margin does not see.  hints: what else would help, not tried.
     cures: over ``cure``, as it is first, with the trace T_sup.  best: index of the recommended one.
     """
 
     loop: Loop
     boundary: Boundary
-    told: Told | None
+    theory: Theory | None
     doubts: tuple[str, ...]
     left_out: tuple[str, ...]
     hints: tuple[str, ...]
@@ -141,26 +141,26 @@ _FASTER = 3.0
 """Times as many samples."""
 
 
-def hints_of(loop: Loop, told: Told) -> tuple[str, ...]:
+def hints_of(loop: Loop, theory: Theory) -> tuple[str, ...]:
     """Sentences for a single loop whose margin is too large; none for another."""
-    foretold, found = told.foretold, []
+    prediction, found = theory.prediction, []
     if not float(loop["backlash"]):  # type: ignore[arg-type]
-        return _with_backlash(loop, foretold)
-    if foretold.margin <= SAFE:
+        return _with_backlash(loop, prediction)
+    if prediction.margin <= SAFE:
         return ()
-    shares = dict(zip(told.phase["part"].values.tolist(), told.phase.values.tolist(), strict=True))
+    shares = dict(zip(theory.phase["part"].values.tolist(), theory.phase.values.tolist(), strict=True))
     sample, tau = (float(loop[name]) for name in ("sample_time", "sensor_time_constant"))  # type: ignore[arg-type]
     faster = float(max(1, round(sample / _FASTER)))
     if shares["sampling"] > MUCH and faster < sample:
-        margin = _margin(loop, foretold, {"sample_time": faster})
-        if margin < _HELPS * foretold.margin:
+        margin = _margin(loop, prediction, {"sample_time": faster})
+        if margin < _HELPS * prediction.margin:
             found.append(
                 f"Sampling every {sample:g} s takes {shares['sampling']:.0f}° of the phase: every {faster:g} s the "
                 f"margin would be {margin:.2g}."
             )
     if shares["sensor"] > MUCH and tau > _SENSOR:
-        margin = _margin(loop, foretold, {"sensor_time_constant": _SENSOR})
-        if margin < _HELPS * foretold.margin:
+        margin = _margin(loop, prediction, {"sensor_time_constant": _SENSOR})
+        if margin < _HELPS * prediction.margin:
             found.append(
                 f"The sensor takes {shares['sensor']:.0f}° of the phase with its {tau:g} s: with {_SENSOR:g} s the "
                 f"margin would be {margin:.2g}."
@@ -168,22 +168,22 @@ def hints_of(loop: Loop, told: Told) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _with_backlash(loop: Loop, foretold: Foretold) -> tuple[str, ...]:
+def _with_backlash(loop: Loop, prediction: Prediction) -> tuple[str, ...]:
     """Of a perfect valve: what becomes of its margin as it wears."""
-    margin = _margin(loop, foretold, {"backlash": _WORN})
-    if foretold.hunts or margin <= HUNTS_ABOVE:
+    margin = _margin(loop, prediction, {"backlash": _WORN})
+    if prediction.hunts or margin <= HUNTS_ABOVE:
         return ()
     return (
         f"With a backlash of {100 * _WORN:g} % the margin would be {margin:.2g}: as the valve wears, it will hunt.",
     )
 
 
-def _margin(loop: Loop, foretold: Foretold, changes: dict[str, Scalar]) -> float:
-    return float(margins(loop.assign(**changes), foretold.plants, foretold.reached).max())
+def _margin(loop: Loop, prediction: Prediction, changes: dict[str, Scalar]) -> float:
+    return float(margins(loop.assign(**changes), prediction.plants, prediction.reached).max())
 
 
 MINUTES = 120.0
-"""Seconds from which a period is told in minutes."""
+"""Seconds from which a period is given in minutes."""
 _NOTHING = 5e-4
 """Temperature difference that nobody sees, K."""
 
@@ -193,7 +193,12 @@ def answer_of(found: Found) -> str:
     if found.failed:
         return "This loop cannot be simulated: temperatures leave the range of the model."
     if found.hunts:
-        sure = found.told is not None and found.told.too_large and found.told.foretold.hunts and not found.told.rings
+        sure = (
+            found.theory is not None
+            and found.theory.too_large
+            and found.theory.prediction.hunts
+            and not found.theory.rings
+        )
         whatever = ", whatever the size of the backlash" if sure else ""
         return f"This loop will hunt: about {simulated(found)}{whatever}."
     if found.lost and not found.needs_cure:
@@ -204,29 +209,29 @@ def answer_of(found: Found) -> str:
 
 def _quiet(found: Found) -> str:
     """Of a loop that the simulation shows quiet."""
-    if found.told is None or not found.told.foretold.hunts:
-        edge = found.told is not None and found.told.unsure
+    if found.theory is None or not found.theory.prediction.hunts:
+        edge = found.theory is not None and found.theory.unsure
         return "This loop will not hunt, but it is on the edge." if edge else "This loop will not hunt."
-    told = found.told.foretold
-    places = f"{told.n_hunting} of {told.reached.size} operating points"
-    if found.needs_cure and told.elsewhere.size:
+    prediction = found.theory.prediction
+    places = f"{prediction.n_hunting} of {prediction.reached.size} operating points"
+    if found.needs_cure and prediction.elsewhere.size:
         return f"This loop will hunt for a part of the day: at {places}."
     if found.needs_cure:
-        swing = kelvin(float(np.nanmedian(found.told.swings)))
+        swing = kelvin(float(np.nanmedian(found.theory.swings)))
         return f"This loop will swing by about {swing} peak to peak, not regularly enough to count as hunting."
-    most = kelvin(2.0 * float(np.nanmax(told.cycles.amplitude[told.hunting])))
+    most = kelvin(2.0 * float(np.nanmax(prediction.cycles.amplitude[prediction.hunting])))
     return f"This loop will hardly hunt: by up to {most} at {places} in theory, which the simulated day does not show."
 
 
 def why_of(found: Found) -> str:
     """The reason, in a sentence or two."""
-    if found.told is None:
+    if found.theory is None:
         return f"Why: theory cannot tell, since {'; '.join(found.doubts)}.  The answer is that of the simulation."
-    if not found.told.foretold.hunts:
-        return _why_quiet(found, found.told)
-    if not found.told.too_large:
-        return _why_kept_up(found, found.told)
-    return f"Why: {_too_fast(found, found.told)} {_backlash(found, found.told)}"
+    if not found.theory.prediction.hunts:
+        return _why_quiet(found, found.theory)
+    if not found.theory.too_large:
+        return _why_kept_up(found, found.theory)
+    return f"Why: {_too_fast(found, found.theory)} {_backlash(found, found.theory)}"
 
 
 def simulated(found: Found) -> str:
@@ -257,35 +262,35 @@ def per_cent(value: float) -> str:
     return f"{100.0 * value:.3g} %"
 
 
-def _why_quiet(found: Found, told: Told) -> str:
+def _why_quiet(found: Found, theory: Theory) -> str:
     """Of a loop that theory expects no cycle of, or none that counts."""
-    if told.too_large:
-        safe = number(found.value("kp") * told.distance.kp_factor)
+    if theory.too_large:
+        safe = number(found.value("kp") * theory.distance.kp_factor)
         return (
-            f"Why: its margin is {told.foretold.margin:.2g}: a loop hunts above {HUNTS_ABOVE:g}, so kp "
+            f"Why: its margin is {theory.prediction.margin:.2g}: a loop hunts above {HUNTS_ABOVE:g}, so kp "
             f"has to be below {safe} 1/K with this ti.  Theory finds no swing that counts: go by the simulation."
         )
     ways = []
-    if math.isfinite(told.distance.kp_factor):
-        ways.append(f"with {told.distance.kp_factor:.3g} times this kp")
-    if told.distance.ti < found.value("ti"):
-        ways.append(f"with a ti below {number(told.distance.ti)} s")
+    if math.isfinite(theory.distance.kp_factor):
+        ways.append(f"with {theory.distance.kp_factor:.3g} times this kp")
+    if theory.distance.ti < found.value("ti"):
+        ways.append(f"with a ti below {number(theory.distance.ti)} s")
     far = f", and it would {', or '.join(ways)}" if ways else ""
-    return f"Why: its margin is {told.foretold.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}{far}."
+    return f"Why: its margin is {theory.prediction.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}{far}."
 
 
-def _why_kept_up(found: Found, told: Told) -> str:
+def _why_kept_up(found: Found, theory: Theory) -> str:
     """Of a loop that is calm by its margin, but not once it swings: the margin is that of swings up to 2 K."""
     stroke = found.value("stroke_time")
     motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
-    margin = f"its margin of {told.foretold.margin:.2g} is that of a small swing, and below {HUNTS_ABOVE:g}"
+    margin = f"its margin of {theory.prediction.margin:.2g} is that of a small swing, and below {HUNTS_ABOVE:g}"
     return f"Why: {motor}a large swing keeps itself up once it has begun, though a small one dies away ({margin})."
 
 
-def _too_fast(found: Found, told: Told) -> str:
+def _too_fast(found: Found, theory: Theory) -> str:
     """Whether the integral or the gain is at fault."""
     kp, ti = found.value("kp"), found.value("ti")
-    limit = f"(margin {told.foretold.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g})"
+    limit = f"(margin {theory.prediction.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g})"
     longer = found.cured(LONGER_TI)
     if longer is not None:
         return (
@@ -293,13 +298,13 @@ def _too_fast(found: Found, told: Told) -> str:
             f"{found.with_cure('ti', longer):g} s {limit}."
         )
     return (
-        f"the gain is too high: kp = {kp:g} 1/K, while it has to be below {kp * told.distance.kp_factor:.2g} 1/K with "
-        f"this ti, and for this kp no ti is long enough {limit}."
+        f"the gain is too high: kp = {kp:g} 1/K, while it has to be below {kp * theory.distance.kp_factor:.2g} 1/K "
+        f"with this ti, and for this kp no ti is long enough {limit}."
     )
 
 
-def _backlash(found: Found, told: Told) -> str:
-    if told.rings or not found.value("backlash"):
+def _backlash(found: Found, theory: Theory) -> str:
+    if theory.rings or not found.value("backlash"):
         return "It would swing behind a perfect valve, too."
     size, stroke = per_cent(found.value("backlash")), found.value("stroke_time")
     if stroke:
@@ -343,7 +348,7 @@ def table_of(found: Found) -> list[str]:
 
 
 _LEAST_SHARE = 0.5
-"""Degrees; less is not told."""
+"""Degrees; less is not shown."""
 _PARTS = {
     "integral": "integral of the PI",
     "coil": "coil",
@@ -356,35 +361,35 @@ _PARTS = {
 def sentences(found: Found) -> list[str]:
     """The explanation, line by line."""
     lines = [answer_of(found), why_of(found)]
-    if found.told is not None:
-        lines += [*_agreement(found, found.told), *_where(found.told)]
+    if found.theory is not None:
+        lines += [*_agreement(found, found.theory), *_where(found.theory)]
         lines += [f"Not in the margin: {clause}." for clause in found.left_out]
-        lines += ["", *_phase(found.told)]
+        lines += ["", *_phase(found.theory)]
     lines += ["", *table_of(found), *_honest(found), *_advice(found), *found.hints]
     if not found.value("noise_std") and not found.boundary.series["noise"].any():
         lines.append("No measurement noise is given: with some the motor travels more (--set noise_std=0.02).")
     return lines
 
 
-def _agreement(found: Found, told: Told) -> list[str]:
-    """What theory foretells beside what the simulation shows."""
+def _agreement(found: Found, theory: Theory) -> list[str]:
+    """What theory predicts beside what the simulation shows."""
     if found.failed:
         return []
     shown = simulated(found) if found.hunts else f"no hunting, RMS error {kelvin(float(found.now['rmse']))}"
-    lines = [f"Foretold: {_foretold(told.foretold)}; simulated over the day: {shown}."]
-    if told.unsure:
-        margin = f"{told.foretold.margin:.2g}"
+    lines = [f"Predicted: {_predicted(theory.prediction)}; simulated over the day: {shown}."]
+    if theory.unsure:
+        margin = f"{theory.prediction.margin:.2g}"
         lines.append(f"A margin of {margin} is too near {HUNTS_ABOVE:g} to decide: go by the simulation.")
-    elif told.foretold.hunts != found.hunts:
-        lines.append(f"The two disagree: {_reason(found, told)}.")
+    elif theory.prediction.hunts != found.hunts:
+        lines.append(f"The two disagree: {_reason(found, theory)}.")
     return lines
 
 
-def _foretold(told: Foretold) -> str:
-    hunting = told.reached[told.cycles.hunts[told.reached].astype(bool)]
+def _predicted(prediction: Prediction) -> str:
+    hunting = prediction.reached[prediction.cycles.hunts[prediction.reached].astype(bool)]
     if not hunting.size:
         return "no cycle"
-    swings, periods = 2.0 * told.cycles.amplitude[hunting], told.cycles.period[hunting]
+    swings, periods = 2.0 * prediction.cycles.amplitude[hunting], prediction.cycles.period[hunting]
     if not np.isfinite(swings).any():
         return "a cycle, of a size that theory does not give"
     every = _span(periods, "s") if float(np.nanmax(periods)) < MINUTES else _span(periods / 60.0, "min")
@@ -396,50 +401,50 @@ def _span(values: Array, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def _reason(found: Found, told: Told) -> str:
-    """Why the simulated day may not show what is foretold, and whom to believe."""
-    foretold = told.foretold
-    both = (foretold.hunting, foretold.elsewhere)
-    if found.needs_cure and not found.hunts and all(np.isfinite(told.swings[some]).any() for some in both):
-        swings = [kelvin(float(np.nanmedian(told.swings[some]))) for some in both]
+def _reason(found: Found, theory: Theory) -> str:
+    """Why the simulated day may not show what is predicted, and whom to believe."""
+    prediction = theory.prediction
+    both = (prediction.hunting, prediction.elsewhere)
+    if found.needs_cure and not found.hunts and all(np.isfinite(theory.swings[some]).any() for some in both):
+        swings = [kelvin(float(np.nanmedian(theory.swings[some]))) for some in both]
         return (
-            "it hunts for too small a part of the day to count.  Where it is foretold to hunt, T_sup swings by "
+            "it hunts for too small a part of the day to count.  Where it is predicted to hunt, T_sup swings by "
             f"{swings[0]} in the simulation (median), elsewhere by {swings[1]}"
         )
-    if foretold.hunts:
+    if prediction.hunts:
         return "its swing is too small or not regular enough to count; go by the simulation for this day"
     return "go by the simulation for this day"
 
 
-def _where(told: Told) -> list[str]:
+def _where(theory: Theory) -> list[str]:
     """Which operating point is quoted, what happens there, and how the margin differs over the day."""
-    foretold = told.foretold
-    k, margin = foretold.worst, foretold.cycles.margin[foretold.reached]
-    T_set, hours = float(foretold.points.conditions["T_set"][k]), float(foretold.points.start[k]) / 3600.0
-    opening = 100 * float(foretold.plants.opening[k])
-    place = f"{T_set:.3g} °C, {hours:.3g} h after the start (opening {opening:.0f} %){_there(told, k)}"
-    if foretold.points.size == 1:
+    prediction = theory.prediction
+    k, margin = prediction.worst, prediction.cycles.margin[prediction.reached]
+    T_set, hours = float(prediction.points.conditions["T_set"][k]), float(prediction.points.start[k]) / 3600.0
+    opening = 100 * float(prediction.plants.opening[k])
+    place = f"{T_set:.3g} °C, {hours:.3g} h after the start (opening {opening:.0f} %){_there(theory, k)}"
+    if prediction.points.size == 1:
         return [f"Where: at {place}."]
     return [
         f"Where: worst at {place}.  Over the day the margin goes from {margin.min():.2g} to {margin.max():.2g}, and "
-        f"{foretold.n_hunting} of {margin.size} operating points are foretold to hunt."
+        f"{prediction.n_hunting} of {margin.size} operating points are predicted to hunt."
     ]
 
 
-def _there(told: Told, k: int) -> str:
-    """Foretold and simulated swing at one operating point."""
-    swing, shown = 2.0 * float(told.foretold.cycles.amplitude[k]), float(told.swings[k])
+def _there(theory: Theory, k: int) -> str:
+    """Predicted and simulated swing at one operating point."""
+    swing, shown = 2.0 * float(theory.prediction.cycles.amplitude[k]), float(theory.swings[k])
     if not math.isfinite(swing) or not math.isfinite(shown):
         return ""
-    return f": {kelvin(swing)} foretold, {kelvin(shown)} simulated"
+    return f": {kelvin(swing)} predicted, {kelvin(shown)} simulated"
 
 
-def _phase(told: Told) -> list[str]:
+def _phase(theory: Theory) -> list[str]:
     """What each part of the loop takes, the largest first."""
-    order = np.argsort(-told.phase.values)
-    shares = [(str(told.phase["part"].values[k]), float(told.phase[k])) for k in order]
+    order = np.argsort(-theory.phase.values)
+    shares = [(str(theory.phase["part"].values[k]), float(theory.phase[k])) for k in order]
     taken = [f"  {_PARTS[part]:<22}{share:>4.0f}°" for part, share in shares if abs(share) >= _LEAST_SHARE]
-    return [f"Where the 180° of phase go, at one swing in {seconds(float(told.phase.attrs['period']))}:", *taken]
+    return [f"Where the 180° of phase go, at one swing in {seconds(float(theory.phase.attrs['period']))}:", *taken]
 
 
 def _honest(found: Found) -> list[str]:

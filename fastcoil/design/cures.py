@@ -12,7 +12,7 @@ import xarray as xr
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import PointsOfDay
-from fastcoil.design.phase_budget import SAFE, Foretold, margins, simc_gains
+from fastcoil.design.phase_budget import SAFE, Prediction, margins, simc_gains
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
@@ -56,13 +56,13 @@ class Distance(NamedTuple):
     ti: float
 
 
-def distance(loop: Loop, foretold: Foretold) -> Distance:
+def distance(loop: Loop, prediction: Prediction) -> Distance:
     """How far one loop is from hunting.  The margin goes with kp."""
-    factor = HUNTS_ABOVE / foretold.margin if foretold.margin else math.inf
-    return Distance(factor, shortest_ti(loop, foretold, HUNTS_ABOVE))
+    factor = HUNTS_ABOVE / prediction.margin if prediction.margin else math.inf
+    return Distance(factor, shortest_ti(loop, prediction, HUNTS_ABOVE))
 
 
-def shortest_ti(loop: Loop, foretold: Foretold, margin: float) -> float:
+def shortest_ti(loop: Loop, prediction: Prediction, margin: float) -> float:
     """Shortest integral time that keeps the margin at or below ``margin`` at every operating point, s; NaN if none.
 
     All longer ones up to an hour keep it, too.  It is sought where the loop is worst now, then wherever that answer
@@ -71,15 +71,15 @@ def shortest_ti(loop: Loop, foretold: Foretold, margin: float) -> float:
     start = min(float(loop["sample_time"]), float(loop["ti"])) / 10.0  # type: ignore[arg-type]
     grid = np.geomspace(start, max(_LONGEST_TI, 2.0 * float(loop["ti"])), _TI_STEPS)  # type: ignore[arg-type]
     swept = loop.assign(ti=("tuning", grid))
-    looked_at = np.array([foretold.worst])
+    looked_at = np.array([prediction.worst])
     found = math.nan
     for _ in range(_STEPS_BACK):
-        largest = margins(swept, foretold.plants, looked_at).max(axis=1)
+        largest = margins(swept, prediction.plants, looked_at).max(axis=1)
         found = _last_crossing(grid, largest, margin)
         if not math.isfinite(found):
             return math.nan
-        there = margins(loop.assign(ti=("tuning", [found])), foretold.plants, foretold.reached)[0]
-        worst = int(foretold.reached[np.argmax(there)])
+        there = margins(loop.assign(ti=("tuning", [found])), prediction.plants, prediction.reached)[0]
+        worst = int(prediction.reached[np.argmax(there)])
         if worst in looked_at:
             break
         looked_at = np.append(looked_at, worst)
@@ -98,36 +98,36 @@ def _last_crossing(grid: np.ndarray, values: np.ndarray, limit: float) -> float:
     return float(grid[k] * (grid[k + 1] / grid[k]) ** share)
 
 
-def cures_of(loop: Loop, foretold: Foretold | None) -> list[Cure]:
+def cures_of(loop: Loop, prediction: Prediction | None) -> list[Cure]:
     """What to try on one loop, as it is first.
 
     Parameters
     ----------
     loop
         A single scenario.
-    foretold
+    prediction
         None where theory cannot tell: then no gains are proposed.
     """
     kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
     found = [Cure(AS_IS, "as it is", {})]
-    if foretold is not None and foretold.margin > SAFE:
-        less = _rounded(kp * SAFE / foretold.margin, down=True)
+    if prediction is not None and prediction.margin > SAFE:
+        less = _rounded(kp * SAFE / prediction.margin, down=True)
         found.append(Cure(LOWER_KP, f"kp {less:g} 1/K, ti {ti:g} s", {"kp": less}))
-        more = shortest_ti(loop, foretold, SAFE)
+        more = shortest_ti(loop, prediction, SAFE)
         if math.isfinite(more):
             more = _rounded(more, down=False)
             found.append(Cure(LONGER_TI, f"kp {kp:g} 1/K, ti {more:g} s", {"ti": more}))
     gains: dict[str, Scalar] = {}
-    simc = simc_gains(loop, foretold) if foretold is not None else None
+    simc = simc_gains(loop, prediction) if prediction is not None else None
     if simc is not None:
         gains = {"kp": _rounded(simc[0]), "ti": _rounded(simc[1])}
         found.append(Cure(SIMC, f"SIMC: kp {gains['kp']:g} 1/K, ti {gains['ti']:g} s", gains))
-    band = _dead_band(foretold)
+    band = _dead_band(prediction)
     if float(loop["error_dead_band"]) < band:  # type: ignore[arg-type]
         found.append(Cure(DEAD_BAND, f"error dead band of {band:g} K", {"error_dead_band": band}))
     if backlash > 0.0:
-        if foretold is not None:
-            inverse = _inverse(backlash, float(foretold.plants.gain[foretold.worst]))
+        if prediction is not None:
+            inverse = _inverse(backlash, float(prediction.plants.gain[prediction.worst]))
             found.append(Cure(INVERSE, f"inverse of {100 * INVERSE_SHARE:g} %, buffer by noise", inverse))
             if simc is not None:
                 found.append(Cure(BOTH, "SIMC and this inverse", gains | inverse))
@@ -151,11 +151,11 @@ def _repaired() -> dict[str, Scalar]:
     return {"backlash": 0.0, "backlash_estimate": 0.0, "slip_jump": 0.0}
 
 
-def _dead_band(foretold: Foretold | None) -> float:
+def _dead_band(prediction: Prediction | None) -> float:
     """As wide as the swing is high, to 0.05 K."""
-    if foretold is None or not foretold.hunts:
+    if prediction is None or not prediction.hunts:
         return _QUIET_DEAD_BAND
-    height = float(np.nanmax(foretold.cycles.amplitude[foretold.reached]))
+    height = float(np.nanmax(prediction.cycles.amplitude[prediction.reached]))
     return float(np.clip(math.ceil(round(height / 0.05, 6)) * 0.05, *DEAD_BAND_WIDTHS).round(2))
 
 
@@ -182,8 +182,8 @@ _POINTS = 43200
 """Most samples of a trace: one every 2 s of a day."""
 PLAIN = 1.5
 """So many times as large a swing shows that a loop hunts here and not there."""
-AS_FORETOLD = 0.7
-"""Simulated over foretold swing from which the one counts as the other."""
+AS_PREDICTED = 0.7
+"""Simulated over predicted swing from which the one counts as the other."""
 WORSE, BETTER = 1.05, 0.95
 """RMSE relative to now from which a cure counts as worse, and up to which as better."""
 
@@ -213,17 +213,17 @@ def swings_at(points: PointsOfDay, boundary: Boundary, now: xr.Dataset) -> Array
     return np.array([np.ptp(T) if T.size else np.nan for T in seen])
 
 
-def hunts_uncounted(foretold: Foretold, swings: Array, now: xr.Dataset) -> bool:
+def hunts_uncounted(prediction: Prediction, swings: Array, now: xr.Dataset) -> bool:
     """Whether a loop hunts although the metric does not count it, since it does at times only, or not regularly enough.
 
-    At the operating points at which it is foretold to hunt, the simulated swings are, in the median, ``PLAIN`` times
-    those elsewhere; or they are of the size foretold, ``AS_FORETOLD``, and above ``OFF``.
+    At the operating points at which it is predicted to hunt, the simulated swings are, in the median, ``PLAIN`` times
+    those elsewhere; or they are of the size predicted, ``AS_PREDICTED``, and above ``OFF``.
     """
-    if now["hunts"] > 0 or not foretold.n_hunting:
+    if now["hunts"] > 0 or not prediction.n_hunting:
         return False
-    there, rest = (_median(swings[some]) for some in (foretold.hunting, foretold.elsewhere))
-    expected = 2.0 * _median(foretold.cycles.amplitude[foretold.hunting])
-    return there > PLAIN * rest or there > max(AS_FORETOLD * expected, OFF)
+    there, rest = (_median(swings[some]) for some in (prediction.hunting, prediction.elsewhere))
+    expected = 2.0 * _median(prediction.cycles.amplitude[prediction.hunting])
+    return there > PLAIN * rest or there > max(AS_PREDICTED * expected, OFF)
 
 
 def _median(values: Array) -> float:
@@ -234,10 +234,10 @@ def _median(values: Array) -> float:
 def hunting(ds: xr.Dataset) -> Mask:
     """Which cures leave the loop hunting, as it is first: those whose simulated day hunts.
 
-    Where that is not counted for the loop as it is, those that are foretold to hunt somewhere, too.
+    Where that is not counted for the loop as it is, those that are predicted to hunt somewhere, too.
     """
-    shown, told = ds["hunts"].values > 0, ds["n_hunting"].values > 0
-    return np.asarray(shown | told if ds["uncounted"] else shown)
+    shown, expected = ds["hunts"].values > 0, ds["n_hunting"].values > 0
+    return np.asarray(shown | expected if ds["uncounted"] else shown)
 
 
 def verdict(ds: xr.Dataset, k: int) -> str:
@@ -257,7 +257,7 @@ def verdict(ds: xr.Dataset, k: int) -> str:
 
 
 def recommended(ds: xr.Dataset, names: list[str]) -> int:
-    """Which cure to take: of those that leave no hunting, neither simulated nor foretold, the one with the least RMSE.
+    """Which cure to take: of those that leave no hunting, neither simulated nor predicted, the one with the least RMSE.
 
     A cure whose margin stays too large comes after these, a dead band or a repaired valve last.  0 where the loop is
     good as it is, or where nothing helps.

@@ -395,7 +395,7 @@ def unknown(columns: Columns) -> dict[str, Mask]:
         "a control law of your own has no describing function: simulate it": np.asarray(columns["law"]) != "pi",
         "an estimator changes the estimate as it goes: give estimator = 'none' and the backlash_estimate that you want "
         "to know about": learns,
-        "an estimate above the backlash with a buffer cannot be told well enough: give buffer = 1e-9, or simulate it": (
+        "an estimate above the backlash with a buffer is beyond prediction: give buffer = 1e-9, or simulate it": (
             jumps & ~learns & (np.asarray(columns["compensation"]) != "smooth")
         ),
         f"a stem that sticks and slips (slip_jump) {small_cycles}": above("slip_jump"),

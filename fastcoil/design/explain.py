@@ -12,7 +12,7 @@ import xarray as xr
 from fastcoil.base.arguments import checking, instance_of, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.results import card
-from fastcoil.design.answer import Found, Told, answer_of, hints_of, sentences, why_of
+from fastcoil.design.answer import Found, Theory, answer_of, hints_of, sentences, why_of
 from fastcoil.design.cures import (
     Cure,
     cures_of,
@@ -27,13 +27,13 @@ from fastcoil.design.cures import (
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.phase_budget import (
     PARTS,
-    Foretold,
+    Prediction,
     acts_the_wrong_way,
     cycles_at,
-    foretell,
     gain_margin_without_backlash,
     left_out,
     phase_shares,
+    predict,
     response_of,
     why_no_margin,
     why_not_linear,
@@ -56,11 +56,11 @@ class Explanation:
     hunts
         Whether the simulated day hunts, see the metric of that name.
     foretold
-        Whether the linear model foretells hunting at some operating point; None where it cannot tell.
+        Whether the linear model predicts hunting at some operating point; None where it cannot tell.
     margin
         Largest describing-function margin of the day; above 0.85 a loop hunts.  NaN where theory cannot tell.
     period, amplitude
-        Of the foretold cycle at the worst operating point, s and K (half of peak to peak); NaN without.
+        Of the predicted cycle at the worst operating point, s and K (half of peak to peak); NaN without.
     why
         The reason in a sentence.
     doubts
@@ -70,7 +70,7 @@ class Explanation:
     points
         Dataset over ``point``: each hour at each set-point with its margin; None where theory cannot tell.
     cures
-        Dataset over ``cure``, ``as_it_is`` first: the parameters that change, the foretold ``margin``, the simulated
+        Dataset over ``cure``, ``as_it_is`` first: the parameters that change, the predicted ``margin``, the simulated
         metrics, ``words`` and ``verdict``.
     recommended
         The cure to take; ``as_it_is`` where the loop is good, or nothing helps.
@@ -92,18 +92,18 @@ class Explanation:
     @classmethod
     def of(cls, found: Found) -> Explanation:
         """Make one of what was found."""
-        told = found.told.foretold if found.told is not None else None
+        prediction = found.theory.prediction if found.theory is not None else None
         nothing = float("nan")
         return cls(
             hunts=found.hunts,
-            foretold=told.hunts if told is not None else None,
-            margin=told.margin if told is not None else nothing,
-            period=float(told.cycles.period[told.worst]) if told is not None else nothing,
-            amplitude=float(told.cycles.amplitude[told.worst]) if told is not None else nothing,
+            foretold=prediction.hunts if prediction is not None else None,
+            margin=prediction.margin if prediction is not None else nothing,
+            period=float(prediction.cycles.period[prediction.worst]) if prediction is not None else nothing,
+            amplitude=float(prediction.cycles.amplitude[prediction.worst]) if prediction is not None else nothing,
             why=why_of(found),
             doubts=found.doubts + found.left_out,
-            phase=found.told.phase if found.told is not None else None,
-            points=found.told.points if found.told is not None else None,
+            phase=found.theory.phase if found.theory is not None else None,
+            points=found.theory.points if found.theory is not None else None,
             cures=found.cures.drop_vars(["T_sup", "elapsed_time", "uncounted"]),
             recommended=str(found.cures["cure"].values[found.best]),
             _found=found,
@@ -132,7 +132,7 @@ class Explanation:
 
 
 LONGEST = 7 * 86400
-"""Seconds of a boundary that is explained: the operating points are told one by one."""
+"""Seconds of a boundary that is explained: the operating points are reported one by one."""
 
 
 def explain(
@@ -181,26 +181,26 @@ def explain(
     loop = _with_estimate(loop)
     points = operating_points(boundary, warm_up, second)
     doubts = why_not_linear(loop)
-    foretold = foretell(loop, points) if not doubts else None
-    if foretold is not None and foretold.worst < 0:
-        doubts, foretold = why_no_margin(foretold), None
-    elif foretold is not None and (wrong := acts_the_wrong_way(loop, foretold)):
-        doubts, foretold = wrong, None
-    tried = cures_of(loop, foretold)
-    cures = _tried(loop, boundary, tried, foretold, warm_up, seed)
+    prediction = predict(loop, points) if not doubts else None
+    if prediction is not None and prediction.worst < 0:
+        doubts, prediction = why_no_margin(prediction), None
+    elif prediction is not None and (wrong := acts_the_wrong_way(loop, prediction)):
+        doubts, prediction = wrong, None
+    tried = cures_of(loop, prediction)
+    cures = _tried(loop, boundary, tried, prediction, warm_up, seed)
     swings = swings_at(points, boundary, cures.isel(cure=0))
-    told = told_of(loop, foretold, swings) if foretold is not None else None
-    uncounted = foretold is not None and hunts_uncounted(foretold, swings, cures.isel(cure=0))
+    theory = theory_of(loop, prediction, swings) if prediction is not None else None
+    uncounted = prediction is not None and hunts_uncounted(prediction, swings, cures.isel(cure=0))
     cures = cures.assign(uncounted=uncounted)
     cures = cures.assign(verdict=("cure", [verdict(cures, k) for k in range(len(tried))]))
     return Explanation.of(
         Found(
             loop=loop,
             boundary=boundary,
-            told=told,
+            theory=theory,
             doubts=doubts,
-            left_out=left_out(loop, foretold) if foretold is not None else (),
-            hints=hints_of(loop, told) if told is not None else (),
+            left_out=left_out(loop, prediction) if prediction is not None else (),
+            hints=hints_of(loop, theory) if theory is not None else (),
             cures=cures,
             best=recommended(cures, [cure.name for cure in tried]),
         )
@@ -215,7 +215,9 @@ def _too_many(loop: Loop, boundary: Boundary) -> list[str]:
     if boundary.n_days > 1:
         found.append(f"boundary has {boundary.n_days} days: give one, such as boundary.isel(0)")
     if boundary.n_steps > LONGEST:
-        found.append(f"boundary lasts {boundary.hours:g} h: give at most {LONGEST // 3600} h, they are told one by one")
+        found.append(
+            f"boundary lasts {boundary.hours:g} h: give at most {LONGEST // 3600} h, they are reported one by one"
+        )
     return found
 
 
@@ -230,28 +232,28 @@ def _second_of(boundary: Boundary) -> str:
     return f"give a second of the boundary, a whole number from 0 to {boundary.n_steps - 1}"
 
 
-def told_of(loop: Loop, foretold: Foretold, swings: Array) -> Told:
+def theory_of(loop: Loop, prediction: Prediction, swings: Array) -> Theory:
     """What theory tells at the worst operating point."""
-    response = response_of(loop, foretold)
+    response = response_of(loop, prediction)
     shares = phase_shares(loop, response)
     attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": response.period}
     phase = xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
-    perfect = gain_margin_without_backlash(loop, foretold)
-    return Told(foretold, response, distance(loop, foretold), phase, perfect, swings)
+    perfect = gain_margin_without_backlash(loop, prediction)
+    return Theory(prediction, response, distance(loop, prediction), phase, perfect, swings)
 
 
 def _tried(
-    loop: Loop, boundary: Boundary, tried: list[Cure], foretold: Foretold | None, warm_up: int, seed: int
+    loop: Loop, boundary: Boundary, tried: list[Cure], prediction: Prediction | None, warm_up: int, seed: int
 ) -> xr.Dataset:
-    """The cures, simulated and foretold, with their names and words."""
+    """The cures, simulated and predicted, with their names and words."""
     ds = try_cures(loop, boundary, tried, warm_up, seed)
     worst, n_hunting = np.full(len(tried), math.nan), np.zeros(len(tried))
-    if foretold is not None:
-        cycles = cycles_at(with_cures(loop, tried), foretold.plants, foretold.reached)
+    if prediction is not None:
+        cycles = cycles_at(with_cures(loop, tried), prediction.plants, prediction.reached)
         worst, n_hunting = cycles.margin.max(axis=1), np.count_nonzero(cycles.hunts > 0.0, axis=1)
     ds = ds.assign_coords(cure=[cure.name for cure in tried]).assign(
         words=("cure", [cure.words for cure in tried]),
-        margin=("cure", worst, {"long_name": "largest describing-function margin, foretold"}),
-        n_hunting=("cure", n_hunting, {"long_name": "operating points foretold to hunt"}),
+        margin=("cure", worst, {"long_name": "largest describing-function margin, predicted"}),
+        n_hunting=("cure", n_hunting, {"long_name": "operating points predicted to hunt"}),
     )
     return ds

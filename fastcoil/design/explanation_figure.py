@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
-from fastcoil.design.answer import Found, Told, answer_of, seconds, why_of
+from fastcoil.design.answer import Found, Theory, answer_of, seconds, why_of
 from fastcoil.design.cures import SIMC, TUNINGS
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.phase_budget import margins, of_a_gap
@@ -35,27 +35,27 @@ def page(found: Found) -> Figure:
     """The explanation as a page; where theory cannot tell, the day alone."""
     from matplotlib.figure import Figure
 
-    if found.told is None:
+    if found.theory is None:
         fig = Figure(figsize=_WITHOUT_THEORY, layout="constrained")
         _day(fig.add_subplot(), found)
     else:
         fig = Figure(figsize=_SIZE, layout="constrained")
         grid = fig.add_gridspec(2, 2, height_ratios=(1.5, 1.0))
-        _nichols(fig.add_subplot(grid[0, 0]), found.told)
-        _gains(fig.add_subplot(grid[0, 1]), found, found.told)
+        _nichols(fig.add_subplot(grid[0, 0]), found.theory)
+        _gains(fig.add_subplot(grid[0, 1]), found, found.theory)
         _day(fig.add_subplot(grid[1, :]), found)
     heading = wrapped(f"{answer_of(found)}\n{why_of(found)}", _SIZE[0] - 0.3, 9.0)
     fig.suptitle(heading, x=0.01, ha="left", fontsize=9)
     return fig
 
 
-def _nichols(axes: Axes, told: Told) -> None:
+def _nichols(axes: Axes, theory: Theory) -> None:
     """Gain of L and of -1/N over their phase: the margin is how far L is above -1/N at the same phase."""
     from matplotlib.ticker import LogLocator
 
-    response, k = told.response, told.response.nearest
+    response, k = theory.response, theory.response.nearest
     L, phase = np.abs(response.L), response.left - 180.0
-    margin, at = told.foretold.margin, float(phase[k])
+    margin, at = theory.prediction.margin, float(phase[k])
     edge = float(L[k]) / margin if margin else float(L[k])
     seen = (phase > _PHASES[0] - 5.0) & (phase < _PHASES[1] + 5.0)
     axes.plot(phase[seen], L[seen], color=BLUE, label="loop L(jω)")
@@ -69,7 +69,7 @@ def _nichols(axes: Axes, told: Told) -> None:
         f"margin {margin:.2g}", (at, edge), xytext=(7, 0), textcoords="offset points", va="center", fontsize=8,
         bbox={"fc": "white", "ec": "none", "pad": 0.6},
     )  # fmt: skip
-    if told.foretold.hunts:
+    if theory.prediction.hunts:
         there = response.cycle
         axes.plot(phase[there], L[there], "D", color=YELLOW, mec="black", mew=0.6, ms=6, ls="none",
                   label=f"cycle, every {seconds(response.period)}")  # fmt: skip
@@ -83,15 +83,15 @@ def _nichols(axes: Axes, told: Told) -> None:
     axes.legend(loc="lower right", frameon=False)
 
 
-def _gains(axes: Axes, found: Found, told: Told) -> None:
+def _gains(axes: Axes, found: Found, theory: Theory) -> None:
     """Which kp and ti hunt at the worst operating point; the margin goes with kp."""
-    foretold, ds = told.foretold, found.cures
+    prediction, ds = theory.prediction, found.cures
     kp, ti = found.value("kp"), found.value("ti")
     tunings = [k for k, name in enumerate(ds["cure"].values) if name in TUNINGS]
 
     marked = {name: [found.value(name), *(found.with_cure(name, k) for k in tunings)] for name in ("kp", "ti")}
     times = np.geomspace(min(marked["ti"]) / _SPAN, max(marked["ti"]) * _SPAN, _TI_STEPS)
-    at_kp = margins(found.loop.assign(ti=("tuning", times)), foretold.plants, np.array([foretold.worst]))[:, 0]
+    at_kp = margins(found.loop.assign(ti=("tuning", times)), prediction.plants, np.array([prediction.worst]))[:, 0]
     low, high = min(marked["kp"]) / _SPAN, max(marked["kp"]) * _SPAN
     with np.errstate(divide="ignore"):
         limits = {level: kp * level / at_kp for level in _CONTOURS}
@@ -118,9 +118,9 @@ def _gains(axes: Axes, found: Found, told: Told) -> None:
 
 def _day(axes: Axes, found: Found) -> None:
     """Part of the day as it is, and with the recommended cure."""
-    ds, foretold = found.cures, found.told.foretold if found.told is not None else None
+    ds, prediction = found.cures, found.theory.prediction if found.theory is not None else None
     t = ds["elapsed_time"].values
-    middle = int(foretold.points.start[foretold.worst]) if foretold is not None else found.boundary.n_steps // 2
+    middle = int(prediction.points.start[prediction.worst]) if prediction is not None else found.boundary.n_steps // 2
     start = max(0, min(middle - _BEFORE, found.boundary.n_steps - _TELLING))
     seen = (t >= start) & (t < start + _TELLING)
     hours = t[seen] / 3600.0

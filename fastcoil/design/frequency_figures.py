@@ -41,7 +41,7 @@ _OPEN: Any = {"frameon": False, "handlelength": 2.5}
 
 
 class _Curve(NamedTuple):
-    """One loop: what the legend calls it, its frequencies [rad/s] and L there, and what theory foretells.
+    """One loop: what the legend calls it, its frequencies [rad/s] and L there, and what theory predicts.
 
     minus_1_over_N: over the amplitude, at the frequency of the cycle or, without one, of the margin; empty where theory
     says nothing.  at: that frequency.
@@ -57,7 +57,7 @@ class _Curve(NamedTuple):
 
     @property
     def hunts(self) -> bool:
-        """Whether it is foretold to hunt."""
+        """Whether it is predicted to hunt."""
         return bool(self.cycles.hunts[0] > 0.0)
 
     @property
@@ -151,8 +151,8 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     axes.plot(-1.0, 0.0, "+", color="black", ms=9)
     for curve, colour, line in zip(curves, COLOURS, LINE_STYLES, strict=False):
         near = np.abs(curve.L) < 3.0 * _REACH
-        told = "hunts" if curve.hunts else "does not hunt"
-        words = f"margin {curve.cycles.margin[0]:.2g}, {told}" if curve.minus_1_over_N.size else "not foretold"
+        answer = "hunts" if curve.hunts else "does not hunt"
+        words = f"margin {curve.cycles.margin[0]:.2g}, {answer}" if curve.minus_1_over_N.size else "not predicted"
         words = f"{curve.words}: {words}" if curve.words else words
         axes.plot(curve.L.real[near], curve.L.imag[near], color=colour, ls=line, label=words)
         axes.plot(curve.minus_1_over_N.real, curve.minus_1_over_N.imag, color=colour, lw=0.7, label="_-1/N")

@@ -58,7 +58,7 @@ def frequency(w: Array, place: Array) -> Array:
 def balance(w: Array, L: Complex, N: Callable[[Array], Complex], n_amplitudes: int, lead: Array) -> Balance:
     """Where L and N lag 180° together, for each loop and amplitude.
 
-    With fast integral action the phase of L falls, rises and falls again: the three pieces are told apart.  In a loop
+    With fast integral action the phase of L falls, rises and falls again: the three pieces are kept apart.  In a loop
     where it only falls, all of it is the first piece.
 
     Parameters
@@ -209,7 +209,7 @@ class Cycles(NamedTuple):
 
 
 def cycles_of(columns: Columns, plants: Plants) -> Cycles:
-    """Foretell margin and limit cycle.
+    """Predict margin and limit cycle.
 
     Parameters
     ----------
@@ -225,13 +225,13 @@ def cycles_of(columns: Columns, plants: Plants) -> Cycles:
     """
     n = plants.opening.size
     periods = np.asarray(columns["sample_time"], float)
-    told = ~np.any(list(unknown(columns).values()), axis=0) & np.isfinite(plants.gain)
+    known = ~np.any(list(unknown(columns).values()), axis=0) & np.isfinite(plants.gain)
     found = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
     # where no opening holds the set-point, or the loop acts the wrong way round or not at all, the valve stands
     acts = plants.reachable & (driven_gain(columns, plants) > 0.0) & (np.asarray(columns["kp"], float) > 0.0)
-    found.margin[told & ~acts], found.hunts[told & ~acts] = 0.0, 0.0
+    found.margin[known & ~acts], found.hunts[known & ~acts] = 0.0, 0.0
     for period in np.unique(periods):
-        members = np.flatnonzero(told & acts & (periods == period))
+        members = np.flatnonzero(known & acts & (periods == period))
         for first in range(0, members.size, _AT_ONCE):
             some = members[first : first + _AT_ONCE]
             part = _of_one_period({name: values[some] for name, values in columns.items()}, plants.some(some), period)
@@ -286,12 +286,12 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
     hunts = seen(np.flatnonzero(runs_away))
 
     seen_u, seen_w = np.where(hunts, cycle.u, points.u[rows, best]), np.where(hunts, cycle.w, w_margin)
-    told = ~too_smooth(columns, seen_u, seen_w)
-    hunts_told = hunts & told
+    known = ~too_smooth(columns, seen_u, seen_w)
+    hunts_known = hunts & known
     return Cycles(
-        np.where(told, margin, np.nan), np.where(told, hunts.astype(float), np.nan),
-        np.where(hunts_told, 2.0 * np.pi / cycle.w, np.nan), np.where(hunts_told, swing, np.nan),
-        np.where(told & (margin > 0.0), w_margin, np.nan),
+        np.where(known, margin, np.nan), np.where(known, hunts.astype(float), np.nan),
+        np.where(hunts_known, 2.0 * np.pi / cycle.w, np.nan), np.where(hunts_known, swing, np.nan),
+        np.where(known & (margin > 0.0), w_margin, np.nan),
     )  # fmt: skip
 
 
@@ -342,12 +342,12 @@ _NAMES: Mapping[str, Mapping[str, str]] = {
         f"{HUNTS_ABOVE:g} on a gap keeps the loop swinging; without a gap 1/gain margin; 0 if T_set is out of reach",
     },
     "hunts": {
-        "long_name": "whether the loop is foretold to hunt", "units": "1",
+        "long_name": "whether the loop is predicted to hunt", "units": "1",
         "comment": f"1 if a swing of {DISTURBANCE:g} K ends in one that goes on, by more than 0.1 K from peak to peak",
     },
-    "period": {"long_name": "period of the foretold cycle", "units": "s", "comment": "NaN where it does not hunt"},
+    "period": {"long_name": "period of the predicted cycle", "units": "s", "comment": "NaN where it does not hunt"},
     "amplitude": {
-        "long_name": "amplitude of T_sup in the foretold cycle", "units": "K",
+        "long_name": "amplitude of T_sup in the predicted cycle", "units": "K",
         "comment": "half of peak to peak; NaN where it does not hunt",
     },
     "frequency": {"long_name": "angular frequency of the margin", "units": "rad s-1"},
@@ -355,7 +355,7 @@ _NAMES: Mapping[str, Mapping[str, str]] = {
 
 
 def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset:
-    """Foretell, without simulating, whether each loop hunts on each day, how fast and how far.
+    """Predict, without simulating, whether each loop hunts on each day, how fast and how far.
 
     The loop is linear but for one element, the describing function of all that lies between the controller's u and the
     supply temperature at rest: limits of the stroke, the motor's speed, neutral zone, gap, inverse with a right or
@@ -399,7 +399,7 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
             values[index] = part
     note = _note(reasons, unknown_loops, found)
     ds = points.dataset({name: (getattr(found, name), _NAMES[name]) for name in Cycles._fields})
-    return ds.assign_attrs(title="fastcoil limit cycles, foretold", **({"note": note} if note else {}), **provenance())
+    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **({"note": note} if note else {}), **provenance())
 
 
 def _note(reasons: Mapping[str, int], unknown_loops: int, found: Cycles) -> str:

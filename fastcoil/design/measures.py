@@ -105,7 +105,7 @@ def limits_of(limits: object, quantile: object) -> list[Limit]:
     for metric, value in given.items():
         check(_metric_of, "limits:", metric)
         pair = value if isinstance(value, (list, tuple)) and len(value) == 2 else (value, quantile)
-        # a mistake in the quantile of the objective is told there
+        # a mistake in the quantile of the objective is reported there
         share = check(quantile_of, f"limits: quantile of {metric}", pair[1]) if pair is value else _or_mean(quantile)
         most = math.inf if _is_now(pair[0]) else check(number_of, f"limits: {metric}", pair[0], _MOST)
         found.append((metric, share, most, _is_now(pair[0])))

@@ -22,7 +22,7 @@ SAFE = 0.7
 """Margin that a cure has to reach."""
 
 
-class Foretold(NamedTuple):
+class Prediction(NamedTuple):
     """A loop at the operating points of a day.
 
     plants: linear models of valve and coil.  cycles: margin, hunts, period and amplitude, (n_points,) each.
@@ -47,12 +47,12 @@ class Foretold(NamedTuple):
 
     @property
     def hunts(self) -> bool:
-        """Whether the loop is foretold to hunt at some operating point."""
+        """Whether the loop is predicted to hunt at some operating point."""
         return self.n_hunting > 0
 
     @property
     def hunting(self) -> Index:
-        """The operating points at which it is foretold to hunt."""
+        """The operating points at which it is predicted to hunt."""
         return self.reached[self.cycles.hunts[self.reached] > 0.0]
 
     @property
@@ -66,7 +66,7 @@ class Foretold(NamedTuple):
         return int(self.hunting.size)
 
 
-def foretell(loop: Loop, points: PointsOfDay) -> Foretold:
+def predict(loop: Loop, points: PointsOfDay) -> Prediction:
     """Linearise one loop at the operating points of a day and look for its cycles.
 
     Parameters
@@ -79,7 +79,7 @@ def foretell(loop: Loop, points: PointsOfDay) -> Foretold:
     columns = columns_of(without_dead_band(loop), {}, np.zeros(points.size, dtype=np.int64))
     plants = plants_of(columns, points.conditions)
     cycles = cycles_of(columns, plants)
-    found = Foretold(points, plants, cycles, -1)
+    found = Prediction(points, plants, cycles, -1)
     reached = found.reached
     return found._replace(worst=int(reached[np.argmax(cycles.margin[reached])])) if reached.size else found
 
@@ -101,7 +101,7 @@ def margins(loop: Loop, plants: Plants, which: Index) -> Array:
 
 
 def without_dead_band(loop: Loop) -> Loop:
-    """Theory knows no dead band: it foretells what the loop does without one, and that is told."""
+    """Theory knows no dead band: it predicts what the loop does without one, and that is reported."""
     return loop.assign(error_dead_band=0.0)
 
 
@@ -111,16 +111,16 @@ def picked(plants: Plants, which: Index) -> Plants:
     return Plants(*fields)
 
 
-def gain_margin_without_backlash(loop: Loop, foretold: Foretold) -> float:
+def gain_margin_without_backlash(loop: Loop, prediction: Prediction) -> float:
     """By how much the kp of one loop may be multiplied behind a perfect valve, where it is worst; below 1 it swings."""
     columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64)) | {"backlash": np.zeros(1)}
-    return float(margins_of(columns, picked(foretold.plants, np.array([foretold.worst]))).gain_margin[0])
+    return float(margins_of(columns, picked(prediction.plants, np.array([prediction.worst]))).gain_margin[0])
 
 
-def simc_gains(loop: Loop, foretold: Foretold) -> tuple[float, float] | None:
+def simc_gains(loop: Loop, prediction: Prediction) -> tuple[float, float] | None:
     """kp and ti after SIMC for one loop where it is worst; None where the valve changes nothing."""
     columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64))
-    plant = picked(foretold.plants, np.array([foretold.worst]))
+    plant = picked(prediction.plants, np.array([prediction.worst]))
     gains = simc(columns, plant, first_order(columns, plant))
     found = float(gains.kp[0]), float(gains.ti[0])
     return found if all(map(math.isfinite, found)) else None
@@ -151,14 +151,14 @@ class Response(NamedTuple):
         return 2.0 * math.pi / float(self.w[self.cycle])
 
 
-def response_of(loop: Loop, foretold: Foretold) -> Response:
+def response_of(loop: Loop, prediction: Prediction) -> Response:
     """Frequency response of a single loop at its worst operating point."""
     columns = columns_of(without_dead_band(loop), {}, np.zeros(1, dtype=np.int64))
-    plant = picked(foretold.plants, np.array([foretold.worst]))
+    plant = picked(prediction.plants, np.array([prediction.worst]))
     w = np.geomspace(_SLOWEST, math.pi / float(columns["sample_time"][0]), _FREQUENCIES)
     L = loop_response(columns, plant, w)[0]
     left = 180.0 + np.degrees(np.unwrap(np.angle(L)))
-    at, period = (float(of[foretold.worst]) for of in (foretold.cycles.frequency, foretold.cycles.period))
+    at, period = (float(of[prediction.worst]) for of in (prediction.cycles.frequency, prediction.cycles.period))
     # without any margin, where a gap would have most to add
     nearest = _index(w, at) if math.isfinite(at) else int(np.argmin(np.abs(left - 45.0)))
     cycle = _index(w, 2.0 * math.pi / period) if math.isfinite(period) else nearest
@@ -207,9 +207,9 @@ def why_not_linear(loop: Loop) -> tuple[str, ...]:
     return tuple(reason.partition(":")[0] for reason, holds in unknown(columns).items() if holds.any())
 
 
-def acts_the_wrong_way(loop: Loop, foretold: Foretold) -> tuple[str, ...]:
+def acts_the_wrong_way(loop: Loop, prediction: Prediction) -> tuple[str, ...]:
     """Where no opening does what the loop opens its valve for, a clause; empty elsewhere."""
-    gain = foretold.plants.gain[foretold.reached]
+    gain = prediction.plants.gain[prediction.reached]
     heats = loop["action"] == "heating"
     if not gain.size or ((gain > 0.0) if heats else (gain < 0.0)).any():
         return ()
@@ -217,20 +217,20 @@ def acts_the_wrong_way(loop: Loop, foretold: Foretold) -> tuple[str, ...]:
     return (f"the valve acts the wrong way round: opening it {does} the air, so give action = {other}",)
 
 
-def why_no_margin(foretold: Foretold) -> tuple[str, ...]:
+def why_no_margin(prediction: Prediction) -> tuple[str, ...]:
     """Why theory has no margin at any operating point, a clause."""
-    if not foretold.plants.reachable.any():
+    if not prediction.plants.reachable.any():
         return ("no set-point of the day can be held: the valve is at its end all the time",)
     return ("its compensation crosses the gap too slowly to count as an inverse",)
 
 
-def left_out(loop: Loop, foretold: Foretold) -> tuple[str, ...]:
+def left_out(loop: Loop, prediction: Prediction) -> tuple[str, ...]:
     """What the margin does not see, a clause each."""
     found = []
     if float(loop["error_dead_band"]) > 0.0:  # type: ignore[arg-type]
         band = f"the error dead band of {loop['error_dead_band']:g} K"
-        found.append(f"{band}, which may hold a loop still that is foretold to hunt, or make another hunt")
-    n, missed = foretold.points.size, int(np.count_nonzero(~foretold.plants.reachable))
+        found.append(f"{band}, which may hold a loop still that is predicted to hunt, or make another hunt")
+    n, missed = prediction.points.size, int(np.count_nonzero(~prediction.plants.reachable))
     if missed:
         found.append(
             f"{missed} of {n} operating points, at which the valve is at its end and cannot hold the set-point"

@@ -209,7 +209,7 @@ def own_gains(group: Group, space: Space, warm_up: int) -> dict[str, Array]:
         given = ds[f"{name}_simc"].where(ds["reachable"])
         values = given.transpose("day", ...).values.reshape(group.boundary.n_days, -1)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of valves without a day: told above
+            warnings.simplefilter("ignore", RuntimeWarning)  # of valves without a day: reported above
             of_valves = np.broadcast_to(np.nanmedian(values, axis=0), n)
             found[name] = np.where(np.isfinite(of_valves), of_valves, np.nanmedian(of_valves))
     usable = all(np.isfinite(values).all() and (values > 0.0).all() for values in found.values())

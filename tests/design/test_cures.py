@@ -88,7 +88,7 @@ def test_each_cure_changes_its_own_parameters_only():
     assert with_cures(fc.Loop(), cures[:1]) == fc.Loop()
 
 
-def test_a_loop_that_hunts_for_a_part_of_the_day_is_cured_by_what_is_foretold_to_stop_it():
+def test_a_loop_that_hunts_for_a_part_of_the_day_is_cured_by_what_is_predicted_to_stop_it():
     part = (0.4, 0.0, 1.0, 1.3)
     ds = outcome(part, (0.3, 0.0, 0.1, 0.7), (0.2, 0.0, 0.5, 1.2))
     ds["n_hunting"][:] = [6, 0, 3]
@@ -112,15 +112,17 @@ def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
     assert np.isnan(swings_at(short, day, now)).all()
 
 
-def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_foretold():
+def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_predicted():
     def uncounted(swings, hunts=0.0, amplitude=1.0):
         cycles = SimpleNamespace(amplitude=np.full(5, amplitude))
-        foretold = SimpleNamespace(hunting=np.array([0, 1]), elsewhere=np.array([2, 3, 4]), n_hunting=2, cycles=cycles)
-        return hunts_uncounted(foretold, np.array(swings), xr.Dataset({"hunts": hunts}))
+        prediction = SimpleNamespace(
+            hunting=np.array([0, 1]), elsewhere=np.array([2, 3, 4]), n_hunting=2, cycles=cycles
+        )
+        return hunts_uncounted(prediction, np.array(swings), xr.Dataset({"hunts": hunts}))
 
     assert uncounted([1.0, np.nan, 0.5, 0.6, 0.4])
     assert not uncounted([1.0, 1.0, 0.5, 0.6, 0.4], hunts=1.0), "then it is counted"
     assert not uncounted([0.6, 0.6, 0.5, 0.5, 0.5])
     assert not uncounted([np.nan, np.nan, 0.1, 0.1, 0.1])
-    assert uncounted([1.5, 1.5, 1.5, 1.5, 1.5]), "of the size foretold"
+    assert uncounted([1.5, 1.5, 1.5, 1.5, 1.5]), "of the size predicted"
     assert not uncounted([0.2, 0.2, 0.2, 0.2, 0.2], amplitude=0.1), "too small to matter"

@@ -1,4 +1,4 @@
-"""Margins and cycles foretold, beside the emulator and beside what theory must say."""
+"""Margins and cycles predicted, beside the emulator and beside what theory must say."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_a_pi_with_ends_is_what_its_law_does(bias):
 
 
 @pytest.mark.kernel
-def test_what_is_foretold_happens_on_both_sides_of_the_boundary():
+def test_what_is_predicted_happens_on_both_sides_of_the_boundary():
     """Fast and slow integral action; with and without sensor lag, motor and an inverse; X = 0 among them."""
     named = [
         {"ti": 5.0, "kp": 0.01}, {"ti": 8.0}, {"ti": 12.0}, {"ti": 30.0}, {"ti": 60.0, "kp": 0.03},
@@ -48,30 +48,30 @@ def test_what_is_foretold_happens_on_both_sides_of_the_boundary():
     swept = {n: ("case", [one.get(n, LOOP[n]) for one in named]) for n in names}
     loop = LOOP.assign(**swept)
     seen = fc.simulate(loop, day(), warm_up=3 * 3600)
-    told = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
+    predicted = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
     assert 4 <= int(seen.hunts.sum()) < 10
-    np.testing.assert_array_equal(told.hunts, seen.hunts)
+    np.testing.assert_array_equal(predicted.hunts, seen.hunts)
     hunting = seen.hunts.values == 1.0
-    np.testing.assert_allclose(told.period[hunting], seen.hunting_period[hunting], rtol=0.15)
-    ratio = (2.0 * told.amplitude / seen.hunting_swing)[hunting]
+    np.testing.assert_allclose(predicted.period[hunting], seen.hunting_period[hunting], rtol=0.15)
+    ratio = (2.0 * predicted.amplitude / seen.hunting_swing)[hunting]
     assert np.all(np.abs(np.log(ratio)) < np.log(1.5)), ratio.values
-    assert np.isnan(told.period[~hunting]).all()
-    assert np.isnan(told.amplitude[~hunting]).all()
+    assert np.isnan(predicted.period[~hunting]).all()
+    assert np.isnan(predicted.amplitude[~hunting]).all()
 
 
 @pytest.mark.kernel
 def test_without_a_gap_the_margin_is_that_of_the_linear_loop():
     loop = LOOP.assign(backlash=0.0, kp=[0.005, 0.02, 0.04], ti=20.0)
-    told, linear = fc.limit_cycle(loop, fc.constant_day(hours=1)), fc.linearise(loop, fc.constant_day(hours=1))
-    np.testing.assert_allclose(told.margin, 1.0 / linear.gain_margin, rtol=0.02)
-    np.testing.assert_array_equal(told.hunts, linear.gain_margin < 1.0)
+    predicted, linear = fc.limit_cycle(loop, fc.constant_day(hours=1)), fc.linearise(loop, fc.constant_day(hours=1))
+    np.testing.assert_allclose(predicted.margin, 1.0 / linear.gain_margin, rtol=0.02)
+    np.testing.assert_array_equal(predicted.hunts, linear.gain_margin < 1.0)
 
 
 @pytest.mark.kernel
 def test_a_set_point_out_of_reach_is_no_hunting():
-    told = fc.limit_cycle(LOOP.assign(ti=5.0), fc.constant_day(hours=1, T_set=5.0))
-    assert (float(told.margin), float(told.hunts)) == (0.0, 0.0)
-    assert np.isnan(told.period)
+    predicted = fc.limit_cycle(LOOP.assign(ti=5.0), fc.constant_day(hours=1, T_set=5.0))
+    assert (float(predicted.margin), float(predicted.hunts)) == (0.0, 0.0)
+    assert np.isnan(predicted.period)
 
 
 @pytest.mark.kernel
@@ -79,13 +79,13 @@ def test_a_loop_that_is_unstable_from_one_sample_to_the_next_hunts():
     """Sampled slowly against its plant: a cycle of two samples, from end to end of the valve."""
     loop = LOOP.assign(stroke_time=0.0, sensor_time_constant=0.0, sample_time=[60.0, 120.0], backlash=[0.0, 0.05])
     loop = loop.assign(kp=0.1, ti=("ti", [60.0, 300.0]))
-    told = fc.limit_cycle(loop, fc.constant_day(hours=4))
+    predicted = fc.limit_cycle(loop, fc.constant_day(hours=4))
     seen = fc.simulate(loop, fc.constant_day(hours=4), warm_up=7200)
-    assert (told.margin > 2.0).all()
+    assert (predicted.margin > 2.0).all()
     assert bool(seen.hunts.all())
-    np.testing.assert_array_equal(told.hunts, seen.hunts)
-    np.testing.assert_allclose(told.period, seen.hunting_period, rtol=0.02)
-    np.testing.assert_allclose(2.0 * told.amplitude, seen.hunting_swing, rtol=0.7)
+    np.testing.assert_array_equal(predicted.hunts, seen.hunts)
+    np.testing.assert_allclose(predicted.period, seen.hunting_period, rtol=0.02)
+    np.testing.assert_allclose(2.0 * predicted.amplitude, seen.hunting_swing, rtol=0.7)
 
 
 @pytest.mark.kernel
@@ -93,8 +93,8 @@ def test_a_loop_that_is_unstable_from_one_sample_to_the_next_hunts():
 def test_a_gain_of_0_or_below_controls_nothing_and_is_no_hunting():
     """Without a warning of numpy."""
     loop = LOOP.assign(kp=[-0.05, 0.0], ti=8.0)
-    told = fc.limit_cycle(loop, fc.constant_day(hours=1))
-    assert told.margin.values.tolist() == told.hunts.values.tolist() == [0.0, 0.0]
+    predicted = fc.limit_cycle(loop, fc.constant_day(hours=1))
+    assert predicted.margin.values.tolist() == predicted.hunts.values.tolist() == [0.0, 0.0]
     assert not fc.simulate(loop, fc.constant_day(hours=1)).hunts.any()
     assert np.isnan(fc.linearise(loop.assign(kp=0.0), fc.constant_day(hours=1)).gain_margin)
 
@@ -149,30 +149,30 @@ def test_what_theory_does_not_tell_is_said(changed):
         fc.limit_cycle(LOOP.assign(ti=8.0, **changed), at)
     mixed = {name: ("case", [value, LOOP[name]]) for name, value in changed.items()}
     with pytest.warns(UserWarning, match="NaN in 1 of 2 scenarios: "):
-        told = fc.limit_cycle(LOOP.assign(ti=8.0, **mixed), at)
-    assert np.isnan(told.hunts[0])
-    assert np.isnan(told.margin[0])
-    assert float(told.hunts[1]) == 1.0
-    assert told.attrs["note"].startswith("NaN in 1 of 2")
+        predicted = fc.limit_cycle(LOOP.assign(ti=8.0, **mixed), at)
+    assert np.isnan(predicted.hunts[0])
+    assert np.isnan(predicted.margin[0])
+    assert float(predicted.hunts[1]) == 1.0
+    assert predicted.attrs["note"].startswith("NaN in 1 of 2")
 
 
-@pytest.mark.parametrize("foretell", [fc.limit_cycle, fc.linearise])
-def test_a_boundary_that_changes_the_gap_is_refused(foretell):
+@pytest.mark.parametrize("predict", [fc.limit_cycle, fc.linearise])
+def test_a_boundary_that_changes_the_gap_is_refused(predict):
     loose = fc.constant_day(hours=1).assign(backlash_scale=np.linspace(1.0, 2.0, 3600))
     with pytest.raises(fc.InputError, match=r"backlash_scale goes from 1 to 2: theory knows a gap of one size"):
-        foretell(LOOP, loose)
+        predict(LOOP, loose)
     with pytest.raises(fc.InputError, match=r"backlash_scale = 2: theory knows"):
-        foretell(LOOP, loose.assign(backlash_scale=2.0))
+        predict(LOOP, loose.assign(backlash_scale=2.0))
 
 
 @pytest.mark.kernel
 def test_a_slow_motor_makes_a_large_cycle_slower_and_larger():
     """As the emulator has it, too."""
     loop = LOOP.assign(ti=12.0, kp=0.04, sensor_time_constant=60.0, stroke_time=[0.0, 150.0])
-    told = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
+    predicted = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
     seen = fc.simulate(loop, day(), warm_up=3 * 3600)
-    slower = [float(period[1] / period[0]) for period in (told.period, seen.hunting_period)]
-    larger = [float(swing[1] / swing[0]) for swing in (told.amplitude, seen.hunting_swing)]
+    slower = [float(period[1] / period[0]) for period in (predicted.period, seen.hunting_period)]
+    larger = [float(swing[1] / swing[0]) for swing in (predicted.amplitude, seen.hunting_swing)]
     assert slower[0] == pytest.approx(slower[1], rel=0.15)
     assert larger[0] == pytest.approx(larger[1], rel=0.25)
     assert slower[1] > 1.2

@@ -67,25 +67,25 @@ def complex_of(line):
     return line.get_xydata() @ np.array([1.0, 1.0j])
 
 
-def test_nyquist_says_what_limit_cycle_foretells(loops, day):
-    foretold = fc.limit_cycle(loops, day)
+def test_nyquist_says_what_limit_cycle_predicts(loops, day):
+    predicted = fc.limit_cycle(loops, day)
     axes = fc.nyquist(loops, day).axes[0]
     texts = [text.get_text() for text in axes.get_legend().get_texts()]
     for k, text in enumerate(texts):
-        one = foretold.isel(ti=k)
+        one = predicted.isel(ti=k)
         ends = "hunts" if one.hunts > 0 else "does not hunt"
         assert text == f"integral time Ti = {float(one.ti):g} s: margin {float(one.margin):.2g}, {ends}"
-    assert set(foretold.hunts.values) == {0.0, 1.0}, "both ends of a sentence are tested"
+    assert set(predicted.hunts.values) == {0.0, 1.0}, "both ends of a sentence are tested"
 
 
 def test_the_dots_of_nyquist_are_the_cycle_or_lie_on_both_curves_in_one_direction(loops, day):
     axes = fc.nyquist(loops, day).axes[0]
-    foretold = fc.limit_cycle(loops, day)
+    predicted = fc.limit_cycle(loops, day)
     dots = [complex_of(line) for line in axes.lines if line.get_marker() == "o"]
     thin = [complex_of(line) for line in axes.lines if line.get_label() == "_-1/N"]
     thick = [line @ np.array([1.0, 1.0j]) for line in curves(axes)]
     for k, (marked, minus_1_over_N, L) in enumerate(zip(dots, thin, thick, strict=True)):
-        one = foretold.isel(ti=k)
+        one = predicted.isel(ti=k)
         assert np.abs(L - marked[0]).min() < 0.01
         at = 2.0 * np.pi / one.period if one.hunts > 0 else one.frequency
         there = fc.linearise(loops.assign(ti=float(one.ti)), day, frequency=[float(at)])

@@ -11,12 +11,12 @@ from helpers.first_order_plants import first_order_plants, together
 import fastcoil as fc
 from fastcoil.design.answer import hints_of
 from fastcoil.design.cures import distance, shortest_ti
-from fastcoil.design.explain import told_of
+from fastcoil.design.explain import theory_of
 from fastcoil.design.limit_cycle import cycles_of
 from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.phase_budget import (
     PARTS,
-    Foretold,
+    Prediction,
     gain_margin_without_backlash,
     margins,
     phase_shares,
@@ -28,7 +28,7 @@ from fastcoil.loops.scenarios import columns_of
 GAIN, LAG = -15.0, 100.0
 
 
-def told(loop, delay):
+def predicted(loop, delay):
     """A loop around a plant of first order at a single operating point."""
     return at_points(loop, first_order_plants(GAIN, LAG, delay))
 
@@ -38,13 +38,13 @@ def at_points(loop, *plants):
     nothing = np.zeros(len(plants), dtype=np.int64)
     cycles = cycles_of(columns_of(loop, {}, nothing), together(*plants))
     points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0}, nothing)
-    return Foretold(points, together(*plants), cycles, int(np.argmax(cycles.margin)))
+    return Prediction(points, together(*plants), cycles, int(np.argmax(cycles.margin)))
 
 
-def all_told(loop, delay):
+def theory_at(loop, delay):
     """The same with what else theory tells of it."""
-    foretold = told(loop, delay)
-    return told_of(loop, foretold, np.zeros(1))
+    prediction = predicted(loop, delay)
+    return theory_of(loop, prediction, np.zeros(1))
 
 
 def tuned(kappa, rho, **changes):
@@ -62,7 +62,7 @@ def tuned(kappa, rho, **changes):
 def test_the_shortest_ti_is_that_of_the_published_table(rho, theta, kappa):
     """literature: critical gain of a first-order lag with delay behind any backlash, by ti/lag and delay/lag."""
     loop = tuned(kappa, 0.05)
-    assert shortest_ti(loop, told(loop, theta), 1.0) == pytest.approx(rho * LAG, rel=0.06)
+    assert shortest_ti(loop, predicted(loop, theta), 1.0) == pytest.approx(rho * LAG, rel=0.06)
 
 
 def test_the_shortest_ti_holds_where_the_loop_is_worst_then_and_not_only_where_it_is_worst_now():
@@ -85,15 +85,15 @@ def test_the_margins_of_a_sweep_are_those_of_its_loops_point_by_point():
 
 
 def test_twice_the_kp_is_half_the_distance():
-    near, far = (distance(tuned(kappa, 0.5), told(tuned(kappa, 0.5), 20)) for kappa in (2.0, 1.0))
+    near, far = (distance(tuned(kappa, 0.5), predicted(tuned(kappa, 0.5), 20)) for kappa in (2.0, 1.0))
     assert far.kp_factor == pytest.approx(2.0 * near.kp_factor, rel=1e-6)
     assert near.ti > far.ti
 
 
 def test_the_parts_take_180_degrees_each_what_its_formula_says():
     loop = tuned(4.0, 0.3, sensor_time_constant=20.0)
-    foretold = told(loop, 10)
-    response = response_of(loop, foretold)
+    prediction = predicted(loop, 10)
+    response = response_of(loop, prediction)
     w = 2.0 * math.pi / response.period
     shares = phase_shares(loop, response)
     assert tuple(shares) == PARTS
@@ -109,21 +109,21 @@ def test_a_loop_that_rings_without_backlash_is_told_from_one_that_does_not():
     s = control.tf("s")
     pade = control.tf(*control.pade(20.5, 6))
     L = 0.93 * 4.0 * (1.0 + 1.0 / (60.0 * s)) * pade / (1.0 + LAG * s)
-    assert gain_margin_without_backlash(loop, told(loop, 20)) == pytest.approx(control.margin(L)[0], rel=0.05)
+    assert gain_margin_without_backlash(loop, predicted(loop, 20)) == pytest.approx(control.margin(L)[0], rel=0.05)
 
 
 def test_simc_is_that_of_the_plant():
     """Skogestad (2003): kp = lag/(2 K delay), ti = min(lag, 8 delay), half a sample of delay added."""
     loop = tuned(4.0, 0.6)
-    kp, ti = simc_gains(loop, told(loop, 20))
+    kp, ti = simc_gains(loop, predicted(loop, 20))
     assert kp == pytest.approx(LAG / (2.0 * 20.5 * -GAIN), rel=0.15)  # two points of a step tell the delay so well
     assert ti == pytest.approx(LAG, rel=0.03)
 
 
 def test_a_slow_sensor_that_takes_much_of_the_phase_is_named_with_what_a_fast_one_would_do():
     loop = tuned(5.0, 0.5, sensor_time_constant=40.0)
-    hints = hints_of(loop, all_told(loop, 10))
-    fast = margins(loop.assign(sensor_time_constant=5.0), told(loop, 10).plants, np.zeros(1, dtype=np.int64))
+    hints = hints_of(loop, theory_at(loop, 10))
+    fast = margins(loop.assign(sensor_time_constant=5.0), predicted(loop, 10).plants, np.zeros(1, dtype=np.int64))
     assert len(hints) == 1
     assert hints[0].startswith("The sensor takes")
     assert hints[0].endswith(f"with 5 s the margin would be {fast[0, 0]:.2g}.")
@@ -132,7 +132,7 @@ def test_a_slow_sensor_that_takes_much_of_the_phase_is_named_with_what_a_fast_on
 def test_a_perfect_valve_is_told_when_its_loop_will_hunt_as_it_wears():
     def hints(rho):
         loop = tuned(3.0, rho).assign(backlash=0.0)
-        return hints_of(loop, all_told(loop, 20))
+        return hints_of(loop, theory_at(loop, 20))
 
     assert re.fullmatch(r"With a backlash of 2 % the margin would be [\d.]+: as the valve .*", *hints(0.3))
     assert hints(1.5) == ()
