@@ -88,12 +88,7 @@ class Loop:
             raise InputError(
                 [f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled]
             )
-        names = [n for n in ds.coords if n in table]
-        stray = [n for n in names if not set(ds[n].dims) <= set(dims)]
-        if stray:
-            raise InputError(
-                [f"{n} lies along a dimension that no result of the Dataset has: leave it out" for n in stray]
-            )
+        names = [n for n in ds.coords if n in table and set(ds[n].dims) <= set(dims)]
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
         loop = knowing(cls(), rules)
@@ -190,7 +185,17 @@ class Loop:
         return labels
 
     def __repr__(self) -> str:
-        return text_of(self)
+        lines = [f"  {dim}: {size}" for dim, size in self.sizes.items()]
+        text = ["<fastcoil.Loop>", *(["Dimensions:", *lines] if lines else [])]
+        preset = nearest_preset(self)
+        differs = []
+        for name in _differing(self, preset):
+            value = self[name]
+            if isinstance(value, xr.DataArray):
+                differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_in_words(value)}")
+            else:
+                differs.append(f"  {self.parameters[name].equation(value)}")
+        return "\n".join([*text, *([f"Differs from {preset.name}:", *differs] if differs else [preset.name])])
 
     def _repr_html_(self) -> str:
         return html_of(self)
@@ -260,21 +265,6 @@ _LISTED = 5
 def nearest_preset(loop: Loop) -> Preset:
     """The preset from which the loop differs in the fewest parameters; the first of them."""
     return min(PRESETS.values(), key=lambda preset: len(_differing(loop, preset)))
-
-
-def text_of(loop: Loop) -> str:
-    """For a terminal: dimensions, and what differs from the nearest preset."""
-    lines = [f"  {dim}: {size}" for dim, size in loop.sizes.items()]
-    text = ["<fastcoil.Loop>"] + (["Dimensions:", *lines] if lines else [])
-    preset, table = nearest_preset(loop), loop.parameters
-    differs = []
-    for name in _differing(loop, preset):
-        value = loop[name]
-        if isinstance(value, xr.DataArray):
-            differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_in_words(value)}")
-        else:
-            differs.append(f"  {table[name].equation(value)}")
-    return "\n".join(text + ([f"Differs from {preset.name}:", *differs] if differs else [preset.name]))
 
 
 def html_of(loop: Loop) -> str:

@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import joblib
 import numpy as np
@@ -69,20 +69,13 @@ def check_disk(needed: int, folder: Path) -> None:
         )
 
 
-class Limits(NamedTuple):
-    """Bounds of a whole number; ``None``: no upper one."""
-
-    least: int
-    most: int | None = None
-
-
-RUN_LIMITS = {
-    "trace_interval": Limits(1),
-    "warm_up": Limits(0),
-    "seed": Limits(0, 2**64 - 1),
-    "replicates": Limits(1, 2**32),
+RUN_LIMITS: dict[str, tuple[int, int | None]] = {
+    "trace_interval": (1, None),
+    "warm_up": (0, None),
+    "seed": (0, 2**64 - 1),
+    "replicates": (1, 2**32),
 }
-"""Limits of the whole numbers that say how to run; a boundary may limit them further."""
+"""Least and largest value of the whole numbers that say how to run; a boundary may limit them further."""
 
 _LANE_STEPS_PER_SHARD = 60e6
 """About 1 to 2 s of work on one core."""
@@ -98,13 +91,6 @@ _MOST_BLOCKS_PER_GROUP = 64
 _OF_KERNELS = 64 * 2**20
 _OF_PROCESS = {"loky": 140 * 2**20, "dask": 170 * 2**20}
 """Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
-
-
-class MemoryOfRun(NamedTuple):
-    """Bytes that a run takes besides what this process has: the run itself, and each of its workers."""
-
-    alone: int
-    each: int
 
 
 @dataclass(frozen=True)
@@ -162,8 +148,8 @@ class Plan:
         """Most memory that ``simulate`` takes: measured, five times the metrics and twice the traces."""
         return 5 * self.metric_bytes + 3 * self.trace_bytes
 
-    def memory_of_run(self, n_jobs: int, backend: str) -> MemoryOfRun:
-        """Most memory that a run with traces on disk takes.
+    def memory_of_run(self, n_jobs: int, backend: str) -> tuple[int, int]:
+        """Most memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
 
         Itself: the kernels, the results, a shard on its way to the disk; or in the merge, when the workers are done,
         the largest trace.  A worker: a shard, another on its way, a block and a day; one that is a process has Python,
@@ -178,7 +164,7 @@ class Plan:
             )
         largest = max((self._trace_bytes(name) for name in self.traces.names), default=0)
         alone = _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest - n_jobs * each)
-        return MemoryOfRun(alone, each)
+        return alone, each
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
         """Most room that a study takes on disk, while it is merged."""

@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -163,14 +163,6 @@ def _run_days_apart(found: Results, plan: Plan, shard: Shard, places: np.ndarray
             found.run(block, day, places[of_day[lanes]])
 
 
-class _Running(NamedTuple):
-    """A block of a stretch, with the places of its lanes in the group."""
-
-    members: np.ndarray
-    block: Block
-    work: WorkSpace
-
-
 def _run_days_in_sequence(found: Results, plan: Plan, stretch: Stretch, places: np.ndarray) -> np.ndarray:
     """Returns the state of every lane at the end, (n_lanes, n)."""
     rules = rules_for_kernels(plan.layout.loop.rules)
@@ -179,17 +171,17 @@ def _run_days_in_sequence(found: Results, plan: Plan, stretch: Stretch, places: 
     matrix = parameter_matrix(plan.layout.columns(stretch.index[:n]), rules)
     begins = stretch.begins
     running = [
-        _Running(lanes, block, work_space(block) if begins is None else work_space_from(block, begins[lanes]))
+        (lanes, block, work_space(block) if begins is None else work_space_from(block, begins[lanes]))
         for lanes, block in blocks(matrix, rules)
     ]
     for k, number in enumerate(stretch.days):
         day = plan.days[number]
-        for each in running:
-            found.run(each.block, day, places[k * n + each.members], each.work)
-    states = [state_of(each.block, each.work) for each in running]
-    end = np.zeros((n, max(state.shape[1] for state in states)))
-    for each, state in zip(running, states, strict=True):
-        end[each.members, : state.shape[1]] = state[: each.members.size]
+        for lanes, block, work in running:
+            found.run(block, day, places[k * n + lanes], work)
+    states = [(lanes, state_of(block, work)) for lanes, block, work in running]
+    end = np.zeros((n, max(state.shape[1] for _, state in states)))
+    for lanes, state in states:
+        end[lanes, : state.shape[1]] = state[: lanes.size]
     return end
 
 
@@ -219,17 +211,17 @@ def count_shards(first: Sequence[Shard | Stretch]) -> int:
 
 def _seconds_of(plan: Plan, shard: np.ndarray) -> float:
     """Seconds that a thread takes for a shard: all its blocks are made, one of them is run."""
-    blocks(parameter_matrix(plan.layout.columns(shard)))  # compiles, once, what its blocks call
-    start = time.perf_counter()
     columns = plan.layout.columns(shard)
     rules = rules_for_kernels(plan.layout.loop.rules)
-    matrix = parameter_matrix(columns, rules)
-    of_days = [matrix[:, columns["day"] == k] for k in np.unique(columns["day"])]
-    made = [block for of_day in of_days for _, block in blocks(of_day, rules)]
+    blocks(parameter_matrix(columns, rules), rules)  # compiles, once, what its blocks call
+    start = time.perf_counter()
+    matrix = parameter_matrix(plan.layout.columns(shard), rules)
+    days = np.unique(columns["day"])
+    made = [block for k in days for _, block in blocks(matrix[:, columns["day"] == k], rules)]
     seconds = time.perf_counter() - start
     start = time.perf_counter()
     day = plan.days[int(columns["day"][0])]
-    seconds += (time.perf_counter() - start) * np.unique(columns["day"]).size
+    seconds += (time.perf_counter() - start) * days.size
     return seconds + len(made) * _seconds_of_block(plan, made[len(made) // 2], day)
 
 

@@ -26,15 +26,6 @@ from fastcoil.model.metric_table import SETTLING_TIME
 _SECOND = np.timedelta64(1, "s")
 
 
-def check_names(loop: Loop, boundary: Boundary) -> None:
-    """Refuse dims and coordinates of a sweep that have the name of one of the clock."""
-    names = {*loop.sizes, *loop.swept} & set(CLOCK)
-    if boundary.start is not None and names:
-        raise InputError(
-            [f"{name} is swept, and the boundary has a start: give the dim another name" for name in sorted(names)]
-        )
-
-
 def clock_coordinates(boundary: Boundary, elapsed_time: xr.Variable | None = None) -> dict[str, xr.DataArray]:
     """``start``; of a single day also the ``time`` of its traces, unless its clock is changed on the way."""
     start = boundary.start_coordinate
@@ -59,7 +50,10 @@ class Layout:
     """
 
     def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
-        check_names(loop, boundary)
+        if boundary.start is not None and (names := {*loop.sizes, *loop.swept} & set(CLOCK)):
+            raise InputError(
+                [f"{name} is swept, and the boundary has a start: give the dim another name" for name in sorted(names)]
+            )
         self.loop = _with_used_rules(loop)
         self.boundary = boundary
         self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | self.loop.sizes

@@ -6,8 +6,6 @@ Every temperature stays a weighted mean of its neighbours, and nothing overshoot
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import xarray as xr
 
@@ -26,14 +24,6 @@ _AIR_FLOWS = 17
 """Air flows tried between the least and the largest of the boundary: λ need not rise with the flow."""
 
 
-class _Worst(NamedTuple):
-    """The least stable scenario: its flat index, γ and λ."""
-
-    flat: int = 0
-    gamma: float = 0.0
-    lam: float = 0.0
-
-
 def check_stability(layout: Layout) -> None:
     """Refuse the whole study if one scenario breaks γ ≤ 1 or λ ≤ 1.
 
@@ -49,7 +39,7 @@ def check_stability(layout: Layout) -> None:
     coil = _coil_and_valve(layout)
     boundary = layout.boundary
     m_a = _air_flows(boundary)
-    n_bad, worst = 0, _Worst()
+    n_bad, worst = 0, (0, 0.0, 0.0)
     for start in range(0, coil.size, _CHUNK):
         index = np.arange(start, min(start + _CHUNK, coil.size))
         columns = coil.columns(index)
@@ -57,10 +47,10 @@ def check_stability(layout: Layout) -> None:
         broken = np.maximum(gamma, lam)
         n_bad += int(np.count_nonzero(~(broken <= 1.0)))
         k = int(np.nanargmax(broken))
-        if broken[k] > max(worst.gamma, worst.lam):
-            worst = _Worst(start + k, float(gamma[k]), float(lam[k]))
+        if broken[k] > max(worst[1:]):
+            worst = start + k, float(gamma[k]), float(lam[k])
     if n_bad:
-        raise InputError(_verdict(layout, coil, n_bad, worst, m_a))
+        raise InputError(_verdict(layout, coil, n_bad, m_a, *worst))
 
 
 def stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
@@ -98,26 +88,26 @@ def _wet_slope(boundary: Boundary, columns: dict[str, np.ndarray]) -> float:
     return float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
 
 
-def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: _Worst, m_a: np.ndarray) -> str:
-    columns = coil.columns(np.array([worst.flat]))
+def _verdict(layout: Layout, coil: Layout, n_bad: int, m_a: np.ndarray, worst: int, gamma: float, lam: float) -> str:
+    """worst: flat index of the least stable scenario, of γ and λ."""
+    columns = coil.columns(np.array([worst]))
     matrix, slope = parameter_matrix(columns), _wet_slope(layout.boundary, columns)
     n_volumes, substeps = int(columns["n_volumes"][0]), int(columns["substeps"][0])
-    largest_stable = 0
-    for n in range(n_volumes - 1, 0, -1):
-        matrix[PARAMETER_ROWS.index("n_volumes")] = n
+    largest_stable = n_volumes
+    while largest_stable := largest_stable - 1:
+        matrix[PARAMETER_ROWS.index("n_volumes")] = largest_stable
         if max(x[0] for x in worst_numbers(matrix, m_a, slope)) <= 1.0:
-            largest_stable = n
             break
-    what = [f"γ = m_w cp_w dt/C_w = {worst.gamma:.3g}"] if worst.gamma > 1.0 else []
-    what += [f"λ = dt (G_a + G_w)/C_c = {worst.lam:.3g}"] if worst.lam > 1.0 else []
+    what = [f"γ = m_w cp_w dt/C_w = {gamma:.3g}"] if gamma > 1.0 else []
+    what += [f"λ = dt (G_a + G_w)/C_c = {lam:.3g}"] if lam > 1.0 else []
     cures = [f"n_volumes = {largest_stable} or less is stable"] if largest_stable else []
-    enough = int(np.ceil(min(max(worst.gamma, worst.lam), 1e6) * substeps * (1 - 1e-12)))
+    enough = int(np.ceil(min(max(gamma, lam), 1e6) * substeps * (1 - 1e-12)))
     cures += [f"substeps = {enough} is stable"] if enough <= PARAMETERS["substeps"].upper else []
-    for name, number in (("C_w", worst.gamma), ("C_c", worst.lam)):
+    for name, number in (("C_w", gamma), ("C_c", lam)):
         if 1.0 < number < np.inf:
             given = float(columns[name][0])
             cures.append(f"raise {name} from {given:g} to at least {_ceil3(given * number):g} kJ/K")
-    place = ", ".join(filter(None, [coil.describe(worst.flat), f"n_volumes={n_volumes}"]))
+    place = ", ".join(filter(None, [coil.describe(worst), f"n_volumes={n_volumes}"]))
     dt = "1 s" if substeps == 1 else f"1/{substeps} s"
     share = n_bad * (layout.size // coil.size)
     return (

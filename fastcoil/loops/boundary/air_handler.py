@@ -91,7 +91,7 @@ LEAST_COOLING = 2.0
 class Settings(SimpleNamespace):
     """How the air handler is run; names and units as the arguments of `weather_year`.
 
-    fan: first and last hour of the fan by day label; on days without it stands.  W_return: humidity ratio of the return
+    fan: first and last hour of the fan by day label; on days with None it stands.  W_return: humidity ratio of the return
     air.  trim: a `Trim`.
     """
 
@@ -132,7 +132,7 @@ def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def settings_of(
-    chosen: Mapping[str, Any], outdoors: Outdoors, fan: Mapping[int, tuple[float, float]], file: str
+    chosen: Mapping[str, Any], outdoors: Outdoors, fan: Mapping[int, tuple[float, float] | None], file: str
 ) -> Settings:
     """The settings at a site."""
     own = dict(chosen)
@@ -151,7 +151,7 @@ def settings_of(
     return Settings(
         **own,
         trim=trim,
-        fan=dict(fan),
+        fan=fan,
         W_return=float(humidity_ratio(own["T_return"], chosen["RH_return"], outdoors.pressure)),
     )
 
@@ -191,7 +191,7 @@ PEOPLE_COME, PEOPLE_GO = 2.0, 2.0
 def series_of_day(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Array]:
     """All series of a day by its label, the day of the year from 1: (86400,) each."""
     T_out, W_out = outdoors.of_day(label)
-    begin, end = (round(3600 * hour) for hour in s.fan.get(label, (0.0, 0.0)))
+    begin, end = (round(3600 * hour) for hour in s.fan[label] or (0.0, 0.0))
     drifts = {name: s.disturbances * drift for name, drift in plant_drifts(s.seed, label).items()}
     minutes = slice(None, None, ZONE_STEP)
     mean_load = load(s, T_out[minutes], begin, end)

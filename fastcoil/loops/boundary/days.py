@@ -89,23 +89,17 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     seed
         Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
     """
-    seed = plain(seed)
     with checking() as check:
         n_steps = check(whole_seconds, hours)
         seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
     h = np.arange(n_steps) / 3600
     D, noise = swing(h), drifts_of(DRIFTS, seeds, n_steps)
     T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
-    several = not isinstance(seed, int)
-    rows = slice(None) if several else 0
-    return Boundary(
-        m_a=(1.15 + 0.18 * D + noise["m_a"])[rows],
-        T_a_in=T_a_in[rows],
-        W_a_in=humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"])[rows],
-        T_w_in=(7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"])[rows],
-        T_set=stepped_set_point(n_steps),
-        day=seeds if several else seeds[0],
-    )
+    W_a_in = humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"])
+    T_w_in = 7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"]
+    m_a = 1.15 + 0.18 * D + noise["m_a"]
+    days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=stepped_set_point(n_steps), day=seeds)
+    return days.isel(0) if isinstance(plain(seed), int) else days
 
 
 def swing(h: Array) -> Array:
@@ -120,6 +114,7 @@ def stepped_set_point(n_steps: int) -> Array:
 
 def distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
     """The seeds of days of ``n_steps``: whole numbers, each once, of as many days as fit into memory."""
+    seed = plain(seed)
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
     # while they are made, days take three times what they take in the end
     most = available_memory() // (3 * n_steps * 8 * len(BOUNDARY_SERIES))
@@ -312,20 +307,15 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
     T_w_in
         Mean temperature of the entering water [degC].
     """
-    seed = plain(seed)
     with checking() as check:
         n_steps = check(whole_seconds, hours)
         seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
-        T_w_in = check(condition_of, "T_w_in", T_w_in)
+        T_w_mean = check(condition_of, "T_w_in", T_w_in)
     h = np.arange(n_steps) / 3600
     D, noise = swing(h), drifts_of(HEATING_DRIFTS, seeds, n_steps)
-    several = not isinstance(seed, int)
-    rows = slice(None) if several else 0
-    return Boundary(
-        m_a=(0.9 + 0.2 * D + noise["m_a"])[rows],
-        T_a_in=(12.0 + 2.0 * D + noise["T_a_in"])[rows],
-        W_a_in=W_IN,
-        T_w_in=(T_w_in + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"])[rows],
-        T_set=stepped_set_point(n_steps) + WARMER,
-        day=seeds if several else seeds[0],
-    )
+    m_a = 0.9 + 0.2 * D + noise["m_a"]
+    T_a_in = 12.0 + 2.0 * D + noise["T_a_in"]
+    T_water = T_w_mean + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"]
+    T_set = stepped_set_point(n_steps) + WARMER
+    days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_IN, T_w_in=T_water, T_set=T_set, day=seeds)
+    return days.isel(0) if isinstance(plain(seed), int) else days

@@ -391,19 +391,8 @@ class Boundary(Samples):
         InputError
             With one sentence for each mistake in the file or the arguments: column, row, cure.
         """
-        return cls(
-            **trend_log_series(
-                path,
-                units=units,
-                columns=columns,
-                constants=constants,
-                pressure=pressure,
-                start=start,
-                hours=hours,
-                max_gap=max_gap,
-                time_format=time_format,
-            )
-        )
+        arguments = {name: value for name, value in locals().items() if name != "cls"}
+        return cls(**trend_log_series(**arguments))
 
 
 def _joining_problems(boundaries: Sequence[Boundary], dim: str) -> list[str]:
@@ -430,11 +419,9 @@ def _joining_problems(boundaries: Sequence[Boundary], dim: str) -> list[str]:
             problems.append(f"day label {label} appears twice: give each day its own label, as assign(day=7)")
         return problems
     for i, (before, one) in enumerate(zip(boundaries, boundaries[1:], strict=False), start=1):
-        if one.has_day_dim != first.has_day_dim or one.n_days != first.n_days:
-            n = [f"{each.n_days} days" if each.has_day_dim else "no dim day" for each in (one, first)]
-            problems.append(f"boundary {i} has {n[0]}, the first {n[1]}: give the same days")
-        elif first.has_day_dim and not np.array_equal(one.day, first.day):
-            problems.append(f"boundary {i} has other days than the first: give the same days, in the same order")
+        if one.has_day_dim != first.has_day_dim or (first.has_day_dim and not np.array_equal(one.day, first.day)):
+            n = [f"the days {shown(each.day.tolist())}" if each.has_day_dim else "no dim day" for each in (one, first)]
+            problems.append(f"boundary {i} has {n[0]}, the first {n[1]}: give the same days, in the same order")
         elif one.start is not None and before.start is not None:
             ends = before.start + np.timedelta64(before.n_steps, "s")
             for k in np.flatnonzero(ends != one.start)[:1]:

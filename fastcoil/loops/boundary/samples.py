@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import chain
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -188,9 +189,10 @@ class Samples:
                 kept.append(rows)
         warn_of_stops(stopped)
         if not small:
-            return Survey(extremes, _digest_of_days(self, hashes), hashes)
+            return Survey(extremes, _digest(self, 2, (one.encode() for one in hashes)), hashes)
         whole = self.series if self._make is None else {n: np.stack([rows[n] for rows in kept]) for n in extremes}
-        return Survey(extremes, _digest_of_series(self, whole), hashes)
+        named = ((name.encode(), np.ascontiguousarray(whole[name], dtype="<f8").data) for name in _hashed(whole))
+        return Survey(extremes, _digest(self, 1, chain.from_iterable(named)), hashes)
 
     def _rows(self, k: int) -> tuple[dict[str, Array], int]:
         """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
@@ -291,27 +293,13 @@ def day_digest(label: int, rows: Mapping[str, Array]) -> str:
     return digest.hexdigest()
 
 
-def _digest_of_series(days: Samples, series: Mapping[str, Array]) -> str:
-    """Hash of the day labels and of every name and sample, series by series, each (n_days, n_steps)."""
-    digest = _begun(1, days)
-    for name in _hashed(series):
-        digest.update(name.encode())
-        digest.update(np.ascontiguousarray(series[name], dtype="<f8").data)
-    return digest.hexdigest()
-
-
-def _digest_of_days(days: Samples, hashes: Iterable[str]) -> str:
-    """Hash of the day labels and of the hashes of all days."""
-    digest = _begun(2, days)
-    for one in hashes:
-        digest.update(one.encode())
-    return digest.hexdigest()
-
-
-def _begun(version: int, days: Samples) -> hashlib._Hash:
+def _digest(days: Samples, version: int, parts: Iterable[Any]) -> str:
+    """Hash of the day labels and of the bytes of all parts."""
     digest = hashlib.sha256(f"boundary {version} {days.has_day_dim} {days.n_days} {days.n_steps}".encode())
     digest.update(days.day.astype("<i8").tobytes())
-    return digest
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()
 
 
 def _hashed(series: Mapping[str, Array]) -> list[str]:

@@ -86,16 +86,8 @@ class Weather(NamedTuple):
         return humidity_ratio(self.series["T_drybulb"], self.series["RH"], pressure)
 
 
-class WeatherColumn(NamedTuple):
-    """A series of a weather file, its usual header, and the unit under that header."""
-
-    series: Series
-    header: str
-    unit: str
-
-
 WEATHER_COLUMNS = {
-    series.name: WeatherColumn(series, header, unit)
+    series.name: (series, header, unit)
     for series, header, unit in (
         (Series("hour_of_year", "hour of the year", NUMBER, 1, 8784, whole=True), "hour_of_year", "1"),
         (Series("month", "month", NUMBER, 1, 12, whole=True), "month", "1"),
@@ -107,7 +99,7 @@ WEATHER_COLUMNS = {
         (Series("p", "barometric pressure", PRESSURE, 50e3, 110e3), "p_Pa", "Pa"),
     )
 }
-"""Columns that a weather file may have."""
+"""Columns that a weather file may have by name: the series, its usual header, and the unit under that header."""
 
 
 def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> Weather:
@@ -117,14 +109,12 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     table.check_names("columns", columns, WEATHER_COLUMNS)
     table.check_names("units", units, WEATHER_COLUMNS)
     found = asked_columns(table, columns)
-    for name, usual in WEATHER_COLUMNS.items():
-        column = table.column(usual.header)
+    for name, (_, header, unit) in WEATHER_COLUMNS.items():
+        column = table.column(header)
         if name not in columns and column is not None:
             found[name] = column
-            units.setdefault(name, usual.unit)
-    for name in ("hour_of_year", "T_drybulb"):
-        if name not in found and name not in columns:
-            header = WEATHER_COLUMNS[name].header
+            units.setdefault(name, unit)
+        elif name in ("hour_of_year", "T_drybulb") and name not in columns:
             table.problems.append(f"{name} is missing: add a column {header!r}, or name one in columns")
     if not {"T_dewpoint", "RH"} & {*found, *columns}:
         table.problems.append("T_dewpoint and RH are both missing: add or name a column for one of them")
@@ -132,8 +122,7 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     if "T_dewpoint" in found:
         found.pop("RH", None)
     weather = {
-        name: read_numbers(table, WEATHER_COLUMNS[name].series, column, units.get(name))
-        for name, column in found.items()
+        name: read_numbers(table, WEATHER_COLUMNS[name][0], column, units.get(name)) for name, column in found.items()
     }
     jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
@@ -271,7 +260,7 @@ def _read_year(file: str, lines: Sequence[str], layout: RowFormat, *, with_press
     used = _used_fields(table, fields)
     table.stop_if_wrong()
     series = {
-        name: read_numbers(table, WEATHER_COLUMNS[name].series, table.header.index(name), field.unit)
+        name: read_numbers(table, WEATHER_COLUMNS[name][0], table.header.index(name), field.unit)
         for name, field in used.items()
     }
     table.stop_if_wrong()

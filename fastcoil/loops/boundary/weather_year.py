@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from calendar import isleap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date, timedelta
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,6 @@ from fastcoil.loops.boundary.weather_files import WEEKDAYS, Weather, read_weathe
 _FIRST_YEAR, _LAST_YEAR = 1970, 2199
 _USUAL_YEAR = 2001
 _MONTH_DAY = re.compile(r"(\d\d?)-(\d\d?)", re.ASCII)
-Hours = tuple[float, float] | None
 
 
 class Calendar(NamedTuple):
@@ -88,12 +87,6 @@ def calendar_of(year: int | None, weather: Weather, file: str) -> Calendar:
     return Calendar(year, leap)
 
 
-def year_of(name: str, value: object) -> int:
-    """Number of a year."""
-    cure = f"give a year from {_FIRST_YEAR} to {_LAST_YEAR}"
-    return whole_of(name, value, _FIRST_YEAR, _LAST_YEAR, cure)
-
-
 def month_day_of(name: str, value: object) -> tuple[int, int]:
     """Month and day of a text such as ``06-15``."""
     text = text_of(name, value)
@@ -106,9 +99,9 @@ def month_day_of(name: str, value: object) -> tuple[int, int]:
     return month, day
 
 
-def month_days_of(name: str, value: object) -> list[tuple[int, int]]:
+def month_days_of(name: str, value: object) -> set[tuple[int, int]]:
     """Several of them."""
-    return [month_day_of(name, one) for one in several_of(name, value, "give a list such as 01-01, 12-25")]
+    return {month_day_of(name, one) for one in several_of(name, value, "give a list such as 01-01, 12-25")}
 
 
 def hours_of(name: str, value: object) -> tuple[float, float]:
@@ -123,29 +116,6 @@ def hours_of(name: str, value: object) -> tuple[float, float]:
     if any(abs(3600 * hour - round(3600 * hour)) > 1e-6 for hour in (start, stop)) or stop - start < 0.25:
         raise InputError(f"{name} = {start:g}, {stop:g}: give whole seconds (n / 3600), a quarter of an hour at least")
     return start, stop
-
-
-def fan_days(
-    labels: Sequence[int], dates: Sequence[date], weekday: Hours, weekend: Hours, holidays: Iterable[tuple[int, int]]
-) -> Mapping[int, tuple[float, float]]:
-    """Hours of the fan by day; days without are days of rest.  Holidays are run like a Saturday or Sunday."""
-    free = set(holidays)
-    hours = {
-        label: weekend if day.weekday() >= 5 or (day.month, day.day) in free else weekday
-        for label, day in zip(labels, dates, strict=True)
-    }
-    return {label: pair for label, pair in hours.items() if pair is not None}
-
-
-def require_days(labels: Sequence[int], available: range, file: str) -> None:
-    """Refuse days that a file does not hold."""
-    absent = [label for label in labels if label not in available]
-    if absent:
-        more = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
-        raise InputError(
-            f"days: {file} holds the whole days {available[0]} to {available[-1]} of the year, not {absent[0]}"
-            f"{more}: choose among them"
-        )
 
 
 def weather_year(
@@ -256,13 +226,14 @@ def weather_year(
         path = check(path_of, "path", path, "give the path of an EPW, TMY3 or CSV file")
         check(require_mappings, columns=columns, units=units)
         pressure = check.unless_none(condition_of, "pressure", pressure)
-        year = check.unless_none(year_of, "year", year)
+        years = f"give a year from {_FIRST_YEAR} to {_LAST_YEAR}"
+        year = check.unless_none(whole_of, "year", year, _FIRST_YEAR, _LAST_YEAR, years)
         labels = check.unless_none(days_of, "days", days)
         first = check.unless_none(month_day_of, "first_date", first_date)
         last = check.unless_none(month_day_of, "last_date", last_date)
         weekday = check(hours_of, "fan_hours", fan_hours)
         weekend = check.unless_none(hours_of, "weekend_fan_hours", weekend_fan_hours)
-        free = check.unless_none(month_days_of, "holidays", holidays)
+        free = check.unless_none(month_days_of, "holidays", holidays) or set()
         chosen = check(chosen_settings, given)
         if days is not None and not (first_date is None and last_date is None):
             check.problems.append("days and first_date, last_date are both given: give one of them")
@@ -272,8 +243,17 @@ def weather_year(
     if labels is None:
         labels = calendar.labels(first, last, outdoors.days) if first or last else list(outdoors.days)
     dates = calendar.dates(labels)
-    require_days(labels, outdoors.days, path.name)
-    settings = settings_of(chosen, outdoors, fan_days(labels, dates, weekday, weekend, free or []), path.name)
+    if absent := [label for label in labels if label not in outdoors.days]:
+        more = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
+        raise InputError(
+            f"days: {path.name} holds the whole days {outdoors.days[0]} to {outdoors.days[-1]} of the year, not "
+            f"{absent[0]}{more}: choose among them"
+        )
+    fan = {
+        label: weekend if date.weekday() >= 5 or (date.month, date.day) in free else weekday
+        for label, date in zip(labels, dates, strict=True)
+    }
+    settings = settings_of(chosen, outdoors, fan, path.name)
     if settings.disturbances == 0.0:
         warn_of_hours(weather)
     return Boundary.from_days(
