@@ -91,8 +91,8 @@ LEAST_COOLING = 2.0
 class Settings(SimpleNamespace):
     """How the air handler is run; names and units as the arguments of `weather_year`.
 
-    fan: first and last hour of the fan by day label; on days with None it stands.  W_return: humidity ratio of the return
-    air.  trim: a `Trim`.
+    fan: first and last hour of the fan by day label, None where it stands.  W_return: humidity ratio of the return air.
+    trim: a `Trim`.
     """
 
     @property
