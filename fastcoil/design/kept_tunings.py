@@ -37,9 +37,6 @@ class Archive:
         if path is not None:
             self._read(path)
 
-    def __len__(self) -> int:
-        return len(self._found)
-
     def evaluated(self, values: Array, measure: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
         """The measures (n,) of tunings (n, d); ``measure`` is asked for those that nobody tried before."""
         rows = [tuple(row) for row in values.tolist()]

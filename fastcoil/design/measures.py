@@ -54,8 +54,9 @@ class Measure(NamedTuple):
         return f"{quantity(self.metric).axis}, {over}"
 
     @property
-    def unit(self) -> str:
-        return METRICS[self.metric].unit if self.metric in METRICS else "1"
+    def attrs(self) -> dict[str, str]:
+        """Attributes of its variable in a result."""
+        return {"long_name": self.words, "units": METRICS[self.metric].unit if self.metric in METRICS else "1"}
 
     def shown(self, value: float) -> str:
         """A value as tables and sentences give it."""
@@ -140,13 +141,10 @@ def _metric_of(name: str, metric: object, *, goal: bool = False) -> str:
 
 def reported(goal: Measure, limits: Sequence[Limit]) -> list[Measure]:
     """Every measure that a result has: the goal, the limits, and always an error, the travel and who hunts."""
-    limited = [limit.measure for limit in limits]
     error = [] if goal.metric != TRAVEL else [Measure("rmse", goal.quantile)]
-    found = [goal, *error, *limited]
-    if TRAVEL not in [m.metric for m in found]:
-        found.append(Measure(TRAVEL, goal.quantile))
-    if HUNTS not in [m.metric for m in found]:
-        found.append(Measure(HUNTS, None))
+    found = [goal, *error, *(limit.measure for limit in limits)]
+    always = (Measure(TRAVEL, goal.quantile), Measure(HUNTS, None))
+    found += [measure for measure in always if measure.metric not in [m.metric for m in found]]
     return list(dict.fromkeys(found))
 
 
@@ -193,8 +191,7 @@ def with_intervals(
         values = cases[measure.metric]
         drawn[measure.name] = np.stack([measure.of(values[:, d][:, :, v].reshape(n, -1)) for d, v in draws], axis=1)
         found = _edges(measure.of(values.reshape(n, -1)), drawn[measure.name])
-        attrs = {"long_name": measure.words, "units": measure.unit}
-        ds[measure.name] = (("tuning", "edge"), found, attrs)
+        ds[measure.name] = (("tuning", "edge"), found, measure.attrs)
     goal = measures[0]
     value = ds[goal.name].values[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):  # of something infinite or 0 there is no share

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
@@ -47,11 +48,6 @@ class Group(NamedTuple):
         return f"{valves:,} valve{'s' * (valves > 1)} × {days:,} day{'s' * (days > 1)}"
 
 
-def n_valves(loop: Loop) -> int:
-    """Members of the population: all combinations of the loop's dims."""
-    return int(np.prod(list(loop.sizes.values()), dtype=int))
-
-
 def held_valves(backlash: np.ndarray, seed: int) -> np.ndarray:
     """One of every three valves, drawn, in the order of their backlash (n,); sorted positions.
 
@@ -71,17 +67,12 @@ def part_of(loop: Loop, members: np.ndarray) -> Loop:
     return loop.assign(**{name: (VALVE, columns[name]) for name in loop.swept})
 
 
-def days_of(boundary: Boundary, rows: np.ndarray) -> Boundary:
-    """Some days of a boundary, by position."""
-    return boundary.isel(day=rows)
-
-
 def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]:
     """The days to tune on, and those held out: another boundary, labels of days, or by default the last third."""
     n = boundary.n_days
     if isinstance(holdout, Boundary):
         _require_comparable(boundary, holdout)
-        return boundary, days_of(holdout, np.arange(holdout.n_days))
+        return boundary, holdout.isel(day=np.arange(holdout.n_days))
     if holdout is None:
         if n < 2:
             raise InputError(
@@ -92,7 +83,7 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
     else:
         held = _labelled(boundary, holdout)
     kept = np.setdiff1d(np.arange(n), held)
-    return days_of(boundary, kept), days_of(boundary, held)
+    return boundary.isel(day=kept), boundary.isel(day=held)
 
 
 def _labelled(boundary: Boundary, holdout: object) -> np.ndarray:
@@ -117,25 +108,22 @@ def _require_comparable(boundary: Boundary, holdout: Boundary) -> None:
         raise InputError(
             f"holdout lasts {holdout.hours:g} h, boundary {boundary.hours:g} h: give days as long, since travel adds up"
         )
-    before = {_digest(boundary, k): boundary.day[k] for k in range(boundary.n_days)}
+
+    def digest_of(days: Boundary, k: int) -> bytes:
+        return hashlib.sha256(b"".join(values.tobytes() for values in days.of_day(k).values())).digest()
+
+    before = {digest_of(boundary, k): boundary.day[k] for k in range(boundary.n_days)}
     for k in range(holdout.n_days):
-        same = before.get(_digest(holdout, k))
+        same = before.get(digest_of(holdout, k))
         if same is not None:
             raise InputError(
                 f"holdout: its day {holdout.day[k]} is day {same} of the boundary: give days that it does not have"
             )
 
 
-def _digest(boundary: Boundary, k: int) -> bytes:
-    digest = hashlib.sha256()
-    for values in boundary.of_day(k).values():
-        digest.update(values.tobytes())
-    return digest.digest()
-
-
 def split(loop: Loop, boundary: Boundary, holdout: object, seed: int) -> tuple[Group, Group]:
     """The valves and days to tune on, and others to try the tuning on; with fewer than three valves the same ones."""
-    n = n_valves(loop)
+    n = math.prod(loop.sizes.values())
     tuned_on, tried_on = split_days(boundary, holdout)
     backlash = np.broadcast_to(columns_of(loop, loop.sizes, np.arange(n))["backlash"], n)
     held = held_valves(backlash, seed)
@@ -160,14 +148,8 @@ def margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
 
 
 def require_margins(loop: Loop) -> None:
-    """Refuse loops about which theory says nothing.
-
-    Raises
-    ------
-    InputError
-        With a sentence for each reason.
-    """
-    index = np.arange(int(np.prod(list(loop.sizes.values()), dtype=int)))
+    """Refuse loops about which theory says nothing, with a sentence for each reason."""
+    index = np.arange(math.prod(loop.sizes.values()))
     reasons = [reason for reason, where in unknown(columns_of(loop, loop.sizes, index)).items() if np.any(where)]
     if reasons:
         raise InputError([f"limits: {MARGIN}: theory has none for some of these loops: {reason}" for reason in reasons])
@@ -233,14 +215,11 @@ def tried(group: Group, space: Space, values: Array, run: Run, measures: Sequenc
     """Metrics of tunings (n, d) on a group: metric → (n, day, valve, replicate)."""
     per_tuning = len(group.members) * group.boundary.n_days * run.replicates
     step = max(1, _MOST_AT_ONCE // per_tuning)
-    metrics = list(dict.fromkeys(measure.metric for measure in measures))
-    parts = [_swept(group, space, values[k : k + step], run, metrics) for k in range(0, len(values), step)]
-    return {metric: np.concatenate([part[metric] for part in parts]) for metric in metrics}
-
-
-def _swept(group: Group, space: Space, values: Array, run: Run, metrics: Sequence[str]) -> dict[str, Array]:
-    given = {name: (TUNING, values[:, k]) for k, name in enumerate(space.names)}
-    return _cases(group.loop.assign(**given), group.boundary, run, metrics)
+    parts = []
+    for k in range(0, len(values), step):
+        given = {name: (TUNING, column[k : k + step]) for name, column in zip(space.names, values.T, strict=True)}
+        parts.append(_cases(group.loop.assign(**given), group.boundary, run, measures))
+    return {metric: np.concatenate([part[metric] for part in parts]) for metric in parts[0]}
 
 
 def as_it_is(
@@ -248,25 +227,24 @@ def as_it_is(
 ) -> dict[str, Array]:
     """The same for the loop as it came, or with each valve's ``own`` gains, (valve,): metric → (1, day, …)."""
     changes = {name: (VALVE, values) for name, values in (own or {}).items()}
+    return _cases(group.loop.assign(**changes), group.boundary, run, measures)
+
+
+def _cases(loop: Loop, boundary: Boundary, run: Run, measures: Sequence[Measure]) -> dict[str, Array]:
     metrics = list(dict.fromkeys(measure.metric for measure in measures))
-    return _cases(group.loop.assign(**changes) if own else group.loop, group.boundary, run, metrics)
-
-
-def _cases(loop: Loop, boundary: Boundary, run: Run, metrics: Sequence[str]) -> dict[str, Array]:
     ds = simulate(
         loop, boundary, warm_up=run.warm_up, seed=run.seed, replicates=run.replicates, n_jobs=run.n_jobs,
         progress=False,
     )  # fmt: skip
-    order = (TUNING, "day", VALVE, "replicate")
     found = {metric: ds[metric] for metric in metrics if metric != MARGIN}
     if MARGIN in metrics:
         found[MARGIN] = margins(loop, boundary, run.warm_up)
-    return {metric: _all_dims(values, order) for metric, values in found.items()}
-
-
-def _all_dims(values: xr.DataArray, order: Sequence[str]) -> Array:
-    missing = [dim for dim in order if dim not in values.dims]
-    return np.asarray(values.reset_coords(drop=True).expand_dims(missing).transpose(*order).values, dtype=float)
+    order, cases = (TUNING, "day", VALVE, "replicate"), {}
+    for metric, values in found.items():
+        missing = [dim for dim in order if dim not in values.dims]
+        whole = values.reset_coords(drop=True).expand_dims(missing).transpose(*order)
+        cases[metric] = np.asarray(whole.values, dtype=float)
+    return cases
 
 
 def measured(cases: Mapping[str, Array], measures: Sequence[Measure]) -> dict[str, Array]:

@@ -78,10 +78,12 @@ def evolve(measured: Measured, first: Array, d: int, evaluations: int, seed: int
     points = np.concatenate([first, _filling(rng, spent.size - len(first), d)])[: spent.size]
     scores = measured(points)
     everything, all_scores = points, scores
+    # trials that leave the cube come back to its border
     for _ in range(spent.for_goal - 1):
         trials = _trials(rng, points, best(scores))
         found = measured(trials)
-        better = _better(found, scores)
+        less, as_much = found.violation < scores.violation, found.violation == scores.violation
+        better = less | (as_much & (found.goal <= scores.goal))
         points = np.where(better[:, None], trials, points)
         scores = Scores(*(np.where(better, new, old) for new, old in zip(found, scores, strict=True)))
         everything, all_scores = np.concatenate([everything, trials]), all_scores.joined(found)
@@ -94,7 +96,7 @@ def evolve(measured: Measured, first: Array, d: int, evaluations: int, seed: int
 
 def best(scores: Scores) -> int:
     """The place of the best point."""
-    return int(_order(scores)[0])
+    return int(np.lexsort((scores.travel, scores.goal, scores.violation))[0])
 
 
 def on_front(scores: Scores) -> np.ndarray:
@@ -106,15 +108,6 @@ def on_front(scores: Scores) -> np.ndarray:
     order = kept[np.lexsort((scores.error[kept], scores.travel[kept]))]
     lowest = np.minimum.accumulate(np.concatenate([[np.inf], scores.error[order][:-1]]))
     return np.asarray(order[(scores.error[order] < lowest) & np.isfinite(scores.travel[order])])
-
-
-def _order(scores: Scores) -> np.ndarray:
-    return np.asarray(np.lexsort((scores.travel, scores.goal, scores.violation)))
-
-
-def _better(new: Scores, old: Scores) -> np.ndarray:
-    less = new.violation < old.violation
-    return np.asarray(less | ((new.violation == old.violation) & (new.goal <= old.goal)))
 
 
 def _filling(rng: np.random.Generator, n: int, d: int) -> Array:
@@ -130,7 +123,7 @@ def _trials(rng: np.random.Generator, points: Array, best_at: int) -> Array:
     new = points[best_at] + scale * (points[pairs[:, 0]] - points[pairs[:, 1]])
     mixed = rng.random((n, d)) < _MIXED
     mixed[np.arange(n), rng.integers(0, d, n)] = True
-    return _inside(np.where(mixed, new, points))
+    return np.asarray(np.clip(np.where(mixed, new, points), 0.0, 1.0))
 
 
 def _along(rng: np.random.Generator, front: Array, scores: Scores, n: int) -> Array:
@@ -144,9 +137,5 @@ def _along(rng: np.random.Generator, front: Array, scores: Scores, n: int) -> Ar
     else:
         at, step = np.zeros(n, dtype=int), np.zeros((n, front.shape[1]))
     way = rng.uniform(-_BEYOND, 1.0 + _BEYOND, (n, 1))
-    return _inside(front[at] + way * step + _SMALL * rng.standard_normal((n, front.shape[1])))
-
-
-def _inside(points: Array) -> Array:
-    """Points that left the cube come back to its border."""
-    return np.clip(points, 0.0, 1.0)
+    new = front[at] + way * step + _SMALL * rng.standard_normal((n, front.shape[1]))
+    return np.asarray(np.clip(new, 0.0, 1.0))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import Checks, is_number, mapping_of, plain
+from fastcoil.base.arguments import checking, is_number, mapping_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.loops.loop import Loop
@@ -91,12 +91,21 @@ def space_of(search: object, loop: Loop) -> Space:
     given: Mapping[str, object] = mapping_of("search", search, cure)
     if not given:
         raise InputError(f"search is empty: {cure}")
-    check = Checks()
-    axes = [check(_axis, name, bounds, loop) for name, bounds in given.items()]
-    if check.problems:
-        raise InputError(check.problems)
+    with checking() as check:
+        axes = [check(_axis, name, bounds, loop) for name, bounds in given.items()]
     space = Space(tuple(axes))
-    problems = _alternatives(space.names) + _own_dimensions(space.names, loop)
+    problems = []
+    if {"backlash_estimate", "estimate_ratio"} <= set(space.names):
+        problems.append("search: estimate_ratio stands in for backlash_estimate: search one or the other")
+    kept = {str(dim) for name, value in loop.swept.items() if name not in space.names for dim in value.dims}
+    problems += [
+        f"search: {name} is swept along {dim!r}, where nothing else varies: leave it out of the loop's sweep, or put "
+        "it along the dim of the valves"
+        for name, value in loop.swept.items()
+        if name in space.names
+        for dim in value.dims
+        if dim not in kept
+    ]
     if problems:
         raise InputError(problems)
     return space
@@ -125,21 +134,3 @@ def _axis(name: str, bounds: object, loop: Loop) -> Axis:
     if not low < high:
         raise InputError(f"search: {name} = {shown(bounds)}: the lowest value must be below the highest")
     return Axis(parameter, low, high)
-
-
-def _alternatives(names: list[str]) -> list[str]:
-    both = {"backlash_estimate", "estimate_ratio"} <= set(names)
-    return ["search: estimate_ratio stands in for backlash_estimate: search one or the other"] if both else []
-
-
-def _own_dimensions(names: list[str], loop: Loop) -> list[str]:
-    """A sentence for each dim of the loop that nothing but searched parameters have."""
-    kept = {str(dim) for name, value in loop.swept.items() if name not in names for dim in value.dims}
-    return [
-        f"search: {name} is swept along {dim!r}, where nothing else varies: leave it out of the loop's sweep, or put "
-        "it along the dim of the valves"
-        for name, value in loop.swept.items()
-        if name in names
-        for dim in value.dims
-        if dim not in kept
-    ]

@@ -16,9 +16,9 @@ from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.base.files import may_be_file
 from fastcoil.base.progress import Shown, progress_of_call
 from fastcoil.design.kept_tunings import Archive
-from fastcoil.design.measures import Measure, resolved, violation, with_intervals
+from fastcoil.design.measures import resolved, violation, with_intervals
 from fastcoil.design.population import Group, Run, as_it_is, key_of, measured, own_gains, tried
-from fastcoil.design.search import Scores, best, effort, evolve, on_front
+from fastcoil.design.search import Scores, best, evolve, on_front
 from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE, Asked, plan_tuning
 from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, notes_on
 from fastcoil.loops.boundary import Boundary
@@ -129,7 +129,7 @@ def _progress_of(name: str, given: Any) -> bool | Report:
 def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
     """Show tunings as the scenario-days that they are."""
     cases = len(asked.training.members) * asked.training.boundary.n_days * asked.replicates
-    advance, before = on_show.start(_planned(asked) * cases), 0
+    advance, before = on_show.start(asked.planned * cases), 0
 
     def report(done: int, _: int) -> None:
         nonlocal before
@@ -137,11 +137,6 @@ def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
         before = done
 
     return report
-
-
-def _planned(asked: Asked) -> int:
-    """How many tunings are tried."""
-    return effort(len(asked.space.axes), asked.evaluations).points
 
 
 def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Report | None = None) -> Tuning:
@@ -152,7 +147,7 @@ def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Re
     asked = asked._replace(limits=resolved(asked.limits, measured(as_it_is(training, run, measures), measures)))
     archive = Archive(space.names, [measure.name for measure in measures], key, path)
     seen: dict[tuple[float, ...], None] = {}
-    done, planned = 0, _planned(asked)
+    done = 0
 
     def simulated(values: Array) -> dict[str, Array]:
         return measured(tried(training, space, values, run, measures), measures)
@@ -164,7 +159,7 @@ def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Re
         seen.update(dict.fromkeys(map(tuple, values.tolist())))
         done += len(points)
         if progress is not None:
-            progress(done, planned)
+            progress(done, asked.planned)
         return found
 
     evolve(scored, _beginning(asked), len(space.axes), asked.evaluations, asked.seed)
@@ -176,7 +171,9 @@ def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Re
             f"objective = {asked.goal.metric!r}: with every tuning that was tried, it is missing on more valves and "
             "days than the quantile leaves out; search other bounds, or another objective"
         )
-    front = _thinned(on_front(scores))
+    front = on_front(scores)
+    if front.size > _MOST_ON_FRONT:  # some points of it evenly along, both ends among them
+        front = front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))]
     return _result(asked, run, values, found, at, front, float(scores.violation[at]) == 0.0)
 
 
@@ -203,13 +200,6 @@ def _beginning(asked: Asked) -> Array:
     return np.array([asked.space.point(values) for values in points])
 
 
-def _thinned(front: np.ndarray) -> np.ndarray:
-    """The front, or some points of it evenly along, both ends among them."""
-    if front.size <= _MOST_ON_FRONT:
-        return front
-    return np.asarray(front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))])
-
-
 def _result(
     asked: Asked, run: Run, values: Array, found: dict[str, Array], at: int, front: np.ndarray, meets_limits: bool
 ) -> Tuning:
@@ -219,8 +209,7 @@ def _result(
     on_holdout = measured(tried(asked.holdout, asked.space, values[front], run, asked.measures), asked.measures)
     of_front = _dataset("point", asked, values[front], {name: each[front] for name, each in found.items()})
     for measure in asked.measures:
-        words = f"{measure.words}, held out"
-        attrs = {"long_name": words, "units": measure.unit}
+        attrs = measure.attrs | {"long_name": f"{measure.words}, held out"}
         of_front[f"held_out_{measure.name}"] = ("point", on_holdout[measure.name], attrs)
     return Tuning(
         parameters,
@@ -257,9 +246,5 @@ def _dataset(dim: str, asked: Asked, values: Array, found: Mapping[str, Array]) 
         attrs = {"long_name": axis.parameter.text, "units": axis.parameter.unit}
         variables[axis.parameter.name] = (dim, values[:, k], attrs)
     for measure in asked.measures:
-        variables[measure.name] = (dim, found[measure.name], _attributes(measure))
+        variables[measure.name] = (dim, found[measure.name], measure.attrs)
     return xr.Dataset(variables)
-
-
-def _attributes(measure: Measure) -> dict[str, str]:
-    return {"long_name": measure.words, "units": measure.unit}

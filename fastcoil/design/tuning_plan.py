@@ -10,6 +10,7 @@ import numpy as np
 from fastcoil.base.arguments import checking, instance_of, whole_of
 from fastcoil.design.measures import MARGIN, TRAVEL, Limit, Measure, goal_of, limits_of, reported
 from fastcoil.design.population import TUNING, Group, require_margins, split
+from fastcoil.design.search import effort
 from fastcoil.design.search_space import Space, space_of
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import check_clashes
@@ -36,6 +37,11 @@ class Asked(NamedTuple):
     warm_up: int
     seed: int
     replicates: int
+
+    @property
+    def planned(self) -> int:
+        """How many tunings are tried: whole generations."""
+        return effort(len(self.space.axes), self.evaluations).points
 
     @property
     def travel(self) -> Measure:

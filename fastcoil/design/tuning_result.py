@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -18,9 +18,9 @@ from fastcoil.design.measures import CHANGE, Limit, Measure
 from fastcoil.design.population import ONE_OF, has_good_valve
 from fastcoil.design.tuning_plan import Asked
 from fastcoil.loops.labels import quantity
+from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -34,8 +34,7 @@ def notes_on(
     asked: Asked, parameters: Mapping[str, float], meets_limits: bool, trained: xr.Dataset, held_out: xr.Dataset
 ) -> tuple[str, ...]:
     """Failures first, then what the search ran into, then what the population lacks."""
-    found = [*_failures(asked, meets_limits, held_out), *_ends(asked, parameters), *_lacks(asked)]
-    return tuple(found)
+    return (*_failures(asked, meets_limits, held_out), *_ends(asked, parameters), *_lacks(asked))
 
 
 def _failures(asked: Asked, meets_limits: bool, held_out: xr.Dataset) -> Iterator[str]:
@@ -100,45 +99,11 @@ def _lacks(asked: Asked) -> Iterator[str]:
 
 
 NOW, CHOSEN, SIMC = "now", "chosen", "simc"
-_HEADS = {NOW: "now", CHOSEN: "chosen", SIMC: "SIMC"}
-
-
-class Findings(NamedTuple):
-    """What a summary is made of; see ``Tuning``."""
-
-    parameters: Mapping[str, float]
-    meets_limits: bool
-    trained: xr.Dataset
-    held_out: xr.Dataset
-    limits: tuple[Limit, ...]
-    notes: tuple[str, ...]
 
 
 def value_of(name: str, value: float) -> str:
     """A value as a study file takes it."""
-    from fastcoil.model.parameter_table import PARAMETERS
-
     return repr(int(value)) if name in PARAMETERS and PARAMETERS[name].whole else repr(float(value))
-
-
-def setting(name: str, value: float) -> str:
-    """``kp = 0.061 1/K``."""
-    unit = quantity(name).unit
-    return f"{name} = {value_of(name, value)}" + (f" {unit}" if unit not in ("", "%") else "")
-
-
-def in_words(found: Findings, tried: int) -> list[str]:
-    """The chosen values, a table of every tuning on both groups, and the notes."""
-    chosen = ", ".join(setting(name, value) for name, value in found.parameters.items())
-    head = "Chosen" if found.meets_limits else "No tuning keeps the limits; nearest to them"
-    lines = [f"{head}: {chosen} ({tried:,} tunings tried)", ""]
-    for title, ds in (("Held out", found.held_out), ("Searched on", found.trained)):
-        lines += [f"{title}: {ds.attrs['group']}", *_table(ds, found.limits), ""]
-    value, low, high = found.held_out[CHANGE].sel(tuning=CHOSEN).values
-    goal = next(iter(found.held_out.data_vars.values())).attrs["long_name"]
-    interval = "" if math.isnan(low) else f" ({low:+.0%} to {high:+.0%} for other valves and days)"
-    lines.append(f"Held out, {goal}: {value:+.0%} against now{interval}")
-    return lines + list(found.notes)
 
 
 def table_rows(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[list[str]]:
@@ -148,21 +113,13 @@ def table_rows(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[list[str]]:
         now = float(ds[each.measure.name].sel(tuning=NOW, edge="value"))
         limit[each.measure.name] = each.measure.shown(now if each.as_now else each.most)
     tunings = [str(t) for t in ds["tuning"].values]
-    rows = [["", *(_HEADS[t] for t in tunings), *(["limit"] if limit else [])]]
+    rows = [["", *(_LOOKS[t][2] for t in tunings), *(["limit"] if limit else [])]]
     for name, variable in ds.data_vars.items():
         if name == CHANGE:
             continue
         cells = [_cell(str(name).rpartition("_")[0], variable.sel(tuning=t).values) for t in tunings]
         rows.append([variable.attrs["long_name"], *cells, *([limit.get(str(name), "")] if limit else [])])
     return rows
-
-
-def _table(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[str]:
-    rows = table_rows(ds, limits)
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
 
 
 def _cell(metric: str, edges: object) -> str:
@@ -178,28 +135,22 @@ _LOOKS = {NOW: ("s", "black", "now"), CHOSEN: ("o", RED, "chosen"), SIMC: ("^", 
 
 
 @apply_style()
-def draw_front(
-    front: xr.Dataset,
-    trained: xr.Dataset,
-    held_out: xr.Dataset,
-    error: Measure,
-    travel: Measure,
-    limits: Sequence[Limit],
-) -> Figure:
+def draw_front(tuning: Tuning) -> Figure:
     """Draw the front where it was found, and the same tunings on the hold-out."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import LogLocator
 
     fig = Figure(figsize=_SIZE, layout="constrained")
     axes = fig.add_subplot()
-    there, here = (_places(front, prefix, error, travel) for prefix in ("", "held_out_"))
+    error, travel = tuning.axes
+    there, here = (_places(tuning.front, prefix, travel, error) for prefix in ("", "held_out_"))
     for k in range(there[0].size):
         axes.plot([there[0][k], here[0][k]], [there[1][k], here[1][k]], color=GREY, lw=0.6, zorder=1)
     axes.plot(*there, "o-", color=BLUE, ms=3, label="front where it was searched")
     axes.plot(*here, "o", color=BLUE, ms=4, mfc="white", label="the same tunings, held out")
-    for tuning in held_out["tuning"].values:
-        _point(axes, held_out.sel(tuning=tuning), str(tuning), error, travel)
-    for limit in limits:
+    for name in tuning.held_out["tuning"].values:
+        _point(axes, tuning.held_out.sel(tuning=name), _LOOKS[str(name)], travel, error)
+    for limit in tuning.limits:
         if limit.measure in (error, travel):
             at = limit.most * quantity(limit.measure.metric).factor
             line = axes.axvline if limit.measure == travel else axes.axhline
@@ -210,23 +161,22 @@ def draw_front(
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter("")
-    groups = f"Searched on {trained.attrs['group']}, held out {held_out.attrs['group']}."
+    groups = f"Searched on {tuning.trained.attrs['group']}, held out {tuning.held_out.attrs['group']}."
     words = f"{groups}  Bars: 95 % for other valves and days."
     axes.set_title(wrapped(words, _TITLE, 9), loc="left")
     axes.legend(frameon=False)
     return fig
 
 
-def _places(front: xr.Dataset, prefix: str, error: Measure, travel: Measure) -> tuple[Array, Array]:
-    found = (front[prefix + measure.name].values * quantity(measure.metric).factor for measure in (travel, error))
-    x, y = (np.where(np.isfinite(values), values, np.nan) for values in found)
-    return x, y
+def _places(front: xr.Dataset, prefix: str, *measures: Measure) -> list[Array]:
+    found = [front[prefix + measure.name].values * quantity(measure.metric).factor for measure in measures]
+    return [np.where(np.isfinite(values), values, np.nan) for values in found]
 
 
-def _point(axes: Axes, one: xr.Dataset, tuning: str, error: Measure, travel: Measure) -> None:
+def _point(axes: Axes, one: xr.Dataset, look: tuple[str, str, str], *measures: Measure) -> None:
     """A tuning on the hold-out with its intervals."""
-    marker, colour, words = _LOOKS[tuning]
-    x, y = (one[m.name].values * quantity(m.metric).factor for m in (travel, error))
+    marker, colour, words = look
+    x, y = (one[measure.name].values * quantity(measure.metric).factor for measure in measures)
     if not (np.isfinite(x[0]) and np.isfinite(y[0])):
         return
     known = np.isfinite(x).all() and np.isfinite(y).all()
@@ -280,28 +230,36 @@ class Tuning(Result):
     notes: tuple[str, ...]
     axes: tuple[Measure, Measure]
 
-    @property
-    def _findings(self) -> Findings:
-        return Findings(
-            dict(self.parameters), self.meets_limits, self.trained, self.held_out, self.limits, self.notes
-        )  # fmt: skip
-
     def summary(self) -> list[str]:
         """The tuning in words, and a table of now and chosen, line by line."""
-        return in_words(self._findings, self.evaluations.sizes["evaluation"])
+        chosen = ", ".join(
+            f"{name} = {value_of(name, value)} {quantity(name).unit.removesuffix('%')}".rstrip()
+            for name, value in self.parameters.items()
+        )
+        head = "Chosen" if self.meets_limits else "No tuning keeps the limits; nearest to them"
+        lines = [f"{head}: {chosen} ({self.evaluations.sizes['evaluation']:,} tunings tried)", ""]
+        for title, ds in (("Held out", self.held_out), ("Searched on", self.trained)):
+            rows = table_rows(ds, self.limits)
+            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+            lines.append(f"{title}: {ds.attrs['group']}")
+            for row in rows:
+                cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+                lines.append("  " + "  ".join(cells).rstrip())
+            lines.append("")
+        value, low, high = self.held_out[CHANGE].sel(tuning=CHOSEN).values
+        goal = next(iter(self.held_out.data_vars.values())).attrs["long_name"]
+        interval = "" if math.isnan(low) else f" ({low:+.0%} to {high:+.0%} for other valves and days)"
+        return [*lines, f"Held out, {goal}: {value:+.0%} against now{interval}", *self.notes]
 
     def plot(self) -> Figure:
         """The front and what the hold-out makes of it, as a matplotlib ``Figure``."""
-        return draw_front(self.front, self.trained, self.held_out, *self.axes, self.limits)
+        return draw_front(self)
 
     def to_toml(self, path: str | Path | None = None) -> str:
         """The chosen values as TOML, written to ``path`` if given; for ``include`` in the ``[loop]`` of a study file.
 
         ``[loop]`` has nothing where no tuning keeps the limits; ``[fit]`` is for readers.
         """
-        return as_toml(self._toml(), path)
-
-    def _toml(self) -> list[str]:
         lines = ["# settings chosen by fastcoil tune", *(f"# {line}".rstrip() for line in self.summary())]
         chosen = self.parameters if self.meets_limits else {}
         lines += ["", "[loop]", *(f"{name} = {value_of(name, value)}" for name, value in chosen.items())]
@@ -312,4 +270,4 @@ class Tuning(Result):
             chosen_there = ds.sel(tuning="chosen")
             lines += ["", f"[fit.{name}]"]
             lines += [f"{variable} = {in_toml(chosen_there[variable].values.tolist())}" for variable in ds.data_vars]
-        return lines
+        return as_toml(lines, path)

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 from helpers.refusals import only_problem
 
 import fastcoil as fc
-from fastcoil.design.population import days_of, held_valves, part_of, split
+from fastcoil.design.population import held_valves, part_of, split
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +65,6 @@ def test_the_last_third_of_the_days_is_held_out_or_those_that_are_asked_for(days
     assert labels([2, 1]) == [[3, 4], [1, 2]]
     others = fc.paper_day(hours=0.1, seed=[8])
     assert labels(others) == [[1, 2, 3, 4], [8]]
-    kept = days_of(days, np.array([1, 3]))
-    assert kept == fc.paper_day(hours=0.1, seed=[2, 4])
 
 
 def test_one_or_two_valves_are_tried_on_other_days_only(days):
@@ -96,11 +93,3 @@ def test_a_single_day_is_refused_with_the_cure(days):
     problem = only_problem(split, fc.Loop(), fc.paper_day(hours=0.1), None, 0)
     assert "boundary is a single day" in problem
     assert "seed=[1, 2, 3]" in problem
-
-
-def test_series_of_every_kind_go_with_their_days():
-    on = xr.DataArray([[1.0] * 360, [0.0] * 360], dims=("day", "elapsed_time"))
-    plain = fc.paper_day(hours=0.1, seed=[1, 2])
-    series = {name: plain.series[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
-    boundary = fc.Boundary(**series, enabled=on.values, day=[1, 2])
-    assert (days_of(boundary, np.array([1])).series["enabled"] == 0.0).all()
