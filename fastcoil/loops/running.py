@@ -150,7 +150,7 @@ def run_into(found: Results, plan: Plan, shard: Shard | Stretch, places: np.ndar
         _run_days_apart(found, plan, shard, places)
         return None
     end = _run_days_in_sequence(found, plan, shard, places)
-    return end if shard.days.stop < shard.chain.end else None
+    return end if shard.days.stop < shard.end else None
 
 
 def _run_days_apart(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> None:
@@ -166,7 +166,7 @@ def _run_days_apart(found: Results, plan: Plan, shard: Shard, places: np.ndarray
 def _run_days_in_sequence(found: Results, plan: Plan, stretch: Stretch, places: np.ndarray) -> np.ndarray:
     """Returns the state of every lane at the end, (n_lanes, n)."""
     rules = rules_for_kernels(plan.layout.loop.rules)
-    n = stretch.chain.lanes.size
+    n = stretch.lanes.size
     # parameters do not change from day to day
     matrix = parameter_matrix(plan.layout.columns(stretch.index[:n]), rules)
     begins = stretch.begins
@@ -196,7 +196,7 @@ def estimate_seconds(plan: Plan, n_jobs: int) -> float:
     """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks."""
     first = first_shards(plan, n_jobs)
     # of a sequence of days the first of each group
-    pieces = [shard.chain.index(range(1)) if isinstance(shard, Stretch) else shard.index for shard in first]
+    pieces = [shard.on(range(1)) if isinstance(shard, Stretch) else shard.index for shard in first]
     timed = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, _SHARDS_TIMED).astype(int))]
     work = sum(_seconds_of(plan, shard) for shard in timed) * plan.n_scenarios / sum(map(len, timed))
     bytes_written = plan.trace_bytes * _PER_TRACE_BYTE + plan.metric_bytes * _PER_METRIC_BYTE

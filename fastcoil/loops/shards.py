@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -31,12 +32,12 @@ class Shard:
 
     index: np.ndarray
 
-    def __getstate__(self) -> bytes:
+    def __getstate__(self) -> dict[str, Any]:
         """Compressed: a pipe takes 64 KiB, and a longer write waits for a reader that may be dead."""
-        return pack(self.index)
+        return {"index": pack(self.index)}
 
-    def __setstate__(self, state: bytes) -> None:
-        object.__setattr__(self, "index", unpack(state))
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__["index"] = unpack(state["index"])
 
     @property
     def size(self) -> int:
@@ -61,71 +62,62 @@ class Shard:
 
 
 @dataclass(frozen=True)
-class Chain:
-    """What the stretches of a group of lanes have in common.
+class Stretch:
+    """A group of lanes on consecutive days, which other stretches of its chain follow; otherwise like a ``Shard``.
 
     lanes: (n,), positions among the scenarios of a day, ascending.  of: number of scenarios of a day.  end: the day
-    before which the chain ends.  length: most days of a stretch.
+    before which the chain ends.  length: most days of a stretch.  begins: (n_lanes, n), the state in which its lanes
+    begin; ``None`` on the first day.
     """
 
     lanes: np.ndarray
     of: int
+    days: range
     end: int
     length: int
+    begins: np.ndarray | None = field(default=None, repr=False)
 
-    def __getstate__(self) -> tuple[bytes, int, int, int]:
-        return pack(self.lanes), self.of, self.end, self.length
-
-    def __setstate__(self, state: tuple[bytes, int, int, int]) -> None:
-        for name, value in zip(("lanes", "of", "end", "length"), (unpack(state[0]), *state[1:]), strict=True):
-            object.__setattr__(self, name, value)
-
-    def index(self, days: range) -> np.ndarray:
-        """Flat indices of its lanes on some days."""
-        return np.asarray(np.arange(days.start, days.stop)[:, np.newaxis] * self.of + self.lanes).ravel()
-
-    def stretch(self, first: int, begins: np.ndarray | None) -> Stretch:
+    @classmethod
+    def starting(
+        cls, first: int, lanes: np.ndarray, of: int, end: int, length: int, begins: np.ndarray | None = None
+    ) -> Stretch:
         """The stretch that starts on day ``first``."""
-        return Stretch(self, range(first, min(first + self.length, self.end)), begins)
+        return cls(lanes, of, range(first, min(first + length, end)), end, length, begins)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"lanes": pack(self.lanes)}
 
-@dataclass(frozen=True)
-class Stretch:
-    """A group of lanes on consecutive days; in everything else like a ``Shard``.
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state | {"lanes": unpack(state["lanes"])})
 
-    begins: (n_lanes, n), the state in which its lanes begin; ``None`` on the first day.
-    """
-
-    chain: Chain
-    days: range
-    begins: np.ndarray | None = field(repr=False)
+    def on(self, days: range) -> np.ndarray:
+        """Flat indices of its lanes on some days, ascending."""
+        return np.asarray(np.arange(days.start, days.stop)[:, np.newaxis] * self.of + self.lanes).ravel()
 
     @property
     def index(self) -> np.ndarray:
-        """Flat indices, ascending."""
-        return self.chain.index(self.days)
+        return self.on(self.days)
 
     @property
     def size(self) -> int:
-        return self.chain.lanes.size * len(self.days)
+        return self.lanes.size * len(self.days)
 
     @property
     def lost(self) -> np.ndarray:
-        return self.chain.index(range(self.days.start, self.chain.end))
+        return self.on(range(self.days.start, self.end))
 
     @property
     def n_in_chain(self) -> int:
         """Number of stretches from this one to the end."""
-        return 1 - (self.days.stop - self.chain.end) // self.chain.length
+        return 1 - (self.days.stop - self.end) // self.length
 
     def halves(self) -> list[Stretch]:
         """Two groups of lanes; of a single lane, the first half of the days, which the rest comes after."""
-        lanes, begins = self.chain.lanes, self.begins
-        if lanes.size == 1:
+        if self.lanes.size == 1:
             return [replace(self, days=self.days[: len(self.days) // 2])]
         return [
-            Stretch(replace(self.chain, lanes=lanes[half]), self.days, None if begins is None else begins[half])
-            for half in np.array_split(np.arange(lanes.size), 2)
+            replace(self, lanes=self.lanes[half], begins=None if self.begins is None else self.begins[half])
+            for half in np.array_split(np.arange(self.lanes.size), 2)
         ]
 
     def includes(self, other: Shard | Stretch) -> bool:
@@ -133,11 +125,11 @@ class Stretch:
 
     def after(self, part: xr.Dataset) -> Stretch | None:
         """The next stretch; ``part``: the results of this one."""
-        return self.begun(part[END_STATE].values) if self.days.stop < self.chain.end else None
+        return self.begun(part[END_STATE].values) if self.days.stop < self.end else None
 
     def begun(self, state: np.ndarray) -> Stretch:
         """The next stretch; ``state``: in which this one ended."""
-        return self.chain.stretch(self.days.stop, state)
+        return Stretch.starting(self.days.stop, self.lanes, self.of, self.end, self.length, state)
 
 
 def pack(index: np.ndarray) -> bytes:
@@ -205,7 +197,7 @@ def first_shards(
         n_groups = -(-lanes.size // most)
         for group in np.split(lanes, _edges(lanes.size, n_groups)):
             begins = None if first == 0 or reached is None else _stacked([reached.states[k] for k in group.tolist()])
-            found.append(Chain(group, of, end, days).stretch(first, begins))
+            found.append(Stretch.starting(first, group, of, end, days, begins))
     return found
 
 

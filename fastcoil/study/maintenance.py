@@ -24,7 +24,7 @@ from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.provenance import provenance
 from fastcoil.loops.running import run_shard
 from fastcoil.loops.scenarios import Layout, clock_coordinates
-from fastcoil.loops.shards import Chain, Shard
+from fastcoil.loops.shards import Shard, Stretch
 from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
 from fastcoil.model.metric_table import (
     METRICS,
@@ -143,7 +143,7 @@ def _run_one(plan: Plan, flat: int) -> xr.Dataset:
         return run_shard(plan, Shard(np.array([flat])))
     of = plan.n_scenarios // len(plan.days)
     day, lane = divmod(flat, of)
-    first = Chain(np.array([lane]), of, day + 1, max(1, day)).stretch(0, None)
+    first = Stretch.starting(0, np.array([lane]), of, day + 1, max(1, day))
     last = first.after(run_shard(replace(plan, traces=TraceRequest()), first)) if day else first
     assert last is not None
     return run_shard(plan, last)

@@ -31,7 +31,7 @@ def answer_to(shard):
     part = healthy(shard.index)
     if not isinstance(shard, Stretch):
         return part
-    lanes = shard.chain.lanes
+    lanes = shard.lanes
 
     def at(day):
         return np.stack([lanes, np.full(lanes.size, day)], axis=1)

@@ -10,7 +10,7 @@ import pytest
 import fastcoil as fc
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.running import run_shard
-from fastcoil.loops.shards import Chain
+from fastcoil.loops.shards import Stretch
 from fastcoil.model.engine.metrics import COUNTED, HUNTING_SEEN, SETTLED
 from fastcoil.model.metric_table import METRICS, TRACES
 
@@ -186,11 +186,11 @@ def test_a_stretch_may_go_on_in_other_blocks():
     )  # fmt: skip
     plan = plan_simulation(loop, in_days(), warm_up=WARM_UP, carry_over=True)
     of = plan.n_scenarios // N_DAYS
-    whole = run_shard(plan, Chain(np.arange(of), of, N_DAYS, N_DAYS).stretch(0, None))
-    first = Chain(np.arange(of), of, N_DAYS, 1).stretch(0, None)
+    whole = run_shard(plan, Stretch.starting(0, np.arange(of), of, N_DAYS, N_DAYS))
+    first = Stretch.starting(0, np.arange(of), of, N_DAYS, 1)
     one, other = first.after(run_shard(plan, first)).halves()
     pieces = [other, *one.halves()]
-    assert [piece.chain.lanes.size for piece in pieces] == [100, 51, 50]
+    assert [piece.lanes.size for piece in pieces] == [100, 51, 50]
     while pieces:
         piece = pieces.pop()
         done = run_shard(plan, piece)

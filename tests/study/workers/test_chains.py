@@ -10,7 +10,7 @@ from helpers.dying_pool import Pool, found
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastcoil.loops.shards import Chain
+from fastcoil.loops.shards import Stretch
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 
 pytestmark = pytest.mark.timeout(60)
@@ -20,7 +20,7 @@ OF, N_DAYS = 12, 9
 
 
 def chains(n_groups, length):
-    return [Chain(lanes, OF, N_DAYS, length).stretch(0, None) for lanes in np.array_split(np.arange(OF), n_groups)]
+    return [Stretch.starting(0, lanes, OF, N_DAYS, length) for lanes in np.array_split(np.arange(OF), n_groups)]
 
 
 @settings(max_examples=300 if FULL else 40)
@@ -75,7 +75,7 @@ def test_the_next_stretch_flies_while_the_one_before_it_is_written(job):
 def test_those_who_fly_with_a_culprit_are_run_again_once(job, seed):
     pool = Pool(2, falls_together=True, culprits=[7 * OF], seed=seed)
     submitted, submit = [], pool.submit
-    pool.submit = lambda shard: submitted.append((shard.chain.lanes[0], shard.days)) or submit(shard)
+    pool.submit = lambda shard: submitted.append((shard.lanes[0], shard.days)) or submit(shard)
     found(pool, job, chains(6, 4))
     innocent = [one for one in submitted if one[0] > 1]
     assert max(innocent.count(one) for one in innocent) <= 2
