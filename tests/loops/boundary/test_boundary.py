@@ -6,6 +6,7 @@ import pickle
 import subprocess
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from helpers.refusals import assert_only_problem, only_problem, problems
 from helpers.trend_logs import HEADER, replaced
 
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.days import constant_day, design_day, paper_day
+from fastcoil.loops.boundary.days import constant_day, paper_day
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 
 DIGEST = "833d7cdae034ccc50d8af7c8ae5fe9cbcbc3e6d90c9daa8a685df525d604295a"
@@ -39,14 +40,6 @@ def test_every_series_is_float64_days_by_steps_and_read_only():
     assert (boundary.n_days, boundary.n_steps, boundary.hours) == (1, 60, 60 / 3600)
     assert boundary.has_day_dim is False
     np.testing.assert_array_equal(boundary.day, [0])
-
-
-def test_a_boundary_cannot_be_changed():
-    boundary = Boundary(**GOOD)
-    with pytest.raises(AttributeError):
-        boundary.day = [3]
-    boundary.series["m_a"] = np.zeros((1, 60))
-    assert (boundary.series["m_a"] == 1.0).all()
 
 
 def test_the_users_array_stays_his_own():
@@ -89,10 +82,6 @@ def test_a_dataarrays_declared_unit_is_honoured():
     assert "T_a_in" in message
     assert "'Fahrenheit'" in message
     assert "degF" in message
-
-
-def test_mist_is_legal():
-    assert Boundary(**GOOD | {"T_a_in": 5.0, "W_a_in": 0.02}).n_steps == 60
 
 
 # ------------------------------------------------------------------------------------------------------- sameness
@@ -145,22 +134,15 @@ def test_describe_is_one_short_line_and_repr_one_for_each_series():
     ("name", "value", "words"),
     [
         ("m_a", -0.1, ["m_a = -0.1 kg s-1", "from 0 to 200"]),
-        ("m_a", 1200.0, ["m_a = 1200 kg s-1", "unit"]),
         ("T_a_in", 77.0, ["T_a_in = 77 degC", "from -40 to 60", "unit"]),
-        ("T_a_in", 298.15, ["T_a_in = 298.15 degC", "unit"]),
         ("W_a_in", 9.3, ["W_a_in = 9.3", "from 0 to 0.1"]),
-        ("T_w_in", 0.0, ["T_w_in = 0 degC", "from 0.5 to 120"]),
         ("T_set", np.full(60, 95.0), ["T_set = 95 degC at second 0", "from -20 to 80"]),
-        ("noise", -51.0, ["noise = -51 K", "from -50 to 50"]),
         ("enabled", 0.5, ["enabled = 0.5", "whole, from 0 to 1"]),
         ("T_a_in", float("nan"), ["T_a_in is nan", "fill or cut"]),
-        ("T_w_in", float("inf"), ["T_w_in is inf", "fill or cut"]),
         ("T_w_in", -999.0, ["T_w_in = -999 degC", "missing value"]),
         ("T_a_in", "25", ["T_a_in = '25'", "give numbers"]),
         ("m_a", [[1.0], [1.0, 2.0]], ["m_a", "different length"]),
-        ("m_a", True, ["m_a = True", "bool", "give numbers"]),
         ("m_a", [], ["m_a is empty", "at least one"]),
-        ("m_a", np.ones((1, 1, 60)), ["m_a has 3 dimensions", "(days, seconds)"]),
         ("m_a", None, ["m_a is missing", "air flow", "kg s-1"]),
         ("m_a", xr.DataArray(np.ones(60), dims="time"), ["m_a", "('time',)", "elapsed_time"]),
         ("m_a", np.ones(59), ["T_set has 60 samples where m_a has 59", "the same number"]),
@@ -189,21 +171,13 @@ def test_all_mistakes_are_raised_at_once():
         assert name in text
 
 
-def test_numbers_alone_are_refused():
-    assert "constant_day" in only_problem(Boundary, **GOOD | {"T_set": 14.0})
-
-
 @pytest.mark.parametrize(
     ("day", "words"),
     [
         ([1, 1], ["day label 1", "twice"]),
         ([-1, 2], ["day = [-1, 2]", "from 0 to 4294967295"]),
-        ([2**32, 2], ["4294967296", "from 0 to 4294967295"]),
         ([0.5, 2], ["day = [0.5, 2]", "whole"]),
-        (["mon", "tue"], ["day = ['mon', 'tue']", "whole"]),
-        ([True, False], ["day = [True, False]", "whole"]),
         ([1, 2, 3], ["3 labels for 2 days", "one label for each"]),
-        ([], ["day = []", "one a day"]),
     ],
 )
 def test_bad_day_labels(day, words):
@@ -211,13 +185,12 @@ def test_bad_day_labels(day, words):
 
 
 def test_days_that_disagree():
-    two, three = np.ones((2, 60)), np.full((3, 60), 7.0)
-    message = only_problem(Boundary, **GOOD | {"m_a": two, "T_w_in": three})
-    assert "T_w_in has 3 days where m_a has 2" in message
+    assert_only_problem(
+        ["T_w_in has 3 days where m_a has 2"], Boundary, **GOOD | {"m_a": np.ones((2, 60)), "T_w_in": np.ones((3, 60))}
+    )
     a = xr.DataArray([1.0, 2.0], dims="day", coords={"day": [1, 2]})
     b = xr.DataArray([7.0, 8.0], dims="day", coords={"day": [2, 1]})
-    message = only_problem(Boundary, **GOOD | {"m_a": a, "T_w_in": b})
-    assert "T_w_in has day [2 1] where m_a has [1 2]" in message
+    assert_only_problem(["T_w_in has day [2 1] where m_a has [1 2]"], Boundary, **GOOD | {"m_a": a, "T_w_in": b})
 
 
 @pytest.mark.parametrize("seed", [1, [5, 3]])
@@ -234,14 +207,6 @@ def test_dataset_pickle_and_copy_round_trips(seed):
         assert not other.series["m_a"].flags.writeable
 
 
-def test_netcdf_round_trip(tmp_path):
-    pytest.importorskip("netCDF4")
-    boundary = paper_day(0.05, [5, 3])
-    boundary.to_dataset().to_netcdf(tmp_path / "day.nc")
-    with xr.open_dataset(tmp_path / "day.nc") as ds:
-        assert Boundary.from_dataset(ds) == boundary
-
-
 def test_dataset_has_units_names_and_coordinates():
     ds = paper_day(0.1, [5, 3]).to_dataset()
     assert ds.sizes == {"day": 2, "elapsed_time": 360}
@@ -254,50 +219,33 @@ def test_dataset_has_units_names_and_coordinates():
     assert paper_day(0.1).to_dataset().m_a.dims == ("elapsed_time",)
 
 
-def test_one_day_cut_out_of_a_dataset_keeps_its_label():
+def test_a_part_of_a_dataset_keeps_its_label_and_needs_no_start():
     ds = paper_day(0.1, [5, 3]).to_dataset()
-    one = Boundary.from_dataset(ds.isel(day=1))
+    ds["T_outside"] = ("elapsed_time", np.full(360, np.nan))  # ignored
+    one = Boundary.from_dataset(ds.isel(day=1, elapsed_time=slice(100, None)))
     assert not one.has_day_dim
     np.testing.assert_array_equal(one.day, [3])
-    np.testing.assert_array_equal(one.series["m_a"], ds.m_a.values[1:])
-
-
-def test_from_dataset_ignores_other_variables_and_any_start():
-    ds = paper_day(0.1).to_dataset()
-    ds["T_outside"] = ("elapsed_time", np.full(360, np.nan))
-    later = Boundary.from_dataset(ds.isel(elapsed_time=slice(100, None)))
-    np.testing.assert_array_equal(later.series["m_a"][0], ds.m_a.values[100:])
+    np.testing.assert_array_equal(one.series["m_a"], ds.m_a.values[1:, 100:])
 
 
 def test_from_dataset_is_strict():
     ds = paper_day(0.1).to_dataset()
-    message = only_problem(Boundary.from_dataset, ds.isel(elapsed_time=slice(None, None, 5)))
-    assert "elapsed_time has a step of 5 s after sample 0: give 1-s steps" in message
     gap = ds.isel(elapsed_time=[*range(50), *range(53, 360)])
-    assert "elapsed_time has a step of 4 s after sample 49" in only_problem(Boundary.from_dataset, gap)
-    message = only_problem(Boundary.from_dataset, ds.drop_vars("T_w_in"))
-    assert "T_w_in is missing" in message
-    assert "entering water temperature" in message
-    assert "units" in only_problem(Boundary.from_dataset, ds.assign(m_a=ds.m_a.drop_attrs()))
-    assert "coordinate" in only_problem(Boundary.from_dataset, ds.drop_vars("elapsed_time"))
+    assert_only_problem(["elapsed_time has a step of 4 s after sample 49: give 1-s steps"], Boundary.from_dataset, gap)
+    missing = ds.drop_vars("T_w_in")
+    assert_only_problem(["T_w_in is missing", "entering water temperature"], Boundary.from_dataset, missing)
+    assert_only_problem(["units"], Boundary.from_dataset, ds.assign(m_a=ds.m_a.drop_attrs()))
+    assert_only_problem(["coordinate"], Boundary.from_dataset, ds.drop_vars("elapsed_time"))
 
 
 NIGHT = np.where(np.arange(7200) < 5400, 0.0, 1.2)
 SERIES = {"T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": 14.0}
 
 
-@pytest.mark.parametrize(
-    "made",
-    [
-        lambda: Boundary(m_a=NIGHT, **SERIES),
-        lambda: constant_day(2.0, m_a=NIGHT),
-        lambda: design_day(2.0, m_a=NIGHT),
-    ],
-    ids=["Boundary", "constant_day", "design_day"],
-)
+@pytest.mark.parametrize("made", [partial(Boundary, **SERIES), partial(constant_day, 2.0)])
 def test_seconds_without_air_flow_are_off_and_their_hours_are_told(made):
     with pytest.warns(UserWarning, match=r"m_a is 0 during 1\.5 h and enabled is left out") as told:
-        boundary = made()
+        boundary = made(m_a=NIGHT)
     assert len(told) == 1
     np.testing.assert_array_equal(boundary.series["enabled"][0], NIGHT > 0.0)
 

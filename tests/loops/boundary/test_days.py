@@ -55,9 +55,10 @@ def test_paper_day_set_points_hold_30_minutes_and_repeat():
     np.testing.assert_array_equal(T_set[:, 0], [*holds, *holds, 14, 13])
 
 
-@pytest.mark.parametrize("hours", [1 / 3600, 0.01, 1.0, 7.5, 8.0 - 1 / 3600])
-def test_a_shorter_day_is_the_beginning_of_a_longer_one(hours):
-    short, long = paper_day(hours, [1, 77]), paper_day(8.0, [77, 5, 1])
+@pytest.mark.parametrize("day", [paper_day, fc.heating_day])
+@pytest.mark.parametrize("hours", [1 / 3600, 1.0, 8.0 - 1 / 3600])
+def test_a_shorter_day_is_the_beginning_of_a_longer_one(day, hours):
+    short, long = day(hours, [1, 77]), day(8.0, [77, 5, 1])
     assert short.n_steps == round(hours * 3600)
     for name, values in short.series.items():
         np.testing.assert_array_equal(values[0], long.series[name][2, : short.n_steps])
@@ -102,31 +103,17 @@ def test_stationary_deviation_is_that_of_the_filters_impulse_response():
     assert smooth_noise(1, Drift(1.0, 60), (3, 2))[0] == pytest.approx(expected, rel=1e-10)
 
 
-def test_noise_of_two_series_and_of_two_seeds_is_uncorrelated():
-    drift = Drift(1.0, 5)
-    a, b, c = (smooth_noise(100_000, drift, stream) for stream in ((1, 0), (1, 1), (2, 0)))
-    assert abs(np.mean(a * b)) < 0.04
-    assert abs(np.mean(a * c)) < 0.04
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         ({"hours": 0}, ["hours = 0 h", "above 0"]),
-        ({"hours": -8}, ["hours = -8 h", "above 0"]),
         ({"hours": float("nan")}, ["hours = nan", "finite"]),
         ({"hours": "8"}, ["hours = '8'", "number"]),
-        ({"hours": True}, ["hours = True", "number"]),
         ({"hours": None}, ["hours is missing"]),
-        ({"hours": 1e-5}, ["hours = 1e-05", "whole number of seconds"]),
         ({"hours": 1 / 7000}, ["whole number of seconds"]),
         ({"hours": 1e6}, ["hours = 1e+06 h", "8760"]),
-        ({"seed": -1}, ["seed = -1", "from 0 to 4294967295"]),
         ({"seed": 2**32}, ["seed = 4294967296", "from 0 to 4294967295"]),
-        ({"seed": True}, ["seed = True", "whole number"]),
         ({"seed": "1"}, ["seed = '1'", "whole number"]),
-        ({"seed": 1.0}, ["seed = 1.0", "whole number"]),
-        ({"seed": None}, ["seed = None", "whole number"]),
         ({"seed": [1, 2.5]}, ["seed = 2.5", "whole number"]),
         ({"seed": [4, 1, 4]}, ["seed has a number twice", "distinct"]),
         ({"seed": []}, ["seed is empty"]),
@@ -152,29 +139,9 @@ def test_the_series_are_those_of_the_docstring_but_for_small_noise():
     assert np.array_equal(day["T_set"][0], np.repeat(SET_POINTS, 1800) + 11.0)
 
 
-def test_a_shorter_heating_day_is_the_beginning_of_a_longer_one():
-    short, long = fc.heating_day(1.0, 7).series, fc.heating_day(9.0, [3, 7]).series
-    for name, values in short.items():
-        assert np.array_equal(values[0], long[name][-1][: values.shape[1]]), name
-
-
-def test_several_seeds_are_days():
-    day = fc.heating_day(0.5, [4, 2])
-    assert list(day.day) == [4, 2]
-    assert not np.array_equal(day.series["m_a"][0], day.series["m_a"][1])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"T_w_in": 400.0}, ["T_w_in = 400 degC"]),
-        ({"T_w_in": "hot"}, ["T_w_in"]),
-        ({"hours": 0.0}, ["hours"]),
-        ({"seed": -1}, ["seed"]),
-    ],
-)
-def test_a_wrong_argument_is_refused(arguments, words):
-    assert_only_problem(words, fc.heating_day, **arguments)
+def test_a_heating_day_refuses():
+    assert_only_problem(["T_w_in = 400 degC"], fc.heating_day, T_w_in=400.0)
+    assert_only_problem(["seed = -1", "from 0 to 4294967295"], fc.heating_day, seed=-1)
 
 
 def test_each_series_has_a_stream_of_noise_of_its_own():
@@ -256,13 +223,10 @@ def test_design_day_outdoor_air_is_at_most_saturated():
     ("arguments", "words"),
     [
         ({"mode": "cool"}, ["mode = 'cool'", "'cooling' or 'heating'"]),
-        ({"hours": 0}, ["hours = 0 h"]),
         ({"outdoor_fraction": 30}, ["outdoor_fraction = 30", "from 0 to 1"]),
         ({"T_design": 92.0}, ["T_design = 92 degC", "from -40 to 60"]),
         ({"T_wet_bulb": 35.0}, ["T_wet_bulb = 35 degC", "T_design = 33.3"]),
         ({"start_hour": 25}, ["start_hour = 25 h", "from 0 to 24"]),
-        ({"RH_return": 50}, ["RH_return = 50", "from 0 to 1"]),
-        ({"pressure": 101.3}, ["pressure = 101.3 Pa"]),
         ({"T_w_in": 44.6 + 273}, ["T_w_in = 317.6 degC"]),
     ],
 )
