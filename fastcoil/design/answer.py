@@ -9,9 +9,9 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array
-from fastcoil.design.cures import DEAD_BAND, INVERSE, LONGER_TI, REPAIRED, Distance, hunting
+from fastcoil.design.cures import DEAD_BAND, INVERSE, LONGER_TI, REPAIRED, hunting
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
-from fastcoil.design.phase_budget import SAFE, UNSURE, Prediction, Response, margins
+from fastcoil.design.phase_budget import SAFE, UNSURE, Prediction, Response, cycles_at
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.model.metric_table import STATUS_OK
@@ -26,11 +26,15 @@ class Theory(NamedTuple):
 
     response, phase, gain_margin: at the worst operating point; phase has the degrees that each part of the loop takes
     over ``part``; the gain margin is that behind a perfect valve.  swings: simulated at each operating point, K.
+    kp_factor: kp could be that many times as large, below 1: it has to shrink to that, before the margin is that from
+    which a loop hunts; infinite where it has none.  ti: shortest integral time with a margin of 0.85 at this kp, s; NaN
+    if none has it.
     """
 
     prediction: Prediction
     response: Response
-    distance: Distance
+    kp_factor: float
+    ti: float
     phase: xr.DataArray
     gain_margin: float
     swings: Array
@@ -143,43 +147,32 @@ _FASTER = 3.0
 
 def hints_of(loop: Loop, theory: Theory) -> tuple[str, ...]:
     """Sentences for a single loop whose margin is too large; none for another."""
-    prediction, found = theory.prediction, []
+    prediction = theory.prediction
+
+    def margin_with(**changes: Scalar) -> float:
+        return float(cycles_at(loop.assign(**changes), prediction.plants, prediction.reached).margin.max())
+
     if not float(loop["backlash"]):  # type: ignore[arg-type]
-        return _with_backlash(loop, prediction)
+        worn = margin_with(backlash=_WORN)
+        if prediction.hunts or worn <= HUNTS_ABOVE:
+            return ()
+        return (
+            f"With a backlash of {100 * _WORN:g} % the margin would be {worn:.2g}: as the valve wears, it will hunt.",
+        )
     if prediction.margin <= SAFE:
         return ()
-    shares = dict(zip(theory.phase["part"].values.tolist(), theory.phase.values.tolist(), strict=True))
     sample, tau = (float(loop[name]) for name in ("sample_time", "sensor_time_constant"))  # type: ignore[arg-type]
     faster = float(max(1, round(sample / _FASTER)))
-    if shares["sampling"] > MUCH and faster < sample:
-        margin = _margin(loop, prediction, {"sample_time": faster})
-        if margin < _HELPS * prediction.margin:
-            found.append(
-                f"Sampling every {sample:g} s takes {shares['sampling']:.0f}° of the phase: every {faster:g} s the "
-                f"margin would be {margin:.2g}."
-            )
-    if shares["sensor"] > MUCH and tau > _SENSOR:
-        margin = _margin(loop, prediction, {"sensor_time_constant": _SENSOR})
-        if margin < _HELPS * prediction.margin:
-            found.append(
-                f"The sensor takes {shares['sensor']:.0f}° of the phase with its {tau:g} s: with {_SENSOR:g} s the "
-                f"margin would be {margin:.2g}."
-            )
+    found = []
+    for part, name, now, then, words in (
+        ("sampling", "sample_time", sample, faster, "Sampling every {now:g} s takes {share:.0f}° of the phase: every"),
+        ("sensor", "sensor_time_constant", tau, _SENSOR,
+         "The sensor takes {share:.0f}° of the phase with its {now:g} s: with"),
+    ):  # fmt: skip
+        share = float(theory.phase.sel(part=part))
+        if share > MUCH and then < now and (margin := margin_with(**{name: then})) < _HELPS * prediction.margin:
+            found.append(f"{words.format(now=now, share=share)} {then:g} s the margin would be {margin:.2g}.")
     return tuple(found)
-
-
-def _with_backlash(loop: Loop, prediction: Prediction) -> tuple[str, ...]:
-    """Of a perfect valve: what becomes of its margin as it wears."""
-    margin = _margin(loop, prediction, {"backlash": _WORN})
-    if prediction.hunts or margin <= HUNTS_ABOVE:
-        return ()
-    return (
-        f"With a backlash of {100 * _WORN:g} % the margin would be {margin:.2g}: as the valve wears, it will hunt.",
-    )
-
-
-def _margin(loop: Loop, prediction: Prediction, changes: dict[str, Scalar]) -> float:
-    return float(margins(loop.assign(**changes), prediction.plants, prediction.reached).max())
 
 
 MINUTES = 120.0
@@ -193,12 +186,8 @@ def answer_of(found: Found) -> str:
     if found.failed:
         return "This loop cannot be simulated: temperatures leave the range of the model."
     if found.hunts:
-        sure = (
-            found.theory is not None
-            and found.theory.too_large
-            and found.theory.prediction.hunts
-            and not found.theory.rings
-        )
+        theory = found.theory
+        sure = theory is not None and theory.too_large and theory.prediction.hunts and not theory.rings
         whatever = ", whatever the size of the backlash" if sure else ""
         return f"This loop will hunt: about {simulated(found)}{whatever}."
     if found.lost and not found.needs_cure:
@@ -213,7 +202,7 @@ def _quiet(found: Found) -> str:
         edge = found.theory is not None and found.theory.unsure
         return "This loop will not hunt, but it is on the edge." if edge else "This loop will not hunt."
     prediction = found.theory.prediction
-    places = f"{prediction.n_hunting} of {prediction.reached.size} operating points"
+    places = f"{prediction.hunting.size} of {prediction.reached.size} operating points"
     if found.needs_cure and prediction.elsewhere.size:
         return f"This loop will hunt for a part of the day: at {places}."
     if found.needs_cure:
@@ -230,7 +219,13 @@ def why_of(found: Found) -> str:
     if not found.theory.prediction.hunts:
         return _why_quiet(found, found.theory)
     if not found.theory.too_large:
-        return _why_kept_up(found, found.theory)
+        # calm by its margin, but not once it swings: the margin is that of swings up to 2 K
+        stroke = found.value("stroke_time")
+        motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
+        margin = (
+            f"its margin of {found.theory.prediction.margin:.2g} is that of a small swing, and below {HUNTS_ABOVE:g}"
+        )
+        return f"Why: {motor}a large swing keeps itself up once it has begun, though a small one dies away ({margin})."
     return f"Why: {_too_fast(found, found.theory)} {_backlash(found, found.theory)}"
 
 
@@ -265,26 +260,18 @@ def per_cent(value: float) -> str:
 def _why_quiet(found: Found, theory: Theory) -> str:
     """Of a loop that theory expects no cycle of, or none that counts."""
     if theory.too_large:
-        safe = number(found.value("kp") * theory.distance.kp_factor)
+        safe = number(found.value("kp") * theory.kp_factor)
         return (
             f"Why: its margin is {theory.prediction.margin:.2g}: a loop hunts above {HUNTS_ABOVE:g}, so kp "
             f"has to be below {safe} 1/K with this ti.  Theory finds no swing that counts: go by the simulation."
         )
     ways = []
-    if math.isfinite(theory.distance.kp_factor):
-        ways.append(f"with {theory.distance.kp_factor:.3g} times this kp")
-    if theory.distance.ti < found.value("ti"):
-        ways.append(f"with a ti below {number(theory.distance.ti)} s")
+    if math.isfinite(theory.kp_factor):
+        ways.append(f"with {theory.kp_factor:.3g} times this kp")
+    if theory.ti < found.value("ti"):
+        ways.append(f"with a ti below {number(theory.ti)} s")
     far = f", and it would {', or '.join(ways)}" if ways else ""
     return f"Why: its margin is {theory.prediction.margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}{far}."
-
-
-def _why_kept_up(found: Found, theory: Theory) -> str:
-    """Of a loop that is calm by its margin, but not once it swings: the margin is that of swings up to 2 K."""
-    stroke = found.value("stroke_time")
-    motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
-    margin = f"its margin of {theory.prediction.margin:.2g} is that of a small swing, and below {HUNTS_ABOVE:g}"
-    return f"Why: {motor}a large swing keeps itself up once it has begun, though a small one dies away ({margin})."
 
 
 def _too_fast(found: Found, theory: Theory) -> str:
@@ -298,7 +285,7 @@ def _too_fast(found: Found, theory: Theory) -> str:
             f"{found.with_cure('ti', longer):g} s {limit}."
         )
     return (
-        f"the gain is too high: kp = {kp:g} 1/K, while it has to be below {kp * theory.distance.kp_factor:.2g} 1/K "
+        f"the gain is too high: kp = {kp:g} 1/K, while it has to be below {kp * theory.kp_factor:.2g} 1/K "
         f"with this ti, and for this kp no ti is long enough {limit}."
     )
 
@@ -307,9 +294,8 @@ def _backlash(found: Found, theory: Theory) -> str:
     if theory.rings or not found.value("backlash"):
         return "It would swing behind a perfect valve, too."
     size, stroke = per_cent(found.value("backlash")), found.value("stroke_time")
-    if stroke:
-        return f"Any backlash starts it; its {size} and the motor's {stroke:g} s set the size of the swing."
-    return f"Any backlash starts it; its {size} set the size of the swing."
+    motor = f" and the motor's {stroke:g} s" if stroke else ""
+    return f"Any backlash starts it; its {size}{motor} set the size of the swing."
 
 
 _HEAD = ("", "margin", "RMSE", "swing", "motor travel", "")
@@ -386,10 +372,9 @@ def _agreement(found: Found, theory: Theory) -> list[str]:
 
 
 def _predicted(prediction: Prediction) -> str:
-    hunting = prediction.reached[prediction.cycles.hunts[prediction.reached].astype(bool)]
-    if not hunting.size:
+    if not prediction.hunts:
         return "no cycle"
-    swings, periods = 2.0 * prediction.cycles.amplitude[hunting], prediction.cycles.period[hunting]
+    swings, periods = (of[prediction.hunting] for of in (2.0 * prediction.cycles.amplitude, prediction.cycles.period))
     if not np.isfinite(swings).any():
         return "a cycle, of a size that theory does not give"
     every = _span(periods, "s") if float(np.nanmax(periods)) < MINUTES else _span(periods / 60.0, "min")
@@ -422,21 +407,16 @@ def _where(theory: Theory) -> list[str]:
     k, margin = prediction.worst, prediction.cycles.margin[prediction.reached]
     T_set, hours = float(prediction.points.conditions["T_set"][k]), float(prediction.points.start[k]) / 3600.0
     opening = 100 * float(prediction.plants.opening[k])
-    place = f"{T_set:.3g} °C, {hours:.3g} h after the start (opening {opening:.0f} %){_there(theory, k)}"
+    place = f"{T_set:.3g} °C, {hours:.3g} h after the start (opening {opening:.0f} %)"
+    swing, shown = 2.0 * float(prediction.cycles.amplitude[k]), float(theory.swings[k])
+    if math.isfinite(swing) and math.isfinite(shown):
+        place += f": {kelvin(swing)} predicted, {kelvin(shown)} simulated"
     if prediction.points.size == 1:
         return [f"Where: at {place}."]
     return [
         f"Where: worst at {place}.  Over the day the margin goes from {margin.min():.2g} to {margin.max():.2g}, and "
-        f"{prediction.n_hunting} of {margin.size} operating points are predicted to hunt."
+        f"{prediction.hunting.size} of {margin.size} operating points are predicted to hunt."
     ]
-
-
-def _there(theory: Theory, k: int) -> str:
-    """Predicted and simulated swing at one operating point."""
-    swing, shown = 2.0 * float(theory.prediction.cycles.amplitude[k]), float(theory.swings[k])
-    if not math.isfinite(swing) or not math.isfinite(shown):
-        return ""
-    return f": {kelvin(swing)} predicted, {kelvin(shown)} simulated"
 
 
 def _phase(theory: Theory) -> list[str]:

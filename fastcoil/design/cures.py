@@ -12,7 +12,7 @@ import xarray as xr
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import PointsOfDay
-from fastcoil.design.phase_budget import SAFE, Prediction, margins, simc_gains
+from fastcoil.design.phase_budget import SAFE, Prediction, cycles_at, simc_gains
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
@@ -44,24 +44,6 @@ class Cure(NamedTuple):
     changes: Mapping[str, Scalar]
 
 
-class Distance(NamedTuple):
-    """How far a loop is from hunting.
-
-    kp_factor: kp could be that many times as large, below 1: it has to shrink to that, before the
-    margin is that from which a loop hunts; infinite where it has none.
-    ti: shortest integral time with a margin of 0.85 at this kp, s; NaN if none has it.
-    """
-
-    kp_factor: float
-    ti: float
-
-
-def distance(loop: Loop, prediction: Prediction) -> Distance:
-    """How far one loop is from hunting.  The margin goes with kp."""
-    factor = HUNTS_ABOVE / prediction.margin if prediction.margin else math.inf
-    return Distance(factor, shortest_ti(loop, prediction, HUNTS_ABOVE))
-
-
 def shortest_ti(loop: Loop, prediction: Prediction, margin: float) -> float:
     """Shortest integral time that keeps the margin at or below ``margin`` at every operating point, s; NaN if none.
 
@@ -74,11 +56,11 @@ def shortest_ti(loop: Loop, prediction: Prediction, margin: float) -> float:
     looked_at = np.array([prediction.worst])
     found = math.nan
     for _ in range(_STEPS_BACK):
-        largest = margins(swept, prediction.plants, looked_at).max(axis=1)
+        largest = cycles_at(swept, prediction.plants, looked_at).margin.max(axis=1)
         found = _last_crossing(grid, largest, margin)
         if not math.isfinite(found):
             return math.nan
-        there = margins(loop.assign(ti=("tuning", [found])), prediction.plants, prediction.reached)[0]
+        there = cycles_at(loop.assign(ti=("tuning", [found])), prediction.plants, prediction.reached).margin[0]
         worst = int(prediction.reached[np.argmax(there)])
         if worst in looked_at:
             break
@@ -99,15 +81,7 @@ def _last_crossing(grid: np.ndarray, values: np.ndarray, limit: float) -> float:
 
 
 def cures_of(loop: Loop, prediction: Prediction | None) -> list[Cure]:
-    """What to try on one loop, as it is first.
-
-    Parameters
-    ----------
-    loop
-        A single scenario.
-    prediction
-        None where theory cannot tell: then no gains are proposed.
-    """
+    """What to try on one loop, as it is first; no gains where theory cannot tell, and prediction is None."""
     kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
     found = [Cure(AS_IS, "as it is", {})]
     if prediction is not None and prediction.margin > SAFE:
@@ -127,28 +101,21 @@ def cures_of(loop: Loop, prediction: Prediction | None) -> list[Cure]:
         found.append(Cure(DEAD_BAND, f"error dead band of {band:g} K", {"error_dead_band": band}))
     if backlash > 0.0:
         if prediction is not None:
-            inverse = _inverse(backlash, float(prediction.plants.gain[prediction.worst]))
+            inverse: dict[str, Scalar] = {
+                "backlash_estimate": INVERSE_SHARE * backlash,
+                "compensation": "inverse",
+                "buffer_ratio": BUFFER_RATIO,
+                "buffer_noise": "measured",
+                "buffer_swing": BUFFER_SWING,
+                "plant_gain": max(abs(float(prediction.plants.gain[prediction.worst])), LEAST_GAIN),
+            }
             found.append(Cure(INVERSE, f"inverse of {100 * INVERSE_SHARE:g} %, buffer by noise", inverse))
             if simc is not None:
                 found.append(Cure(BOTH, "SIMC and this inverse", gains | inverse))
-        found.append(Cure(REPAIRED, "valve repaired: no backlash", _repaired()))
+        # no gap, and whatever assumed one is off; a stem cannot stick without a gap in this model
+        without = {"backlash": 0.0, "backlash_estimate": 0.0, "slip_jump": 0.0}
+        found.append(Cure(REPAIRED, "valve repaired: no backlash", without))
     return found
-
-
-def _inverse(backlash: float, gain: float) -> dict[str, Scalar]:
-    return {
-        "backlash_estimate": INVERSE_SHARE * backlash,
-        "compensation": "inverse",
-        "buffer_ratio": BUFFER_RATIO,
-        "buffer_noise": "measured",
-        "buffer_swing": BUFFER_SWING,
-        "plant_gain": max(abs(gain), LEAST_GAIN),
-    }
-
-
-def _repaired() -> dict[str, Scalar]:
-    """No gap, and whatever assumed one is off; a stem cannot stick without a gap in this model."""
-    return {"backlash": 0.0, "backlash_estimate": 0.0, "slip_jump": 0.0}
 
 
 def _dead_band(prediction: Prediction | None) -> float:
@@ -219,7 +186,7 @@ def hunts_uncounted(prediction: Prediction, swings: Array, now: xr.Dataset) -> b
     At the operating points at which it is predicted to hunt, the simulated swings are, in the median, ``PLAIN`` times
     those elsewhere; or they are of the size predicted, ``AS_PREDICTED``, and above ``OFF``.
     """
-    if now["hunts"] > 0 or not prediction.n_hunting:
+    if now["hunts"] > 0 or not prediction.hunting.size:
         return False
     there, rest = (_median(swings[some]) for some in (prediction.hunting, prediction.elsewhere))
     expected = 2.0 * _median(prediction.cycles.amplitude[prediction.hunting])

@@ -6,12 +6,9 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.design.plants import Columns, Plants, frequency_response
-
-Complex = NDArray[np.complex128]
+from fastcoil.design.plants import Columns, Complex, Plants, frequency_response
 
 
 def describing_function(amplitude: Array, width: Array, wait: Array) -> Complex:
@@ -251,10 +248,7 @@ class Swings(NamedTuple):
         """Mean and gain at amplitudes (n, n_amplitudes)."""
         ratio = np.log(AMPLITUDES[1] / AMPLITUDES[0])
         place = np.clip(np.log(np.maximum(amplitude, AMPLITUDES[0]) / AMPLITUDES[0]) / ratio, 0.0, AMPLITUDES.size - 1)
-        first = np.minimum(place.astype(np.int64), AMPLITUDES.size - 2)
-        share, rows = place - first, np.arange(self.mean.shape[0])[:, None]
-        mean, gain = (v[rows, first] * (1.0 - share) + v[rows, first + 1] * share for v in self)
-        return mean, gain
+        return between(self.mean, place), between(self.gain, place)
 
 
 def refined(curve: Array) -> Array:
@@ -272,24 +266,15 @@ def refined(curve: Array) -> Array:
 
 def temperature(curve: Array, opening: Array) -> Array:
     """T_sup at rest, °C, at openings (n, m, k), ended at 0 and 1.  curve: as of ``swings_of``."""
-    last, rows = curve.shape[1] - 1, np.arange(curve.shape[0])[:, None, None]
-    place = np.clip(opening, 0.0, 1.0) * last
-    first = np.minimum(place.astype(np.int64), last - 1)
-    share = place - first
-    return np.asarray(curve[rows, first] * (1.0 - share) + curve[rows, first + 1] * share)
+    place = np.clip(opening, 0.0, 1.0) * (curve.shape[1] - 1)
+    return between(curve, place.reshape(len(curve), -1)).reshape(opening.shape)
 
 
 def swings_of(curve: Array, T_sup: Array, gain: Array) -> Swings:
     """Mean opening and gain of plants whose opening swings as a sine.
 
-    Parameters
-    ----------
-    curve
-        T_sup at rest, °C, at openings from 0 to 1 by equal steps, (n, n_openings).
-    T_sup
-        The mean temperature that is held, °C, (n,).
-    gain
-        Of a small swing, K per unit opening, (n,).
+    curve: T_sup at rest, °C, at openings from 0 to 1 by equal steps, (n, n_openings).  T_sup: the mean temperature that
+    is held, °C, (n,).  gain: of a small swing, K per unit opening, (n,).
     """
     sign = np.sign(curve[:, -1] - curve[:, 0])[:, None]
     low = np.broadcast_to(-AMPLITUDES, (curve.shape[0], AMPLITUDES.size))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -16,19 +16,19 @@ from fastcoil.design.answer import Found, Theory, answer_of, hints_of, sentences
 from fastcoil.design.cures import (
     Cure,
     cures_of,
-    distance,
     hunts_uncounted,
     recommended,
+    shortest_ti,
     swings_at,
     try_cures,
     verdict,
     with_cures,
 )
+from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.phase_budget import (
     PARTS,
     Prediction,
-    acts_the_wrong_way,
     cycles_at,
     gain_margin_without_backlash,
     left_out,
@@ -88,26 +88,6 @@ class Explanation:
     cures: xr.Dataset
     recommended: str
     _found: Found
-
-    @classmethod
-    def of(cls, found: Found) -> Explanation:
-        """Make one of what was found."""
-        prediction = found.theory.prediction if found.theory is not None else None
-        nothing = float("nan")
-        return cls(
-            hunts=found.hunts,
-            foretold=prediction.hunts if prediction is not None else None,
-            margin=prediction.margin if prediction is not None else nothing,
-            period=float(prediction.cycles.period[prediction.worst]) if prediction is not None else nothing,
-            amplitude=float(prediction.cycles.amplitude[prediction.worst]) if prediction is not None else nothing,
-            why=why_of(found),
-            doubts=found.doubts + found.left_out,
-            phase=found.theory.phase if found.theory is not None else None,
-            points=found.theory.points if found.theory is not None else None,
-            cures=found.cures.drop_vars(["T_sup", "elapsed_time", "uncounted"]),
-            recommended=str(found.cures["cure"].values[found.best]),
-            _found=found,
-        )
 
     @property
     def text(self) -> str:
@@ -176,16 +156,17 @@ def explain(
         check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
     with checking() as check:
         check.problems += _too_many(loop, boundary)
-        second = check.unless_none(whole_of, "at", at, 0, boundary.n_steps - 1, _second_of(boundary))
+        last = boundary.n_steps - 1
+        cure = f"give a second of the boundary, a whole number from 0 to {last}"
+        second = check.unless_none(whole_of, "at", at, 0, last, cure)
     plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
     loop = _with_estimate(loop)
     points = operating_points(boundary, warm_up, second)
     doubts = why_not_linear(loop)
     prediction = predict(loop, points) if not doubts else None
-    if prediction is not None and prediction.worst < 0:
-        doubts, prediction = why_no_margin(prediction), None
-    elif prediction is not None and (wrong := acts_the_wrong_way(loop, prediction)):
-        doubts, prediction = wrong, None
+    if prediction is not None:
+        doubts = why_no_margin(loop, prediction)
+        prediction = None if doubts else prediction
     tried = cures_of(loop, prediction)
     cures = _tried(loop, boundary, tried, prediction, warm_up, seed)
     swings = swings_at(points, boundary, cures.isel(cure=0))
@@ -193,17 +174,31 @@ def explain(
     uncounted = prediction is not None and hunts_uncounted(prediction, swings, cures.isel(cure=0))
     cures = cures.assign(uncounted=uncounted)
     cures = cures.assign(verdict=("cure", [verdict(cures, k) for k in range(len(tried))]))
-    return Explanation.of(
-        Found(
-            loop=loop,
-            boundary=boundary,
-            theory=theory,
-            doubts=doubts,
-            left_out=left_out(loop, prediction) if prediction is not None else (),
-            hints=hints_of(loop, theory) if theory is not None else (),
-            cures=cures,
-            best=recommended(cures, [cure.name for cure in tried]),
-        )
+    found = Found(
+        loop=loop,
+        boundary=boundary,
+        theory=theory,
+        doubts=doubts,
+        left_out=left_out(loop, prediction) if prediction is not None else (),
+        hints=hints_of(loop, theory) if theory is not None else (),
+        cures=cures,
+        best=recommended(cures, [cure.name for cure in tried]),
+    )
+    worst: dict[str, Any] = {"foretold": None, "margin": math.nan, "period": math.nan, "amplitude": math.nan}
+    if prediction is not None:
+        cycles = prediction.cycles
+        worst = {"foretold": prediction.hunts, "margin": prediction.margin}
+        worst |= {name: float(getattr(cycles, name)[prediction.worst]) for name in ("period", "amplitude")}
+    return Explanation(
+        hunts=found.hunts,
+        **worst,
+        why=why_of(found),
+        doubts=found.doubts + found.left_out,
+        phase=theory.phase if theory is not None else None,
+        points=theory.points if theory is not None else None,
+        cures=cures.drop_vars(["T_sup", "elapsed_time", "uncounted"]),
+        recommended=tried[found.best].name,
+        _found=found,
     )
 
 
@@ -228,18 +223,18 @@ def _with_estimate(loop: Loop) -> Loop:
     return loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
 
 
-def _second_of(boundary: Boundary) -> str:
-    return f"give a second of the boundary, a whole number from 0 to {boundary.n_steps - 1}"
-
-
 def theory_of(loop: Loop, prediction: Prediction, swings: Array) -> Theory:
     """What theory tells at the worst operating point."""
     response = response_of(loop, prediction)
     shares = phase_shares(loop, response)
     attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": response.period}
     phase = xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
-    perfect = gain_margin_without_backlash(loop, prediction)
-    return Theory(prediction, response, distance(loop, prediction), phase, perfect, swings)
+    # the margin goes with kp
+    factor = HUNTS_ABOVE / prediction.margin if prediction.margin else math.inf
+    ti = shortest_ti(loop, prediction, HUNTS_ABOVE)
+    return Theory(
+        prediction, response, factor, ti, phase, gain_margin_without_backlash(loop, prediction), swings
+    )  # fmt: skip
 
 
 def _tried(

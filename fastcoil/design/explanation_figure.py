@@ -10,7 +10,7 @@ from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_
 from fastcoil.design.answer import Found, Theory, answer_of, seconds, why_of
 from fastcoil.design.cures import SIMC, TUNINGS
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
-from fastcoil.design.phase_budget import margins, of_a_gap
+from fastcoil.design.phase_budget import cycles_at, of_a_gap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,7 +91,8 @@ def _gains(axes: Axes, found: Found, theory: Theory) -> None:
 
     marked = {name: [found.value(name), *(found.with_cure(name, k) for k in tunings)] for name in ("kp", "ti")}
     times = np.geomspace(min(marked["ti"]) / _SPAN, max(marked["ti"]) * _SPAN, _TI_STEPS)
-    at_kp = margins(found.loop.assign(ti=("tuning", times)), prediction.plants, np.array([prediction.worst]))[:, 0]
+    swept = found.loop.assign(ti=("tuning", times))
+    at_kp = cycles_at(swept, prediction.plants, np.array([prediction.worst])).margin[:, 0]
     low, high = min(marked["kp"]) / _SPAN, max(marked["kp"]) * _SPAN
     with np.errstate(divide="ignore"):
         limits = {level: kp * level / at_kp for level in _CONTOURS}

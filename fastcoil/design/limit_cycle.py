@@ -12,7 +12,6 @@ import xarray as xr
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.design.describing_function import (
-    Complex,
     Elements,
     LimitedPI,
     Swings,
@@ -26,7 +25,7 @@ from fastcoil.design.describing_function import (
 )
 from fastcoil.design.linearise import at_180
 from fastcoil.design.operating_points import OperatingPoints
-from fastcoil.design.plants import Columns, Plants, driven_gain, frequency_response, loop_response, plants_of
+from fastcoil.design.plants import Columns, Complex, Plants, driven_gain, frequency_response, loop_response, plants_of
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import check_memory
@@ -61,16 +60,8 @@ def balance(w: Array, L: Complex, N: Callable[[Array], Complex], n_amplitudes: i
     With fast integral action the phase of L falls, rises and falls again: the three pieces are kept apart.  In a loop
     where it only falls, all of it is the first piece.
 
-    Parameters
-    ----------
-    w
-        Frequencies, rad/s, (n_w,), ascending by equal ratios.
-    L
-        Linear part of the loops, (n, n_w).
-    N
-        Frequencies, (n, n_amplitudes) → the describing function there.
-    lead
-        Most that N may lead, rad, (n,).
+    w: rad/s, (n_w,), ascending by equal ratios.  L: linear part of the loops, (n, n_w).  N: frequencies,
+    (n, n_amplitudes) → the describing function there.  lead: most that N may lead, rad, (n,).
     """
     left, log_L = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L))
     found = []
@@ -150,15 +141,13 @@ def started(points: Points, disturbance: float) -> tuple[Mask, Points]:
     # where the phases meet no more, the cycle is at the last amplitude at which they do
     share = np.where(crossing, -log_F[:, :, :-1] / np.where(crossing, np.diff(log_F, axis=2), 1.0), 0.0)
 
-    def in_a_row(values: Array | Mask) -> Array:
-        return np.asarray(values, float).transpose(1, 0, 2).reshape(values.shape[1], -1)
-
     def there(values: Array) -> Array:
         log = np.log(np.maximum(values, 1e-12))
-        return in_a_row(np.exp(log[:, :, :-1] * (1.0 - share) + log[:, :, 1:] * share))
+        between_them = np.exp(log[:, :, :-1] * (1.0 - share) + log[:, :, 1:] * share)
+        return np.asarray(_in_a_row(between_them))
 
     at = Points(*map(there, points))
-    is_stable, is_parting, is_above = in_a_row(stable) > 0, in_a_row(parts) > 0, at.T > disturbance
+    is_stable, is_parting, is_above = _in_a_row(stable), _in_a_row(parts), at.T > disturbance
     above, below = np.where(is_stable & is_above, at.T, np.inf), np.where(is_stable & ~is_above, at.T, -np.inf)
     parting_above = np.where(is_parting & is_above, at.T, np.inf).min(axis=1)
     parting_below = np.where(is_parting & ~is_above, at.T, -np.inf).max(axis=1)
@@ -209,19 +198,9 @@ class Cycles(NamedTuple):
 
 
 def cycles_of(columns: Columns, plants: Plants) -> Cycles:
-    """Predict margin and limit cycle.
+    """Predict margin and limit cycle; all NaN where theory says nothing (see ``unknown``), or a plant has no gain.
 
-    Parameters
-    ----------
-    columns
-        Parameter name → (n,), as ``columns_of`` in ``simulation/scenarios.py`` gives them.
-    plants
-        Of these loops, as ``plants_of`` gives them.
-
-    Returns
-    -------
-    Cycles
-        All NaN where theory says nothing, see ``unknown``, and where a plant has no gain.
+    columns: parameter name → (n,), see ``columns_of``.  plants: of these loops, see ``plants_of``.
     """
     n = plants.opening.size
     periods = np.asarray(columns["sample_time"], float)
@@ -331,7 +310,7 @@ def _response(plants: Plants, w: Array, place: Array) -> Array:
     return np.exp(np.stack([between(log_G, piece * (some.size - 1.0) / (w.size - 1.0)) for piece in place]))
 
 
-def _in_a_row(values: Array) -> Array:
+def _in_a_row(values: np.ndarray) -> np.ndarray:
     return values.transpose(1, 0, 2).reshape(values.shape[1], -1)
 
 

@@ -64,7 +64,8 @@ def margins_of(columns: Columns, plants: Plants) -> Margins:
         of_some = plants.some(members)
         w = np.geomspace(_LOWEST, math.pi / period, _MARGIN_FREQUENCIES)
         P, which = sampled_plant(some, of_some, w)
-        size, at = at_180(np.sign(of_some.gain[_firsts(which)])[:, None] * P, w)
+        first = np.unique(which, return_index=True)[1]
+        size, at = at_180(np.sign(of_some.gain[first])[:, None] * P, w)
         unit = gain[members] / np.abs(of_some.gain)
         found.ultimate_gain[members] = 1.0 / (unit * size[which])
         found.ultimate_period[members] = 2.0 * math.pi / at[which]
@@ -72,10 +73,6 @@ def margins_of(columns: Columns, plants: Plants) -> Margins:
         found.gain_margin[members] = 1.0 / at_180(L, w)[0]
         found.phase_margin[members] = _phase_left(L)
     return found
-
-
-def _firsts(which: np.ndarray) -> np.ndarray:
-    return np.unique(which, return_index=True)[1]
 
 
 def at_180(L: Complex, w: Array) -> tuple[Array, Array]:
@@ -108,7 +105,6 @@ def _phase_left(L: Complex) -> Array:
     return np.where(np.isfinite(least), least, math.nan)
 
 
-RULES = ("simc", "lambda", "ziegler_nichols")
 _EARLY, _LATE = 0.353, 0.853
 """Shares of the response at which Sundaresan and Krishnaswamy read the two times."""
 _LONGER = 36000
@@ -295,9 +291,13 @@ def linearise(
         wants_states = check(flag_of, "state_space", state_space)
         if frequency is not None:
             check(require_pi, points.loop)
-        check.problems += _volume_problems(points.loop) if wants_states else []
+        if wants_states and np.unique(np.asarray(points.loop["n_volumes"])).size > 1:
+            check.problems.append(
+                "n_volumes is swept, and each value has another number of states: ask for the state space one by one"
+            )
     sizes = 22 + (0 if w is None else 4 * w.size)
-    sizes += (4 * int(np.max(np.asarray(points.loop["n_volumes"], float)))) ** 2 if wants_states else 0
+    names = state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))
+    sizes += len(names) ** 2 if wants_states else 0
     check_memory(2 * 8 * sizes * points.size, points.size)
     found: dict[str, Array] = {}
     for index in points.chunks():
@@ -311,7 +311,6 @@ def linearise(
     if w is not None:
         ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))
     if wants_states:
-        names = state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))
         ds = ds.assign_coords(
             state=("state", list(names), {"long_name": "state of the coil, by control volume"}),
             state_before=("state_before", list(names), {"long_name": "state of the coil a second before"}),
@@ -366,10 +365,3 @@ def _frequencies(name: str, value: Any) -> Array:
     if not w.size or not (np.isfinite(w).all() and w[0] > 0.0 and (np.diff(w) > 0.0).all()):
         raise InputError(f"{name} = {shown(value)}: {cure}")
     return w
-
-
-def _volume_problems(loop: Loop) -> list[str]:
-    counts = np.unique(np.asarray(loop["n_volumes"]))
-    if counts.size < 2:
-        return []
-    return ["n_volumes is swept, and each value has another number of states: ask for the state space one by one"]

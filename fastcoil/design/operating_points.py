@@ -31,20 +31,7 @@ class OperatingPoints:
     """Every loop of a sweep at every operating point, in one flat order.
 
     Dims are those of the loop, then ``day`` if the boundary has it, then ``elapsed_time`` if several seconds are asked
-    for.
-
-    Parameters
-    ----------
-    loop, boundary
-        As for ``simulate``.
-    at
-        None: the mean conditions and the mean set-point of each day's enabled seconds after the warm-up of 1,800 s.  A
-        second, or several: the conditions of that second, as if they were held until all is steady.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake.
+    for.  loop, boundary, at: see ``linearise``.
     """
 
     def __init__(self, loop: Loop, boundary: Boundary, at: Any = None) -> None:
@@ -106,13 +93,7 @@ class OperatingPoints:
         return labels
 
     def dataset(self, variables: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> xr.Dataset:
-        """Name results, each (size, …) with its attributes; dims behind the first are in ``attrs["dims"]``.
-
-        Raises
-        ------
-        InputError
-            If a coordinate of the sweep has the name of a result.
-        """
+        """Name results, each (size, …) with its attributes; dims behind the first are in ``attrs["dims"]``."""
         labels = self._coordinates()
         clash = sorted({*labels, *self.sizes} & variables.keys())
         if clash:
@@ -127,13 +108,7 @@ class OperatingPoints:
 
 
 def require_pi(loop: Loop) -> None:
-    """Refuse control laws other than the PI, whose open loop nobody knows.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each such law.
-    """
+    """Refuse control laws other than the PI, whose open loop nobody knows."""
     words = sorted(set(np.unique(np.asarray(loop["law"])).tolist()) - {"pi"})
     if words:
         raise InputError([f"law = {word!r}: the open loop is known for the PI only" for word in words])
@@ -205,8 +180,6 @@ def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:
     return found
 
 
-CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
-"""Series that decide an operating point."""
 SAME_SET_POINT = 0.5
 """Set-points of an hour that differ by less may count as one, K."""
 SHORTEST = 300
@@ -231,23 +204,12 @@ class PointsOfDay(NamedTuple):
 
 
 def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) -> PointsOfDay:
-    """Operating points of a boundary of one day.
+    """Operating points of a boundary of one day: those of each hour at each set-point, or of the second ``at`` alone.
 
-    Parameters
-    ----------
-    boundary
-        A single day.
-    warm_up
-        Seconds at the start that do not count, nor do those in which the plant is off.
-    at
-        A second: only the conditions there.
-
-    Raises
-    ------
-    InputError
-        If the plant is off all day, or at that second.
+    Neither the ``warm_up`` seconds at the start count nor those in which the plant is off; refused if it is off all
+    day, or at that second.
     """
-    series = {name: boundary.series[name][0] for name in CONDITIONS}
+    series = {name: boundary.series[name][0] for name in ENTERING}
     on = boundary.series["enabled"][0] > 0.0
     if at is not None:
         if not on[at]:

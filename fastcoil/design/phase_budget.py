@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,11 +46,6 @@ class Prediction(NamedTuple):
         return float(self.cycles.margin[self.worst]) if self.worst >= 0 else math.nan
 
     @property
-    def hunts(self) -> bool:
-        """Whether the loop is predicted to hunt at some operating point."""
-        return self.n_hunting > 0
-
-    @property
     def hunting(self) -> Index:
         """The operating points at which it is predicted to hunt."""
         return self.reached[self.cycles.hunts[self.reached] > 0.0]
@@ -58,24 +53,21 @@ class Prediction(NamedTuple):
     @property
     def elsewhere(self) -> Index:
         """The others at which theory has a margin."""
-        return self.reached[~(self.cycles.hunts[self.reached] > 0.0)]
+        return np.setdiff1d(self.reached, self.hunting)
 
     @property
-    def n_hunting(self) -> int:
-        """How many these are."""
-        return int(self.hunting.size)
+    def hunts(self) -> bool:
+        """Whether the loop is predicted to hunt at some operating point."""
+        return self.hunting.size > 0
+
+    @property
+    def plant(self) -> Plants:
+        """The plant at the worst operating point."""
+        return self.plants.some(np.array([self.worst]))
 
 
 def predict(loop: Loop, points: PointsOfDay) -> Prediction:
-    """Linearise one loop at the operating points of a day and look for its cycles.
-
-    Parameters
-    ----------
-    loop
-        A single scenario.
-    points
-        Of one day.
-    """
+    """Linearise one loop, a single scenario, at the operating points of a day and look for its cycles."""
     columns = columns_of(without_dead_band(loop), {}, np.zeros(points.size, dtype=np.int64))
     plants = plants_of(columns, points.conditions)
     cycles = cycles_of(columns, plants)
@@ -91,13 +83,8 @@ def cycles_at(loop: Loop, plants: Plants, which: Index) -> Cycles:
     """
     n = math.prod(loop.sizes.values())
     columns = columns_of(without_dead_band(loop), loop.sizes, np.repeat(np.arange(n), which.size))
-    found = cycles_of(columns, picked(plants, np.tile(which, n)))
+    found = cycles_of(columns, plants.some(np.tile(which, n)))
     return Cycles(*(values.reshape(n, which.size) for values in found))
-
-
-def margins(loop: Loop, plants: Plants, which: Index) -> Array:
-    """Their margins alone."""
-    return cycles_at(loop, plants, which).margin
 
 
 def without_dead_band(loop: Loop) -> Loop:
@@ -105,23 +92,21 @@ def without_dead_band(loop: Loop) -> Loop:
     return loop.assign(error_dead_band=0.0)
 
 
-def picked(plants: Plants, which: Index) -> Plants:
-    """Some of the plants, in any order, some perhaps several times."""
-    fields: Any = (values[which] for values in plants)
-    return Plants(*fields)
+def _one(loop: Loop) -> dict[str, np.ndarray]:
+    """The parameters of a single scenario, (1,) each."""
+    return columns_of(loop, {}, np.zeros(1, dtype=np.int64))
 
 
 def gain_margin_without_backlash(loop: Loop, prediction: Prediction) -> float:
     """By how much the kp of one loop may be multiplied behind a perfect valve, where it is worst; below 1 it swings."""
-    columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64)) | {"backlash": np.zeros(1)}
-    return float(margins_of(columns, picked(prediction.plants, np.array([prediction.worst]))).gain_margin[0])
+    columns = _one(loop) | {"backlash": np.zeros(1)}
+    return float(margins_of(columns, prediction.plant).gain_margin[0])
 
 
 def simc_gains(loop: Loop, prediction: Prediction) -> tuple[float, float] | None:
     """kp and ti after SIMC for one loop where it is worst; None where the valve changes nothing."""
-    columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64))
-    plant = picked(prediction.plants, np.array([prediction.worst]))
-    gains = simc(columns, plant, first_order(columns, plant))
+    columns = _one(loop)
+    gains = simc(columns, prediction.plant, first_order(columns, prediction.plant))
     found = float(gains.kp[0]), float(gains.ti[0])
     return found if all(map(math.isfinite, found)) else None
 
@@ -153,10 +138,9 @@ class Response(NamedTuple):
 
 def response_of(loop: Loop, prediction: Prediction) -> Response:
     """Frequency response of a single loop at its worst operating point."""
-    columns = columns_of(without_dead_band(loop), {}, np.zeros(1, dtype=np.int64))
-    plant = picked(prediction.plants, np.array([prediction.worst]))
+    columns = _one(without_dead_band(loop))
     w = np.geomspace(_SLOWEST, math.pi / float(columns["sample_time"][0]), _FREQUENCIES)
-    L = loop_response(columns, plant, w)[0]
+    L = loop_response(columns, prediction.plant, w)[0]
     left = 180.0 + np.degrees(np.unwrap(np.angle(L)))
     at, period = (float(of[prediction.worst]) for of in (prediction.cycles.frequency, prediction.cycles.period))
     # without any margin, where a gap would have most to add
@@ -202,26 +186,23 @@ def why_not_linear(loop: Loop) -> tuple[str, ...]:
     """Why theory does not hold for a single loop, a clause each; empty where it does."""
     if loop["law"] == "pi" and float(loop["kp"]) <= 0.0:  # type: ignore[arg-type]
         return (f"kp = {loop['kp']:g} does not control: a kp has to be above 0",)
-    columns = columns_of(without_dead_band(loop), {}, np.zeros(1, dtype=np.int64))
+    columns = _one(without_dead_band(loop))
     # behind the colon stands what to do about it in Python
     return tuple(reason.partition(":")[0] for reason, holds in unknown(columns).items() if holds.any())
 
 
-def acts_the_wrong_way(loop: Loop, prediction: Prediction) -> tuple[str, ...]:
-    """Where no opening does what the loop opens its valve for, a clause; empty elsewhere."""
+def why_no_margin(loop: Loop, prediction: Prediction) -> tuple[str, ...]:
+    """Why a prediction has no margin that means anything, a clause; empty where it has."""
+    if prediction.worst < 0:
+        if not prediction.plants.reachable.any():
+            return ("no set-point of the day can be held: the valve is at its end all the time",)
+        return ("its compensation crosses the gap too slowly to count as an inverse",)
     gain = prediction.plants.gain[prediction.reached]
     heats = loop["action"] == "heating"
-    if not gain.size or ((gain > 0.0) if heats else (gain < 0.0)).any():
+    if ((gain > 0.0) if heats else (gain < 0.0)).any():
         return ()
     does, other = ("cools", "cooling") if heats else ("warms", "heating")
     return (f"the valve acts the wrong way round: opening it {does} the air, so give action = {other}",)
-
-
-def why_no_margin(prediction: Prediction) -> tuple[str, ...]:
-    """Why theory has no margin at any operating point, a clause."""
-    if not prediction.plants.reachable.any():
-        return ("no set-point of the day can be held: the valve is at its end all the time",)
-    return ("its compensation crosses the gap too slowly to count as an inverse",)
 
 
 def left_out(loop: Loop, prediction: Prediction) -> tuple[str, ...]:

@@ -28,9 +28,11 @@ from fastcoil.model.parameter_table import PARAMETERS
 Complex = NDArray[np.complex128]
 
 
-def transform(response: Array, w: Array, ratio: Array | None = None) -> Complex:
-    """Σ (r_k - r_(k-1)) e^(-jωk) over k ≥ 1: of a step response from sample 1 on, w in radians per sample.
+def frequency_response(response: Array, w: Array, ratio: Array | None = None) -> Complex:
+    """Σ (r_k - r_(k-1)) e^(-jωk) over k ≥ 1: of step responses from sample 1 on, (n, n_steps), at w, (n_w,): (n, n_w).
 
+    For a response of each second, from the opening to true T_sup, K per unit opening, at angular frequencies w, rad/s:
+    the transfer function of the 1-s steps at z = e^(jω).  In general w is in radians per sample.
     ratio: of successive changes behind the end, (n,); without it as the last of them are.
     """
     changes = np.diff(response, axis=1, prepend=0.0)
@@ -54,44 +56,47 @@ def _last_ratio(changes: Array) -> Array:
     return np.minimum(ratio, SLOWEST)
 
 
+def _continued(response: Array, more: int) -> tuple[Array, Array]:
+    """The responses and ``more`` seconds behind their end, and the ratio of successive changes there, (n, 1).
+
+    Geometric: each change behind the end is the one before it times the ratio.
+    """
+    changes = np.diff(response, axis=1, prepend=0.0)
+    ratio = _last_ratio(changes)[:, None]
+    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
+    return np.concatenate([response, tail], axis=1), ratio
+
+
+def _decay(tau: Array) -> Array:
+    """What is left of what a sensor with lag tau, (n,), s, showed a second ago."""
+    with np.errstate(divide="ignore"):
+        return np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)
+
+
 def sampled(response: Array, tau: Array, period: int, w: Array) -> Complex:
-    """``transform`` of every ``period``-th second of what a sensor with lag tau, (n,), s, shows; w in rad/s.
+    """``frequency_response`` of every ``period``-th second of what a sensor with lag tau, (n,), s, shows; w in rad/s.
 
     Exact: from sample to sample what the sensor showed decays by d^period, d = e^(-1/tau), and the seconds between
     count by their age.
     """
-    n = response.shape[1]
-    changes = np.diff(response, axis=1, prepend=0.0)
-    ratio = _last_ratio(changes)[:, None]
     # two samples lie behind the end
-    more = 3 * period - n % period
-    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
-    seconds = np.concatenate([response, tail], axis=1).reshape(tau.size, -1, period)
-    with np.errstate(divide="ignore"):
-        decay = np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)[:, None]
+    whole, ratio = _continued(response, 3 * period - response.shape[1] % period)
+    decay = _decay(tau)[:, None]
     weight = (1.0 - decay) * decay ** np.arange(period - 1, -1, -1)
-    shown = np.einsum("nkp,np->nk", seconds, weight)
-    found: Complex = transform(shown, w * period, ratio[:, 0] ** period)
+    shown = np.einsum("nkp,np->nk", whole.reshape(tau.size, -1, period), weight)
+    found: Complex = frequency_response(shown, w * period, ratio[:, 0] ** period)
     found /= 1.0 - decay**period * np.exp(-1j * w * period)
     return found
 
 
 def sensed_by(response: Array, tau: Array, longer: int) -> Array:
     """The responses as a sensor with lag tau, (n,), s, shows them; ``longer``, s, and by what the lag takes."""
-    n = response.shape[1]
-    more = longer + 10 * math.ceil(tau.max())
-    changes = np.diff(response, axis=1, prepend=0.0)
-    ratio = _last_ratio(changes)[:, None]
-    # geometric: each change behind the end is the one before it times the ratio
-    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
-    whole = np.concatenate([response, tail], axis=1)
+    whole, _ = _continued(response, longer + 10 * math.ceil(tau.max()))
     if not tau.any():
         return whole
-    with np.errstate(divide="ignore"):
-        decay = np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)
-    y = np.zeros(tau.size)
+    decay, y = _decay(tau), np.zeros(tau.size)
     sensed = np.empty_like(whole)
-    for t in range(n + more):
+    for t in range(whole.shape[1]):
         y = whole[:, t] + decay * (y - whole[:, t])
         sensed[:, t] = y
     return sensed
@@ -143,12 +148,8 @@ class Plants(NamedTuple):
 def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
     """Find where the plants rest, and how they answer there.  Equal plants are computed once.
 
-    Parameters
-    ----------
-    columns
-        Parameter name → (n,), as ``columns_of`` in ``simulation/scenarios.py`` gives them.
-    conditions
-        (n,) each: m_a, kg/s; T_a_in, T_w_in and T_set, °C; W_a_in, kg/kg.  They are held until all is steady.
+    columns: parameter name → (n,), see ``columns_of``.  conditions: (n,) each, m_a, kg/s; T_a_in, T_w_in and T_set, °C;
+    W_a_in, kg/kg; they are held until all is steady.
     """
     matrix, entering, T_set, same = distinct_plants(columns, conditions)
     found, response, curve = _march(matrix, entering, T_set)
@@ -165,19 +166,16 @@ def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[
 
     Returns their parameters, (len(PARAMETER_ROWS), n), what enters, (4, n), T_set, (n,), and the plant of each loop.
     """
-    matrix = parameter_matrix(_of_plants(columns))
+    n = len(columns["C_w"])
+    # all at its default that no plant depends on
+    filled = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
+    filled |= {name: np.zeros(n) for name in PARAMETER_ROWS if name not in filled}
+    filled["estimator"] = np.full(n, "none")
+    matrix = parameter_matrix(filled | {name: columns[name] for name in PLANT})
     entering = np.stack([np.asarray(conditions[name], float) for name in CONDITIONS])
     T_set = np.asarray(conditions["T_set"], float)
     first, same = _distinct(matrix, entering, T_set)
     return matrix[:, first], entering[:, first], T_set[first], same
-
-
-def frequency_response(response: Array, w: Array) -> Complex:
-    """From the opening to true T_sup, K per unit opening, at angular frequencies w, (n_w,), rad/s: (n, n_w).
-
-    The transfer function of the 1-s steps at z = e^(jω): opening and T_sup are those of each second.
-    """
-    return transform(response, np.asarray(w, float))
 
 
 def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
@@ -228,15 +226,6 @@ def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, 
         of_period = np.flatnonzero(kinds[1] == period)
         P[of_period] = sampled(plants.response[first[of_period]], kinds[2, of_period], int(period), w)
     return P, which.ravel()
-
-
-def _of_plants(columns: Columns) -> dict[str, NDArray[Any]]:
-    """The columns with all at its default that no plant depends on."""
-    n = len(columns["C_w"])
-    filled = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
-    filled |= {name: np.zeros(n) for name in PARAMETER_ROWS if name not in filled}
-    filled["estimator"] = np.full(n, "none")
-    return filled | {name: columns[name] for name in PLANT}
 
 
 def _distinct(*parts: Array) -> tuple[Index, Index]:

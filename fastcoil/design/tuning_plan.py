@@ -68,13 +68,7 @@ def plan_tuning(
     seed: int = 0,
     replicates: int = 1,
 ) -> Asked:
-    """Check the arguments of ``tune`` and divide valves and days.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake.
-    """
+    """Check the arguments of ``tune`` and divide valves and days."""
     with checking() as check:
         check(instance_of, "loop", loop, Loop, "give a Loop, such as Loop.preset('lbnl')")
         check(instance_of, "boundary", boundary, Boundary, "give a Boundary, such as paper_day(seed=[1, 2, 3])")

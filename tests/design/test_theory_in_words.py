@@ -10,15 +10,15 @@ from helpers.first_order_plants import first_order_plants, together
 
 import fastcoil as fc
 from fastcoil.design.answer import hints_of
-from fastcoil.design.cures import distance, shortest_ti
+from fastcoil.design.cures import shortest_ti
 from fastcoil.design.explain import theory_of
 from fastcoil.design.limit_cycle import cycles_of
 from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.phase_budget import (
     PARTS,
     Prediction,
+    cycles_at,
     gain_margin_without_backlash,
-    margins,
     phase_shares,
     response_of,
     simc_gains,
@@ -79,13 +79,13 @@ def test_the_margins_of_a_sweep_are_those_of_its_loops_point_by_point():
     plants = [first_order_plants(GAIN, LAG, delay) for delay in (5, 20, 60)]
     loops = [tuned(kappa, 0.3) for kappa in (0.5, 2.0)]
     swept = loops[0].assign(kp=("tuning", [loop["kp"] for loop in loops]))
-    found = margins(swept, together(*plants), np.array([2, 0]))
+    found = cycles_at(swept, together(*plants), np.array([2, 0])).margin
     expected = [[at_points(loop, plant).margin for plant in (plants[2], plants[0])] for loop in loops]
     assert found == pytest.approx(np.array(expected), rel=1e-4)
 
 
 def test_twice_the_kp_is_half_the_distance():
-    near, far = (distance(tuned(kappa, 0.5), predicted(tuned(kappa, 0.5), 20)) for kappa in (2.0, 1.0))
+    near, far = (theory_at(tuned(kappa, 0.5), 20) for kappa in (2.0, 1.0))
     assert far.kp_factor == pytest.approx(2.0 * near.kp_factor, rel=1e-6)
     assert near.ti > far.ti
 
@@ -123,7 +123,7 @@ def test_simc_is_that_of_the_plant():
 def test_a_slow_sensor_that_takes_much_of_the_phase_is_named_with_what_a_fast_one_would_do():
     loop = tuned(5.0, 0.5, sensor_time_constant=40.0)
     hints = hints_of(loop, theory_at(loop, 10))
-    fast = margins(loop.assign(sensor_time_constant=5.0), predicted(loop, 10).plants, np.zeros(1, dtype=np.int64))
+    fast = cycles_at(loop.assign(sensor_time_constant=5.0), predicted(loop, 10).plants, np.zeros(1, np.int64)).margin
     assert len(hints) == 1
     assert hints[0].startswith("The sensor takes")
     assert hints[0].endswith(f"with 5 s the margin would be {fast[0, 0]:.2g}.")
