@@ -32,7 +32,6 @@ def day_of(T_set):
     ("parameters", "words"),
     [
         ({"buffer_noise": "measured"}, ["buffer_noise = 'measured' without buffer_ratio", "give buffer_ratio"]),
-        ({"buffer_noise": ["given", "measured"]}, ["without buffer_ratio"]),
         (
             {"buffer_noise": ("case", ["given", "measured"]), "buffer_ratio": ("case", [6.0, 0.0]), **LIMITED},
             ["without buffer_ratio"],
@@ -40,7 +39,6 @@ def day_of(T_set):
         (LIMITED, ["buffer_swing without buffer_ratio"]),
         ({**MEASURED, "buffer_swing": 0.1}, ["buffer_swing without plant_gain", "give plant_gain"]),
         (MEASURED, ["buffer_noise = 'measured' without buffer_swing", "give buffer_swing and plant_gain"]),
-        ({**MEASURED, "plant_gain": 20.0}, ["without buffer_swing"]),
         ({**MEASURED, "buffer_swing": [0.0, 0.1], "plant_gain": 20.0}, ["without buffer_swing"]),
         (
             {**MEASURED, "buffer_swing": [0.1, 25.0], "plant_gain": 20.0},
@@ -79,27 +77,20 @@ def test_what_goes_together_is_planned(parameters):
 
 
 @pytest.mark.parametrize(
-    ("T_set", "dead_band", "refused"),
+    ("day", "dead_band", "refused"),
     [
-        ([14.0, 16.0], 2.0, True),
-        ([14.0, 16.0], 1.99, False),
-        ([14.0], 5.0, False),
-        ([14.0, 14.06], 0.2, False),  # a record of one set-point
+        (day_of([14.0, 16.0]), 2.0, True),
+        (day_of([14.0, 16.0]), 1.99, False),
+        (day_of([14.0, 14.06]), 0.2, False),  # a record of one set-point
+        (fc.paper_day(hours=0.75, seed=[1, 2]), 1.5, True),
+        (fc.paper_day(hours=0.75, seed=[1, 2]), 0.9, False),
     ],
 )
-def test_a_dead_band_that_no_change_of_the_set_point_leaves_is_refused(T_set, dead_band, refused):
+def test_a_dead_band_that_no_change_of_the_set_point_leaves_is_refused(day, dead_band, refused):
     if refused:
-        assert "none of their changes would move the valve" in only_problem(
-            planned, day_of(T_set), error_dead_band=dead_band
-        )
+        assert "none of their changes would move the valve" in only_problem(planned, day, error_dead_band=dead_band)
     else:
-        planned(day_of(T_set), error_dead_band=dead_band)
-
-
-def test_the_set_points_of_all_days_count():
-    planned(fc.paper_day(hours=0.75, seed=[1, 2]), error_dead_band=0.9)
-    with pytest.raises(fc.InputError, match="within 1 K"):
-        planned(fc.paper_day(hours=0.75, seed=[1, 2]), error_dead_band=1.5)
+        planned(day, error_dead_band=dead_band)
 
 
 def test_replay_refuses_the_same():
@@ -114,6 +105,8 @@ def test_replay_refuses_the_same():
         fc.replay(fc.Loop(error_dead_band=3.0), log)
     with pytest.raises(fc.InputError, match="without buffer_ratio"):
         fc.replay(fc.Loop(buffer_noise="measured"), log)
+    with pytest.raises(fc.InputError, match="estimator = 'hagglund' without plant_gain"):
+        fc.replay(fc.Loop(estimator="hagglund"), "nothing.csv")
 
 
 def test_a_swing_alone_misses_both_the_ratio_and_the_gain():
@@ -186,10 +179,6 @@ def test_a_run_is_told_where_it_is_called_and_an_open_loop_is_not():
 LEARNER = {"learning_step": 0.007, "backlash_estimate": 0.007}
 
 
-def planned_hour(**parameters):
-    return plan_simulation(fc.Loop(**parameters), fc.constant_day(hours=1))
-
-
 def test_without_a_word_the_learner_is_where_it_has_a_step():
     loop = fc.Loop(learning_step=[0.0, 0.01])
     assert columns_of(loop, loop.sizes, np.arange(2))["estimator"].tolist() == ["none", "learner"]
@@ -227,19 +216,11 @@ def test_the_inverse_assumes_a_share_of_what_the_estimator_reports(short):
         (LEARNER | {"learning_cap": 0.001}, "it cannot start above learning_cap"),
         ({"estimator": "lerner"}, "estimator = 'lerner': choose 'none' or 'learner' or 'hagglund' or 'gradient'"),
         ({"estimator": "hagglund"}, "estimator = 'hagglund' without plant_gain: give the change of the supply temp"),
-        ({"estimator": ["gradient", "hagglund"]}, "estimator = 'hagglund' without plant_gain"),
         ({"estimator": "gradient", "backlash_estimate": 0.21}, "it cannot start above gradient_cap"),
         ({"gradient_gain": 1e-3}, "gradient_gain belongs to the estimator gradient, which no scenario has"),
         ({"hagglund_filter_ratio": 0.2, "estimator": "gradient"}, "hagglund_filter_ratio belongs to the estimator hag"),
-        ({"estimator": "hagglund", "plant_gain": 0.0}, "plant_gain = 0 K: must be above 0"),
-        ({"estimator": "hagglund", "hagglund_least_half_periods": 4}, "must be whole, from 5 to 1000"),
     ],
 )
 def test_parameters_without_their_estimator_are_refused_before_anything_runs(parameters, sentence):
     with pytest.raises(fc.InputError, match=sentence):
-        planned_hour(**parameters)
-
-
-def test_a_replay_refuses_an_estimator_without_what_it_reckons_with():
-    with pytest.raises(fc.InputError, match="estimator = 'hagglund' without plant_gain"):
-        fc.replay(fc.Loop(estimator="hagglund"), "nothing.csv")
+        planned(**parameters)

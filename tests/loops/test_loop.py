@@ -26,8 +26,6 @@ def test_assign_leaves_the_original_alone():
     changed = loop.assign(backlash=0.1, kp=[0.01, 0.02])
     assert (loop["backlash"], loop["kp"], loop.sizes) == (0.07, 0.03, {})
     assert (changed["backlash"], changed.sizes) == (0.1, {"kp": 2})
-    with pytest.raises(AttributeError):
-        loop.backlash = 0.1
 
 
 @pytest.mark.parametrize(("given", "kept"), [(8, 8), (8.0, 8), (np.int64(8), 8), (np.float64(8), 8)])
@@ -124,23 +122,14 @@ def test_from_dataset_gives_the_loop_back(loop, short):
 
 
 @pytest.mark.kernel
-def test_from_dataset_keeps_the_order_of_the_dims(short):
-    loop = fc.Loop(kp=("tuning", [0.01, 0.02]), backlash=[0.02, 0.07])
-    assert list(fc.Loop.from_dataset(fc.simulate(loop, short, warm_up=60)).sizes) == ["tuning", "backlash"]
-
-
-@pytest.mark.kernel
 def test_from_a_part_of_a_dataset_comes_the_loop_of_that_part(short):
     loop = fc.Loop(backlash=[0.02, 0.07], kp=("tuning", [0.01, 0.02]), n_volumes=("tuning", [4, 8]))
     ds = fc.simulate(loop, short, warm_up=60)
     assert fc.Loop.from_dataset(ds.isel(backlash=1, tuning=0)) == fc.Loop(backlash=0.07, kp=0.01, n_volumes=4)
     assert fc.Loop.from_dataset(ds.sel(backlash=0.02)).sizes == {"tuning": 2}
-
-
-@pytest.mark.kernel
-def test_one_metric_of_a_dataset_is_enough(short):
-    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
-    assert fc.Loop.from_dataset(ds[["rmse"]]).sizes == {"backlash": 2}
+    assert list(fc.Loop.from_dataset(ds[["rmse"]]).sizes) == ["backlash", "tuning"]
+    turned = fc.Loop(kp=("tuning", [0.01, 0.02]), backlash=[0.02, 0.07])
+    assert list(fc.Loop.from_dataset(fc.simulate(turned, short, warm_up=60)).sizes) == ["tuning", "backlash"]
 
 
 def without(ds, *names):
@@ -173,15 +162,10 @@ def test_parameters_that_an_older_result_lacks_have_their_defaults(values, short
 
 
 @pytest.mark.kernel
-def test_a_dim_without_its_values_is_refused(short):
+def test_a_dataset_without_labels_or_of_another_program_is_refused(short):
     ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
-    with pytest.raises(fc.InputError, match="no values along its dimension backlash"):
-        fc.Loop.from_dataset(ds.drop_vars("backlash"))
-
-
-def test_from_a_foreign_dataset_is_refused():
-    with pytest.raises(fc.InputError, match="not made by fastcoil"):
-        fc.Loop.from_dataset(xr.Dataset())
+    assert_only_problem(["no values along its dimension backlash"], fc.Loop.from_dataset, ds.drop_vars("backlash"))
+    assert_only_problem(["not made by fastcoil"], fc.Loop.from_dataset, xr.Dataset())
 
 
 def test_repr_shows_the_dimensions_and_what_differs_from_the_nearest_preset():
@@ -194,10 +178,6 @@ def test_repr_shows_the_dimensions_and_what_differs_from_the_nearest_preset():
     assert "backlash (backlash): 0.02, 0.07" in text
     assert "action = heating" in text
     assert "C_w" not in text
-
-
-def test_repr_shows_units_whole():
-    assert "kp = 0.05 K-1" in repr(fc.Loop(kp=0.05))
 
 
 # Names
@@ -238,8 +218,6 @@ def test_a_loop_is_not_changed_by_an_attribute_and_says_what_does():
     loop = fc.Loop()
     with pytest.raises(AttributeError, match=r"a Loop does not change: take a copy, loop\.assign\(backlash=…\)"):
         loop.backlash = 0.1
-    with pytest.raises(AttributeError):
-        loop.anything = 1
     assert loop == fc.Loop()
 
 
@@ -254,6 +232,7 @@ def test_no_parameter_hides_behind_a_method_of_the_loop():
 
 
 def test_keywords_for_type_checkers_are_those_of_the_table_with_its_words():
+    assert typing.get_args(PresetName) == tuple(fc.presets())
     hints = typing.get_type_hints(Keywords)
     assert list(hints) == [WORD, *PARAMETERS]
     for name, p in PARAMETERS.items():
@@ -280,10 +259,6 @@ def test_a_type_checker_refuses_a_mistyped_parameter_and_nothing_else(tmp_path):
     assert all('did you mean "backlash"' in line for line in errors)
 
 
-def test_presets_for_type_checkers_are_all_of_them():
-    assert typing.get_args(PresetName) == tuple(fc.presets())
-
-
 def test_a_loop_shows_every_parameter_as_a_keyword_with_its_default():
     shown = inspect.signature(fc.Loop).parameters
     assert list(shown) == [*PARAMETERS, "converged"]
@@ -308,13 +283,6 @@ def test_help_lists_every_parameter_with_unit_text_and_bounds():
         assert parameter.unit in ("", "1") or lines[row].endswith(parameter.unit)
         assert lines[row + 1].strip() == f"{parameter.text} ({parameter.bounds})."
     assert lines.index("Parameters") < lines.index("Examples")
-
-
-def test_calls_are_as_strict_as_before():
-    with pytest.raises(TypeError):
-        fc.Loop(0.03)
-    with pytest.raises(fc.InputError, match="kp = None"):
-        fc.Loop(kp=None)
 
 
 def completed(text):

@@ -22,13 +22,6 @@ from fastcoil.model.metric_table import METRICS
 pytestmark = pytest.mark.kernel
 
 
-def test_adding_a_day_changes_no_scenario():
-    loop = fc.Loop(noise_std=0.05)
-    one = fc.simulate(loop, fc.paper_day(hours=0.25, seed=1), warm_up=60)
-    two = fc.simulate(loop, fc.paper_day(hours=0.25, seed=[1, 2]), warm_up=60)
-    assert float(two.rmse.sel(day=1)) == float(one.rmse)
-
-
 def test_a_result_survives_netcdf(tmp_path, swept):
     netcdf.save(swept, tmp_path / "results.nc")
     back = netcdf.load(str(tmp_path / "results.nc"))
@@ -42,7 +35,8 @@ def test_a_result_survives_netcdf(tmp_path, swept):
 def test_words_and_open_loops_survive_netcdf(tmp_path, days):
     loop = fc.Loop(action=["cooling", "heating"], kp=xr.DataArray([0.1, 0.2], dims="case", coords={"case": ["a", "ß"]}))
     ds = fc.simulate(loop, days, command=np.full(900, 0.3), traces=["mode"], warm_up=60)
-    netcdf.save(ds, tmp_path / "results.nc")
+    for one in (ds.isel(case=0), ds):  # the second in place of the first
+        netcdf.save(one, tmp_path / "results.nc")
     back = netcdf.load(str(tmp_path / "results.nc"))
     assert back.case.values.tolist() == ["a", "ß"]
     assert back.content_sha256 == ds.content_sha256
@@ -58,14 +52,6 @@ def test_no_coordinate_is_said_to_have_missing_values(tmp_path, swept):
 def test_an_unwritable_place_is_reported(tmp_path, swept):
     with pytest.raises(StorageError, match="cannot be written"):
         netcdf.save(swept, tmp_path / "no folder" / "results.nc")
-
-
-def test_saving_over_a_result_leaves_one_of_the_two(tmp_path, swept):
-    path = tmp_path / "results.nc"
-    netcdf.save(swept, path)
-    other = fc.simulate(fc.Loop(), fc.paper_day(hours=0.1), warm_up=0)
-    netcdf.save(other, path)
-    assert netcdf.load(str(path)).content_sha256 == other.content_sha256
 
 
 def test_nobody_else_is_in_the_library_while_one_is(swept, tmp_path):

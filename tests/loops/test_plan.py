@@ -25,11 +25,8 @@ pytestmark = pytest.mark.kernel
     [
         (np.zeros(899), ["shape (899,)", "(900,)", "(2, 900)"]),
         (np.zeros((3, 900)), ["shape (3, 900)"]),
-        (0.5, ["shape ()"]),
         (np.r_[np.zeros(400), 1.1, np.zeros(499)], ["1.1 at second 400", "0 to 1"]),
         (np.r_[np.zeros(400), np.nan, np.zeros(499)], ["nan at second 400", "0 to 1"]),
-        (np.full(900, -0.01), ["-0.01 at second 0", "0 to 1"]),
-        ("half", ["command"]),
     ],
 )
 def test_bad_command(days, command, words, refused):
@@ -43,29 +40,19 @@ def test_bad_command(days, command, words, refused):
     [
         ({"traces": ["T_supp"]}, ["'T_supp'", "'T_sup'", "wet_volumes"]),
         ({"traces": ["T_sup", "T_sup"]}, ["T_sup", "twice"]),
-        ({"traces": [None]}, ["None", "not a trace"]),
+        ({"traces": None}, ["traces = None", "give a list"]),
         ({"trace_interval": 0}, ["trace_interval = 0", "at least 1"]),
         ({"trace_interval": 901}, ["trace_interval = 901", "at most 900"]),
-        ({"trace_interval": 2.0}, ["trace_interval = 2.0", "whole"]),
         ({"warm_up": -1}, ["warm_up = -1", "at least 0"]),
-        ({"warm_up": True}, ["warm_up = True", "whole"]),
         ({"warm_up": 900}, ["900 s", "warm-up"]),
-        ({"seed": -1}, ["seed = -1"]),
         ({"seed": 2**64}, ["seed", str(2**64 - 1)]),
-        ({"seed": "7"}, ["seed = '7'", "whole"]),
         ({"replicates": 0}, ["replicates = 0"]),
         ({"n_jobs": 0}, ["n_jobs = 0"]),
-        ({"n_jobs": True}, ["n_jobs = True"]),
     ],
 )
 def test_bad_options_are_named_with_the_cure(days, options, words, refused):
     (problem,) = refused(fc.Loop(), days, **{"warm_up": 60} | options)
     assert all(word in problem for word in words), problem
-
-
-@pytest.mark.parametrize("traces", [None, [["T_sup"]]])
-def test_traces_that_are_no_list_of_names(days, traces, refused):
-    assert refused(fc.Loop(), days, traces=traces, warm_up=60)
 
 
 def test_inputs_are_no_traces_and_are_in_the_boundary(days, refused):

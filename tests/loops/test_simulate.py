@@ -52,11 +52,6 @@ def test_the_docstring_names_every_trace():
         assert re.search(rf"\b{name}\b", fc.simulate.__doc__), name
 
 
-def test_a_swept_parameter_has_label_unit_and_text(swept):
-    attrs, parameter = swept.backlash.attrs, PARAMETERS["backlash"]
-    assert attrs == {"long_name": parameter.label, "units": "1", "comment": parameter.text}
-
-
 def test_variables_are_metrics_status_and_the_traces_asked_for(swept):
     assert set(swept.data_vars) == {*METRICS, "status", "T_sup", "mode", "T_c"}
     assert list(fc.simulate(fc.Loop(), fc.paper_day(hours=0.1), warm_up=0).data_vars) == [*METRICS, "status"]
@@ -67,17 +62,14 @@ def test_everything_has_a_unit_and_a_long_name(swept):
         attrs = swept[name].attrs
         assert (attrs["units"], attrs["long_name"]) == (output.unit, output.long_name)
         assert (attrs.get("units_metadata") == "temperature: difference") == output.difference
-    for name in swept.coords:
-        assert swept[name].attrs["long_name"]
-    assert swept.kp.attrs["units"] == PARAMETERS["kp"].unit == "K-1"
-    assert swept.elapsed_time.attrs["units"] == "s"
-
-
-def test_status_has_cf_flags(swept):
-    assert swept.status.dtype == np.int8
+    assert (swept.status.dtype, np.all(swept.status == 0)) == (np.int8, True)
     assert swept.status.attrs["flag_values"].tolist() == list(range(5))
     assert swept.status.attrs["flag_meanings"].split() == list(STATUS_MEANINGS)
-    assert np.all(swept.status == 0)
+    for name in swept.coords:
+        assert swept[name].attrs["long_name"]
+    kp = PARAMETERS["kp"]
+    assert swept.kp.attrs == {"long_name": kp.label, "units": "K-1", "comment": kp.text}
+    assert swept.elapsed_time.attrs["units"] == "s"
 
 
 def test_provenance_names_no_user_and_no_path(swept, sweep):

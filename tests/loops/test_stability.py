@@ -33,26 +33,17 @@ COILS = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize(("name", "number", "other"), [("C_w", "γ", "λ"), ("C_c", "λ", "γ")])
 @pytest.mark.parametrize("coil", COILS)
-def test_the_border_of_stability_of_the_water(days, coil, refused):
-    limit = gamma_and_lambda(days, C_w=1.0, **coil)[0]
-    fc.simulate(fc.Loop(C_w=limit * (1 + 1e-9), **coil), days, warm_up=60)
-    (problem,) = refused(fc.Loop(C_w=limit * (1 - 1e-9), **coil), days, warm_up=60)
+def test_the_border_of_stability_of_water_and_metal(days, coil, name, number, other, refused):
+    limit = gamma_and_lambda(days, **{name: 1.0}, **coil)[number == "λ"]
+    fc.simulate(fc.Loop(**{name: limit * (1 + 1e-9)}, **coil), days, warm_up=60)
+    (problem,) = refused(fc.Loop(**{name: limit * (1 - 1e-9)}, **coil), days, warm_up=60)
     assert "unstable" in problem
-    assert "γ = " in problem
-    assert "λ = " not in problem
+    assert f"{number} = " in problem
+    assert f"{other} = " not in problem
     assert f"n_volumes = {coil.get('n_volumes', 8) - 1} or less is stable" in problem
-    assert f"raise C_w from {limit:g}" in problem
-
-
-@pytest.mark.parametrize("coil", COILS)
-def test_the_border_of_stability_of_the_metal(days, coil, refused):
-    limit = gamma_and_lambda(days, C_c=1.0, **coil)[1]
-    fc.simulate(fc.Loop(C_c=limit * (1 + 1e-9), **coil), days, warm_up=60)
-    (problem,) = refused(fc.Loop(C_c=limit * (1 - 1e-9), **coil), days, warm_up=60)
-    assert "λ = " in problem
-    assert "γ = " not in problem
-    assert "raise C_c from" in problem
+    assert f"raise {name} from {limit:g}" in problem
 
 
 def test_the_border_of_stability_with_an_installed_valve(days, refused):
@@ -79,7 +70,7 @@ def test_a_coil_that_cannot_get_wet_has_the_dry_border():
         check_stability(Layout(fc.Loop(C_c=3.0), fc.constant_day(hours=0.25, W_a_in=0.015)))
 
 
-@pytest.mark.parametrize("n_volumes", [9, 12, 64])
+@pytest.mark.parametrize("n_volumes", [9, 64])
 def test_largest_stable_number_of_volumes(days, n_volumes, refused):
     (problem,) = refused(fc.Loop(n_volumes=n_volumes), days, warm_up=60)
     assert "n_volumes = 8 or less is stable" in problem

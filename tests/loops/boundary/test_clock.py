@@ -27,13 +27,10 @@ THREE_HOURS_LATER = timezone(timedelta(hours=3, minutes=30))
     ("start", "zone"),
     [
         ("2024-07-01T08:00", ""),
-        ("2024-07-01 08:00:00", ""),
         (datetime(2024, 7, 1, 8), ""),
         (EIGHT, ""),
-        (np.array([EIGHT]), ""),
         (xr.DataArray(EIGHT.astype("datetime64[ns]")), ""),
         ("2024-07-01T08:00-07:00", "UTC-07:00"),
-        ("2024-07-01T08:00Z", "UTC"),
         (datetime(2024, 7, 1, 8, tzinfo=THREE_HOURS_LATER), "UTC+03:30"),
         (datetime(2024, 7, 1, 8, tzinfo=ZoneInfo("Europe/Berlin")), "Europe/Berlin"),
     ],
@@ -55,18 +52,15 @@ def test_without_a_start_nothing_is_known_and_nothing_else_changes():
 
 
 def test_one_start_is_that_of_consecutive_days_and_several_are_those_of_each():
+    there = datetime(2024, 3, 9, tzinfo=ZoneInfo("America/Los_Angeles"))
+    changed = [there, there + timedelta(days=2)]  # of another UTC offset
+    assert Boundary(**ONE, day=[1, 3], start=changed).time_zone == "America/Los_Angeles"
     days = Boundary(**ONE, day=[5, 6, 7], start="2024-02-28T08:00")
     np.testing.assert_array_equal(days.start, np.array(["2024-02-28T08", "2024-02-29T08", "2024-03-01T08"], "M8[s]"))
     days = Boundary(**ONE, day=[5, 6], start=[date(2024, 5, 1), "2023-01-01T12:00"])
     np.testing.assert_array_equal(days.start, np.array(["2024-05-01", "2023-01-01T12"], "M8[s]"))
     days.start[0] = EIGHT
     assert days.start[0] != EIGHT
-
-
-def test_local_times_either_side_of_a_clock_change_may_name_their_zone():
-    starts = [datetime(2024, 3, 9, tzinfo=ZoneInfo("America/Los_Angeles")) + timedelta(days=k) for k in range(3)]
-    assert len({one.utcoffset() for one in starts}) == 2
-    assert Boundary(**ONE, day=[1, 2, 3], start=starts).time_zone == "America/Los_Angeles"
 
 
 @pytest.mark.parametrize(
@@ -94,7 +88,6 @@ def test_a_change_of_clocks_is_found(start, changed):
     ("options", "words"),
     [
         ({"start": "yesterday"}, ["start = 'yesterday'", "2024-07-01T08:00"]),
-        ({"start": 7}, ["start = 7", "date and time"]),
         ({"start": np.datetime64("NaT")}, ["start = ", "date and time"]),
         ({"start": "1066-10-14"}, ["'1066-10-14'", "1700 to 2200"]),
         ({"start": ["2024-01-01"] * 2, "day": [1, 2, 3]}, ["2 times for 3 days"]),
@@ -103,7 +96,6 @@ def test_a_change_of_clocks_is_found(start, changed):
         ({"start": "2024-07-01T08:00-08:00", "time_zone": "America/Los_Angeles"}, ["another UTC offset", "local"]),
         ({"time_zone": "America/Los_Angelos"}, ["time_zone = ", "did you mean 'America/Los_Angeles'?", "UTC-08:00"]),
         ({"time_zone": "UTC-8"}, ["'UTC-8'", "'UTC-08:00'"]),
-        ({"time_zone": "UTC+99:00"}, ["'UTC+99:00'"]),
     ],
 )
 def test_a_bad_clock_gets_a_sentence(options, words):
@@ -159,13 +151,8 @@ def test_several_days_have_their_starts_and_one_the_time_of_its_traces():
         one.time.values, np.array(["2024-07-02T08:00", "2024-07-02T08:01", "2024-07-02T08:02"], "M8[ns]")
     )
     assert "time" not in run(DAYS.sel(2)).coords
-
-
-def test_where_clocks_are_changed_traces_have_no_time():
-    day = fc.paper_day(0.05).assign(start="2024-03-10T01:58", time_zone="America/Los_Angeles")
-    ds = run(day, traces=["T_sup"])
-    assert "start" in ds.coords
-    assert "time" not in ds.coords
+    where_clocks_change = fc.paper_day(0.05).assign(start="2024-03-10T01:58", time_zone="America/Los_Angeles")
+    assert "time" not in run(where_clocks_change, traces=["T_sup"]).coords
 
 
 def test_without_a_start_a_result_has_no_clock_and_the_same_numbers():

@@ -111,10 +111,6 @@ def test_the_coil_goes_on_and_off_with_a_gap_between():
     assert coil_is_needed(beyond).tolist() == on
 
 
-def test_a_line_between_two_outdoor_temperatures():
-    np.testing.assert_allclose(between(np.array([-5, 16, 18.5, 21, 30]), 16, 21, 18.0, 13.0), [18, 18, 15.5, 13, 13])
-
-
 def test_the_noise_goes_on_over_midnight_and_is_as_strong_as_that_of_the_papers_day():
     days = [drifts.plant_drifts(3, day) for day in range(1, 4)]
     for name, std in (("m_a", 0.013), ("T_a_in", 0.1), ("W_a_in", 0.009), ("T_w_in", 0.05)):

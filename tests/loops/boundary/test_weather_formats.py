@@ -71,11 +71,6 @@ def test_four_records_an_hour_stand_at_the_ends_of_their_quarters(put):
         weather_day(path, month=6, day=15, hour=10, **OUTDOORS)
 
 
-def test_the_warning_names_the_station(put):
-    with pytest.warns(UserWarning, match="hourly weather of 'TESTVILLE, NORTH, XX' is interpolated"):
-        weather_day(put(tmy3(JUNE)), month=6, day=15, hour=10, **OUTDOORS)
-
-
 def test_march_begins_a_day_later_in_a_file_with_the_29th_of_february(put):
     leap, usual = hours_from(2, 27, 96, leap=True), hours_from(2, 27, 96)
     assert day_of(put(epw(leap)), start_hour=24 * 59 + 5).series["T_a_in"][0, 0] == leap[52]["T"]  # 29 February
@@ -110,15 +105,11 @@ def test_where_only_the_dew_point_has_gaps_the_relative_humidity_serves(put, psy
     ("form", "gaps", "words"),
     [
         (epw, {"T": "99.9"}, "T_drybulb (Dry Bulb Temperature) is missing, '99.9', in row 14: fill the gap"),
-        (tmy3, {"T": "-9900"}, "T_drybulb (Dry-bulb (C)) is missing, '-9900', in row 8: fill the gap"),
         (epw, {"T_dew": "99.9", "RH": "999"}, "T_dewpoint (Dew Point Temperature) is missing, '99.9', in row 14: fill"),
         (epw, {"p": "999999"}, "p (Atmospheric Station Pressure) is missing, '999999', in row 14: fill the gap, or"),
-        (epw, {"T": ""}, "T_drybulb (Dry Bulb Temperature) is missing, '', in row 14"),
-        (epw, {"T": "warm"}, "T_drybulb = 'warm' in row 14: give a number"),
-        (epw, {"T": "75"}, "T_drybulb = 75 degC in row 14: must be from -40 to 60 degC"),
+        (tmy3, {"T": ""}, "T_drybulb (Dry-bulb (C)) is missing, '', in row 8: fill the gap"),
         (tmy3, {"p": "101325"}, "p = 101325 hPa in row 8: must be from 500 to 1100 hPa"),
-        (epw, {"month": "13"}, "row 14 has the date and hour '13 14 6': give month, day and a full hour from 1 to 24"),
-        (epw, {"day": "31"}, "row 14 has the date and hour '6 31 6'"),
+        (epw, {"day": "31"}, "row 14 has the date and hour '6 31 6': give month, day and a full hour from 1 to 24"),
         (tmy3, {"hour": "0"}, "row 8 has the date and hour '06/14/1988 0:00'"),
         (epw, {"hour": "7"}, "row 14, 6/14 hour 7, does not follow the one before: give one row for each hour"),
     ],
@@ -148,9 +139,7 @@ def without(lines, word):
         ([*epw(JUNE), "1999,6,17,1"], {}, "row 81 has 4 cells, an EPW file at least 10"),
         ([line.replace("Pressure", "P") for line in tmy3(JUNE)], {}, "has no column Pressure (mbar): give the whole"),
         (epw(JUNE), {"columns": {"p": "p"}}, "columns, units: weather.csv is an EPW file, which has its own: leave"),
-        (tmy3(JUNE), {"units": {"p": "Pa"}}, "is a TMY3 file, which has its own"),
         (epw(hours_from(12, 31, 48)), {}, "row 33, 1/1 hour 1, does not follow the one before"),
-        (epw(JUNE), {"month": 7}, "has 0 rows for month 7, day 15, hour 10"),
     ],
 )
 def test_a_file_that_is_not_as_it_was_distributed_is_refused(put, lines, options, words):
