@@ -1,6 +1,5 @@
 """``fc.export_controller`` and ``fastcoil export``: what is in the files, a start without a bump, what is refused."""
 
-import importlib.util
 import math
 import re
 import subprocess
@@ -9,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
+from helpers.exported import module
 from helpers.structured_text import Project
 
 import fastcoil as fc
@@ -16,20 +16,6 @@ from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
 
-WORDS = (
-    # of IEC 61131-3: keywords, elementary types, standard functions and function blocks, those of its annex F
-    "ABS ACOS ACTION ADD AND ANDN ARRAY ASIN AT ATAN BOOL BY BYTE CAL CALC CASE CD CONCAT CONFIGURATION CONSTANT "
-    "COS CTD CTU CTUD D DATE DELETE DERIVATIVE DELAY AVERAGE PID DIFFEQ HYSTERESIS RAMP TRANSFER LAG1 "
-    "LIMITS_ALARM ANALOG_MONITOR INTEGRAL ALRM_INT CMD_MONITOR STACK_INT INTERVAL DINT DIV DO DT DWORD ELSE "
-    "ELSIF EN ENO EQ EXIT EXP EXPT FALSE FIND FOR FROM FUNCTION F_EDGE F_TRIG GE GT IF INSERT INT JMP L LD LE "
-    "LEFT LEN LIMIT LINT LN LOG LREAL LT LWORD MAX MID MIN MOD MOVE MUL MUX N NE NOT OF ON OR ORN P PROGRAM "
-    "R READ_ONLY READ_WRITE REAL REPEAT REPLACE RESOURCE RET RETAIN RETURN RIGHT ROL ROR RS RTC "
-    "R_EDGE R_TRIG S SD SEL SEMA SHL SHR SIN SINGLE SINT SL SQRT SR ST STEP STN STRING STRUCT SUB TAN TASK "
-    # of its third edition, and of dialects
-    "ABSTRACT ANY BIT CLASS CONTINUE FINAL IMPLEMENTS INTERFACE INTERNAL LTIME METHOD NAMESPACE NULL OVERLAP OVERRIDE "
-    "POINTER PRIVATE PROPERTY PROTECTED PUBLIC REFERENCE REF REF_TO SUPER THIS UNION USING WSTRING XINT "
-    "THEN TIME TO TOD TOF TON TP TRANSITION TRUE TRUNC TYPE UDINT UINT ULINT UNTIL USINT VAR WHILE WITH WORD XOR"
-)
 LEARNER = {"learning_step": 0.01, "learning_interval": 600.0}
 
 
@@ -37,14 +23,6 @@ def export(folder, language="python", name="valve", **values):
     """Path of the exported code."""
     path = folder / (name + {"c": ".c", "st": ".st", "python": ".py"}[language])
     return fc.export_controller(fc.Loop(**values), path, language)[0]
-
-
-def python(path):
-    """An exported Python file, loaded."""
-    spec = importlib.util.spec_from_file_location("exported", path)
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
 
 
 def structured_text(path):
@@ -64,7 +42,7 @@ def loaded(request, tmp_path):
 
     def make(**values):
         path = export(tmp_path, request.param, **values)
-        return python(path) if request.param == "python" else structured_text(path)
+        return module(path) if request.param == "python" else structured_text(path)
 
     return make
 
@@ -127,31 +105,6 @@ def test_what_a_controller_does_not_need_is_left_out(tmp_path):
     assert not re.search("GROWTH|SHRINK|climbing|squares", learner)
     for text in (plain, learner):
         assert not re.search(r"malloc|calloc|alloca|goto", text)
-
-
-@pytest.mark.parametrize("estimator", ["none", "learner", "hagglund", "gradient", "identify"])
-def test_structured_text_keeps_clear_of_the_standards_own_names_and_its_loops_are_bounded(tmp_path, estimator):
-    values = {"learner": LEARNER, "hagglund": {"plant_gain": 10.0}}.get(estimator, {})
-    code = re.sub(
-        r"\(\*.*?\*\)", "", export(tmp_path, "st", estimator=estimator, **values).read_text(), flags=re.DOTALL
-    )
-    lists = re.findall(r"^[ \t]*([\w, \n]+) :(?!=)", code, re.MULTILINE)
-    declared = {name.strip() for names in lists for name in names.split(",")}
-    assert len(declared) > 20
-    assert not {name.upper() for name in declared} & set(WORDS.split())
-    assert not any("__" in name or name.endswith("_") for name in declared)
-    # some compilers skip a loop of one pass, and a cycle must end in time
-    loops = re.findall(r"FOR \w+ := (\S+) TO ([^\n]+?)(?: BY -1)? DO", code)
-    assert bool(loops) == (estimator == "identify")
-    assert all(re.fullmatch(r"\d+|[A-Z][A-Z_0-9]*( - 1)?", bound) for pair in loops for bound in pair)
-
-
-@pytest.mark.parametrize("language", ["c", "st", "python"])
-def test_the_files_are_plain_and_no_line_is_endless(tmp_path, language):
-    text = export(tmp_path, language, estimator="identify", noise_std=0.1, buffer_ratio=2.0).read_text()
-    assert text.isascii()
-    assert max(map(len, text.splitlines())) <= 120
-    assert not re.search(r"[ \t]$|\n\n\n\n", text, re.MULTILINE)
 
 
 def test_a_file_name_becomes_part_of_names(tmp_path):

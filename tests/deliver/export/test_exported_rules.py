@@ -2,16 +2,16 @@
 
 import math
 import shutil
-import subprocess
-import sys
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from helpers import rules
 from helpers.exported import WORST
 
 import fastcoil as fc
+from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
 
@@ -109,7 +109,9 @@ LOOPS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize(
+    "name", ["everything", "both", *(pytest.param(name, marks=pytest.mark.full) for name in ("estimator", "law"))]
+)
 @pytest.mark.parametrize("language", WORST)
 def test_own_rules_give_the_kernels_numbers(tmp_path, name, language):
     if language == "c" and shutil.which("gcc") is None:
@@ -126,15 +128,14 @@ def test_own_rules_give_the_kernels_numbers(tmp_path, name, language):
         assert "RATE = 0.0002  # 1/(K s): how fast the estimate moves" in text
 
 
-def test_the_command_exports_a_rule_of_a_study_file(tmp_path):
-    body = "def mine(now, p, memory):\n    return p.gain * abs(now.e), memory\n"
-    (tmp_path / "mine.py").write_text(rules.HEAD + body)
+def test_the_command_exports_a_rule_of_a_study_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        rules.HEAD + "def mine(now, p, memory):\n    return p.gain * abs(now.e), memory\n"
+    )
     (tmp_path / "loop.toml").write_text('[loop]\nestimator = "mine:mine"\ngain = 0.02\n')
-    done = subprocess.run(
-        [sys.executable, "-m", "fastcoil", "export", "loop.toml", "--language", "python"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    done = CliRunner().invoke(main, ["export", "loop.toml", "--language", "python"])
+    assert done.exit_code == 0, done.output
     assert WORST["python"](tmp_path / "loop.py", tmp_path / "loop_vectors.csv") == 0.0
 
 
