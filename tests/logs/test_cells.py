@@ -75,14 +75,6 @@ def test_a_number_that_may_mean_two_things_is_refused(write):
     assert "a number such as '1,234' may mean 1234 or 1.234: write decimal points" in said
 
 
-def test_commas_among_points_are_refused_as_before(tmp_path):
-    cells = rows()
-    cells[7][1] = '"12,5"'
-    assert "command = '12,5' in row 9: give a number with a decimal point" in only_problem(
-        read, tmp_path, text_of(cells)
-    )
-
-
 # ----------------------------------------------------------------------------------------------- units in the cells
 
 
@@ -145,12 +137,6 @@ def test_switches_in_words(tmp_path, on, off):
     log = read(tmp_path, text_of(rows(ISO, COMMAND, T_SUP, words), (*HEADER, "enabled")))
     np.testing.assert_array_equal(log.values["enabled"], [1.0] * 20 + [0.0] * 40)
     assert log.notes == [f"enabled: {on!r} is 1, {off!r} is 0"]
-
-
-def test_words_are_no_numbers_of_other_columns(tmp_path):
-    cells = rows()
-    cells[7][1] = "on"
-    assert "command = 'on' in row 9" in only_problem(read, tmp_path, text_of(cells))
 
 
 def test_a_status_beside_the_number_in_its_cell(tmp_path):

@@ -144,13 +144,3 @@ def test_no_reversal_in_many_pieces_names_the_cure():
     assert "the command turns 0 times" in said
     assert "or bridge the gaps, between which it is in 123 pieces, with max_gap, --max-gap" in said
     assert "pieces" not in why_unidentified(0, 0.1, (0.0, 0.3), 0.9, n_pieces=1)
-
-
-@pytest.mark.full
-@pytest.mark.kernel
-@pytest.mark.filterwarnings("ignore:.*pieces, each with a start:UserWarning")
-def test_a_fit_that_finds_no_reversal_in_many_pieces_names_the_cure(write):
-    up = [[600 * piece + 5 * k, 30 + 2 * k, 0.3 + 0.05 * k] for piece in range(8) for k in range(20)]
-    fit = fc.fit_valve(write(HEADER, up), settle=0, split=1.0)
-    assert "the command turns 0 times" in fit.held["backlash"]
-    assert "or bridge the gaps, between which it is in 8 pieces, with max_gap, --max-gap" in fit.held["backlash"]

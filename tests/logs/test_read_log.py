@@ -31,7 +31,7 @@ def assert_has(text, words):
         (["Trend", "", ""], None, ["row 1 names 2 columns ''", "begin the file with the header"]),
         (VALVE_HEADER, (5, 2, "nan"), ["m_w is nan in row 7", "--drop"]),
         (VALVE_HEADER, (5, 1, ""), ["command is blank in row 7", "--drop"]),
-        (VALVE_HEADER, (5, 2, "1,5"), ["m_w = '1,5' in row 7", "decimal point", "--drop"]),
+        (VALVE_HEADER, (5, 2, "1,5"), ["m_w = '1,5' in row 7: give a number with a decimal point", "--drop"]),
         (VALVE_HEADER, (5, 1, "1.7"), ["command = 1.7 in row 7", "from 0 to 1", "check its unit"]),
         (VALVE_HEADER, (5, 2, "-999"), ["m_w = -999 kg/s in row 7", "missing value"]),
         (VALVE_HEADER, (5, 0, "240"), ["elapsed_time: row 7 is at the same time as row 6", "--jumps split"]),
@@ -46,25 +46,20 @@ def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, hea
 @pytest.mark.parametrize(
     ("header", "change", "options", "words"),
     [
-        (["t [s]", *COIL_HEADER[1:]], None, {}, ["elapsed_time or timestamp is missing"]),
         (
             [*COIL_HEADER[:6], "T_supply [degC]"],
             None,
             {},
             ["'T_supply [degC]' is unknown, did you mean 'T_sup'", "T_sup is missing"],
         ),
-        ([*COIL_HEADER[:5], "W_a_in", COIL_HEADER[6]], None, {}, ["W_a_in has no unit"]),
         (COIL_HEADER, (5, 3, 99999), {}, ["T_w_in = 99999 degC in row 7", "from 0.5 to 120"]),
         (COIL_HEADER, (5, 4, 0), {}, ["T_a_in is 0, first in row 7", "sensor off", "--drop"]),
-        (COIL_HEADER, (5, 6, ""), {}, ["T_sup is blank in row 7", "--drop"]),
-        (COIL_HEADER, (5, 0, 10), {}, ["elapsed_time: row 7 is earlier than row 6"]),
         (COIL_HEADER, None, {"warm_up": 1e5}, ["0 temperatures to compare", "warm-up of 100000 s", "longer log"]),
         (COIL_HEADER, None, {"minimise_on": "T"}, ["minimise_on = 'T'"]),
         (COIL_HEADER, None, {"minimise_on": "both"}, ["T_w_out is missing"]),
         (COIL_HEADER, None, {"holds": ["T_sup"]}, ["holds has 'T_sup'"]),
         (COIL_HEADER, None, {"n_volumes": 0}, ["n_volumes = 0"]),
         (COIL_HEADER, None, {"max_gap": 0}, ["max_gap = 0 s", "at least 1"]),
-        (COIL_HEADER, None, {"max_gap": float("nan")}, ["max_gap = nan"]),
         (COIL_HEADER, None, {"constants": {"m_a": 1.2}}, ["m_a and constant m_a are both given"]),
         (
             COIL_HEADER,
@@ -157,17 +152,9 @@ def test_lines_without_content_are_no_rows(valve_log):
 # ------------------------------------------------------------------------------------------------------------- units
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("%", 100), ("percent", 100), ("deg", 90), ("V", 10), ("1", 1)])
+@pytest.mark.parametrize(("unit", "factor"), [("%", 100), ("deg", 90), ("V", 10)])
 def test_travel_in_every_unit(valve_log, unit, factor):
     rows = [[t, float(c) * factor, m] for t, c, m in valve_rows()]
     expected = fc.fit_valve(valve_log(valve_rows())).parameters["backlash"]
     found = fc.fit_valve(valve_log(rows, ["elapsed_time [s]", f"command [{unit}]", "m_w [kg/s]"]))
     assert found.parameters["backlash"] == pytest.approx(expected, abs=1e-4)
-
-
-@pytest.mark.parametrize(("unit", "factor"), [("l/s", 1.0), ("GPM", 15.850323)])
-def test_units_are_understood_in_the_spelling_of_the_trade(valve_log, unit, factor):
-    rows = [[t, c, float(m) * factor] for t, c, m in valve_rows()]
-    found = fc.fit_valve(valve_log(rows, [*VALVE_HEADER[:2], f"m_w [{unit}]"]))
-    expected = fc.fit_valve(valve_log(valve_rows()))
-    assert found.parameters["m_max"] == pytest.approx(expected.parameters["m_max"], rel=1e-3)

@@ -189,15 +189,3 @@ def test_the_loop_that_hunts_at_lbnl_is_told_as_found():
     assert float(found.indices.period) == pytest.approx(1800.0, rel=0.05)
     assert float(found.indices.kp) == pytest.approx(0.018, rel=0.05)
     assert float(found.indices.ti) == pytest.approx(30.0, rel=0.05)
-
-
-def test_a_log_every_ten_minutes_is_told_to_be_too_coarse():
-    found = fc.diagnose(
-        measured("riskbr_ahu1.csv"),
-        columns={"elapsed_time": "time_s", "command": "valve_pos_deg", "T_sup": "T_supply_air_C"},
-        units={"elapsed_time": "s", "command": "deg", "T_sup": "degC"},
-        drop=True,
-        jumps="split",
-    )
-    assert (found.identified, found.cause) == (False, "unknown")
-    assert "every 600 s" in found.reason

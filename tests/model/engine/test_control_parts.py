@@ -160,9 +160,3 @@ def test_a_buffer_from_measured_noise_works_like_one_from_the_known_noise(preset
     assert measured < 0.3 * float(plain.switch_frequency)
     assert measured == pytest.approx(given, rel=0.2, abs=0.3)
     assert ds.rmse[1] < 1.02 * ds.rmse[0]
-
-
-def test_compensation_is_swept_as_a_word(short):
-    ds = fc.simulate(fc.Loop(backlash_estimate=0.05, compensation=["inverse", "additive", "smooth"]), short, warm_up=60)
-    assert ds.sel(compensation="smooth").rmse != ds.sel(compensation="inverse").rmse
-    assert ds.sel(compensation="additive").rmse != ds.sel(compensation="inverse").rmse

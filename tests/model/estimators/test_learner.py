@@ -96,12 +96,6 @@ def test_a_start_at_0_takes_one_interval_more(working_day):
 
 
 @pytest.mark.kernel
-def test_half_the_interval_takes_half_the_time(working_day):
-    ds, _ = learned({"learning_step": STEP, "backlash_estimate": STEP, "learning_interval": 900.0}, working_day)
-    assert (float(ds.learn_time_reached), float(ds.learn_time_confirmed)) == (2.25 * 3600, 2.75 * 3600)
-
-
-@pytest.mark.kernel
 def test_first_step_down_ends_the_learning_where_learning_stop_says_so(working_day, paper_staircase):
     ds, stairs = learned(
         {"learning_step": STEP, "backlash_estimate": STEP, "learning_stop": "first_step_down"}, working_day
@@ -194,24 +188,6 @@ def test_steps_grow_on_the_first_climb_and_one_down_undoes_the_last(down, climbi
 def test_the_final_estimate_is_a_share_of_the_last_but_not_below_the_start():
     assert final_estimate(0.07, 0.95, 0.0) == pytest.approx(0.0665, abs=1e-16)
     assert final_estimate(0.07, 0.95, 0.069) == 0.069
-
-
-@pytest.mark.kernel
-def test_numbers_at_their_defaults_are_the_rule_of_the_paper(paper_staircase, working_day):
-    ds, stairs = learned(
-        {
-            "learning_step": STEP,
-            "backlash_estimate": STEP,
-            "learning_min_switches": 0.0,
-            "learning_max_reference": 1.0,
-            "learning_early_trip": 0,
-            "learning_growth": 1.0,
-            "learning_shrink": 1.0,
-        },
-        working_day,
-    )
-    np.testing.assert_array_equal(stairs, paper_staircase[1])
-    assert LEARNING_STATUS[int(ds.learning_status)] == "stepped_down"
 
 
 @pytest.mark.kernel
