@@ -21,17 +21,19 @@ _UNITS = {
     "m3": "m³",
     "kJ kg-1 K-1": "kJ/(kg K)",
 }
-_PERCENT = frozenset(
-    (
-        "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
-        "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "size_error",
-        "estimate_first_down", "share_off", "hunts",
-        "u", "integral", "command", "position", "opening", "estimate",
-    )
+_PERCENT = (
+    "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
+    "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "size_error",
+    "estimate_first_down", "share_off", "hunts",
+    "u", "integral", "command", "position", "opening", "estimate",
 )  # fmt: skip
 """Shares that are read in per cent."""
-_HOURS = frozenset(("learn_time_reached", "learn_time_confirmed", "learn_time_first_down"))
-_MINUTES = frozenset(("learning_interval",))
+_READ_IN = {
+    **dict.fromkeys(_PERCENT, ("%", 100.0)),
+    **dict.fromkeys(("learn_time_reached", "learn_time_confirmed", "learn_time_first_down"), ("h", 1 / 3600)),
+    "learning_interval": ("min", 1 / 60),
+}
+"""Unit and factor of what is read in another unit than that of its table."""
 
 
 class Quantity(NamedTuple):
@@ -62,13 +64,7 @@ def quantity(name: str) -> Quantity:
     entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
     if entry is None:
         return Quantity(name.replace("_", " "), "", 1.0)
-    if name in _PERCENT:
-        return Quantity(entry.label, "%", 100.0)
-    if name in _HOURS:
-        return Quantity(entry.label, "h", 1 / 3600)
-    if name in _MINUTES:
-        return Quantity(entry.label, "min", 1 / 60)
-    return Quantity(entry.label, _UNITS.get(entry.unit, entry.unit), 1.0)
+    return Quantity(entry.label, *_READ_IN.get(name, (unit_in_words(entry.unit), 1.0)))
 
 
 def unit_in_words(unit: str) -> str:

@@ -152,7 +152,7 @@ def encoded(variable: xr.Variable) -> xr.Variable:
 
 def with_numbers(ds: xr.Dataset) -> xr.Dataset:
     """A Dataset as a file holds it."""
-    return _replaced(ds, {name: encoded(v) for name, v in ds.variables.items() if v.dtype.kind == "M"})
+    return ds.assign({name: encoded(v) for name, v in ds.variables.items() if v.dtype.kind == "M"})
 
 
 def with_times(ds: xr.Dataset) -> xr.Dataset:
@@ -165,10 +165,4 @@ def with_times(ds: xr.Dataset) -> xr.Dataset:
         attrs = {key: value for key, value in variable.attrs.items() if key not in _STORED}
         values = variable.values.astype("datetime64[s]").astype("datetime64[ns]")
         times[name] = xr.Variable(variable.dims, values, attrs)
-    return _replaced(ds, times)
-
-
-def _replaced(ds: xr.Dataset, variables: dict[Any, xr.Variable]) -> xr.Dataset:
-    coordinates = {name: variable for name, variable in variables.items() if name in ds.coords}
-    others = {name: variable for name, variable in variables.items() if name not in ds.coords}
-    return ds.assign_coords(coordinates).assign(others) if variables else ds
+    return ds.assign(times)

@@ -11,7 +11,6 @@ from contextlib import nullcontext
 from typing import Any
 
 import joblib
-import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, whole_of
@@ -98,11 +97,11 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
     """Run all shards of a plan on threads; ``advance`` receives the size of each finished one."""
     found = Results(plan, plan.n_scenarios)
 
-    def run(first: Shard | Stretch) -> None:
-        shard, state = first, _run(found, plan, first, advance)
-        while isinstance(shard, Stretch) and state is not None:
+    def run(shard: Shard | Stretch) -> None:
+        while (state := run_into(found, plan, shard, shard.index)) is not None and isinstance(shard, Stretch):
+            advance(shard.size)
             shard = shard.begun(state)
-            state = _run(found, plan, shard, advance)
+        advance(shard.size)
 
     shards = first_shards(plan, n_jobs)
     several = min(n_jobs, len(shards)) > 1
@@ -115,13 +114,6 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
     ds.attrs = attrs
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
-
-
-def _run(found: Results, plan: Plan, shard: Shard | Stretch, advance: Advance) -> np.ndarray | None:
-    """Run a shard; returns the states in which the next stretch begins."""
-    state = run_into(found, plan, shard, shard.index)
-    advance(shard.size)
-    return state
 
 
 def workers(n_jobs: int | None) -> int:

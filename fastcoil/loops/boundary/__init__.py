@@ -2,7 +2,7 @@
 
 Read ``series`` (what a user may give), ``samples`` (the days: one Dataset, or made on demand) and ``record``
 (``Boundary``) first.  ``days``, ``weather`` and ``weather_year`` make boundaries; ``air_handler`` and its parts stand
-in for a building; ``weather_files`` and ``trend_log`` read files; ``display`` shows a boundary.
+in for a building; ``weather_files`` reads files; ``display`` shows a boundary.
 """
 
 from fastcoil.loops.boundary.record import Boundary as Boundary

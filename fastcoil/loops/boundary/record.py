@@ -9,10 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, choice_of, instance_of, whole_of
+from fastcoil.base.arguments import checking, choice_of, instance_of, path_of, plain, whole_of
+from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, collecting, shown
+from fastcoil.logs import Log, read_log, warn_of_reading
+from fastcoil.logs.columns import Wanted, checked_reading
+from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
+from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.boundary.clock import Clock, clock_of
-from fastcoil.loops.boundary.conditions import CONDITIONS, whole_seconds
+from fastcoil.loops.boundary.conditions import CONDITIONS, condition_of, whole_seconds
 from fastcoil.loops.boundary.display import draw, html_of, text_of
 from fastcoil.loops.boundary.samples import (
     EndToEnd,
@@ -36,7 +41,6 @@ from fastcoil.loops.boundary.series import (
     value_problems,
     warn_of_stops,
 )
-from fastcoil.loops.boundary.trend_log import trend_log_series
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,6 +49,8 @@ KEPT: Values = object()
 """A series that is not to be changed."""
 _LONGEST = round(3600 * (CONDITIONS["hours"].upper or 0.0))
 """Seconds of a day."""
+_OF_A_LOG = Wanted(needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled"))
+_HOLD = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
 
 class Boundary(Samples):
@@ -392,7 +398,7 @@ class Boundary(Samples):
             With one sentence for each mistake in the file or the arguments: column, row, cure.
         """
         arguments = {name: value for name, value in locals().items() if name != "cls"}
-        return cls(**trend_log_series(**arguments))
+        return cls(**_trend_log_series(**arguments))
 
 
 def _joining_problems(boundaries: Sequence[Boundary], dim: str) -> list[str]:
@@ -430,3 +436,37 @@ def _joining_problems(boundaries: Sequence[Boundary], dim: str) -> list[str]:
                     "follows without a gap, or assign(start=None) to all"
                 )
     return problems
+
+
+def _trend_log_series(
+    path: str | Path, *, pressure: float, start: float, hours: float | None, **reading: Any
+) -> dict[str, Any]:
+    """Series by name, each (n_steps,), ``start`` and ``time_zone``; arguments as of `fastcoil.Boundary.from_csv`."""
+    with checking() as check:
+        path = check(path_of, "path", path, "give the path of a CSV file")
+        pressure = check(condition_of, "pressure", pressure)
+        start = check(condition_of, "start", start)
+        if hours is not None:
+            check(whole_seconds, hours)
+        how = checked_reading(check, **reading, strict=True, unbroken=True)
+    log = read_log(path, _OF_A_LOG, how)
+    require_whole_seconds(log.name, log.step)
+    warn_of_reading(log.name, log.reading_notes)
+    values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
+    values["W_a_in"] = log.humidity_ratio(pressure)
+    seconds = _wanted_seconds(log, start, hours)
+    begins = None if log.start is None else log.start + np.timedelta64(round(float(seconds[0])), "s")
+    series = at_seconds(log.time, values, seconds, list(values) if log.change_of_value else _HOLD)
+    return {**series, "start": begins, "time_zone": log.time_zone}
+
+
+def _wanted_seconds(log: Log, start: float, hours: float | None) -> Array:
+    """The seconds of the log to sample at, (n_steps,)."""
+    first, covered = start * 3600, float(log.time[-1])
+    if hours is None:
+        require_span(log.name, covered - first, "give hours")
+    n_steps = int(np.floor(covered - first + 1e-6)) + 1 if hours is None else whole_seconds(hours)
+    if n_steps < 1 or first + n_steps - 1 > covered + 1e-6:
+        asked = f"start = {start:g} h" + ("" if hours is None else f", hours = {plain(hours):g}")
+        raise InputError(f"{log.name}: {asked} needs more than the {covered:g} s of the log: lower it")
+    return np.asarray(np.minimum(first + np.arange(n_steps), covered))

@@ -116,9 +116,7 @@ def test_values_are_written_in_that_unit():
 
 
 def test_every_name_with_a_unit_of_its_own_exists():
-    known = {*PARAMETERS, *METRICS, *TRACES}
-    for names in (labels._PERCENT, labels._HOURS, labels._MINUTES):
-        assert names <= known
+    assert labels._READ_IN.keys() <= {*PARAMETERS, *METRICS, *TRACES}
 
 
 def test_the_label_of_the_tables_is_shown():
