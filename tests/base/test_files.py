@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import stat
@@ -9,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from fastcoil.base.errors import InputError
-from fastcoil.base.files import IrregularError, TooLargeError, read_bytes, read_text
+from fastcoil.base.errors import InputError, StorageError
+from fastcoil.base.files import IrregularError, TooLargeError, commit, read_bytes, read_text
 
 
 def test_a_byte_order_mark_is_dropped_and_line_ends_are_kept(tmp_path):
@@ -142,3 +143,18 @@ def test_a_text_that_is_no_csv_file_is_to_be_saved_as_utf_8(tmp_path):
     (tmp_path / "study.toml").write_bytes(b"\xe9")
     with pytest.raises(InputError, match=r"is not UTF-8 \(byte 0\): save it as UTF-8$"):
         read_text(tmp_path / "study.toml", "a study file", limit=5)
+
+
+def test_a_committed_file_is_whole_and_a_failed_commit_leaves_the_earlier_one(tmp_path, monkeypatch):
+    path = tmp_path / "run.json"
+    commit(path, b"first")
+    assert path.read_bytes() == b"first"
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(StorageError, match="No space left"):
+        commit(path, b"second")
+    assert path.read_bytes() == b"first"
+    assert list(tmp_path.iterdir()) == [path]
