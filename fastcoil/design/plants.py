@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from fastcoil.model.engine.at_rest import (
     respond,
     rest_curve,
 )
-from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
+from fastcoil.model.engine.lanes import Block, blocks, parameter_matrix, work_space
 from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -239,21 +239,27 @@ def _distinct(*parts: Array) -> tuple[Index, Index]:
     return first, same.ravel()
 
 
+def _rests(matrix: Array, entering: Array, T_set: Array) -> Iterator[tuple[Index, Block, Array, Array, Array, Array]]:
+    """The plants at rest, block by block: members, block, entering, STEADY of the lanes, and the work space S and V."""
+    for members, block in blocks(matrix):
+        padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
+        S, V, *_ = work_space(block)
+        found, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
+        find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, found)
+        yield members, block, of_lanes, found, S, V
+
+
 def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array, Array]:
     """What STEADY names, (len(STEADY), n), the responses, (n, n_steps), and T_sup at the OPENINGS, (n, 17)."""
     n = T_set.size
     found, whole, n_steps = np.empty((len(STEADY), n)), np.empty((n, LONGEST)), 1
     curve, of_curve = np.empty((n, OPENINGS.size)), np.empty((OPENINGS.size, LANES))
-    for members, block in blocks(matrix):
-        padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
-        S, V, *_ = work_space(block)
-        of_block, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
-        find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, of_block)
+    for members, block, of_lanes, rest, S, V in _rests(matrix, entering, T_set):
         response, ends = np.empty((LONGEST, LANES)), np.empty(LANES, np.int64)
-        respond(block.rows, block.common, of_lanes, of_block, V.copy(), S, V, _TOLERANCE, response, ends)
+        respond(block.rows, block.common, of_lanes, rest, V.copy(), S, V, _TOLERANCE, response, ends)
         rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, of_curve)
         curve[members] = of_curve[:, : members.size].T
-        found[:, members] = of_block[:, : members.size]
+        found[:, members] = rest[:, : members.size]
         whole[members] = response[:, : members.size].T
         n_steps = max(n_steps, int(ends.max()))
     # the series shows its ratio, however many other responses are longer
@@ -261,16 +267,15 @@ def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array, 
 
 
 class StateSpace(NamedTuple):
-    """x[t+1] = A x[t] + B opening[t], T_sup[t] = C x[t] + D opening[t], as deviations from rest; t in seconds.
+    """x[t+1] = A x[t] + B opening[t], T_sup[t] = C x[t], as deviations from rest; t in seconds.
 
-    A: (n, 4 N, 4 N), B: (n, 4 N), C: (4 N,), D: 0, since water takes a second at least to reach the air.
+    A: (n, 4 N, 4 N), B: (n, 4 N), C: (4 N,).
     states: T_w, T_c, T_a, K, and W_a, kg/kg, of volume 1 to N each.
     """
 
     A: Array
     B: Array
     C: Array
-    D: float
     states: tuple[str, ...]
 
 
@@ -288,16 +293,12 @@ def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> StateSp
     n, n_volumes = T_set.size, int(columns["n_volumes"][0])
     size = len(STATES) * n_volumes
     A, B = np.empty((n, size, size)), np.empty((n, size))
-    for members, block in blocks(matrix):
-        padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
-        S, V, *_ = work_space(block)
-        found, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
-        find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, found)
+    for members, block, of_lanes, rest, S, V in _rests(matrix, entering, T_set):
         of_A, of_B = np.empty((size, size, LANES)), np.empty((size, LANES))
-        linearise_step(block.rows, block.common, of_lanes, found, V.copy(), S, V, of_A, of_B)
+        linearise_step(block.rows, block.common, of_lanes, rest, V.copy(), S, V, of_A, of_B)
         A[members] = np.moveaxis(of_A, 2, 0)[: members.size]
         B[members] = of_B.T[: members.size]
     names = state_names(n_volumes)
     C = np.zeros(size)
     C[names.index("T_a_1")] = 1.0
-    return StateSpace(A[same], B[same], C, 0.0, names)
+    return StateSpace(A[same], B[same], C, names)

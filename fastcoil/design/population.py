@@ -6,10 +6,9 @@ import hashlib
 import json
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import islice
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -86,11 +85,10 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
     return boundary.isel(day=kept), boundary.isel(day=held)
 
 
-def _labelled(boundary: Boundary, holdout: object) -> np.ndarray:
+def _labelled(boundary: Boundary, holdout: Any) -> np.ndarray:
     cure = "give a Boundary of other days, or labels of some days of the boundary, such as [3, 4]"
     listed = isinstance(holdout, (list, tuple, range)) or (isinstance(holdout, np.ndarray) and holdout.ndim == 1)
-    # one label more than there are days tells all: a range may have no end to speak of
-    labels = [plain(label) for label in islice(cast("Iterable[Any]", holdout), boundary.n_days + 1)] if listed else []
+    labels = [plain(label) for label in holdout] if listed else []
     if not labels or not all(map(is_number, labels)):
         raise InputError(WrongType(f"holdout = {shown(holdout)}: {cure}"))
     known = boundary.day.tolist()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -118,11 +117,8 @@ def _progress_of(name: str, given: Any) -> bool | Report:
     flag = plain(given)
     if isinstance(flag, bool):
         return flag
-    try:
-        inspect.signature(given).bind(0, 1)
-    except Exception:  # nothing to call, or a user's class that raises anything
-        cure = "give True, False or a function of two numbers"
-        raise InputError(WrongType(f"{name} = {shown(given)}: {cure}")) from None
+    if not callable(given):
+        raise InputError(WrongType(f"{name} = {shown(given)}: give True, False or a function of two numbers"))
     return cast(Report, given)
 
 

@@ -37,11 +37,6 @@ def test_one_of_every_three_valves_in_the_order_of_their_backlash_is_held_out():
     assert np.array_equal(held, held_valves(x, 5)), "by the seed"
 
 
-def test_valves_without_backlash_are_on_both_sides(days):
-    training, held = split(of_backlash([0.0] * 3 + [0.05] * 9), days, None, 0)
-    assert all((np.asarray(group.loop["backlash"]) == 0.0).any() for group in (training, held))
-
-
 def test_a_population_of_several_dims_keeps_what_belongs_together(days):
     coils = {"C_c": ("coil", [10.0, 20.0]), "C_w": ("coil", [8.0, 9.0])}
     loop = fc.Loop(backlash=[0.0, 0.05, 0.1], air_march=["lagged", "quasistatic"], **coils)

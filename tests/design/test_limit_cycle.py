@@ -100,13 +100,6 @@ def test_a_gain_of_0_or_below_controls_nothing_and_is_no_hunting():
 
 
 @pytest.mark.kernel
-def test_dims_are_those_of_loop_day_and_seconds():
-    loop, days = LOOP.assign(ti=[8.0, 60.0]), fc.paper_day(hours=1, seed=[1, 2, 3])
-    assert fc.limit_cycle(loop, days).sizes == {"ti": 2, "day": 3}
-    assert fc.limit_cycle(loop, days, at=[10, 3000]).sizes == {"ti": 2, "day": 3, "elapsed_time": 2}
-
-
-@pytest.mark.kernel
 def test_a_loop_alone_is_what_it_is_among_strangers():
     """The plant to the bit, the rest but for the order in which numbers are added up."""
     rng, n = np.random.default_rng(4), 40

@@ -67,25 +67,17 @@ def complex_of(line):
     return line.get_xydata() @ np.array([1.0, 1.0j])
 
 
-def test_nyquist_says_what_limit_cycle_predicts(loops, day):
+def test_nyquist_says_what_limit_cycle_predicts_and_its_dots_are_the_cycle_or_lie_on_both_curves(loops, day):
     predicted = fc.limit_cycle(loops, day)
     axes = fc.nyquist(loops, day).axes[0]
     texts = [text.get_text() for text in axes.get_legend().get_texts()]
-    for k, text in enumerate(texts):
-        one = predicted.isel(ti=k)
-        ends = "hunts" if one.hunts > 0 else "does not hunt"
-        assert text == f"integral time Ti = {float(one.ti):g} s: margin {float(one.margin):.2g}, {ends}"
-    assert set(predicted.hunts.values) == {0.0, 1.0}, "both ends of a sentence are tested"
-
-
-def test_the_dots_of_nyquist_are_the_cycle_or_lie_on_both_curves_in_one_direction(loops, day):
-    axes = fc.nyquist(loops, day).axes[0]
-    predicted = fc.limit_cycle(loops, day)
     dots = [complex_of(line) for line in axes.lines if line.get_marker() == "o"]
     thin = [complex_of(line) for line in axes.lines if line.get_label() == "_-1/N"]
     thick = [line @ np.array([1.0, 1.0j]) for line in curves(axes)]
-    for k, (marked, minus_1_over_N, L) in enumerate(zip(dots, thin, thick, strict=True)):
+    for k, (text, marked, minus_1_over_N, L) in enumerate(zip(texts, dots, thin, thick, strict=True)):
         one = predicted.isel(ti=k)
+        ends = "hunts" if one.hunts > 0 else "does not hunt"
+        assert text == f"integral time Ti = {float(one.ti):g} s: margin {float(one.margin):.2g}, {ends}"
         assert np.abs(L - marked[0]).min() < 0.01
         at = 2.0 * np.pi / one.period if one.hunts > 0 else one.frequency
         there = fc.linearise(loops.assign(ti=float(one.ti)), day, frequency=[float(at)])
@@ -94,6 +86,7 @@ def test_the_dots_of_nyquist_are_the_cycle_or_lie_on_both_curves_in_one_directio
         if marked.size == 2:
             assert np.angle(marked[0] / marked[1]) == pytest.approx(0.0, abs=1e-9)
             assert np.abs(minus_1_over_N - marked[1]).min() < 0.02
+    assert set(predicted.hunts.values) == {0.0, 1.0}, "both ends of a sentence are tested"
 
 
 def test_without_a_gap_minus_1_over_N_begins_at_minus_1(day):

@@ -68,19 +68,6 @@ def test_the_response_is_that_of_the_linear_map(name):
     assert np.abs(np.linalg.eigvals(system.A[0])).max() < 1.0
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_state_space_and_frequency_response_agree_in_python_control(name):
-    control = pytest.importorskip("control")
-    columns, conditions = points(name)
-    found, system = plants_of(columns, conditions), state_space_of(columns, conditions)
-    w = np.geomspace(1e-4, np.pi, 60)
-    theirs = control.ss(system.A[0], system.B[0][:, None], system.C[None, :], [[system.D]], 1.0)
-    expected = theirs.frequency_response(w).complex.ravel()
-    np.testing.assert_allclose(
-        frequency_response(found.response, w)[0], expected, rtol=1e-3, atol=1e-4 * abs(found.gain[0])
-    )
-
-
 def test_a_response_that_outlasts_the_longest_goes_on_as_a_geometric_series():
     """A nearly closed valve: its water takes an hour to pass."""
     control = pytest.importorskip("control")
