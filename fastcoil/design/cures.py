@@ -155,8 +155,10 @@ WORSE, BETTER = 1.05, 0.95
 """RMSE relative to now from which a cure counts as worse, and up to which as better."""
 
 
-def try_cures(loop: Loop, boundary: Boundary, cures: list[Cure], warm_up: int, seed: int) -> xr.Dataset:
-    """Simulate every cure on one day: metrics and the trace T_sup, over ``cure``."""
+def try_cures(
+    loop: Loop, boundary: Boundary, cures: list[Cure], prediction: Prediction | None, warm_up: int, seed: int
+) -> xr.Dataset:
+    """Simulate and predict every cure on one day: metrics, the trace T_sup and the margin, over ``cure``."""
     every = max(2, -(-boundary.n_steps // _POINTS))
     swept = with_cures(loop, cures)
     ds = simulate(
@@ -164,7 +166,16 @@ def try_cures(loop: Loop, boundary: Boundary, cures: list[Cure], warm_up: int, s
         progress=False,
     )  # fmt: skip
     ds = ds.isel(day=0, drop=True) if "day" in ds.dims else ds
-    return ds if "cure" in ds.dims else ds.expand_dims("cure")
+    ds = ds if "cure" in ds.dims else ds.expand_dims("cure")
+    worst, n_hunting = np.full(len(cures), math.nan), np.zeros(len(cures))
+    if prediction is not None:
+        cycles = cycles_at(swept, prediction.plants, prediction.reached)
+        worst, n_hunting = cycles.margin.max(axis=1), np.count_nonzero(cycles.hunts > 0.0, axis=1)
+    return ds.assign_coords(cure=[cure.name for cure in cures]).assign(
+        words=("cure", [cure.words for cure in cures]),
+        margin=("cure", worst, {"long_name": "largest describing-function margin, predicted"}),
+        n_hunting=("cure", n_hunting, {"long_name": "operating points predicted to hunt"}),
+    )
 
 
 def swings_at(points: PointsOfDay, boundary: Boundary, now: xr.Dataset) -> Array:

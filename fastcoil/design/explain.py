@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of, whole_of
@@ -14,7 +13,6 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.results import card
 from fastcoil.design.answer import Found, Theory, answer_of, hints_of, sentences, why_of
 from fastcoil.design.cures import (
-    Cure,
     cures_of,
     hunts_uncounted,
     recommended,
@@ -22,14 +20,12 @@ from fastcoil.design.cures import (
     swings_at,
     try_cures,
     verdict,
-    with_cures,
 )
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.phase_budget import (
     PARTS,
     Prediction,
-    cycles_at,
     gain_margin_without_backlash,
     left_out,
     phase_shares,
@@ -168,7 +164,7 @@ def explain(
         doubts = why_no_margin(loop, prediction)
         prediction = None if doubts else prediction
     tried = cures_of(loop, prediction)
-    cures = _tried(loop, boundary, tried, prediction, warm_up, seed)
+    cures = try_cures(loop, boundary, tried, prediction, warm_up, seed)
     swings = swings_at(points, boundary, cures.isel(cure=0))
     theory = theory_of(loop, prediction, swings) if prediction is not None else None
     uncounted = prediction is not None and hunts_uncounted(prediction, swings, cures.isel(cure=0))
@@ -235,20 +231,3 @@ def theory_of(loop: Loop, prediction: Prediction, swings: Array) -> Theory:
     return Theory(
         prediction, response, factor, ti, phase, gain_margin_without_backlash(loop, prediction), swings
     )  # fmt: skip
-
-
-def _tried(
-    loop: Loop, boundary: Boundary, tried: list[Cure], prediction: Prediction | None, warm_up: int, seed: int
-) -> xr.Dataset:
-    """The cures, simulated and predicted, with their names and words."""
-    ds = try_cures(loop, boundary, tried, warm_up, seed)
-    worst, n_hunting = np.full(len(tried), math.nan), np.zeros(len(tried))
-    if prediction is not None:
-        cycles = cycles_at(with_cures(loop, tried), prediction.plants, prediction.reached)
-        worst, n_hunting = cycles.margin.max(axis=1), np.count_nonzero(cycles.hunts > 0.0, axis=1)
-    ds = ds.assign_coords(cure=[cure.name for cure in tried]).assign(
-        words=("cure", [cure.words for cure in tried]),
-        margin=("cure", worst, {"long_name": "largest describing-function margin, predicted"}),
-        n_hunting=("cure", n_hunting, {"long_name": "operating points predicted to hunt"}),
-    )
-    return ds

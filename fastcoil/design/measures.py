@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import Checks, is_number, mapping_of, number_of, plain
+from fastcoil.base.arguments import checking, is_number, mapping_of, number_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.loops.labels import quantity
@@ -101,26 +101,22 @@ def quantile_of(name: str, quantile: object) -> float | None:
 def limits_of(limits: object, quantile: object) -> list[Limit]:
     """The limits from ``{metric: most}`` or ``{metric: (most, quantile)}``; alone, the quantile is the objective's."""
     cure = 'give upper limits by metric, such as {"motor_travel": 20.0} or {"hunts": (0.05, "mean")}'
-    given: Mapping[str, object] = mapping_of("limits", {} if limits is None else limits, cure)
-    check, found = Checks(), []
-    for metric, value in given.items():
-        check(_metric_of, "limits:", metric)
-        pair = value if isinstance(value, (list, tuple)) and len(value) == 2 else (value, quantile)
-        # a mistake in the quantile of the objective is reported there
-        share = check(quantile_of, f"limits: quantile of {metric}", pair[1]) if pair is value else _or_mean(quantile)
-        most = math.inf if _is_now(pair[0]) else check(number_of, f"limits: {metric}", pair[0], _MOST)
-        found.append((metric, share, most, _is_now(pair[0])))
-    if check.problems:
-        raise InputError(check.problems)
-    return [Limit(Measure(metric, share), most, as_now) for metric, share, most, as_now in found]
-
-
-def _is_now(most: object) -> bool:
-    return isinstance(most := plain(most), str) and most == NOW
-
-
-def _or_mean(quantile: object) -> float | None:
-    return float(plain(quantile)) if is_number(quantile) else None
+    given: Mapping[str, Any] = mapping_of("limits", {} if limits is None else limits, cure)
+    found = []
+    with checking() as check:
+        for metric, value in given.items():
+            check(_metric_of, "limits:", metric)
+            has_own = isinstance(value, (list, tuple)) and len(value) == 2
+            pair: tuple[Any, Any] = value if has_own else (value, quantile)
+            most, share = pair
+            if has_own:
+                share = check(quantile_of, f"limits: quantile of {metric}", share)
+            else:  # a mistake in the quantile of the objective is reported there
+                share = float(plain(share)) if is_number(share) else None
+            as_now = isinstance(plain(most), str) and plain(most) == NOW
+            most = math.inf if as_now else check(number_of, f"limits: {metric}", most, _MOST)
+            found.append(Limit(Measure(metric, share), most, as_now))
+    return found
 
 
 def _metric_of(name: str, metric: object, *, goal: bool = False) -> str:

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import fastcoil as fc
-from fastcoil.design.measures import Measure
 from fastcoil.design.tuning_plan import plan_tuning
 from fastcoil.study.file.loop import read_includes
 
@@ -163,12 +161,6 @@ def test_settings_beside_the_gains_are_tuned_and_whole_ones_stay_whole(days):
     assert tuned.parameters["sample_time"] == int(tuned.parameters["sample_time"])
     assert f"sample_time = {int(tuned.parameters['sample_time'])}\n" in tuned.to_toml()
     assert list(tuned.held_out.tuning.values) == ["now", "chosen"]
-
-
-def test_measures_are_told_by_name(found):
-    assert found.objective == Measure("rmse", 0.95)
-    assert isinstance(found.held_out, xr.Dataset)
-    assert found.held_out.rmse_p95.attrs["units"] == "K"
 
 
 def test_the_table_of_either_side_has_what_the_loop_does_there_now_as_its_limit(found):
