@@ -164,8 +164,8 @@ def phase_shares(loop: Loop, response: Response) -> dict[str, float]:
     """Degrees that each of ``PARTS`` takes where the loop cycles, or is nearest to it; together 180°.
 
     The sampled integral, the phase of 1 + (Ts/Ti)/(1 - z^-1), the sensor's lag and the hold, half a sample, are known
-    in closed form.  The backlash, with
-    the inverse and the motor, takes what the loop leaves until 180°, the coil all the rest.
+    in closed form.  The backlash, with the inverse and the motor, takes what the loop leaves until 180°, the coil all
+    the rest.
     """
     w = float(response.w[response.cycle])
     ts, ti, tau = (float(loop[name]) for name in ("sample_time", "ti", "sensor_time_constant"))  # type: ignore[arg-type]

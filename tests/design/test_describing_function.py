@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from fastcoil.design.describing_function import describing_function, limited, rate_limited
+from fastcoil.design.describing_function import describing_function, limited, rate_limited, temperature
 from fastcoil.model.control import FALLING, additive, direction, extreme, inverse
 from fastcoil.model.physics import backlash, opening
 
@@ -99,3 +99,9 @@ def test_a_motor_far_too_slow_follows_a_triangle():
 
 def test_a_motor_fast_enough_follows_at_once():
     np.testing.assert_allclose(rate_limited(np.array([0.0, 0.5, 1.0])), 1.0, atol=1e-2)
+
+
+def test_the_temperature_at_an_opening_is_that_of_the_curve_which_ends_at_0_and_1():
+    curve = np.array([[20.0, 16.0, 15.0], [18.0, 17.0, 10.0]])
+    opening = np.array([[[-0.2, 0.25]], [[0.75, 1.5]]])
+    np.testing.assert_allclose(temperature(curve, opening), [[[20.0, 18.0]], [[13.5, 10.0]]])
