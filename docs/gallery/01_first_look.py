@@ -2,8 +2,8 @@
 Does an estimate of the backlash help?
 ======================================
 
-A valve with 7 % backlash hunts under its PI.  A backlash inverse makes the motor cross the gap at once, but it
-must know how wide the gap is.  How well?
+A valve with 7 % backlash hunts under its PI.  A backlash inverse makes the motor jump across the gap, but it
+needs an estimate of the gap.  How accurate must it be?
 """
 
 import matplotlib.pyplot as plt

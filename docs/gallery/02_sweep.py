@@ -2,8 +2,8 @@
 How good must an estimate be for valves of any age?
 ===================================================
 
-New valves have little backlash, worn ones much, and controllers are tuned in many ways.  A sweep tries all of
-it.
+New valves have little backlash, worn ones much, and controllers are tuned in many ways.  A sweep covers
+all combinations.
 """
 
 import matplotlib.pyplot as plt

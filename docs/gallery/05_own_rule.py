@@ -3,7 +3,7 @@ Can a simple rule of my own find the backlash?
 ==============================================
 
 An idea: look at the mode switches of the inverse every quarter of an hour.  Where they are few, raise the
-estimate; where they are many, lower it.  Does that work on valves that it was not made for?
+estimate; where they are many, lower it.  Does that work on other valves?
 """
 
 from typing import NamedTuple

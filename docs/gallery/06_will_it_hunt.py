@@ -2,8 +2,8 @@
 Will this loop hunt?
 ====================
 
-Before anything is simulated: linearise the loop where it rests, and let the describing function say whether the
-gap closes it into a limit cycle.  Then simulate, and see whether that was right.
+Before simulating, linearise the loop at its operating point; the describing function of the gap predicts whether
+a limit cycle exists.  Then simulate, and compare.
 """
 
 import matplotlib.pyplot as plt
@@ -25,7 +25,7 @@ print(f"gain {float(m.gain):.0f} K per stroke, time constant {float(m.lag):.0f} 
 fc.nyquist(loop.assign(ti=[10.0, 30.0]), day)
 
 # %%
-# What that looks like: the opening over the command, once round in each swing.  The width of the figure is the
+# The opening against the command: one loop of the curve per swing.  The width of the figure is the
 # gap.
 
 hunting = loop.assign(ti=10.0)
@@ -33,7 +33,7 @@ swing = fc.simulate(hunting, day, traces=["command", "opening"], warm_up=3 * 360
 fc.plot.limit_cycle(swing, fc.limit_cycle(hunting, day))
 
 # %%
-# 300 tunings foretold, and simulated:
+# 300 tunings, predicted and simulated:
 
 map_of = loop.assign(kp=np.geomspace(0.005, 0.08, 15).round(5), ti=np.geomspace(6, 120, 20).round(3))
 told = fc.limit_cycle(map_of, day)

@@ -3,7 +3,7 @@ What if the gap grows?
 ======================
 
 Gears wear.  Here a valve begins with 5 % backlash and wears far faster than a real one, so that twelve days
-show what takes years.  Which controller keeps up?
+stand for years.  Which controller keeps up?
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +13,8 @@ import fastcoil as fc
 
 # %%
 # ``wear_rate`` is the growth of the gap per stroke that the stem travels.  With ``carry_over`` each day begins
-# as the one before ended: coil, controller, estimate and gap.  A DataArray gives the three controllers names:
+# in the final state of the previous one: coil, controller, estimate and gap.  A DataArray gives the three
+# controllers names:
 
 
 def by_controller(*values):

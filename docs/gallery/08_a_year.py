@@ -25,7 +25,7 @@ with open("weather.csv", "w", newline="") as file:
 
 # %%
 # One day in twenty stands for those around it, which keeps this script short; leave ``days`` out to run them
-# all.  A year never lies in memory: each day is made when it is needed.
+# all.  The year is never held in memory: each day is made when needed.
 
 year = fc.weather_year(
     "weather.csv", year=2023, days=range(9, 366, 20), fan_hours=[6, 20], weekend_fan_hours=[6, 20],
@@ -35,7 +35,7 @@ loop = fc.Loop.preset("lbnl").assign(backlash=[0.0, 0.05, 0.1, 0.15], noise_std=
 ds = fc.simulate(loop, year, n_jobs=1)
 
 # %%
-# Prices make money of kWh and kW.  The error, day by day, shows when the gap is felt.  In winter outdoor air
+# Prices convert kWh and kW into money.  The error, day by day, shows when the gap is felt.  In winter outdoor air
 # does all the cooling and the coil rests: those days have no dot.
 
 costs = fc.cost(ds, electricity=0.13, demand=15.0, heat=0.05, cop=4.0, currency="USD")

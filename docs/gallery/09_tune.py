@@ -2,8 +2,8 @@
 Which kp and ti for valves that I do not know?
 ==============================================
 
-Gains that are best for one valve may hunt on the next.  So choose them for many at once, and try the choice on
-valves and days that had no part in it.
+Gains that are best for one valve may hunt on the next.  So choose them for many valves together, and test them on
+valves and days not used in the search.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 import fastcoil as fc
 
 # %%
-# Sixty valves, some of them as good as new, on six days, under a controller that somebody set too sharp:
+# Sixty valves, some of them as good as new, on six days, under a controller tuned too fast:
 
 gaps = np.random.default_rng(1).uniform(0.0, 0.15, 60)
 gaps[::10] = 0.0

@@ -2,8 +2,8 @@
 How do I repeat, check and extend a study?
 ==========================================
 
-What you want to keep belongs into a study file.  It can be run again by anybody, checked years later, and
-extended without computing anything twice.
+Put work that you want to keep in a study file.  Anyone can run it again, check it years later, and extend
+it without computing anything twice.
 """
 
 import subprocess
@@ -62,7 +62,7 @@ study.write_text(study.read_text().replace("[0.02, 0.07]", "[0.02, 0.07, 0.12]")
 fastcoil("run", "gaps.toml", "--extend", "-j", "1")
 
 # %%
-# A mistake is answered before anything runs:
+# A mistake is reported before anything runs:
 
 Path("wrong.toml").write_text(study.read_text().replace("lbnl", "lnbl").replace("hours = 2", "hours = -2"))
 fastcoil("plan", "wrong.toml")

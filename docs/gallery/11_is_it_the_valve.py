@@ -2,8 +2,8 @@
 Is it the valve?
 ================
 
-A supply temperature swings.  Somebody has to decide whether to replace the valve, retune the loop, or look for
-what disturbs it.  A trend log is all there is.
+A supply temperature swings.  Replace the valve, retune the loop, or look for a
+disturbance?  Only a trend log is available.
 """
 
 import pandas as pd

@@ -2,8 +2,8 @@
 Would an inverse help my own air handler?
 =========================================
 
-Two logs tell the parameters of a valve and of a coil.  With them a study tells what a controller would do to
-*this* machine.
+Two logs give the parameters of a valve and of a coil.  With them a study predicts what a controller would do
+on *this* machine.
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ columns["T_sup [degC]"] = ds.T_sup + rng.normal(0, 0.05, 21600)
 pd.DataFrame(columns)[::10].to_csv("log.csv", index=False)
 
 # %%
-# The valve, and the hysteresis that gives its backlash away:
+# The valve, and the hysteresis that reveals its backlash:
 
 valve = fc.fit_valve("log.csv")
 valve.plot()

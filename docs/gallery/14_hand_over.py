@@ -3,7 +3,7 @@ How do I take the controller home?
 ==================================
 
 A controller that was chosen here has to run in the field, on a PLC or in a building controller.  fastcoil
-writes it as C, Structured Text or Python, with vectors by which anybody can prove his own port of it.
+writes it as C, Structured Text or Python, with test vectors to verify any port of it.
 """
 
 import subprocess
@@ -29,7 +29,7 @@ for language, name in (("c", "ahu1.c"), ("st", "ahu1.st"), ("python", "ahu1.py")
 print("\n".join(Path("ahu1.st").read_text().splitlines()[:24]))
 
 # %%
-# The vectors say what the controller must answer, cycle by cycle.  The exported Python checks itself against
+# The vectors contain the required outputs, cycle by cycle.  The exported Python checks itself against
 # them, as the exported C does with a compiler:
 
 done = subprocess.run([sys.executable, "ahu1.py", "ahu1_vectors.csv"], capture_output=True, text=True, check=False)
