@@ -304,13 +304,11 @@ def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
 def _trace_problems(traces: object) -> list[str]:
     if not isinstance(traces, (list, tuple)):
         return [WrongType(f"traces = {shown(traces)}: give a list of names")]
-    known = [n for n in traces if isinstance(n, str) and n in TRACES]
     problems: list[str] = []
     for name in traces:
-        if not isinstance(name, str):
-            problems.append(WrongType(f"traces: {shown(name)} is not a trace; known: {', '.join(TRACES)}"))
-        elif name in BOUNDARY_SERIES:
+        if name in BOUNDARY_SERIES:
             problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
         elif name not in TRACES:
-            problems.append(f"traces: {shown(name)} is not a trace{nearest(name, TRACES)}; known: {', '.join(TRACES)}")
-    return problems + [f"traces: {n} is listed twice" for n in sorted(set(known)) if known.count(n) > 1]
+            near = nearest(str(name), TRACES)
+            problems.append(f"traces: {shown(name)} is not a trace{near}; known: {', '.join(TRACES)}")
+    return problems + [f"traces: {n} is listed twice" for n in TRACES if traces.count(n) > 1]

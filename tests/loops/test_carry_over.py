@@ -120,19 +120,6 @@ def test_what_is_known_since_the_start_ends_as_in_one_piece(runs):
         np.testing.assert_array_equal(last[name], whole[name], err_msg=name)
 
 
-def test_a_motor_that_runs_at_midnight_runs_on():
-    days = fc.simulate(LBNL, in_days(), carry_over=True, warm_up=WARM_UP, traces=["position"], n_jobs=1)
-    at_midnight = pieces(days, "position")[..., 2 * N_STEPS - 2 : 2 * N_STEPS + 2]
-    assert (np.diff(at_midnight) > 0.0).all()
-
-
-def test_an_estimator_learns_through_the_nights():
-    days = fc.simulate(LOOPS["learner"], in_days(), carry_over=True, warm_up=WARM_UP, n_jobs=1)
-    ends = days["estimate_final"]
-    assert (ends.isel(day=1) > ends.isel(day=0)).any()
-    assert float(days["learn_time_reached"].max()) > N_STEPS, "seconds from the start of the first day"
-
-
 def test_an_open_loop_goes_on_too():
     command = 0.5 + 0.4 * np.sin(np.arange(N_DAYS * N_STEPS) / 150)
     loop = fc.Loop.preset("lbnl").assign(backlash=[0.03, 0.1])

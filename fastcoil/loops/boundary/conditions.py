@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import islice
 from typing import Any
 
 from fastcoil.base.arguments import plain, whole_of
@@ -74,11 +73,11 @@ def whole_seconds(hours: float) -> int:
     return seconds
 
 
-def several_of(name: str, value: object, cure: str, most: int = _MOST_DAYS) -> list[object]:
-    """The items of an iterable, at most one more than ``most``."""
+def several_of(name: str, value: object, cure: str) -> list[object]:
+    """The items of an iterable."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
-    return list(islice(value, most + 1))
+    return list(value)
 
 
 def days_of(name: str, value: object) -> list[int]:

@@ -118,7 +118,7 @@ def distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
     # while they are made, days take three times what they take in the end
     most = available_memory() // (3 * n_steps * 8 * len(BOUNDARY_SERIES))
-    given = [seed] if isinstance(seed, int) else several_of("seed", seed, wanted, most)
+    given = [seed] if isinstance(seed, int) else several_of("seed", seed, wanted)
     if len(given) > most:
         raise InputError(
             f"seed gives more than {most} days of {n_steps:,} s, for which {gib(available_memory())} suffice: "

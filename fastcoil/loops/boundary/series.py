@@ -51,7 +51,7 @@ def read(series: Series, value: Values) -> Given:
         if series.default is None:
             raise InputError(f"{series.name} is missing: give the {series.long_name} ({series.known_units})")
         value = series.default
-    if hasattr(type(value), "dims"):  # a DataArray, or something like it
+    if isinstance(value, xr.DataArray):
         return _read_labelled(series, value)
     values = _numbers(series, value)
     if values.ndim > 2:
@@ -123,11 +123,7 @@ def value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[s
     return [series.sentence(float(given.values[first]), text, int(bad.sum()))]
 
 
-def _read_labelled(series: Series, value: Any) -> Given:
-    if not isinstance(value, xr.DataArray):
-        raise InputError(
-            WrongType(f"{series.name} is a {type(value).__name__}: give a number, an array or a DataArray")
-        )
+def _read_labelled(series: Series, value: xr.DataArray) -> Given:
     dims = tuple(dim for dim in ("day", "elapsed_time") if dim in value.dims)
     if len(dims) != value.ndim:
         raise InputError(f"{series.name} has dims {value.dims}: name them elapsed_time and, for several days, day")

@@ -129,17 +129,14 @@ def _start_hours(
     if sum(ways.values()) != 1 or (start_hour is not None and hour is not None):
         given = [way for way, is_given in ways.items() if is_given]
         raise InputError(f"the start is given as {given}: give start_hour, or month, day, hour, or days and hour")
+    date = {"month": month, "day": day, "hour": hour}
     if start_hour is not None:
         starts = [start_hour]
-    elif days is not None:
-        first = _whole("hour", hour, 0, 24)
-        starts = [24 * (one - 1) + first for one in days]
+    elif days is not None and hour is not None:
+        starts = [24 * (one - 1) + hour for one in days]
+    elif missing := [name for name in date if date[name] is None and (name == "hour" or days is None)]:
+        raise InputError(f"{' and '.join(missing)} missing: give month, day and hour, or days and hour")
     else:
-        date = {
-            "month": _whole("month", month, 1, 12),
-            "day": _whole("day", day, 1, 31),
-            "hour": _whole("hour", hour, 0, 24),
-        }
         absent = [name for name in date if name not in weather]
         if absent:
             raise InputError(f"{file} has no column {', '.join(absent)}: name it, or give start_hour")

@@ -82,15 +82,6 @@ def test_noise_has_the_stated_deviation_from_the_first_second_on(drift):
     assert abs(samples.mean()) < 4 * drift.std / np.sqrt(3000)
 
 
-def test_noise_has_the_autocorrelation_of_two_equal_filters():
-    """In continuous time it is (1 + s/tau) exp(-s/tau)."""
-    tau = 60
-    x = smooth_noise(400_000, Drift(1.0, tau), (0, 0))
-    for lag in (30, 60, 120):
-        expected = (1 + lag / tau) * np.exp(-lag / tau)
-        assert np.mean(x[lag:] * x[:-lag]) == pytest.approx(expected, abs=0.05)
-
-
 def test_stationary_deviation_is_that_of_the_filters_impulse_response():
     k = 1 - np.exp(-1 / 60)
     impulse = lfilter([k], [1, k - 1], lfilter([k], [1, k - 1], np.eye(1, 4000)[0]))
@@ -117,7 +108,7 @@ def test_stationary_deviation_is_that_of_the_filters_impulse_response():
         ({"seed": [1, 2.5]}, ["seed = 2.5", "whole number"]),
         ({"seed": [4, 1, 4]}, ["seed has a number twice", "distinct"]),
         ({"seed": []}, ["seed is empty"]),
-        ({"seed": range(10**12)}, ["seed gives more than", "days of 28,800 s", "give fewer"]),
+        ({"seed": range(10**7)}, ["seed gives more than", "days of 28,800 s", "give fewer"]),
     ],
 )
 def test_paper_day_refuses(arguments, words):
