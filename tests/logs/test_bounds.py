@@ -11,7 +11,6 @@ from helpers.refusals import only_problem, problems
 import fastcoil as fc
 from fastcoil.logs import table as layout
 from fastcoil.logs.pieces import MOST_SECONDS
-from fastcoil.logs.table import label_and_unit
 
 HEADER = ["elapsed_time [s]", "m_a [kg/s]", "T_a_in [degC]", "W_a_in", "T_w_in [degC]", "T_set [degC]"]
 ROW = [1.1, 25, 0.01, 7, 14]
@@ -89,27 +88,6 @@ def test_a_cell_without_end_is_cut(write):
     for row in (["x" * 100_000, *ROW], [0, "x" * 100_000, *ROW[1:]]):
         path = write(["timestamp" if row[0] else HEADER[0], *HEADER[1:]], [row, row])
         assert max(map(len, problems(fc.Boundary.from_csv, path, **UNIT))) < 500
-
-
-@pytest.mark.parametrize(
-    ("header", "label", "unit"),
-    [
-        ("T_sup [degC]", "T_sup", "degC"),
-        ("  T_sup  [ degC ]  ", "T_sup", "degC"),
-        ("T_sup", "T_sup", None),
-        ("", "", None),
-        ("[degC]", "", "degC"),
-        ("T_sup []", "T_sup", ""),
-        ("T [x] [degC]", "T", "x] [degC"),
-        ("T [x] y", "T [x] y", None),
-        ("T ]", "T ]", None),
-        ("T [", "T [", None),
-        ("T_sup\n[degC]", "T_sup", "degC"),
-        ("Supply\nair [degC]", "Supply\nair [degC]", None),
-    ],
-)
-def test_label_and_unit_of_a_header(header, label, unit):
-    assert label_and_unit(header) == (label, unit)
 
 
 def test_a_year_of_days_that_start_each_day_does_not_fill_the_memory(write):

@@ -111,6 +111,18 @@ def test_a_remark_in_round_brackets_gives_way_to_a_declared_unit(tmp_path):
 @pytest.mark.parametrize(
     ("header", "label", "unit"),
     [
+        ("T_sup [degC]", "T_sup", "degC"),
+        ("  T_sup  [ degC ]  ", "T_sup", "degC"),
+        ("T_sup", "T_sup", None),
+        ("", "", None),
+        ("[degC]", "", "degC"),
+        ("T_sup []", "T_sup", ""),
+        ("T [x] [degC]", "T", "x] [degC"),
+        ("T [x] y", "T [x] y", None),
+        ("T ]", "T ]", None),
+        ("T [", "T [", None),
+        ("T_sup\n[degC]", "T_sup", "degC"),
+        ("Supply\nair [degC]", "Supply\nair [degC]", None),
         ("Cmd (%)", "Cmd", "%"),
         ("SAT (AHU1)", "SAT (AHU1)", None),
         ("Flow, L/s", "Flow", "L/s"),
@@ -123,7 +135,7 @@ def test_a_remark_in_round_brackets_gives_way_to_a_declared_unit(tmp_path):
         ("x" * 300 + " (%)", "x" * 300 + " (%)", None),
     ],
 )
-def test_label_and_unit_without_square_brackets(header, label, unit):
+def test_label_and_unit_of_a_header(header, label, unit):
     assert label_and_unit(header) == (label, unit)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 import xarray as xr
 from helpers.figure_looks import PALETTE, assert_palette, assert_texts_fit
 from matplotlib.colors import to_hex
@@ -30,24 +29,17 @@ def test_every_rule_has_a_colour_of_the_palette_and_a_look_of_its_own():
     assert len({to_hex(look["color"]) for look in looks}) == len(maps.LINES)
 
 
-@pytest.fixture
-def settings():
-    return judged(
+def test_the_figures_fit():
+    settings = judged(
         rule=list(maps.LINES), tuning=TUNINGS, learning_step=[0.0035, 0.028],
         learning_interval=[600, 1800], learning_ratio=[1.25, 2.0],
     )  # fmt: skip
-
-
-def test_the_front_fits(settings):
     of = settings.expand_dims(noise_std=[0.0, 0.05])
     figure = maps.front(of, "failed", "failures [% of learners]", 100.0, 16, SMALL_PRINT)
     assert_palette(figure)
     assert_texts_fit(figure)
-
-
-def test_the_maps_fit(settings):
     assert_texts_fit(maps.settings(settings, ("literal", "growing"), 16, 0.05, SMALL_PRINT))
     of = judged(
-        rule=["literal", "growing"], buffer=[1e-9, 0.01], tuning=TUNINGS, noise_std=[0.0, 0.1], sample_time=[1, 30]
+        rule=["literal", "growing"], buffer=[1e-9, 0.01], tuning=TUNINGS[:2], noise_std=[0.0, 0.1], sample_time=[1, 30]
     )
     assert_texts_fit(maps.failure_map(of, 0.05, SMALL_PRINT))

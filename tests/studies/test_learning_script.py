@@ -102,6 +102,7 @@ def quick(monkeypatch, small):
     return small("learning_step")
 
 
+@pytest.mark.full
 def test_learning_writes_what_it_found_and_draws_its_figures(quick, written, monkeypatch, tmp_path):
     monkeypatch.setattr(learning, "RESULTS", tmp_path / "results")
     learning.main()

@@ -68,7 +68,7 @@ from helpers.exported import WORST
 import fastcoil as fc
 assert Path(fc.__file__).parent == Path("fastcoil").absolute()
 assert fc.parameters()["estimator"].choices[-1] == "turns"
-loop = fc.Loop(estimator=["none", "turns", "hagglund"], plant_gain=15.0, backlash=0.1)
+loop = fc.Loop(estimator=["none", "turns"], backlash=0.1)
 ds = fc.simulate(loop, fc.paper_day(hours=1))
 assert ds.estimate_final.sel(estimator="turns") > 0.0
 assert ds.estimate_final.sel(estimator="none") == 0.0
