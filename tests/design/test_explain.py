@@ -1,4 +1,4 @@
-"""A loop explained: the answer is that of the simulation, the numbers are those of theory, and both are told."""
+"""A loop explained: the answer is that of the simulation, the numbers are those of theory, and both are reported."""
 
 import math
 import re
@@ -27,7 +27,7 @@ def quiet():
 
 
 @pytest.fixture(scope="module")
-def untold():
+def unpredicted():
     return explain(LBNL.assign(estimator="gradient"), DAY)
 
 
@@ -51,7 +51,7 @@ def test_the_loop_as_it_is_and_with_a_cure_is_what_simulate_gives(hunting):
     assert row.endswith("cures it")
 
 
-def test_a_loop_that_hunts_is_told_so_first_with_size_and_period_and_what_to_change(hunting):
+def test_a_loop_that_hunts_says_so_first_with_size_and_period_and_what_to_change(hunting):
     swing, period = float(hunting.cures["hunting_swing"][0]), float(hunting.cures["hunting_period"][0])
     first, why = hunting.text.splitlines()[:2]
     assert first.startswith(f"This loop will hunt: about {swing:.2g} K peak to peak every {period / 60:.2g} min")
@@ -72,7 +72,7 @@ def test_every_tuning_proposed_has_a_margin_of_0_7_and_is_no_more_cautious_than_
     assert hunting.recommended in ("lower_kp", "longer_ti", "simc", "simc_and_inverse")
 
 
-def test_the_margin_quoted_is_the_worst_of_the_day_and_the_span_is_told(hunting):
+def test_the_margin_quoted_is_the_worst_of_the_day_and_the_span_is_reported(hunting):
     margin = hunting.points["margin"].values
     assert hunting.margin == margin.max()
     assert hunting.points["T_set"].values.tolist() == [13.0, 15.0, 14.0]
@@ -80,7 +80,7 @@ def test_the_margin_quoted_is_the_worst_of_the_day_and_the_span_is_told(hunting)
     assert float(hunting.phase.sum()) == pytest.approx(180.0)
 
 
-def test_a_loop_that_does_not_hunt_is_told_how_far_it_is_and_what_backlash_costs_anyway(quiet):
+def test_a_loop_that_does_not_hunt_reports_how_far_it_is_and_what_backlash_costs_anyway(quiet):
     assert not quiet.hunts
     assert quiet.foretold is False
     assert quiet.text.startswith("This loop will not hunt.")
@@ -106,8 +106,8 @@ def test_a_second_is_explained_by_its_own_conditions():
 
 
 @pytest.mark.filterwarnings("ignore:T_set is 3 degC or less")
-def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(untold):
-    found = untold
+def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(unpredicted):
+    found = unpredicted
     assert found.foretold is None
     assert math.isnan(found.margin)
     assert "theory cannot tell, since an estimator changes the estimate as it goes." in found.why
@@ -127,7 +127,7 @@ def test_a_swing_that_only_a_slow_motor_keeps_up_is_not_blamed_on_gains_that_are
     assert "whatever the size of the backlash" not in found.text
 
 
-def test_a_margin_that_is_too_large_is_never_told_as_room_for_a_larger_kp():
+def test_a_margin_that_is_too_large_is_never_reported_as_room_for_a_larger_kp():
     loop = LBNL.assign(kp=0.54, ti=2.58, sample_time=300, stroke_time=300.0, n_volumes=1, backlash=0.0)
     found = explain(loop.assign(authority=0.01, rangeability=50.0, m_full=1.6), DAY)
     assert found.margin > 100.0
@@ -136,7 +136,7 @@ def test_a_margin_that_is_too_large_is_never_told_as_room_for_a_larger_kp():
 
 
 @pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
-def test_a_valve_that_acts_the_wrong_way_round_is_told_so_and_not_how_far_it_is_from_hunting():
+def test_a_valve_that_acts_the_wrong_way_round_is_reported_and_not_how_far_it_is_from_hunting():
     found = explain(LBNL.assign(action="heating"), DAY)
     assert "opening it cools the air, so give action = cooling." in found.why
     assert found.foretold is None
@@ -144,7 +144,7 @@ def test_a_valve_that_acts_the_wrong_way_round_is_told_so_and_not_how_far_it_is_
     assert "costs anyway" not in found.text
 
 
-def test_a_day_on_which_nothing_moves_is_told_without_a_number_that_there_is_not():
+def test_a_day_on_which_nothing_moves_is_reported_without_a_number_that_there_is_not():
     text = explain(LBNL.assign(noise_std=0.0, error_dead_band=0.2), fc.constant_day(2), warm_up=3000).text
     assert "nan" not in text
     assert "e-0" not in text
@@ -182,6 +182,6 @@ def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting)
     assert names == ["as it is", str(hunting.cures.sel(cure=hunting.recommended)["words"].item()), "set-point"]
 
 
-def test_the_figure_of_a_loop_that_theory_cannot_tell_of_has_its_day(untold):
-    (day,) = untold.plot().axes
+def test_the_figure_of_a_loop_that_theory_cannot_tell_of_has_its_day(unpredicted):
+    (day,) = unpredicted.plot().axes
     assert day.lines[0].get_label() == "as it is"

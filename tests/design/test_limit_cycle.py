@@ -120,7 +120,7 @@ def test_a_loop_alone_is_what_it_is_among_strangers():
             assert plants[name][k] == plant[name]
 
 
-UNTOLD = {
+UNPREDICTED = {
     "stick": {"slip_jump": 0.02},
     "zone": {"neutral_zone": 0.01},
     "learner": {"learning_step": 0.01},
@@ -134,8 +134,8 @@ UNTOLD = {
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("changed", UNTOLD.values(), ids=UNTOLD)
-def test_what_theory_does_not_tell_is_said(changed):
+@pytest.mark.parametrize("changed", UNPREDICTED.values(), ids=UNPREDICTED)
+def test_what_theory_does_not_predict_is_said(changed):
     """Refused where nothing is left to tell; else NaN, a warning and a note."""
     at = fc.constant_day(hours=1)
     with pytest.raises(fc.InputError, match="limit_cycle says nothing about these loops: "):

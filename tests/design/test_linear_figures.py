@@ -30,11 +30,11 @@ def test_a_figure_is_readable(draw, loops, day):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("draw", [fc.bode, fc.nyquist])
-def test_a_set_point_out_of_reach_and_a_gain_of_0_are_drawn_and_told(draw):
+def test_a_set_point_out_of_reach_and_a_gain_of_0_are_drawn_and_named(draw):
     figure = draw(fc.Loop.preset("lbnl").assign(kp=[0.0, 0.02]), fc.constant_day(1.0, T_set=2.0))
     words = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert len(words) == 2
-    assert all("set-point out of reach" in told for told in words)
+    assert all("set-point out of reach" in one for one in words)
 
 
 def curves(axes):

@@ -25,7 +25,7 @@ def test_each_hour_at_each_set_point_is_one_point_with_its_mean_conditions():
     assert points.conditions["T_a_in"] == pytest.approx(expected)
 
 
-def test_a_set_point_that_drifts_is_told_in_half_kelvins_and_one_held_for_a_minute_not_at_all():
+def test_a_set_point_that_drifts_counts_in_half_kelvins_and_one_held_for_a_minute_not_at_all():
     T_set = np.r_[np.linspace(14.0, 14.9, 3600), np.full(60, 18.0), np.full(3540, 14.9)]
     points = operating_points(day(T_set), warm_up=0)
     assert points.size == 4

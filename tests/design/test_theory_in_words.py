@@ -104,7 +104,7 @@ def test_the_parts_take_180_degrees_each_what_its_formula_says():
     assert shares["coil"] == pytest.approx(math.degrees(math.atan(LAG * w) + 10.0 * w), abs=2.0)
 
 
-def test_a_loop_that_rings_without_backlash_is_told_from_one_that_does_not():
+def test_a_loop_that_rings_without_backlash_is_distinguished_from_one_that_does_not():
     loop = tuned(4.0, 0.6)
     s = control.tf("s")
     pade = control.tf(*control.pade(20.5, 6))
@@ -116,7 +116,7 @@ def test_simc_is_that_of_the_plant():
     """Skogestad (2003): kp = lag/(2 K delay), ti = min(lag, 8 delay), half a sample of delay added."""
     loop = tuned(4.0, 0.6)
     kp, ti = simc_gains(loop, predicted(loop, 20))
-    assert kp == pytest.approx(LAG / (2.0 * 20.5 * -GAIN), rel=0.15)  # two points of a step tell the delay so well
+    assert kp == pytest.approx(LAG / (2.0 * 20.5 * -GAIN), rel=0.15)  # two points of a step give the delay so well
     assert ti == pytest.approx(LAG, rel=0.03)
 
 
@@ -129,7 +129,7 @@ def test_a_slow_sensor_that_takes_much_of_the_phase_is_named_with_what_a_fast_on
     assert hints[0].endswith(f"with 5 s the margin would be {fast[0, 0]:.2g}.")
 
 
-def test_a_perfect_valve_is_told_when_its_loop_will_hunt_as_it_wears():
+def test_a_perfect_valve_is_reported_when_its_loop_will_hunt_as_it_wears():
     def hints(rho):
         loop = tuned(3.0, rho).assign(backlash=0.0)
         return hints_of(loop, theory_at(loop, 20))

@@ -74,12 +74,12 @@ def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
         ({"holdout": [7]}, "the boundary has no day 7"),
     ],
 )
-def test_every_mistake_is_told_in_a_sentence(days, change, words):
+def test_every_mistake_is_reported_in_a_sentence(days, change, words):
     arguments = {"loop": fc.Loop(), "boundary": days, "search": {"kp": (0.01, 0.1)}} | change
     assert words in only_problem(fc.tune, **arguments)
 
 
-def test_mistakes_are_told_together(days):
+def test_mistakes_are_reported_together(days):
     found = problems(
         fc.tune, fc.Loop(), days, search={"kpp": (1, 2)}, objective="x", limits={"y": 1}, holdout=[9], evaluations=0
     )
