@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 import pytest
-from helpers.refusals import only_problem, problems
+from helpers.refusals import only_problem
 
 from fastcoil.study.file.tables import parse_toml
 
@@ -59,7 +59,3 @@ def test_what_no_study_can_hold_is_refused(text, sentence):
     problem = only_problem(parse_toml, text, "s.toml")
     assert sentence in problem
     assert len(problem) < 200
-
-
-def test_every_mistake_gets_its_sentence():
-    assert len(problems(parse_toml, 'x = "\\u0000"\ny = "\\u0000"', "s.toml")) == 2
