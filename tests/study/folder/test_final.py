@@ -223,3 +223,17 @@ def test_what_is_no_file_is_refused_and_blocks_nobody(copied, name, make):
     make(path)
     with pytest.raises(IntegrityError, match="is no regular file"):
         fc.open_study(copied)
+
+
+def test_a_changed_value_of_a_small_trace_is_found_without_a_recorded_hash(copied):
+    with netCDF4.Dataset(traces_of(copied), "a") as file:
+        file["mode"][0, 0, 0, 3] = 9 - file["mode"][0, 0, 0, 3]
+    with pytest.raises(IntegrityError, match="mode is damaged"):
+        final.open_final(copied, None)
+
+
+def test_results_are_saved_by_a_user_with_their_traces(finished, tmp_path):
+    ds = fc.open_study(finished)
+    ds.to_netcdf(tmp_path / "mine.nc")
+    with xr.open_dataset(tmp_path / "mine.nc", decode_timedelta=False) as mine:
+        assert mine["T_sup"].equals(ds["T_sup"])

@@ -248,3 +248,9 @@ def test_a_study_toml_with_line_ends_of_another_system_is_sound(broken_off):
         open_study(broken_off)
         assert resume(broken_off) == []
     assert path.read_bytes() == good
+
+
+def test_run_json_is_valid_json_for_others(broken_off):
+    found = json.loads((broken_off / "run.json").read_text())
+    identity = {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
+    assert set(found) == identity | {"computed_on", "outputs", "own_code", "finished", "sha256"}

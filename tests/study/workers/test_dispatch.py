@@ -167,3 +167,8 @@ def test_an_error_that_is_no_death_ends_the_run_with_what_was_found_before(job):
     with pytest.raises(InputError, match="no reduction"):
         found(pool, job, in_shards(16))
     assert 48 <= len(pool.runs) <= 64
+
+
+def test_the_only_scenarios_that_are_left_may_all_be_crashed(job):
+    pool = Pool(2, falls_together=True, culprits=range(N))
+    assert found(pool, job, [Shard(np.array([3])), Shard(np.array([7]))]) == {3: STATUS_CRASHED, 7: STATUS_CRASHED}
