@@ -103,7 +103,14 @@ def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
     assert finished.results.attrs["content_sha256"] == golden(PLAIN)
 
 
-def test_figures_are_drawn_while_the_folder_is_held(out):
+def half_written_figure(out):
+    half = out / "figures" / ".bands.png.123.tmp"
+    half.parent.mkdir()
+    half.write_bytes(b"half")
+    return half
+
+
+def test_figures_are_drawn_while_the_folder_is_held_and_half_written_ones_are_removed(out):
     holders = []
 
     def present(finished):
@@ -117,20 +124,15 @@ def test_figures_are_drawn_while_the_folder_is_held(out):
     assert len(holders) == 2
     assert all(holders)
     assert not (out / "figures").exists()
+    half = half_written_figure(out)
     assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
+    assert not half.exists()
 
 
-@pytest.mark.parametrize("command", ["run", "plot"])
-def test_half_written_figures_are_removed(out, command):
-    study = write_study(PLAIN, out)
+def test_a_run_removes_half_written_figures(out):
+    copied(PLAIN, out)
+    half = half_written_figure(out)
     run(PLAIN, out)
-    half = out / "figures" / ".bands.png.123.tmp"
-    half.parent.mkdir()
-    half.write_bytes(b"half")
-    if command == "run":
-        runner.execute(study, out)
-    else:
-        assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
     assert not half.exists()
 
 
