@@ -1,5 +1,6 @@
 """A rule that would not run, or run otherwise than it reads, is refused with a sentence before anything runs."""
 
+import random
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +57,14 @@ def other_shape(now, p, memory):
 
 def of_text(now, p, memory):
     return 0.1, Memory("a", 1.0)
+
+
+def draws_too(now, p, memory):
+    return random.random(), memory
+
+
+def of_bytes(now, p, memory):
+    return b"abc"[int(now.t)] * 1e-3, memory
 
 
 def draws(now, p, memory):
@@ -122,6 +131,8 @@ REFUSED = [
     (sometimes, r"sometimes does not compile, line \d+ .*: Can't unify return type"),
     (other_shape, r"other_shape returns 3 values as its memory: return Memory\(…\), a number for each field"),
     (of_text, r"of_text does not compile, line \d+ "),
+    (draws_too, "draws_too uses random, .*: use numbers, functions written in Python, math and numpy"),
+    (of_bytes, "of_bytes uses bytes: use numbers"),
     (draws, "draws draws random numbers: nobody could repeat its results"),
     (uses_a_list, r"uses_a_list uses TABLE, \[1.0, 2.0\]: write a table as a tuple"),
     (calls_itself, "calls_itself uses again, which calls itself: use a loop"),
