@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import islice
 from typing import Any
 
 from fastcoil.base.arguments import plain, whole_of
@@ -50,6 +51,7 @@ _TABLE = (
     PARAMETERS["pressure"],
 )
 _MOST_DAYS = 366
+_MOST_ITEMS = 1_000_000
 CONDITIONS = {p.name: p for p in _TABLE}
 """The numbers that describe a day, each with its unit and bounds."""
 
@@ -74,10 +76,13 @@ def whole_seconds(hours: float) -> int:
 
 
 def several_of(name: str, value: object, cure: str) -> list[object]:
-    """The items of an iterable."""
+    """The items of an iterable of at most ``_MOST_ITEMS``."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
-    return list(value)
+    items = list(islice(value, _MOST_ITEMS + 1))
+    if len(items) > _MOST_ITEMS:
+        raise InputError(f"{name} has more than {_MOST_ITEMS:,} items: give fewer")
+    return items
 
 
 def days_of(name: str, value: object) -> list[int]:
